@@ -46,7 +46,9 @@ class CalibError(Exception):
         self.hint = None if hint is None else one_line(hint)
         self.parameter = parameter
         self.value = value
-        super().__init__(self.message if self.hint is None else f"{self.message}; {self.hint}")
+        super().__init__(
+            self.message if self.hint is None else f"{self.message}; {self.hint}"
+        )
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle with all fields, as process pools do."""
@@ -56,7 +58,10 @@ class CalibError(Exception):
     def within(self: _E, label: str) -> _E:
         """Return the same error with the place of what is wrong, such as a file, before it."""
         return type(self)(
-            f"{label}: {self.message}", hint=self.hint, parameter=self.parameter, value=self.value
+            f"{label}: {self.message}",
+            hint=self.hint,
+            parameter=self.parameter,
+            value=self.value,
         )
 
 

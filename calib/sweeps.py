@@ -35,14 +35,21 @@ class Trial:
     options: Mapping[str, Any]
     seed: int
     unit: str = ""
-    errors: Mapping[str, Any] = field(default_factory=dict)  # as `calib evaluate --json` has them
+    errors: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # as `calib evaluate --json` has them
     seconds: float = math.nan
     notes: tuple[str, ...] = ()
     error: str = ""  # why it failed, in one line
 
     def distance(self, readout: str, direction: str, statistic: str) -> float:
         """Error of the tip [unit] ("forward" or "inverse", "mean", "p99" or "max"), else NaN."""
-        value = self.errors.get(readout, {}).get(direction, {}).get("distance", {}).get(statistic)
+        value = (
+            self.errors.get(readout, {})
+            .get(direction, {})
+            .get("distance", {})
+            .get(statistic)
+        )
         return math.nan if value is None else float(value)
 
 
@@ -65,10 +72,14 @@ class Sweep:
         """A row for each training, by columns, as they are written to a table."""
         names = dict.fromkeys(name for row in self.rows for name in row.options)
         table: dict[str, list[Any]] = {"source": [row.source for row in self.rows]}
-        table |= {name: [_typed(row.options.get(name)) for row in self.rows] for name in names}
+        table |= {
+            name: [_typed(row.options.get(name)) for row in self.rows] for name in names
+        }
         for name in ("seed", "unit", "seconds", "error"):
             table[name] = [getattr(row, name) for row in self.rows]
-        for part in itertools.product(READOUTS, ("forward", "inverse"), ("mean", "p99", "max")):
+        for part in itertools.product(
+            READOUTS, ("forward", "inverse"), ("mean", "p99", "max")
+        ):
             table["_".join(part)] = [row.distance(*part) for row in self.rows]
         return table
 
@@ -109,12 +120,16 @@ def sweep(
     grid = grid or {}
     for name, values in grid.items():
         if name not in _TRIED:
-            raise OptionError(f"grid: {name!r:.60} is unknown; {suggestion(name, _TRIED)}")
+            raise OptionError(
+                f"grid: {name!r:.60} is unknown; {suggestion(name, _TRIED)}"
+            )
         if isinstance(values, str) or not hasattr(values, "__len__"):
             raise OptionError(f"grid: {name} {values!r:.60}: expected a list of values")
     if not isinstance(sources, Mapping):
         several = [sources] if isinstance(sources, str | Arm | Samples) else sources
-        pairs = [(s if isinstance(s, str) else getattr(s, "name", "log"), s) for s in several]
+        pairs = [
+            (s if isinstance(s, str) else getattr(s, "name", "log"), s) for s in several
+        ]
     else:
         pairs = list(sources.items())
     count = len(pairs) * seeds * math.prod(map(len, grid.values()))
@@ -132,7 +147,9 @@ def sweep(
             rows.append(row)
             if progress is not None:
                 told = f"{len(rows)} of {count} trainings"
-                progress(len(rows) / count, told, row.distance("local", "forward", "mean"))
+                progress(
+                    len(rows) / count, told, row.distance("local", "forward", "mean")
+                )
     return Sweep(tuple(rows))
 
 
@@ -157,15 +174,21 @@ def _trained(task: tuple[Trial, Source]) -> Trial:
         babbled = {_BABBLED[n]: options.pop(n) for n in _BABBLED if n in options}
         arm = load_arm(source) if isinstance(source, str) else source
         if isinstance(arm, Samples) and babbled:
-            raise OptionError(f"{', '.join(babbled)}: for simulated babbling, not for a log")
-        samples = arm if isinstance(arm, Samples) else babble(arm, **babbled, seed=row.seed)
+            raise OptionError(
+                f"{', '.join(babbled)}: for simulated babbling, not for a log"
+            )
+        samples = (
+            arm if isinstance(arm, Samples) else babble(arm, **babbled, seed=row.seed)
+        )
         model = train(samples, seed=row.seed, **options)
     except Exception as error:  # one that fails is a row, whatever the reason
         kind = "" if isinstance(error, CalibError) else f"{type(error).__name__}: "
         return replace(row, error=one_line(kind + str(error)))
     about = model.about
     seconds = time.perf_counter() - started
-    return replace(row, unit=about.unit, errors=about.errors, seconds=seconds, notes=about.notes)
+    return replace(
+        row, unit=about.unit, errors=about.errors, seconds=seconds, notes=about.notes
+    )
 
 
 def _typed(value: Any) -> Any:

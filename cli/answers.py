@@ -23,7 +23,14 @@ BOUNDS = ("expected_error", "model_error")
 UP_TO_SCALE = "expected_error_up_to_scale"
 """Key and column of a bound in a camera's base frame that leaves out the arm's size."""
 TURN = ("qx", "qy", "qz", "qw")
-_LENGTHS = ("x", "y", "z", "distance", *BOUNDS, UP_TO_SCALE)  # have the unit of the positions
+_LENGTHS = (
+    "x",
+    "y",
+    "z",
+    "distance",
+    *BOUNDS,
+    UP_TO_SCALE,
+)  # have the unit of the positions
 _TOLD = 10  # so many rows are named at most
 
 
@@ -31,10 +38,16 @@ class Query:
     """A model that is asked, and how its joints and positions are typed and printed."""
 
     def __init__(
-        self, path: str, asking: Asking, frame: str = "sensor", typed: Sequence[float] = ()
+        self,
+        path: str,
+        asking: Asking,
+        frame: str = "sensor",
+        typed: Sequence[float] = (),
     ) -> None:
         if asking.input_ is not None and typed:
-            raise BadOption(f"--input {asking.input_!r} and {len(typed)} values: expected one")
+            raise BadOption(
+                f"--input {asking.input_!r} and {len(typed)} values: expected one"
+            )
         if asking.input_ is None:
             of_many = {"output": asking.output, "columns": asking.columns}
             refuse(of_many, "is for many queries: expected --input FILE too")
@@ -60,13 +73,21 @@ class Query:
         return {"joints": dict(zip(self.joints.names, q, strict=True)), **quantities}
 
     def table(
-        self, answers: Sequence[Mapping[str, Any]], quantities: Sequence[str], title: str = ""
+        self,
+        answers: Sequence[Mapping[str, Any]],
+        quantities: Sequence[str],
+        title: str = "",
     ) -> TextTable:
         """Return answers, one line each, an angle in deg, all else in the positions' unit."""
         length = (self.positions.factor, self.positions.shown)
-        by = {name: for_people("rad") if name == "turned" else length for name in quantities}
+        by = {
+            name: for_people("rad") if name == "turned" else length
+            for name in quantities
+        }
         header = [*self.joints.header, *(f"{axis} [{length[1]}]" for axis in self.axes)]
-        header += [f"{name.replace('_', ' ')} [{shown}]" for name, (_, shown) in by.items()]
+        header += [
+            f"{name.replace('_', ' ')} [{shown}]" for name, (_, shown) in by.items()
+        ]
         rows = [
             [
                 *self.joints.cells(list(answer["joints"].values())),
@@ -77,12 +98,16 @@ class Query:
         ]
         return TextTable(header, rows, title, left=0)
 
-    def read(self, names: Sequence[str], more: Sequence[Sequence[str]] = ()) -> tuple[Batch, Any]:
+    def read(
+        self, names: Sequence[str], more: Sequence[Sequence[str]] = ()
+    ) -> tuple[Batch, Any]:
         """Read queries, positions in the model's unit, and which rows (n,) are numbers."""
         if self.asking.input_ is None:
             raise BadOption("--input FILE is missing: expected a table of queries")
         batch = read_batch(self.asking.input_, names, more, self.asking.columns or {})
-        lengths = [name in _LENGTHS and name not in self.joints.names for name in batch.names]
+        lengths = [
+            name in _LENGTHS and name not in self.joints.names for name in batch.names
+        ]
         values = batch.values / np.where(lengths, self.positions.typed, 1.0)
         return replace(batch, values=values), np.isfinite(values).all(axis=1)
 
@@ -102,7 +127,9 @@ class Query:
         `failures` have the numbers of rows and why they fail, by the key of a document.
         """
         n = len(batch.values) if n is None else n
-        say_rows(batch.invalid, len(batch.values), "not all values are numbers, no answer")
+        say_rows(
+            batch.invalid, len(batch.values), "not all values are numbers, no answer"
+        )
         for numbers, why in failures.values():
             say_rows(list(numbers), n, why)
         failed = {name: list(numbers) for name, (numbers, _) in failures.items()}
@@ -110,29 +137,40 @@ class Query:
         output = self.asking.output
         by = self.positions.typed
         to_file = output not in (None, "-")
-        document: dict[str, Any] = {"output": (columns and output) if to_file else None, "rows": n}
+        document: dict[str, Any] = {
+            "output": (columns and output) if to_file else None,
+            "rows": n,
+        }
         document |= {"invalid": batch.invalid, **failed, **facts, **self.meaning}
         if columns is None:
             return Outcome(document, lines, code=code)
         written = {
-            name: np.asarray(column, float) * by if by != 1.0 and name in _LENGTHS else column
+            name: np.asarray(column, float) * by
+            if by != 1.0 and name in _LENGTHS
+            else column
             for name, column in columns.items()
         }
         if to_file:
             write_table(str(output), written)
             return Outcome(document, lines, code=code)
         factors = dict(zip(self.joints.names, self.joints.typed, strict=True))
-        document[key] = {k: v / factors[k] if k in factors else v for k, v in columns.items()}
+        document[key] = {
+            k: v / factors[k] if k in factors else v for k, v in columns.items()
+        }
         return Outcome(document, lines, result=(), columns=written, code=code)
 
 
-def beside(batch: Batch, valid: NDArray[np.bool_], added: Mapping[str, Any]) -> dict[str, Any]:
+def beside(
+    batch: Batch, valid: NDArray[np.bool_], added: Mapping[str, Any]
+) -> dict[str, Any]:
     """Columns of a table of queries with answers of rows that are `valid` (n,), else NaN or 0."""
     say(batch.notes(list(added)))
     answers: dict[str, NDArray[Any]] = {}
     for name, column in added.items():
         truths = name == "reachable"
-        answers[name] = np.full(len(valid), 0 if truths else np.nan, int if truths else float)
+        answers[name] = np.full(
+            len(valid), 0 if truths else np.nan, int if truths else float
+        )
         answers[name][valid] = column
     return batch.answered(answers)
 

@@ -23,7 +23,17 @@ from .output import Outcome, note, silence, start_speaking
 from .parsing import BadOption
 
 USAGE_ORDER = (
-    *("robots", "plan", "train", "query", "evaluate", "sweep", "check", "adapt", "recognise"),
+    *(
+        "robots",
+        "plan",
+        "train",
+        "query",
+        "evaluate",
+        "sweep",
+        "check",
+        "adapt",
+        "recognise",
+    ),
     *(
         "correct",
         "urdf",
@@ -46,7 +56,9 @@ def run(arguments: Sequence[str]) -> int:
     """Run a command line and return its exit code; errors are one line on standard error."""
     first = next((word for word in arguments if not word.startswith("-")), None)
     try:
-        code = application(first)(list(arguments), prog_name="calib", standalone_mode=False)
+        code = application(first)(
+            list(arguments), prog_name="calib", standalone_mode=False
+        )
         sys.stdout.flush()
     except BrokenPipeError:  # a reader who has seen enough
         silence(sys.stdout)
@@ -86,7 +98,9 @@ def new_group(help_text: str | None) -> typer.Typer:
     )
 
 
-def add_commands(group: typer.Typer, package: ModuleType, entries: Iterable[ModuleInfo]) -> None:
+def add_commands(
+    group: typer.Typer, package: ModuleType, entries: Iterable[ModuleInfo]
+) -> None:
     """Add modules of a package, each as a command, and packages in it, each as a group."""
     for entry in entries:
         module = import_module(f"{package.__name__}.{entry.name}")
@@ -123,10 +137,14 @@ def printing(command: Callable[..., Outcome]) -> Callable[..., None]:
         as_json = bool(options["as_json"])
         streamed = options.get("output") == "-"
         if as_json and streamed:
-            raise BadOption("--json and '-' both want standard output: expected one of them")
+            raise BadOption(
+                "--json and '-' both want standard output: expected one of them"
+            )
         start_speaking(quiet=bool(options["quiet"]))
         outcome = command(**options)
-        outcome.show(as_json=as_json, verbose=bool(options["verbose"]), streamed=streamed)
+        outcome.show(
+            as_json=as_json, verbose=bool(options["verbose"]), streamed=streamed
+        )
         raise typer.Exit(outcome.code)
 
     return run_and_print
@@ -134,7 +152,9 @@ def printing(command: Callable[..., Outcome]) -> Callable[..., None]:
 
 def start(
     context: typer.Context,
-    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.")
+    ] = False,
 ) -> None:
     """Calibrate a robot arm from its own motions, with self-organizing maps.
 

@@ -42,7 +42,9 @@ class Shooting:
         """Whether names are of pictures or a video, or what only these have was typed."""
         kinds = VIDEOS + PICTURES
         marks = set("*?[")
-        seen = any(Path(name).suffix.lower() in kinds or marks & {*name} for name in names)
+        seen = any(
+            Path(name).suffix.lower() in kinds or marks & {*name} for name in names
+        )
         return seen or self != Shooting()
 
     def setting(self, output: str) -> Setup:
@@ -69,8 +71,12 @@ class Shooting:
             board=board,
             tags_at=MarkLayout.read(self.tags_at) if self.tags_at is not None else None,
             lens=lens,
-            tag_size=parse_length(self.tag_size, "`tag_size`") if self.tag_size else None,
-            tag_height=parse_length(self.tag_height or "0mm", "`tag_height`", signed=True),
+            tag_size=parse_length(self.tag_size, "`tag_size`")
+            if self.tag_size
+            else None,
+            tag_height=parse_length(
+                self.tag_height or "0mm", "`tag_height`", signed=True
+            ),
             pose=self.pose,
         )
 
@@ -87,9 +93,13 @@ class Shooting:
         source = sources[0] if len(sources) == 1 else sources
         film = first.is_file() and first.suffix.lower() not in PICTURES
         if len(sources) > 1 and (film or self.eye is not None):
-            raise BadOption(f"{len(sources)} names: expected one video or dataset, or pictures")
+            raise BadOption(
+                f"{len(sources)} names: expected one video or dataset, or pictures"
+            )
         if not film and {timed["still"], timed["time_offset"]} != {None}:
-            raise BadOption("--still and --time-offset are for videos and bags, not pictures")
+            raise BadOption(
+                "--still and --time-offset are for videos and bags, not pictures"
+            )
         if self.eye is not None:
             return record_board(
                 sources[0],
@@ -132,7 +142,9 @@ def need_joints(source: str, joints_file: str | None) -> None:
     from calib.recording.lerobot import is_dataset
 
     if joints_file is None and not is_dataset(source):
-        raise BadOption("--joints-file FILE is missing: pictures need the joints beside them")
+        raise BadOption(
+            "--joints-file FILE is missing: pictures need the joints beside them"
+        )
 
 
 def record_board(
@@ -150,7 +162,9 @@ def record_board(
     from calib.recording.lens import load_lens
 
     if board is None:
-        raise BadOption("--eye needs --board COLSxROWS:SQUARE:MARKER:DICT, which is seen")
+        raise BadOption(
+            "--eye needs --board COLSxROWS:SQUARE:MARKER:DICT, which is seen"
+        )
     need_joints(source, joints_file)
     shots = find_board(source, joints_file, board, joints, camera=camera, **of_joints)
     if isinstance(lens, str):
@@ -164,7 +178,11 @@ def record_board(
 
 @contextmanager
 def log_of_pictures(
-    model: Model, source: str, joints_file: str | None, camera: str | None, degrees: bool | None
+    model: Model,
+    source: str,
+    joints_file: str | None,
+    camera: str | None,
+    degrees: bool | None,
 ) -> Iterator[str]:
     """A log as typed; or one of pictures, read as the model's own were."""
     from calib.recording.lens import lens_of_model

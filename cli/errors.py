@@ -89,7 +89,9 @@ def _usage_error(error: typer.TyperException) -> ErrorReport:
         message += f" (see {context.command_path} --help)"
     message = _in_one_line(message)
     if isinstance(error, BadOption | BadValue):
-        return ErrorReport("UsageError", message, parameter=error.option, value=error.value)
+        return ErrorReport(
+            "UsageError", message, parameter=error.option, value=error.value
+        )
     return ErrorReport("UsageError", message)
 
 

@@ -17,17 +17,29 @@ from . import parsing
 
 def word(flag: str, words: Sequence[str], help_text: str) -> object:
     """Return an option whose value is one word out of several."""
-    return Option(flag, metavar="|".join(words), parser=parsing.one_of(words), help=help_text)
+    return Option(
+        flag, metavar="|".join(words), parser=parsing.one_of(words), help=help_text
+    )
 
 
 # what a command prints: `cli/app.py` reads these of each command
-Json = Annotated[bool, Option("--json", help="One JSON document on standard output, in SI units.")]
-Verbose = Annotated[bool, Option("--verbose", "-v", help="Print what the answer rests on too.")]
-Quiet = Annotated[bool, Option("--quiet", "-q", help="Print the result alone, without notes.")]
+Json = Annotated[
+    bool, Option("--json", help="One JSON document on standard output, in SI units.")
+]
+Verbose = Annotated[
+    bool, Option("--verbose", "-v", help="Print what the answer rests on too.")
+]
+Quiet = Annotated[
+    bool, Option("--quiet", "-q", help="Print the result alone, without notes.")
+]
 
 # files that commands work on
-ModelFile = Annotated[str, Argument(metavar="MODEL", help="The file of a learned model.")]
-RobotFile = Annotated[str, Argument(metavar="ROBOT", help="A URDF file or a bundled robot.")]
+ModelFile = Annotated[
+    str, Argument(metavar="MODEL", help="The file of a learned model.")
+]
+RobotFile = Annotated[
+    str, Argument(metavar="ROBOT", help="A URDF file or a bundled robot.")
+]
 Data = Annotated[
     str | None,
     Option(
@@ -62,20 +74,28 @@ DatasetCamera = Annotated[
 ]
 NewTable = Annotated[
     str,
-    Option("--output", "-o", metavar="LOG", help="CSV, or Parquet by its name (- stdout)."),
+    Option(
+        "--output", "-o", metavar="LOG", help="CSV, or Parquet by its name (- stdout)."
+    ),
 ]
 
 # what is babbled or sensed
 JointNames = Annotated[
     Sequence[str] | None,
     Option(
-        "--joints", metavar="A,B", parser=parsing.names, help="Active joints (default: the arm's)."
+        "--joints",
+        metavar="A,B",
+        parser=parsing.names,
+        help="Active joints (default: the arm's).",
     ),
 ]
 Tip = Annotated[
-    str | None, Option("--tip", metavar="FRAME", help="The frame whose position is sensed.")
+    str | None,
+    Option("--tip", metavar="FRAME", help="The frame whose position is sensed."),
 ]
-Planar = Annotated[bool, Option("--planar", help="Take the planar part of a robot in space: x, y.")]
+Planar = Annotated[
+    bool, Option("--planar", help="Take the planar part of a robot in space: x, y.")
+]
 Lock = Annotated[
     list[parsing.JointValue] | None,
     Option(
@@ -109,12 +129,16 @@ Gravity = Annotated[
 
 # simulated babbling
 SAMPLES = "How many samples to babble (default 20000)."
-NOISE = "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
+NOISE = (
+    "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
+)
 Number = Annotated[
-    int | None, Option("--samples", "-n", metavar="N", parser=parsing.count, help=SAMPLES)
+    int | None,
+    Option("--samples", "-n", metavar="N", parser=parsing.count, help=SAMPLES),
 ]
 Noise = Annotated[
-    float | None, Option("--noise", metavar="S", parser=parsing.not_negative, help=NOISE)
+    float | None,
+    Option("--noise", metavar="S", parser=parsing.not_negative, help=NOISE),
 ]
 Changes = Annotated[
     list[str] | None,
@@ -126,11 +150,18 @@ Changes = Annotated[
 ]
 Seed = Annotated[
     int,
-    Option("--seed", metavar="K", parser=parsing.whole(0), help="Seed of the random numbers."),
+    Option(
+        "--seed",
+        metavar="K",
+        parser=parsing.whole(0),
+        help="Seed of the random numbers.",
+    ),
 ]
 
 # training
-SIZE = "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own)."
+SIZE = (
+    "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own)."
+)
 MAP = (
     f"Kind of map: {', '.join(choices.MAPS)}. Default vdsom:residual, which also follows what "
     "the body leaves (vdsom is the paper's); of a log with --body none the better of it and gas."
@@ -143,16 +174,25 @@ MapSize = Annotated[
 ]
 MotorSize = Annotated[
     str | None,
-    Option("--motor-size", metavar="N|NxN", parser=parsing.lattice_size, help="Of the motor map."),
+    Option(
+        "--motor-size",
+        metavar="N|NxN",
+        parser=parsing.lattice_size,
+        help="Of the motor map.",
+    ),
 ]
 SensorySize = Annotated[
     str | None,
     Option(
-        "--sensory-size", metavar="N|NxN", parser=parsing.lattice_size, help="Of the sensory map."
+        "--sensory-size",
+        metavar="N|NxN",
+        parser=parsing.lattice_size,
+        help="Of the sensory map.",
     ),
 ]
 MapName = Annotated[
-    str | None, Option("--map", metavar="NAME", parser=parsing.one_of(choices.MAPS), help=MAP)
+    str | None,
+    Option("--map", metavar="NAME", parser=parsing.one_of(choices.MAPS), help=MAP),
 ]
 TrainingRule = Annotated[
     choices.RuleWord,
@@ -162,7 +202,9 @@ TrainingRule = Annotated[
         "Training rule.",
     ),
 ]
-Epochs = Annotated[int | None, Option("--epochs", metavar="N", parser=parsing.count, help=EPOCHS)]
+Epochs = Annotated[
+    int | None, Option("--epochs", metavar="N", parser=parsing.count, help=EPOCHS)
+]
 Sigma = Annotated[
     parsing.RadiusSchedule | None,
     Option("--sigma", metavar="START:END", parser=parsing.sigma, help=SIGMA),
@@ -188,35 +230,53 @@ SensorView = Annotated[
 # logs
 TimeOffset = Annotated[
     float | None,
-    Option("--time-offset", metavar="auto|S", parser=parsing.seconds, help="Of positions [s]."),
+    Option(
+        "--time-offset",
+        metavar="auto|S",
+        parser=parsing.seconds,
+        help="Of positions [s].",
+    ),
 ]
 Columns = Annotated[
     Mapping[str, str] | None,
     Option(
-        "--columns", metavar="x=U,y=V", parser=parsing.column_names, help="Columns of other names."
+        "--columns",
+        metavar="x=U,y=V",
+        parser=parsing.column_names,
+        help="Columns of other names.",
     ),
 ]
 Unit = Annotated[
     str | None,
-    Option("--unit", metavar="m|mm|px|..", help="Of the log (default m, or the model's)."),
+    Option(
+        "--unit", metavar="m|mm|px|..", help="Of the log (default m, or the model's)."
+    ),
 ]
 Prismatic = Annotated[
     Sequence[str] | None,
-    Option("--prismatic", metavar="A,B", parser=parsing.names, help="Joints that slide."),
+    Option(
+        "--prismatic", metavar="A,B", parser=parsing.names, help="Joints that slide."
+    ),
 ]
 LogDegrees = Annotated[
     bool | None, Option("--degrees/--radians", help="Of the log (default: as before).")
 ]
 PhotoFile = Annotated[
     str | None,
-    Option("--photo", metavar="FILE", help="Of the log's camera, to draw the map over."),
+    Option(
+        "--photo", metavar="FILE", help="Of the log's camera, to draw the map over."
+    ),
 ]
-NoPhoto = Annotated[bool, Option("--no-photo", help="Keep no photo in the model and draw none.")]
+NoPhoto = Annotated[
+    bool, Option("--no-photo", help="Keep no photo in the model and draw none.")
+]
 Distances = Annotated[
-    list[str] | None, Option("--distance", metavar="A,B=50mm", help="Of touched points.")
+    list[str] | None,
+    Option("--distance", metavar="A,B=50mm", help="Of touched points."),
 ]
 Planes = Annotated[
-    list[str] | None, Option("--plane", metavar="A,B,C,D", help="Touched points in a plane.")
+    list[str] | None,
+    Option("--plane", metavar="A,B,C,D", help="Touched points in a plane."),
 ]
 
 # queries and what else asks a model
@@ -237,15 +297,20 @@ InFrame = Annotated[
     ),
 ]
 PositionUnit = Annotated[
-    str | None, Option("--unit", metavar="m|mm|..", help="Of positions (default the model's).")
+    str | None,
+    Option("--unit", metavar="m|mm|..", help="Of positions (default the model's)."),
 ]
 Input = Annotated[
     str | None,
-    Option("--input", metavar="FILE", help="Answer every row of a CSV (- standard input)."),
+    Option(
+        "--input", metavar="FILE", help="Answer every row of a CSV (- standard input)."
+    ),
 ]
 Output = Annotated[
     str | None,
-    Option("--output", metavar="FILE", help="CSV or Parquet (default standard output)."),
+    Option(
+        "--output", metavar="FILE", help="CSV or Parquet (default standard output)."
+    ),
 ]
 LogView = Annotated[
     choices.LogFrameWord,
@@ -266,7 +331,11 @@ WhatChanged = Annotated[
 FREE = ("all", "offsets")
 Free = Annotated[
     Literal["all", "offsets"],
-    word("--free", FREE, "offsets: the drawing's geometry is true, the joints' zeros are not."),
+    word(
+        "--free",
+        FREE,
+        "offsets: the drawing's geometry is true, the joints' zeros are not.",
+    ),
 ]
 FrameOrJoints = Annotated[
     choices.CauseWord,
@@ -286,7 +355,9 @@ Eye = Annotated[
         "hand: the camera is on the arm; base: it stands still.",
     ),
 ]
-Dictionary = Annotated[str, Option("--dictionary", metavar="NAME", help="Dictionary of the tags.")]
+Dictionary = Annotated[
+    str, Option("--dictionary", metavar="NAME", help="Dictionary of the tags.")
+]
 BOARD = (
     "A chessboard's squares: 10x7:22mm; ChArUco: 7x5:24mm:18mm:5x5_100; AprilTags: "
     "grid:6x6:88mm:26.4mm:t36h11."
@@ -301,21 +372,30 @@ BoardSpec = Annotated[
 ]
 LensFile = Annotated[
     str | None,
-    Option("--lens", metavar="SHOTS|lens.json", help="Pictures of a board, or a model."),
+    Option(
+        "--lens", metavar="SHOTS|lens.json", help="Pictures of a board, or a model."
+    ),
 ]
 TagNumber = Annotated[
-    int | None, Option("--tag", metavar="ID", parser=parsing.whole(0), help="The tip's tag.")
+    int | None,
+    Option("--tag", metavar="ID", parser=parsing.whole(0), help="The tip's tag."),
 ]
 TagTable = Annotated[
-    str | None, Option("--tags-at", metavar="FILE", help="Table of desk tags: tag, x, y [m].")
+    str | None,
+    Option("--tags-at", metavar="FILE", help="Table of desk tags: tag, x, y [m]."),
 ]
 TagSize = Annotated[
-    str | None, Option("--tag-size", metavar="40mm", help="Of the tip's tag, for --pose.")
+    str | None,
+    Option("--tag-size", metavar="40mm", help="Of the tip's tag, for --pose."),
 ]
 TagHeight = Annotated[
-    str | None, Option("--tag-height", metavar="25mm", help="Of the tip's, above the desk.")
+    str | None,
+    Option("--tag-height", metavar="25mm", help="Of the tip's, above the desk."),
 ]
-WholePose = Annotated[bool, Option("--pose", help="z and the quaternion too, in space.")]
+WholePose = Annotated[
+    bool, Option("--pose", help="z and the quaternion too, in space.")
+]
 SeenPicture = Annotated[
-    str | None, Option("--picture", metavar="seen.png", help="Draw what was seen on a photo.")
+    str | None,
+    Option("--picture", metavar="seen.png", help="Draw what was seen on a photo."),
 ]

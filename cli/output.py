@@ -71,7 +71,9 @@ def _option(match: re.Match[str]) -> str:
     typed = re.sub(r"[][{}'\"]", "", pairs).replace(": ", "=").replace(", ", ",")
     # an option for each entry of a mapping
     several = value.startswith("{") and name != "columns"
-    return " ".join(f"{option} {part}" for part in (typed.split(",") if several else [typed]))
+    return " ".join(
+        f"{option} {part}" for part in (typed.split(",") if several else [typed])
+    )
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,9 @@ class Outcome:
     document: Any  # what --json prints
     lines: Sequence[_Line] = ()  # what people read, the verdict first
     more: Sequence[_Line] = ()  # what --verbose adds
-    result: Sequence[_Line] | None = None  # what --quiet prints, the first line if not given
+    result: Sequence[_Line] | None = (
+        None  # what --quiet prints, the first line if not given
+    )
     columns: Mapping[str, Any] | None = None  # what goes to standard output as CSV
     code: int = 0  # exit code
 
@@ -142,7 +146,11 @@ class Outcome:
                     note(line)
             return
         for line in shown:
-            print(one_line(as_typed(line)) if isinstance(line, str) else "\n".join(line.lines()))
+            print(
+                one_line(as_typed(line))
+                if isinstance(line, str)
+                else "\n".join(line.lines())
+            )
 
 
 @dataclass
@@ -174,7 +182,9 @@ def note(text: str) -> None:
     """Say something on standard error, in one line."""
     try:
         print(one_line(" ".join(as_typed(text).split())), file=sys.stderr, flush=True)
-    except OSError:  # a full disk: nobody is told, but the exit code stays the command's
+    except (
+        OSError
+    ):  # a full disk: nobody is told, but the exit code stays the command's
         silence(sys.stderr)
 
 
@@ -202,7 +212,10 @@ def plain(value: Any) -> Any:
     def listed(value: Any) -> Any:
         if isinstance(value, Mapping):
             return dict(value)
-        return next((getattr(value, n)() for n in ("tolist", "to_list") if hasattr(value, n)), None)
+        return next(
+            (getattr(value, n)() for n in ("tolist", "to_list") if hasattr(value, n)),
+            None,
+        )
 
     return json.loads(json.dumps(value, default=listed), parse_constant=lambda _: None)
 
@@ -226,7 +239,9 @@ def sized(value: float, unit: str) -> str:
 
 def fixed(value: float, decimals: int) -> str:
     """Return a number with so many decimals, never minus zero, or a dash for none."""
-    return f"{round(value, decimals) + 0.0:.{decimals}f}" if math.isfinite(value) else "-"
+    return (
+        f"{round(value, decimals) + 0.0:.{decimals}f}" if math.isfinite(value) else "-"
+    )
 
 
 @contextmanager

@@ -44,7 +44,9 @@ class RadiusSchedule(NamedTuple):
 class BadOption(typer.BadParameter):
     """A command line that no command understands; its message is one line."""
 
-    def __init__(self, message: str, option: str | None = None, value: str | None = None) -> None:
+    def __init__(
+        self, message: str, option: str | None = None, value: str | None = None
+    ) -> None:
         super().__init__(message)
         self.option = option
         self.value = value
@@ -220,7 +222,9 @@ def _all_positive(values: Sequence[float]) -> bool:
 
 number = parser("a number", finite_number)
 above_zero = parser("a number above zero", finite_number, lambda value: value > 0.0)
-not_negative = parser("a number, zero or more", finite_number, lambda value: value >= 0.0)
+not_negative = parser(
+    "a number, zero or more", finite_number, lambda value: value >= 0.0
+)
 count = whole(1)
 reals = parser("numbers with commas between them such as 0.5,-1", numbers)
 direction = parser(
@@ -228,7 +232,9 @@ direction = parser(
     numbers,
     lambda axis: len(axis) == 3 and any(axis),
 )
-sigma = parser("START:END above zero such as 5:0.5 [nodes]", _radius_schedule, _all_positive)
+sigma = parser(
+    "START:END above zero such as 5:0.5 [nodes]", _radius_schedule, _all_positive
+)
 names = several(parser("names with commas between them such as a,b", str, bool))
 lattice_sides = parser("whole numbers of 2 or more such as 70 or 70x70", _lattice_sides)
 joint_value = parser("JOINT=VALUE such as wrist=0.5", _joint_value)
@@ -238,13 +244,19 @@ joint_range = parser(
     lambda part: part.low < part.high,
 )
 height = parser(
-    "a height of the base frame in m such as z=0.02", _joint_value, lambda axis: axis.joint == "z"
+    "a height of the base frame in m such as z=0.02",
+    _joint_value,
+    lambda axis: axis.joint == "z",
 )
 seconds = parser("a number of seconds, or auto", _seconds_or_auto)
 
 
 def check_file(
-    path: str | None, endings: tuple[str, ...], *, option: str = "--output", stream: bool = False
+    path: str | None,
+    endings: tuple[str, ...],
+    *,
+    option: str = "--output",
+    stream: bool = False,
 ) -> None:
     """Refuse an output that cannot be written, or whose ending is not what will be written."""
     from calib.common.atomic import check_writable

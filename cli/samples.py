@@ -44,7 +44,11 @@ class Selection:
         if robot is None:
             raise BadOption("ROBOT is missing: expected a URDF file or a bundled robot")
         # which joints turn is wanted before the arm is loaded, and the file read twice only then
-        turns = kinds_of_joints(robot) if self.degrees and (self.lock or self.ranges) else {}
+        turns = (
+            kinds_of_joints(robot)
+            if self.degrees and (self.lock or self.ranges)
+            else {}
+        )
         return calib.load_arm(
             robot,
             list(self.joints) if self.joints else None,
@@ -99,9 +103,13 @@ class Sockets:
     def of(self, log: Samples) -> Samples:
         """The log with what was typed."""
         if log.touch is None:
-            refuse(vars(self), "is of touched points: expected a log with a column `point`")
+            refuse(
+                vars(self), "is of touched points: expected a log with a column `point`"
+            )
             return log
-        return replace(log, touch=log.touch.stated(self.distance or (), self.plane or ()))
+        return replace(
+            log, touch=log.touch.stated(self.distance or (), self.plane or ())
+        )
 
 
 def check_sources(
@@ -118,7 +126,9 @@ def check_sources(
     else:
         refuse(of_logs, "applies to a log: expected --data LOG too")
     if robots and of_logs["prismatic"] is not None:
-        raise BadOption("--prismatic applies to a log without ROBOT; ROBOT defines its joints")
+        raise BadOption(
+            "--prismatic applies to a log without ROBOT; ROBOT defines its joints"
+        )
 
 
 def babbled_samples(
@@ -131,9 +141,13 @@ def babbled_samples(
 
     arm = selection.load(robot)
     say(arm.notes)
-    turning = [name for name, turns in zip(arm.joint_names, arm.revolute, strict=True) if turns]
+    turning = [
+        name for name, turns in zip(arm.joint_names, arm.revolute, strict=True) if turns
+    ]
     try:
-        changes = parse_changes(babbling.change or (), degrees=turning * selection.degrees)
+        changes = parse_changes(
+            babbling.change or (), degrees=turning * selection.degrees
+        )
     except OptionError as error:
         raise BadOption(f"--{error}") from None
     n = babbling.samples or _SAMPLES
@@ -156,7 +170,9 @@ def measured_samples(
 
     arm = None
     glass = None
-    turns = {name: name not in (logged.prismatic or ()) for name in selection.joints or ()}
+    turns = {
+        name: name not in (logged.prismatic or ()) for name in selection.joints or ()
+    }
     source = open_source(path)  # once: it may be a pipe
     if robot is not None:
         arm = _arm_of_log(robot, selection, source, logged.columns or {})
@@ -214,7 +230,12 @@ def _arm_of_log(
     arm = selection.load(robot, columns=header)
     # its locked joints turn the last link of a planar arm about its joint, as an offset does
     if selection.tip is None and arm.outputs == 2 and arm.locked:
-        say([f"positions are taken as those of {arm.tip}; `tip` names the frame that was measured"])
+        say(
+            [
+                f"positions are taken as those of {arm.tip}; "
+                "`tip` names the frame that was measured"
+            ]
+        )
     others = {*arm.locked} - {joint for joint, _ in selection.lock or ()}
     turns = kinds_of_joints(robot) if others else {}
     locked, notes = locked_from_log(
@@ -264,7 +285,9 @@ def log_for(model: Model, path: str, reading: Compared) -> Samples:
         outputs=len(model.axes),
         degrees=degrees,
         unit=unit or about.unit,
-        prismatic=[n for n, t in zip(about.joint_names, about.revolute, strict=True) if not t],
+        prismatic=[
+            n for n, t in zip(about.joint_names, about.revolute, strict=True) if not t
+        ],
     )
     if sensor:
         log = replace(log, sensor=sensor)
@@ -276,7 +299,9 @@ def log_for(model: Model, path: str, reading: Compared) -> Samples:
         say([f"positions converted from {unit} to {about.unit}"])
         # that noise is a length too, in the unit of the log that states it
         shared = {"noise_of_reference": log.shared * factor}
-        log = replace(log, x=log.x * factor, unit=about.unit, source={**log.source, **shared})
+        log = replace(
+            log, x=log.x * factor, unit=about.unit, source={**log.source, **shared}
+        )
     return log
 
 

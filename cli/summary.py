@@ -109,7 +109,12 @@ def _view_of(model: Model) -> dict[str, Any]:
     if is_camera(view["kind"]):
         # one focal length serves both axes: the camera of a body has square pixels
         f, u, v, k1 = body.beta[body.structure.groups["lens"]].tolist()
-        view["lens"] = {"focal": f, "centre": [u, v], "k1": k1, "size": model.about.picture}
+        view["lens"] = {
+            "focal": f,
+            "centre": [u, v],
+            "k1": k1,
+            "size": model.about.picture,
+        }
     return view
 
 
@@ -138,7 +143,9 @@ def answers_back(model: Model, errors: Errors) -> str:
     about = model.about
     inverse = _best(errors)["inverse"]
     joints = zip(about.joint_names, about.units_of_joints, strict=True)
-    off = ", ".join(f"{name} {sized(inverse[name]['mean'], unit)}" for name, unit in joints)
+    off = ", ".join(
+        f"{name} {sized(inverse[name]['mean'], unit)}" for name, unit in joints
+    )
     there = sized(inverse["distance"]["mean"], about.unit)
     return f"inverse: {there} from the target on average; {off}"
 
@@ -167,9 +174,13 @@ def found_by_body(model: Model) -> list[str]:
         printable(" ".join(line.split()))
         for line in model.body.describe(model.about.lower, model.about.upper)
     ]
-    lines = [line for line in lines if "`expected_error`" not in line]  # calib info tells of bounds
+    lines = [
+        line for line in lines if "`expected_error`" not in line
+    ]  # calib info tells of bounds
     if not lines:
-        return ["found: nothing that differs from the drawing by more than these rows can show"]
+        return [
+            "found: nothing that differs from the drawing by more than these rows can show"
+        ]
     more = f"; {len(lines) - _MOST} more in calib info" if len(lines) > _MOST else ""
     return [f"found: {'; '.join(lines[:_MOST])}{more}"]
 
@@ -209,17 +220,23 @@ def advice(model: Model, errors: Errors, stated: object = None) -> list[str]:
     simulated = about.source == "simulation"
     if model.body is None:
         more = "more samples (-n)" if simulated else "more rows"
-        return [f"limited by maps that stand alone; {more} and a larger --size help most"]
+        return [
+            f"limited by maps that stand alone; {more} and a larger --size help most"
+        ]
     if simulated:
         if mean < _EXACT * float(np.linalg.norm(model.sensory.scale.span)):
             return ["limited by rounding alone: the model holds all that was simulated"]
-        return ["limited by the simulated noise and changes; more samples (-n) help most"]
+        return [
+            "limited by the simulated noise and changes; more samples (-n) help most"
+        ]
     unexplained = f"what rows leave unexplained ({sized(mean, about.unit)})"
     if isinstance(stated, float) and mean > _UNTOLD * stated:
         read = f"far above the noise of the readings ({sized(stated, about.unit)})"
         moved = "a camera that refocuses, a loose tag, play, or too few rows"
         return [f"limited by {unexplained}, {read}; look for {moved}"]
-    q = np.random.default_rng(0).uniform(about.lower, about.upper, (_ASKED, len(about.lower)))
+    q = np.random.default_rng(0).uniform(
+        about.lower, about.upper, (_ASKED, len(about.lower))
+    )
     bound = model.expected_error(q)
     # where there is no answer, the bound is infinite
     low, middle, high = np.quantile(
@@ -232,7 +249,9 @@ def advice(model: Model, errors: Errors, stated: object = None) -> list[str]:
     model_bound = float(np.nanmedian(model.model_error(q)))
     if model_bound < _NOISY * middle:
         least = f"the model itself is within {sized(model_bound, about.unit)}"
-        return [f"limited by noise of the readings: {least}; rows at rest (--still) help most"]
+        return [
+            f"limited by noise of the readings: {least}; rows at rest (--still) help most"
+        ]
     return [
         f"limited by {unexplained}, noise of the readings or more; poses measured twice tell "
         "which, rows at rest (--still) help most"

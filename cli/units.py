@@ -27,7 +27,9 @@ def units_of(about: About) -> dict[str, Any]:
 class PositionFormat:
     """How a model's positions are typed and printed."""
 
-    def __init__(self, about: About, frame: str = "sensor", unit: str | None = None) -> None:
+    def __init__(
+        self, about: About, frame: str = "sensor", unit: str | None = None
+    ) -> None:
         self.unit = "m" if frame == "base" else about.unit
         self.factor, self.shown = for_people(self.unit)
         self.typed = 1.0
@@ -37,7 +39,9 @@ class PositionFormat:
 
             fitting = METRES if self.unit in METRES else {self.unit: 1.0}
             if unit not in fitting:
-                expected = f"a unit that positions in {self.unit} have: {', '.join(fitting)}"
+                expected = (
+                    f"a unit that positions in {self.unit} have: {', '.join(fitting)}"
+                )
                 raise bad_option("--unit", unit, expected)
             self.typed = self.factor = fitting[unit] / fitting[self.unit]
             self.shown = unit
@@ -58,12 +62,17 @@ class JointFormat:
         self.typed = [factor for factor, _ in units]
         """Factors from SI units to what is typed, and written to tables of answers."""
         self._units = [unit for _, unit in units]
-        self._printed = [for_people(unit) if unit == "m" else (by, unit) for by, unit in units]
+        self._printed = [
+            for_people(unit) if unit == "m" else (by, unit) for by, unit in units
+        ]
 
     @property
     def header(self) -> list[str]:
         """Names of the joints with the units that they are printed in."""
-        return [f"{n} [{unit}]" for n, (_, unit) in zip(self.names, self._printed, strict=True)]
+        return [
+            f"{n} [{unit}]"
+            for n, (_, unit) in zip(self.names, self._printed, strict=True)
+        ]
 
     def cells(self, q: Sequence[float]) -> list[str]:
         """Return joint values (dof,) [rad or m] as cells of a table."""
@@ -72,7 +81,9 @@ class JointFormat:
             for value, (factor, unit) in zip(q, self._printed, strict=True)
         ]
 
-    def one_each(self, option: str, typed: Sequence[float] | None) -> list[float] | None:
+    def one_each(
+        self, option: str, typed: Sequence[float] | None
+    ) -> list[float] | None:
         """Return a value of each joint [rad or m] of what was typed for an option, if it was."""
         if typed is None:
             return None
@@ -88,8 +99,12 @@ class JointFormat:
 
         about = model.about
         turns_round = model.motor.scale.periodic
-        for k, (value, low, high) in enumerate(zip(q, about.lower, about.upper, strict=True)):
-            if turns_round[k] or max(low - value, value - high) <= ROUNDED * (high - low):
+        for k, (value, low, high) in enumerate(
+            zip(q, about.lower, about.upper, strict=True)
+        ):
+            if turns_round[k] or max(low - value, value - high) <= ROUNDED * (
+                high - low
+            ):
                 continue
             # below one turn a value may as well be a slip in rad: nothing is suggested
             fits = low <= math.radians(value) <= high and abs(value) > 2.0 * math.pi
@@ -108,13 +123,18 @@ class JointFormat:
 
 
 def in_si(
-    option: str, typed: Sequence[tuple[Any, ...]] | None, turns: Mapping[str, bool], degrees: bool
+    option: str,
+    typed: Sequence[tuple[Any, ...]] | None,
+    turns: Mapping[str, bool],
+    degrees: bool,
 ) -> dict[str, Any]:
     """Return what was typed for joints, a value or a range each, in SI units by joint."""
     values_by_joint: dict[str, Any] = {}
     for joint, *values in typed or ():
         if joint in values_by_joint:
-            raise BadOption(f"{option} {joint!r} is given twice: expected each joint once")
+            raise BadOption(
+                f"{option} {joint!r} is given twice: expected each joint once"
+            )
         factor = math.radians(1.0) if degrees and turns.get(joint, True) else 1.0
         scaled = tuple(value * factor for value in values)
         values_by_joint[joint] = scaled if len(scaled) > 1 else scaled[0]

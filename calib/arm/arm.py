@@ -29,7 +29,9 @@ _MIN_LENGTH = 1e-9
 _CACHED = 2_048  # rows whose intermediate arrays stay in the processor's cache
 
 
-_ROUNDING = 1e-3  # [rad or m] over one turn or a limit (3.1416, 1.5708) is clipped in silence
+_ROUNDING = (
+    1e-3  # [rad or m] over one turn or a limit (3.1416, 1.5708) is clipped in silence
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -65,7 +67,9 @@ class Arm:
         The folded transforms, mimic joints included, in the root link's frame.
     """
 
-    outputs: ClassVar[int]  # number of coordinates of a position: 2 in a plane, 3 in space
+    outputs: ClassVar[
+        int
+    ]  # number of coordinates of a position: 2 in a plane, 3 in space
     name: str
     joint_names: tuple[str, ...]
     lower: Array
@@ -176,17 +180,23 @@ class Arm:
         for name, chosen in ranges.items():
             k = self._index(name, "ranges")
             if chosen != self.limits[k]:
-                chosen = checked_range(name, chosen, self.limits[k], self.units_of_joints[k])
+                chosen = checked_range(
+                    name, chosen, self.limits[k], self.units_of_joints[k]
+                )
             travel[k] = chosen
             lower[k], upper[k] = one_turn(chosen) if self.revolute[k] else chosen
             if self.revolute[k]:
                 turning[name] = chosen
         notes = (*self.notes, *notes_of_turns(turning))
-        return replace(self, lower=lower, upper=upper, travel=tuple(travel), notes=notes)
+        return replace(
+            self, lower=lower, upper=upper, travel=tuple(travel), notes=notes
+        )
 
     def _links(self) -> Array:
         """Vectors (dof, 3) [m] from each active joint to the next, the last to the tip, at zero."""
-        return np.diff(np.vstack([self.chain.points[self._own], self.chain.tip]), axis=0)
+        return np.diff(
+            np.vstack([self.chain.points[self._own], self.chain.tip]), axis=0
+        )
 
     @property
     def _own(self) -> list[int]:
@@ -201,7 +211,9 @@ class Arm:
         """Compute something of joint values, some rows at a time; of one vector its only row."""
         rows, single = checked_rows(q, self.joint_names, "joint values")
         starts = range(0, max(len(rows), 1), _CACHED)
-        out = np.concatenate([compute(rows[start : start + _CACHED]) for start in starts])
+        out = np.concatenate(
+            [compute(rows[start : start + _CACHED]) for start in starts]
+        )
         return np.asarray(out[0] if single else out)
 
     def _index(self, joint: str, what: str) -> int:
@@ -231,7 +243,9 @@ class PlanarArm(Arm):
 
     def forward(self, q: ArrayLike) -> Array:
         """Positions in the plane (n, 2) or (2,) [m] at joint values (n, dof) or (dof,)."""
-        return self._by_rows(q, lambda rows: self.plane.project(self.chain.poses(rows)[0]))
+        return self._by_rows(
+            q, lambda rows: self.plane.project(self.chain.poses(rows)[0])
+        )
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivatives of the position by the joint values, (n, 2, dof) or (2, dof)."""
@@ -295,7 +309,11 @@ def one_turn(chosen: Range) -> Range:
 
 def notes_of_turns(chosen: Mapping[str, Range]) -> list[str]:
     """Tell of which turning joints' ranges more than rounding is cut to one turn."""
-    cut = [repr(name) for name, (low, high) in chosen.items() if high - low > TURN + _ROUNDING]
+    cut = [
+        repr(name)
+        for name, (low, high) in chosen.items()
+        if high - low > TURN + _ROUNDING
+    ]
     if not cut:
         return []
     return [f"{listed(cut)} can turn more than once: one turn of each is learned"]

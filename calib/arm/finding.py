@@ -33,7 +33,16 @@ _PARALLEL = 1e-4
 #: A tip nearer than this [m] to the last joint's axis is not moved by it.
 _MIN_LEVER = 1e-6
 #: Usual names (their ends) of the frame that a robot's maker means by its tip.
-TIP_NAMES = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "gripper_frame_link")
+TIP_NAMES = (
+    "tool0",
+    "tcp",
+    "tool",
+    "tip",
+    "ee_link",
+    "ee",
+    "end_effector",
+    "gripper_frame_link",
+)
 
 
 @dataclass(frozen=True)
@@ -54,9 +63,14 @@ def find_chains(
     """Chains of two free joints or more that reach alike and furthest, the furthest first."""
     tips = [tip] if tip else sorted({_arm_tip(urdf, posture, joint) for joint in free})
     names = {joint.name for joint in free}
-    paths = [([joint for joint in urdf.path(end) if joint.name in names], end) for end in tips]
+    paths = [
+        ([joint for joint in urdf.path(end) if joint.name in names], end)
+        for end in tips
+    ]
     found = [
-        Chain(tuple(path), end, _reach(path, end, posture)) for path, end in paths if len(path) > 1
+        Chain(tuple(path), end, _reach(path, end, posture))
+        for path, end in paths
+        if len(path) > 1
     ]
     found.sort(key=lambda chain: (-round(chain.reach, 6), str(chain)))
     alike = {
@@ -76,7 +90,9 @@ def find_tip(urdf: Urdf, link: str) -> str:
     """
     while below := urdf.below(link):
         if len(below) > 1:
-            named = [j for name in TIP_NAMES for j in below if j.child.lower().endswith(name)]
+            named = [
+                j for name in TIP_NAMES for j in below if j.child.lower().endswith(name)
+            ]
             moved = tuple(j for j in below if j.movable or urdf.carries(j.child))
             below = (named[0],) if named else moved
         if len(below) != 1:
@@ -124,8 +140,13 @@ def planar_part(chain: Chain, posture: Posture) -> Chain | None:
     for normal, members in _planes(chain.joints, posture):
         within = members
         levers = np.zeros(0)
-        while len(within) > 1:  # joints that hardly move the tip are left out, and too many
-            stops = [*(posture.place(joint.child) for joint in within), posture.place(chain.tip)]
+        while (
+            len(within) > 1
+        ):  # joints that hardly move the tip are left out, and too many
+            stops = [
+                *(posture.place(joint.child) for joint in within),
+                posture.place(chain.tip),
+            ]
             links = np.diff(np.array(stops), axis=0)
             levers = np.linalg.norm(links - np.outer(links @ normal, normal), axis=1)
             levers += [_slid(joint) for joint in within]
@@ -135,7 +156,9 @@ def planar_part(chain: Chain, posture: Posture) -> Chain | None:
                 parts.append(Chain(tuple(within), chain.tip, float(levers.sum())))
                 break
             within = within[:weakest] + within[weakest + 1 :]
-    return max(parts, key=lambda part: (len(part.joints), round(part.reach, 6)), default=None)
+    return max(
+        parts, key=lambda part: (len(part.joints), round(part.reach, 6)), default=None
+    )
 
 
 def check_tip(last: Joint, tip: str, posture: Posture) -> None:
@@ -149,17 +172,24 @@ def check_tip(last: Joint, tip: str, posture: Posture) -> None:
         )
 
 
-def _planes(joints: Sequence[Joint], posture: Posture) -> Iterator[tuple[Array, list[Joint]]]:
+def _planes(
+    joints: Sequence[Joint], posture: Posture
+) -> Iterator[tuple[Array, list[Joint]]]:
     """Normals (3,) of the planes that axes span, with the joints that move within each."""
     axes = np.array([posture.axis(joint) for joint in joints])
     turning = np.array([joint.revolute for joint in joints])
     crossed = [np.cross(one, other) for one, other in combinations(axes[~turning], 2)]
     sizes = [float(np.linalg.norm(normal)) for normal in crossed]
-    slid = [n / size for n, size in zip(crossed, sizes, strict=True) if size > _PARALLEL]
+    slid = [
+        n / size for n, size in zip(crossed, sizes, strict=True) if size > _PARALLEL
+    ]
     for normal in [*axes[turning], *slid]:
         off = np.linalg.norm(np.cross(axes, normal), axis=1)
         fits = np.where(turning, off, np.abs(axes @ normal)) <= _PARALLEL
-        yield normal, [joint for joint, within in zip(joints, fits, strict=True) if within]
+        yield (
+            normal,
+            [joint for joint, within in zip(joints, fits, strict=True) if within],
+        )
 
 
 def _arm_tip(urdf: Urdf, posture: Posture, joint: Joint) -> str:
@@ -177,7 +207,9 @@ def _arm_tip(urdf: Urdf, posture: Posture, joint: Joint) -> str:
 
 def _reach(joints: Sequence[Joint], tip: str, posture: Posture) -> float:
     """Distances from joint to joint and to the tip, and the travel of slides [m]."""
-    stops = np.array([*(posture.place(joint.child) for joint in joints), posture.place(tip)])
+    stops = np.array(
+        [*(posture.place(joint.child) for joint in joints), posture.place(tip)]
+    )
     reach = float(np.linalg.norm(np.diff(stops, axis=0), axis=1).sum())
     return reach + sum(map(_slid, joints))
 
@@ -185,4 +217,6 @@ def _reach(joints: Sequence[Joint], tip: str, posture: Posture) -> float:
 def _slid(joint: Joint) -> float:
     """How far a joint slides [m]; 1 where its limits do not say."""
     lower, upper = joint.travel
-    return 0.0 if joint.revolute else upper - lower if np.isfinite(upper - lower) else 1.0
+    return (
+        0.0 if joint.revolute else upper - lower if np.isfinite(upper - lower) else 1.0
+    )

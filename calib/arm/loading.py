@@ -143,12 +143,18 @@ def arm_from_urdf(
         logged = {joint.name for joint in own} if columns is None else set(columns)
         usable = [joint for joint in own if joint.name in ranges or not joint.stuck]
         free = [joint for joint in usable if joint.name in logged]
-        best, notes = _found(urdf, posture, free, wanted, planar=planar, logged=columns is not None)
+        best, notes = _found(
+            urdf, posture, free, wanted, planar=planar, logged=columns is not None
+        )
         path = {joint.name for joint in urdf.path(best.tip)}
         if idle := [joint.name for joint in own if joint.name in path - logged]:
-            notes.append(f"locked because the log has no columns for them: {listed(idle)}")
+            notes.append(
+                f"locked because the log has no columns for them: {listed(idle)}"
+            )
     else:
-        named = re.split(r"\s*,\s*", joints.strip()) if isinstance(joints, str) else joints
+        named = (
+            re.split(r"\s*,\s*", joints.strip()) if isinstance(joints, str) else joints
+        )
         best = _named(urdf, posture, named, wanted, own)
         notes = []
     active = best.joints
@@ -180,7 +186,11 @@ def arm_from_urdf(
     others = [joint for joint in active if joint.name not in ranges]
     _check_limits(others)
     values = urdf.values(lock)
-    stay = {j.name: values[j.name] for j in urdf.path(tip) if j.movable and j.name not in following}
+    stay = {
+        j.name: values[j.name]
+        for j in urdf.path(tip)
+        if j.movable and j.name not in following
+    }
     notes = [*urdf.notes, *notes, *_lock_notes(urdf, stay, lock)]
     parts: dict[str, Any] = {
         "name": urdf.name,
@@ -231,16 +241,22 @@ def _found(
     if flat:
         chains = [part or chain for part, chain in zip(parts, chains, strict=True)]
     else:
-        chains = [replace(chain, joints=chain.joints[-MOST_JOINTS:]) for chain in chains]
+        chains = [
+            replace(chain, joints=chain.joints[-MOST_JOINTS:]) for chain in chains
+        ]
     best = chains[0]
     others = "; ".join(map(str, chains[1:]))
-    if others and logged:  # a log was measured on one of them only; in simulation the first serves
+    if (
+        others and logged
+    ):  # a log was measured on one of them only; in simulation the first serves
         raise RobotError(
             f"the robot has {len(chains)} arms of one reach, choose one: {best}; {others}"
         )
     notes = [f"chosen by reach: {best} (others: {others})"] if others else []
     if parts[0] and not flat:
-        notes.append(f"the arm moves in space; `planar=True` takes its planar part: {parts[0]}")
+        notes.append(
+            f"the arm moves in space; `planar=True` takes its planar part: {parts[0]}"
+        )
     return best, notes
 
 
@@ -254,10 +270,14 @@ def _named(
     """Return the arm of the joints that a user named, all of them `own` ones, with no leader."""
     asked = [_movable(urdf, name, "joints") for name in names]
     if tip is None and asked:
-        tip = find_tip(urdf, max(asked, key=lambda joint: len(urdf.path(joint.child))).child)
+        tip = find_tip(
+            urdf, max(asked, key=lambda joint: len(urdf.path(joint.child))).child
+        )
     path = {joint.name for joint in urdf.path(tip or "")}
     free = [joint.name for joint in own if joint.name in path]
-    chains = find_chains(urdf, posture, [joint for joint in asked if joint.name in free], tip)
+    chains = find_chains(
+        urdf, posture, [joint for joint in asked if joint.name in free], tip
+    )
     if not chains or sorted(joint.name for joint in chains[0].joints) != sorted(names):
         raise OptionError(
             f"`joints` are {listed(map(quoted, names))}: expected two or more of those that move "
@@ -272,9 +292,13 @@ def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
     """Return the movable joint of a name, or say which there are."""
     joint = urdf.joint(name)
     if joint is None or not joint.movable:
-        what = f"joint {quoted(name)} {'does not exist' if joint is None else 'is fixed'}"
+        what = (
+            f"joint {quoted(name)} {'does not exist' if joint is None else 'is fixed'}"
+        )
         hint = suggestion(name, [j.name for j in urdf.joints if j.movable])
-        raise RobotError(f"`{parameter}`: {what}", hint=hint, parameter=parameter, value=name)
+        raise RobotError(
+            f"`{parameter}`: {what}", hint=hint, parameter=parameter, value=name
+        )
     return joint
 
 
@@ -291,13 +315,19 @@ def _find_link(urdf: Urdf, tip: str) -> str:
 def _check_limits(joints: Sequence[Joint]) -> None:
     """Ask for `ranges` of all joints whose limits are unusable."""
     if faulty := [joint for joint in joints if joint.fault]:
-        faults = "; ".join(f"joint {j.name!r} cannot be babbled, {j.fault}" for j in faulty)
+        faults = "; ".join(
+            f"joint {j.name!r} cannot be babbled, {j.fault}" for j in faulty
+        )
         wanted = ", ".join(f"{joint.name!r}: (LOWER, UPPER)" for joint in faulty)
         units = ", ".join(sorted({joint.unit for joint in faulty}))
-        raise RobotError(faults, hint=f"give `ranges={{{wanted}}}` [{units}]", parameter="ranges")
+        raise RobotError(
+            faults, hint=f"give `ranges={{{wanted}}}` [{units}]", parameter="ranges"
+        )
 
 
-def _lock_notes(urdf: Urdf, held: Mapping[str, float], lock: Mapping[str, float]) -> list[str]:
+def _lock_notes(
+    urdf: Urdf, held: Mapping[str, float], lock: Mapping[str, float]
+) -> list[str]:
     """Say which joints are held where, and where that is not what zero or limits say."""
     notes: list[str] = []
     for joint in [joint for joint in urdf.joints if joint.name in lock]:
@@ -307,6 +337,10 @@ def _lock_notes(urdf: Urdf, held: Mapping[str, float], lock: Mapping[str, float]
                 f"`lock={{{joint.name!r}: {value:g}}}` lies outside the joint's limits "
                 f"{lower:g}:{upper:g} [{joint.unit}]"
             )
-    if neutral_ones := [f"{name}={held[name]:.4g}" for name in held if name not in lock]:
-        notes.append(f"locked at neutral: {listed(neutral_ones, 8)} (`lock` changes it)")
+    if neutral_ones := [
+        f"{name}={held[name]:.4g}" for name in held if name not in lock
+    ]:
+        notes.append(
+            f"locked at neutral: {listed(neutral_ones, 8)} (`lock` changes it)"
+        )
     return notes

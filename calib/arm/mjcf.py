@@ -47,7 +47,9 @@ class Mjcf:
     """A model as a tree of links, and where its text places each joint."""
 
     tree: Urdf
-    places: Mapping[str, Placed]  # by the names of joints; not of a body's further joints
+    places: Mapping[
+        str, Placed
+    ]  # by the names of joints; not of a body's further joints
 
 
 @dataclass
@@ -68,7 +70,9 @@ class _Reader:
         """Attributes of an element, those of its class among them."""
         name = node.get("class", inherited)
         if name not in self.classes:
-            raise RobotError(f"<{node.tag}> has the class {quoted(name)}, which does not exist")
+            raise RobotError(
+                f"<{node.tag}> has the class {quoted(name)}, which does not exist"
+            )
         return {**self.classes[name].get(node.tag, {}), **node.attrib}
 
     def angle(self, value: float) -> float:
@@ -88,14 +92,18 @@ class _Reader:
         if not forms:
             return np.eye(3)
         if len(forms) > 1:
-            raise RobotError(f"{where} has {' and '.join(forms)}: expected one orientation")
+            raise RobotError(
+                f"{where} has {' and '.join(forms)}: expected one orientation"
+            )
         form = forms[0]
         size = _ORIENTATIONS[form]
         values = np.array(_vector(attributes, form, (math.nan,) * size, where))
         if form == "euler":
             return self._of_euler(values)
         if not np.linalg.norm(values[:3] if form != "quat" else values) > 0:
-            raise RobotError(f"{where}: {form} is {quoted(attributes[form])}, expected a direction")
+            raise RobotError(
+                f"{where}: {form} is {quoted(attributes[form])}, expected a direction"
+            )
         if form == "quat":
             return matrix_of(np.roll(values, -1))
         if form == "axisangle":
@@ -112,11 +120,15 @@ class _Reader:
         """Rotation (3, 3) of Euler angles; capital letters are turns about fixed axes."""
         rotation = np.eye(3)
         for letter, value in zip(self.sequence, angles.tolist(), strict=True):
-            turn = exponential(self.angle(value) * np.eye(3)["xyz".index(letter.lower())])
+            turn = exponential(
+                self.angle(value) * np.eye(3)["xyz".index(letter.lower())]
+            )
             rotation = rotation @ turn if letter.islower() else turn @ rotation
         return rotation
 
-    def add_body(self, node: ET.Element, parent: str, around: Array, inherited: str) -> None:
+    def add_body(
+        self, node: ET.Element, parent: str, around: Array, inherited: str
+    ) -> None:
         """Add a body with its joints, sites and bodies."""
         inherited = node.get("childclass", inherited)
         name = self._new_link(node.get("name") or f"body_{self.numbers[node]}", "body")
@@ -131,7 +143,9 @@ class _Reader:
         origin = start
         after = np.eye(4)
         inside = list(_unframed(node, self, inherited))
-        moving = [(child, frame, of) for child, frame, of in inside if child.tag == "joint"]
+        moving = [
+            (child, frame, of) for child, frame, of in inside if child.tag == "joint"
+        ]
         for number, (child, frame, of) in enumerate(moving):
             attributes = self.attributes(child, of)
             joint_name = attributes.get("name") or f"joint_{self.numbers[child]}"
@@ -141,7 +155,9 @@ class _Reader:
             beyond = name if whole else self._new_link(f"{name}:{joint_name}", "link")
             self._add_joint(joint_name, link, beyond, origin @ end, attributes, frame)
             if number == 0:
-                self.places[joint_name] = Placed(self.numbers[node], around, after @ end)
+                self.places[joint_name] = Placed(
+                    self.numbers[node], around, after @ end
+                )
             link = beyond
             origin = back
         if link != name:
@@ -150,30 +166,42 @@ class _Reader:
                 self.places[f"{name}:frame"] = Placed(self.numbers[node], around, after)
         self.add_contents(inside, name)
 
-    def add_contents(self, inside: list[tuple[ET.Element, Array, str]], link: str) -> None:
+    def add_contents(
+        self, inside: list[tuple[ET.Element, Array, str]], link: str
+    ) -> None:
         """Add the sites and bodies on a link."""
         for child, frame, of in inside:
             if child.tag == "body":
                 self.add_body(child, link, frame, of)
             elif child.tag == "site" and child.get("name"):
                 site = self._new_link(child.get("name", ""), "site")
-                placed = frame @ self.frame(self.attributes(child, of), f"site {quoted(site)}")
+                placed = frame @ self.frame(
+                    self.attributes(child, of), f"site {quoted(site)}"
+                )
                 self._add_fixed(f"{site}:site", link, site, placed)
-                self.places[f"{site}:site"] = Placed(self.numbers[child], frame, np.eye(4))
+                self.places[f"{site}:site"] = Placed(
+                    self.numbers[child], frame, np.eye(4)
+                )
 
     def _new_link(self, name: str, kind: str) -> str:
         if name in self.links:  # MuJoCo lets a site have a body's name
             name = f"{name}:{kind}"
         if name in self.links:
-            raise RobotError(f"two of the model's frames are named {quoted(name)}: rename one")
+            raise RobotError(
+                f"two of the model's frames are named {quoted(name)}: rename one"
+            )
         self.links.append(name)
         return name
 
-    def _pivot(self, attributes: Attributes, frame: Array, name: str) -> tuple[Array, Array]:
+    def _pivot(
+        self, attributes: Attributes, frame: Array, name: str
+    ) -> tuple[Array, Array]:
         """From a body's frame to that of a joint at zero, and from there on back to the body's."""
         where = f"joint {quoted(name)}"
         place = np.eye(4)
-        place[:3, 3] = frame[:3, :3] @ _vector(attributes, "pos", _ZERO, where) + frame[:3, 3]
+        place[:3, 3] = (
+            frame[:3, :3] @ _vector(attributes, "pos", _ZERO, where) + frame[:3, 3]
+        )
         back = np.eye(4)
         back[:3, 3] = -place[:3, 3]
         (reference,) = _vector(attributes, "ref", (0.0,), where)
@@ -187,10 +215,14 @@ class _Reader:
     @staticmethod
     def _axis(attributes: Attributes, frame: Array, where: str) -> Array:
         """Unit axis (3,) of a joint in its body's frame."""
-        axis = frame[:3, :3] @ np.array(_vector(attributes, "axis", (0.0, 0.0, 1.0), where))
+        axis = frame[:3, :3] @ np.array(
+            _vector(attributes, "axis", (0.0, 0.0, 1.0), where)
+        )
         length = float(np.linalg.norm(axis))
         if not length > 0:
-            raise RobotError(f"{where} has the axis 0 0 0: give a direction such as 0 0 1")
+            raise RobotError(
+                f"{where} has the axis 0 0 0: give a direction such as 0 0 1"
+            )
         return np.asarray(axis / length)
 
     def _add_joint(
@@ -205,14 +237,20 @@ class _Reader:
         where = f"joint {quoted(name)}"
         kind = attributes.get("type", "hinge")
         if kind not in ("hinge", "slide"):
-            raise RobotError(f"{where} is of type {quoted(kind)}: expected hinges and slides alone")
+            raise RobotError(
+                f"{where} is of type {quoted(kind)}: expected hinges and slides alone"
+            )
         if any(joint.name == name for joint in self.joints):
             raise RobotError(f"two joints are named {quoted(name)}: rename one of them")
         limits = None
         limited = attributes.get("limited", "auto")
-        if limited == "true" or (limited == "auto" and self.autolimits and "range" in attributes):
+        if limited == "true" or (
+            limited == "auto" and self.autolimits and "range" in attributes
+        ):
             low, high = _vector(attributes, "range", (0.0, 0.0), where)
-            limits = (self.angle(low), self.angle(high)) if kind == "hinge" else (low, high)
+            limits = (
+                (self.angle(low), self.angle(high)) if kind == "hinge" else (low, high)
+            )
         turning = "continuous" if limits is None else "revolute"
         self.joints.append(
             Joint(
@@ -230,7 +268,17 @@ class _Reader:
 
     def _add_fixed(self, name: str, parent: str, child: str, origin: Array) -> None:
         xyz = tuple(origin[:3, 3].tolist())
-        joint = Joint(name, "fixed", parent, child, xyz, _rows(origin), (1.0, 0.0, 0.0), None, None)
+        joint = Joint(
+            name,
+            "fixed",
+            parent,
+            child,
+            xyz,
+            _rows(origin),
+            (1.0, 0.0, 0.0),
+            None,
+            None,
+        )
         self.joints.append(joint)
 
 
@@ -258,10 +306,14 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
     for node in root.findall("compiler"):
         compiler.update(node.attrib)
     if compiler.get("coordinate", "local") != "local":
-        raise RobotError("the MJCF has global coordinates: save it anew with MuJoCo 2.3 or later")
+        raise RobotError(
+            "the MJCF has global coordinates: save it anew with MuJoCo 2.3 or later"
+        )
     sequence = compiler.get("eulerseq", "xyz")
     if len(sequence) != 3 or set(sequence.lower()) - set("xyz"):
-        raise RobotError(f"the MJCF's eulerseq is {quoted(sequence)}: expected such as xyz")
+        raise RobotError(
+            f"the MJCF's eulerseq is {quoted(sequence)}: expected such as xyz"
+        )
     reader = _Reader(
         numbers={node: number for number, node in enumerate(root.iter())},
         classes=_classes(root),
@@ -272,7 +324,9 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
     for world in root.findall("worldbody"):
         reader.add_contents(list(_unframed(world, reader, "main")), WORLD)
     if len(reader.links) == 1:
-        raise RobotError("the MJCF has no bodies: expected a robot with bodies and joints")
+        raise RobotError(
+            "the MJCF has no bodies: expected a robot with bodies and joints"
+        )
     joints = tuple(reader.joints)
     title = root.get("model", "").strip() or name
     tree = Urdf(title, WORLD, tuple(reader.links), joints, (), dict(reader.masses))
@@ -322,7 +376,9 @@ def _vector(attributes: Attributes, key: str, default: Vector, where: str) -> Ve
         return default
     values = as_numbers(text)
     if len(values) != len(default) or not all(map(math.isfinite, values)):
-        raise RobotError(f"{where}: {key} is {quoted(text)}, expected {len(default)} numbers")
+        raise RobotError(
+            f"{where}: {key} is {quoted(text)}, expected {len(default)} numbers"
+        )
     return values
 
 

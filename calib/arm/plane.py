@@ -36,8 +36,13 @@ class Plane:
     def __post_init__(self) -> None:
         """Check the shapes and the axes, and freeze the arrays."""
         own_floats(self, "origin", "x", "y")
-        known = all(v.shape == (3,) and np.isfinite(v).all() for v in vars(self).values())
-        if not known or np.abs(self.basis[:2] @ self.basis[:2].T - np.eye(2)).max() > 1e-6:
+        known = all(
+            v.shape == (3,) and np.isfinite(v).all() for v in vars(self).values()
+        )
+        if (
+            not known
+            or np.abs(self.basis[:2] @ self.basis[:2].T - np.eye(2)).max() > 1e-6
+        ):
             raise RobotError(
                 f"a plane of origin {self.origin} and axes {self.x}, {self.y}: expected three "
                 "finite numbers each, and orthonormal axes"

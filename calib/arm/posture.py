@@ -101,7 +101,9 @@ def folded(
     )
 
 
-def _carried(urdf: Urdf, posture: Posture, joints: Sequence[Joint]) -> tuple[Array, Array]:
+def _carried(
+    urdf: Urdf, posture: Posture, joints: Sequence[Joint]
+) -> tuple[Array, Array]:
     """Masses (m,) [kg] beyond each joint of a chain, up to the next, and their centres (m, 3) [m].
 
     Links beside the chain (fingers, covers) hang on the last chain joint below them and do not
@@ -111,7 +113,9 @@ def _carried(urdf: Urdf, posture: Posture, joints: Sequence[Joint]) -> tuple[Arr
     masses = np.zeros(len(joints))
     moments = np.zeros((len(joints), 3))
     for link, (mass, centre) in urdf.masses.items():
-        if below := [order[joint.name] for joint in urdf.path(link) if joint.name in order]:
+        if below := [
+            order[joint.name] for joint in urdf.path(link) if joint.name in order
+        ]:
             masses[below[-1]] += mass
             moments[below[-1]] += mass * (posture.frames[link] @ [*centre, 1.0])[:3]
     if not masses.any():

@@ -27,7 +27,11 @@ class RobotEntry:
 def robots_folder() -> Path:
     """Folder of the bundled URDF files, installed or in a checkout."""
     installed = Path(__file__).parent.parent / "_robots"
-    return installed if installed.is_dir() else Path(__file__).parent.parent.parent / "robots"
+    return (
+        installed
+        if installed.is_dir()
+        else Path(__file__).parent.parent.parent / "robots"
+    )
 
 
 def list_robots() -> tuple[RobotEntry, ...]:
@@ -58,7 +62,10 @@ def resolve_robot(robot: str | Path) -> Path:
     try:
         if str(robot).strip() and path.exists():
             return path
-    except (OSError, ValueError):  # a name too long for the file system, or with a null byte
+    except (
+        OSError,
+        ValueError,
+    ):  # a name too long for the file system, or with a null byte
         pass
     raise RobotError(
         f"robot {quoted(str(robot))}: no such file and no bundled robot; give a path to a URDF, or "

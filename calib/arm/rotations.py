@@ -39,7 +39,9 @@ def quaternion_of(matrices: ArrayLike) -> Array:
     trace = np.trace(r, axis1=-2, axis2=-1)
     four[..., :3, :3] = r + back + (1 - trace)[..., None, None] * np.eye(3)
     away = r - back
-    four[..., 3, :3] = np.stack([away[..., 2, 1], away[..., 0, 2], away[..., 1, 0]], axis=-1)
+    four[..., 3, :3] = np.stack(
+        [away[..., 2, 1], away[..., 0, 2], away[..., 1, 0]], axis=-1
+    )
     four[..., :3, 3], four[..., 3, 3] = four[..., 3, :3], 1 + trace
     best = np.argmax(np.diagonal(four, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(four, best[..., None, None], axis=-2)[..., 0, :]
@@ -85,7 +87,9 @@ def nearest_rotation(matrix: Array) -> Array:
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
 
 
-def similarity(a: Array, b: Array, *, mirrored: bool = False) -> tuple[Array, Array, float]:
+def similarity(
+    a: Array, b: Array, *, mirrored: bool = False
+) -> tuple[Array, Array, float]:
     """Rotation (d, d), shift (d,) and scale with b = scale R a + shift of rows (Umeyama 1991).
 
     Where `mirrored`, a reflection serves too, if it fits better.

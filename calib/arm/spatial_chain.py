@@ -26,7 +26,9 @@ from .rotations import cross_matrix, exponential
 class Deviations:
     """How a chain differs from its nominal one."""
 
-    shifts: Array  # (m, 3) [m], of the joint origins, along the axes of the frame before
+    shifts: (
+        Array  # (m, 3) [m], of the joint origins, along the axes of the frame before
+    )
     turns: Array  # (m, 3) [rad], rotation vectors of the joint origins
     tool: Array  # (3,) [m], of the tip, along the axes of its own frame
     tool_turn: Array  # (3,) [rad]
@@ -61,7 +63,9 @@ class Motion:
 
     def turns(self) -> tuple[Array, Array]:
         """The same (m, 3, 3, n) as the origins turn about the axes, second, of their own frames."""
-        about = np.swapaxes(_product(self.frames[:-1], self.links.turns[..., None]), 1, 2)
+        about = np.swapaxes(
+            _product(self.frames[:-1], self.links.turns[..., None]), 1, 2
+        )
         return np.cross(about, (self.position - self.origins)[:, None], axis=2), about
 
 
@@ -74,14 +78,18 @@ class SpatialChain:
     points: Annotated[Array, Shape("m", 3)]
     tip: Annotated[Array, Shape(3)]  # [m], position of the tip
     rotation: Annotated[Array, Shape(3, 3)]  # orientation of the tip's frame
-    revolute: tuple[bool, ...]  # whether each joint turns about its axis or slides along it
+    revolute: tuple[
+        bool, ...
+    ]  # whether each joint turns about its axis or slides along it
     # (m, dof), how much each joint follows each active value: the unit matrix without mimic joints
     coupling: Annotated[Array, Shape("m", "dof")]
     bias: Annotated[Array, Shape("m")]  # [rad or m], offset of each mimic joint, else 0
     # (m,) [kg], mass that each joint carries up to the next joint; empty where the URDF states none
     masses: Annotated[Array, Shape("w")] = field(default_factory=lambda: np.zeros(0))
     # (m, 3) [m], centres of those masses at the zero posture
-    centres: Annotated[Array, Shape("w", 3)] = field(default_factory=lambda: np.zeros((0, 3)))
+    centres: Annotated[Array, Shape("w", 3)] = field(
+        default_factory=lambda: np.zeros((0, 3))
+    )
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -115,7 +123,9 @@ class SpatialChain:
     def poses(self, q: Array) -> tuple[Array, Array]:
         """Positions (n, 3) [m] and orientations (n, 3, 3) of the tip's frame."""
         motion = self.motion(q)
-        return np.ascontiguousarray(motion.position.T), np.moveaxis(motion.rotation, 2, 0).copy()
+        return np.ascontiguousarray(motion.position.T), np.moveaxis(
+            motion.rotation, 2, 0
+        ).copy()
 
     def jacobian(self, q: Array) -> Array:
         """Geometric Jacobian of the tip in the root frame: (n, dof) -> (n, 6, dof).
@@ -150,7 +160,9 @@ class Links:
     def tip(self) -> tuple[Array, Array]:
         """Place (3,) [m] and orientation (3, 3) of the tip in the last joint's frame."""
         place = self.strides[-1] + self.rotation @ self.tool
-        turn = self.rotation if self.tool_turn is None else self.rotation @ self.tool_turn
+        turn = (
+            self.rotation if self.tool_turn is None else self.rotation @ self.tool_turn
+        )
         return place[:, 0], turn
 
     @staticmethod
@@ -200,7 +212,11 @@ def move(links: Links, values: Array) -> Motion:
         places = origins + slid
     flange = _product(frames[-1], links.rotation[..., None])
     position = stops[-1] + turned(flange, links.tool)
-    tip = flange if links.tool_turn is None else _product(flange, links.tool_turn[..., None])
+    tip = (
+        flange
+        if links.tool_turn is None
+        else _product(flange, links.tool_turn[..., None])
+    )
     return Motion(position, tip, origins, places, frames, axes, flange, links)
 
 

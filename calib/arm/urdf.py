@@ -95,7 +95,9 @@ class Joint:
     @property
     def travel(self) -> Range:
         """Range that it can mechanically reach, infinite where its limits do not say."""
-        return (-math.inf, math.inf) if self.limits is None or self.fault else self.limits
+        return (
+            (-math.inf, math.inf) if self.limits is None or self.fault else self.limits
+        )
 
     @property
     def neutral(self) -> float:
@@ -150,9 +152,14 @@ class Urdf:
     def values(self, told: Mapping[str, float]) -> dict[str, float]:
         """Values [rad or m] of all movable joints: as told, as what they follow, or neutral."""
         movable = [joint for joint in self.joints if joint.movable]
-        free = {joint.name: float(told.get(joint.name, joint.neutral)) for joint in movable}
+        free = {
+            joint.name: float(told.get(joint.name, joint.neutral)) for joint in movable
+        }
         follows = {joint.name: self.followed(joint, told) for joint in movable}
-        return {n: m.multiplier * free.get(m.leader, 0.0) + m.offset for n, m in follows.items()}
+        return {
+            n: m.multiplier * free.get(m.leader, 0.0) + m.offset
+            for n, m in follows.items()
+        }
 
     def below(self, link: str) -> tuple[Joint, ...]:
         """Joints that a link carries directly, in file order."""
@@ -169,7 +176,9 @@ class Urdf:
     @cached_property
     def _below(self) -> dict[str, tuple[Joint, ...]]:
         parents = {joint.parent for joint in self.joints}
-        return {link: tuple(j for j in self.joints if j.parent == link) for link in parents}
+        return {
+            link: tuple(j for j in self.joints if j.parent == link) for link in parents
+        }
 
 
 def read_urdf(path: Path) -> str:
@@ -190,7 +199,9 @@ def read_urdf(path: Path) -> str:
         raise RobotError(f"{path}: cannot be read: {error}") from None
     if not text.strip() or len(text) > MAX_BYTES:
         size = f"{MAX_BYTES // 1_000_000} MB"
-        raise RobotError(f"{path}: is empty or above {size}, expected a URDF without its meshes")
+        raise RobotError(
+            f"{path}: is empty or above {size}, expected a URDF without its meshes"
+        )
     return text
 
 
@@ -205,9 +216,13 @@ def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
     links = _names(robot, "link")
     joint_names = _names(robot, "joint")
     if not links:
-        raise RobotError("the URDF has no links: expected a robot with links and joints")
+        raise RobotError(
+            "the URDF has no links: expected a robot with links and joints"
+        )
     if len(joint_names) > MAX_JOINTS:
-        raise RobotError(f"the URDF has {len(joint_names)} joints, expected at most {MAX_JOINTS}")
+        raise RobotError(
+            f"the URDF has {len(joint_names)} joints, expected at most {MAX_JOINTS}"
+        )
     joints = tuple(_read_joint(node, links, notes) for node in robot.findall("joint"))
     for joint in joints:
         if joint.mimic and joint.mimic.leader not in joint_names:
@@ -235,8 +250,14 @@ def parse_xml(text: str) -> ET.Element:
     try:
         robot = ET.fromstring(text)  # noqa: S314 - entities were refused above
     except (ET.ParseError, ValueError) as error:
-        remedy = expand if "<xacro:" in text else "correct it there, or fetch a truncated file anew"
-        raise RobotError(f"the URDF is not well-formed XML ({error}): {remedy}") from None
+        remedy = (
+            expand
+            if "<xacro:" in text
+            else "correct it there, or fetch a truncated file anew"
+        )
+        raise RobotError(
+            f"the URDF is not well-formed XML ({error}): {remedy}"
+        ) from None
     if robot.tag not in ("robot", MJCF):
         raise RobotError(
             f"the file's root element is <{robot.tag[:60]}>, expected <robot> or <mujoco>: convert "
@@ -255,7 +276,9 @@ def _names(robot: ET.Element, tag: str) -> dict[str, None]:
     for number, node in enumerate(robot.findall(tag), 1):
         name = node.get("name", "")
         if not name.strip():
-            raise RobotError(f"{tag} number {number} of the URDF has no name: give it one")
+            raise RobotError(
+                f"{tag} number {number} of the URDF has no name: give it one"
+            )
         if name in names:
             raise RobotError(f"two {tag}s are named {quoted(name)}: rename one of them")
         names[name] = None
@@ -332,7 +355,13 @@ def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:
 
 
 def _numbers(
-    node: ET.Element, path: str, key: str, default: Vector, where: str, *, infinite: bool = False
+    node: ET.Element,
+    path: str,
+    key: str,
+    default: Vector,
+    where: str,
+    *,
+    infinite: bool = False,
 ) -> Vector:
     """Read an attribute's numbers as URDF libraries do, not as Python does (1_000, nan)."""
     part = node.find(path)
@@ -361,7 +390,9 @@ def _masses(robot: ET.Element) -> Iterator[tuple[str, tuple[float, Vector]]]:
         with suppress(RobotError):
             (mass,) = _numbers(link, "inertial/mass", "value", (0.0,), "mass")
             if 0 < mass < _HEAVIEST:
-                centre = _numbers(link, "inertial/origin", "xyz", (0.0, 0.0, 0.0), "mass")
+                centre = _numbers(
+                    link, "inertial/origin", "xyz", (0.0, 0.0, 0.0), "mass"
+                )
                 yield link.get("name", ""), (mass, centre)
 
 
@@ -373,7 +404,9 @@ def _find_root(links: Collection[str], joints: tuple[Joint, ...]) -> str:
     for link in reached:  # grows as it goes; a link with two parents is reached by one
         reached += [j.child for j in joints if j.parent == link and above[j.child] is j]
     faults = {
-        f"{len(roots)} root links, join them with fixed joints": roots if len(roots) > 1 else [],
+        f"{len(roots)} root links, join them with fixed joints": roots
+        if len(roots) > 1
+        else [],
         "joints to a link that has another parent, remove one": [
             joint.name for joint in joints if above[joint.child] is not joint
         ],
@@ -383,5 +416,7 @@ def _find_root(links: Collection[str], joints: tuple[Joint, ...]) -> str:
     }
     for fault, names in faults.items():
         if names:
-            raise RobotError(f"the URDF is no tree of links: {fault}: {listed(names, 4)}")
+            raise RobotError(
+                f"the URDF is no tree of links: {fault}: {listed(names, 4)}"
+            )
     return roots[0]

@@ -47,11 +47,15 @@ class Body(OfStructure):
     """A Gaussian belief over the parameters of an arm and its sensor."""
 
     structure: Structure
-    beta: Annotated[Array, Shape("parameters")]  # parameters at the maximum of the posterior
+    beta: Annotated[
+        Array, Shape("parameters")
+    ]  # parameters at the maximum of the posterior
     active: Annotated[Indices, Shape("k")]  # the parameters that were fitted
     # (k, r), root of their posterior covariance, which is root root'; a triangle after a fit
     root: Annotated[Array, Shape("k", "k", kept=TRIANGLE)]
-    noise: Annotated[Array, Shape("outputs")]  # noise sd of each output [unit; rad for rotations]
+    noise: Annotated[
+        Array, Shape("outputs")
+    ]  # noise sd of each output [unit; rad for rotations]
     kappa: float  # inflation of the bound by leave-block-out errors, at least 1
     # (m,), residual sd of the body itself, from leave-block-out errors beyond the noise [unit]
     tau: Annotated[Array, Shape("outputs")]
@@ -64,7 +68,9 @@ class Body(OfStructure):
     rows: int = 0  # rows of the fit
     simulated: bool = False  # whether the rows were exact samples of a simulation
     member: str = ""  # name of the gate's member
-    second: Annotated[Second, Own(parameters="parameters", outputs="outputs")] | None = None
+    second: (
+        Annotated[Second, Own(parameters="parameters", outputs="outputs")] | None
+    ) = None
     # sd of readings that repeated poses show [unit]; 0 where no pose was repeated
     repeat: float = 0.0
 
@@ -105,7 +111,9 @@ class Body(OfStructure):
 
     def spread(self, q: Array) -> Array:
         """Covariance (n, m, m) of the predictions from the parameters alone, without kappa."""
-        _, x = self.structure.linearise(np.asarray(q, dtype=float), self.beta, self.active)
+        _, x = self.structure.linearise(
+            np.asarray(q, dtype=float), self.beta, self.active
+        )
         return spread_of(x, self.root)
 
     @property
@@ -121,7 +129,9 @@ class Body(OfStructure):
         bound = self.kappa * radius_95(spread + unexplained)
         if self.second is not None:
             there, x = self.structure.linearise(q, self.second.beta, self.second.active)
-            apart = np.linalg.norm(self.structure.residual(here, there)[:, part], axis=1)
+            apart = np.linalg.norm(
+                self.structure.residual(here, there)[:, part], axis=1
+            )
             spread = spread_of(x[:, part], self.second.root) + unexplained
             bound = np.maximum(bound, apart + radius_95(spread))
         return np.asarray(bound)
@@ -143,9 +153,15 @@ class Body(OfStructure):
         sd = self.deviations
         groups = self.structure.groups
         last = groups["offset"][-1]
-        tool_is_free = "tool" in groups and bool(np.isin(groups["tool"], self.active).all())
+        tool_is_free = "tool" in groups and bool(
+            np.isin(groups["tool"], self.active).all()
+        )
         prior_sd = self.scales.get("offset", np.inf)
-        if tool_is_free and self.structure.revolute[-1] and sd[last] >= UNTOLD * prior_sd:
+        if (
+            tool_is_free
+            and self.structure.revolute[-1]
+            and sd[last] >= UNTOLD * prior_sd
+        ):
             sd[last] = np.pi / 1.96
         return sd
 
@@ -161,11 +177,15 @@ class Body(OfStructure):
             low = float(value - half[index])
             high = float(value + half[index])
             parameters.append(
-                Parameter(label.name, label.group, label.joint, value, low, high, label.unit)
+                Parameter(
+                    label.name, label.group, label.joint, value, low, high, label.unit
+                )
             )
         return tuple(parameters)
 
-    def describe(self, lower: Array | None = None, upper: Array | None = None) -> tuple[str, ...]:
+    def describe(
+        self, lower: Array | None = None, upper: Array | None = None
+    ) -> tuple[str, ...]:
         """The body in words, one line for each joint, curve and view.
 
         lower, upper : (dof,) [rad or m], range within which loads bend the joints; by default
@@ -178,7 +198,9 @@ class Body(OfStructure):
             rng = np.random.default_rng(0)
             postures = rng.uniform(lower, upper, (POSTURES, len(lower)))
         view = self.structure.view
-        lines = [*words_of(self.structure, self.beta, self.informed_deviations, postures)]
+        lines = [
+            *words_of(self.structure, self.beta, self.informed_deviations, postures)
+        ]
         if not self.simulated:  # of a simulation both bounds are of the truth
             repeats = "no pose was repeated: all of the residual counts as the model's"
             if self.repeat:

@@ -110,7 +110,11 @@ def held_of(body: Body) -> SensorPose:
         turned = own @ beta[turn]
         offset = beta[groups["offset"][-1]]
         back = exponential((turned + revolute * offset) * axis)
-        moved = origin + back @ (position - origin) + (slid + (not revolute) * offset) * axis
+        moved = (
+            origin
+            + back @ (position - origin)
+            + (slid + (not revolute) * offset) * axis
+        )
         return np.stack([position, moved]), np.stack([hand, back @ hand])
 
     points, hands = places(body.beta)
@@ -120,10 +124,14 @@ def held_of(body: Body) -> SensorPose:
     free = np.intersect1d(free, body.active)
     slopes = []
     for index in free:
-        ahead, turned = places(structure.retract(body.beta, 1e-6 * np.eye(structure.size)[index]))
+        ahead, turned = places(
+            structure.retract(body.beta, 1e-6 * np.eye(structure.size)[index])
+        )
         by_turn = logarithm(turned @ np.swapaxes(hands, 1, 2))
         slopes.append(np.concatenate([ahead - points, by_turn], axis=1) / 1e-6)
     root = body.root[np.searchsorted(body.active, free)]
     sd = np.sqrt((np.einsum("kpi,kr->pir", np.array(slopes), root) ** 2).sum(axis=2))
     (any_sd, any_turn), (told, told_turn) = sd.reshape(2, 2, 3)
-    return SensorPose(points[1], hands[1], any_sd, any_turn, told, told_turn, told[2], None)
+    return SensorPose(
+        points[1], hands[1], any_sd, any_turn, told, told_turn, told[2], None
+    )

@@ -44,7 +44,9 @@ def curve_value(q: Array, coefficients: Array) -> Array:
     rows = q.shape[-1]
     if rows > _ROWS:
         parts = [q[..., start : start + _ROWS] for start in range(0, rows, _ROWS)]
-        return np.concatenate([curve_value(part, coefficients) for part in parts], axis=-1)
+        return np.concatenate(
+            [curve_value(part, coefficients) for part in parts], axis=-1
+        )
     cosines = coefficients[..., :HARMONICS, None]
     sines = coefficients[..., HARMONICS:, None]
     terms = cosines - 1j * sines

@@ -38,7 +38,10 @@ class PlanarDrawing:
     # angle of each link against the one before; direction of a slide.  The first is zero.
     offsets: tuple[float, ...]
     rotation: float = 0.0  # angle of the chain's own frame in the plane's frame [rad]
-    shift: tuple[float, float] = (0.0, 0.0)  # origin of the chain in the plane's frame [m]
+    shift: tuple[float, float] = (
+        0.0,
+        0.0,
+    )  # origin of the chain in the plane's frame [m]
     mirror: int = 1  # -1 where the first turning joint turns clockwise in that frame
     # direction of each joint against the first turning one; slides are +1
     signs: tuple[int, ...] = ()
@@ -76,10 +79,14 @@ class PlanarDrawing:
         return drawing
 
 
-def _refuse_other_arms(drawing: PlanarDrawing, vectors: Complex, arm: PlanarArm) -> None:
+def _refuse_other_arms(
+    drawing: PlanarDrawing, vectors: Complex, arm: PlanarArm
+) -> None:
     """Raise OptionError where the arm is elsewhere than its planar drawing: it leaves the plane."""
     middle = (arm.lower + arm.upper) / 2
-    q = np.vstack([middle + part * (arm.upper - arm.lower) / 2 for part in np.eye(arm.dof)])
+    q = np.vstack(
+        [middle + part * (arm.upper - arm.lower) / 2 for part in np.eye(arm.dof)]
+    )
     q = np.vstack([q, middle])
     waves = _waves(q, drawing.signs, drawing.mirror, arm.revolute)
     drawn = waves @ vectors + complex(*drawing.shift)
@@ -92,7 +99,9 @@ def _refuse_other_arms(drawing: PlanarDrawing, vectors: Complex, arm: PlanarArm)
         )
 
 
-def _waves(q: Array, signs: Sequence[int], mirror: int, revolute: tuple[bool, ...]) -> Complex:
+def _waves(
+    q: Array, signs: Sequence[int], mirror: int, revolute: tuple[bool, ...]
+) -> Complex:
     """What the links (dof,) are multiplied by at joint values (n, dof), (n, dof)."""
     turning = np.asarray(revolute)
     signed = q * np.asarray(signs, dtype=float)
@@ -139,7 +148,11 @@ class LinearChain:
 
     @staticmethod
     def of(
-        q: Array, tip: Complex, signs: tuple[int, ...], mirror: int, revolute: tuple[bool, ...]
+        q: Array,
+        tip: Complex,
+        signs: tuple[int, ...],
+        mirror: int,
+        revolute: tuple[bool, ...],
     ) -> LinearChain:
         """The chain that fits tips (n,) at joint values (n, dof)."""
         waves = _waves(q, signs, mirror, revolute)

@@ -55,12 +55,22 @@ class Fit:
     grams: Array  # (b, k, k)
     moments: Array  # (b, k)
     precision: Array  # (k, k), weighted information and prior
-    gradient: Array  # (k,), of the log posterior: not quite zero where the steps ended early
-    autocorrelation: float  # integrated time of the residuals [rows]; 1 for Gaussian noise
+    gradient: (
+        Array  # (k,), of the log posterior: not quite zero where the steps ended early
+    )
+    autocorrelation: (
+        float  # integrated time of the residuals [rows]; 1 for Gaussian noise
+    )
     evidence: float  # Laplace approximation of the logarithm of the evidence
 
     def __init__(
-        self, structure: Structure, rows: Sequence[Rows], beta: Array, prior: Prior, *, nu: float
+        self,
+        structure: Structure,
+        rows: Sequence[Rows],
+        beta: Array,
+        prior: Prior,
+        *,
+        nu: float,
     ) -> None:
         self.structure = structure
         self.nu = nu
@@ -71,7 +81,9 @@ class Fit:
         self.beta = np.where(prior.sd > 0, beta, prior.mean)
         place = np.full(len(prior.sd), -1)
         place[self.active] = np.arange(len(self.active))
-        self.hypers: list[tuple[Hyper, Indices]] = []  # scales, and their parameters among ours
+        self.hypers: list[
+            tuple[Hyper, Indices]
+        ] = []  # scales, and their parameters among ours
         for hyper in prior.hypers:
             index = place[hyper.indices]
             if (index >= 0).all():
@@ -98,7 +110,8 @@ class Fit:
     def beginning(self, rows: Sequence[Rows], prior: Prior) -> Fit:
         """A fit of rows of the same sensors under another prior, from what was found on."""
         noisy = [
-            replace(each, noise=part.noise) for each, part in zip(rows, self.parts, strict=True)
+            replace(each, noise=part.noise)
+            for each, part in zip(rows, self.parts, strict=True)
         ]
         return Fit(self.structure, noisy, self.beta, prior, nu=self.nu)
 
@@ -135,7 +148,9 @@ class Fit:
 
     # The search.
 
-    def maximise(self, *, learn: bool = True, steps: int = 10, tolerance: float = 1e-2) -> Fit:
+    def maximise(
+        self, *, learn: bool = True, steps: int = 10, tolerance: float = 1e-2
+    ) -> Fit:
         """Go to the maximum of the posterior, noise and scales by evidence; returns itself.
 
         learn : whether noise and scales are learned; otherwise they stay
@@ -162,7 +177,9 @@ class Fit:
         self.autocorrelation = 1.0
         if np.isfinite(self.nu):
             # rows that err together count once for the time that they do
-            self.autocorrelation = max(autocorrelation_time(part.residual) for part in self.parts)
+            self.autocorrelation = max(
+                autocorrelation_time(part.residual) for part in self.parts
+            )
         self.evidence = self._log_evidence()
         return self
 
@@ -188,7 +205,10 @@ class Fit:
                 part.learn_noise()
             self._linearise()
             gain, delta, damping = self.descend(damping * 8.0 ** np.arange(8))
-            if gain <= 0 or (np.abs(delta) * np.sqrt(np.diag(self.precision))).max() < 1e-3:
+            if (
+                gain <= 0
+                or (np.abs(delta) * np.sqrt(np.diag(self.precision))).max() < 1e-3
+            ):
                 break
             damping = max(damping / 10, 1e-12)
         for part in self.parts:
@@ -235,7 +255,9 @@ class Fit:
             for k, (rows, x) in enumerate(part.by_blocks(self.beta, self.active)):
                 flat = (x * root[rows, :, None]).reshape(-1, size)
                 self.grams[k % blocks] += flat.T @ flat
-                self.moments[k % blocks] += flat.T @ (root[rows] * part.residual[rows]).ravel()
+                self.moments[k % blocks] += (
+                    flat.T @ (root[rows] * part.residual[rows]).ravel()
+                )
         self.precision = with_prior(self.grams.sum(axis=0), self.sd, self.known)
         self.gradient = self.moments.sum(axis=0) - self._pull(self.beta)
 
@@ -254,7 +276,9 @@ class Fit:
             total += hyper.pseudo * hyper.scale**2
             scale = float(np.sqrt(total / (count + hyper.pseudo)))
             least, most = hyper.within
-            self.scales[hyper.name] = hyper.scale * min(max(scale / hyper.scale, least), most)
+            self.scales[hyper.name] = hyper.scale * min(
+                max(scale / hyper.scale, least), most
+            )
             self.sd[index] = self.scales[hyper.name] * np.sqrt(hyper.shape)
         share = determined / sum(part.z.size for part in self.parts)
         for part in self.parts:
@@ -263,7 +287,9 @@ class Fit:
     def _pull(self, beta: Array) -> Array:
         """Gradient (k,) of the prior's energy."""
         away = (beta - self.mean)[self.active]
-        return np.asarray(away / self.sd**2 if self.known is None else self.known @ away)
+        return np.asarray(
+            away / self.sd**2 if self.known is None else self.known @ away
+        )
 
     def _energy(self, beta: Array, residuals: list[Array]) -> float:
         """Negative log posterior of parameters and residuals, up to a constant, or infinite."""

@@ -33,7 +33,9 @@ class BodyFit:
     # (n, m), residuals of the sensor's contiguous blocks of rows predicted from the others
     held_out: Array
     notes: tuple[str, ...] = ()  # what the rows cannot tell
-    turned: Array | None = None  # (n,), held-out errors of orientation, where they were measured
+    turned: Array | None = (
+        None  # (n,), held-out errors of orientation, where they were measured
+    )
     beside: tuple[BodyFit, ...] = ()  # the same body as further sensors see it
 
     def of_positions(self) -> BodyFit:
@@ -55,11 +57,17 @@ class BodyFit:
             second=second,
         )
         turned = np.linalg.norm(self.held_out[:, 3:], axis=1)
-        return replace(self, body=positions, held_out=self.held_out[:, :3], turned=turned)
+        return replace(
+            self, body=positions, held_out=self.held_out[:, :3], turned=turned
+        )
 
 
 def fit(
-    structure: Structure, rows: Sequence[Rows], *, begin: Array | None = None, seed: int = 0
+    structure: Structure,
+    rows: Sequence[Rows],
+    *,
+    begin: Array | None = None,
+    seed: int = 0,
 ) -> BodyFit:
     """Fit a structure to what one sensor or several saw of its chain.
 
@@ -95,7 +103,9 @@ def fit_sensors(
     return dict(zip(structures, fits, strict=True))
 
 
-def _fitted(structure: Structure, rows: Sequence[Rows], begin: Array | None, seed: int) -> BodyFit:
+def _fitted(
+    structure: Structure, rows: Sequence[Rows], begin: Array | None, seed: int
+) -> BodyFit:
     """The fit; samples of a simulation have Gaussian weights and a lower noise floor."""
     rows = [replace(each, floor=_least_noise(structure, each)) for each in rows]
     nu = np.inf if structure.simulated else settings.STUDENT
@@ -108,7 +118,8 @@ def _fitted(structure: Structure, rows: Sequence[Rows], begin: Array | None, see
         some.append(each.take(drawn))
     if begin is None:
         starts = [
-            with_other_sensors(start, rows) for start in best_starts(structure, rows[0], chain)
+            with_other_sensors(start, rows)
+            for start in best_starts(structure, rows[0], chain)
         ]
     else:
         starts = [Start(structure, begin)]
@@ -119,7 +130,9 @@ def _fitted(structure: Structure, rows: Sequence[Rows], begin: Array | None, see
     if not structure.simulated:
         second = _second(passed, chain, some)
     root = as_kept(whole.covariance)
-    first, *others = [_seen_by(k, passed, whole, second, rows[k], root) for k in range(len(rows))]
+    first, *others = [
+        _seen_by(k, passed, whole, second, rows[k], root) for k in range(len(rows))
+    ]
     direction = other_direction(passed, some)
     notes = first.notes if direction is None else (*first.notes, direction)
     return replace(first, beside=tuple(others), notes=notes)
@@ -146,12 +159,21 @@ def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
 
 
 def _seen_by(
-    k: int, passed: Passed, whole: Fit, second: tuple[Fit, Second] | None, rows: Rows, root: Array
+    k: int,
+    passed: Passed,
+    whole: Fit,
+    second: tuple[Fit, Second] | None,
+    rows: Rows,
+    root: Array,
 ) -> BodyFit:
     """The body as the k-th sensor sees it, with its held-out errors."""
     part = whole.parts[k]
     measured = isinstance(rows.sensor, str) or k == 0
-    held = leave_blocks_out(whole, sensor=k) if measured else leave_blocks_out(whole, (), sensor=k)
+    held = (
+        leave_blocks_out(whole, sensor=k)
+        if measured
+        else leave_blocks_out(whole, (), sensor=k)
+    )
     simulated = whole.structure.simulated
     body = Body(
         structure=part.structure,
@@ -168,17 +190,25 @@ def _seen_by(
         rows=len(rows),
         simulated=simulated,
         member=passed.name,
-        second=None if second is None else replace(second[1], noise=second[0].parts[k].noise),
-        repeat=0.0 if simulated else _repeatability(rows.q, rows.z[:, : part.structure.blocks[0]]),
+        second=None
+        if second is None
+        else replace(second[1], noise=second[0].parts[k].noise),
+        repeat=0.0
+        if simulated
+        else _repeatability(rows.q, rows.z[:, : part.structure.blocks[0]]),
     )
     # Where the other blocks determine nothing, they predict their mean.
-    residual = np.where(np.isfinite(held.residual), held.residual, rows.z - rows.z.mean(axis=0))
+    residual = np.where(
+        np.isfinite(held.residual), held.residual, rows.z - rows.z.mean(axis=0)
+    )
     return BodyFit(body, residual)
 
 
 def _repeatability(q: Array, z: Array) -> float:
     """Sd of readings `z` (n, p) [unit] along an axis where joints (n, dof) are the same; else 0."""
-    _, pose, count = np.unique(q.round(6), axis=0, return_inverse=True, return_counts=True)
+    _, pose, count = np.unique(
+        q.round(6), axis=0, return_inverse=True, return_counts=True
+    )
     pose = pose.ravel()
     freedom = len(q) - len(count)
     if freedom < settings.REPEATS:
@@ -200,7 +230,9 @@ def _second(
     bends = "curve" in passed.free or passed.against("curves") < settings.NO_CURVES
     guarded: list[str] = []
     if count >= settings.GUARDED_ROWS:
-        guarded = [name for name in ("elastic", "gravity", "lens") if len(groups.get(name, ()))]
+        guarded = [
+            name for name in ("elastic", "gravity", "lens") if len(groups.get(name, ()))
+        ]
     if not bends and {*chain, *guarded} <= set(passed.free):
         return None
     free = (*passed.free, *chain, *guarded)
@@ -219,12 +251,16 @@ def _second(
     wide = first.beginning(rows, Prior(prior.mean, sd, tuple(hypers))).maximise(steps=4)
     share = 1.0
     if count < first.structure.few_rows:
-        share = float(np.clip(leave_blocks_out(wide).ratio(), settings.LEAST_SHARE, 1.0))
+        share = float(
+            np.clip(leave_blocks_out(wide).ratio(), settings.LEAST_SHARE, 1.0)
+        )
     root = as_kept(share**2 * wide.covariance)
     return wide, Second(wide.beta, wide.active, root, wide.noise)
 
 
-def _wider(hypers: Sequence[Hyper], wide: tuple[float, float], fitted: Indices) -> list[Hyper]:
+def _wider(
+    hypers: Sequence[Hyper], wide: tuple[float, float], fitted: Indices
+) -> list[Hyper]:
     """Scales of curves held by many pseudo-observations of a large one, and those left out."""
     pseudo, rms = wide
     out: list[Hyper] = []

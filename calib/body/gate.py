@@ -110,7 +110,9 @@ def leave_blocks_out(
     score = np.full(n, np.nan)
     ratios: dict[int, Array] = {}
     for count in partitions:
-        limits = np.linspace(0, len(derivatives), max(min(count, len(derivatives)), 1) + 1)
+        limits = np.linspace(
+            0, len(derivatives), max(min(count, len(derivatives)), 1) + 1
+        )
         ratios[count] = np.full(n, np.nan)
         for first, last in pairwise(limits.round().astype(int).tolist()):
             # of no partition the fit itself
@@ -149,11 +151,15 @@ class Passed:
     free: tuple[str, ...]  # blocks
     fit: Fit
     held_out: HeldOut
-    evidences: Mapping[str, float]  # of each member that was tried, logarithm up to a constant
+    evidences: Mapping[
+        str, float
+    ]  # of each member that was tried, logarithm up to a constant
 
     def against(self, name: str) -> float:
         """Nats of evidence against the best tried member with `name`; 0 where there is none."""
-        others = [evidence for member, evidence in self.evidences.items() if name in member]
+        others = [
+            evidence for member, evidence in self.evidences.items() if name in member
+        ]
         if not others:
             return 0.0
         return (self.fit.evidence - max(others)) / self.fit.autocorrelation
@@ -182,7 +188,9 @@ def _wins(richer: Passed, simpler: Passed) -> bool:
     return bool(gain.mean() > error or evidence > NATS)
 
 
-def pass_gate(start: Start, chain: tuple[str, ...], rows: Sequence[Rows], nu: float) -> Passed:
+def pass_gate(
+    start: Start, chain: tuple[str, ...], rows: Sequence[Rows], nu: float
+) -> Passed:
     """Fit members from simple to rich, each with what has passed; a richer one must win.
 
     start : the structure, whose members they are, and parameters to begin with
@@ -223,7 +231,9 @@ def pass_gate(start: Start, chain: tuple[str, ...], rows: Sequence[Rows], nu: fl
         try:
             member = fit(free, begin)
             if is_exact(member) and set(free) != set(groups):
-                alone = fit(groups, begin)  # what passed before may have been a makeshift
+                alone = fit(
+                    groups, begin
+                )  # what passed before may have been a makeshift
                 if is_exact(alone):
                     name = member_name
                     free = groups

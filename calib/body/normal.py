@@ -25,7 +25,9 @@ class Factor:
             scaled.flat[:: len(scaled) + 1] += jitter
             # The transpose of a C-ordered array is what LAPACK factors in place, without a copy.
             self._root, failed = dpotrf(scaled.T, lower=1, clean=1, overwrite_a=1)
-            if not failed and np.isfinite(np.diag(self._root)).all():  # a NaN spreads there
+            if (
+                not failed and np.isfinite(np.diag(self._root)).all()
+            ):  # a NaN spreads there
                 return
         raise np.linalg.LinAlgError("the matrix is not positive")
 
@@ -36,9 +38,13 @@ class Factor:
 
     def inverse(self) -> Array:
         """Inverse (k, k)."""
-        if not len(self.scale):  # LAPACK complains of an empty matrix on standard output
+        if not len(
+            self.scale
+        ):  # LAPACK complains of an empty matrix on standard output
             return np.zeros((0, 0))
-        inner = dpotri(self._root, lower=1)[0]  # a third of solving for 1; above it are zeros
+        inner = dpotri(self._root, lower=1)[
+            0
+        ]  # a third of solving for 1; above it are zeros
         inner += np.tril(inner, -1).T
         inner *= self.scale[:, None]
         inner *= self.scale
@@ -53,12 +59,16 @@ class Factor:
         """``L^-1 b`` (k, r): columns whose scalar products are ``b' matrix^-1 b``."""
         scaled = np.asfortranarray(b * self.scale[:, None])
         return np.asarray(
-            solve_triangular(self._root, scaled, lower=True, overwrite_b=True, check_finite=False)
+            solve_triangular(
+                self._root, scaled, lower=True, overwrite_b=True, check_finite=False
+            )
         )
 
     def log_determinant(self) -> float:
         """Logarithm of the matrix's determinant."""
-        return float(2 * np.log(np.diag(self._root)).sum() - 2 * np.log(self.scale).sum())
+        return float(
+            2 * np.log(np.diag(self._root)).sum() - 2 * np.log(self.scale).sum()
+        )
 
 
 def with_prior(gram: Array, sd: Array, known: Array | None) -> Array:

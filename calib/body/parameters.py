@@ -30,10 +30,17 @@ class Hyper(NamedTuple):
     The prior variance of parameter ``indices[k]`` is ``scale**2 * shape[k]``.
     """
 
-    name: str  # name of the scale, as `Body.scales` keeps it: ``"length"``, ``"curve.0"``
+    name: (
+        str  # name of the scale, as `Body.scales` keeps it: ``"length"``, ``"curve.0"``
+    )
     scale: float  # where the evidence starts; also the scale of the pseudo-observations
-    within: tuple[float, float] = (0.0, np.inf)  # times `scale`, between which it is found
-    pseudo: float = 0.0  # number of pseudo-observations at `scale` (an inverse-gamma hyperprior)
+    within: tuple[float, float] = (
+        0.0,
+        np.inf,
+    )  # times `scale`, between which it is found
+    pseudo: float = (
+        0.0  # number of pseudo-observations at `scale` (an inverse-gamma hyperprior)
+    )
     # the parameters, in a block those of the block (None: all of it), in a prior (g,) of all
     indices: Any = None
     shape: Any = None  # (g,), relative variances; None: all alike
@@ -44,17 +51,28 @@ class Block:
     """Parameters of one kind, which are freed together."""
 
     name: str
-    parts: tuple[tuple[str | None, str, str], ...]  # joint, name and unit of each, as `Label`
+    parts: tuple[
+        tuple[str | None, str, str], ...
+    ]  # joint, name and unit of each, as `Label`
     mean: Array | float = 0.0  # prior mean
-    sd: Array | float = 0.0  # prior sd where the block is freed; 0 holds a parameter at its mean
+    sd: Array | float = (
+        0.0  # prior sd where the block is freed; 0 holds a parameter at its mean
+    )
     scales: tuple[Hyper, ...] = ()  # whose sd the evidence chooses instead
 
     @staticmethod
     def of(
-        name: str, unit: str, names: Sequence[str], sd: Any, mean: Any = 0.0, scales: Any = ()
+        name: str,
+        unit: str,
+        names: Sequence[str],
+        sd: Any,
+        mean: Any = 0.0,
+        scales: Any = (),
     ) -> Block:
         """Parameters of no joint, in one unit."""
-        return Block(name, tuple((None, each, unit) for each in names), mean, sd, scales)
+        return Block(
+            name, tuple((None, each, unit) for each in names), mean, sd, scales
+        )
 
 
 @dataclass(frozen=True)

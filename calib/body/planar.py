@@ -161,7 +161,9 @@ class PlanarStructure(Structure):
             assert isinstance(point, ViewpointInPlane)  # noqa: S101 - of a planar arm
             reading = self._reading_of(point)
             sensors.append(
-                NamedSensor(point.sensor_name, reading, PLANAR[point.view].groups, False)
+                NamedSensor(
+                    point.sensor_name, reading, PLANAR[point.view].groups, False
+                )
             )
         return Several.of(sensors, self.place)
 
@@ -169,7 +171,11 @@ class PlanarStructure(Structure):
         link, unit = self._link
         drawn = self.nominal
         reach = 2.0 * link if drawn is None else max(sum(drawn.lengths), 1e-12)
-        frame = drawn if drawn is not None and point.view == "base" else PlanarDrawing((), ())
+        frame = (
+            drawn
+            if drawn is not None and point.view == "base"
+            else PlanarDrawing((), ())
+        )
         return InPlane(
             point.unit,
             point.metre,
@@ -189,7 +195,9 @@ class PlanarStructure(Structure):
         waves: list[tuple[str, str, str]] = []
         for (i, j), wave in product(self.pairs, ("cos", "sin")):
             joint = self.joint_names[i]
-            waves.append((joint, f"{joint}.elastic {wave} {self.joint_names[j]}", "rad"))
+            waves.append(
+                (joint, f"{joint}.elastic {wave} {self.joint_names[j]}", "rad")
+            )
         bending = Hyper("elastic", ELASTIC_FLAT * loose, pseudo=4.0)
         return (
             *(self._undrawn_links() if drawing is None else self._drawn_links(drawing)),
@@ -201,7 +209,9 @@ class PlanarStructure(Structure):
         """Lengths, offsets and gains about those of a drawing, of scales by evidence."""
         offset = Hyper("offset", TURN, SERVOS, indices=self._offset_is_free)
         return (
-            self._block("length", "m", drawing.lengths, (Hyper("length", SHIFT, WIDER),)),
+            self._block(
+                "length", "m", drawing.lengths, (Hyper("length", SHIFT, WIDER),)
+            ),
             self._block("offset", "rad", drawing.offsets, (offset,)),
             self._block("gain", "1", 1.0, (Hyper("gain", GAIN, WIDER),)),
         )
@@ -215,9 +225,14 @@ class PlanarStructure(Structure):
             length_is_free[0] = False  # the view's scale is the first length
         return (
             self._block(
-                "length", unit, link * turning, sd=2.0 * link * length_is_free.astype(float)
+                "length",
+                unit,
+                link * turning,
+                sd=2.0 * link * length_is_free.astype(float),
             ),
-            self._block("offset", "rad", 0.0, sd=10.0 * self._offset_is_free.astype(float)),
+            self._block(
+                "offset", "rad", 0.0, sd=10.0 * self._offset_is_free.astype(float)
+            ),
             self._block("gain", "1", 1.0, sd=2 * GAIN),
         )
 
@@ -264,7 +279,10 @@ class PlanarStructure(Structure):
         yield self.groups["length"], lambda: (_pairs(motion.direction), 0.0)
         # turning a slide's direction turns no other link
         slides = np.flatnonzero(np.logical_not(self.revolute))
-        yield self.groups["offset"][slides], lambda: (_pairs(1j * motion.terms[slides]), 0.0)
+        yield (
+            self.groups["offset"][slides],
+            lambda: (_pairs(1j * motion.terms[slides]), 0.0),
+        )
 
     def levers(self, block: str, q: Array) -> tuple[Array, Indices]:  # noqa: ARG002
         """Cosines and sines (e, 1, n) of the links' directions, and the joints (e,) they bend."""
@@ -277,7 +295,9 @@ class PlanarStructure(Structure):
         before = np.arange(self.dof) <= self.pairs[:, 1:]
         turns = before * np.multiply(self.signs, self.revolute)
         moved = 1j * turns[:, :, None] * self._swung(q)[:, None]
-        return np.swapaxes(_pairs(moved), 1, 2).reshape(2 * len(moved), self.dof, len(q))
+        return np.swapaxes(_pairs(moved), 1, 2).reshape(
+            2 * len(moved), self.dof, len(q)
+        )
 
     def _swung(self, q: Array) -> Complex:
         """Directions (p, n) of the links that bend joints, as logged."""
@@ -355,7 +375,9 @@ def _placed(own: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]
     return _framed(own, q, tip, own.neutral())
 
 
-def _framed(own: PlanarStructure, q: Array, tip: Complex, arm: Array) -> tuple[float, Array]:
+def _framed(
+    own: PlanarStructure, q: Array, tip: Complex, arm: Array
+) -> tuple[float, Array]:
     """Error and parameters of an arm (d,) in the frame that fits tips (n,) best."""
     beta = arm.copy()
     groups = own.groups
@@ -409,7 +431,9 @@ def planar_structure(
     if view not in ("auto", *PLANAR):
         raise OptionError(f"view {view!r}, expected one of auto, {', '.join(PLANAR)}")
     if view == "base" and nominal is None:
-        raise OptionError("view 'base' needs the nominal geometry of a robot; give nominal")
+        raise OptionError(
+            "view 'base' needs the nominal geometry of a robot; give nominal"
+        )
     if view == "auto":
         view = "rigid" if unit in METRES else "homography"
     centre = z.mean(axis=0)

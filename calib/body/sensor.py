@@ -23,7 +23,9 @@ _SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
 """Groups of parameters that are the sensor's."""
 
 _UNSURE = 0.1  # a camera whose distance is less sure than this share of it was shown too little
-_ALIKE = 0.05  # a gauge is one where parameters move the tip as it does, but for this share
+_ALIKE = (
+    0.05  # a gauge is one where parameters move the tip as it does, but for this share
+)
 _POSES = 60
 
 
@@ -54,7 +56,9 @@ class SensorPose:
         based = structure.view == "base"
         back = sensor.rotation.T
         position = -back @ sensor.shift / sensor.scale
-        blocks = [structure.groups[f"view.{part}"] for part in ("rotation", "shift", "scale")]
+        blocks = [
+            structure.groups[f"view.{part}"] for part in ("rotation", "shift", "scale")
+        ]
         index = np.concatenate(blocks)
         fitted = np.flatnonzero(np.isin(index, body.active))
         rows = np.searchsorted(body.active, index[fitted])
@@ -73,7 +77,9 @@ class SensorPose:
         whole = deviations(body.root)
         up_to_gauge = np.zeros(7)
         if not based:
-            up_to_gauge = deviations(without_gauge(structure, body, not structure.camera))
+            up_to_gauge = deviations(
+                without_gauge(structure, body, not structure.camera)
+            )
         first: str | None = None
         if not based and structure.revolute[0]:
             first = structure.joint_names[0]
@@ -100,7 +106,9 @@ class SensorPose:
         return {
             "frame": "base",
             "position": self.position.tolist(),
-            "interval": np.stack([self.position - half, self.position + half], axis=1).tolist(),
+            "interval": np.stack(
+                [self.position - half, self.position + half], axis=1
+            ).tolist(),
             "quaternion": self.quaternion.tolist(),
             "turn_95": (1.96 * self.turn_sd).tolist(),
             "position_95_up_to_gauge": (1.96 * self.told_sd).tolist(),
@@ -173,9 +181,13 @@ def without_gauge(structure: SpatialStructure, belief: Gaussian, size: bool) -> 
     if not size:
         motions.append(arm)
     wanted = np.stack([motion.ravel() for motion in motions], axis=1)
-    columns = x.reshape(len(wanted), -1) @ belief.root[of_arm]  # of independent standard normals
+    columns = (
+        x.reshape(len(wanted), -1) @ belief.root[of_arm]
+    )  # of independent standard normals
     ways = np.linalg.lstsq(columns, wanted, rcond=1e-9)[0]
-    residual = np.linalg.norm(columns @ ways - wanted, axis=0) / np.linalg.norm(wanted, axis=0)
+    residual = np.linalg.norm(columns @ ways - wanted, axis=0) / np.linalg.norm(
+        wanted, axis=0
+    )
     ways, _ = np.linalg.qr(ways[:, residual < _ALIKE])
     return np.asarray(belief.root - (belief.root @ ways) @ ways.T)
 
@@ -185,9 +197,13 @@ def sensor_of(structure: Structure) -> Indices:
     return np.concatenate([structure.groups[name] for name in _SENSOR])
 
 
-def without_sensor(structure: SpatialStructure, beta: Array) -> tuple[SpatialStructure, Array]:
+def without_sensor(
+    structure: SpatialStructure, beta: Array
+) -> tuple[SpatialStructure, Array]:
     """The arm alone: its structure in the base frame [m], and parameters (d,)."""
-    base = structure.with_view("base", unit="m", metre=1.0, extent=structure.chain.reach)
+    base = structure.with_view(
+        "base", unit="m", metre=1.0, extent=structure.chain.reach
+    )
     alone = beta.copy()
     sensor = sensor_of(structure)
     alone[sensor] = structure.neutral()[sensor]

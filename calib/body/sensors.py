@@ -84,7 +84,9 @@ class NamedSensor:
         return tuple(self._named(block) for block in own)
 
     def _named(self, block: Block) -> Block:
-        parts = tuple((joint, f"{self.name}.{name}", unit) for joint, name, unit in block.parts)
+        parts = tuple(
+            (joint, f"{self.name}.{name}", unit) for joint, name, unit in block.parts
+        )
         return replace(block, parts=parts)
 
 
@@ -151,8 +153,12 @@ def as_seen_by(structure: _Structure, sensor: str) -> _Structure:
     place = names.index(sensor)
     if place == structure.place:
         return structure
-    own = {field.name: getattr(every[place], field.name) for field in fields(every[place])}
-    return replace(structure, **own, place=place, beside=(*every[:place], *every[place + 1 :]))  # type: ignore[type-var]
+    own = {
+        field.name: getattr(every[place], field.name) for field in fields(every[place])
+    }
+    return replace(
+        structure, **own, place=place, beside=(*every[:place], *every[place + 1 :])
+    )  # type: ignore[type-var]
 
 
 def joined(structures: Mapping[str, _Structure]) -> _Structure:

@@ -44,7 +44,9 @@ class SpatialStructure(Structure):
     kind = "spatial"
     gate_rows = 1200  # each has three outputs and hundreds of parameters
     wide = (200.0, 1e-3)
-    few_rows = SHARED_ROWS  # they tell how large its curves are altogether, if not where
+    few_rows = (
+        SHARED_ROWS  # they tell how large its curves are altogether, if not where
+    )
     # the nominal chain [m]: of a URDF, or what `spatial_starts` found without one
     chain: SpatialChain
     # active joints (dof), and all joints of the chain (m) with mimic joints
@@ -63,7 +65,9 @@ class SpatialStructure(Structure):
     informed: bool = True
     gravity: tuple[float, float, float] = GRAVITY  # (3,) [m/s2], in the root frame
     simulated: bool = False  # whether the rows are samples of a simulation
-    reading: Measurement | None = None  # what is measured, where its view's name does not say all
+    reading: Measurement | None = (
+        None  # what is measured, where its view's name does not say all
+    )
     sensor_name: str = ""
     place: int = 0
     beside: tuple[ViewpointInSpace, ...] = ()
@@ -87,7 +91,13 @@ class SpatialStructure(Structure):
     def viewpoint(self) -> ViewpointInSpace:
         """What it says of the sensor that it sees as."""
         return ViewpointInSpace(
-            self.sensor_name, self.view, self.unit, self.metre, self.extent, self.lens, self.lens_sd
+            self.sensor_name,
+            self.view,
+            self.unit,
+            self.metre,
+            self.extent,
+            self.lens,
+            self.lens_sd,
         )
 
     @cached_property
@@ -100,16 +110,24 @@ class SpatialStructure(Structure):
         sensors: list[NamedSensor] = []
         for place, point in enumerate(viewpoints(self)):
             assert isinstance(point, ViewpointInSpace)  # noqa: S101 - of an arm in space
-            frame = [block for block in SPATIAL[point.view].groups if block.startswith("view.")]
+            frame = [
+                block
+                for block in SPATIAL[point.view].groups
+                if block.startswith("view.")
+            ]
             if is_camera(point.view) and any(point.lens_sd):
                 frame.append("lens")
             reading = self._reading_of(point)
-            sensors.append(NamedSensor(point.sensor_name, reading, tuple(frame), place > 0))
+            sensors.append(
+                NamedSensor(point.sensor_name, reading, tuple(frame), place > 0)
+            )
         return Several.of(sensors, self.place)
 
     def _reading_of(self, point: ViewpointInSpace) -> InSpace:
         size = self._reach if is_camera(point.view) else point.extent
-        return InSpace(point.view, point.unit, point.metre, size, point.lens, point.lens_sd)
+        return InSpace(
+            point.view, point.unit, point.metre, size, point.lens, point.lens_sd
+        )
 
     @property
     def _reach(self) -> float:
@@ -136,9 +154,17 @@ class SpatialStructure(Structure):
         views = [point.view for point in viewpoints(self)]
         based = any(view.startswith("base") for view in views)
         first = 0 if based and not self.measurement.floating else 1
-        turned, slid = ([k for k in range(first, self.dof) if units[k] == u] for u in ("rad", "m"))
-        places = [(w, a, u) for (w, u), a in product((("shift", "m"), ("turn", "rad")), "xyz")]
-        origins = [(n, f"{n}.{what}.{axis}", unit) for n in joints for what, axis, unit in places]
+        turned, slid = (
+            [k for k in range(first, self.dof) if units[k] == u] for u in ("rad", "m")
+        )
+        places = [
+            (w, a, u) for (w, u), a in product((("shift", "m"), ("turn", "rad")), "xyz")
+        ]
+        origins = [
+            (n, f"{n}.{what}.{axis}", unit)
+            for n in joints
+            for what, axis, unit in places
+        ]
         placed = np.arange(6 * first, len(origins)).reshape(-1, 2, 3)
         within = self.measurement.within
         tool = self.measurement.tool
@@ -155,11 +181,25 @@ class SpatialStructure(Structure):
         held = (tool,) if tool is not None and informed else ()
         turns = [f"tool.rotation.{axis}" for axis in "xyz"]
         return (
-            Block.of("tool", "m", [f"tool.{axis}" for axis in "xyz"], reach, scales=held),
-            Block.of("tool.rotation", "rad", turns, TURN if views[0] == "base pose" else 3.0),
-            Block("placement", tuple(origins), 0.0, *((0.0, drawn) if informed else (flat,))),
+            Block.of(
+                "tool", "m", [f"tool.{axis}" for axis in "xyz"], reach, scales=held
+            ),
+            Block.of(
+                "tool.rotation", "rad", turns, TURN if views[0] == "base pose" else 3.0
+            ),
+            Block(
+                "placement",
+                tuple(origins),
+                0.0,
+                *((0.0, drawn) if informed else (flat,)),
+            ),
             Block("offset", self.of_joints("offset", *units), scales=offsets),
-            Block("gain", self.of_joints("gain", "1"), 1.0, scales=(Hyper("gain", GAIN, WIDER),)),
+            Block(
+                "gain",
+                self.of_joints("gain", "1"),
+                1.0,
+                scales=(Hyper("gain", GAIN, WIDER),),
+            ),
             *self._elasticity(),
             self._coupling(),
             *self.curves(CURVE_RMS, CURVE_ROWS, curve_shape()),
@@ -171,11 +211,19 @@ class SpatialStructure(Structure):
         ends = (*names[1:], "tip")
         for block, loads in self.loads.items():
             labels = []
-            for joint, weights in zip(loads.joints.tolist(), loads.weights, strict=True):
+            for joint, weights in zip(
+                loads.joints.tolist(), loads.weights, strict=True
+            ):
                 weighing = np.flatnonzero(weights)
-                load = "" if block == "elastic" and self.weighed else f" {ends[weighing[0]]}"
+                load = (
+                    ""
+                    if block == "elastic" and self.weighed
+                    else f" {ends[weighing[0]]}"
+                )
                 labels.append((names[joint], f"{names[joint]}.{block}{load}", "rad"))
-            yield Block(block, tuple(labels), scales=(Hyper(block, ELASTIC, pseudo=1.0),))
+            yield Block(
+                block, tuple(labels), scales=(Hyper(block, ELASTIC, pseudo=1.0),)
+            )
         tilts = tuple((None, f"gravity.{'xyz'[axis]}", "rad") for axis in self._across)
         yield Block("gravity", tilts if self.loads else (), sd=TILT)
 
@@ -185,7 +233,9 @@ class SpatialStructure(Structure):
         turning = np.asarray(self.revolute)
         both = np.flatnonzero(turning[1:] & turning[:-1])
         return Block(
-            "coupling", labels, scales=(Hyper("coupling", COUPLING, pseudo=1.0, indices=both),)
+            "coupling",
+            labels,
+            scales=(Hyper("coupling", COUPLING, pseudo=1.0, indices=both),),
         )
 
     @property
@@ -206,8 +256,13 @@ class SpatialStructure(Structure):
         if not self.weighed:
             return {"elastic": units}
         stretched = np.linalg.norm(self.chain.centres - self.chain.points[0], axis=1)
-        largest = max(float(self.chain.masses @ stretched), 1e-12)  # [kg m], on the first joint
-        return {"elastic": Loads.of_masses(self.chain).scaled(1.0 / largest), "payload": units}
+        largest = max(
+            float(self.chain.masses @ stretched), 1e-12
+        )  # [kg m], on the first joint
+        return {
+            "elastic": Loads.of_masses(self.chain).scaled(1.0 / largest),
+            "payload": units,
+        }
 
     @property
     def bending(self) -> tuple[str, ...]:
@@ -226,7 +281,9 @@ class SpatialStructure(Structure):
     @property
     def _across(self) -> tuple[int, int]:
         """The root frame's axes that are the least along the drawing's gravity."""
-        first, second = np.sort(np.argsort(np.abs(self.gravity), kind="stable")[:2]).tolist()
+        first, second = np.sort(
+            np.argsort(np.abs(self.gravity), kind="stable")[:2]
+        ).tolist()
         return first, second
 
     @cached_property
@@ -244,7 +301,9 @@ class SpatialStructure(Structure):
 
     def gravity_at(self, beta: Array) -> Array:
         """Direction (3,) of gravity in the root frame."""
-        return np.asarray(self._down + beta[self.groups["gravity"]] @ self.tilts["gravity"])
+        return np.asarray(
+            self._down + beta[self.groups["gravity"]] @ self.tilts["gravity"]
+        )
 
     def coupled(self, own: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
@@ -303,7 +362,11 @@ class SpatialStructure(Structure):
             ("elastic", bent, drawn),
             ("payload", (*bent, "payload"), drawn and self.weighed),
             ("coupled", (*chain, "coupling"), drawn and neighbours),
-            ("curves", (*bent, "curve"), any(self.revolute) and self.measurement.curves),
+            (
+                "curves",
+                (*bent, "curve"),
+                any(self.revolute) and self.measurement.curves,
+            ),
         )
         return tuple((name, groups) for name, groups, wanted in ladder if wanted)
 
@@ -323,7 +386,9 @@ class SpatialStructure(Structure):
         """Position (n, 3) [m] and orientation (n, 3, 3) of the tip in the arm's root frame."""
         motion = self.move(self.joint_values(q, beta), beta)
         # rows first and contiguous, or every product that follows would copy
-        return np.ascontiguousarray(motion.position.T), np.moveaxis(motion.rotation, 2, 0).copy()
+        return np.ascontiguousarray(motion.position.T), np.moveaxis(
+            motion.rotation, 2, 0
+        ).copy()
 
 
 def _axes(rotation: Array) -> Array:
@@ -332,7 +397,10 @@ def _axes(rotation: Array) -> Array:
 
 
 def structure_of(
-    arm: Any, view: str = "rigid", kind: type[SpatialStructure] | None = None, **options: Any
+    arm: Any,
+    view: str = "rigid",
+    kind: type[SpatialStructure] | None = None,
+    **options: Any,
 ) -> SpatialStructure:
     """Return the structure of an arm and a view of it, its URDF being the prior.
 

@@ -77,7 +77,9 @@ def best_starts(structure: Structure, rows: Rows, free: tuple[str, ...]) -> list
     some = np.sort(np.random.default_rng(0).permutation(len(rows))[:_ROWS])
     q = rows.q[some]
     z = rows.z[some]
-    runs = [Start(found, beta) for found, beta in candidates(structure, q, z, rows.noise)]
+    runs = [
+        Start(found, beta) for found, beta in candidates(structure, q, z, rows.noise)
+    ]
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
         return runs
     for steps in _RUN_STEPS:
@@ -123,7 +125,9 @@ def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
     return replace(start, structure=structure, beta=beta)
 
 
-def _placed_in_space(structure: SpatialStructure, q: Array, z: Array, beta: Array) -> Array:
+def _placed_in_space(
+    structure: SpatialStructure, q: Array, z: Array, beta: Array
+) -> Array:
     """Parameters (d,) with those of the sensor that fit its rows; the arm's and the tool's stay."""
     groups = structure.groups
     alone = frame(structure, q, z, arm=beta)
@@ -151,7 +155,9 @@ def candidates(
             "more, of poses that differ in every joint"
         )
     if float(np.ptp(z, axis=0).max()) <= 1e-9 * max(float(np.abs(z).max()), 1e-12):
-        raise LogError("the positions are the same in every row: the sensor saw no motion")
+        raise LogError(
+            "the positions are the same in every row: the sensor saw no motion"
+        )
     if not structure.informed:
         some = thinned(len(q), _ROWS_ALONE)
         share = 0.0 if noise is None else float(np.max(noise)) / structure.extent
@@ -172,7 +178,9 @@ def settled(
     return Fit(structure, rows, beta, prior, nu=STUDENT).settle(steps)
 
 
-def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = None) -> Array:
+def frame(
+    structure: SpatialStructure, q: Array, z: Array, arm: Array | None = None
+) -> Array:
     """Parameters (d,) of an arm in the sensor frame that fits rows best.
 
     `arm` (d,) are the parameters of the arm, whose sensor and tool are found anew; by default
@@ -202,7 +210,9 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array | None = N
     return beta
 
 
-def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array) -> None:
+def _refuse_misfit(
+    structure: SpatialStructure, q: Array, z: Array, beta: Array
+) -> None:
     """Refuse rows that the nominal arm does not explain; the log's reader says why."""
     misfit = structure.residual(z, structure.predict(q, beta))
     off = float(np.median(np.linalg.norm(misfit[:, :3], axis=1)))
@@ -228,18 +238,29 @@ def _refuse_misfit(structure: SpatialStructure, q: Array, z: Array, beta: Array)
         )
 
 
-def _guesses(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> list[Array]:
+def _guesses(
+    structure: SpatialStructure, q: Array, z: Array, arm: Array
+) -> list[Array]:
     """Rough parameters from which the sensor's place is fitted."""
     beta = arm.copy()
     neutral = structure.neutral()
     groups = structure.groups
-    for group in ("view.rotation", "view.shift", "view.scale", "tool", "tool.rotation", "lens"):
+    for group in (
+        "view.rotation",
+        "view.shift",
+        "view.scale",
+        "tool",
+        "tool.rotation",
+        "lens",
+    ):
         beta[groups[group]] = neutral[groups[group]]
     points, rotations = structure.pose(q, beta)
     if structure.camera:
         return _cameras(structure, points, z, beta)
     return [
-        _with_frame(structure, beta, points + rotations @ tool, rotations, z, tool, turn)
+        _with_frame(
+            structure, beta, points + rotations @ tool, rotations, z, tool, turn
+        )
         for tool, turn in _frames(structure, points, rotations, z)
     ]
 
@@ -256,7 +277,9 @@ def _frames(
     for tool in (nothing, *(aside * np.eye(3)), *(-aside * np.eye(3))):
         turn, _, _ = similarity(points + rotations @ tool, z[:, :3])
         frames.append((tool, turn))
-    if structure.outputs == 6:  # without it 2 of 48 mountings of long tools were not found
+    if (
+        structure.outputs == 6
+    ):  # without it 2 of 48 mountings of long tools were not found
         frames.append((nothing, _turn_of_poses(rotations, exponential(z[:, 3:]))))
     return frames
 
@@ -282,8 +305,12 @@ def _with_frame(
     elif structure.based:
         guess[groups["view.shift"]] = 0.0
     else:
-        guess[groups["view.shift"]] = (z[:, :3] - structure.metre * tip @ turn.T).mean(axis=0)
-    if structure.outputs == 6:  # A' X' Z of every row, averaged and made a rotation again
+        guess[groups["view.shift"]] = (z[:, :3] - structure.metre * tip @ turn.T).mean(
+            axis=0
+        )
+    if (
+        structure.outputs == 6
+    ):  # A' X' Z of every row, averaged and made a rotation again
         turns = np.swapaxes(turn @ rotations, 1, 2) @ exponential(z[:, 3:])
         guess[groups["tool.rotation"]] = logarithm(nearest_rotation(turns.sum(axis=0)))
     return guess
@@ -301,7 +328,9 @@ def _turn_of_poses(rotations: Array, seen: Array) -> Array:
     return nearest_rotation(observed.T @ nominal)
 
 
-def _cameras(structure: SpatialStructure, points: Array, z: Array, arm: Array) -> list[Array]:
+def _cameras(
+    structure: SpatialStructure, points: Array, z: Array, arm: Array
+) -> list[Array]:
     """Cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
     groups = structure.groups
     known_focal = structure.lens[0]
@@ -365,13 +394,17 @@ def _free_chains(
 def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
     """Return the structure whose nominal chain is where `beta` puts origins and tip."""
     still = structure.move(np.zeros((structure.chain.joints, 1)), beta)
-    axes = still.axes[..., 0] / np.linalg.norm(still.axes[..., 0], axis=1, keepdims=True)
+    axes = still.axes[..., 0] / np.linalg.norm(
+        still.axes[..., 0], axis=1, keepdims=True
+    )
     found = {"points": still.origins, "tip": still.position, "rotation": still.rotation}
     places: dict[str, Any] = {name: value[..., 0] for name, value in found.items()}
     return replace(structure, chain=replace(structure.chain, axes=axes, **places))
 
 
-def _drawn(structure: SpatialStructure, z: Array, rng: np.random.Generator) -> SpatialStructure:
+def _drawn(
+    structure: SpatialStructure, z: Array, rng: np.random.Generator
+) -> SpatialStructure:
     """Draw a chain: axes of any direction, links as long as the workspace suggests."""
     chain = structure.chain
     dof = structure.dof

@@ -41,11 +41,15 @@ class Fixed(NamedTuple):
     offset: Array  # (dof, 1) [rad or m]
     bent: list[int]  # joints that have an error curve
     curves: Array  # (k, 96) [rad]
-    coupling: Array | None  # (dof - 1, 1), None where no joint moves with its neighbour's motor
+    coupling: (
+        Array | None
+    )  # (dof - 1, 1), None where no joint moves with its neighbour's motor
     elastic: Mapping[str, Array]  # (e,) of each block by which joints bend, if they do
     gravity: Array  # (g,), what a load is of its levers
     links: Any  # of the chain
-    own: Mapping[str, Any]  # all parameters, by block, and what follows from the sensor's
+    own: Mapping[
+        str, Any
+    ]  # all parameters, by block, and what follows from the sensor's
 
 
 class Structure:
@@ -55,7 +59,9 @@ class Structure:
     values are in rad or m as they are logged; positions in the structure's own unit.
     """
 
-    kind: ClassVar[str]  # ``"planar"`` or ``"spatial"``: how a model file finds the class again
+    kind: ClassVar[
+        str
+    ]  # ``"planar"`` or ``"spatial"``: how a model file finds the class again
     # rows that the gate and the evidence use; the rest enters the final step
     gate_rows: ClassVar[int]
     # wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad]
@@ -178,7 +184,9 @@ class Structure:
     @cached_property
     def labels(self) -> tuple[Label, ...]:
         """What each parameter (d,) is."""
-        return tuple(Label(block.name, *part) for block in self.layout for part in block.parts)
+        return tuple(
+            Label(block.name, *part) for block in self.layout for part in block.parts
+        )
 
     @cached_property
     def groups(self) -> Mapping[str, Indices]:
@@ -204,7 +212,9 @@ class Structure:
         sd = np.zeros(self.size)
         hypers = []
         for block in self.layout:
-            if block.name in free or ("curve" in free and block.name.startswith("curve.")):
+            if block.name in free or (
+                "curve" in free and block.name.startswith("curve.")
+            ):
                 own = self.groups[block.name]
                 sd[own] = block.sd
                 for each in block.scales:
@@ -223,10 +233,16 @@ class Structure:
 
     def curves(self, rms: float, pseudo: float, shape: Array) -> Iterator[Block]:
         """Blocks of the joints' error curves, of an rms [rad] that the evidence moves."""
-        for k, (name, turns) in enumerate(zip(self.joint_names, self.revolute, strict=True)):
+        for k, (name, turns) in enumerate(
+            zip(self.joint_names, self.revolute, strict=True)
+        ):
             waves = product(("cos", "sin"), range(1, HARMONICS + 1 if turns else 1))
-            parts = tuple((name, f"{name}.curve {wave} {order}", "rad") for wave, order in waves)
-            scale = Hyper(f"curve.{k}", rms / np.sqrt(2 * HARMONICS), pseudo=pseudo, shape=shape)
+            parts = tuple(
+                (name, f"{name}.curve {wave} {order}", "rad") for wave, order in waves
+            )
+            scale = Hyper(
+                f"curve.{k}", rms / np.sqrt(2 * HARMONICS), pseudo=pseudo, shape=shape
+            )
             yield Block(f"curve.{k}", parts, scales=(scale,) if turns else ())
 
     # Predictions.
@@ -238,7 +254,9 @@ class Structure:
         own = logged * fixed.gain + fixed.offset
         if fixed.coupling is not None:
             own[1:] += fixed.coupling * logged[:-1]
-        if fixed.bent:  # all at once: of one row each operation costs as much as of a hundred
+        if (
+            fixed.bent
+        ):  # all at once: of one row each operation costs as much as of a hundred
             own[fixed.bent] += curve_value(logged[fixed.bent], fixed.curves)
         values = self.coupled(own)
         if fixed.elastic:
@@ -260,7 +278,9 @@ class Structure:
         """What follows from parameters (d,) alone, kept: those of a body are read-only."""
         key = None if beta.flags.writeable else id(beta)
         last = self._kept.get(key)
-        if last is None or not (last[0] is beta if key else np.array_equal(last[0], beta)):
+        if last is None or not (
+            last[0] is beta if key else np.array_equal(last[0], beta)
+        ):
             if len(self._kept) > 8:  # beliefs
                 self._kept.clear()
             own = beta if key else beta.copy()
@@ -325,7 +345,9 @@ class Structure:
         Further columns than the joints' are what a row tells the measurement.
         """
         motion = self.move(self.joint_values(q, beta), beta)
-        return motion, self.measurement.look(self.fixed(beta).own, motion, q[:, self.dof :])
+        return motion, self.measurement.look(
+            self.fixed(beta).own, motion, q[:, self.dof :]
+        )
 
     def sensor(self, beta: Array) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
@@ -388,7 +410,12 @@ class Structure:
         for block in self.bending:
             put(groups[block], lambda block=block: by_loads(block))  # type: ignore[misc]
         for group, ways in self.tilts.items():
-            put(groups[group], lambda ways=ways: self._by_gravity(q, fixed, chained, ways))  # type: ignore[misc]
+            put(
+                groups[group],
+                lambda ways=ways: self._by_gravity(  # type: ignore[misc]
+                    q, fixed, chained, ways
+                ),
+            )
         if "coupling" in groups:
             put(groups["coupling"], lambda: led[1:] * joints.T[:-1, None])
         put(groups["offset"], lambda: led)
@@ -396,7 +423,12 @@ class Structure:
         for indices, moved in self.moving(motion):
             put(indices, lambda moved=moved: sight.push(*moved()))  # type: ignore[misc]
         for k, q_k in enumerate(joints.T):
-            put(groups[f"curve.{k}"], lambda k=k, q_k=q_k: waves_of(q_k)[:, None] * led[k])  # type: ignore[misc]
+            put(
+                groups[f"curve.{k}"],
+                lambda k=k, q_k=q_k: (  # type: ignore[misc]
+                    waves_of(q_k)[:, None] * led[k]
+                ),
+            )
         return sight.values, out
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
@@ -417,7 +449,9 @@ class Structure:
         if fixed.coupling is not None:
             moved[:-1] += led[1:] * fixed.coupling[:, None]
         for block, elastic in fixed.elastic.items():
-            slopes = elastic[:, None, None] * self.load_slopes(block, joints, fixed.gravity)
+            slopes = elastic[:, None, None] * self.load_slopes(
+                block, joints, fixed.gravity
+            )
             bent = self._levers(block, q)[1]
             moved += np.einsum("emn,ekn->kmn", chained[bent], slopes)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))

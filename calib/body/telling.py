@@ -27,7 +27,10 @@ _AREA_ROWS = 300  # rows from which they do
 
 
 def warnings_of(
-    q: Array, joint_names: Sequence[str], revolute: Sequence[bool], travel: Array | None = None
+    q: Array,
+    joint_names: Sequence[str],
+    revolute: Sequence[bool],
+    travel: Array | None = None,
 ) -> tuple[str, ...]:
     """Short sentences on what rows cannot tell of an arm; empty where they can.
 
@@ -38,17 +41,25 @@ def warnings_of(
     span = np.ptp(q, axis=0)
     ranges = np.full(q.shape[1], np.inf) if travel is None else travel
     notes: list[str] = []
-    for name, turns, moved, most in zip(joint_names, revolute, span, ranges, strict=True):
+    for name, turns, moved, most in zip(
+        joint_names, revolute, span, ranges, strict=True
+    ):
         if moved < _STILL:
-            notes.append(f"{name} never moves: the rows cannot tell its length, offset or sign")
+            notes.append(
+                f"{name} never moves: the rows cannot tell its length, offset or sign"
+            )
         elif turns and moved < _LITTLE:
             notes.append(f"{name} moves by {np.degrees(moved):.2g} deg only")
         elif np.isfinite(most) and moved < 0.1 * most:
-            notes.append(f"{name} moves through {100 * moved / most:.2g} % of its range only")
+            notes.append(
+                f"{name} moves through {100 * moved / most:.2g} % of its range only"
+            )
     moving = np.flatnonzero(span >= _STILL)
     if len(moving) > 1:
         names = [joint_names[k] for k in moving.tolist()]
-        notes += _coupled((q[:, moving] - q[:, moving].min(axis=0)) / span[moving], names)
+        notes += _coupled(
+            (q[:, moving] - q[:, moving].min(axis=0)) / span[moving], names
+        )
     if len(q) < 3 * q.shape[1] + 2:
         notes.append(f"{len(q)} rows are few for {q.shape[1]} joints")
     return tuple(notes)
@@ -65,8 +76,12 @@ def _coupled(share: Array, names: Sequence[str]) -> list[str]:
         ]
     cells = np.minimum((share * _CELLS).astype(int), _CELLS - 1).T
     visited = max(len(np.unique(a * _CELLS + b)) for a, b in combinations(cells, 2))
-    if len(share) >= _AREA_ROWS and visited < 7 * _CELLS:  # no more than a few curves would
-        return ["the joints move along a path, not over an area: beside it the bound is wide"]
+    if (
+        len(share) >= _AREA_ROWS and visited < 7 * _CELLS
+    ):  # no more than a few curves would
+        return [
+            "the joints move along a path, not over an area: beside it the bound is wide"
+        ]
     return []
 
 
@@ -99,12 +114,18 @@ def most_telling(body: Body, q: Array, n: int, measured: Array) -> NDArray[np.in
     p = body.structure.blocks[0]
     noise = body.noise[:p]
     _, x = body.structure.linearise(q, body.beta, body.active)
-    directions = x[:, :p] @ body.root * (body.kappa / noise[:, None])  # (k, p, parameters)
+    directions = (
+        x[:, :p] @ body.root * (body.kappa / noise[:, None])
+    )  # (k, p, parameters)
     variance = np.diag((body.tau[:p] / noise) ** 2)
     lengths = lengths_of(body, q)
     rows = measured[thinned(len(measured), _MEASURED)]
-    alike = matern(rows, rows, lengths) + np.eye(len(rows)) / max(float(variance.max()), 1e-12)
-    seen = np.linalg.solve(np.linalg.cholesky(alike), matern(rows, q, lengths)).T  # (k, l)
+    alike = matern(rows, rows, lengths) + np.eye(len(rows)) / max(
+        float(variance.max()), 1e-12
+    )
+    seen = np.linalg.solve(
+        np.linalg.cholesky(alike), matern(rows, q, lengths)
+    ).T  # (k, l)
     unexplained = np.maximum(1.0 - (seen**2).sum(axis=1), 0.0)
 
     def common(best: int) -> Array:

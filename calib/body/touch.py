@@ -28,7 +28,9 @@ from .settings import FINER, FREE, SOCKET
 from .spatial import SpatialStructure
 from .views import Columns, Measurement
 
-_POSTURES = 400  # all over the joints' range, of which the mean motion is that of the whole arm
+_POSTURES = (
+    400  # all over the joints' range, of which the mean motion is that of the whole arm
+)
 
 _Belief = TypeVar("_Belief", Body, Second)
 
@@ -96,11 +98,18 @@ class _Told:
 
     def columns(self) -> Columns:
         """The derivative by the sockets."""
-        yield "point", lambda: self.slope.reshape(*self.values.shape, -1).transpose(2, 1, 0)
+        yield (
+            "point",
+            lambda: self.slope.reshape(*self.values.shape, -1).transpose(2, 1, 0),
+        )
 
 
 def touching(
-    structure: SpatialStructure, q: Array, point: NDArray[np.intp], known: Sequence[Known], x: Array
+    structure: SpatialStructure,
+    q: Array,
+    point: NDArray[np.intp],
+    known: Sequence[Known],
+    x: Array,
 ) -> list[Rows]:
     """Touches, positions, and what is known of sockets, each a measurement; see `fit_touches`."""
     touched = point >= 0
@@ -152,7 +161,9 @@ def fit_touches(
     begin = seen.neutral()
     groups = seen.groups
     # each socket begins where the drawing says that the tip was on average
-    begin[groups["point"]] = np.ravel([tip[point == k].mean(axis=0) for k in range(max(point) + 1)])
+    begin[groups["point"]] = np.ravel(
+        [tip[point == k].mean(axis=0) for k in range(max(point) + 1)]
+    )
     if measured.any():
         turn = similarity(tip[measured], x[measured])[0]
         begin[groups["view.rotation"]] = logarithm(turn)

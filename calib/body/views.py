@@ -40,7 +40,9 @@ class ViewKind:
     """A kind of sensor."""
 
     groups: tuple[str, ...] = ()  # groups of parameters that every member fits
-    outputs: int = 2  # 2 positions in a plane or pixels, 3 positions in space, 6 of a pose
+    outputs: int = (
+        2  # 2 positions in a plane or pixels, 3 positions in space, 6 of a pose
+    )
     least: int = 2  # fewest rows that place the sensor in front of an arm in space
 
     @property
@@ -98,12 +100,20 @@ class Sight(Protocol):
 class Measurement:
     """A kind of reading, with the sensor's own parameters."""
 
-    outputs: int = 2  # numbers of a row: 2 in the plane or pixels, 3 in space, 6 with orientation
+    outputs: int = (
+        2  # numbers of a row: 2 in the plane or pixels, 3 in space, 6 with orientation
+    )
     curves: bool = True  # whether its rows may tell error curves of joints
-    within: tuple[float, float] = WIDER  # times the drawing's doubt that joint origins may be off
+    within: tuple[float, float] = (
+        WIDER  # times the drawing's doubt that joint origins may be off
+    )
     floating: bool = False  # whether it tells nothing of where the arm's base stands
-    noise: float | None = None  # sd of its outputs where that is stated; None: it is learned
-    free: tuple[str, ...] = ()  # blocks that every member of the gate fits beside the view's own
+    noise: float | None = (
+        None  # sd of its outputs where that is stated; None: it is learned
+    )
+    free: tuple[
+        str, ...
+    ] = ()  # blocks that every member of the gate fits beside the view's own
     tool: Hyper | None = None  # what is known of the tool where there is a drawing
 
     def parameters(self) -> tuple[Block, ...]:
@@ -204,7 +214,9 @@ class View:
         if self.picture is not None:
             return self.picture.seen(moved)
         if self.sensor.posed:
-            return np.concatenate([moved, np.broadcast_to(turned, moved.shape)], axis=-2)
+            return np.concatenate(
+                [moved, np.broadcast_to(turned, moved.shape)], axis=-2
+            )
         return moved
 
 
@@ -220,7 +232,10 @@ class Picture:
     @property
     def values(self) -> Array:
         """Pixels (n, 2)."""
-        return np.ascontiguousarray((self.lens[0] * self.ideal * self.bent).T) + self.lens[1:3]
+        return (
+            np.ascontiguousarray((self.lens[0] * self.ideal * self.bent).T)
+            + self.lens[1:3]
+        )
 
     @cached_property
     def slope(self) -> Array:
@@ -230,7 +245,9 @@ class Picture:
         radial = self.lens[3]
         across = 2 * radial * self.ideal[:, None] * self.ideal
         slope = np.empty((2, *self.point.shape))
-        slope[:, :2] = focal / self.point[2] * (across + self.bent * np.eye(2)[..., None])
+        slope[:, :2] = (
+            focal / self.point[2] * (across + self.bent * np.eye(2)[..., None])
+        )
         slope[:, 2] = -(slope[:, :2] * self.ideal).sum(axis=1)
         return slope
 
@@ -269,7 +286,9 @@ class InSpace(Measurement):
     unit: str  # unit of positions
     metre: float  # units of positions in one metre; not used by a camera
     size: float  # of the workspace [unit]; a camera's that of the arm [m]
-    lens: tuple[float, float, float, float]  # of a camera: focal length, centre [px] and k1
+    lens: tuple[
+        float, float, float, float
+    ]  # of a camera: focal length, centre [px] and k1
     lens_sd: tuple[float, float, float, float]
 
     @property
@@ -375,13 +394,17 @@ class InPlane(Measurement):
         middle = self.centre + size * own["lens"][1:]
         shift = own["view.shift"]
         angle = own["view.rotation"][0]
-        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        turn = np.array(
+            [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        )
         turned = self.metre * np.exp(own["view.scale"][0]) * turn
         stretch, shear = own["view.shear"]
         sides = np.array([[1 + stretch, shear], [shear, 1 - stretch]])
         flip = np.diag([1.0, self.mirror])
         linear = turned @ sides @ flip
-        by_shear = np.array([[[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]]) @ flip
+        by_shear = (
+            np.array([[[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]]) @ flip
+        )
         # the matrix is A / size and the product of (t - middle, size) / size with (h, 1)
         start = np.append((shift - middle) / size, 1.0)
         tilt = np.append(own["view.tilt"], 1.0)

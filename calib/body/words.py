@@ -97,9 +97,13 @@ def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
     yield from curves
 
 
-def _kinds_of_joints(structure: Structure, beta: Array, half: Array) -> Mapping[str, list[_Kind]]:
+def _kinds_of_joints(
+    structure: Structure, beta: Array, half: Array
+) -> Mapping[str, list[_Kind]]:
     """Fitted parameters by joint, those of one kind together."""
-    indices: dict[str, dict[tuple[str, str], list[int]]] = defaultdict(lambda: defaultdict(list))
+    indices: dict[str, dict[tuple[str, str], list[int]]] = defaultdict(
+        lambda: defaultdict(list)
+    )
     for index, label in enumerate(structure.labels):
         if label.joint is not None and half[index] > 0:
             group = label.group.partition(".")[0]
@@ -116,7 +120,9 @@ def _kinds_of_joints(structure: Structure, beta: Array, half: Array) -> Mapping[
     }
 
 
-def _of_gravity(structure: Structure, beta: Array, half: Array, postures: Array) -> Iterator[str]:
+def _of_gravity(
+    structure: Structure, beta: Array, half: Array, postures: Array
+) -> Iterator[str]:
     """How far loads bend the joints at most, and where gravity points, if the drawing errs."""
     fitted = [index for block in structure.bending for index in structure.groups[block]]
     if not half[fitted].any():

@@ -33,7 +33,9 @@ from .rebuild import rebuilt
 from .settings import LEAST_OWN, TAIL
 from .update import Update
 
-_CONSISTENT = 1.2  # of the held-out error that the rows of an adaptation may be missed by
+_CONSISTENT = (
+    1.2  # of the held-out error that the rows of an adaptation may be missed by
+)
 # Of the error before: a model that misses rows by less is written although the linear equations
 # promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
 _CLEARLY_BETTER = 0.01
@@ -99,7 +101,9 @@ class Adaptation:
         head = f"Adaptation: {verdict}, {self.samples} samples, {self.correction}"
         before = self.before["mean"]
         after = self.after["mean"]
-        return f"{head}\n  mean error {before:.3g} -> {after:.3g} {self.model.about.unit}"
+        return (
+            f"{head}\n  mean error {before:.3g} -> {after:.3g} {self.model.about.unit}"
+        )
 
 
 def adapt(
@@ -142,7 +146,9 @@ def adapt(
         If the log is not of this arm or too short.
     """
     if method not in METHODS:
-        raise OptionError(f"method {method!r} is unknown, choose one of {', '.join(METHODS)}")
+        raise OptionError(
+            f"method {method!r} is unknown, choose one of {', '.join(METHODS)}"
+        )
     seen = model.by(log.sensor)
     report = progress or (lambda *_: None)
     adaptation = _adapted(seen, log, method, cause, free, report)
@@ -154,7 +160,12 @@ def adapt(
 
 
 def _adapted(
-    model: Model, log: Samples, method: str, cause: str | None, free: str, report: Progress
+    model: Model,
+    log: Samples,
+    method: str,
+    cause: str | None,
+    free: str,
+    report: Progress,
 ) -> Adaptation:
     """The model of the log's sensor, adapted."""
     if method == "online":
@@ -181,7 +192,11 @@ def _few_shot(
     after = np.linalg.norm(learned.residual, axis=1)
     hypothesis = learned.explanation.hypothesis if evidence.attributed else ()
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
-    loud = [cause.words for cause in evidence.reference.causes] if evidence.explained else []
+    loud = (
+        [cause.words for cause in evidence.reference.causes]
+        if evidence.explained
+        else []
+    )
     made = _old_model(verdict, before, after, _correction(evidence, learned), *loud)
     if evidence.attributed:
         made = replace(made, kept=_kept(evidence, hypothesis))
@@ -192,16 +207,22 @@ def _few_shot(
     if not learned.improved:
         return _wider(verdict, made, fresh) if _is_doubtful(verdict, evidence) else made
     if not np.isfinite(fresh.expected_error(rows.logged)).any():
-        wide = "the new bound is a tenth of the reach or more at every row: measure more"
+        wide = (
+            "the new bound is a tenth of the reach or more at every row: measure more"
+        )
         return replace(made, notes=(*made.notes, wide))
     # the equations are linear and the model is not: what is written has to keep the promise
-    error = np.linalg.norm(rows.x - predict(fresh, rows.motion).value, axis=1)[learned.rows]
+    error = np.linalg.norm(rows.x - predict(fresh, rows.motion).value, axis=1)[
+        learned.rows
+    ]
     rounding = LEAST_OWN * float(evidence.reference.structure.extents[0])
     if not float(error.mean()) < _CONSISTENT * float(after.mean()) + rounding:
         if not float(error.mean()) < _CLEARLY_BETTER * float(before.mean()):
             inconsistent = "the model that would be written misses these rows by more than promised"
             return replace(made, notes=(*made.notes, inconsistent))
-        made = replace(made, after=error_sizes(error))  # what the written model really misses
+        made = replace(
+            made, after=error_sizes(error)
+        )  # what the written model really misses
     made = replace(made, improved=True)
     if not made.everywhere:
         factor, name = for_people(rows.unit)
@@ -211,7 +232,9 @@ def _few_shot(
             f"elsewhere, where the position is known to {bound:.3g} {name} (median of the bound)"
         )
         made = replace(made, notes=(*made.notes, where))
-    frame = frame_between(evidence, learned.body.beta) if is_framed(hypothesis) else None
+    frame = (
+        frame_between(evidence, learned.body.beta) if is_framed(hypothesis) else None
+    )
     report(1.0, "done", made.after["mean"])
     judged = rows.logged[learned.rows]
     return _finished(verdict, made, fresh, judged, learned.residual, "few-shot", frame)
@@ -231,11 +254,15 @@ def _correction(evidence: Evidence, learned: Update) -> str:
 
 def _kept(evidence: Evidence, hypothesis: Hypothesis) -> tuple[str, ...]:
     """What an adaptation leaves as it was, in words."""
-    groups = {name for name, ix in evidence.reference.structure.groups.items() if len(ix)}
+    groups = {
+        name for name, ix in evidence.reference.structure.groups.items() if len(ix)
+    }
     groups -= {group.partition(":")[0] for group in hypothesis}
     if len(evidence.reference.sizes) >= 3:  # a tracker has no lens
         groups.discard("lens")
-    return tuple(row.kept for name, row in GROUPS.items() if name in groups and row.kept)
+    return tuple(
+        row.kept for name, row in GROUPS.items() if name in groups and row.kept
+    )
 
 
 def _is_doubtful(verdict: Verdict, evidence: Evidence) -> bool:
@@ -348,7 +375,9 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
         return made
     bounds = learn_bounds(fresh.motor, u[held], after)
     fresh = replace(fresh, bounds=bounds, model_bounds=bounds)
-    return _finished(verdict, replace(made, improved=True), fresh, q[held], residual, "online")
+    return _finished(
+        verdict, replace(made, improved=True), fresh, q[held], residual, "online"
+    )
 
 
 def _finished(
@@ -372,9 +401,13 @@ def _finished(
     some = thinned(len(rows), _EVALUATED)
     errors = summarise(evaluate_residuals(fresh, rows.q[some], rows.x[some], None))
     # rows that were held out tell the error of the default readout, and how it keeps its bound
-    errors = {name: each for name, each in errors.items() if name != "body" or name == readout}
+    errors = {
+        name: each for name, each in errors.items() if name != "body" or name == readout
+    }
     parts = dict(zip("xyz", residual.T, strict=False)) | {"distance": after}
-    errors[readout]["forward"].update({axis: error_sizes(part) for axis, part in parts.items()})
+    errors[readout]["forward"].update(
+        {axis: error_sizes(part) for axis, part in parts.items()}
+    )
     covered = np.mean(after <= np.nan_to_num(fresh.expected_error(held)) + 1e-12)
     usual = old.about.errors.get(readout, {}).get("forward", {}).get("distance", {})
     told = ("samples", "outliers", "before", "after", "correction", "coverage")
@@ -386,7 +419,10 @@ def _finished(
         "kept": list(made.kept),
         "frame": None if frame is None else frame.to_json(),
         "from": {
-            **{name: getattr(old.about, name) for name in ("source", "samples", "simulation")},
+            **{
+                name: getattr(old.about, name)
+                for name in ("source", "samples", "simulation")
+            },
             "mean": usual.get("mean"),
         },
     }
@@ -400,7 +436,9 @@ def _finished(
         within={"p95": float(np.quantile(after, 0.95)), "covered": float(covered)},
     )
     points = np.random.default_rng(0).random((_BASELINE, rows.q.shape[1]))
-    baseline = learn_baseline(fresh.association, points, fresh.predictor.value(points), after)
+    baseline = learn_baseline(
+        fresh.association, points, fresh.predictor.value(points), after
+    )
     # a camera that was moved sees another picture
     photo = old.photo if method == "few-shot" and frame is None else None
     kept_rows = Rows.of(rows.logged[sound], rows.x[sound])

@@ -62,7 +62,11 @@ def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
 
 def maps_cause(beyond: float) -> Cause:
     """The cause where maps without a body do not fit: a share of the rows beyond their bound."""
-    return Cause("unknown", "maps", f"{100 * beyond:.0f} % of the rows are beyond the maps' bound")
+    return Cause(
+        "unknown",
+        "maps",
+        f"{100 * beyond:.0f} % of the rows are beyond the maps' bound",
+    )
 
 
 def play_cause(play: Play, model: Model) -> Cause:
@@ -76,7 +80,9 @@ def play_cause(play: Play, model: Model) -> Cause:
         f"{name} has {factor * 2 * play.half:.2g} ± {factor * half:.2g} {shown} of play that the "
         "model does not know: `calib train` learns it from a log that goes both ways"
     )
-    return Cause.measured(f"backlash:{name}", "backlash", words, 2 * play.half, half, unit)
+    return Cause.measured(
+        f"backlash:{name}", "backlash", words, 2 * play.half, half, unit
+    )
 
 
 def _noisy_joint(evidence: Evidence) -> Cause:
@@ -124,13 +130,18 @@ def _turned_tool(evidence: Evidence) -> Cause:
 def _told_once(causes: list[Cause], what: str) -> list[Cause]:
     """Causes in which a camera or a board that moved in the hand stands once."""
     moved = sorted(
-        (c for c in causes if c.group in ("tool", "tool.rotation")), key=lambda c: c.unit != "rad"
+        (c for c in causes if c.group in ("tool", "tool.rotation")),
+        key=lambda c: c.unit != "rad",
     )
     if not moved:
         return causes
     factor, unit = for_people(moved[0].unit)
     low, high = (factor * end for end in moved[0].interval or (0.0, 0.0))
-    how = "turned in its mount by" if unit == "deg" else "moved in its mount, what it sees by"
+    how = (
+        "turned in its mount by"
+        if unit == "deg"
+        else "moved in its mount, what it sees by"
+    )
     words = f"the {what} has {how} {abs(low + high) / 2:.3g} ± {(high - low) / 2:.2g} {unit}"
     told = replace(moved[0], cause="tool", words=words)
     return [told, *(cause for cause in causes if cause not in moved)]
@@ -149,11 +160,15 @@ def _of_change(evidence: Evidence) -> list[Cause]:
     deviation = best.deviation
     if not evidence.attributed:
         own = ("sensor", "lens") if evidence.cause == "sensor" else ""
-        above = [g.change for g in fired(evidence.tests.groups) if g.name.startswith(own)]
+        above = [
+            g.change for g in fired(evidence.tests.groups) if g.name.startswith(own)
+        ]
         if not above or above[0] is None:
             return []
         indices, sizes, deviations = above[0]
-        groups = tuple(dict.fromkeys(structure.labels[k].group for k in indices.tolist()))
+        groups = tuple(
+            dict.fromkeys(structure.labels[k].group for k in indices.tolist())
+        )
         step = np.zeros(len(old))
         step[indices] = sizes
         deviation = np.zeros(len(old))
@@ -183,7 +198,9 @@ def _of_change(evidence: Evidence) -> list[Cause]:
                 some = some[[np.argmax(np.abs(change[some]))]]
             for k in some.tolist():
                 moved = float(np.linalg.norm(effect[every if whole else [k]]))
-                causes.append((moved, _of_parameter(evidence, k, change[k], deviation[k], most)))
+                causes.append(
+                    (moved, _of_parameter(evidence, k, change[k], deviation[k], most))
+                )
     frame = indices_of(structure, FRAME)
     other = not told.isdisjoint(("mirror", "scale"))
     only = not evidence.attributed and {*groups} <= {*filter(is_sensors, groups)}
@@ -191,7 +208,9 @@ def _of_change(evidence: Evidence) -> list[Cause]:
         moved = math.inf if other else float(np.linalg.norm(effect[frame]))
         causes.append((moved, _moved_sensor(evidence, beta, deviation)))
     causes.sort(key=lambda pair: -pair[0])
-    least = _MATTERS * max((moved for moved, _ in causes if math.isfinite(moved)), default=0.0)
+    least = _MATTERS * max(
+        (moved for moved, _ in causes if math.isfinite(moved)), default=0.0
+    )
     return [cause for moved, cause in causes if moved >= least]
 
 
@@ -212,7 +231,9 @@ def _half_width(evidence: Evidence, k: int, change: float, sd: float) -> float:
     return half
 
 
-def _of_parameter(evidence: Evidence, k: int, change: float, sd: float, most: float) -> Cause:
+def _of_parameter(
+    evidence: Evidence, k: int, change: float, sd: float, most: float
+) -> Cause:
     """A cause that one parameter tells, by its change and that one's sd.
 
     most : the largest change of all parameters of its group and joint
@@ -251,7 +272,9 @@ def _moved_sensor(evidence: Evidence, beta: Array, deviation: Array) -> Cause:
     half = 1.96 * float(np.linalg.norm(deviation[turn]))
     value = moved.angle
     if len(turn) == 1:  # with its sign, also of a mirrored one
-        value = math.remainder(float(beta[turn[0]] - evidence.prior.beta[turn[0]]), 2 * math.pi)
+        value = math.remainder(
+            float(beta[turn[0]] - evidence.prior.beta[turn[0]]), 2 * math.pi
+        )
     words = f"the sensor's frame moved: {moved.words(evidence.unit_seen)}"
     if half > _VAGUE:
         words += f" (the turn to ± {math.degrees(half):.2g} deg)"
@@ -279,7 +302,9 @@ def _twins(evidence: Evidence, causes: list[Cause]) -> list[str]:
     if about.revolute[0] and "mirror" not in by_name:
         notes += _turns_of_the_base(evidence, by_name, causes)
     if all(about.revolute) and _all_larger(evidence, by_name):
-        notes.append(f"a sensor that shows all larger and links that are all longer {_WHICH}")
+        notes.append(
+            f"a sensor that shows all larger and links that are all longer {_WHICH}"
+        )
     return notes if evidence.cause is None else []
 
 
@@ -300,10 +325,14 @@ def _turns_of_the_base(
     elif offset is not None and sensor is None:
         turn = math.degrees(offset.value or 0.0)
         words = f"or the sensor turned by {turn:.3g} deg about {name}"
-        causes.append(replace(offset, cause="sensor", group="view.rotation", words=words))
+        causes.append(
+            replace(offset, cause="sensor", group="view.rotation", words=words)
+        )
     if offset is None:
         return []
-    return [f"an offset of the first joint and a turn of the sensor about its axis {_WHICH}"]
+    return [
+        f"an offset of the first joint and a turn of the sensor about its axis {_WHICH}"
+    ]
 
 
 def _is_an_offset(evidence: Evidence, sensor: Cause) -> bool:
@@ -316,7 +345,9 @@ def _is_an_offset(evidence: Evidence, sensor: Cause) -> bool:
     frame = indices_of(structure, FRAME)
     offset = body.beta.copy()
     framed = body.beta.copy()
-    offset[structure.groups["offset"][0]] += getattr(structure, "mirror", 1) * (sensor.value or 0.0)
+    offset[structure.groups["offset"][0]] += getattr(structure, "mirror", 1) * (
+        sensor.value or 0.0
+    )
     framed[frame] = evidence.findings[0].beta[frame]
     before = structure.predict(probes, body.beta)
     turned = structure.predict(probes, framed)

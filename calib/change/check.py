@@ -33,7 +33,9 @@ class Signal:
     @property
     def score(self) -> float:
         """Value over threshold."""
-        return self.value / self.threshold if self.threshold > 0 else float(self.value > 0)
+        return (
+            self.value / self.threshold if self.threshold > 0 else float(self.value > 0)
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -127,11 +129,24 @@ class Drift:
 
     def to_json(self) -> dict[str, Any]:
         """What `calib check --json` prints."""
-        plain = ("drifted", "samples", "outliers", "left_out", "score", "smallest", "tolerance")
+        plain = (
+            "drifted",
+            "samples",
+            "outliers",
+            "left_out",
+            "score",
+            "smallest",
+            "tolerance",
+        )
         return {
-            **{name: getattr(self, name) for name in (*plain, "adapts", "bound_holds", "covered")},
+            **{
+                name: getattr(self, name)
+                for name in (*plain, "adapts", "bound_holds", "covered")
+            },
             "threshold": 1,
-            "distortion": {name: asdict(signal) for name, signal in self.distortion.items()},
+            "distortion": {
+                name: asdict(signal) for name, signal in self.distortion.items()
+            },
             "fired": list(self.fired),
             "causes": [cause.to_json() for cause in self.causes],
             "smallest_by_group": {g.name: g.smallest for g in self.groups},
@@ -142,7 +157,11 @@ class Drift:
 
 
 def check(
-    model: Model, log: Samples, *, cause: str | None = None, tolerance: float | None = None
+    model: Model,
+    log: Samples,
+    *,
+    cause: str | None = None,
+    tolerance: float | None = None,
 ) -> Drift:
     """Compare new samples with a model.
 
@@ -204,7 +223,9 @@ def _distortions(rows: LogRows) -> dict[str, Signal]:
     predicted = sensory.scale.to_unit(rows.predicted[some])
     nodes = sensory.units[sensory.nearest(measured)[1][:, 0]]
     nodes_predicted = sensory.units[sensory.nearest(predicted)[1][:, 0]]
-    away = search_tree(np.unique(nodes, axis=0), sensory.scale).query(nodes_predicted)[0]
+    away = search_tree(np.unique(nodes, axis=0), sensory.scale).query(nodes_predicted)[
+        0
+    ]
     usual = np.where(np.isfinite(rows.bound[some]), rows.bound[some], 0.0)
     return {
         "motor": _zeta(model.motor, rows.u[some], baseline.motor),
@@ -303,4 +324,6 @@ def recognise(models: Sequence[Model], log: Samples) -> Recognition:
     found.sort(key=lambda f: (not f.fits, f.distance))
     if why is not None and found[0].distance == np.inf:
         raise why
-    return Recognition(found[0].index if found[0].fits else None, len(log), tuple(found))
+    return Recognition(
+        found[0].index if found[0].fits else None, len(log), tuple(found)
+    )

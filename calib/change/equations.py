@@ -52,7 +52,9 @@ def sound_rows(reference: Reference, q: Array, z: Array, cause: str | None) -> M
     """Which rows (n, dof), (n, m) are near a robust fit in which all may have changed."""
     body = reference.body
     structure = reference.structure
-    sd = np.hypot(freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body))
+    sd = np.hypot(
+        freedom(body, hypotheses_of(structure, cause)[-1], cause), creep(body)
+    )
     rows = thinned(len(q), _ROBUST_ROWS)
     size = reference.sizes
     prior = Prior(reference.beta, sd)
@@ -94,7 +96,9 @@ class Equations:
         self.log = log
         self.white = np.tile(np.diag(1.0 / sizes), (len(log.q), 1, 1))
         self.log_determinant = 0.0
-        if noisy is not None:  # I + ratio^2 g g' of each row has one eigenvalue that is not 1
+        if (
+            noisy is not None
+        ):  # I + ratio^2 g g' of each row has one eigenvalue that is not 1
             g = structure.slope(log.q, reference.beta)[..., noisy[0]] / sizes
             length = (g**2).sum(axis=1)
             value = 1.0 + noisy[1] ** 2 * length
@@ -106,8 +110,12 @@ class Equations:
         seen, x = structure.linearise(log.q, reference.beta, active)
         own = own_columns(reference, log, factor * body.kappa)
         parts = [own, x @ known, shared_columns(reference, log, seen)]
-        self.axes, self.values = principal_axes(self.whiten(np.concatenate(parts, axis=2)))
-        self.floor = float(np.min(SIMULATED_FLOOR * np.asarray(structure.extents) / sizes))
+        self.axes, self.values = principal_axes(
+            self.whiten(np.concatenate(parts, axis=2))
+        )
+        self.floor = float(
+            np.min(SIMULATED_FLOOR * np.asarray(structure.extents) / sizes)
+        )
         self.usual = max(float(np.min(body.noise / sizes)), self.floor)
 
     def whiten(self, x: Array) -> Array:
@@ -120,8 +128,12 @@ class Equations:
         """Log likelihood (s,) [nats] of whitened residuals (N,) under sizes (s,) of the noise."""
         square = np.atleast_1d(noise) ** 2
         turned = self.axes.T @ y
-        share = self.values / (square[:, None] + self.values)  # of an axis that is no noise
-        size = len(y) * np.log(square) + np.log1p(self.values / square[:, None]).sum(axis=1)
+        share = self.values / (
+            square[:, None] + self.values
+        )  # of an axis that is no noise
+        size = len(y) * np.log(square) + np.log1p(self.values / square[:, None]).sum(
+            axis=1
+        )
         rest = (float(y @ y) - share @ turned**2) / square
         return np.asarray(-0.5 * (size + rest + self.log_determinant))
 

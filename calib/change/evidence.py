@@ -35,7 +35,9 @@ class Evidence:
     bound: BoundTest
     findings: tuple[Explanation, ...]  # hypotheses with their evidence, the best first
     score: float  # above 1 the arm or its sensor changed
-    attributed: bool = False  # whether a hypothesis of a change is clearly better than none
+    attributed: bool = (
+        False  # whether a hypothesis of a change is clearly better than none
+    )
 
     @property
     def strays(self) -> int:
@@ -45,7 +47,9 @@ class Evidence:
     @property
     def unit_seen(self) -> str:
         """Unit of the positions; "sensor" where their scale shows that it is not the model's."""
-        same = self.reference.scale == 1.0 or self.rows.unit != self.rows.model.about.unit
+        same = (
+            self.reference.scale == 1.0 or self.rows.unit != self.rows.model.about.unit
+        )
         return self.rows.unit if same else "sensor"
 
     @cached_property
@@ -81,7 +85,9 @@ class Evidence:
             structure = self.rows.body.structure
         return self.tool_beside(structure, beta, framed=self.attributed)
 
-    def tool_beside(self, structure: Structure, beta: Array, *, framed: bool = False) -> TurnedTool:
+    def tool_beside(
+        self, structure: Structure, beta: Array, *, framed: bool = False
+    ) -> TurnedTool:
         """How the tool is turned beside what parameters (d,) predict."""
         rows = self.rows
         return turned_tool(
@@ -94,10 +100,14 @@ class Evidence:
         rows = self.rows
         z = rows.x.copy()
         z[self.sound] = self.data.z
-        lag = rows_behind(lambda q: reference.structure.predict(q, reference.beta), rows.q, z)
+        lag = rows_behind(
+            lambda q: reference.structure.predict(q, reference.beta), rows.q, z
+        )
         check = "check that joints and positions of a row belong together and are of this arm"
         if lag:
-            check = f"positions follow the joints by {lag} rows: align the clocks of both"
+            check = (
+                f"positions follow the joints by {lag} rows: align the clocks of both"
+            )
         return (
             f"nothing explains the log: its positions are {100 * self.misfit:.0f} % of their "
             f"spread away from any change of the arm or the sensor; {check}"

@@ -87,7 +87,10 @@ def explain(
         rich = _fitted(richest, equations, own, temper, at.get(richest), cause)
         best = max((e.evidence for e in found), default=-np.inf)
         tried = [h for h in narrow if not h or rich.fit >= best - 2 * MARGIN]
-        found += [rich, *(_fitted(h, equations, own, temper, at.get(h), cause) for h in tried)]
+        found += [
+            rich,
+            *(_fitted(h, equations, own, temper, at.get(h), cause) for h in tried),
+        ]
         at = {e.hypothesis: e.beta for e in found}
     return tuple(sorted(found, key=lambda e: -e.evidence))
 
@@ -142,7 +145,17 @@ def _fitted(
     deviation[free] = sd[free] * np.sqrt(factor.variances()) if len(free) else 0.0
     evidence = -cost - 0.5 * factor.log_determinant()
     return Explanation(
-        hypothesis, *own, origin, beta, deviation, sd, evidence, -cost, noise, temper, left
+        hypothesis,
+        *own,
+        origin,
+        beta,
+        deviation,
+        sd,
+        evidence,
+        -cost,
+        noise,
+        temper,
+        left,
     )
 
 

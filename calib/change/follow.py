@@ -87,14 +87,20 @@ class OnlineAdapter:
     force : whether to adapt from the first sample on, and to take all samples for those of one arm
     """
 
-    def __init__(self, model: Model, horizon: int = HORIZON, *, force: bool = False) -> None:
+    def __init__(
+        self, model: Model, horizon: int = HORIZON, *, force: bool = False
+    ) -> None:
         if horizon < 1:
             raise OptionError(f"horizon {horizon}: expected one or more samples")
         if model.baseline is None:
-            raise ModelError("the model has no baseline of its distortions: train it again")
+            raise ModelError(
+                "the model has no baseline of its distortions: train it again"
+            )
         rule = str(model.about.options.get("map", "vdsom"))
         layers = []
-        gain = gain_of(rule if rule in MAPS else "vdsom")  # a model file keeps no function
+        gain = gain_of(
+            rule if rule in MAPS else "vdsom"
+        )  # a model file keeps no function
         for part in (model.motor, model.sensory):
             if not isinstance(part.lattice, Lattice):
                 raise OptionError(
@@ -108,7 +114,9 @@ class OnlineAdapter:
         self._horizon = horizon
         self._force = force
         self._net = VDSOM(layers, model.association.wiring, model.links.toarray())
-        self._idle = np.zeros(model.sensory.size)  # what unvisited nodes should have forgotten
+        self._idle = np.zeros(
+            model.sensory.size
+        )  # what unvisited nodes should have forgotten
         self._seen = 0
         self._since = -1
         self._starts = [_SIGMA_END, _SIGMA_END]
@@ -128,7 +136,10 @@ class OnlineAdapter:
         v = self._model.sensory.scale.to_unit(np.asarray(x, dtype=float))
         if not len(u):
             raise OptionError("no samples: expected one or more rows")
-        steps = [self._feed(u[k : k + BLOCK], v[k : k + BLOCK]) for k in range(0, len(u), BLOCK)]
+        steps = [
+            self._feed(u[k : k + BLOCK], v[k : k + BLOCK])
+            for k in range(0, len(u), BLOCK)
+        ]
         return steps[-1]
 
     def _feed(self, u: Array, v: Array) -> Step:
@@ -136,7 +147,10 @@ class OnlineAdapter:
         said = self._net.said(u[::_GLANCE], self._idle)
         gap = np.linalg.norm((said - v[::_GLANCE]) * sensory.scale.span, axis=1)
         distance, winner = sensory.nearest(v)
-        squares = (motor.nearest(u)[0] ** 2).mean(), (distance[:, 0] ** 2).mean()  # eq. 9
+        squares = (
+            (motor.nearest(u)[0] ** 2).mean(),
+            (distance[:, 0] ** 2).mean(),
+        )  # eq. 9
         latest = np.array([*squares, gap.mean()])
         before = latest if self._mean is None else self._mean
         self._mean = mean = before + min(1.0, len(u) / _WINDOW) * (latest - before)
@@ -155,7 +169,9 @@ class OnlineAdapter:
                 kept = slice(0)
         if self._since >= 0:
             rates = self._learn(u, v, kept)
-        return Step(self._seen, motor_zeta, zeta, expected, error, *rates, self.adapting)
+        return Step(
+            self._seen, motor_zeta, zeta, expected, error, *rates, self.adapting
+        )
 
     def _expected(self, sensory: Map, winner: Index) -> float:
         """Sensory distortion that samples of some winners exceed by chance next to never."""
@@ -168,14 +184,18 @@ class OnlineAdapter:
     def _left(self, expected: float, zeta: float, error: float) -> bool:
         """Whether the distortion (eq. 9) or the links' residual left what is usual."""
         errors = self._model.about.errors
-        usual = errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
+        usual = (
+            errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
+        )
         left = zeta > expected or error > 2.0 * (usual + self._baseline.noise)
         return left and self._seen >= _WINDOW / 2
 
     def _learn(self, u: Array, v: Array, kept: slice) -> tuple[float, float, float]:
         """Form maps and links by samples; sigma, eta and beta of the last one."""
         t = self._since + np.arange(len(u))
-        rates = Rates.following(t, self._starts, _SIGMA_END, self._horizon)  # eq. 10, 12
+        rates = Rates.following(
+            t, self._starts, _SIGMA_END, self._horizon
+        )  # eq. 10, 12
         self._net.show((u, v), rates)
         # eq. 11 forgets where a_j > 0 alone; a node that no sample visits forgets at the
         # mean pace of all, or a shortened arm would promise its old reach for ever
@@ -199,7 +219,11 @@ class OnlineAdapter:
         """
         if self._since < 0 or sum(map(len, self._x)) < _LEAST:
             return self._model
-        own = without_weak(self._net.links * np.exp(-self._idle)) if links == "rule" else None
+        own = (
+            without_weak(self._net.links * np.exp(-self._idle))
+            if links == "rule"
+            else None
+        )
         q = np.concatenate(self._q)
         x = np.concatenate(self._x)
         return settled_model(self._model, *self._maps(), q, x, own)
@@ -207,7 +231,9 @@ class OnlineAdapter:
     def _maps(self) -> tuple[Map, Map]:
         """The motor and the sensory map as they are."""
         motor, sensory = (layer.weights for layer in self._net.layers)
-        return replace(self._model.motor, units=motor), replace(self._model.sensory, units=sensory)
+        return replace(self._model.motor, units=motor), replace(
+            self._model.sensory, units=sensory
+        )
 
 
 def follow(

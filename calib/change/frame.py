@@ -28,7 +28,9 @@ from .hypotheses import FRAME, Cause, indices_of, is_sensors
 from .settings import LEAST_OWN
 
 _FAR = 0.05  # misfit, of the extents, from which another frame is looked for
-_BETTER = 0.5  # misfit by which a mirror, another sense or a locked joint must be better
+_BETTER = (
+    0.5  # misfit by which a mirror, another sense or a locked joint must be better
+)
 _SCALES = (0.5, 2.0)  # beyond these the positions are in another unit
 _ROWS = 200
 _LEAST = 1e-4  # noise that is always allowed, of the extents
@@ -46,7 +48,9 @@ class Reference:
     # a mirror, joints that turn the other way or no more, another unit: what is no matter of
     # degree; where there is one only hypotheses with a free frame make sense
     causes: tuple[Cause, ...] = ()
-    scale: float = 1.0  # size of positions over what it was; 1 where they are in the old unit
+    scale: float = (
+        1.0  # size of positions over what it was; 1 where they are in the old unit
+    )
     # (g,), parameters of the view whose old posterior does not count any more
     forgotten: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
@@ -101,7 +105,9 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     factor = ratio if other else 1.0
     if other:  # in the log's own unit
         own = {"extent": ratio * old.extent, "centre": tuple(z.mean(axis=0).tolist())}
-        structure = _replaced(structure, {**own, "unit": "sensor" if unit == old.unit else unit})
+        structure = _replaced(
+            structure, {**own, "unit": "sensor" if unit == old.unit else unit}
+        )
     about = structure.groups["view.rotation"]
     shift = structure.groups["view.shift"]
     starts = []
@@ -109,7 +115,9 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
         beta = start.copy()
         step = np.zeros(structure.size)
         beta[indices_of(structure, ("view.scale",))] += np.log(factor)
-        step[about] = np.arctan2(by[1:2, 0], by[0, 0]) if len(about) == 1 else logarithm(by)
+        step[about] = (
+            np.arctan2(by[1:2, 0], by[0, 0]) if len(about) == 1 else logarithm(by)
+        )
         beta = structure.retract(beta, step)
         residual = structure.residual(z, structure.predict(q, beta))
         beta[shift] += np.median(residual, axis=0)[: len(shift)]
@@ -118,14 +126,21 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     if len(about) == 1:  # the same angle, the short way round
         beta[about] -= 2 * np.pi * np.round((beta[about] - start[about]) / (2 * np.pi))
     causes = list(told)
-    if "mirror" in change and Alignment.between(seen, structure.predict(q, beta)).swapped:
+    if (
+        "mirror" in change
+        and Alignment.between(seen, structure.predict(q, beta)).swapped
+    ):
         words = "x and y of the log are exchanged, compared with the model"
         causes[0] = replace(causes[0], words=words)
     if other:
-        words = f"the log's positions are {ratio:.4g} times the model's{unit_hint(ratio)}"
+        words = (
+            f"the log's positions are {ratio:.4g} times the model's{unit_hint(ratio)}"
+        )
         causes.append(Cause("scale", "view.scale", words, ratio, None, "1"))
     view = [g for g in structure.groups if is_sensors(g)] if causes else FRAME
-    sizes = {name: factor * getattr(body, name) for name in ("noise", "tau", "residual")}
+    sizes = {
+        name: factor * getattr(body, name) for name in ("noise", "tau", "residual")
+    }
     body = replace(body, structure=structure, **sizes)
     return Reference(body, beta, tuple(causes), factor, indices_of(structure, view))
 
@@ -167,11 +182,16 @@ def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[Cause, 
         name = structure.joint_names[k]
         if signs:
             other = tuple(-s if j == k else s for j, s in enumerate(signs))
-            turned = Cause(f"sign:{name}", "sign", f"{name} turns the other way than before")
-            yield from (
-                ({**change, "signs": other}, beta, (*told, turned)) for change, told in seen
+            turned = Cause(
+                f"sign:{name}", "sign", f"{name} turns the other way than before"
             )
-        lost = Cause(f"lost:{name}", "gain", f"{name} no longer moves the tip", 0.0, None, "1")
+            yield from (
+                ({**change, "signs": other}, beta, (*told, turned))
+                for change, told in seen
+            )
+        lost = Cause(
+            f"lost:{name}", "gain", f"{name} no longer moves the tip", 0.0, None, "1"
+        )
         for angle in np.arange(-np.pi, np.pi, _LOCKED_STEP) if k else ():
             held = beta.copy()
             held[structure.groups["gain"][k]] = 0.0
@@ -203,7 +223,11 @@ def _misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]:
 
 
 def _placed(
-    structure: Structure, q: Array, z: Array, starts: list[Array], groups: tuple[str, ...]
+    structure: Structure,
+    q: Array,
+    z: Array,
+    starts: list[Array],
+    groups: tuple[str, ...],
 ) -> Array:
     """The frame alone fitted to the rows, from the best of some starts."""
     sd = np.zeros(structure.size)

@@ -44,13 +44,17 @@ class Cause:
     unit: str = ""  # unit of the value
 
     @staticmethod
-    def measured(name: str, group: str, words: str, value: float, half: float, unit: str) -> Cause:
+    def measured(
+        name: str, group: str, words: str, value: float, half: float, unit: str
+    ) -> Cause:
         """A cause with half the width of its 95 % interval."""
         return Cause(name, group, words, value, (value - half, value + half), unit)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+        return {
+            k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()
+        }
 
 
 class Group(NamedTuple):
@@ -70,15 +74,28 @@ GROUPS = {
     "view.rotation": Group(0.05, kept="the sensor's frame"),
     "view.shift": Group(0.05),
     "view.scale": Group(
-        0.3, 0, 0, "the sensor's scale", "the sensor's scale changed by {value:+.3g} %", True
+        0.3,
+        0,
+        0,
+        "the sensor's scale",
+        "the sensor's scale changed by {value:+.3g} %",
+        True,
     ),
-    "view.shear": Group(0.1, changed="the sensor's axes are stretched or sheared", whole=True),
+    "view.shear": Group(
+        0.1, changed="the sensor's axes are stretched or sheared", whole=True
+    ),
     # over the chain's length
     "view.tilt": Group(0.3, 0, 0, "the camera's tilt", "the camera is tilted", True),
-    "lens": Group(0.2, 0, 0, "the lens", "the sensor's frame is bent, as by a lens", True),
+    "lens": Group(
+        0.2, 0, 0, "the lens", "the sensor's frame is bent, as by a lens", True
+    ),
     # of the mean length; as built [m]
     "length": Group(
-        0.15, 1e-4, 1e-3, "the links' lengths", "the link of {joint} is {share}{size} {longer}"
+        0.15,
+        1e-4,
+        1e-3,
+        "the links' lengths",
+        "the link of {joint} is {share}{size} {longer}",
     ),
     "offset": Group(
         5 * _DEGREE,
@@ -95,17 +112,29 @@ GROUPS = {
         "{joint} moves {value:+.3g} ± {half:.2g} % further than it says",
     ),
     "elastic": Group(
-        0.02, 2e-5, 1e-4, "elasticity", "{joint} bends under load, by up to {most:.3g} deg", True
+        0.02,
+        2e-5,
+        1e-4,
+        "elasticity",
+        "{joint} bends under load, by up to {most:.3g} deg",
+        True,
     ),
     "payload": Group(
-        0.02, 2e-5, 1e-4, "the payload", "a payload bends {joint}, by up to {most:.3g} deg", True
+        0.02,
+        2e-5,
+        1e-4,
+        "the payload",
+        "a payload bends {joint}, by up to {most:.3g} deg",
+        True,
     ),
     # over the prior of a robot
     "placement": Group(5.0, 0.1, 1.0, "the joints' placements"),
     "tool": Group(0.1, 1e-4, 1e-3, "the tool"),  # [m]
     "tool.rotation": Group(0.3, 0.02 * _DEGREE, 0.1 * _DEGREE),
     "curve": Group(  # of sizes that are given
-        0.0, changed="{joint} has another error curve, by up to {most:.3g} deg", whole=True
+        0.0,
+        changed="{joint} has another error curve, by up to {most:.3g} deg",
+        whole=True,
     ),
 }
 
@@ -138,17 +167,23 @@ def check_cause(cause: str | None) -> None:
     """Refuse what nobody can know of a change."""
     if cause is not None and cause not in CAUSES:
         hint = f"choose one of {', '.join(CAUSES)}"
-        raise OptionError(f"cause {cause!r} is unknown", hint=hint, parameter="cause", value=cause)
+        raise OptionError(
+            f"cause {cause!r} is unknown", hint=hint, parameter="cause", value=cause
+        )
 
 
 def check_free(free: str) -> None:
     """Refuse what cannot be freed by itself."""
     if free not in ("all", "offsets"):
         hint = "choose all or offsets"
-        raise OptionError(f"free {free!r} is unknown", hint=hint, parameter="free", value=free)
+        raise OptionError(
+            f"free {free!r} is unknown", hint=hint, parameter="free", value=free
+        )
 
 
-def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypothesis, ...]:
+def hypotheses_of(
+    structure: Structure, cause: str | None = None
+) -> tuple[Hypothesis, ...]:
     """What may have changed, from simple to rich; the first is nothing.
 
     cause : {"sensor", "joints", "offsets"}, if it is known that only these may have; "offsets"
@@ -165,7 +200,9 @@ def hypotheses_of(structure: Structure, cause: str | None = None) -> tuple[Hypot
         arm = (("offset",),)
         framed = ((), ("offset",))
     sets = ((), *arm, *((*FRAME, *groups) for groups in framed))
-    known = (tuple(g for g in groups if len(indices_of(structure, (g,)))) for groups in sets)
+    known = (
+        tuple(g for g in groups if len(indices_of(structure, (g,)))) for groups in sets
+    )
     return tuple(dict.fromkeys(known))
 
 
@@ -183,10 +220,20 @@ def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
     """Parts of a group, or of a "group:joint", each with its parameters: the joints' curves."""
     group, _, joint = group.partition(":")
     curves = group == "curve"
-    own = [n for n in structure.groups if (n.startswith("curve.") if curves else n == group)]
+    own = [
+        n
+        for n in structure.groups
+        if (n.startswith("curve.") if curves else n == group)
+    ]
     labels = structure.labels
     return [
-        (name, np.array([k for k in structure.groups[name] if joint in ("", labels[k].joint)], int))
+        (
+            name,
+            np.array(
+                [k for k in structure.groups[name] if joint in ("", labels[k].joint)],
+                int,
+            ),
+        )
         for name in own
     ]
 
@@ -198,7 +245,10 @@ def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
 
 
 def freedom(
-    body: Body, hypothesis: Hypothesis, cause: str | None = None, found: Indices | None = None
+    body: Body,
+    hypothesis: Hypothesis,
+    cause: str | None = None,
+    found: Indices | None = None,
 ) -> Array:
     """Standard deviation (d,) by which the freed parameters may have changed.
 
@@ -226,7 +276,9 @@ def creep(body: Body, waves: float = CREEP) -> Array:
 def as_built(body: Body) -> Body:
     """The belief that a changed arm starts from: of a simulation, that of an arm as it is built."""
     structure: Any = body.structure
-    body = replace(body, tau=np.maximum(body.tau, LOG_FLOOR * np.asarray(structure.extents)))
+    body = replace(
+        body, tau=np.maximum(body.tau, LOG_FLOOR * np.asarray(structure.extents))
+    )
     if not body.simulated:
         return body
     sd = _deviations(body, _arms(body), "built", BUILT_CURVE, 1.0)
@@ -274,7 +326,11 @@ def _deviations(
     links = np.abs(body.beta[lengths]) if len(lengths) else np.ones(1)
     # what is tilted is the chain, in its own unit: a log may be in another
     chain = float(links.sum()) if links.any() and len(lengths) else extent
-    times = {"view.shift": extent, "view.tilt": 1.0 / chain, "length": metre or links.mean()}
+    times = {
+        "view.shift": extent,
+        "view.tilt": 1.0 / chain,
+        "length": metre or links.mean(),
+    }
     for name, ix in (part for group in groups for part in parts_of(structure, group)):
         if name.startswith("curve"):
             sd[ix] = curve * structure.prior((name,)).sd[ix]

@@ -305,4 +305,6 @@ def plain_numbers() -> Iterator[None]:
         with one_blas_thread():
             yield
     except np.linalg.LinAlgError:
-        raise ModelError("no equation holds the model's numbers: train it again") from None
+        raise ModelError(
+            "no equation holds the model's numbers: train it again"
+        ) from None

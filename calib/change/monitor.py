@@ -32,7 +32,9 @@ class State(NamedTuple):
     drifted: bool  # whether a signal is above its threshold now
     score: float  # largest value over threshold; 0 while there are too few samples
     zeta: float  # distortion of the sensory map (eq. 9) over what is expected there
-    links: float  # [unit], root mean square of the systematic part of the recent residuals
+    links: (
+        float  # [unit], root mean square of the systematic part of the recent residuals
+    )
     noise: float  # [unit], standard deviation per axis of the rest
     fired: tuple[str, ...]  # ``("links",)`` where the residuals are systematic
 
@@ -68,7 +70,9 @@ class Monitor:
         from scipy.special import fdtri
 
         if model.baseline is None:
-            raise ModelError("the model has no baseline of its distortions: train it again")
+            raise ModelError(
+                "the model has no baseline of its distortions: train it again"
+            )
         self._model = model
         self._expected = model.baseline.sensory
         if model.body is not None:
@@ -115,7 +119,9 @@ class Monitor:
         usual = math.sqrt(self._moments[-1, -1] / max(self._sums[0], 1.0))
         size = max(float(np.sqrt(residual @ residual)), 1e-300)
         residual *= min(1.0, _CLIP * max(usual, self._noise, bound) / size)
-        row = np.concatenate([self._moves(unit)[0] @ self._combined, residual[:, None]], axis=1)
+        row = np.concatenate(
+            [self._moves(unit)[0] @ self._combined, residual[:, None]], axis=1
+        )
         rest = residual - row[:, :-1] @ self._change
         self._lagged = self._fade * self._lagged + [rest @ self._rest, rest @ rest]
         self._rest = rest
@@ -123,7 +129,12 @@ class Monitor:
         ratio = float(away[0, 0]) ** 2 / float(self._expected[int(winner[0, 0])])
         fade = self._fade  # sums over a window that forgets
         self._moments = fade * self._moments + row.T @ row
-        self._sums = self._sums * [fade, fade**2, fade, fade] + [1.0, 1.0, ratio, bound**2]
+        self._sums = self._sums * [fade, fade**2, fade, fade] + [
+            1.0,
+            1.0,
+            ratio,
+            bound**2,
+        ]
         self._state = self._judged(len(x))
         return self._state
 
@@ -147,7 +158,11 @@ class Monitor:
         independent = max(independent / self._correlation_time(independent), 1.0)
         left = max(float(moments[-1, -1]) / weight - explained, 0.0) / axes
         left /= max(1.0 - p / (axes * independent), 0.1)
-        chance = max(left, self._noise**2) * float(self._chance[int(independent)]) / independent
+        chance = (
+            max(left, self._noise**2)
+            * float(self._chance[int(independent)])
+            / independent
+        )
         own = NUISANCE**2 * bound / weight + self._least**2
         score = math.sqrt(explained / (chance + own)) if seen >= _WARM else 0.0
         drifted = score > 1.0

@@ -27,7 +27,9 @@ class TurnedTool:
     """How the tool of a log is turned, beside what a belief says."""
 
     score: float = 0.0  # statistic over its threshold; 0 where nothing can be compared
-    turn: Array = field(default_factory=lambda: np.zeros(3))  # [rad], in the tool's own axes
+    turn: Array = field(
+        default_factory=lambda: np.zeros(3)
+    )  # [rad], in the tool's own axes
     covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
     notes: tuple[str, ...] = ()  # why orientations were not compared
 
@@ -81,7 +83,9 @@ def turned_tool(
     held = np.searchsorted(old.active, tool)
     # the model knows its own tool as well as it does
     covariance = own + old.kappa**2 * old.covariance[np.ix_(held, held)]
-    score = float(turn @ np.linalg.solve(covariance, turn)) / float(chdtri(3, FALSE_ALARM))
+    score = float(turn @ np.linalg.solve(covariance, turn)) / float(
+        chdtri(3, FALSE_ALARM)
+    )
     # what the chain leaves over differs between regions of the workspace by about its scatter
     score = min(score, float(np.linalg.norm(turn) / (np.sqrt(3) * fit.noise[-1])))
     return TurnedTool(score, turn, own)

@@ -20,7 +20,9 @@ from .score import RichNoise
 from .settings import FALSE_ALARM, TEST_ROWS
 
 _LEAST_PRECISION = 1e-12  # of the largest: less is rounding
-_LEAST_SHARE = 0.1  # of a joint's rows that come from either side, or nothing tells its play
+_LEAST_SHARE = (
+    0.1  # of a joint's rows that come from either side, or nothing tells its play
+)
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,9 @@ def find_play(reference: Reference, log: Log, side: Array) -> Play | None:
     moving = precision > _LEAST_PRECISION * precision.max()
     # a joint whose play would not move what the sensor sees is no cause
     statistics = np.zeros(len(joints))
-    statistics[moving] = np.maximum(pull[moving], 0.0) ** 2 / precision[moving] / noise.temper
+    statistics[moving] = (
+        np.maximum(pull[moving], 0.0) ** 2 / precision[moving] / noise.temper
+    )
     # an encoder that is noisy moves the tip along the same slope, to either side
     rest = equations.rest(y, noise.size)
     for k, column in enumerate(columns.T):

@@ -50,14 +50,20 @@ def rebuilt(model: Model, old: Body, body: Body, u: Array) -> Model:
     before = model.predictor.value(asked)
     added = before - old.predict(q)
     models = NO_MODELS
-    if float(np.abs(added).max()) > _NOTHING * float(np.linalg.norm(np.ptp(before, axis=0))):
+    if float(np.abs(added).max()) > _NOTHING * float(
+        np.linalg.norm(np.ptp(before, axis=0))
+    ):
         added = carried_offset(old, body, body.beta, q, added)
         degree = max(model.predictor.models.degree, _DEGREE)
         samples = max(_SAMPLES, 2 * len(exponents(asked.shape[1], degree)))
-        models = local_models.fit(motor, np.arange(motor.size), asked, added, (degree, samples))
+        models = local_models.fit(
+            motor, np.arange(motor.size), asked, added, (degree, samples)
+        )
     after = Predictor(motor, BodyInBox(body, motor.scale), models).value(nodes)
     sensory = _moved(model, before[: len(nodes)], after)
-    reading, position = (body.bound(q[: len(nodes)], noise=noise) for noise in (True, False))
+    reading, position = (
+        body.bound(q[: len(nodes)], noise=noise) for noise in (True, False)
+    )
     winners = motor.nearest(u)[1][:, 0]
     return replace(
         model,
@@ -80,7 +86,9 @@ def _moved(model: Model, before: Array, after: Array) -> Map:
     old = model.sensory
     links = model.links
     total = np.asarray(links.sum(axis=0)).ravel()
-    here, there = (links.T @ x / np.maximum(total, 1e-300)[:, None] for x in (before, after))
+    here, there = (
+        links.T @ x / np.maximum(total, 1e-300)[:, None] for x in (before, after)
+    )
     # an affine map of the means, so that what a node differs from its partners is mapped too
     frame = Alignment.between(before, after)
     known = total > 0
@@ -91,7 +99,12 @@ def _moved(model: Model, before: Array, after: Array) -> Map:
 
 
 def settled_model(
-    model: Model, motor: Map, sensory: Map, q: Array, x: Array, links: Compressed | None = None
+    model: Model,
+    motor: Map,
+    sensory: Map,
+    q: Array,
+    x: Array,
+    links: Compressed | None = None,
 ) -> Model:
     """A model with maps as they are now, which have followed some samples.
 
@@ -124,9 +137,13 @@ def settled_model(
         rows = np.arange(len(u))[some]
         errors = np.linalg.norm(left, axis=1)
         if len(u) < _FEW_ROWS:
-            drawn = np.random.default_rng(model.about.seed).random((_IMAGINED, u.shape[1]))
+            drawn = np.random.default_rng(model.about.seed).random(
+                (_IMAGINED, u.shape[1])
+            )
             seen = drawn, predictor.value(drawn)
-    association = linked(*seen) if links is None else Association(motor, sensory, links, wiring)
+    association = (
+        linked(*seen) if links is None else Association(motor, sensory, links, wiring)
+    )
     if predictor is None:  # maps and links alone, their errors from every other block
         folds = blocks(len(u))
         rows = np.arange(len(u))

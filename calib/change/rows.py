@@ -118,7 +118,9 @@ def rows_of(model: Model, log: Samples) -> LogRows:
         notes.append(f"{repeated} repeated rows count once")
     if not answered.all():
         outside = np.count_nonzero(~answered)
-        notes.append(f"{outside} rows outside of what the model has learned are left out")
+        notes.append(
+            f"{outside} rows outside of what the model has learned are left out"
+        )
     rows = first[answered]
     q = log.q[rows]
     x = log.x[rows]
@@ -129,7 +131,9 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     predicted = prediction.value[answered]
     alone = predicted if model.body is None else model.body.predict(stands)
     if not (np.abs([predicted, alone]) < _SQUARED).all():  # as in a forged file
-        raise ModelError("the model predicts no finite positions for this log: train it again")
+        raise ModelError(
+            "the model predicts no finite positions for this log: train it again"
+        )
     assert motion.side is not None  # noqa: S101 - of a log they are known
     return LogRows(
         model=model,
@@ -165,7 +169,9 @@ def _misreadings(model: Model, q: Array, x: Array, turns: Array | None) -> list[
         turns=turns,
         pose=model.pose if knows_orientation(model.body) else None,
     )
-    notes = refuse_mistakes([finding for finding in findings if finding.kind in _MISREAD])
+    notes = refuse_mistakes(
+        [finding for finding in findings if finding.kind in _MISREAD]
+    )
     widths = np.ptp(model.motor.scale.to_unit(q), axis=0).tolist()
     for name, width in zip(names, widths, strict=True):
         if width < _CORNER:
@@ -185,4 +191,6 @@ def _refuse_degrees(model: Model, log: Samples) -> None:
     units, *_ = readings(q, about.joint_names, about.revolute, any_order=False)
     for q, other in units:
         if np.isfinite(model.expected_error(q)).mean() > 0.9:
-            raise LogError(f"the log fits the model only if {other.words}", hint=other.hint)
+            raise LogError(
+                f"the log fits the model only if {other.words}", hint=other.hint
+            )

@@ -68,7 +68,9 @@ class Tested:
     noise: float  # [unit], standard deviation per axis of what no group explains
     usual: float  # [unit], what the belief expected
     noisy: Noisy | None = None  # a joint whose encoder is noisy, its noise [rad or m]
-    noisier: bool = False  # whether the scatter is larger than usual, and that is no chance
+    noisier: bool = (
+        False  # whether the scatter is larger than usual, and that is no chance
+    )
 
     @property
     def score(self) -> float:
@@ -93,7 +95,9 @@ class Tested:
     @property
     def smallest(self) -> float:
         """Displacement [unit] that any single cause would have shown."""
-        return max((g.smallest for g in self.groups if g.smallest > 0.0), default=np.inf)
+        return max(
+            (g.smallest for g in self.groups if g.smallest > 0.0), default=np.inf
+        )
 
 
 @dataclass(frozen=True)
@@ -135,12 +139,18 @@ def groups_of(body: Body) -> dict[str, Indices]:
     for group in TESTED:
         for index in indices_of(structure, (group,)).tolist():
             # a payload bends all joints at once
-            joint = None if group in ("elastic", "payload") else structure.labels[index].joint
+            joint = (
+                None
+                if group in ("elastic", "payload")
+                else structure.labels[index].joint
+            )
             joints.setdefault(f"{group}:{joint}" if joint else group, []).append(index)
     for name, some in joints.items():
         found[name] = np.array(some, dtype=np.intp)
         found[f"{name} and sensor"] = np.concatenate([found[name], frame])
-    found["geometry"] = indices_of(structure, ("offset", "length", "gain", "elastic", *FRAME))
+    found["geometry"] = indices_of(
+        structure, ("offset", "length", "gain", "elastic", *FRAME)
+    )
     return {name: ix for name, ix in found.items() if len(ix)}
 
 
@@ -148,16 +158,28 @@ class RichNoise:
     """The noise of one shape that is most likely where every group may have changed."""
 
     def __init__(
-        self, reference: Reference, log: Log, residual: Array, noisy: Noisy | None = None
+        self,
+        reference: Reference,
+        log: Log,
+        residual: Array,
+        noisy: Noisy | None = None,
     ) -> None:
         # the unit weights of a payload would leave few rows no freedom
-        groups = [g for g in reference.structure.groups if not g.startswith(("curve", "payload"))]
+        groups = [
+            g
+            for g in reference.structure.groups
+            if not g.startswith(("curve", "payload"))
+        ]
         sd = freedom(reference.body, tuple(groups), found=reference.forgotten)
-        self.equations = e = Equations(reference, log, crept=CREPT, noisy=noisy, freed=sd)
+        self.equations = e = Equations(
+            reference, log, crept=CREPT, noisy=noisy, freed=sd
+        )
         y = e.whiten(residual)
         self.size = e.most_likely_noise(y, e.usual)  # in `Reference.sizes`
         # of it and of the usual one [nats]
-        self.likelihood, self.usual = e.likelihood(y, np.array([self.size, e.usual])).tolist()
+        self.likelihood, self.usual = e.likelihood(
+            y, np.array([self.size, e.usual])
+        ).tolist()
         # rows that err together count once
         self.temper = autocorrelation_time(e.rest(y, self.size))
         # directions of the rows that tell the noise
@@ -190,14 +212,22 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
         joints = np.flatnonzero(lengths > 0.0).tolist()
         # so that at the tip both are alike
         shapes = [(k, times / lengths[k]) for k, times in product(joints, JOINT_NOISES)]
-        tried = [noise, *(RichNoise(reference, log, residual, shape) for shape in shapes)]
+        tried = [
+            noise,
+            *(RichNoise(reference, log, residual, shape) for shape in shapes),
+        ]
         best = max(tried, key=lambda n: n.likelihood)
         gains = 2.0 * (best.likelihood - np.array([noise.usual, noise.likelihood]))
-        chance = chdtrc([2, 1], np.maximum(gains / noise.temper, 0.0)) * (1 + len(joints))
+        chance = chdtrc([2, 1], np.maximum(gains / noise.temper, 0.0)) * (
+            1 + len(joints)
+        )
         noisier = bool(chance[0] < FALSE_ALARM)
         if best.shape is not None and chance[1] < FALSE_ALARM:
             k, ratio = best.shape
-            finer = [RichNoise(reference, log, residual, (k, ratio * times)) for times in _FINER]
+            finer = [
+                RichNoise(reference, log, residual, (k, ratio * times))
+                for times in _FINER
+            ]
             noise = max(finer, key=lambda n: n.likelihood)
     e = Equations(reference, log, crept=CREPT, noisy=noise.shape)
     y = e.whiten(residual)
@@ -207,13 +237,17 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     count = len(groups) + 2
     for name, indices in groups.items():
         place = np.searchsorted(every, indices)
-        if name.startswith("elastic"):  # of a joint about a vertical axis no load is felt
+        if name.startswith(
+            "elastic"
+        ):  # of a joint about a vertical axis no load is felt
             place = place[np.argsort(-moves[place], kind="stable")]
         told = power[place[0], place[0]]
         if not told > 0.0:  # a tracker has no lens
             continue
         size = np.sqrt(np.maximum(power[place, place], 1e-300))
-        values, vectors = np.linalg.eigh(power[np.ix_(place, place)] / size[:, None] / size)
+        values, vectors = np.linalg.eigh(
+            power[np.ix_(place, place)] / size[:, None] / size
+        )
         clear = values > 1e-9 * values[-1]
         values = values[clear]
         vectors = vectors[:, clear] / size[:, None]
@@ -233,7 +267,10 @@ def group_tests(reference: Reference, log: Log, probes: Array) -> Tested:
     # Waves that are finer than the rows look like a noisy encoder.
     waved = reference.body.rows and noise.shape is None
     curves = indices_of(structure, ("curve",)) if waved else every[:0]
-    waves = structure.linearise(log.q, beta, curves)[1] * structure.prior(("curve",)).sd[curves]
+    waves = (
+        structure.linearise(log.q, beta, curves)[1]
+        * structure.prior(("curve",)).sd[curves]
+    )
     for columns in (own_columns(reference, log, 1.0), waves):
         power, pull = e.information(y, e.whiten(columns), noise.size)
         mean = float(np.trace(power))
@@ -266,11 +303,16 @@ def bound_test(
     bound = limit[index]
     square = (away**2).sum(axis=1)
     outputs = away.shape[1]
-    radius = float(chdtri(outputs, 0.05))  # squared, of 95 % of a Gaussian, in deviations
+    radius = float(
+        chdtri(outputs, 0.05)
+    )  # squared, of 95 % of a Gaussian, in deviations
     # half of the rows of a noisier sensor are nearer than its median
     noise = max(tests.noise**2, float(np.median(square)) / float(chdtri(outputs, 0.5)))
     noise = max(noise - tests.usual**2, 0.0)
-    if noise and alike(index, rows.u[index], away) * radius > float(np.median(bound)) ** 2:
+    if (
+        noise
+        and alike(index, rows.u[index], away) * radius > float(np.median(bound)) ** 2
+    ):
         noise = 0.0
     variance = np.full(len(index), noise)
     if tests.noisy is not None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 # Share of undisturbed logs for which `check` may call anything changed, after Bonferroni
 FALSE_ALARM = 1e-3
 OUTLIER = 5.0  # noises from which a row contradicts all others
-TEST_ROWS = 300  # of tests: their power grows with the rows, their work with the rows too
+TEST_ROWS = (
+    300  # of tests: their power grows with the rows, their work with the rows too
+)
 PSEUDO = 4.0  # observations that the old noise counts for
 # Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most
 JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)

@@ -60,7 +60,9 @@ def update(evidence: Evidence) -> Update:
     improved = evidence.explained and float(gains.mean()) > needed
     if not changed:
         # rows of an arm that did not change made a model of half of series A worse by 1.15
-        improved = improved and evidence.tests.noisy is None and _is_surer(evidence, body)
+        improved = (
+            improved and evidence.tests.noisy is None and _is_surer(evidence, body)
+        )
     tool = evidence.tool
     if tool.score > 1.0:
         if not improved:  # the tool alone
@@ -90,7 +92,9 @@ def _is_surer(evidence: Evidence, body: Body) -> bool:
     variances = []
     for belief in (body, old):
         spread = np.trace(belief.spread(probes), axis1=1, axis2=2).mean()
-        variances.append(float(spread) * old.kappa**2 + float((old.tau**2 + old.noise**2).sum()))
+        variances.append(
+            float(spread) * old.kappa**2 + float((old.tau**2 + old.noise**2).sum())
+        )
     return variances[0] < REFINED**2 * variances[1]
 
 
@@ -116,7 +120,9 @@ def _mixed(
     if second is not None:  # after the same log, under the most likely explanation
         e = chosen[0][1]
         apart = second.beta - old.beta
-        wide = replace(old, beta=second.beta, active=second.active, root=second.root, kappa=1.0)
+        wide = replace(
+            old, beta=second.beta, active=second.active, root=second.root, kappa=1.0
+        )
         there = replace(reference, body=wide, beta=reference.beta + apart)
         e = replace(e, origin=e.origin + apart, beta=e.beta + apart)
         wider, known, spread, _ = _posterior(there, e, log)
@@ -161,7 +167,11 @@ def _posterior(
         if not np.isfinite(y).all():
             return y, own, np.inf
         pull = own.T @ y
-        cost = y @ y - pull @ Factor(_with_ones(own.T @ own)).solve(pull) + normals @ normals
+        cost = (
+            y @ y
+            - pull @ Factor(_with_ones(own.T @ own)).solve(pull)
+            + normals @ normals
+        )
         return y, own, 0.5 * float(cost)
 
     def columns_of(ways: Array) -> Array:
@@ -176,7 +186,9 @@ def _posterior(
     for _ in range(_STEPS):
         columns = np.concatenate([columns_of(ways), own], axis=1)
         pull = columns.T @ y
-        pull[: len(normals)] -= normals  # the log's own part is followed anew in each step
+        pull[: len(normals)] -= (
+            normals  # the log's own part is followed anew in each step
+        )
         delta = Factor(_with_ones(columns.T @ columns)).solve(pull)[: len(normals)]
         for share in 0.3 ** np.arange(6.0):
             full = np.zeros(len(beta))
@@ -207,7 +219,9 @@ def _posterior(
         less = Factor(gram - columns[rows].T @ columns[rows])
         delta = less.solve(pull - columns[rows].T @ y[rows])[: len(normals)]
         held[rows] = y[rows] - x[rows] @ delta
-    learned = np.eye(len(normals)) - Factor(gram).inverse()[: len(normals), : len(normals)]
+    learned = (
+        np.eye(len(normals)) - Factor(gram).inverse()[: len(normals), : len(normals)]
+    )
     covariance = prior @ prior.T - ways @ learned @ ways.T
     return beta, active, covariance, held.reshape(log.z.shape) / weight
 

@@ -44,7 +44,9 @@ class Own:
 
     def outer(self, inner: dict[str, int], sizes: dict[str, int]) -> None:
         """Let the other know its lengths."""
-        sizes.update({name: inner[own] for own, name in self.shared.items() if own in inner})
+        sizes.update(
+            {name: inner[own] for own, name in self.shared.items() if own in inner}
+        )
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:

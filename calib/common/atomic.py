@@ -17,7 +17,9 @@ _FULL = "the disk is full; make room or choose another place"
 _REASONS = {errno.ENOSPC: _FULL, errno.EDQUOT: _FULL}
 
 
-def atomic_write(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO], object]) -> None:
+def atomic_write(
+    path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO], object]
+) -> None:
     """Write a file so that at any moment, Ctrl-C included, the old or the new one is whole.
 
     A symbolic link stays a link, permissions are kept, and what is no regular file (a pipe) is
@@ -35,7 +37,9 @@ def atomic_write(path: str | os.PathLike[str], data: bytes | Callable[[BinaryIO]
                 fill(file)
             return
         # at first for nobody else: what it replaces may be private
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=".calib-", suffix=".tmp")
+        handle, name = tempfile.mkstemp(
+            dir=target.parent, prefix=".calib-", suffix=".tmp"
+        )
         try:
             with os.fdopen(handle, "wb") as file:
                 fill(file)
@@ -82,7 +86,9 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
     target = Path(os.path.realpath(path)) if regular else Path(path)
     if not target.parent.is_dir():
         raise OSError(errno.ENOENT, f"there is no folder {str(target.parent)!r}")
-    asked = ([target.parent] if regular else []) + ([Path(path)] if mode is not None else [])
+    asked = ([target.parent] if regular else []) + (
+        [Path(path)] if mode is not None else []
+    )
     if not all(os.access(place, os.W_OK) for place in asked):
         raise OSError(errno.EACCES, "it or its folder is write-protected")
     return target, mode

@@ -25,11 +25,17 @@ MAPS = (
 MAP_READOUTS = ("linear", "activity", "winner")  # of maps and links alone
 
 RuleWord = Literal["batch", "online"]
-ReadoutWord = Literal["local", "body", "linear", "activity", "winner"]  # body where there is one
+ReadoutWord = Literal[
+    "local", "body", "linear", "activity", "winner"
+]  # body where there is one
 BodyWord = Literal["auto", "none"]  # whether a kinematic model stands under the maps
 # what a sensor measures; auto goes by the unit, pinhole is for arms in space
-ViewWord = Literal["auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"]
-FrameWord = Literal["sensor", "base"]  # whose coordinates a query is asked and answered in
+ViewWord = Literal[
+    "auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"
+]
+FrameWord = Literal[
+    "sensor", "base"
+]  # whose coordinates a query is asked and answered in
 LogFrameWord = Literal["auto", "base"]  # whether a log is in the robot's root frame
 CauseWord = Literal["sensor", "joints"]  # what a user may know of a change
 Eye = Literal["hand", "base"]  # where the camera is; the board is at the other place
@@ -43,7 +49,15 @@ FRAMES: tuple[str, ...] = get_args(FrameWord)
 LOG_FRAMES: tuple[str, ...] = get_args(LogFrameWord)
 CAUSES: tuple[str, ...] = get_args(CauseWord)
 EYES: tuple[str, ...] = get_args(Eye)
-ROTATIONS = ("xyzw", "wxyz", "vector", "rpy", "kuka", "fanuc", "matrix")  # of flange poses
+ROTATIONS = (
+    "xyzw",
+    "wxyz",
+    "vector",
+    "rpy",
+    "kuka",
+    "fanuc",
+    "matrix",
+)  # of flange poses
 METHODS: tuple[str, ...] = get_args(MethodWord)
 
 DICTIONARY = "apriltag_36h11"  # of tags, if none is named

@@ -43,7 +43,10 @@ def number_rows(
                     hint=suggestion(name, [str(name) for name in there]),
                     value=name,
                 )
-        parts = [_numbers(values[name], f"{what}, column {quoted(name)}", error) for name in names]
+        parts = [
+            _numbers(values[name], f"{what}, column {quoted(name)}", error)
+            for name in names
+        ]
         if len({part.shape for part in parts}) > 1 or parts[0].ndim > 1:
             raise error(f"{what}: expected columns of numbers of one length")
         rows = np.stack(parts, axis=-1)
@@ -64,11 +67,15 @@ def checked_rows(values: object, names: Sequence[str], what: str) -> tuple[Array
     if not np.isfinite(rows).all():
         row = int(np.argmin(np.isfinite(rows).all(axis=1)))
         where = "" if single else f" in row {row}"
-        raise QueryError(f"{what}{where}: {rows[row].tolist()} is not finite, expected numbers")
+        raise QueryError(
+            f"{what}{where}: {rows[row].tolist()} is not finite, expected numbers"
+        )
     return rows, single
 
 
-def each_joint(name: str, value: object, joints: Sequence[str], *, zero: bool = True) -> Array:
+def each_joint(
+    name: str, value: object, joints: Sequence[str], *, zero: bool = True
+) -> Array:
     """Return a number (dof,) for each joint, from one for all or one each: `zero` or more."""
     try:
         numbers = np.broadcast_to(np.asarray(value, dtype=float), (len(joints),)).copy()
@@ -99,7 +106,9 @@ def column_names(values: Any) -> list[Any]:
 def _numbers(values: object, what: str, error: type[CalibError]) -> Array:
     """Return a float64 copy of what is an array of plain numbers."""
     if isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values).any():
-        raise error(f"{what}: a masked array; leave out its masked entries, no measurements")
+        raise error(
+            f"{what}: a masked array; leave out its masked entries, no measurements"
+        )
     try:
         array = np.asarray(values)
         if array.dtype.kind in "mMcb":  # dates, times, complex numbers, true and false
@@ -111,7 +120,9 @@ def _numbers(values: object, what: str, error: type[CalibError]) -> Array:
 
 def thinned(count: int, most: int) -> NDArray[np.intp]:
     """Return at most `most` row numbers of `count`, evenly spread, in order."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
+    return np.unique(
+        np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
+    )
 
 
 def numbers(name: str, values: Any, count: int) -> list[float]:
@@ -127,5 +138,7 @@ def whole(name: str, value: object, least: int, most: int) -> int:
     """Return a whole number within bounds, NumPy's too; True and 3.0 are none."""
     good = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (good and least <= value <= most):  # type: ignore[operator]
-        raise OptionError(f"{name} is {value!r}, expected a whole number, {least} to {most:,}")
+        raise OptionError(
+            f"{name} is {value!r}, expected a whole number, {least} to {most:,}"
+        )
     return int(value)  # type: ignore[call-overload, no-any-return]

@@ -36,7 +36,9 @@ class Scale(ReadOnly):
         """Scale of the box that holds the rows of `x` (n, d)."""
         lower = x.min(axis=0)
         span = np.ptp(x, axis=0)
-        return Scale(lower, np.where(span > 0, span, 1.0), np.zeros(x.shape[1], dtype=bool))
+        return Scale(
+            lower, np.where(span > 0, span, 1.0), np.zeros(x.shape[1], dtype=bool)
+        )
 
     def to_unit(self, x: Array) -> Array:
         """Coordinates (n, d) in the unit box; periodic ones are wrapped into [0, 1)."""

@@ -30,7 +30,11 @@ def printable(text: str) -> str:
 def one_line(text: str) -> str:
     """Return a message as one printable line, its middle left out where that is long."""
     line = printable(text)
-    return line if len(line) <= _LINE else f"{line[: _LINE // 2]} ... {line[-_LINE // 3 :]}"
+    return (
+        line
+        if len(line) <= _LINE
+        else f"{line[: _LINE // 2]} ... {line[-_LINE // 3 :]}"
+    )
 
 
 def clipped(name: str) -> str:
@@ -76,7 +80,9 @@ def unit_of_joint(revolute: bool, degrees: bool) -> tuple[float, str]:
 
 def vector(values: Iterable[float]) -> str:
     """Return a vector as text, in which rounding errors, and a zero's sign, do not show."""
-    return "(" + ", ".join(f"{round(float(value), 6) + 0.0:.4g}" for value in values) + ")"
+    return (
+        "(" + ", ".join(f"{round(float(value), 6) + 0.0:.4g}" for value in values) + ")"
+    )
 
 
 def length_in_words(value: float, unit: str) -> str:
@@ -87,7 +93,9 @@ def length_in_words(value: float, unit: str) -> str:
         return f"{value:.3g} {unit}"
     if abs(value) < ROUNDED_AWAY:
         return "below 1 nm" if value else "0"
-    factor, name = next((f, n) for f, n in _PREFIXES if abs(value) >= 0.9995 * f or n == "nm")
+    factor, name = next(
+        (f, n) for f, n in _PREFIXES if abs(value) >= 0.9995 * f or n == "nm"
+    )
     return f"{value / factor:.3g} {name}"
 
 
@@ -102,6 +110,10 @@ def filled(package: str, name: str, **parts: str) -> str:
 
     def fill(found: re.Match[str]) -> str:
         place = found[1]
-        return parts[place] if place in parts else (folder / place).read_text(encoding="utf-8")
+        return (
+            parts[place]
+            if place in parts
+            else (folder / place).read_text(encoding="utf-8")
+        )
 
     return _PLACE.sub(fill, (folder / name).read_text(encoding="utf-8"))

@@ -30,7 +30,9 @@ class ClosedForm:
     meeting: Array  # (3,) [m], where the last axes meet
     tip: Array  # (3,) [m]
     rotation: Array  # (3, 3), of the tip
-    spherical: bool  # whether the last three axes meet; else axes 2, 3 and 4 are parallel
+    spherical: (
+        bool  # whether the last three axes meet; else axes 2, 3 and 4 are parallel
+    )
 
     @staticmethod
     def of(chain: SpatialChain) -> ClosedForm | None:
@@ -85,7 +87,9 @@ class ClosedForm:
         # |link + R fore| = |wanted|
         size = (wanted**2).sum(axis=1) - link @ link - fore @ fore
         lower = _at_height(self.axes[2], np.tile(fore, (len(place), 1)), link, size / 2)
-        reached = link + _applied(_turns(self.axes[2], lower), np.tile(fore, (len(lower), 1)))
+        reached = link + _applied(
+            _turns(self.axes[2], lower), np.tile(fore, (len(lower), 1))
+        )
         upper = _angle(axis, reached, np.tile(wanted, (2, 1)))
         return upper, lower
 
@@ -97,7 +101,9 @@ class ClosedForm:
         turn = np.tile(turn, (2, 1, 1))
         bent = _turns(second, middle)
         one = _angle(first, bent @ third, turn @ third)
-        three = -_angle(third, np.swapaxes(bent, 1, 2) @ first, np.swapaxes(turn, 1, 2) @ first)
+        three = -_angle(
+            third, np.swapaxes(bent, 1, 2) @ first, np.swapaxes(turn, 1, 2) @ first
+        )
         return one, middle, three
 
     def _parallel_arm(
@@ -107,20 +113,28 @@ class ClosedForm:
         axis = self.axes[1]
         fifth = self.axes[4]
         sixth = self.axes[5]
-        tilt = _at_height(fifth, np.tile(sixth, (len(turn), 1)), axis, (turn @ sixth) @ axis)
+        tilt = _at_height(
+            fifth, np.tile(sixth, (len(turn), 1)), axis, (turn @ sixth) @ axis
+        )
         base = np.tile(base, 2)
         owner = np.tile(owner, 2)
         turn = np.tile(turn, (2, 1, 1))
         place = np.tile(place, (2, 1))
         bent = _turns(fifth, tilt)
-        spin = -_angle(sixth, np.swapaxes(bent, 1, 2) @ axis, np.swapaxes(turn, 1, 2) @ axis)
+        spin = -_angle(
+            sixth, np.swapaxes(bent, 1, 2) @ axis, np.swapaxes(turn, 1, 2) @ axis
+        )
         # what is left of the turn is about the parallel axes
         rest = turn @ np.swapaxes(bent @ _turns(sixth, spin), 1, 2)
         side = np.tile(self._side, (len(rest), 1))
         total = _angle(axis, side, _applied(rest, side))
-        elbow = place - _applied(rest, np.tile(self.meeting - self.points[3], (len(rest), 1)))
+        elbow = place - _applied(
+            rest, np.tile(self.meeting - self.points[3], (len(rest), 1))
+        )
         upper, lower = self._arm(elbow, self.points[3])
-        base, total, tilt, spin = (np.tile(part, 2) for part in (base, total, tilt, spin))
+        base, total, tilt, spin = (
+            np.tile(part, 2) for part in (base, total, tilt, spin)
+        )
         signs = self.axes[2:4] @ axis  # an axis may point the other way
         last = (total - upper - lower * signs[0]) * signs[1]
         q = np.column_stack([base, upper, lower, last, tilt, spin])
@@ -171,7 +185,12 @@ def _angle(axis: Array, start: Array, goal: Array) -> Array:
 
 
 def _at_height(
-    axis: Array, vectors: Array, along: Array, height: Array | float, *, back: bool = False
+    axis: Array,
+    vectors: Array,
+    along: Array,
+    height: Array | float,
+    *,
+    back: bool = False,
 ) -> Array:
     """Angles (2n,) about an axis that bring vectors (n, 3) to heights (n,) along a direction.
 

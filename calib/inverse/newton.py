@@ -53,10 +53,16 @@ class Newton:
 
     task: Task
     scale: Scale  # range of the joints; knows which of them go round
-    extent: float  # of what can be reached, such as the diagonal of the workspace [unit]
+    extent: (
+        float  # of what can be reached, such as the diagonal of the workspace [unit]
+    )
 
     def refine(
-        self, u: Array, x: Array, tolerance: float = STEPS.rounding, steps: int = STEPS.most
+        self,
+        u: Array,
+        x: Array,
+        tolerance: float = STEPS.rounding,
+        steps: int = STEPS.most,
     ) -> tuple[Array, Array]:
         """Joints (n, dof) nearest to targets `x` (n, k) from starts `u`, and what is left (n,).
 
@@ -71,7 +77,9 @@ class Newton:
             answers[rows], left[rows] = self._refine(u[rows], x[rows], tolerance, steps)
         return answers, left
 
-    def _refine(self, start: Array, x: Array, tolerance: float, steps: int) -> tuple[Array, Array]:
+    def _refine(
+        self, start: Array, x: Array, tolerance: float, steps: int
+    ) -> tuple[Array, Array]:
         met = tolerance * self.extent
         rounding = max(tolerance, 1e-12) * self.extent
         now = self._rows(self._clip(start.T.copy()), x, STEPS.first_damping)
@@ -196,7 +204,9 @@ class Newton:
             position[nearer] = there[better]
             slope[nearer] = tilt[better]
             distance[nearer] = np.linalg.norm(x[nearer] - position[nearer], axis=1)
-            share[rows] = np.where(better, np.minimum(1.0, 2 * share[rows]), share[rows] / 4)
+            share[rows] = np.where(
+                better, np.minimum(1.0, 2 * share[rows]), share[rows] / 4
+            )
             rows = rows[(moved > STEPS.still) & (share[rows] > STEPS.least_share)]
         return u, distance
 
@@ -208,7 +218,9 @@ class Newton:
         for k, probe in enumerate(STEPS.probe * np.eye(u.shape[1])):
             ahead = self.task.value_and_slope(u + probe)[1]
             behind = self.task.value_and_slope(u - probe)[1]
-            curvature[:, k] -= np.einsum("noi,no->ni", ahead - behind, gap) / (2 * STEPS.probe)
+            curvature[:, k] -= np.einsum("noi,no->ni", ahead - behind, gap) / (
+                2 * STEPS.probe
+            )
         curvature = 0.5 * (curvature + np.swapaxes(curvature, 1, 2))
         curvature[stuck[:, :, None] | stuck[:, None, :]] = 0.0
         size, axes = np.linalg.eigh(curvature)
@@ -224,7 +236,13 @@ class Newton:
         return self._clip(u.T.copy()).T
 
     def take_better(
-        self, u: Array, left: Array, near: Array, owner: Index, others: Array, others_left: Array
+        self,
+        u: Array,
+        left: Array,
+        near: Array,
+        owner: Index,
+        others: Array,
+        others_left: Array,
     ) -> None:
         """Replace answers (n, dof) to targets, and what is left (n,), by better ones, in place.
 
@@ -246,7 +264,13 @@ class Newton:
         value, slope = self.task.value_and_slope(u.T)
         gap = self.task.gap(x, value).T
         distance = np.sqrt(np.einsum("mn,mn->n", gap, gap))
-        return Rows(u, gap, _rows_last(slope), distance, np.broadcast_to(damping, distance.shape))
+        return Rows(
+            u,
+            gap,
+            _rows_last(slope),
+            distance,
+            np.broadcast_to(damping, distance.shape),
+        )
 
     def _step(self, u: Array, slope: Array, gap: Array, damping: Array) -> Array:
         """J' (J J' + damping)^-1 gap, with the joints that may move, (dof, n)."""

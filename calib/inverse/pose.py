@@ -52,7 +52,9 @@ class Joints:
         span = self.upper - self.lower
         middle = 0.5 * (self.lower + self.upper)
         lower = np.where(self.revolute, middle - np.pi, self.lower - span)
-        return Scale(lower, np.where(self.revolute, TURN, 3 * span), np.asarray(self.revolute))
+        return Scale(
+            lower, np.where(self.revolute, TURN, 3 * span), np.asarray(self.revolute)
+        )
 
     def within(self, q: Array, slack: float = 1e-9) -> tuple[Array, NDArray[np.bool_]]:
         """Joint values (..., dof) by whole turns into the ranges, and whether all are inside."""

@@ -30,7 +30,9 @@ _WIDE = 8  # sensory nodes whose partners are tried where others have failed
 _STEP = 0.03  # of the joints' range: length of a step along a self-motion
 _WALK = 60  # most steps from one solution to another
 _STUCK = 0.05  # share of the way ahead that a step has to be able to go
-_ROUNDS = 7  # attempts to join what is still apart, each of twice as many pairs of a group
+_ROUNDS = (
+    7  # attempts to join what is still apart, each of twice as many pairs of a group
+)
 _NEAREST = 31  # solutions of the same target that one may be joined with
 
 
@@ -57,7 +59,9 @@ class Solver:
     @cached_property
     def newton(self) -> Newton:
         """Damped steps towards a target."""
-        return Newton(Positions(self.predictor.value_and_slope), self.scale, self.extent)
+        return Newton(
+            Positions(self.predictor.value_and_slope), self.scale, self.extent
+        )
 
     @cached_property
     def starts(self) -> Starts:
@@ -81,13 +85,19 @@ class Solver:
             step = self.newton.towards(u, x, 1e-12)
             beside = np.flatnonzero(np.abs(step).max(axis=1) < _SHORT)
         if len(beside):
-            u[beside], distance[beside] = self.newton.settle(u[beside], x[beside], near[beside])
+            u[beside], distance[beside] = self.newton.settle(
+                u[beside], x[beside], near[beside]
+            )
         away = np.linalg.norm(self.scale.difference(u, near), axis=1)
-        alike = _ALIKE * self.association.motor.spacing if self.redundant else SEARCH.beside
+        alike = (
+            _ALIKE * self.association.motor.spacing if self.redundant else SEARCH.beside
+        )
         rows = np.flatnonzero((distance > SEARCH.close * self.extent) | (away > alike))
         if len(rows):  # where that misses or leads far away, from the links
             start, folded = self.starts.of(x[rows])
-            away = np.linalg.norm(self.scale.difference(start, near[rows, None]), axis=2)
+            away = np.linalg.norm(
+                self.scale.difference(start, near[rows, None]), axis=2
+            )
             away = np.where(np.isnan(away), np.inf, away)
             first = away.min(axis=1, keepdims=True)
             close = away <= (first + alike if self.redundant else np.inf)
@@ -127,7 +137,9 @@ class Solver:
             distance = np.linalg.norm(self.predictor.value(u) - x[target], axis=1)
         lost = np.setdiff1d(np.arange(len(x)), target)
         if len(lost):
-            found, found_distance = self.solve(x[lost], np.full((len(lost), u.shape[1]), 0.5))
+            found, found_distance = self.solve(
+                x[lost], np.full((len(lost), u.shape[1]), 0.5)
+            )
             target = np.concatenate([target, lost])
             u = np.concatenate([u, found])
             distance = np.concatenate([distance, found_distance])
@@ -142,7 +154,9 @@ class Solver:
             target = np.append(target, np.repeat(np.arange(len(x)), _DRAWN))
             u = np.concatenate([u, np.tile(drawn(_DRAWN, u.shape[1]), (len(x), 1))])
         u, distance = self.newton.refine(u, x[target])
-        if not self.redundant:  # where branches meet they change much between neighbouring nodes
+        if (
+            not self.redundant
+        ):  # where branches meet they change much between neighbouring nodes
             row, across = twins(self.newton, u)
             folded = np.unique(target[row])
             owner, wide = self.starts.propose(x[folded], _WIDE)
@@ -157,7 +171,9 @@ class Solver:
         keep = distinct(self.scale, target, u, SEARCH.same)
         return target[keep], u[keep], distance[keep]
 
-    def _by_middle(self, target: Index, u: Array, distance: Array) -> tuple[Index, Array, Array]:
+    def _by_middle(
+        self, target: Index, u: Array, distance: Array
+    ) -> tuple[Index, Array, Array]:
         """Solutions sorted by target and distance to the middle of the ranges."""
         away = np.linalg.norm(self.scale.difference(u, np.full_like(u, 0.5)), axis=1)
         order = np.lexsort((away, target))
@@ -168,7 +184,9 @@ class Solver:
         return self.newton.clip(u)
 
 
-def _representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple[Index, Array]:
+def _representatives(
+    newton: Newton, target: Index, u: Array, x: Array
+) -> tuple[Index, Array]:
     """One solution of each connected family: the one closest to the middle of the ranges."""
     # two are of one family if small steps along the self-motion, on target and inside of the
     # limits, lead from one to the other: each group tries the nearest of others, more and more
@@ -199,7 +217,9 @@ def _representatives(newton: Newton, target: Index, u: Array, x: Array) -> tuple
     target = target[chosen]
     u = u[chosen]
     settled, distance = newton.settle(u, x[target], middle[chosen], longest=_STEP)
-    return target, np.where((distance <= SEARCH.close * newton.extent)[:, None], settled, u)
+    return target, np.where(
+        (distance <= SEARCH.close * newton.extent)[:, None], settled, u
+    )
 
 
 def _pairs(newton: Newton, target: Index, u: Array) -> tuple[Index, Index, Array]:
@@ -234,7 +254,9 @@ def _walk(newton: Newton, start: Array, goal: Array, x: Array) -> NDArray[np.boo
             break
         move = newton.tangent(u, wish)
         length = np.linalg.norm(move, axis=1)
-        trial, distance = newton.refine(u + shortened(move, _STEP), x[rows], SEARCH.close)
+        trial, distance = newton.refine(
+            u + shortened(move, _STEP), x[rows], SEARCH.close
+        )
         moved = np.linalg.norm(newton.scale.difference(trial, u), axis=1)
         now = np.linalg.norm(newton.scale.difference(goal[rows], trial), axis=1)
         going = (length > _STUCK * ahead) & (distance <= SEARCH.close * newton.extent)

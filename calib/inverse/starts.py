@@ -22,15 +22,23 @@ class StartSettings:
     sensory: int = 3  # sensory nodes whose partners are looked at
     step: float = 2.0  # longest first step of a node
     most: int = 60  # proposals of a target
-    unlikely: int = 3  # proposals where none is likely: out of reach, or in a singular pose
+    unlikely: int = (
+        3  # proposals where none is likely: out of reach, or in a singular pose
+    )
     cell: float = 1.5  # proposals that are closer count as one
     apart: float = 0.3  # solutions of two joints that are closer are one
-    missed: float = 2.0  # spacings of the sensory map by which a start may miss its node
+    missed: float = (
+        2.0  # spacings of the sensory map by which a start may miss its node
+    )
     width: int = 8  # most starts of a sensory node
     spare_width: int = 32  # the same, of redundant arms
     ahead: int = 48  # sensory nodes that a single query makes known
-    flat: float = 1e-2  # of the largest singular value: less is left out of a first step
-    probe: float = 1e-4  # of the joints' range: step of the derivative of a singular value
+    flat: float = (
+        1e-2  # of the largest singular value: less is left out of a first step
+    )
+    probe: float = (
+        1e-4  # of the joints' range: step of the derivative of a singular value
+    )
 
 
 STARTS = StartSettings()
@@ -65,8 +73,12 @@ class Starts:
         sensory = self.association.sensory
         node = sensory.nearest(sensory.scale.to_unit(x))[1][:, 0]
         missing = node[~self._known[node]]
-        if 0 < len(missing) < STARTS.ahead:  # single queries follow each other: neighbours, too
-            around = sensory.nearest(sensory.units[missing], min(STARTS.ahead, sensory.size))[1]
+        if (
+            0 < len(missing) < STARTS.ahead
+        ):  # single queries follow each other: neighbours, too
+            around = sensory.nearest(
+                sensory.units[missing], min(STARTS.ahead, sensory.size)
+            )[1]
             missing = around[~self._known[around]]
         if len(missing):
             self._learn(np.unique(missing))
@@ -87,13 +99,17 @@ class Starts:
         target = target[order]
         u = u[order]
         distance = distance[order]
-        near = distance <= STARTS.missed * sensory.spacing * float(sensory.scale.span.mean())
+        near = distance <= STARTS.missed * sensory.spacing * float(
+            sensory.scale.span.mean()
+        )
         near |= rank_within(target) == 0
         target = target[near]
         u = u[near]
         met = distance[near] <= SEARCH.close * self.newton.extent
         apart = STARTS.cell if self._redundant else STARTS.apart
-        single = distinct(motor.scale, target, u, np.where(met, apart, 1.0) * motor.spacing)
+        single = distinct(
+            motor.scale, target, u, np.where(met, apart, 1.0) * motor.spacing
+        )
         target = target[single]
         u = u[single]
         place = rank_within(target)
@@ -110,7 +126,9 @@ class Starts:
             self._folded[node[folded(size)]] = True
         self._known[nodes] = True
 
-    def propose(self, x: Array, sensory_nodes: int = STARTS.sensory) -> tuple[Index, Array]:
+    def propose(
+        self, x: Array, sensory_nodes: int = STARTS.sensory
+    ) -> tuple[Index, Array]:
         """What the links say of targets `x` (n, m): of which target (k,), and joints (k, dof).
 
         Joints are in the unit box, one node's linear step towards the target, unrefined; targets
@@ -132,7 +150,9 @@ class Starts:
         cell = np.floor(u / (STARTS.cell * motor.spacing)).astype(np.int64)
         order = np.lexsort((length, *cell.T, target))
         key = np.column_stack([target, cell])[order]
-        first_of_cell = np.append(True, np.any(key[1:] != key[:-1], axis=1))[: len(order)]
+        first_of_cell = np.append(True, np.any(key[1:] != key[:-1], axis=1))[
+            : len(order)
+        ]
         rows = order[first_of_cell]
         rows = rows[np.lexsort((length[rows], target[rows]))]
         owner = target[rows]
@@ -171,7 +191,9 @@ def rank_within(owner: Index) -> Index:
     return np.arange(len(owner)) - np.searchsorted(owner, owner)
 
 
-def distinct(scale: Scale, target: Index, u: Array, apart: Array | float) -> NDArray[np.bool_]:
+def distinct(
+    scale: Scale, target: Index, u: Array, apart: Array | float
+) -> NDArray[np.bool_]:
     """Which joints (n, dof), sorted by target, are `apart` from all earlier ones that stay."""
     stays = np.ones(len(u), dtype=bool)
     apart = np.broadcast_to(apart, len(u))

@@ -60,7 +60,9 @@ class Poses:
     evaluate: Evaluate
     scale: Scale
     lever: float  # [m], what a radian of turn counts as
-    free: int | None = None  # axis of the tip, 0 to 2, about which its turn is left open
+    free: int | None = (
+        None  # axis of the tip, 0 to 2, about which its turn is left open
+    )
 
     @staticmethod
     def target(position: Array, rotation: Array) -> Array:
@@ -103,7 +105,9 @@ def _swing(start: Array, goal: Array) -> Array:
     angle = np.arctan2(sine, (start * goal).sum(axis=1, keepdims=True))
     opposite = (sine == 0.0) & (angle > 1.0)
     if opposite.any():
-        side = np.cross(start, np.column_stack([start[:, 1], start[:, 2], -start[:, 0]]))
+        side = np.cross(
+            start, np.column_stack([start[:, 1], start[:, 2], -start[:, 0]])
+        )
         across = np.where(opposite, side, across)
         sine = np.linalg.norm(across, axis=1, keepdims=True)
     return np.asarray(across * (angle / np.where(sine > 0.0, sine, 1.0)))

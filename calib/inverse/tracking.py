@@ -106,9 +106,13 @@ class _Follower:
             going[:] = True  # joints are as close as they can be
         elif len(again) and halved:
             middle = way.mean(axis=0)
-            half, kept = self._advance(u[again], np.stack([way[0], middle]), row, halved - 1, False)
+            half, kept = self._advance(
+                u[again], np.stack([way[0], middle]), row, halved - 1, False
+            )
             rest = np.stack([middle, way[1]])
-            trial[again], going[again] = self._advance(half, rest, row, halved - 1, last)
+            trial[again], going[again] = self._advance(
+                half, rest, row, halved - 1, last
+            )
             going[again] &= kept
         return trial, going
 
@@ -119,11 +123,15 @@ class _Follower:
             x = self._x[row : row + 1]
             start, _ = solver.starts.of(x)
             u = start[~np.isnan(start[..., 0])]
-            left = solver.newton.refine(u, np.repeat(x, len(u), axis=0), SEARCH.close)[1]
+            left = solver.newton.refine(u, np.repeat(x, len(u), axis=0), SEARCH.close)[
+                1
+            ]
             self._reached[row] = (left <= SEARCH.close * solver.extent).any()
         return bool(self._reached[row])
 
-    def _step(self, u: Array, x: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    def _step(
+        self, u: Array, x: Array
+    ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """One step of the target; whether joints moved by little, and met it, (n,)."""
         solver = self._solver
         newton = self._solver.newton
@@ -142,9 +150,13 @@ class _Follower:
             met = distance <= SEARCH.close * newton.extent
             rest = np.flatnonzero(self._moved(trial, u) > _SMOOTH)
         if len(rest):
-            trial[rest], distance = newton.refine(u[rest], targets[rest], SEARCH.close, _FEW)
+            trial[rest], distance = newton.refine(
+                u[rest], targets[rest], SEARCH.close, _FEW
+            )
             met[rest] = distance <= SEARCH.close * newton.extent
         return trial, self._moved(trial, u) <= _SMOOTH, met
 
     def _moved(self, u: Array, before: Array) -> Array:
-        return np.asarray(np.linalg.norm(self._solver.scale.difference(u, before), axis=1))
+        return np.asarray(
+            np.linalg.norm(self._solver.scale.difference(u, before), axis=1)
+        )

@@ -42,13 +42,17 @@ class Sag:
             return None
         loads = Loads.together([structure.loads[name] for name in blocks])
         elastic = np.concatenate([beta[structure.groups[name]] for name in blocks])
-        return Sag(loads, elastic, structure.gravity_at(beta), structure.tilts["gravity"])
+        return Sag(
+            loads, elastic, structure.gravity_at(beta), structure.tilts["gravity"]
+        )
 
     @property
     def bending(self) -> Array:
         """How much the weight of each point bends each joint, (m, p)."""
         bending = np.zeros((self.loads.chain.joints, len(self.loads.links)))
-        np.add.at(bending, self.loads.joints, self.elastic[:, None] * self.loads.weights)
+        np.add.at(
+            bending, self.loads.joints, self.elastic[:, None] * self.loads.weights
+        )
         return bending
 
     def derivatives(self, q: Array, chained: Array) -> list[Array]:
@@ -60,7 +64,9 @@ class Sag:
         bent = chained[self.loads.joints]
         by_elasticity = bent * loads_of(levers, self.gravity)[:, None]
         by_gravity = [
-            (bent * (self.elastic[:, None] * loads_of(levers, way))[:, None]).sum(axis=0)
+            (bent * (self.elastic[:, None] * loads_of(levers, way))[:, None]).sum(
+                axis=0
+            )
             for way in self.tilts
         ]
         return [by_elasticity, np.stack(by_gravity)]
@@ -80,12 +86,18 @@ class KernelArm:
     shift: Array  # (3,)
     aim: Array  # (3, 3), orientation of the sensor
     outputs: int  # coordinates of a position: 2 or 3
-    lens: Array | None  # (4,), focal length, centre, k1; None where nothing is divided by a depth
+    lens: (
+        Array | None
+    )  # (4,), focal length, centre, k1; None where nothing is divided by a depth
     curves: Array  # (dof, 96), or (0, 96) where there are none
     # (dof, dof) each, cosines and sines of the summed angles up to joint k that bend joint i
     flex: Array | None = None
-    way: Array = field(default_factory=lambda: np.zeros(0))  # (dof,), sense of joints that turn
-    coupling: Array = field(default_factory=lambda: np.zeros(0))  # (dof - 1,), to the joint before
+    way: Array = field(
+        default_factory=lambda: np.zeros(0)
+    )  # (dof,), sense of joints that turn
+    coupling: Array = field(
+        default_factory=lambda: np.zeros(0)
+    )  # (dof - 1,), to the joint before
     sag: Sag | None = None
 
     @staticmethod
@@ -120,14 +132,18 @@ class KernelArm:
         if self.flex is not None:
             psi = np.cumsum(self.way * q, axis=1).T
             each = [(k, i) for k in range(len(psi)) for i in range(k + 1)]
-            waves = [own[i] * wave(psi[k]) for k, i in each for wave in (np.cos, np.sin)]
+            waves = [
+                own[i] * wave(psi[k]) for k, i in each for wave in (np.cos, np.sin)
+            ]
             parts.append(np.array(waves))
         geometry = np.concatenate([part.reshape(-1, 3, len(q)) for part in parts])
         if self.lens is None:
             return geometry[:, : self.outputs], own[:, : self.outputs]
         seen = self.view @ motion.position + self.shift[:, None]
         sight = pixels(self.lens, seen)
-        return np.concatenate([sight.seen(geometry), sight.refocused()]), sight.seen(own)
+        return np.concatenate([sight.seen(geometry), sight.refocused()]), sight.seen(
+            own
+        )
 
 
 def _curves(structure: Any, beta: Array) -> Array:
@@ -183,7 +199,9 @@ def _planar(structure: Any, beta: Array) -> KernelArm:
         np.zeros(dof),
     )
     flex = np.zeros((2, dof, dof))
-    for (i, k), pair in zip(structure.pairs, beta[groups["elastic"]].reshape(-1, 2), strict=True):
+    for (i, k), pair in zip(
+        structure.pairs, beta[groups["elastic"]].reshape(-1, 2), strict=True
+    ):
         flex[:, i, k] = pair
     sensor = structure.sensor(beta)
     if structure.view == "homography":

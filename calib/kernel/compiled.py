@@ -47,7 +47,9 @@ _PART = 4
 _FOUND = 32
 _SIZE = 128
 NOTHING = 3  # flag of a position that nothing reaches
-_SHARED_ROWS = 1000  # rows from which two threads answer: one takes a millisecond or more for them
+_SHARED_ROWS = (
+    1000  # rows from which two threads answer: one takes a millisecond or more for them
+)
 _MOST_WAYS = 32  # ways of a pose: six joints have 16 at most
 _MOST_BRANCHES = 8  # ways of a position without spare joints
 
@@ -70,7 +72,9 @@ def source(*names: str) -> str:
 def c_source(text: str, words: Mapping[str, object], prefix: str, single: bool) -> str:
     """C source with words such as ``@dof@`` and ``#if @word@`` filled in, and names' prefix."""
     while "#if @" in text:  # the innermost first
-        text = _CHOICE.sub(lambda found: (found[2] if words[found[1]] else found[3]) or "", text)
+        text = _CHOICE.sub(
+            lambda found: (found[2] if words[found[1]] else found[3]) or "", text
+        )
     filled = {
         name: c_number(value, single) if isinstance(value, float) else str(value)
         for name, value in words.items()
@@ -90,7 +94,11 @@ def table(name: str, values: NDArray[Any], single: bool, floats: bool = False) -
     if not values.size:
         values = np.zeros([max(size, 1) for size in values.shape], dtype=values.dtype)
     whole = values.dtype.kind == "i"
-    text = str(values.tolist()).translate(_BRACES) if whole else braces(values, single or floats)
+    text = (
+        str(values.tolist()).translate(_BRACES)
+        if whole
+        else braces(values, single or floats)
+    )
     kind = "int" if whole else "float" if floats else "calib_real"
     return f"static const {kind} {name}{''.join(f'[{n}]' for n in values.shape)} = {text};\n"
 
@@ -125,7 +133,11 @@ class Compiled:
     """A shared library that answers queries; every thread has buffers of its own."""
 
     def __init__(
-        self, library: ctypes.CDLL, folder: tempfile.TemporaryDirectory[str], dof: int, outputs: int
+        self,
+        library: ctypes.CDLL,
+        folder: tempfile.TemporaryDirectory[str],
+        dof: int,
+        outputs: int,
     ) -> None:
         self._folder = folder  # is removed with the library
         self._library = library
@@ -156,7 +168,9 @@ class Compiled:
         """Whether it knows poses in space."""
         return hasattr(self._library, "rows_poses")
 
-    def ask(self, name: str, joints: ArrayLike, *arguments: ArrayLike) -> tuple[Array, int] | None:
+    def ask(
+        self, name: str, joints: ArrayLike, *arguments: ArrayLike
+    ) -> tuple[Array, int] | None:
         """The answer for joints (dof,) and what else is asked, and how sure, see ``c/calls.h``.
 
         None where a question is none: the batch refuses it in words.
@@ -206,7 +220,9 @@ class Compiled:
         sizes, shape = self._shapes[name]
         whole = np.zeros(_SIZE)
         begins = range(_ASKED, _FOUND, _PART)
-        parts = tuple(whole[a : a + size] for a, size in zip(begins, sizes, strict=False))
+        parts = tuple(
+            whole[a : a + size] for a, size in zip(begins, sizes, strict=False)
+        )
         answer = whole[_FOUND : _FOUND + math.prod(shape)].reshape(shape)
         return Buffers(call, int(whole.ctypes.data), whole[: self._dof], parts, answer)
 
@@ -297,7 +313,9 @@ class Compiled:
         return flags
 
 
-def compile_source(text: str, words: dict[str, object], dof: int, outputs: int) -> Compiled:
+def compile_source(
+    text: str, words: dict[str, object], dof: int, outputs: int
+) -> Compiled:
     """The library that the C compiler (``$CC``, else ``cc``) makes of a header's text.
 
     words : what the functions that Python calls depend on, see ``c/calls.h``
@@ -316,8 +334,15 @@ def compile_source(text: str, words: dict[str, object], dof: int, outputs: int) 
     path = Path(folder.name) / "kernel.so"
     calls = c_source(source("calls"), words, "calib_", single=False)
     made.write_text(text + calls, encoding="ascii")
-    if threading.current_thread() is not threading.main_thread() and shutil.which("nice"):
-        command = ["nice", "-n", str(_PATIENT), *command]  # a control loop may run beside it
+    if threading.current_thread() is not threading.main_thread() and shutil.which(
+        "nice"
+    ):
+        command = [
+            "nice",
+            "-n",
+            str(_PATIENT),
+            *command,
+        ]  # a control loop may run beside it
     end = ("-o", str(path), str(made), "-lm")
     try:
         for flags in ((*_FLAGS, *_QUICKLY), _FLAGS):

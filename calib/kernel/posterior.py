@@ -53,7 +53,10 @@ class CompactPosterior:
         structure = body.structure
         arm = KernelArm.of(body.structure, body.beta)
         q = np.random.default_rng(0).uniform(lower, upper, (_ASKED, structure.dof))
-        curves = [np.asarray(structure.groups[f"curve.{k}"], int) for k in range(structure.dof)]
+        curves = [
+            np.asarray(structure.groups[f"curve.{k}"], int)
+            for k in range(structure.dof)
+        ]
         told = np.ones(structure.size, dtype=bool)  # of the geometry, not of a curve
         told[np.concatenate(curves)] = False
         seen = structure.blocks[0]
@@ -65,16 +68,24 @@ class CompactPosterior:
         for belief in beliefs:
             fixed[belief.active] = False
         slope[:, :, fixed] = 0.0
-        basis = np.moveaxis(arm.derivatives(q)[0], 2, 0).swapaxes(1, 2).reshape(_ASKED * seen, -1)
+        basis = (
+            np.moveaxis(arm.derivatives(q)[0], 2, 0)
+            .swapaxes(1, 2)
+            .reshape(_ASKED * seen, -1)
+        )
         rows = slope[:, :, told].reshape(_ASKED * seen, -1)
         size = np.linalg.norm(basis, axis=0)
-        still = size < _STILL * size.max()  # such as the load of a joint that stands upright
+        still = (
+            size < _STILL * size.max()
+        )  # such as the load of a joint that stands upright
         basis[:, still], size[still] = 0.0, 1.0
         basis = basis / size
         through = np.linalg.lstsq(basis, rows, rcond=1e-12)[0]
         apart = np.linalg.norm(basis @ through - rows, axis=0)
         if (apart > _TOLD * np.linalg.norm(rows, axis=0).max()).any():
-            raise OptionError("the body has a parameter that the C source does not know")
+            raise OptionError(
+                "the body has a parameter that the C source does not know"
+            )
         through /= size[:, None]
         values, vectors = np.linalg.eigh(np.einsum("nma,nmb->ab", slope, slope))
         scales = vectors, np.sqrt(np.maximum(values, 1e-14 * values[-1]))
@@ -85,15 +96,22 @@ class CompactPosterior:
             other = np.where(told, belief.beta, body.beta)
             gap = structure.predict(q, other) - structure.predict(q, body.beta)
             off = np.linalg.lstsq(basis, gap[:, :seen].ravel(), rcond=1e-12)[0] / size
-            parts.append(_compact(belief, body.beta, told, through, curves, ways, scales, off))
+            parts.append(
+                _compact(belief, body.beta, told, through, curves, ways, scales, off)
+            )
         rank = max(part[0].shape[1] for part in parts)
-        root = np.stack([np.pad(p[0], ((0, 0), (0, rank - p[0].shape[1]))) for p in parts])
-        alone, coupled, waved, gains = (np.stack([part[k] for part in parts]) for k in range(1, 5))
+        root = np.stack(
+            [np.pad(p[0], ((0, 0), (0, rank - p[0].shape[1]))) for p in parts]
+        )
+        alone, coupled, waved, gains = (
+            np.stack([part[k] for part in parts]) for k in range(1, 5)
+        )
         # as in `Body.bound`: the first belief is inflated, the second not
         scale = np.array([(body.kappa, SHARED**2), (1.0, 1.0)][: len(parts)])
         # the C source has them in single precision, and both have to give the same answers
         root, alone, coupled, waved = (
-            part.astype(np.float32).astype(float) for part in (root, alone, coupled, waved)
+            part.astype(np.float32).astype(float)
+            for part in (root, alone, coupled, waved)
         )
         model = body.unexplained(noise=False)
         extra = model, body.unexplained(noise=True) - model
@@ -101,21 +119,29 @@ class CompactPosterior:
 
     def bound(self, q: Array, *, noise: bool) -> Array:
         """95 % bounds (n,) on positions at joint values (n, dof), as `Body.bound`."""
-        parts = [self._bound(q[i : i + _CHUNK], noise) for i in range(0, len(q), _CHUNK)]
+        parts = [
+            self._bound(q[i : i + _CHUNK], noise) for i in range(0, len(q), _CHUNK)
+        ]
         return np.concatenate(parts) if parts else np.zeros(0)
 
     def _bound(self, q: Array, noise: bool) -> Array:
-        geometry, own = (part.transpose(2, 1, 0).copy() for part in self.arm.derivatives(q))
+        geometry, own = (
+            part.transpose(2, 1, 0).copy() for part in self.arm.derivatives(q)
+        )
         extra = np.diag(self.residual + (self.noise if noise else 0.0))
         turn = np.exp(1j * q.T[:, None] * np.arange(1, 2 * HARMONICS + 1)[:, None])
-        waves = np.concatenate([turn[:, :HARMONICS].real, turn[:, :HARMONICS].imag], axis=1)
+        waves = np.concatenate(
+            [turn[:, :HARMONICS].real, turn[:, :HARMONICS].imag], axis=1
+        )
         out = np.zeros(len(q))
         for b, (factor, share) in enumerate(self.scale):
             y = geometry @ self.root[b]
             z = geometry @ self.coupled[b]
             spread = y @ np.swapaxes(y, 1, 2)
             if self.waved.any():
-                size = self.own[b, :, :1] + np.einsum("kh,khn->kn", self.own[b, :, 1::2], turn.real)
+                size = self.own[b, :, :1] + np.einsum(
+                    "kh,khn->kn", self.own[b, :, 1::2], turn.real
+                )
                 size = size + np.einsum("kh,khn->kn", self.own[b, :, 2::2], turn.imag)
                 spread += (own * size.T[:, None]) @ np.swapaxes(own, 1, 2)
                 z += own @ np.swapaxes(np.swapaxes(waves, 1, 2) @ self.waved[b], 0, 1)
@@ -156,11 +182,15 @@ def _compact(
     waves = waves_of(turn).T
     for k in bent:
         block = np.ix_(curves[k], curves[k])
-        terms = np.fft.rfft(((waves @ covariance[block]) * waves).sum(axis=1)) / len(waves)
+        terms = np.fft.rfft(((waves @ covariance[block]) * waves).sum(axis=1)) / len(
+            waves
+        )
         own[k, 0], remaining[block] = float(terms[0].real), 0.0
         own[k, 1::2] = 2 * terms[1 : 2 * HARMONICS + 1].real
         own[k, 2::2] = -2 * terms[1 : 2 * HARMONICS + 1].imag
-    strength, kept = np.linalg.eigh((vectors * weight).T @ remaining @ (vectors * weight))
+    strength, kept = np.linalg.eigh(
+        (vectors * weight).T @ remaining @ (vectors * weight)
+    )
     most = np.argsort(-np.abs(strength))[:ways]
     directions = (vectors / weight) @ kept[:, most] * np.sqrt(np.abs(strength[most]))
     directions = np.column_stack([directions, belief.beta - beta])

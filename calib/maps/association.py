@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 def check_readout(name: str) -> None:
     """Refuse an unknown readout."""
     if name not in READOUTS:
-        raise OptionError(f"readout {name!r} is unknown, choose one of {', '.join(READOUTS)}")
+        raise OptionError(
+            f"readout {name!r} is unknown, choose one of {', '.join(READOUTS)}"
+        )
 
 
 @dataclass(frozen=True)
@@ -34,8 +36,12 @@ class Clusters:
     """Motor nodes linked to each sensory node, grouped into branches."""
 
     center: Array  # (sensory nodes, c, dof), link-weighted mean in the unit box, strongest first
-    strength: Array  # (sensory nodes, c), sum of its links, 0 where there is no such cluster
-    core: Index  # (sensory nodes, c), motor node with the strongest link of each cluster
+    strength: (
+        Array  # (sensory nodes, c), sum of its links, 0 where there is no such cluster
+    )
+    core: (
+        Index  # (sensory nodes, c), motor node with the strongest link of each cluster
+    )
 
 
 @dataclass(frozen=True)
@@ -83,7 +89,9 @@ class Association:
         return csr_array((links.data, links.indices, links.indptr), shape=links.shape)
 
     @staticmethod
-    def learn(motor: Map, u: Array, sensory: Map, v: Array, wiring: Wiring) -> Association:
+    def learn(
+        motor: Map, u: Array, sensory: Map, v: Array, wiring: Wiring
+    ) -> Association:
         """Link two maps by samples (n, dof) and (n, 2) in their unit boxes."""
         from scipy.sparse import csr_array
 
@@ -116,13 +124,17 @@ class Association:
     def forward(self, u: Array, readout: str) -> Array:
         """Positions in the sensory unit box (n, 2) for joints `u` (n, dof) in theirs."""
         if readout == "winner":
-            return self.sensory.units[self._strongest_partner[self.motor.nearest(u)[1][:, 0]]]
+            return self.sensory.units[
+                self._strongest_partner[self.motor.nearest(u)[1][:, 0]]
+            ]
         if readout == "linear":
             return self.sensory.scale.to_unit(self.linear.value(u))
         a = self.wiring.activity(self.motor, u)
         # sum_i a_i c_ij w_j / sum_i a_i c_ij
         total = a @ self._strength
-        predicted = np.asarray(a @ self._weighted) / np.where(total > 0, total, 1.0)[:, None]
+        predicted = (
+            np.asarray(a @ self._weighted) / np.where(total > 0, total, 1.0)[:, None]
+        )
         unlinked = np.flatnonzero(~(total > 0))
         if len(unlinked):
             predicted[unlinked] = self.forward(u[unlinked], "winner")
@@ -147,13 +159,20 @@ class Association:
         nodes = a.indices.reshape(n, k)
         weight = a.data.reshape(n, k)
         winner = self.sensory.nearest(v)[1][:, 0]
-        away = np.linalg.norm(scale.difference(clusters.center[winner], near[:, None]), axis=2)
+        away = np.linalg.norm(
+            scale.difference(clusters.center[winner], near[:, None]), axis=2
+        )
         branch = np.where(clusters.strength[winner] > 0, away, np.inf).argmin(axis=1)
         anchor = clusters.center[winner, branch]
         gap = scale.difference(clusters.center[nodes], anchor[:, None, None])
-        far = np.linalg.norm(gap, axis=3) + np.where(clusters.strength[nodes] > 0, 0.0, np.inf)
+        far = np.linalg.norm(gap, axis=3) + np.where(
+            clusters.strength[nodes] > 0, 0.0, np.inf
+        )
         best = far.argmin(axis=2)[..., None]
-        close = np.take_along_axis(far, best, 2)[..., 0] <= READOUT.core * self.motor.spacing
+        close = (
+            np.take_along_axis(far, best, 2)[..., 0]
+            <= READOUT.core * self.motor.spacing
+        )
         strength = np.take_along_axis(clusters.strength[nodes], best, 2)[..., 0]
         weight = np.where(close, weight * strength, 0.0)
         weight[:, 0] += 1e-300
@@ -221,11 +240,15 @@ class Association:
         place = np.minimum(np.searchsorted(key, other), len(key) - 1)
         met = key[place] == other
         indptr = np.append(0, np.cumsum(np.bincount(row[met], minlength=len(key))))
-        graph = csr_array((np.ones(len(place[met])), place[met], indptr), shape=(len(key),) * 2)
+        graph = csr_array(
+            (np.ones(len(place[met])), place[met], indptr), shape=(len(key),) * 2
+        )
         label = connected_components(graph)[1].astype(np.intp)
 
         order = np.lexsort((-links.data, label))
-        first = order[np.append(True, np.diff(label[order]) > 0)]  # strongest link of each cluster
+        first = order[
+            np.append(True, np.diff(label[order]) > 0)
+        ]  # strongest link of each cluster
         core = first[label]  # the strongest link of the same cluster
         gap = motor.scale.difference(motor.units[i], motor.units[i[core]])
         weight = np.where(
@@ -251,7 +274,9 @@ def _sums(network: Map, activity: csr_array, u: Array) -> Array:
     gap = network.scale.difference(u[rows], network.units[activity.indices])
     a = activity.data
     columns = (*(a * c for c in gap.T), a, a * a)
-    return np.stack([np.bincount(activity.indices, c, network.size) for c in columns], axis=1)
+    return np.stack(
+        [np.bincount(activity.indices, c, network.size) for c in columns], axis=1
+    )
 
 
 def _shifts(network: Map, sums: Array) -> Array:
@@ -261,7 +286,8 @@ def _shifts(network: Map, sums: Array) -> Array:
     )
     shifts = sums[:, :-2] * share[:, None] / network.spacing
     return np.asarray(
-        np.clip(shifts, -READOUT.furthest, READOUT.furthest).astype(np.float16), dtype=float
+        np.clip(shifts, -READOUT.furthest, READOUT.furthest).astype(np.float16),
+        dtype=float,
     )
 
 
@@ -289,6 +315,8 @@ def _linked(network: Map, counts: Index) -> Index:
     linked = np.flatnonzero(counts > 0)
     empty = np.flatnonzero(counts == 0)
     if len(empty):
-        nearest = nearest_points(network.units[linked], network.scale, network.units[empty])[1]
+        nearest = nearest_points(
+            network.units[linked], network.scale, network.units[empty]
+        )[1]
         source[empty] = linked[nearest[:, 0]]
     return source

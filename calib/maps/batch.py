@@ -26,7 +26,9 @@ Density = Literal["even", "varying", "growing"]
 
 def decay(start: float, end: float, n: int) -> Array:
     """`n` values that decay exponentially from `start` to `end` (eq. 4)."""
-    return start * (end / start) ** np.linspace(0.0, 1.0, n) if n > 1 else np.array([end])
+    return (
+        start * (end / start) ** np.linspace(0.0, 1.0, n) if n > 1 else np.array([end])
+    )
 
 
 @dataclass(frozen=True)
@@ -66,12 +68,16 @@ def coarse_to_fine(
         return [Stage(lattice, decay(start, end, epochs or 20), progress=(0.0, 1.0))]
     growth = lattice.size / BATCH.coarsest
     levels = math.ceil(math.log(growth, BATCH.growth)) if growth >= 2 else 0
-    coarse = [shrunk(lattice, BATCH.coarsest * growth ** (k / levels)) for k in range(levels)]
+    coarse = [
+        shrunk(lattice, BATCH.coarsest * growth ** (k / levels)) for k in range(levels)
+    ]
     coarse = [small for small in coarse if small.size < lattice.size]
     if not coarse:
         start = max(longest / 2, 1.0)
         return [Stage(lattice, decay(start, min(last, start), 20), progress=(0.0, 1.0))]
-    if density == "varying":  # so wide a radius comes next that one coarse lattice will do
+    if (
+        density == "varying"
+    ):  # so wide a radius comes next that one coarse lattice will do
         coarse = coarse[:1]
     first = Stage(coarse[0], decay(2.0, 0.7, 8))
     finer = [Stage(small, decay(2.0, 1.5, 6), BATCH.step) for small in coarse]
@@ -83,9 +89,14 @@ def coarse_to_fine(
     if density == "even":
         return [first, *finer, Stage(lattice, decay(1.0, last, 3), progress=(0.0, 1.0))]
     share = np.linspace(0.0, BATCH.grown, len(finer) + 1).tolist()
-    finer = [replace(s, progress=part) for s, part in zip(finer, pairwise(share), strict=True)]
+    finer = [
+        replace(s, progress=part)
+        for s, part in zip(finer, pairwise(share), strict=True)
+    ]
     side = lattice.size ** (1 / lattice.dim)
-    last = float(np.clip(BATCH.last_radius + 0.22 * math.log2(side / 20), BATCH.last_radius, 0.8))
+    last = float(
+        np.clip(BATCH.last_radius + 0.22 * math.log2(side / 20), BATCH.last_radius, 0.8)
+    )
     radii = decay(BATCH.first_radius_growing, last, BATCH.epochs_growing)
     return [first, *finer, Stage(lattice, radii, progress=(BATCH.grown, 1.0))]
 
@@ -163,7 +174,9 @@ def _by_place(u: Array) -> Index:
     per_axis = int(BATCH.sorting_cells ** (1 / u.shape[1]))
     cell = np.zeros(len(u), dtype=np.uint16)
     for c in u.T:
-        cell = cell * np.uint16(per_axis) + (np.clip(c, 0.0, 0.999) * per_axis).astype(np.uint16)
+        cell = cell * np.uint16(per_axis) + (np.clip(c, 0.0, 0.999) * per_axis).astype(
+            np.uint16
+        )
     return np.argsort(cell, kind="stable")  # in linear time, as they have 16 bits
 
 
@@ -194,7 +207,9 @@ def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
     return np.asarray(grid.reshape(sums.shape))
 
 
-def moved(weights: Array, sums: Array, lattice: Lattice, sigma: float, step: float | None) -> Array:
+def moved(
+    weights: Array, sums: Array, lattice: Lattice, sigma: float, step: float | None
+) -> Array:
     """Where the nodes (size, d) go after an epoch.
 
     Kohonen's batch rule puts each node at the mean of all samples, weighted by h of their winners.
@@ -205,7 +220,9 @@ def moved(weights: Array, sums: Array, lattice: Lattice, sigma: float, step: flo
     """
     if step is not None:
         counts = sums[:, -1:]
-        sums = np.concatenate([step * (sums[:, :-1] - counts * weights), counts], axis=1)
+        sums = np.concatenate(
+            [step * (sums[:, :-1] - counts * weights), counts], axis=1
+        )
     met = spread(sums, lattice, sigma)
     count = met[:, -1:]
     reached = count > 1e-12 * count.max()

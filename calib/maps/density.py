@@ -66,7 +66,9 @@ class Visit:
         a, b = self.lattice.edges().T
         square = np.sum((self.weights[a] - self.weights[b]) ** 2, axis=1)
         n = len(self.weights)
-        return np.asarray(np.bincount(a, square, n) + np.bincount(b, square, n), dtype=float)
+        return np.asarray(
+            np.bincount(a, square, n) + np.bincount(b, square, n), dtype=float
+        )
 
 
 Gain = Callable[[Visit], Array]
@@ -83,7 +85,9 @@ def border(visit: Visit, share: float = 1.0) -> Array:
     the map to rest.
     """
     side = visit.lattice.size ** (1 / getattr(visit.lattice, "dim", 2))
-    strength = np.clip(3.0 * np.log2(side / 4.0), 1.5, 9.0) * np.clip(visit.per_node / 4, 0.5, 1.0)
+    strength = np.clip(3.0 * np.log2(side / 4.0), 1.5, 9.0) * np.clip(
+        visit.per_node / 4, 0.5, 1.0
+    )
     ramp = share * min(1.0, visit.progress / DENSITY.full)
     lonely = 1.0 - visit.lattice.neighbours()
     return np.asarray(np.exp(strength * ramp * lonely)[visit.winners])
@@ -95,7 +99,8 @@ def as_printed(_visit: Visit) -> Array:
     h = (t / (rho T))^4 exp(-t / (sigma^2 T)) does not depend on the node: all follow each sample.
     """
     raise OptionError(
-        "eq. 8 as printed is a rule for one sample at a time: give rule='online'", parameter="rule"
+        "eq. 8 as printed is a rule for one sample at a time: give rule='online'",
+        parameter="rule",
     )
 
 
@@ -152,7 +157,11 @@ def checked_gain(gain: Gain) -> Gain:
             factors = np.asarray(answer, dtype=float)
         except (TypeError, ValueError):
             factors = np.zeros(0)
-        if factors.shape != shape or not (factors >= 0).all() or not 0 < factors.sum() < np.inf:
+        if (
+            factors.shape != shape
+            or not (factors >= 0).all()
+            or not 0 < factors.sum() < np.inf
+        ):
             raise OptionError(
                 f"the gain returned {one_line(repr(answer))}: expected an array of shape {shape}, "
                 "a factor for each sample, finite, 0 or more and not all 0"

@@ -23,7 +23,9 @@ class Gas:
     """A gas that grows: its nodes, their errors, the edges and their ages."""
 
     weights: Array  # (nodes, d), nodes in the unit box
-    error: Array  # (nodes,), accumulated squared distance to the samples that each has won
+    error: (
+        Array  # (nodes,), accumulated squared distance to the samples that each has won
+    )
     # (m, 2), edges, the smaller node first
     pairs: Index = field(default_factory=lambda: np.zeros((0, 2), dtype=np.intp))
     # (m,), samples that either end has won since the edge was last renewed
@@ -59,7 +61,9 @@ def learn_gng(
         total = 0.0
         first = 0
         while first < shown:
-            block = order[first : first + max(1, min(GROWING.block, len(gas.weights) // 10))]
+            block = order[
+                first : first + max(1, min(GROWING.block, len(gas.weights) // 10))
+            ]
             first += len(block)
             done += len(block)
             progress = min(1.0, done / (GROWING.growing * epochs * shown))
@@ -70,7 +74,11 @@ def learn_gng(
 
 
 def present_gng(
-    gas: Gas, samples: Array, decay: float = 0.995, gain: Gain | None = None, progress: float = 1.0
+    gas: Gas,
+    samples: Array,
+    decay: float = 0.995,
+    gain: Gain | None = None,
+    progress: float = 1.0,
 ) -> float:
     """Move the winners of a block and their neighbours, renew and age edges.
 
@@ -111,7 +119,9 @@ def _move_nodes(gas: Gas, samples: Array, winner: Index, wins: Array) -> None:
         pull = pull + rate_neighbour * np.stack(far_sums, axis=1)
     moved = np.flatnonzero(rate > 0.0)
     target = pull[moved] / rate[moved, None]
-    gas.weights[moved] -= np.expm1(-rate[moved])[:, None] * (target - gas.weights[moved])
+    gas.weights[moved] -= np.expm1(-rate[moved])[:, None] * (
+        target - gas.weights[moved]
+    )
 
 
 def _renew_edges(gas: Gas, winner: Index, second: Index) -> None:
@@ -155,7 +165,9 @@ def insert(gas: Gas) -> int:
     between = 0.5 * (gas.weights[worst] + gas.weights[other])
     gas.weights = np.concatenate([gas.weights, between[None]])
     gas.error = np.append(gas.error, gas.error[worst])
-    split = (gas.pairs[:, 0] == min(worst, other)) & (gas.pairs[:, 1] == max(worst, other))
+    split = (gas.pairs[:, 0] == min(worst, other)) & (
+        gas.pairs[:, 1] == max(worst, other)
+    )
     ends = np.array([[worst, new], [other, new]], dtype=np.intp)
     gas.pairs = np.concatenate([gas.pairs[~split], ends])
     gas.age = np.concatenate([gas.age[~split], np.zeros(2)])

@@ -28,9 +28,15 @@ def shape_of(size: Size, name: str = "size") -> tuple[int, ...]:
 
     Raises OptionError if it is none.
     """
-    parts = size.lower().split("x") if isinstance(size, str) else np.atleast_1d(size).tolist()
+    parts = (
+        size.lower().split("x")
+        if isinstance(size, str)
+        else np.atleast_1d(size).tolist()
+    )
     try:
-        whole = tuple(int(n) if isinstance(n, str) else operator.index(n) for n in parts)
+        whole = tuple(
+            int(n) if isinstance(n, str) else operator.index(n) for n in parts
+        )
     except (TypeError, ValueError):
         raise OptionError(
             f"{name} {size!r}: expected whole numbers of nodes such as 9, '9x9' or (9, 9)",
@@ -78,7 +84,9 @@ class Lattice:
         # a block of 3 nodes along each axis, 2 at an end, less the node itself
         counts = np.ones(())
         for n in self.shape:
-            counts = np.multiply.outer(counts, np.where(np.arange(n) % (n - 1) == 0, 2.0, 3.0))
+            counts = np.multiply.outer(
+                counts, np.where(np.arange(n) % (n - 1) == 0, 2.0, 3.0)
+            )
         return (counts.ravel() - 1.0) / (3.0**self.dim - 1.0)
 
     def around(self, winner: int, *widths: float) -> tuple[tuple[slice, ...], Array]:
@@ -114,7 +122,9 @@ class Lattice:
 
     def adjacent(self, i: Index, j: Index) -> Mask:
         """Whether nodes `i` and `j` are neighbours, diagonal ones included, (n,)."""
-        steps = np.subtract(np.unravel_index(i, self.shape), np.unravel_index(j, self.shape))
+        steps = np.subtract(
+            np.unravel_index(i, self.shape), np.unravel_index(j, self.shape)
+        )
         return np.asarray(np.abs(steps).max(axis=0) <= 1)
 
     def resample(self, weights: Array, finer: Lattice) -> Array:
@@ -127,8 +137,13 @@ class Lattice:
         for axis, (old, new) in enumerate(zip(self.shape, finer.shape, strict=True)):
             place = (np.arange(new) + 0.5) * (old / new) - 0.5
             low = np.clip(np.floor(place).astype(int), 0, old - 2)
-            rest = (place - low).reshape([-1 if a == axis else 1 for a in range(grid.ndim)])
-            grid = np.take(grid, low, axis) * (1 - rest) + np.take(grid, low + 1, axis) * rest
+            rest = (place - low).reshape(
+                [-1 if a == axis else 1 for a in range(grid.ndim)]
+            )
+            grid = (
+                np.take(grid, low, axis) * (1 - rest)
+                + np.take(grid, low + 1, axis) * rest
+            )
         return np.ascontiguousarray(grid.reshape(finer.size, -1))
 
 

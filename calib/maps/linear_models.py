@@ -58,7 +58,9 @@ class LinearModels(ReadOnly):
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
         """Positions (n, o) and their derivatives by the unit coordinates (n, o, d)."""
-        index, weight, tilt = blend(self.motor, u, 2 * blend_size(u.shape[1]), slope=True)
+        index, weight, tilt = blend(
+            self.motor, u, 2 * blend_size(u.shape[1]), slope=True
+        )
         value, of_nodes = self._blended(u, index, weight)
         slope = np.einsum("nm,nmdo->nod", weight, self.slopes[index])
         return value, slope + np.einsum("nmd,nmo->nod", tilt, of_nodes)
@@ -85,15 +87,21 @@ class LinearModels(ReadOnly):
         unlinked = np.flatnonzero(~has_links)
         linked = np.flatnonzero(has_links)
         if len(unlinked) and len(linked):  # the nearest model goes on
-            nearest = nearest_points(motor.units[linked], motor.scale, motor.units[unlinked])[1]
+            nearest = nearest_points(
+                motor.units[linked], motor.scale, motor.units[unlinked]
+            )[1]
             source = linked[nearest[:, 0]]
             gap = motor.scale.difference(motor.units[unlinked], motor.units[source])
             slope[unlinked] = slope[source]
-            value[unlinked] = value[source] + np.einsum("nd,ndo->no", gap, slope[source])
+            value[unlinked] = value[source] + np.einsum(
+                "nd,ndo->no", gap, slope[source]
+            )
         return LinearModels(motor, value, slope)
 
     def _blended(self, u: Array, index: Index, weight: Array) -> tuple[Array, Array]:
         """Weighted mean (n, o) of the nodes' linear models, and what each predicts (n, m, o)."""
         gap = self.motor.scale.difference(u[:, None], self.motor.units[index])
-        of_nodes = self.values[index] + np.einsum("nmd,nmdo->nmo", gap, self.slopes[index])
+        of_nodes = self.values[index] + np.einsum(
+            "nmd,nmdo->nmo", gap, self.slopes[index]
+        )
         return np.einsum("nm,nmo->no", weight, of_nodes), of_nodes

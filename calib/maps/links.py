@@ -81,7 +81,9 @@ WIRINGS = {
 def wiring_of(links: str) -> Wiring:
     """The wiring of a name."""
     if links not in WIRINGS:
-        raise OptionError(f"links {links!r} are unknown, choose one of {', '.join(WIRINGS)}")
+        raise OptionError(
+            f"links {links!r} are unknown, choose one of {', '.join(WIRINGS)}"
+        )
     return WIRINGS[links]
 
 
@@ -93,7 +95,9 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> Compressed:
     row_max = links.max(axis=1).toarray().ravel()
     column_max = links.max(axis=0).toarray().ravel()
     rows = np.repeat(np.arange(links.shape[0]), np.diff(links.indptr))
-    weak = links.data < LINKS.weak * np.minimum(row_max[rows], column_max[links.indices])
+    weak = links.data < LINKS.weak * np.minimum(
+        row_max[rows], column_max[links.indices]
+    )
     weak |= links.data <= LINKS.nothing * links.data.max(initial=0.0)
     links.data[weak] = 0.0
     links.eliminate_zeros()
@@ -104,7 +108,9 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> Compressed:
 
 def _reached(square: Array) -> Array:
     """Where Oja's rule has come, over <a_i a_j>, from sum a_j^2 of each node, (nodes,)."""
-    return np.divide(-np.expm1(-square), square, out=np.zeros_like(square), where=square > 0)
+    return np.divide(
+        -np.expm1(-square), square, out=np.zeros_like(square), where=square > 0
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +119,9 @@ class Compressed(ReadOnly):
 
     data: Annotated[Array, Shape("nnz", kept="f4")]  # entries, row by row
     indices: Annotated[NDArray[np.int32], Shape("nnz")]  # column of each entry
-    indptr: Annotated[NDArray[np.int32], Shape("ends")]  # where each row begins, and the end
+    indptr: Annotated[
+        NDArray[np.int32], Shape("ends")
+    ]  # where each row begins, and the end
     shape: tuple[int, int]  # rows and columns
 
     @property
@@ -128,12 +136,18 @@ class Compressed(ReadOnly):
         order = small.argsort(kind="stable")  # of 16 bits linear in their number
         ends = np.cumsum(np.bincount(self.indices, minlength=columns))
         rows = self.rows[order].astype(self.indices.dtype)
-        return Compressed(self.data[order], rows, np.append(0, ends), (columns, self.shape[0]))
+        return Compressed(
+            self.data[order], rows, np.append(0, ends), (columns, self.shape[0])
+        )
 
     def take(self, rows: Index) -> Compressed:
         """Some of the rows, in this order."""
         counts = np.diff(self.indptr)[rows]
         ends = np.cumsum(counts)
-        place = np.arange(counts.sum()) + np.repeat(self.indptr[rows] - ends + counts, counts)
+        place = np.arange(counts.sum()) + np.repeat(
+            self.indptr[rows] - ends + counts, counts
+        )
         shape = (len(rows), self.shape[1])
-        return Compressed(self.data[place], self.indices[place], np.append(0, ends), shape)
+        return Compressed(
+            self.data[place], self.indices[place], np.append(0, ends), shape
+        )

@@ -46,12 +46,18 @@ def monomials(z: Array, terms: Index) -> Array:
     """Products of powers of `z` (..., d) by their exponents (terms, d), (..., terms)."""
     products = np.ones((*z.shape[:-1], len(terms)))
     for k, column in enumerate(terms.T):
-        powers = np.cumprod(np.repeat(z[..., k, None], column.max(initial=0) + 1, axis=-1), axis=-1)
-        products *= np.concatenate([np.ones_like(z[..., :1]), powers], axis=-1)[..., column]
+        powers = np.cumprod(
+            np.repeat(z[..., k, None], column.max(initial=0) + 1, axis=-1), axis=-1
+        )
+        products *= np.concatenate([np.ones_like(z[..., :1]), powers], axis=-1)[
+            ..., column
+        ]
     return products
 
 
-def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, int]) -> LocalModels:
+def fit(
+    motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, int]
+) -> LocalModels:
     """Kernel-weighted least squares around some of the nodes (k,); the others are silent.
 
     The weight of a sample at the distance d is (1 - (d / radius)^2)^2.  Where samples do not carry
@@ -89,7 +95,9 @@ def fit(motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, i
             diagonal = np.einsum("nii->ni", moments)
             diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
             on_ring = np.swapaxes(monomials(ring[part], terms), 1, 2)
-            right_side = np.concatenate([weighted @ residual[near[part]], on_ring], axis=2)
+            right_side = np.concatenate(
+                [weighted @ residual[near[part]], on_ring], axis=2
+            )
             solved = np.linalg.solve(moments, right_side)
             variance = np.einsum("nta,nta->na", on_ring, solved[..., outputs:])
             firm = (variance < LOCAL.firm).all(axis=1)
@@ -105,7 +113,9 @@ def blend_size(dim: int) -> int:
     return {1: 3, 2: 4, 3: 6}.get(dim, 8)
 
 
-def blend(motor: Map, u: Array, m: int, *, slope: bool = False) -> tuple[Index, Array, Array]:
+def blend(
+    motor: Map, u: Array, m: int, *, slope: bool = False
+) -> tuple[Index, Array, Array]:
     """Nodes whose models speak for each point, their weights (n, m), and if asked for the slopes.
 
     A weight falls smoothly to zero where its node leaves the nearest `m`, so that the
@@ -115,7 +125,9 @@ def blend(motor: Map, u: Array, m: int, *, slope: bool = False) -> tuple[Index, 
     distance, index = motor.nearest(u, m + 1)
     last = np.maximum(distance[:, -1:], 1e-300)
     ratio = (distance[:, :-1] / last) ** 2
-    raw = np.maximum((1.0 - ratio) ** 2, 1e-30)  # all at the same distance weigh the same
+    raw = np.maximum(
+        (1.0 - ratio) ** 2, 1e-30
+    )  # all at the same distance weigh the same
     total = raw.sum(axis=1, keepdims=True)
     weight = raw / total
     if not slope:
@@ -123,9 +135,13 @@ def blend(motor: Map, u: Array, m: int, *, slope: bool = False) -> tuple[Index, 
     # ratio_k = d_k^2 / d_last^2, in which both distances move with the point; then the quotient
     # rule for raw_k / total
     gap = motor.scale.difference(u[:, None], motor.units[index])
-    tilt = 2.0 * (gap[:, :-1] - ratio[..., None] * gap[:, -1:]) / (last * last)[..., None]
+    tilt = (
+        2.0 * (gap[:, :-1] - ratio[..., None] * gap[:, -1:]) / (last * last)[..., None]
+    )
     tilt *= -2.0 * (1.0 - ratio)[..., None]
-    tilt = (tilt - weight[..., None] * tilt.sum(axis=1, keepdims=True)) / total[..., None]
+    tilt = (tilt - weight[..., None] * tilt.sum(axis=1, keepdims=True)) / total[
+        ..., None
+    ]
     return index[:, :-1], weight, tilt
 
 
@@ -168,7 +184,9 @@ def predict(
     terms = exponents(u.shape[1], models.degree)
     lower = np.maximum(terms - np.eye(u.shape[1], dtype=np.intp)[:, None], 0)
     z = gap / radius
-    slopes = np.stack([k * monomials(z, part) for k, part in zip(terms.T, lower, strict=True)])
+    slopes = np.stack(
+        [k * monomials(z, part) for k, part in zip(terms.T, lower, strict=True)]
+    )
     slopes /= radius
     weighted = models.coefficients[index] * weight[..., None, None]
     return value, np.einsum("dnmt,nmto->nod", slopes, weighted)

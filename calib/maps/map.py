@@ -90,12 +90,16 @@ class Map:
         """Mean distance of each node to those it is joined to, (nodes,), in the unit box."""
         own = self._node_means(self._lengths(1.0))
         # a node on top of its neighbours, or joined to none, has the spacing of the map
-        return frozen(np.where(own > 1e-6 * self.spacing, own, max(self.spacing, 1e-300)))
+        return frozen(
+            np.where(own > 1e-6 * self.spacing, own, max(self.spacing, 1e-300))
+        )
 
     @property
     def u_matrix(self) -> Array:
         """Mean distance of each node to its neighbours [unit], shaped like the lattice."""
-        return self._node_means(self._lengths(self.scale.span)).reshape(self.lattice.shape)
+        return self._node_means(self._lengths(self.scale.span)).reshape(
+            self.lattice.shape
+        )
 
     def _lengths(self, span: Array | float) -> Array:
         """Distance of the two nodes of each edge, (m,), where the unit box is so large."""
@@ -132,7 +136,9 @@ class Map:
         return float(np.mean(~self.lattice.adjacent(index[:, 0], index[:, 1])))
 
 
-def nearest_points(points: Array, scale: Scale, u: Array, k: int = 1) -> tuple[Array, Index]:
+def nearest_points(
+    points: Array, scale: Scale, u: Array, k: int = 1
+) -> tuple[Array, Index]:
     """Distances and indices, (n, k), of the `k` points of the unit box nearest to each place.
 
     Of fewer than `k` points all are found.
@@ -153,7 +159,9 @@ def nearest_points(points: Array, scale: Scale, u: Array, k: int = 1) -> tuple[A
 def nearest_nodes(tree: cKDTree, u: Array, k: int = 1) -> tuple[Array, Index]:
     """Distances and indices, (n, k), of the `k` points of a tree nearest to each place (eq. 1)."""
     # for a few places threads take longer to start than to search
-    distance, index = tree.query(u, np.arange(1, k + 1), workers=-1 if len(u) > _MANY else 1)
+    distance, index = tree.query(
+        u, np.arange(1, k + 1), workers=-1 if len(u) > _MANY else 1
+    )
     return np.asarray(distance), np.asarray(index, dtype=np.intp)
 
 
@@ -185,7 +193,9 @@ class Epoch:
     topographic: float  # share of samples whose two nearest nodes are not joined
 
     @staticmethod
-    def of(u: Array, weights: Array, lattice: Lattice | Graph, sigma: float, error: float) -> Epoch:
+    def of(
+        u: Array, weights: Array, lattice: Lattice | Graph, sigma: float, error: float
+    ) -> Epoch:
         """The state after a pass over all samples `u` (n, d)."""
         topographic = topographic_error(u, search_tree(weights), lattice)
         return Epoch(weights, lattice, sigma, error, topographic)

@@ -43,7 +43,9 @@ def follows_the_motion(x: Array, residual: Array) -> bool:
     size = float(np.median(np.linalg.norm(residual, axis=1)))
     means = np.array([along[part].mean() for part in blocks(len(x), SELECTION.parts)])
     chance = float(means.std()) / np.sqrt(len(means))
-    return bool(abs(np.median(means)) > max(SELECTION.sure * chance, SELECTION.along * size))
+    return bool(
+        abs(np.median(means)) > max(SELECTION.sure * chance, SELECTION.along * size)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +69,9 @@ class Candidates:
         """
         weight = local.heard(self.weight, talks[self.index])
         remaining = self.held_out - np.einsum("nm,nmo->no", weight, predictions)
-        return remaining, self.care * (self._cost(self.held_out) - self._cost(remaining))
+        return remaining, self.care * (
+            self._cost(self.held_out) - self._cost(remaining)
+        )
 
     def _cost(self, residual: Array) -> Array:
         """Cost of each row: to halve a large error counts the same wherever it is."""
@@ -126,7 +130,9 @@ def select(
     return Predictor(motor, smooth, models), mended
 
 
-def _candidates(motor: Map, u: Array, x: Array, held_out: Array) -> tuple[Candidates, Mask]:
+def _candidates(
+    motor: Map, u: Array, x: Array, held_out: Array
+) -> tuple[Candidates, Mask]:
     """Return the rows that may be mended, and the nodes (nodes,) that stand among wrong rows."""
     n = len(u)
     near = nearest_points(u, motor.scale, u, SELECTION.rows_around)[1]
@@ -153,7 +159,11 @@ def _candidates(motor: Map, u: Array, x: Array, held_out: Array) -> tuple[Candid
 
 
 def _fold_predictions(
-    motor: Map, u: Array, residual: Array, candidates: Candidates, shape: tuple[int, int]
+    motor: Map,
+    u: Array,
+    residual: Array,
+    candidates: Candidates,
+    shape: tuple[int, int],
 ) -> Array:
     """What the nodes' models say of each row, (n, m, o), without having seen the row's fold."""
     predictions = np.zeros((*candidates.index.shape, residual.shape[1]))
@@ -194,7 +204,9 @@ def _square(residual: Array) -> Array:
 
 def _sum_by_node(motor: Map, index: Index, values: Array) -> Array:
     """Sum of values (n, m) over the rows, by the nodes `index` (n, m) that they belong to."""
-    return np.asarray(np.bincount(index.ravel(), values.ravel(), motor.size), dtype=float)
+    return np.asarray(
+        np.bincount(index.ravel(), values.ravel(), motor.size), dtype=float
+    )
 
 
 def _beyond_chance(parts: Array, errors: float) -> Mask:
@@ -203,7 +215,9 @@ def _beyond_chance(parts: Array, errors: float) -> Mask:
     return np.asarray(parts.mean(axis=0) > chance)
 
 
-def misfit(scale: Scale, u: Array, held_out: Array, extent: float, at: Array) -> Array | None:
+def misfit(
+    scale: Scale, u: Array, held_out: Array, extent: float, at: Array
+) -> Array | None:
     """Mean square (k,) of held-out residuals around points beyond noise, None where all is noise.
 
     The median over the points is taken for the noise and subtracted.  A mean square that exceeds

@@ -37,7 +37,9 @@ def learn_bounds(motor: Map, u: Array, errors: Array) -> Array:
             stated = np.einsum("nm,nm->n", weight[rows], bound[index[rows]])
             ratio = np.sort(errors[rows] / stated)
             # the finite-sample quantile of conformal prediction
-            rank = min(len(ratio) - 1, int(np.ceil((len(ratio) + 1) * BOUNDS.coverage)) - 1)
+            rank = min(
+                len(ratio) - 1, int(np.ceil((len(ratio) + 1) * BOUNDS.coverage)) - 1
+            )
             bound[members] *= max(ratio[rank], BOUNDS.least)
     return bound
 

@@ -25,7 +25,9 @@ def learn_dsom(
     # from one place it unfolds; scattered nodes are close to every sample and stay put
     weights = 0.5 + 0.01 * (rng.random((lattice.size, u.shape[1])) - 0.5)
     for _ in range(epochs):
-        error = float(np.mean(present_dsom(weights, lattice, u[rng.permutation(len(u))])))
+        error = float(
+            np.mean(present_dsom(weights, lattice, u[rng.permutation(len(u))]))
+        )
         sigma = max(_widths(lattice, error, u.shape[1], DYNAMIC.elasticity))
         yield Epoch.of(u, weights, lattice, sigma, error)
 
@@ -60,13 +62,17 @@ def present_dsom(
     return distances
 
 
-def _widths(lattice: Lattice, distance: float, dim: int, elasticity: float) -> tuple[float, ...]:
+def _widths(
+    lattice: Lattice, distance: float, dim: int, elasticity: float
+) -> tuple[float, ...]:
     """Sigma along each axis [nodes] at a distance to the winner, of a lattice of unit sides."""
     wide = elasticity * distance / math.sqrt(2.0 * dim)
     return tuple(wide * (n - 1) for n in lattice.shape)
 
 
-def learn_gas(u: Array, nodes: int, epochs: int, rng: np.random.Generator) -> Iterator[Epoch]:
+def learn_gas(
+    u: Array, nodes: int, epochs: int, rng: np.random.Generator
+) -> Iterator[Epoch]:
     """Train a neural gas: samples pull their nearest nodes by rank, and join the two nearest."""
     weights = _rows(u, nodes, rng)
     k = min(GAS.nearest, nodes)

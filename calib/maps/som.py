@@ -77,9 +77,13 @@ class SOM:
         kind_of(self.map)
         object.__setattr__(self, "size", shape_of(self.size))
         if self.rule not in RULES:
-            raise OptionError(f"rule {self.rule!r} is unknown, choose one of {', '.join(RULES)}")
+            raise OptionError(
+                f"rule {self.rule!r} is unknown, choose one of {', '.join(RULES)}"
+            )
         if self.epochs is not None and not 1 <= self.epochs <= _MOST_EPOCHS:
-            raise OptionError(f"epochs {self.epochs}: at least 1, at most {_MOST_EPOCHS:,}")
+            raise OptionError(
+                f"epochs {self.epochs}: at least 1, at most {_MOST_EPOCHS:,}"
+            )
         _check_radii(self.sigma)
 
     def fit(
@@ -108,7 +112,9 @@ class SOM:
             raise LogError(f"samples of shape {x.shape}: expected (n, d) with n >= 1")
         if not np.isfinite(x).all():
             row = int(np.argmin(np.isfinite(x).all(axis=1)))
-            raise LogError(f"sample {row} is {x[row]}: expected finite numbers, drop such rows")
+            raise LogError(
+                f"sample {row} is {x[row]}: expected finite numbers, drop such rows"
+            )
         scale = scale or Scale.of_data(x)
         epochs, total = self._training(scale.to_unit(x), scale, residual)
         history = []
@@ -137,13 +143,19 @@ class SOM:
         q = np.asarray(q, dtype=float)
         x = np.asarray(x, dtype=float)
         if q.ndim != 2 or x.ndim != 2 or len(q) != len(x) or len(q) < 2:
-            raise LogError(f"samples of shapes {q.shape} and {x.shape}: expected (n, d) and (n, k)")
+            raise LogError(
+                f"samples of shapes {q.shape} and {x.shape}: expected (n, d) and (n, k)"
+            )
         scales = (Scale.of_data(q), Scale.of_data(x))
         u = scales[0].to_unit(q)
         v = scales[1].to_unit(x)
         if self.rule == "online" and kind_of(self.map) == "som":
             return self.developed((u, v), scales)
-        entropy = self.seed.entropy if isinstance(self.seed, np.random.SeedSequence) else self.seed
+        entropy = (
+            self.seed.entropy
+            if isinstance(self.seed, np.random.SeedSequence)
+            else self.seed
+        )
         motor_seed, sensory_seed = np.random.SeedSequence(entropy).spawn(2)
         motor = replace(self, seed=motor_seed).fit(q, scale=scales[0])
         sensory = replace(self, seed=sensory_seed).fit(x, scale=scales[1])
@@ -165,7 +177,9 @@ class SOM:
         rng = np.random.default_rng(self.seed)
         layers = [
             self._layer(Lattice(shape_of(shape)), scale, p, rng)
-            for shape, scale, p in zip(shapes or (self.size,) * 2, scales, points, strict=True)
+            for shape, scale, p in zip(
+                shapes or (self.size,) * 2, scales, points, strict=True
+            )
         ]
         net = VDSOM(layers, wiring)
         radii = self._sigma(layers[0].lattice)
@@ -177,18 +191,24 @@ class SOM:
                     tell(len(history) / self._passes, epochs[1].error)
         motor, sensory = (
             Map(layer.weights, layer.lattice, layer.scale, past)
-            for layer, past in zip(layers, np.array(history).swapaxes(0, 1), strict=True)
+            for layer, past in zip(
+                layers, np.array(history).swapaxes(0, 1), strict=True
+            )
         )
         return Association(motor, sensory, without_weak(net.links), wiring)
 
-    def _layer(self, lattice: Lattice, scale: Scale, u: Array, rng: np.random.Generator) -> Layer:
+    def _layer(
+        self, lattice: Lattice, scale: Scale, u: Array, rng: np.random.Generator
+    ) -> Layer:
         """A map at its random start."""
         weights = rng.random((lattice.size, u.shape[1]))
         return Layer(weights, lattice, scale, self._gain, len(u) / lattice.size)
 
     @property
     def _gain(self) -> Gain | None:
-        return gain_of(self.map) if isinstance(self.map, str) else checked_gain(self.map)
+        return (
+            gain_of(self.map) if isinstance(self.map, str) else checked_gain(self.map)
+        )
 
     def _sigma(self, lattice: Lattice) -> tuple[float, float]:
         """First and last radius of the online rule [nodes]."""
@@ -209,7 +229,9 @@ class SOM:
         if kind == "gas":
             return learn_gas(u, lattice.size, self._passes, rng), self._passes
         if kind == "gng":
-            return learn_gng(u, lattice.size, self._gain, self._passes, rng), self._passes
+            return learn_gng(
+                u, lattice.size, self._gain, self._passes, rng
+            ), self._passes
         if kind == "dsom":
             return learn_dsom(u, lattice, self._passes, rng), self._passes
         if self.rule == "online":
@@ -238,4 +260,6 @@ def _check_radii(sigma: object) -> None:
     except (TypeError, ValueError):
         falls = False
     if not falls:
-        raise OptionError(f"sigma {sigma!r}: give (START, END) in nodes with START >= END > 0")
+        raise OptionError(
+            f"sigma {sigma!r}: give (START, END) in nodes with START >= END > 0"
+        )

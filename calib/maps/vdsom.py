@@ -33,9 +33,13 @@ class Rates:
     beta: Array  # their forgetting factor
 
     @staticmethod
-    def training(t: NDArray[np.intp], sigma: tuple[float, float], T: int, maps: int) -> Rates:
+    def training(
+        t: NDArray[np.intp], sigma: tuple[float, float], T: int, maps: int
+    ) -> Rates:
         """Rates at the times `t` of a training of `T` samples, sigma from the first to the last."""
-        fall = (sigma[1] / sigma[0]) ** (t / max(T - 1, 1))  # exp(-t / T), T such that it ends so
+        fall = (sigma[1] / sigma[0]) ** (
+            t / max(T - 1, 1)
+        )  # exp(-t / T), T such that it ends so
         return Rates(
             (sigma[0] * fall,) * maps,  # eq. 4
             ONLINE.alpha * fall,  # eq. 4
@@ -45,7 +49,9 @@ class Rates:
         )
 
     @staticmethod
-    def following(t: NDArray[np.intp], start: Sequence[float], end: float, T: int) -> Rates:
+    def following(
+        t: NDArray[np.intp], start: Sequence[float], end: float, T: int
+    ) -> Rates:
         """Rates `t` samples after a change, sigma of each map from its `start` [nodes]."""
         t = np.minimum(t, T)
         rise = np.exp(1.0 - t / T)
@@ -62,7 +68,9 @@ class Rates:
 class Layer:
     """One map while it learns."""
 
-    weights: Array  # w, (nodes, d), in the unit box; another array after each `VDSOM.show`
+    weights: (
+        Array  # w, (nodes, d), in the unit box; another array after each `VDSOM.show`
+    )
     lattice: Lattice
     scale: Scale
     gain: Gain | None = None  # eq. 7 and 8, see `density.py`
@@ -89,7 +97,9 @@ class Layer:
         )
         return self.gain(visit)
 
-    def active(self, w: Array, x: Array, widths: Array) -> tuple[NDArray[np.intp], Array]:
+    def active(
+        self, w: Array, x: Array, widths: Array
+    ) -> tuple[NDArray[np.intp], Array]:
         """The nodes that are active at a sample, and how much beside the most active (eq. 6)."""
         gap = w - x[:, None]
         if self.scale.periodic.any():
@@ -109,7 +119,10 @@ class VDSOM:
     """
 
     def __init__(
-        self, layers: Sequence[Layer], wiring: Wiring | None = None, links: Array | None = None
+        self,
+        layers: Sequence[Layer],
+        wiring: Wiring | None = None,
+        links: Array | None = None,
     ) -> None:
         self.layers = tuple(layers)
         self.wiring = wiring
@@ -120,7 +133,9 @@ class VDSOM:
             if links is not None:
                 self._c[:] = links.T
 
-    def show(self, samples: Sequence[Array], rates: Rates, *, maps: bool = True) -> list[Array]:
+    def show(
+        self, samples: Sequence[Array], rates: Rates, *, maps: bool = True
+    ) -> list[Array]:
         """Learn from samples (n, d) of each map's space, in the unit boxes, in this order.
 
         maps : whether the maps learn, and not the links alone
@@ -132,7 +147,9 @@ class VDSOM:
             chunk = range(first, min(first + ONLINE.chunk, n))
             bandwidths = [self._squared_bandwidths(layer) for layer in self.layers]
             gains = self._gains(samples, rates, chunk)
-            weights = [np.ascontiguousarray(layer.weights.T) for layer in self.layers]  # (d, nodes)
+            weights = [
+                np.ascontiguousarray(layer.weights.T) for layer in self.layers
+            ]  # (d, nodes)
             for k in chunk:
                 if maps:
                     for m, layer in enumerate(self.layers):
@@ -146,12 +163,16 @@ class VDSOM:
                             progress=float(rates.progress[k]),
                         )
                 if self.wiring is not None:
-                    self._learn_links(weights, [x[k] for x in samples], bandwidths, rates, k)
+                    self._learn_links(
+                        weights, [x[k] for x in samples], bandwidths, rates, k
+                    )
             for layer, w in zip(self.layers, weights, strict=True):
                 layer.weights = np.ascontiguousarray(w.T)
         return distances
 
-    def _gains(self, samples: Sequence[Array], rates: Rates, chunk: range) -> list[Array]:
+    def _gains(
+        self, samples: Sequence[Array], rates: Rates, chunk: range
+    ) -> list[Array]:
         """Eq. 7 as a factor on each sample of a chunk, for each map, (chunk,)."""
         last = chunk.stop - 1
         progress = float(rates.progress[last])
@@ -191,7 +212,9 @@ class VDSOM:
         a = self.wiring.activity(self.layers[0].map, u)
         i = a.indices.reshape(len(u), -1)
         a_i = a.data.reshape(len(u), -1)
-        strength = np.einsum("jnk,nk->nj", self._c[:, i], a_i) * np.exp(-np.asarray(idle))
+        strength = np.einsum("jnk,nk->nj", self._c[:, i], a_i) * np.exp(
+            -np.asarray(idle)
+        )
         total = np.maximum(strength.sum(axis=1, keepdims=True), 1e-30)
         return np.asarray(strength @ self.layers[1].weights / total)
 
@@ -238,7 +261,9 @@ def _learn_sample(
         # each other, 0.3 from the samples
         to_neighbours = w[:, winner, None] - w[:, layer.lattice.beside(winner)]
         rho = np.exp(-np.sum(to_neighbours**2))  # eq. 7
-        h = np.asarray((progress / rho) ** 4 * np.exp(-progress / sigma**2))  # eq. 8, printed
+        h = np.asarray(
+            (progress / rho) ** 4 * np.exp(-progress / sigma**2)
+        )  # eq. 8, printed
         step = np.minimum(alpha * h, 1.0)
     else:
         window, h = layer.lattice.around(winner, sigma)  # eq. 3
@@ -276,6 +301,12 @@ def passes(
         distances = net.show([p[order] for p in points], rates)
         parts = zip(points, net.layers, rates.sigma, distances, strict=True)
         yield [
-            Epoch.of(p, layer.weights, layer.lattice, float(radii[-1]), float(distance.mean()))
+            Epoch.of(
+                p,
+                layer.weights,
+                layer.lattice,
+                float(radii[-1]),
+                float(distance.mean()),
+            )
             for p, layer, radii, distance in parts
         ]

@@ -53,8 +53,12 @@ class About(ReadOnly):
     notes: tuple[str, ...] = ()  # notes that were printed while the model was made
     # columns of its log that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict)
-    degrees: bool = False  # whether its log, and so later ones, has turning joints in degrees
-    picture: tuple[int, int] | None = None  # [px], width and height of a camera's pictures in space
+    degrees: bool = (
+        False  # whether its log, and so later ones, has turning joints in degrees
+    )
+    picture: tuple[int, int] | None = (
+        None  # [px], width and height of a camera's pictures in space
+    )
     frame: str = ""  # the sensor's, as its log names it
     # [rad or m], what each joint may be asked for where a drawing says it: turns of a periodic one
     limits: Annotated[Array, Shape("dof", "ends")] | None = None
@@ -72,7 +76,11 @@ class About(ReadOnly):
 
     def measured(self, **facts: Any) -> About:
         """The same facts but for these, of a model that now rests on what a sensor read."""
-        told: dict[str, Any] = {"source": "log", "bound_of": "sensor reading", "simulation": None}
+        told: dict[str, Any] = {
+            "source": "log",
+            "bound_of": "sensor reading",
+            "simulation": None,
+        }
         return replace(self, **told, **facts)
 
     def joints_of(self, log: Samples) -> Array:

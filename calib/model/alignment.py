@@ -58,7 +58,9 @@ class Alignment:
         matrix = self.matrix.copy()
         matrix[:, 0] *= -1.0 if self.mirrored else 1.0
         if len(matrix) == 3:
-            odd = np.linalg.norm(matrix - matrix.T) / math.sqrt(2.0)  # 2 scale sin(angle)
+            odd = np.linalg.norm(matrix - matrix.T) / math.sqrt(
+                2.0
+            )  # 2 scale sin(angle)
             return math.atan2(odd, float(np.trace(matrix)) - self.scale)
         return math.atan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1])
 
@@ -73,7 +75,10 @@ class Alignment:
 
     def to_json(self) -> list[list[float]]:
         """Rows of [A | b]."""
-        return [[*row, b] for row, b in zip(self.matrix.tolist(), self.shift.tolist(), strict=True)]
+        return [
+            [*row, b]
+            for row, b in zip(self.matrix.tolist(), self.shift.tolist(), strict=True)
+        ]
 
     @classmethod
     def from_json(cls, rows: list[list[float]]) -> Alignment:

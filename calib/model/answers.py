@@ -63,7 +63,9 @@ class Path:
     held: NDArray[np.bool_]
 
 
-def unit_joints(model: Parts, x: Array, near: Array, readouts: Sequence[str]) -> dict[str, Array]:
+def unit_joints(
+    model: Parts, x: Array, near: Array, readouts: Sequence[str]
+) -> dict[str, Array]:
     """Joints of the unit box (n, dof) that answer targets (n, m), by readout."""
     seen = in_sight(model, x)
     own = ("local", model.default_readout)
@@ -83,7 +85,9 @@ def inverse(model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool) ->
     wish = anchor(model, near, len(x))
     there = model.motor.scale.from_unit(wish)
     if near is not None:
-        there = on_turn(model, there, rows_for(near, model.about.joint_names, "near", len(x)))
+        there = on_turn(
+            model, there, rows_for(near, model.about.joint_names, "near", len(x))
+        )
     q = np.full_like(there, np.nan)
     rest = np.arange(len(x))
     if model.kernel is not None:
@@ -120,7 +124,9 @@ def in_sight(model: Parts, x: Array) -> Array:
 
     What is nearest to them lies in the same direction, and their squares would overflow.
     """
-    limit = _IN_SIGHT * (model.solver.extent + float(np.abs(model.sensory.scale.lower).max()))
+    limit = _IN_SIGHT * (
+        model.solver.extent + float(np.abs(model.sensory.scale.lower).max())
+    )
     furthest = np.abs(x).max(axis=1, keepdims=True)
     return np.where(furthest > limit, x / np.maximum(furthest, limit) * limit, x)
 
@@ -129,16 +135,22 @@ def answer(model: Parts, u: Array, x: Array, position: Array | None = None) -> A
     """Describe joints `u` (n, dof) of the unit box that answer the targets `x` (n, m)."""
     if position is None:
         position = model.predictor.value(u)
-    with np.errstate(over="ignore"):  # the distance of a target at 1e308 may be infinite
+    with np.errstate(
+        over="ignore"
+    ):  # the distance of a target at 1e308 may be infinite
         gap = position - x
-        distance = np.hypot(*gap.T) if x.shape[1] == 2 else np.sqrt((gap**2).sum(axis=1))
+        distance = (
+            np.hypot(*gap.T) if x.shape[1] == 2 else np.sqrt((gap**2).sum(axis=1))
+        )
     # steps over a forged model's numbers may overflow; where joints are no numbers, none is within
     known = np.nan_to_num(u, posinf=0.0, neginf=0.0)
     bound = model.bound_at(known)
     same = model.model_bounds is model.bounds
     error = bound if same else model.bound_at(known, "model_bounds")
     within = distance <= _within_reach(model, bound)
-    return Answer(model.motor.scale.from_unit(u), position, distance, bound, error, within)
+    return Answer(
+        model.motor.scale.from_unit(u), position, distance, bound, error, within
+    )
 
 
 def _within_reach(model: Parts, bound: Array) -> Array:
@@ -183,7 +195,9 @@ def servo_step(
 ) -> Array:
     """One step towards the targets; see :meth:`calib.Model.servo`."""
     if not 0.0 < gain <= 1.0:
-        raise QueryError(f"gain {gain!r}: expected a share of the way, above 0 and up to 1")
+        raise QueryError(
+            f"gain {gain!r}: expected a share of the way, above 0 and up to 1"
+        )
     joints, single = checked_rows(q, model.about.joint_names, "q")
     seen = rows_for(measured, model.axes, "measured position", len(joints))
     wanted = rows_for(target, model.axes, "target", len(joints))
@@ -208,7 +222,9 @@ def follow_path(
     if step is None:
         step = _STEP * model.solver.extent
     if not step > 0:
-        raise QueryError(f"step {step!r}: expected a length greater than zero, such as 0.005")
+        raise QueryError(
+            f"step {step!r}: expected a length greater than zero, such as 0.005"
+        )
     x, waypoint = _lines(corners, float(step))
     first = None if start is None else anchor(model, start, 1)[0]
     u, jumps, held = follow_targets(model.solver, in_sight(model, x), first)

@@ -24,12 +24,16 @@ class Seen(ReadOnly):
     """
 
     places: Annotated[Array, Shape("seen", "dof", kept="f4")]  # in the unit box
-    reach: Annotated[Array, Shape("seen", kept="f4")]  # how far each tells, in the unit box
+    reach: Annotated[
+        Array, Shape("seen", kept="f4")
+    ]  # how far each tells, in the unit box
 
     @staticmethod
     def of(scale: Scale, u: Array) -> Seen:
         """Those of rows `u` (n, dof)."""
-        places = np.unique(np.round(scale.wrapped(u), 3), axis=0)  # an arm at rest is at one
+        places = np.unique(
+            np.round(scale.wrapped(u), 3), axis=0
+        )  # an arm at rest is at one
         away = nearest_points(places, scale, places, u.shape[1] + 2)[0][:, -1]
         return Seen(_as_kept(places), _as_kept(np.minimum(away, np.median(away))))
 
@@ -53,14 +57,18 @@ class Baseline(ReadOnly):
     seen: Seen | None = None  # of a log without a body
 
 
-def learn_baseline(association: Association, u: Array, x: Array, errors: Array) -> Baseline:
+def learn_baseline(
+    association: Association, u: Array, x: Array, errors: Array
+) -> Baseline:
     """Learn what to expect from samples that training never saw.
 
     They are joints `u` (n, dof) in the unit box and positions `x` (n, m); `errors` (m,) [unit] are
     the distances from measured to predicted positions of the samples of training.
     """
     motor, first = _expected(association.motor, u)
-    sensory, second = _expected(association.sensory, association.sensory.scale.to_unit(x))
+    sensory, second = _expected(
+        association.sensory, association.sensory.scale.to_unit(x)
+    )
     # the median of a Rayleigh distribution: a few wrong detections do not count
     noise = float(np.median(errors)) / np.sqrt(2.0 * np.log(2.0))
     return Baseline(motor, sensory, (first, second), float(noise))

@@ -45,7 +45,9 @@ def prepare(model: Parts, kind: Kind, rows: int) -> Compiled | None:
     kernel, reason = compiled_of(model)
     if kernel is None:
         model.remembered["uncompiled"] = reason
-        warnings.warn(f"{reason}; large batches take longer", RuntimeWarning, stacklevel=4)
+        warnings.warn(
+            f"{reason}; large batches take longer", RuntimeWarning, stacklevel=4
+        )
     object.__setattr__(model, "kernel", kernel)
     return kernel
 

@@ -28,13 +28,17 @@ class PositionBound:
 
     predictor: Predictor
     body: Body | None
-    posterior: CompactPosterior | None  # the body's, made small, of more than three joints
+    posterior: (
+        CompactPosterior | None
+    )  # the body's, made small, of more than three joints
     play: Array | None  # (dof,) [rad or m], half the play of each joint
     rows: Seen | None  # where rows were, of a log without a body
     extent: float  # of the workspace [unit]
     widest: float  # [unit], with which a position is still an answer
 
-    def at(self, u: Array, nodes: Array, *, noise: bool, side_known: Mask | None = None) -> Array:
+    def at(
+        self, u: Array, nodes: Array, *, noise: bool, side_known: Mask | None = None
+    ) -> Array:
         """95 % bound (n,) [unit] at points `u` (n, dof).
 
         nodes : (nodes,) [unit], bounds around the motor map's nodes

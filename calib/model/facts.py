@@ -30,18 +30,26 @@ def facts(model: Parts, *, degrees: bool = True) -> dict[str, str]:
     if about.tip:
         found["tip"] = about.tip
     if about.locked:
-        found["locked"] = ", ".join(f"{name}={value:.6g}" for name, value in about.locked.items())
+        found["locked"] = ", ".join(
+            f"{name}={value:.6g}" for name, value in about.locked.items()
+        )
     if about.plane:
         axes = ("origin", "x", "y")
-        found["plane"] = ", ".join(f"{name} {vector(about.plane[name])}" for name in axes)
+        found["plane"] = ", ".join(
+            f"{name} {vector(about.plane[name])}" for name in axes
+        )
     found["positions in"] = about.unit
     found["learned from"] = _source(about)
     options = about.options
     found["maps"] = f"{options['map']}, {options['rule']} rule, {model.size_in_words}"
     found["expected error"] = f"95 % bound on the distance to the {about.bound_of}"
-    found["model error"] = "95 % bound on the distance to the true position in the sensor's frame"
+    found["model error"] = (
+        "95 % bound on the distance to the true position in the sensor's frame"
+    )
     if about.source == "log":
-        found["bounds hold"] = "in the session of the log: see an evaluation with `frame='free'`"
+        found["bounds hold"] = (
+            "in the session of the log: see an evaluation with `frame='free'`"
+        )
     return found
 
 
@@ -51,7 +59,9 @@ def learned_range(about: About | Arm, k: int, *, degrees: bool) -> str:
     return f"{about.lower[k] * factor:.6g} to {about.upper[k] * factor:.6g} {unit}"
 
 
-def shown_errors(about: About, errors: Errors) -> Iterator[tuple[str, str, str, _ErrorRow]]:
+def shown_errors(
+    about: About, errors: Errors
+) -> Iterator[tuple[str, str, str, _ErrorRow]]:
     """Yield direction, name and unit of each error with its statistics in that unit, by readout.
 
     The best readout comes first; NaN stands for what could not be measured.
@@ -70,10 +80,16 @@ def shown_errors(about: About, errors: Errors) -> Iterator[tuple[str, str, str, 
 
 
 def _source(about: About) -> str:
-    words = [f"{about.samples} {'simulated samples' if about.simulation else 'rows of a log'}"]
+    words = [
+        f"{about.samples} {'simulated samples' if about.simulation else 'rows of a log'}"
+    ]
     words.append(f"seed {about.seed}")
     if about.simulation:
         noise = about.simulation.get("noise") or 0.0
-        words.append(f"sensor noise {length_in_words(noise, about.unit)}" if noise else "no noise")
+        words.append(
+            f"sensor noise {length_in_words(noise, about.unit)}"
+            if noise
+            else "no noise"
+        )
         words += map(str, about.simulation.get("changes", ()))
     return ", ".join(words)

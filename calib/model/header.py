@@ -18,7 +18,15 @@ from ..common.rows import thinned
 from ..errors import CalibError, OptionError
 from ..inverse.settings import SEARCH
 from ..kernel.arm import KernelArm
-from ..kernel.compiled import Compiled, braces, c_number, c_source, compile_source, source, table
+from ..kernel.compiled import (
+    Compiled,
+    braces,
+    c_number,
+    c_source,
+    compile_source,
+    source,
+    table,
+)
 from ..kernel.posterior import CompactPosterior
 from ..maps.local_models import FULL, SILENT, blend_size, exponents
 from ..samples.roles import ROUNDING
@@ -30,7 +38,12 @@ from .turns import joint_limits
 
 _FILES = ("chain", "nodes", "bound", "local", "answers", "task", "search", "many")
 _NO_LIMIT = 3e38  # of corrections
-_FLOATS = ("root", "coupled", "own", "waved")  # tables of beliefs, in single precision always
+_FLOATS = (
+    "root",
+    "coupled",
+    "own",
+    "waved",
+)  # tables of beliefs, in single precision always
 
 
 @dataclass(frozen=True)
@@ -99,12 +112,16 @@ class StartTable:
         u = starts[exists]
         first = np.append(0, np.cumsum(exists.sum(axis=1)))
         value = model.predictor.value(u)
-        return StartTable(model.motor.scale.from_unit(u), value, cells, scale.lower, step, first)
+        return StartTable(
+            model.motor.scale.from_unit(u), value, cells, scale.lower, step, first
+        )
 
     @staticmethod
     def none(model: Parts) -> StartTable:
         """No starts: joints are sought from `near` alone."""
-        return StartTable(np.zeros((0, len(model.about.lower))), np.zeros((0, len(model.axes))))
+        return StartTable(
+            np.zeros((0, len(model.about.lower))), np.zeros((0, len(model.axes)))
+        )
 
     def tables(self) -> dict[str, NDArray[np.generic]]:
         """Its constant arrays of C, by name."""
@@ -156,7 +173,9 @@ class Header:
     nominal: KernelArm | None
     correcting: int  # kind of the task that `calib_correct` solves, see task.h
     limit: Array  # (dof,) [rad or m], largest correction that is trusted
-    small: bool = False  # whether the body alone is written, without tables of bounds and starts
+    small: bool = (
+        False  # whether the body alone is written, without tables of bounds and starts
+    )
 
     @staticmethod
     def of(model: Parts, *, small: bool = False) -> Header:
@@ -254,7 +273,9 @@ class Header:
             "corrected": self.nominal is not None,
             "correcting": self.correcting,
             "placed": self.placed,
-            "placing": "calib_body" if self.placement.arm is None else "calib_drawn_arm",
+            "placing": "calib_body"
+            if self.placement.arm is None
+            else "calib_drawn_arm",
             "scale": self.placement.scale,
         }
         return words
@@ -355,7 +376,9 @@ class Header:
             "below": np.ravel(below),
         }
 
-    def _belief_tables(self, posterior: CompactPosterior) -> dict[str, NDArray[np.generic]]:
+    def _belief_tables(
+        self, posterior: CompactPosterior
+    ) -> dict[str, NDArray[np.generic]]:
         """The posterior's arrays; cosine and sine of each order stand next to each other."""
         order = np.arange(2 * HARMONICS).reshape(2, -1).T.ravel()
         size = len(posterior.residual)
@@ -445,7 +468,11 @@ def _arm(name: str, arm: KernelArm, single: bool, *, own: bool) -> str:
         turn.ravel(),
     )
     words = [braces(np.asarray(part, dtype=float), single) for part in parts]
-    return f"static const calib_arm {name} = {{\n" + ",\n".join([*words, str(int(own))]) + "};\n"
+    return (
+        f"static const calib_arm {name} = {{\n"
+        + ",\n".join([*words, str(int(own))])
+        + "};\n"
+    )
 
 
 def compiled_of(model: Parts) -> tuple[Compiled | None, str]:
@@ -458,7 +485,9 @@ def compiled_of(model: Parts) -> tuple[Compiled | None, str]:
             "corrected": header.nominal is not None,
             "rounding": ROUNDING,
         }
-        compiled = compile_source(header.text()[0], words, len(header.limit), header.arm.outputs)
+        compiled = compile_source(
+            header.text()[0], words, len(header.limit), header.arm.outputs
+        )
     except CalibError as error:
         return None, f"queries are answered by the batch in NumPy: {error}"
     seconds = time.perf_counter() - started

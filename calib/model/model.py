@@ -26,7 +26,16 @@ if TYPE_CHECKING:
     import os
 
 FUNCTIONS = (
-    *("adapt", "check", "correct", "evaluate", "figures", "follow", "monitor", "preview"),
+    *(
+        "adapt",
+        "check",
+        "correct",
+        "evaluate",
+        "figures",
+        "follow",
+        "monitor",
+        "preview",
+    ),
     *("recognise", "report"),
 )
 """What is done with a model, rather than asked of it, is a function of the package."""
@@ -118,7 +127,9 @@ class Model(Parts):
     def _joints(self, q: ArrayLike) -> tuple[Array, bool]:
         return number_rows(q, self.about.joint_names, "joint values")
 
-    def _motion(self, q: ArrayLike, approach: ArrayLike | None = None) -> tuple[Motion, bool]:
+    def _motion(
+        self, q: ArrayLike, approach: ArrayLike | None = None
+    ) -> tuple[Motion, bool]:
         """The motion that is asked for, and whether it is a single row."""
         rows, single = self._joints(q)
         if approach is None:
@@ -210,7 +221,11 @@ class Model(Parts):
             q = answers.inverse(self, rows, near, nearest=nearest)
             return q[0] if single else q
         answers_ = self.solve(x, near, readout)
-        q = answers_.q if nearest else np.where(answers_.reachable[:, None], answers_.q, np.nan)
+        q = (
+            answers_.q
+            if nearest
+            else np.where(answers_.reachable[:, None], answers_.q, np.nan)
+        )
         return q[0] if np.ndim(x) == 1 else q
 
     def _single_inverse(
@@ -235,8 +250,12 @@ class Model(Parts):
         if readout == "local":
             batches.prepare(self, "inverse", len(rows))
             return answers.solve(self, rows, near)
-        u = answers.unit_joints(self, rows, answers.anchor(self, near, len(rows)), (readout,))
-        return answers.answer(self, u[readout], rows, self.predicted(u[readout], readout))
+        u = answers.unit_joints(
+            self, rows, answers.anchor(self, near, len(rows)), (readout,)
+        )
+        return answers.answer(
+            self, u[readout], rows, self.predicted(u[readout], readout)
+        )
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
         """All branches of each target (n, m), the one closest to the middle of the ranges first.
@@ -247,7 +266,10 @@ class Model(Parts):
         target, u, _ = self.solver.solve_all(answers.in_sight(self, rows))
         every = answers.answer(self, u, rows[target])
         edges = np.searchsorted(target, np.arange(len(rows) + 1)).tolist()
-        return [Answer._make(part[a:b] for part in every) for a, b in itertools.pairwise(edges)]
+        return [
+            Answer._make(part[a:b] for part in every)
+            for a, b in itertools.pairwise(edges)
+        ]
 
     def inverse_all(self, x: ArrayLike) -> list[Array]:
         """Joint values (k, dof) of every branch that reaches each target (n, m).
@@ -261,7 +283,9 @@ class Model(Parts):
             ways = [answer.q[answer.reachable] for answer in self.solve_all(rows)]
         return ways
 
-    def expected_error(self, q: ArrayLike, *, approach: ArrayLike | None = None) -> Array:
+    def expected_error(
+        self, q: ArrayLike, *, approach: ArrayLike | None = None
+    ) -> Array:
         """95 % bound on the error of :meth:`forward` at joint values (n, dof), (n,) [unit].
 
         It bounds the distance to the true position for a simulated arm and to what the
@@ -316,7 +340,9 @@ class Model(Parts):
             f"{MOST_SHARE:.0%} of the reach"
         )
 
-    def path(self, x: ArrayLike, start: ArrayLike | None = None, step: float | None = None) -> Path:
+    def path(
+        self, x: ArrayLike, start: ArrayLike | None = None, step: float | None = None
+    ) -> Path:
         """Joint values along straight lines through waypoints, on one branch if there is one.
 
         x : (n, m) array [unit], two waypoints or more
@@ -353,12 +379,18 @@ class Model(Parts):
             quick = self._single_pose(kernel, position, quaternion, near)
             if quick is not None:
                 return quick
-        ways = solve_poses(self, position, quaternion, near, frame=frame, free=free, bounded=False)
+        ways = solve_poses(
+            self, position, quaternion, near, frame=frame, free=free, bounded=False
+        )
         q = np.where(ways.reachable[:, None], ways.q, np.nan)
         return q[0] if np.ndim(position) == 1 else q
 
     def _single_pose(
-        self, kernel: Compiled, position: ArrayLike, quaternion: ArrayLike, near: ArrayLike
+        self,
+        kernel: Compiled,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        near: ArrayLike,
     ) -> Array | None:
         if not kernel.poses:
             return None
@@ -401,7 +433,9 @@ class Model(Parts):
         space = Space.of(self)
         turns = np.full((len(motion), 4), np.nan)
         known = prediction.answered
-        turns[known] = quaternion_of(space.sensor[0] @ space.evaluate(motion.q[known])[1])
+        turns[known] = quaternion_of(
+            space.sensor[0] @ space.evaluate(motion.q[known])[1]
+        )
         return (position[0], turns[0]) if single else (position, turns)
 
     def servo(

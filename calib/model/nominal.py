@@ -23,14 +23,18 @@ from ..kernel.arm import KernelArm
 from .parts import Parts
 
 
-def nominal_in_plane(model: Parts, *, based: bool = False) -> tuple[PlanarStructure, Array]:
+def nominal_in_plane(
+    model: Parts, *, based: bool = False
+) -> tuple[PlanarStructure, Array]:
     """Structure and parameters (d,) of the nominal arm of a model with a planar body.
 
     Behind the sensor that the body knows, or, where `based`, in the robot's root frame.
     """
     body = model.body
     if body is None or not isinstance(body.structure, PlanarStructure):
-        raise OptionError("the model has no planar body, so its sensor's frame is not known")
+        raise OptionError(
+            "the model has no planar body, so its sensor's frame is not known"
+        )
     nominal = body.structure.nominal
     if nominal is None:
         nominal = PlanarDrawing.of(nominal_arm(model))
@@ -74,7 +78,9 @@ def nominal_arm(model: Parts) -> PlanarArm | SpatialArm:
             parameter="robot",
         )
     planar = not moves_in_space(model)
-    return arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked, planar=planar)
+    return arm_from_urdf(
+        about.urdf, about.joint_names, about.tip, lock=about.locked, planar=planar
+    )
 
 
 def nominal_for_kernel(model: Parts, arm: KernelArm) -> tuple[KernelArm | None, int]:
@@ -86,7 +92,9 @@ def nominal_for_kernel(model: Parts, arm: KernelArm) -> tuple[KernelArm | None, 
     try:
         if isinstance(own, PlanarStructure):
             structure, beta = nominal_in_plane(model, based=simulated)
-            same = structure.signs == own.signs  # of a reversed joint the wiring has to be mended
+            same = (
+                structure.signs == own.signs
+            )  # of a reversed joint the wiring has to be mended
             return (KernelArm.of(structure, beta) if same else None), 0
         if own.informed:
             kind = 2 if own.dof >= 6 else 1 if own.outputs == 2 else 0

@@ -31,7 +31,9 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-MOST_SHARE = 0.1  # of the reach: where the bound on the position exceeds it, there is no answer
+MOST_SHARE = (
+    0.1  # of the reach: where the bound on the position exceeds it, there is no answer
+)
 # of a joint's range by which values beyond it are answered: an encoder at its stop reads a hair
 # beyond the limit
 ROUNDED = 1e-5
@@ -49,7 +51,9 @@ class Parts:
     # position in the sensor's frame
     bounds: Annotated[Array, Shape("nodes")]
     model_bounds: Annotated[Array, Shape("nodes")]
-    visited: Annotated[Mask, Shape("nodes")]  # motor nodes that training samples have visited
+    visited: Annotated[
+        Mask, Shape("nodes")
+    ]  # motor nodes that training samples have visited
     # the kinematic model under the maps, with intervals
     body: Annotated[Body, Own()] | None = None
     rows: Rows | None = None  # measured rows that are kept with the model of a log
@@ -75,7 +79,9 @@ class Parts:
     def __getstate__(self) -> dict[str, object]:
         """What was compiled for single queries stays behind when a model is pickled."""
         left_behind = ("kernel", "remembered")
-        return {name: value for name, value in vars(self).items() if name not in left_behind}
+        return {
+            name: value for name, value in vars(self).items() if name not in left_behind
+        }
 
     def __repr__(self) -> str:
         """Say in three lines what it is a model of, what it has learned and how well."""
@@ -125,7 +131,9 @@ class Parts:
             return self
         if sensor not in self.sensors:
             choices = ", ".join(self.sensors)
-            raise OptionError(f"sensor {sensor!r}: expected one of {choices}", parameter="sensor")
+            raise OptionError(
+                f"sensor {sensor!r}: expected one of {choices}", parameter="sensor"
+            )
         return self.others[self.sensors.index(sensor) - 1]
 
     @cached_property
@@ -150,7 +158,9 @@ class Parts:
     def body_solver(self) -> Solver:
         """Solver of the inverse direction of the body alone, without local models."""
         if self.body is None:
-            raise OptionError("readout 'body': the model has no body, choose another readout")
+            raise OptionError(
+                "readout 'body': the model has no body, choose another readout"
+            )
         return Solver(self.association, replace(self.predictor, models=NO_MODELS))
 
     @cached_property
@@ -218,7 +228,9 @@ class Parts:
             covered[covered] = bound <= self.most_bound
         return covered
 
-    def bound_at(self, u: Array, which: str = "bounds", *, side_known: Mask | None = None) -> Array:
+    def bound_at(
+        self, u: Array, which: str = "bounds", *, side_known: Mask | None = None
+    ) -> Array:
         """95 % bound (n,) [unit] at points of the unit box (n, dof): `bounds` or `model_bounds`.
 
         side_known : (n,), see `PositionBound.at`

@@ -32,7 +32,9 @@ class PoseAnswers(NamedTuple):
     # (k, 3), (k, 4), where they put the tip, in the frame of the question
     position: Array
     quaternion: Array
-    distance: Array  # (k,), from the position wanted [m, or the sensor's unit in its frame]
+    distance: (
+        Array  # (k,), from the position wanted [m, or the sensor's unit in its frame]
+    )
     turned: Array  # (k,) [rad], from the orientation wanted; 0 where none was
     # (k,), 95 % bounds as of `Answer`; both on the true position in the base frame
     expected_error: Array
@@ -71,7 +73,9 @@ def solve_poses(
     wish = model.motor.scale.from_unit(anchor(model, near, n))
     wanted_joints = wish
     if near is not None:
-        wanted_joints = on_turn(model, wish, rows_for(near, model.about.joint_names, "near", n))
+        wanted_joints = on_turn(
+            model, wish, rows_for(near, model.about.joint_names, "near", n)
+        )
     axis = free_axis(free)
     if frame != "base":
         same = np.tile(np.eye(3), (n, 1, 1)) if r is None else r
@@ -108,7 +112,9 @@ def solve_poses(
         bound = prediction.bound
         error = prediction.true_bound
     turns = quaternion_of(rotation)
-    return PoseAnswers(target, q, position, turns, away, turned, bound, error, reachable)
+    return PoseAnswers(
+        target, q, position, turns, away, turned, bound, error, reachable
+    )
 
 
 def free_axis(name: str | None) -> int | None:

@@ -75,7 +75,8 @@ class Prediction:
     def slope(self) -> Array:
         """Derivative (n, m, dof) [unit / rad or m] of the readings by the joint values."""
         slope = np.full(
-            (len(self.motion), len(self.model.axes), len(self.model.about.lower)), np.nan
+            (len(self.motion), len(self.model.axes), len(self.model.about.lower)),
+            np.nan,
         )
         if self.answered.any():
             by_unit = self.model.predictor.value_and_slope(self._unit)[1]
@@ -108,7 +109,9 @@ class Prediction:
         bound = np.full(len(self.motion), np.nan)
         if self.answered.any():
             sides = self.side_known[self.answered]
-            bound[self.answered] = self.model.bound_at(self._unit, which, side_known=sides)
+            bound[self.answered] = self.model.bound_at(
+                self._unit, which, side_known=sides
+            )
         return bound
 
 

@@ -19,7 +19,11 @@ def with_arm_of(parts: Parts, adapted: Parts) -> Parts:
     if parts.about.sensor == adapted.about.sensor:
         return own
     alone = replace(parts, others=())
-    if parts.body is None or adapted.body is None or not _same_layout(parts.body, adapted.body):
+    if (
+        parts.body is None
+        or adapted.body is None
+        or not _same_layout(parts.body, adapted.body)
+    ):
         return alone
     body = replace(
         parts.body,
@@ -30,7 +34,9 @@ def with_arm_of(parts: Parts, adapted: Parts) -> Parts:
         second=None,
     )
     if adapted.body.second is not None:
-        noise = parts.body.noise if parts.body.second is None else parts.body.second.noise
+        noise = (
+            parts.body.noise if parts.body.second is None else parts.body.second.noise
+        )
         body = replace(body, second=replace(adapted.body.second, noise=noise))
     nodes = parts.motor.scale.from_unit(np.clip(parts.motor.units, 0.0, 1.0))
     return replace(

@@ -76,14 +76,20 @@ class Space:
         beta = self.body.beta
         motion: Any = structure.move(structure.joint_values(q, beta), beta)
         slope = structure.by_joints(q, beta, np.concatenate(motion.joints(), axis=1))
-        return motion.position.T.copy(), np.moveaxis(motion.rotation, 2, 0).copy(), slope
+        return (
+            motion.position.T.copy(),
+            np.moveaxis(motion.rotation, 2, 0).copy(),
+            slope,
+        )
 
     def forward(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""
         rows, _ = checked_rows(q, self.model.about.joint_names, "joint values")
         position, rotation, _ = self.evaluate(rows)
         known = self.model.covers(rows)[:, None]
-        return np.where(known, position, np.nan), np.where(known, quaternion_of(rotation), np.nan)
+        return np.where(known, position, np.nan), np.where(
+            known, quaternion_of(rotation), np.nan
+        )
 
     def bound(self, q: ArrayLike, *, size: bool = True) -> Array:
         """95 % bound (n,) in the base frame [m], which stands where the belief has it.
@@ -120,7 +126,11 @@ class Space:
         """Rotation, shift and scale of the sensor: it sees ``scale rotation point + shift``."""
         own: Any = self.model.body
         if own is None or own.structure.kind != "spatial" or not own.structure.informed:
-            return np.eye(3), np.zeros(3), 1.0  # a simulated sensor is in the base frame
+            return (
+                np.eye(3),
+                np.zeros(3),
+                1.0,
+            )  # a simulated sensor is in the base frame
         placed = own.structure.sensor(own.beta)
         return placed.rotation, placed.shift, placed.scale
 
@@ -141,7 +151,9 @@ class Space:
         """
         rows, _ = checked_rows(seen, ("x", "y"), "pixels")
         if not self.camera:
-            raise QueryError("a pixel on a plane needs a model that was learned from pixels u, v")
+            raise QueryError(
+                "a pixel on a plane needs a model that was learned from pixels u, v"
+            )
         turn, shift, _ = self.sensor
         own: Any = self.model.body
         ideal = _undistorted(rows, own.beta[own.structure.groups["lens"]])
@@ -172,13 +184,17 @@ class Space:
         inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
         # where the lens folds over, the picture shrinks as the point moves outwards
         out = view.point * np.array([[1.0], [1.0], [0.0]])
-        return np.asarray(ahead & inside & ((view.seen(out) * out[:2]).sum(axis=0) >= 0))
+        return np.asarray(
+            ahead & inside & ((view.seen(out) * out[:2]).sum(axis=0) >= 0)
+        )
 
     # Joints for places and poses.
 
     def beside(self, p: Array, r: Array | None, near: Array) -> tuple[Array, Array]:
         """Joints (n, dof) beside `near` for places (n, 3), or poses with `r`, and what is left."""
-        newton, target = (self._placing, p) if r is None else (self._posing, Poses.target(p, r))
+        newton, target = (
+            (self._placing, p) if r is None else (self._posing, Poses.target(p, r))
+        )
         u, left = newton.refine(self._unit(near), target, 1e-3 * TOLERANCE)
         return self._scale.from_unit(u), left
 
@@ -201,7 +217,9 @@ class Space:
         self._again(newton, u, distance, p, wish)
         return self._scale.from_unit(u)
 
-    def at_poses(self, p: Array, r: Array, near: Array, free: int | None = None) -> Array:
+    def at_poses(
+        self, p: Array, r: Array, near: Array, free: int | None = None
+    ) -> Array:
         """Joints (n, dof) nearest to `near` (n, dof) for poses (n, 3), (n, 3, 3) of the base frame.
 
         Where none reaches a pose, those that come nearest.  A turn about an axis of the tip, `free`
@@ -231,13 +249,17 @@ class Space:
             q[rest] = self._far_poses(p[rest], r[rest], near[rest], free, q[rest])
         return q
 
-    def _far_poses(self, p: Array, r: Array, near: Array, free: int | None, beside: Array) -> Array:
+    def _far_poses(
+        self, p: Array, r: Array, near: Array, free: int | None, beside: Array
+    ) -> Array:
         """The nearest of all ways to poses; `beside` (n, dof) where they lead to none."""
         newton, target, wish = self._asked(p, r, near, free)
         ways = self._ways(p, r, near, free)
         owner = np.repeat(np.arange(len(p)), [len(rows) for rows in ways])
         u = self._unit(np.where(np.isfinite(beside), beside, near))
-        left = np.linalg.norm(newton.task.gap(target, newton.task.value_and_slope(u)[0]), axis=1)
+        left = np.linalg.norm(
+            newton.task.gap(target, newton.task.value_and_slope(u)[0]), axis=1
+        )
         if len(owner):
             v = self._scale.to_unit(np.concatenate(ways))
             v, left_there = newton.settle(v, target[owner], wish[owner])
@@ -245,7 +267,9 @@ class Space:
         self._again(newton, u, left, target, wish)
         return self._scale.from_unit(u)
 
-    def branches(self, p: Array, r: Array, near: Array, free: int | None = None) -> list[Array]:
+    def branches(
+        self, p: Array, r: Array, near: Array, free: int | None = None
+    ) -> list[Array]:
         """Joints (k, dof) of every way to poses (n, 3), (n, 3, 3) of the base frame, nearest first.
 
         Where none reaches a pose, those that come nearest; of the infinitely many of redundant
@@ -264,7 +288,9 @@ class Space:
                 wish_i = np.repeat(wish[i : i + 1], len(order), axis=0)
                 u[order] = newton.settle(u[order], target_i, wish_i)[0]
             answers.append(self._scale.from_unit(u[order]))
-        lost = np.array([i for i, rows in enumerate(answers) if not len(rows)], dtype=np.intp)
+        lost = np.array(
+            [i for i, rows in enumerate(answers) if not len(rows)], dtype=np.intp
+        )
         if len(lost):
             u, left = newton.refine(wish[lost], target[lost], 1e-3 * TOLERANCE)
             self._again(newton, u, left, target[lost], wish[lost])
@@ -281,11 +307,15 @@ class Space:
         spare = near.shape[1] > _residuals(free)
         kernel = self.model.kernel
         if kernel is not None and kernel.poses and not spare:
-            q, count = kernel.inverse_poses_all(*self.to_sensor(p, r), starts, _axis(free))
+            q, count = kernel.inverse_poses_all(
+                *self.to_sensor(p, r), starts, _axis(free)
+            )
             return [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
         newton, target, _ = self._asked(p, r, near, free)
         if closed:
-            owner, u = refined_ways(newton, target, self._scale.to_unit(starts), self.length)
+            owner, u = refined_ways(
+                newton, target, self._scale.to_unit(starts), self.length
+            )
             q = self._scale.from_unit(u)
             edges = np.searchsorted(owner, np.arange(len(p) + 1)).tolist()
             return [q[a:b] for a, b in itertools.pairwise(edges)]
@@ -324,7 +354,9 @@ class Space:
         about = self.model.about
         return Joints(about.lower, about.upper, about.revolute)
 
-    def _again(self, newton: Newton, u: Array, left: Array, target: Array, wish: Array) -> None:
+    def _again(
+        self, newton: Newton, u: Array, left: Array, target: Array, wish: Array
+    ) -> None:
         """Answers that missed their target, tried from all over the ranges; in place."""
         owner = np.repeat(np.flatnonzero(left > REACHED * self.length), _STARTS)
         if len(owner):
@@ -346,7 +378,9 @@ class Space:
 
     @cached_property
     def _posing(self) -> Newton:
-        return Newton(Poses(self.evaluate, self._scale, self.length), self._scale, self.length)
+        return Newton(
+            Poses(self.evaluate, self._scale, self.length), self._scale, self.length
+        )
 
 
 def _residuals(free: int | None) -> int:
@@ -364,7 +398,9 @@ def _undistorted(seen: Array, lens: Array) -> Array:
     f, u0, v0, k1 = lens
     bent = (seen - (u0, v0)) / f
     r = radius = np.linalg.norm(bent, axis=1)
-    for _ in range(_LENS):  # r (1 + k1 r^2) = radius by Newton's rule, not beyond the lens's fold
+    for _ in range(
+        _LENS
+    ):  # r (1 + k1 r^2) = radius by Newton's rule, not beyond the lens's fold
         r = r - (r * (1 + k1 * r * r) - radius) / np.maximum(1 + 3 * k1 * r * r, 1e-6)
     if (bad := ~(np.abs(r * (1 + k1 * r * r) - radius) <= 1e-9)).any():
         raise QueryError(
@@ -387,7 +423,9 @@ def _in_base(body: Body | None, *, size: bool = True) -> Body | None:
         own = belief.active
         kept = ~np.isin(belief.active, sensor_of(structure))
         beta = without_sensor(structure, belief.beta)[1]
-        return replace(belief, beta=beta, active=own[kept], root=root[kept], noise=np.zeros(3))
+        return replace(
+            belief, beta=beta, active=own[kept], root=root[kept], noise=np.zeros(3)
+        )
 
     base = without_sensor(structure, body.beta)[0]
     none = np.zeros(3)
@@ -398,7 +436,11 @@ def _in_base(body: Body | None, *, size: bool = True) -> Body | None:
 def _drawn(model: Parts) -> Body | None:
     """The drawn arm of a simulation whose arm and sensor were not changed."""
     about = model.about
-    if about.source != "simulation" or not about.urdf or (about.simulation or {}).get("changes"):
+    if (
+        about.source != "simulation"
+        or not about.urdf
+        or (about.simulation or {}).get("changes")
+    ):
         return None
     arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
     if not isinstance(arm, SpatialArm):

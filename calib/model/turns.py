@@ -37,7 +37,11 @@ def joint_limits(model: Parts) -> Array:
 def _drawn_limits(urdf: str) -> dict[str, tuple[float, float]]:
     """What the joints of a URDF can reach, by name; nothing where there is none."""
     try:
-        return {joint.name: joint.travel for joint in parse_robot(urdf).joints} if urdf else {}
+        return (
+            {joint.name: joint.travel for joint in parse_robot(urdf).joints}
+            if urdf
+            else {}
+        )
     except CalibError:
         return {}
 
@@ -64,12 +68,16 @@ def unwound(model: Parts, q: Array, start: Array) -> tuple[Array, NDArray[np.int
     jumps: list[int] = []
     limits = joint_limits(model)
     for k in np.flatnonzero(model.motor.scale.periodic):
-        rows[:, k], turned = _unwound_joint(q[:, k], limits[k, 0], limits[k, 1], start[k])
+        rows[:, k], turned = _unwound_joint(
+            q[:, k], limits[k, 0], limits[k, 1], start[k]
+        )
         jumps += turned
     return rows, np.unique(np.array(jumps, dtype=np.intp))
 
 
-def _unwound_joint(q: Array, lower: float, upper: float, start: float) -> tuple[Array, list[int]]:
+def _unwound_joint(
+    q: Array, lower: float, upper: float, start: float
+) -> tuple[Array, list[int]]:
     """One joint (n,) of a path on the turns that follow each other, and rows that turn round."""
     track = np.unwrap(q)
     out = track.copy()
@@ -80,8 +88,13 @@ def _unwound_joint(q: Array, lower: float, upper: float, start: float) -> tuple[
         nearest = round((before - track[first]) / TURN)
         turns = _possible_turns(float(track[first]), lower, upper, nearest)
         # of the turns on which a joint gets furthest the nearest
-        ends = [first + _run(track[first:] + TURN * turn, lower, upper) for turn in turns]
-        best = min(zip(ends, turns, strict=True), key=lambda way: (-way[0], abs(way[1] - nearest)))
+        ends = [
+            first + _run(track[first:] + TURN * turn, lower, upper) for turn in turns
+        ]
+        best = min(
+            zip(ends, turns, strict=True),
+            key=lambda way: (-way[0], abs(way[1] - nearest)),
+        )
         end = max(best[0], first + 1)
         out[first:end] = track[first:end] + TURN * best[1]
         before = float(out[end - 1])

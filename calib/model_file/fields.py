@@ -66,7 +66,10 @@ def write(value: object, kind: object, kinds: Kinds) -> tuple[dict[str, Any], Te
 
     def data_of(value: Any, hint: _Hint, path: str) -> Any:
         if hint.item is not None:
-            return [data_of(each, hint.item, _under(path, str(k))) for k, each in enumerate(value)]
+            return [
+                data_of(each, hint.item, _under(path, str(k)))
+                for k, each in enumerate(value)
+            ]
         if not is_dataclass(value):
             return _json(value)
         data: dict[str, Any] = {}
@@ -102,7 +105,8 @@ def read(kind: object, data: object, tensors: Tensors, kinds: Kinds) -> Any:
                 raise ModelError(f"{path} is {data!r:.60}, expected a list")
             places = [_under(path, str(k)) for k in range(len(data))]
             return tuple(
-                value_of(item, each, place, {}) for each, place in zip(data, places, strict=True)
+                value_of(item, each, place, {})
+                for each, place in zip(data, places, strict=True)
             )
         classes = _classes(hint, kinds)
         if not is_dataclass(classes[0]):
@@ -110,7 +114,11 @@ def read(kind: object, data: object, tensors: Tensors, kinds: Kinds) -> Any:
         return object_of(classes, hint, data, path, sizes)
 
     def object_of(
-        classes: tuple[Any, ...], hint: _Hint, data: Any, path: str, sizes: dict[str, int]
+        classes: tuple[Any, ...],
+        hint: _Hint,
+        data: Any,
+        path: str,
+        sizes: dict[str, int],
     ) -> Any:
         if not isinstance(data, Mapping):
             raise ModelError(f"{path} is {data!r:.60}, expected an object")
@@ -120,7 +128,9 @@ def read(kind: object, data: object, tensors: Tensors, kinds: Kinds) -> Any:
             chosen = named.get(data.get("kind", ""))
             if chosen is None:
                 kind = data.get("kind")
-                raise ModelError(f"{path} is of kind {kind!r:.60}, expected {list(named)}")
+                raise ModelError(
+                    f"{path} is of kind {kind!r:.60}, expected {list(named)}"
+                )
         inner = sizes if hint.own is None else hint.own.inner(sizes)
         values = {
             name: value_of(part, data.get(name, _MISSING), _under(path, name), inner)
@@ -193,7 +203,9 @@ def _plain(kind: Any, value: Any, path: str) -> Any:
 
 def _stored(value: Any, shape: Shape) -> NDArray[Any]:
     """An array as a file keeps it: whole numbers in as few bytes as they need."""
-    array: NDArray[Any] = np.frombuffer(value, np.uint8) if isinstance(value, bytes) else value
+    array: NDArray[Any] = (
+        np.frombuffer(value, np.uint8) if isinstance(value, bytes) else value
+    )
     if shape.kept == TRIANGLE:
         array = pack(array)
     kind: Any = shape.stored
@@ -202,11 +214,15 @@ def _stored(value: Any, shape: Shape) -> NDArray[Any]:
     return np.ascontiguousarray(array.astype(kind))
 
 
-def _checked(array: NDArray[Any], kind: Any, shape: Shape, path: str, sizes: dict[str, int]) -> Any:
+def _checked(
+    array: NDArray[Any], kind: Any, shape: Shape, path: str, sizes: dict[str, int]
+) -> Any:
     """An array of the type and shape that its annotation says, with finite numbers."""
     wanted = np.dtype(np.uint8 if kind is bytes else get_args(get_args(kind)[1])[0])
     if wanted.kind == "f":
-        fits = array.dtype == shape.stored and bool((np.abs(array.astype(float)) < LARGEST).all())
+        fits = array.dtype == shape.stored and bool(
+            (np.abs(array.astype(float)) < LARGEST).all()
+        )
         if fits and shape.kept == TRIANGLE:
             size = math.isqrt(2 * array.size)
             fits = array.ndim == 1 and array.size == size * (size + 1) // 2

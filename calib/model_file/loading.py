@@ -52,11 +52,15 @@ def load_maps(path: str | os.PathLike[str]) -> Map | Association:
     Association(...)
     """
     name = str(path)
-    header, tensors = unpack(_content(Path(path), "expected maps that `save` wrote"), name)
+    header, tensors = unpack(
+        _content(Path(path), "expected maps that `save` wrote"), name
+    )
     kinds = {"map": Map, "association": Association}
     kind = kinds.get(str(header.get("kind")))
     if kind is None or header.get("format") != MAPS_VERSION:
-        raise ModelError(f"{name}: no file of maps: expected what `save` of a map writes")
+        raise ModelError(
+            f"{name}: no file of maps: expected what `save` of a map writes"
+        )
     check_sum(header, tensors, name)
     try:
         maps: Map | Association = read(kind, header["maps"], tensors, {})
@@ -70,10 +74,14 @@ def _content(path: Path, expected: str) -> bytes:
     """Bytes of a file of a sensible size."""
     try:
         status = path.stat()
-        if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):  # some never end
+        if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(
+            status.st_mode
+        ):  # some never end
             raise ModelError(f"{path}: is a device, {expected}")
         if status.st_size > _LARGEST:
-            raise ModelError(f"{path}: {status.st_size:,} bytes are too many for a model")
+            raise ModelError(
+                f"{path}: {status.st_size:,} bytes are too many for a model"
+            )
         return path.read_bytes()
     except FileNotFoundError as error:
         raise ModelError(f"{path}: no such file, {expected}") from error

@@ -16,4 +16,6 @@ def save_maps(maps: Any, path: str | os.PathLike[str]) -> None:
     """Write a map or an association into one file, whole or not at all."""
     header, tensors = write(maps, type(maps), {})
     kind = type(maps).__name__.lower()
-    atomic_write(path, pack({"maps": header, "kind": kind, "format": MAPS_VERSION}, tensors))
+    atomic_write(
+        path, pack({"maps": header, "kind": kind, "format": MAPS_VERSION}, tensors)
+    )

@@ -31,7 +31,14 @@ KINDS: Kinds = {Structure: (PlanarStructure, SpatialStructure)}
 _TINY = 1e-300  # the least number above zero
 _WIDEST = 1e9  # range of a joint [rad or m]
 # what building a model from a description without sense raises
-_NONSENSE = (CalibError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+_NONSENSE = (
+    CalibError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    TypeError,
+    ValueError,
+)
 _M = TypeVar("_M", bound=Parts)
 
 
@@ -66,7 +73,11 @@ def _without_copies(tensors: Tensors) -> tuple[Tensors, list[str]]:
     shared: list[str] = []
     for name, tensor in tensors.items():
         original = tensors.get(_in_first(name))
-        if original is not None and original is not tensor and np.array_equal(original, tensor):
+        if (
+            original is not None
+            and original is not tensor
+            and np.array_equal(original, tensor)
+        ):
             shared.append(name)
     rest = {name: tensor for name, tensor in tensors.items() if name not in shared}
     return rest, sorted(shared)
@@ -85,7 +96,9 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
         remedy = "an older program wrote it, train the model again"
         if isinstance(version, int) and version > VERSION:
             remedy = "a newer program wrote it, upgrade this one with 'pip install -U calib-arm'"
-        raise ModelError(f"{name}: model format {version!r}, expected {VERSION}: {remedy}")
+        raise ModelError(
+            f"{name}: model format {version!r}, expected {VERSION}: {remedy}"
+        )
     check_sum(header, tensors, name)
     try:
         for copy in header.get("shared", ()):
@@ -96,7 +109,9 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
             _check(other)
     except _NONSENSE as error:
         reason = " ".join(str(error).split())[:120]
-        raise ModelError(f"{name}: not a complete model ({reason}), train it again") from error
+        raise ModelError(
+            f"{name}: not a complete model ({reason}), train it again"
+        ) from error
     return model
 
 
@@ -127,7 +142,9 @@ def _check(model: Parts) -> None:
     if about.errors:
         tuple(shown_errors(about, about.errors))
     middle = np.full((1, len(about.lower)), 0.5)
-    answer = model.predictor.value(middle)  # what makes no sense breaks here, if nowhere before
+    answer = model.predictor.value(
+        middle
+    )  # what makes no sense breaks here, if nowhere before
     if body is not None:
         answer = answer + body.bound(scale.from_unit(middle))
     if not np.isfinite(answer).all():
@@ -137,7 +154,13 @@ def _check(model: Parts) -> None:
 def _about_fits(about: About) -> bool:
     names = about.joint_names
     sizes = about.upper - about.lower
-    counts = [about.samples - 1, about.seed, about.tested, about.left_out, *(about.picture or ())]
+    counts = [
+        about.samples - 1,
+        about.seed,
+        about.tested,
+        about.left_out,
+        *(about.picture or ()),
+    ]
     changes = (about.simulation or {}).get("changes", ())
     return (
         all(names)
@@ -165,15 +188,23 @@ def _maps_fit(maps: Association) -> bool:
         and links.shape == (maps.motor.size, maps.sensory.size)
         and len(starts) == maps.motor.size + 1
         and (starts[0], starts[-1]) == (0, len(links.data))
-        and bool((np.diff(starts) >= 0).all() and (links.data > 0.0).all() and len(links.data))
-        and bool((links.indices >= 0).all() and (links.indices < maps.sensory.size).all())
+        and bool(
+            (np.diff(starts) >= 0).all()
+            and (links.data > 0.0).all()
+            and len(links.data)
+        )
+        and bool(
+            (links.indices >= 0).all() and (links.indices < maps.sensory.size).all()
+        )
         and 1e-3 <= maps.wiring.bandwidth <= 100.0
     )
 
 
 def _map_fits(one: Map) -> bool:
     lattice = one.lattice
-    joined = not isinstance(lattice, Graph) or lattice.pairs.max(initial=0) < lattice.size
+    joined = (
+        not isinstance(lattice, Graph) or lattice.pairs.max(initial=0) < lattice.size
+    )
     # steps and cells are counted in the distance of nodes
     spaced = not (one.scale.span < _TINY).any() and one.spacing > 0.0
     return bool(lattice.size == len(one.units) and joined and spaced)
@@ -184,7 +215,8 @@ def _local_fits(models: LocalModels, maps: Association) -> bool:
     width = maps.sensory.units.shape[1]
     return (
         models.degree <= MOST_DEGREE
-        and models.coefficients.shape == (nodes, len(exponents(dof, models.degree)), width)
+        and models.coefficients.shape
+        == (nodes, len(exponents(dof, models.degree)), width)
         and len(models.radius) == nodes
         and not (models.radius < _TINY).any()
     )
@@ -194,7 +226,13 @@ def _body_fits(body: Body, dof: int) -> bool:
     beliefs: list[Body | Second] = [body]
     if body.second is not None:
         beliefs.append(body.second)
-    least = min(body.autocorrelation, body.repeat, body.rows, body.tau.min(), body.residual.min())
+    least = min(
+        body.autocorrelation,
+        body.repeat,
+        body.rows,
+        body.tau.min(),
+        body.residual.min(),
+    )
     return (
         body.structure.dof == dof
         and all(_belief_fits(belief, body.structure) for belief in beliefs)

@@ -39,7 +39,9 @@ class Episode:
     # "rule" is ``activity`` with the links that eq. 11 made on the way, which the delivered model
     # replaces by those at which it comes to rest.
     errors: dict[str, dict[str, dict[str, float]]]
-    distortion: dict[str, float]  # in these states, of the sensory map in the unit box (eq. 9)
+    distortion: dict[
+        str, float
+    ]  # in these states, of the sensory map in the unit box (eq. 9)
 
 
 def _episode(setting: Setting, change: str) -> Episode:
@@ -63,7 +65,10 @@ def _episode(setting: Setting, change: str) -> Episode:
     # the model and what it is asked for: before the change, after it, and once it has followed
     states = {"trained": (before, old), "changed": (before, x), "adapted": (after, x)}
     errors = {
-        readout: {state: _error(model, q, at, readout) for state, (model, at) in states.items()}
+        readout: {
+            state: _error(model, q, at, readout)
+            for state, (model, at) in states.items()
+        }
         for readout in _READOUTS
     }
     errors["rule"] = {**errors["activity"], "adapted": _error(rule, q, x, "activity")}
@@ -83,7 +88,9 @@ def _error(model: Model, q: Array, x: Array, readout: str) -> dict[str, float]:
 @lru_cache(maxsize=2)
 def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
     """Both changes: figures, and the curves along the stream."""
-    changes = {name: f"{setting.joints[1]}.length={by}" for name, by in _CHANGES.items()}
+    changes = {
+        name: f"{setting.joints[1]}.length={by}" for name, by in _CHANGES.items()
+    }
     episodes = {name: _episode(setting, change) for name, change in changes.items()}
     data: dict[str, Any] = {}
     summary: list[Cells] = []
@@ -108,7 +115,14 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
             curves.append([name, *told, s.sigma, s.eta, s.beta, float(s.adapting)])
     header = ["change", "state", "zeta"]
     header += [f"{r} {k} [mm]" for r in (*_READOUTS, _RULE) for k in ("mean", "max")]
-    columns = ["change", "samples", "zeta motor", "zeta sensory", "threshold", "error [mm]"]
+    columns = [
+        "change",
+        "samples",
+        "zeta motor",
+        "zeta sensory",
+        "threshold",
+        "error [mm]",
+    ]
     columns += ["sigma [nodes]", "eta", "beta", "adapting"]
     words = " and ".join(f"{k}: {v}" for k, v in changes.items())
     tables = (

@@ -34,7 +34,9 @@ def lattice_figure(setting: Setting, path: Path) -> None:
     samples = setting.babble(seed)
     simulation = samples.simulation
     assert simulation is not None  # noqa: S101
-    q = simulation.draw(60_000 if not setting.quick else 5_000, np.random.default_rng(seed + 5))
+    q = simulation.draw(
+        60_000 if not setting.quick else 5_000, np.random.default_rng(seed + 5)
+    )
     x = simulation.exact(q)
     drawn: list[tuple[str, Association, Array, Array]] = []
     for network in NETWORKS:
@@ -42,16 +44,30 @@ def lattice_figure(setting: Setting, path: Path) -> None:
         pair = association(samples, network, SAME_SCHEDULE, setting.side, seed)
         errors = activity_errors(pair, q, x)
         forward = np.linalg.norm(errors[:, :2] * pair.sensory.scale.span, axis=1) * 1e3
-        inverse = np.degrees(np.linalg.norm(errors[:, 2:] * pair.motor.scale.span, axis=1))
+        inverse = np.degrees(
+            np.linalg.norm(errors[:, 2:] * pair.motor.scale.span, axis=1)
+        )
         drawn.append((network, pair, forward, inverse))
     top = [float(np.quantile(errors, 0.99)) for errors in drawn[0][2:]]
     for row, (network, pair, forward, inverse) in zip(axes, drawn, strict=True):
         parts = (
-            (pair.motor, q, forward, np.degrees(1.0), "deg", "forward error [mm]", top[0]),
+            (
+                pair.motor,
+                q,
+                forward,
+                np.degrees(1.0),
+                "deg",
+                "forward error [mm]",
+                top[0],
+            ),
             (pair.sensory, x, inverse, 1e3, "mm", "inverse error [deg]", top[1]),
         )
-        for ax, (net, points, error, factor, unit, label, most) in zip(row, parts, strict=True):
-            which, names = ("sensory", "xy") if unit == "mm" else ("motor", setting.joints)
+        for ax, (net, points, error, factor, unit, label, most) in zip(
+            row, parts, strict=True
+        ):
+            which, names = (
+                ("sensory", "xy") if unit == "mm" else ("motor", setting.joints)
+            )
             _draw_lattice(ax, net, _node_means(net, points, error), factor, most, label)
             ax.set(xlabel=f"{names[0]} [{unit}]", ylabel=f"{names[1]} [{unit}]")
             ax.set_title(f"{network.upper()}, {which} map")
@@ -77,13 +93,36 @@ def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
         seen = np.isfinite(error)
         heat = _node_means(e.after.sensory, e.x[seen], error[seen])
         panels = (
-            (e.before.sensory, _node_means(e.before.sensory, e.x, old), most, "distortion [mm]"),
-            (e.after.sensory, _node_means(e.after.sensory, e.x, new), most, "distortion [mm]"),
-            (e.after.sensory, heat, float(np.nanquantile(heat, 0.99)), "forward error [mm]"),
+            (
+                e.before.sensory,
+                _node_means(e.before.sensory, e.x, old),
+                most,
+                "distortion [mm]",
+            ),
+            (
+                e.after.sensory,
+                _node_means(e.after.sensory, e.x, new),
+                most,
+                "distortion [mm]",
+            ),
+            (
+                e.after.sensory,
+                heat,
+                float(np.nanquantile(heat, 0.99)),
+                "forward error [mm]",
+            ),
         )
-        titles = (f"link {name}, before adapting", "after adapting", "error after adapting")
-        for ax, (net, values, top, label), title in zip(row, panels, titles, strict=True):
-            ax.plot(*(e.x[::20] * 1e3).T, ".", color="#b8c2cb", markersize=1.2, zorder=0)
+        titles = (
+            f"link {name}, before adapting",
+            "after adapting",
+            "error after adapting",
+        )
+        for ax, (net, values, top, label), title in zip(
+            row, panels, titles, strict=True
+        ):
+            ax.plot(
+                *(e.x[::20] * 1e3).T, ".", color="#b8c2cb", markersize=1.2, zorder=0
+            )
             _draw_lattice(ax, net, values, 1e3, top, label)
             ax.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     _save(figure, path)
@@ -119,7 +158,9 @@ def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
         ax.legend(frameon=False, fontsize=8)
     axes[0, 0].set_yscale("log")
     axes[0, 1].set_yscale("log")
-    axes[0, 1].set_yticks([1, 2, 5, 10, 20, 50], labels=["1", "2", "5", "10", "20", "50"])
+    axes[0, 1].set_yticks(
+        [1, 2, 5, 10, 20, 50], labels=["1", "2", "5", "10", "20", "50"]
+    )
     axes[0, 1].minorticks_off()
     for ax in axes[1]:
         ax.set_xlabel("samples after the change")
@@ -139,7 +180,9 @@ def _node_means(net: Map, points: Array, values: Array) -> Array:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _draw_lattice(ax: Any, net: Map, heat: Array, factor: float, most: float, label: str) -> None:
+def _draw_lattice(
+    ax: Any, net: Map, heat: Array, factor: float, most: float, label: str
+) -> None:
     """Draw the edges of a map, coloured by the mean of their nodes' values, up to `most`."""
     from matplotlib import colormaps
     from matplotlib.collections import LineCollection
@@ -156,7 +199,9 @@ def _draw_lattice(ax: Any, net: Map, heat: Array, factor: float, most: float, la
     lines.set_clim(0.0, most)
     ax.add_collection(lines)
     ax.autoscale()
-    bar = ax.figure.colorbar(lines, ax=ax, shrink=0.7, aspect=18, pad=0.02, extend="max")
+    bar = ax.figure.colorbar(
+        lines, ax=ax, shrink=0.7, aspect=18, pad=0.02, extend="max"
+    )
     bar.set_label(label)
     bar.outline.set_visible(False)
 

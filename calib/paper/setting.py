@@ -15,7 +15,9 @@ from ..common.arrays import Array
 from ..errors import OptionError
 from ..samples.samples import Samples, babble
 
-_Report = Callable[[float, str], None]  # the share of the work that is done and what is being done
+_Report = Callable[
+    [float, str], None
+]  # the share of the work that is done and what is being done
 
 ROBOT = "two_link"
 """Links of 0.30 and 0.25 m, shoulder 0..90 deg, elbow 15..150 deg.  The paper states
@@ -48,7 +50,12 @@ class Setting:
         """
         size: dict[str, Any] = {"seeds": tuple(range(seed, seed + 5))}
         if quick:
-            size = {"side": 12, "sides": (8, 12), "samples": 1500, "seeds": (seed, seed + 1)}
+            size = {
+                "side": 12,
+                "sides": (8, 12),
+                "samples": 1500,
+                "seeds": (seed, seed + 1),
+            }
         setting = Setting(**size, quick=quick, **other)
         _ = setting.joints  # an arm that does not fit is told here
         return setting
@@ -62,7 +69,11 @@ class Setting:
     def arm(self) -> PlanarArm:
         """The arm."""
         arm = load_arm(self.robot, joints=self.named)
-        if not isinstance(arm, PlanarArm) or len(arm.joint_names) != 2 or not all(arm.revolute):
+        if (
+            not isinstance(arm, PlanarArm)
+            or len(arm.joint_names) != 2
+            or not all(arm.revolute)
+        ):
             raise OptionError(
                 f"robot {self.robot!r} has the joints {', '.join(arm.joint_names)}: the paper's "
                 "experiments need two that turn in a plane"
@@ -76,15 +87,26 @@ class Setting:
         return first, second
 
     def babble(
-        self, seed: int, n: int | None = None, *, noise: float = 0.0, changes: Iterable[str] = ()
+        self,
+        seed: int,
+        n: int | None = None,
+        *,
+        noise: float = 0.0,
+        changes: Iterable[str] = (),
     ) -> Samples:
         """Babbled samples of one seed."""
-        return babble(self.arm, n or self.samples, seed=seed, noise=noise, changes=tuple(changes))
+        return babble(
+            self.arm, n or self.samples, seed=seed, noise=noise, changes=tuple(changes)
+        )
 
-    def validation(self, samples: Samples, seed: int, n: int | None = None) -> tuple[Array, Array]:
+    def validation(
+        self, samples: Samples, seed: int, n: int | None = None
+    ) -> tuple[Array, Array]:
         """Joints and exact positions that neither training nor the tables see."""
         simulation = samples.simulation
         assert simulation is not None  # noqa: S101
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_VALIDATION,)))
+        rng = np.random.default_rng(
+            np.random.SeedSequence(seed, spawn_key=(_VALIDATION,))
+        )
         q = simulation.draw(2000 if self.quick else n or 6000, rng)
         return q, simulation.exact(q)

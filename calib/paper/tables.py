@@ -29,7 +29,9 @@ UNITS = {"x": "mm", "y": "mm", "shoulder": "deg", "elbow": "deg"}
 
 def _row(*figures: float) -> dict[str, Printed]:
     """Means and largest errors, in turn, of the four columns."""
-    return {name: Printed(*figures[2 * k : 2 * k + 2]) for k, name in enumerate(COLUMNS)}
+    return {
+        name: Printed(*figures[2 * k : 2 * k + 2]) for k, name in enumerate(COLUMNS)
+    }
 
 
 TABLE1 = {
@@ -86,7 +88,9 @@ def table1(setting: Setting) -> Result:
     for network in NETWORKS:
         trial, searched[network] = best_trial(setting, network)
         best[network] = trial.row(setting)
-    same = {n: NetworkTrial(n, SAME_SCHEDULE, setting.side).row(setting) for n in NETWORKS}
+    same = {
+        n: NetworkTrial(n, SAME_SCHEDULE, setting.side).row(setting) for n in NETWORKS
+    }
     paper = _printed(TABLE1)
     setting.report(1.0, "the default varying density")
     default = NetworkTrial("vdsom:residual", Schedule(), setting.side).row(setting)
@@ -99,7 +103,9 @@ def table1(setting: Setting) -> Result:
         "schedules": schedules,
         "ratios": {
             "best": _ratios(best["som"]["activity"], best["vdsom"]["activity"]),
-            "same_schedule": _ratios(same["som"]["activity"], same["vdsom"]["activity"]),
+            "same_schedule": _ratios(
+                same["som"]["activity"], same["vdsom"]["activity"]
+            ),
             "linear": _ratios(best["som"]["linear"], best["vdsom"]["linear"]),
             "default_linear": _ratios(best["som"]["linear"], default["linear"]),
             "paper": _ratios(paper["som"], paper["vdsom"]),
@@ -109,8 +115,12 @@ def table1(setting: Setting) -> Result:
     size = f"{setting.side}x{setting.side}"
     # another arm or small lattices are not the paper's
     beside = TABLE1 if setting.printed else dict.fromkeys(TABLE1)
-    lines = {f"{n.upper()}, best: {schedules[n]}": (best[n], beside[n]) for n in NETWORKS}
-    lines |= {f"{n.upper()}, same: {SAME_SCHEDULE}": (same[n], beside[n]) for n in NETWORKS}
+    lines = {
+        f"{n.upper()}, best: {schedules[n]}": (best[n], beside[n]) for n in NETWORKS
+    }
+    lines |= {
+        f"{n.upper()}, same: {SAME_SCHEDULE}": (same[n], beside[n]) for n in NETWORKS
+    }
     lines["VDSOM:residual, the default"] = (default, beside["vdsom"])
     tables = [
         _comparison("table1", f"Table 1, {size} nodes, {_conditions(setting)}", lines),
@@ -119,7 +129,11 @@ def table1(setting: Setting) -> Result:
             "schedules",
             "validation error of each schedule, mean of the columns as a share of the range",
             ("network", "schedule", "error"),
-            [(n, str(f.schedule), f.score) for n, found in searched.items() for f in found],
+            [
+                (n, str(f.schedule), f.score)
+                for n, found in searched.items()
+                for f in found
+            ],
         ),
     ]
     return Result(data, tuple(tables))
@@ -205,14 +219,21 @@ def _conditions(setting: Setting) -> str:
 
 
 def _size_of(setting: Setting) -> dict[str, Any]:
-    return {"samples": setting.samples, "seeds": list(setting.seeds), "quick": setting.quick}
+    return {
+        "samples": setting.samples,
+        "seeds": list(setting.seeds),
+        "quick": setting.quick,
+    }
 
 
 def _printed(table: Mapping[str, Mapping[str, Printed]]) -> dict[str, Any]:
     """A table of the paper for JSON, in SI units."""
     return {
         name: {
-            column: {key: value / FACTORS[UNITS[column]] for key, value in cell._asdict().items()}
+            column: {
+                key: value / FACTORS[UNITS[column]]
+                for key, value in cell._asdict().items()
+            }
             for column, cell in columns.items()
         }
         for name, columns in table.items()

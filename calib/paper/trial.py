@@ -29,7 +29,9 @@ class Schedule:
     """How a network is trained."""
 
     epochs: int | None = None  # passes over the samples, None for coarse to fine
-    sigma: float | None = None  # last neighbourhood radius [nodes]; the first is half the lattice
+    sigma: float | None = (
+        None  # last neighbourhood radius [nodes]; the first is half the lattice
+    )
     links: str = "reciprocal"  # a name of :data:`calib.maps.links.WIRINGS`
     rule: str = "batch"  # {"batch", "online"}, training rule
 
@@ -47,7 +49,9 @@ class Schedule:
 class SeedErrors:
     """Errors of one seed."""
 
-    errors: Errors  # {readout: {"forward" | "inverse": {column: {"mean", "max", "p99"}}}}
+    errors: (
+        Errors  # {readout: {"forward" | "inverse": {column: {"mean", "max", "p99"}}}}
+    )
     ranges: Mapping[str, float]  # width of what each column covers [m, rad]
 
 
@@ -61,7 +65,9 @@ class NetworkTrial:
 
     def row(self, setting: Setting, n: int | None = None) -> Row:
         """Errors of all seeds, of `n` samples each, on 10,000 exact test points of their own."""
-        return joined([self.errors(setting.babble(seed, n), seed) for seed in setting.seeds])
+        return joined(
+            [self.errors(setting.babble(seed, n), seed) for seed in setting.seeds]
+        )
 
     def errors(self, samples: Samples, seed: int) -> SeedErrors:
         """Errors of one seed, on the points on which ``calib train`` tests a model of it."""
@@ -79,8 +85,12 @@ class NetworkTrial:
             there = simulation.exact(scale.from_unit(answer))
             residuals.distance[readout] = np.linalg.norm(there - x, axis=1)
         # widths of what the samples cover, and of the joints' limits
-        widths = np.concatenate([np.ptp(samples.x, axis=0), samples.upper - samples.lower])
-        ranges = dict(zip(("x", "y", *samples.joint_names), widths.tolist(), strict=True))
+        widths = np.concatenate(
+            [np.ptp(samples.x, axis=0), samples.upper - samples.lower]
+        )
+        ranges = dict(
+            zip(("x", "y", *samples.joint_names), widths.tolist(), strict=True)
+        )
         return SeedErrors(summarise(residuals), ranges)
 
 
@@ -94,7 +104,9 @@ def joined(results: Sequence[SeedErrors]) -> Row:
         row[readout] = {}
         for direction, columns in directions.items():
             for column in columns:
-                cells = [result.errors[readout][direction][column] for result in results]
+                cells = [
+                    result.errors[readout][direction][column] for result in results
+                ]
                 if column == "distance":
                     row[readout][f"{direction}_distance"] = _mean_cell(cells)
                     continue
@@ -108,7 +120,10 @@ def joined(results: Sequence[SeedErrors]) -> Row:
 
 def _mean_cell(cells: Sequence[Mapping[str, float]]) -> dict[str, float]:
     """Mean over the seeds of each statistic, and how far the seeds spread."""
-    cell = {name: float(np.mean([c[name] for c in cells])) for name in ("mean", "max", "p99")}
+    cell = {
+        name: float(np.mean([c[name] for c in cells]))
+        for name in ("mean", "max", "p99")
+    }
     for name in ("mean", "max"):
         cell[f"{name}_spread"] = float(np.std([c[name] for c in cells]))
     return cell
@@ -176,7 +191,9 @@ def best_schedule(setting: Setting, network: str) -> list[Found]:
             scores[schedule].append(float(activity_errors(pair, q, x).mean()))
             share = (k + (n + 1) / len(candidates)) / len(setting.seeds)
             setting.report(share, f"{network}: {schedule}")
-        judged = [Found(schedule, float(np.mean(scores[schedule]))) for schedule in candidates]
+        judged = [
+            Found(schedule, float(np.mean(scores[schedule]))) for schedule in candidates
+        ]
         ranking = sorted(judged, key=lambda result: result.score)
         if k + 1 < len(setting.seeds):
             half = max(_FINALISTS, math.ceil(len(ranking) / 2))

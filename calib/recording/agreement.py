@@ -24,7 +24,9 @@ _LEAST_SHARE = 0.4  # of the pictures that must agree
 _FOLDS = 5
 _FINAL_STEPS = 8
 _WORST_CORNER = 5.0  # [px], and
-_WORST_POSE = np.array([np.radians(3.0), 0.03])  # [rad, m]: noise that no camera and no arm has
+_WORST_POSE = np.array(
+    [np.radians(3.0), 0.03]
+)  # [rad, m]: noise that no camera and no arm has
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +74,9 @@ class Problem:
         """Squared distance (n,) of each motion's errors from none, over what is usual."""
         rows = np.arange(self.motions.count)
         bundle = self.bundle(rows)
-        still = replace(fit, unknowns=replace(fit.unknowns, errors=np.zeros((len(rows), 6))))
+        still = replace(
+            fit, unknowns=replace(fit.unknowns, errors=np.zeros((len(rows), 6)))
+        )
         errors, covariance = bundle.motion_errors(still)
         covariance = covariance + np.diag(np.repeat(fit.noise.pose**2, 3))
         pull = np.linalg.solve(covariance, errors[:, :, None])[:, :, 0]
@@ -92,7 +96,11 @@ def agreed(problem: Problem) -> tuple[Fit, Mask]:
         if len(found) and (half < _HALF or _sharp(problem, *found[0])):
             break
         grown = _grown(problem, start)
-        if grown is not None and grown[1].mean() >= _LEAST_SHARE and _possible(grown[0]):
+        if (
+            grown is not None
+            and grown[1].mean() >= _LEAST_SHARE
+            and _possible(grown[0])
+        ):
             found.append(grown)
     if not found:
         raise LogError(
@@ -119,7 +127,10 @@ def _miss(problem: Problem, fit: Fit, kept: Mask) -> float:
 
 def _possible(fit: Fit) -> bool:
     """Whether some camera and some arm are as noisy."""
-    return bool((fit.noise.corner < _WORST_CORNER).all() and (fit.noise.pose < _WORST_POSE).all())
+    return bool(
+        (fit.noise.corner < _WORST_CORNER).all()
+        and (fit.noise.pose < _WORST_POSE).all()
+    )
 
 
 def _grown(problem: Problem, kept: Mask) -> tuple[Fit, Mask] | None:

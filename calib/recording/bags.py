@@ -13,17 +13,26 @@ from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
 from ..common.wording import INSTALL, listed
 from ..errors import LogError
-from ..samples.joint_values import MAX_GAP, check_limits, covered, joint_speed, joints_at
+from ..samples.joint_values import (
+    MAX_GAP,
+    check_limits,
+    covered,
+    joint_speed,
+    joints_at,
+)
 from ..samples.samples import Samples
 from .clocks import SURE, ClockError, align_clocks
 
 _JOINTS = ("sensor_msgs/msg/JointState",)
 _POSITIONS = tuple(
-    f"geometry_msgs/msg/{kind}" for kind in ("PointStamped", "PoseStamped", "TransformStamped")
+    f"geometry_msgs/msg/{kind}"
+    for kind in ("PointStamped", "PoseStamped", "TransformStamped")
 )
 _TF = "tf2_msgs/msg/TFMessage"
 _SAME = 1e-9  # turns [rad] and lengths [m] below which a transform is the same
-_IN_TIME = 0.005  # [s], offsets below which stamps are left: training estimates the rest
+_IN_TIME = (
+    0.005  # [s], offsets below which stamps are left: training estimates the rest
+)
 
 
 def read_bag(
@@ -67,7 +76,9 @@ def read_bag(
     if time_offset is None:
         time_offset, notes = _found_offset(stamps, x, times, values)
     stamps = stamps + time_offset
-    doubts = covered(stamps, times, max_gap) | {"not finite": ~np.isfinite(x).all(axis=1)}
+    doubts = covered(stamps, times, max_gap) | {
+        "not finite": ~np.isfinite(x).all(axis=1)
+    }
     if still is not None:
         fast = joint_speed(stamps, times, values) > still
         doubts[f"a joint moved faster than {still:g}"] = fast
@@ -75,7 +86,9 @@ def read_bag(
     for why, wrong in doubts.items():
         dropped[why] = int((usable & wrong).sum())
         usable &= ~wrong
-    notes += [f"{count} positions left out: {why}" for why, count in dropped.items() if count]
+    notes += [
+        f"{count} positions left out: {why}" for why, count in dropped.items() if count
+    ]
     if not usable.any():
         hint = "change `max_gap`, `still` or `time_offset`"
         raise LogError(f"no position is left ({'; '.join(notes)})", hint=hint)
@@ -113,10 +126,16 @@ def _topic(
     topics: Mapping[str, str], chosen: str | None, types: Sequence[str], parameter: str
 ) -> str:
     """The topic that was chosen, or the only one of some types."""
-    fitting = [name for name, kind in topics.items() if kind in types and chosen in (None, name)]
+    fitting = [
+        name
+        for name, kind in topics.items()
+        if kind in types and chosen in (None, name)
+    ]
     if len(fitting) == 1:
         return fitting[0]
-    shown = listed(f"{name} ({kind.rpartition('/')[2]})" for name, kind in sorted(topics.items()))
+    shown = listed(
+        f"{name} ({kind.rpartition('/')[2]})" for name, kind in sorted(topics.items())
+    )
     kinds = ", ".join(kind.rpartition("/")[2] for kind in types)
     raise LogError(
         f"{len(fitting)} topics{f' {chosen!r}' if chosen else ''} are of {kinds}, expected one; "
@@ -147,7 +166,9 @@ def _joint_states(
     rows: dict[float, list[float]] = {}
     seen: set[str] = set()
     for _, time, message in _messages(reader, [topic]):
-        there = dict(zip(message.name, np.asarray(message.position).tolist(), strict=False))
+        there = dict(
+            zip(message.name, np.asarray(message.position).tolist(), strict=False)
+        )
         seen |= set(message.name)
         names = names or tuple(message.name)
         # others are messages of another controller on the same topic
@@ -162,13 +183,17 @@ def _joint_states(
     return names, times, np.array([rows[time] for time in times.tolist()])
 
 
-def _found_offset(stamps: Array, x: Array, times: Array, values: Array) -> tuple[float, list[str]]:
+def _found_offset(
+    stamps: Array, x: Array, times: Array, values: Array
+) -> tuple[float, list[str]]:
     """What has to be added to the stamps of positions [s], and what the user should be told."""
     apart = float(times[0] - stamps[0])
     common = min(times[-1], stamps[-1]) - max(times[0], stamps[0])
     seen = np.where(np.isfinite(x).all(axis=1, keepdims=True), 1e3 * x, np.nan)
     try:
-        clocks = align_clocks(stamps - stamps[0], seen, times - times[0], values, unit="mm")
+        clocks = align_clocks(
+            stamps - stamps[0], seen, times - times[0], values, unit="mm"
+        )
     except ClockError as error:
         if common > 0:
             return 0.0, []  # the stamps are all that is known
@@ -181,10 +206,14 @@ def _found_offset(stamps: Array, x: Array, times: Array, values: Array) -> tuple
     if common > 0 and abs(offset) < max(_IN_TIME, 3.0 * clocks.doubt):
         return 0.0, []
     interval = f"{offset:+.4f} +- {2.0 * max(clocks.doubt, SURE):.2g} s"
-    return offset, [f"the positions' clock is corrected by {interval}, as the motion shows"]
+    return offset, [
+        f"the positions' clock is corrected by {interval}, as the motion shows"
+    ]
 
 
-def _poses(reader: Any, topics: Sequence[str], frames: Sequence[str] | None) -> tuple[Array, str]:
+def _poses(
+    reader: Any, topics: Sequence[str], frames: Sequence[str] | None
+) -> tuple[Array, str]:
     """Times, places and quaternions (n, 8) of the one transform that moves, and their frame."""
     parents: dict[str, str] = {}
     moves: dict[str, list[tuple[float, ...]]] = {}  # rows by child
@@ -210,7 +239,11 @@ def _poses(reader: Any, topics: Sequence[str], frames: Sequence[str] | None) -> 
     while at != parent and at in edges and at not in path:
         path.append(at)
         at = parents[at]
-    measured = [child for child in moving if child in path and at == parent] if frames else moving
+    measured = (
+        [child for child in moving if child in path and at == parent]
+        if frames
+        else moving
+    )
     if len(measured) != 1:
         what = f" between {frames[0]!r} and {frames[1]!r}" if frames else ""
         raise LogError(

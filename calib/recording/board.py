@@ -77,7 +77,9 @@ class Chessboard(Pattern):
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 4:
-            raise OptionError(f"board {self.text}: expected 4x4 squares or more, such as 10x7:22mm")
+            raise OptionError(
+                f"board {self.text}: expected 4x4 squares or more, such as 10x7:22mm"
+            )
 
     @property
     def side(self) -> float:
@@ -123,7 +125,10 @@ class Chessboard(Pattern):
         )
         if found:
             rows = np.reshape(corners, (self.rows - 1, self.columns - 1, 2))
-            gaps = [np.linalg.norm(np.diff(rows, axis=axis), axis=2).min() for axis in (0, 1)]
+            gaps = [
+                np.linalg.norm(np.diff(rows, axis=axis), axis=2).min()
+                for axis in (0, 1)
+            ]
             half = int(np.clip(_WINDOW * min(gaps), *_WINDOWS))
             stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
             start = np.reshape(corners, (-1, 1, 2)).astype(np.float32)
@@ -148,7 +153,9 @@ class TagGrid(Pattern):
     def __post_init__(self) -> None:
         known = len(find_dictionary(self.dictionary).bytesList)
         if not (2 <= self.columns * self.rows <= known):
-            raise OptionError(f"board {self.text}: expected 2 to {known} tags of {self.family}")
+            raise OptionError(
+                f"board {self.text}: expected 2 to {known} tags of {self.family}"
+            )
 
     @property
     def side(self) -> float:
@@ -191,7 +198,9 @@ class TagGrid(Pattern):
             number = tag.number
             if self._upward(tags):
                 column = tag.number % self.columns
-                number = (self.rows - 1 - tag.number // self.columns) * self.columns + column
+                number = (
+                    self.rows - 1 - tag.number // self.columns
+                ) * self.columns + column
             for k, place in enumerate(tag.corners):
                 corners[4 * number + k] = place
         return dict(sorted(corners.items()))
@@ -205,7 +214,10 @@ class TagGrid(Pattern):
         last = max(by_row, default=0)
         if first == last:
             return False
-        middles = [np.mean([tag.centre for tag in by_row[row]], axis=0) for row in (first, last)]
+        middles = [
+            np.mean([tag.centre for tag in by_row[row]], axis=0)
+            for row in (first, last)
+        ]
         down = np.mean([tag.corners[3] - tag.corners[0] for tag in tags], axis=0)
         return bool((middles[1] - middles[0]) @ down < 0.0)
 
@@ -265,7 +277,10 @@ class Board(Pattern):
     def opencv(self) -> Any:
         """Return OpenCV's board; its y runs down."""
         return opencv().aruco.CharucoBoard(
-            (self.columns, self.rows), self.square, self.marker, find_dictionary(self.dictionary)
+            (self.columns, self.rows),
+            self.square,
+            self.marker,
+            find_dictionary(self.dictionary),
         )
 
     @cached_property
@@ -340,7 +355,9 @@ def parse_length(text: str, what: str = "length", *, signed: bool = False) -> fl
     match = re.fullmatch(r"\s*(-?\d*\.?\d+)\s*(mm|cm|m|in)\s*", text)
     value = float(match[1]) / METRES[match[2]] if match else np.nan
     if not (-10.0 if signed else 0.0) < value < 10.0:
-        raise OptionError(f"{what} {text!r}: expected a number and its unit, such as 24mm")
+        raise OptionError(
+            f"{what} {text!r}: expected a number and its unit, such as 24mm"
+        )
     return value
 
 
@@ -350,7 +367,12 @@ def print_tag(number: int, size: float, dictionary: str = DICTIONARY) -> str:
     side = 1e3 * size
     border = max(_MARGIN, side / len(cells))  # a tag needs a cell of white around it
     words = f"{dictionary} {number}, black square {side:g} mm"
-    return _page(side + 2 * border, side + 2 * border, _square(cells, border, border, side), words)
+    return _page(
+        side + 2 * border,
+        side + 2 * border,
+        _square(cells, border, border, side),
+        words,
+    )
 
 
 def print_board(board: Pattern) -> str:
@@ -362,14 +384,18 @@ def print_board(board: Pattern) -> str:
         body = []
         for number, corner in enumerate(1e3 * board.points()[::4]):
             cells = tag_cells(number, board.dictionary)
-            body += _square(cells, corner[0] + _MARGIN, corner[1] + _MARGIN, 1e3 * board.tag)
+            body += _square(
+                cells, corner[0] + _MARGIN, corner[1] + _MARGIN, 1e3 * board.tag
+            )
         words = f"{board.text}, tags {1e3 * board.tag:g} mm"
     elif isinstance(board, Chessboard):
         body = []
         side = 1e3 * board.square
         for x, y in np.ndindex(board.columns, board.rows):
             if (x + y) % 2 == 0:
-                body.append(_rectangle(_MARGIN + side * x, _MARGIN + side * y, side, side))
+                body.append(
+                    _rectangle(_MARGIN + side * x, _MARGIN + side * y, side, side)
+                )
         words = f"{board.text}, squares {side:g} mm, {board.inner[0]}x{board.inner[1]} corners"
     width, height = (1e3 * side + 2 * _MARGIN for side in board.size)
     return _page(width, height, body, words)
@@ -379,13 +405,17 @@ def _charuco(board: Board) -> list[str]:
     square = 1e3 * board.square
     body = list[str]()
     # the tags' corners from OpenCV's board, which is what will be looked for
-    lows = [1e3 * np.asarray(p)[:, :2].min(axis=0) for p in board.printed.getObjPoints()]
+    lows = [
+        1e3 * np.asarray(p)[:, :2].min(axis=0) for p in board.printed.getObjPoints()
+    ]
     white = {(int(x // square), int(y // square)) for x, y in lows}
     for x, y in np.ndindex(board.columns, board.rows):
         if (x, y) not in white:
             at = _MARGIN + square * x, _MARGIN + square * y
             body += _square(np.zeros((1, 1), bool), *at, square)
-    for number, (x, y) in zip(np.ravel(board.printed.getIds()).tolist(), lows, strict=True):
+    for number, (x, y) in zip(
+        np.ravel(board.printed.getIds()).tolist(), lows, strict=True
+    ):
         cells = tag_cells(number, board.dictionary)
         body += _square(cells, x + _MARGIN, y + _MARGIN, 1e3 * board.marker)
     return body
@@ -403,7 +433,9 @@ def _square(white: Mask, x: float, y: float, side: float) -> list[str]:
     return made
 
 
-def _rectangle(x: float, y: float, width: float, height: float, colour: str = "") -> str:
+def _rectangle(
+    x: float, y: float, width: float, height: float, colour: str = ""
+) -> str:
     return f'<rect x="{x:.6g}" y="{y:.6g}" width="{width:.6g}" height="{height:.6g}"{colour}/>'
 
 

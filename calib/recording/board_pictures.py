@@ -93,7 +93,10 @@ class BoardPictures:
             arm = turns @ at
         # a small turn and a shift of the board, in the camera's axes, move and turn what is told
         change = np.zeros((len(turns), 6, 6))
-        change[:, :3, :3], change[:, :3, 3:] = -sign * back @ cross_matrix(arm), sign * back
+        change[:, :3, :3], change[:, :3, 3:] = (
+            -sign * back @ cross_matrix(arm),
+            sign * back,
+        )
         change[:, 3:, :3] = sign * back
         covariance = change @ np.array([p.covariance[:6, :6] for p in poses])
         covariance = covariance @ np.swapaxes(change, 1, 2)
@@ -124,7 +127,9 @@ def held_poses(poses: Sequence[Pose], in_hand: bool) -> tuple[Array, Array]:
     """Turns (p, 3, 3) and shifts (p, 3) [m] of what is in the hand, seen from what stands still."""
     turns, shifts = turns_and_shifts(poses)
     back = np.swapaxes(turns, 1, 2)
-    return (back, -np.einsum("pij,pj->pi", back, shifts)) if in_hand else (turns, shifts)
+    return (
+        (back, -np.einsum("pij,pj->pi", back, shifts)) if in_hand else (turns, shifts)
+    )
 
 
 def find_board(
@@ -159,7 +164,9 @@ def find_board(
         known = joints.pictures or [f"picture {k + 1}" for k in rows]
         frames = zip(rows, known, pictures, strict=True)
     else:
-        raise LogError(f"{len(pictures)} pictures and {len(rows)} rows of joints: expected as many")
+        raise LogError(
+            f"{len(pictures)} pictures and {len(rows)} rows of joints: expected as many"
+        )
     finder = BoardFinder(board)
     looked: list[Picture] = []
     seen: list[tuple[str, int, dict[int, Array]]] = []

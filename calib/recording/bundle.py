@@ -33,14 +33,18 @@ _STIFF = 1e6  # damping from which no step is tried any more
 _HUBER = 4.0  # noise sd, beyond which a corner counts less
 _LEAST_CORNER = 0.01  # [px], noise that corners are credited with at least
 _LEAST_POSE = np.array([1e-6, 1e-6])  # [rad, m], the same of motions
-_FASTER = np.array([1.0, 1.7, 2.0])  # exponents of the steps of corners, poses and priors
+_FASTER = np.array(
+    [1.0, 1.7, 2.0]
+)  # exponents of the steps of corners, poses and priors
 
 
 @dataclass(frozen=True, eq=False)
 class Shots:
     """What the pictures of one camera show of a board."""
 
-    points: tuple[Array, ...]  # (m, 3) of each picture, in the board's frame, as said [m]
+    points: tuple[
+        Array, ...
+    ]  # (m, 3) of each picture, in the board's frame, as said [m]
     corners: tuple[Array, ...]  # (m, 2) of each picture [px]
     rows: Index  # (p,), the motion that each picture was taken at
     in_hand: bool  # whether the camera is in the hand
@@ -52,7 +56,9 @@ class Shots:
         kept = [k for k, row in enumerate(self.rows) if int(row) in number]
         rows = np.array([number[int(self.rows[k])] for k in kept], np.intp)
         points = tuple(self.points[k] for k in kept)
-        return replace(self, points=points, corners=tuple(self.corners[k] for k in kept), rows=rows)
+        return replace(
+            self, points=points, corners=tuple(self.corners[k] for k in kept), rows=rows
+        )
 
 
 class Motions(Protocol):
@@ -253,7 +259,9 @@ def bending(points: Array, outline: Array) -> Array:
         return np.column_stack([np.ones_like(u), u, v]), heights
 
     plane, heights = terms(outline)
-    flat = np.linalg.lstsq(plane, heights, rcond=None)[0]  # a plane is the board's place
+    flat = np.linalg.lstsq(plane, heights, rcond=None)[
+        0
+    ]  # a plane is the board's place
     plane, heights = terms(points)
     heights -= plane @ flat
     u, v = plane[:, 1:].T
@@ -269,8 +277,12 @@ def bending(points: Array, outline: Array) -> Array:
 def project(lens: Array, points: Array) -> tuple[Array, Array, Array]:
     """Pixels (N, 2) of points before a camera (N, 3) [m], their slopes by point and by lens."""
     still = np.zeros(3)
-    matrix = np.array([[lens[0], 0.0, lens[2]], [0.0, lens[1], lens[3]], [0.0, 0.0, 1.0]])
-    seen, slopes = opencv().projectPoints(points.reshape(-1, 1, 3), still, still, matrix, lens[4:])
+    matrix = np.array(
+        [[lens[0], 0.0, lens[2]], [0.0, lens[1], lens[3]], [0.0, 0.0, 1.0]]
+    )
+    seen, slopes = opencv().projectPoints(
+        points.reshape(-1, 1, 3), still, still, matrix, lens[4:]
+    )
     slopes = slopes.reshape(len(points), 2, -1)
     return seen.reshape(-1, 2), slopes[:, :, 3:6], slopes[:, :, 6:15]
 
@@ -285,8 +297,13 @@ class _Camera:
         self.board = layout.board_of(shots.in_hand)
         self.counts = [len(points) for points in shots.points]
         ends = np.cumsum(self.counts)
-        self.parts = [slice(end - count, end) for end, count in zip(ends, self.counts, strict=True)]
-        self.motion = np.repeat(shots.rows, self.counts)  # (N,), that each corner was seen at
+        self.parts = [
+            slice(end - count, end)
+            for end, count in zip(ends, self.counts, strict=True)
+        ]
+        self.motion = np.repeat(
+            shots.rows, self.counts
+        )  # (N,), that each corner was seen at
         self.points = np.concatenate(shots.points)
         self.corners = np.concatenate(shots.corners)
         self.bending = bending(self.points, shots.outline)
@@ -317,8 +334,12 @@ class _Camera:
         for pose, part in zip(seen, self.parts, strict=True):
             places[part] = points[part] @ pose[:3, :3].T + pose[:3, 3]
             turned[part] = pose[:3, :3]
-        pixels, by_point, by_lens = project(unknowns.values[layout.lens(self.number)], places)
-        by_turn = np.cross(places[:, None], by_point)  # of the whole scene about the camera
+        pixels, by_point, by_lens = project(
+            unknowns.values[layout.lens(self.number)], places
+        )
+        by_turn = np.cross(
+            places[:, None], by_point
+        )  # of the whole scene about the camera
         inward = by_point @ turned
         by_shape = scale * inward @ self.bending
         by_size = inward @ points[:, :, None]
@@ -366,7 +387,10 @@ class _Camera:
         chain[:, 6:, 12:-6] = np.eye(few - 6)
         across = np.swapaxes(chain, 1, 2)
         return _Sums(
-            residuals, length, across @ products @ chain, (across @ pulls[:, :, None])[:, :, 0]
+            residuals,
+            length,
+            across @ products @ chain,
+            (across @ pulls[:, :, None])[:, :, 0],
         )
 
 
@@ -382,7 +406,9 @@ class _Sight:
 class Bundle:
     """Corners of some cameras and the motions that they were seen at."""
 
-    def __init__(self, shots: Sequence[Shots], motions: Motions, scales: Sequence[Scale]) -> None:
+    def __init__(
+        self, shots: Sequence[Shots], motions: Motions, scales: Sequence[Scale]
+    ) -> None:
         boards = tuple(dict.fromkeys(each.in_hand for each in shots))
         self.layout = Layout(len(shots), boards, motions.size)
         self.motions = motions
@@ -392,10 +418,18 @@ class Bundle:
     def predict(self, unknowns: Unknowns) -> list[Array]:
         """Pixels (N, 2) of each camera's corners."""
         motions = self.motions.poses(unknowns.values[self.layout.arm_values])
-        return [camera.look(self.layout, unknowns, motions).pixels for camera in self.cameras]
+        return [
+            camera.look(self.layout, unknowns, motions).pixels
+            for camera in self.cameras
+        ]
 
     def solve(
-        self, start: Unknowns, noise: Noise, mean: Array, steps: int = _STEPS, learn: bool = True
+        self,
+        start: Unknowns,
+        noise: Noise,
+        mean: Array,
+        steps: int = _STEPS,
+        learn: bool = True,
     ) -> Fit:
         """Levenberg-Marquardt, the sizes of noise by the evidence at each step.
 
@@ -439,7 +473,9 @@ class Bundle:
 
         The unknowns of all pictures stay as they are; their doubt is part of the covariance.
         """
-        loose = np.diag(np.repeat([1.0, 1.0], 3))  # 1 rad and 1 m: none, beside what corners tell
+        loose = np.diag(
+            np.repeat([1.0, 1.0], 3)
+        )  # 1 rad and 1 m: none, beside what corners tell
         unknowns = fit.unknowns
         for _ in range(_OWN_STEPS):
             normal = self._normal(unknowns, fit.noise, self._sums(unknowns, fit.noise))
@@ -447,7 +483,9 @@ class Bundle:
             pull = normal.own_pull - unknowns.errors @ loose
             step = np.einsum("nij,nj->ni", spread, pull)
             unknowns = replace(unknowns, errors=unknowns.errors + step)
-        follow = spread @ np.swapaxes(normal.across, 1, 2)  # (n, 6, s), how they follow unknowns
+        follow = spread @ np.swapaxes(
+            normal.across, 1, 2
+        )  # (n, 6, s), how they follow unknowns
         spread = spread + follow @ fit.covariance @ np.swapaxes(follow, 1, 2)
         return unknowns.errors, np.asarray(spread, float)
 
@@ -461,7 +499,9 @@ class Bundle:
             sums.append(camera.sums(camera.look(self.layout, unknowns, motions), sd))
         return sums
 
-    def _normal(self, unknowns: Unknowns, noise: Noise, sums: Sequence[_Sums]) -> _Normal:
+    def _normal(
+        self, unknowns: Unknowns, noise: Noise, sums: Sequence[_Sums]
+    ) -> _Normal:
         layout = self.layout
         count = self.motions.count
         by_arm = self.motions.slopes(unknowns.values[layout.arm_values])
@@ -511,15 +551,24 @@ class Bundle:
         wanted = normal.pull[free] - slope[free] - np.einsum("nij,nj->i", gain, pull)
         ruler = np.sqrt(np.maximum(np.diag(whole), 1e-12 * before))
         normed = whole / np.outer(ruler, ruler)
-        spread = np.linalg.pinv(normed, rcond=1e-13, hermitian=True) / np.outer(ruler, ruler)
-        some = np.linalg.solve(normed + damping * np.eye(len(free)), wanted / ruler) / ruler
+        spread = np.linalg.pinv(normed, rcond=1e-13, hermitian=True) / np.outer(
+            ruler, ruler
+        )
+        some = (
+            np.linalg.solve(normed + damping * np.eye(len(free)), wanted / ruler)
+            / ruler
+        )
         step = np.zeros(self.layout.size)
         step[free] = some
-        errors = np.einsum("nij,nj->ni", back, pull) - np.einsum("nji,j->ni", gain, some)
+        errors = np.einsum("nij,nj->ni", back, pull) - np.einsum(
+            "nji,j->ni", gain, some
+        )
         known = np.einsum("nii->ni", back) + (gain * (spread @ gain)).sum(axis=1)
         return step, errors, spread, known
 
-    def _prior(self, unknowns: Unknowns, noise: Noise, mean: Array) -> tuple[Array, Array]:
+    def _prior(
+        self, unknowns: Unknowns, noise: Noise, mean: Array
+    ) -> tuple[Array, Array]:
         """Precision (s,) of the unknowns before any picture, and the slope (s,) of its energy."""
         precision = np.zeros(self.layout.size)
         slope = np.zeros(self.layout.size)
@@ -529,7 +578,9 @@ class Bundle:
         slope[places] = precision[places] * (unknowns.values - mean)[some]
         return precision, slope
 
-    def _cost(self, unknowns: Unknowns, noise: Noise, mean: Array, sums: Sequence[_Sums]) -> float:
+    def _cost(
+        self, unknowns: Unknowns, noise: Noise, mean: Array, sums: Sequence[_Sums]
+    ) -> float:
         slope = self._prior(unknowns, noise, mean)[1][6 * self.layout.frames :]
         total = float(slope @ (unknowns.values - mean))
         total += float(((unknowns.errors / np.repeat(noise.pose, 3)) ** 2).sum())
@@ -538,7 +589,9 @@ class Bundle:
             total += float((weights * each.lengths**2).sum()) / sd**2
         return total
 
-    def _learned(self, fit: Fit, sums: Sequence[_Sums], mean: Array, certain: Array) -> Fit:
+    def _learned(
+        self, fit: Fit, sums: Sequence[_Sums], mean: Array, certain: Array
+    ) -> Fit:
         """The fit with the noise that its residuals tell."""
         noise = fit.noise
         errors = fit.unknowns.errors
@@ -556,8 +609,12 @@ class Bundle:
             # errors of a picture's corners hang together: what is left of them in its pose counts
             directions = 6 * len(camera.parts)
             open_directions = max(directions - freedom - 12, 0.1 * directions)
-            corner.append(max((residuals**2).sum() / left, each.together / open_directions))
-        sd = noise.corner * np.exp(_FASTER[0] * _bounded(np.array(corner), noise.corner))
+            corner.append(
+                max((residuals**2).sum() / left, each.together / open_directions)
+            )
+        sd = noise.corner * np.exp(
+            _FASTER[0] * _bounded(np.array(corner), noise.corner)
+        )
         prior = noise.prior.copy()
         variance = np.diag(fit.covariance)[6 * self.layout.frames :]
         for scale in self.scales:
@@ -565,9 +622,15 @@ class Bundle:
             if len(some):
                 told = max(float((1.0 - variance[some] / prior[some] ** 2).sum()), 0.05)
                 square = float(((fit.unknowns.values - mean)[some] ** 2).sum()) / told
-                change = np.exp(_FASTER[2] * _bounded(np.array([square]), prior[some[:1]])[0])
-                prior[some] = np.clip(prior[some[0]] * change, scale.lowest, scale.highest)
-        sizes = Noise(np.maximum(sd, _LEAST_CORNER), np.maximum(pose, _LEAST_POSE), prior)
+                change = np.exp(
+                    _FASTER[2] * _bounded(np.array([square]), prior[some[:1]])[0]
+                )
+                prior[some] = np.clip(
+                    prior[some[0]] * change, scale.lowest, scale.highest
+                )
+        sizes = Noise(
+            np.maximum(sd, _LEAST_CORNER), np.maximum(pose, _LEAST_POSE), prior
+        )
         return replace(fit, noise=sizes, freedom=freedom)
 
 

@@ -55,7 +55,9 @@ class Clocks:
     rate: float = 0.0  # how much faster it runs
     middle: float = 0.0  # that middle, by the sensor's clock [s]
     error: float = np.inf  # median distance that rows are predicted to [px or mm]
-    doubt: float = np.inf  # standard deviation of the joints' time, at the recording's ends [s]
+    doubt: float = (
+        np.inf
+    )  # standard deviation of the joints' time, at the recording's ends [s]
 
     def joints_time(self, time: Array) -> Array:
         """Return the joints' times of the sensor's times [s]."""
@@ -63,7 +65,11 @@ class Clocks:
 
     def words(self) -> str:
         """Say it in a line."""
-        rate = f", rates differ by {100 * self.rate:+.3f} %" if abs(self.rate) > 5e-5 else ""
+        rate = (
+            f", rates differ by {100 * self.rate:+.3f} %"
+            if abs(self.rate) > 5e-5
+            else ""
+        )
         return (
             f"clocks: joints are {self.offset:+.4f} s from the camera, sure to "
             f"{1e3 * self.doubt:.2g} ms{rate}; they predict the tag to {self.error:.2g} px"
@@ -76,13 +82,19 @@ class _Waves:
     def __init__(self, q: Array | None = None, seen: Array | None = None) -> None:
         self._soft = SOFT
         if q is not None and seen is not None:  # the ridge that predicts best
-            self._soft = min(_SOFTS, key=lambda soft: _median(Judge(q, soft).miss(seen)))
+            self._soft = min(
+                _SOFTS, key=lambda soft: _median(Judge(q, soft).miss(seen))
+            )
 
-    def look(self, q: Array, ahead: Array, behind: Array, seen: Array, since: Array) -> Any:
+    def look(
+        self, q: Array, ahead: Array, behind: Array, seen: Array, since: Array
+    ) -> Any:
         """What `estimate_delay` takes, with the clocks' rate last."""
         judge = Judge(q, self._soft)
         none = np.empty(0)
-        speed = (judge.predict(ahead, seen) - judge.predict(behind, seen)) / (2.0 * _STEP)
+        speed = (judge.predict(ahead, seen) - judge.predict(behind, seen)) / (
+            2.0 * _STEP
+        )
         velocity, apart = (judge.miss(each) for each in (speed, speed * since))
         return judge.miss(seen), velocity, apart[:, :, None], none, none
 
@@ -99,7 +111,9 @@ class _Chain:
         from ..body.starts import best_starts  # both bring SciPy's linear algebra
 
         names = tuple(f"q{k}" for k in range(q.shape[1]))
-        template = planar_structure(seen, names, revolute, None, "homography", "px", False)
+        template = planar_structure(
+            seen, names, revolute, None, "homography", "px", False
+        )
         members = dict(template.members())["chain"]
         begin = best_starts(template, Rows(q, seen), members)[0]
         self._structure = begin.structure
@@ -107,7 +121,9 @@ class _Chain:
         self._prior = begin.structure.prior((*members, "lens"))
         self._active = np.flatnonzero(self._prior.sd > 0)
 
-    def look(self, q: Array, ahead: Array, behind: Array, seen: Array, since: Array) -> Any:
+    def look(
+        self, q: Array, ahead: Array, behind: Array, seen: Array, since: Array
+    ) -> Any:
         """What `estimate_delay` takes, with the clocks' rate last."""
         structure = self._structure
         beta = self._beta
@@ -116,7 +132,13 @@ class _Chain:
         velocity = np.einsum("nmd,nd->nm", structure.slope(q, beta), speed)
         columns = np.concatenate([columns, (velocity * since)[:, :, None]], axis=2)
         pull = (self._prior.mean - beta)[self._active]
-        return seen - predicted, velocity, columns, self._prior.sd[self._active] ** -2.0, pull
+        return (
+            seen - predicted,
+            velocity,
+            columns,
+            self._prior.sd[self._active] ** -2.0,
+            pull,
+        )
 
     def take(self, change: Array) -> None:
         """Move the chain's parameters."""
@@ -161,11 +183,15 @@ class _Pair:
     def some(self, clocks: Clocks, rows: int) -> tuple[Array, Array]:
         """Joints' times (n,), and what was seen (n, m), of some rows."""
         when = clocks.joints_time(self.t)
-        inside = np.flatnonzero((when >= self.joint_time[0]) & (when <= self.joint_time[-1]))
+        inside = np.flatnonzero(
+            (when >= self.joint_time[0]) & (when <= self.joint_time[-1])
+        )
         some = inside[thinned(len(inside), rows)]
         return when[some], self.x[some]
 
-    def refined(self, start: Clocks, revolute: tuple[bool, ...] | None) -> Clocks | None:
+    def refined(
+        self, start: Clocks, revolute: tuple[bool, ...] | None
+    ) -> Clocks | None:
         """Fit the offset, and the rate where rows show one; without `revolute` no planar chain."""
         when, seen = self.some(start, _REFINED[0])
         try:
@@ -178,7 +204,12 @@ class _Pair:
         return free if free.error < _SHOWS_RATE * plain.error else plain
 
     def fitted(
-        self, model: _Waves | _Chain, start: Clocks, most: tuple[int, int], *, rate: bool = False
+        self,
+        model: _Waves | _Chain,
+        start: Clocks,
+        most: tuple[int, int],
+        *,
+        rate: bool = False,
     ) -> Clocks:
         """Move clocks to where rows are predicted best, by Gauss and Newton's method."""
         clocks = start
@@ -191,7 +222,9 @@ class _Pair:
             there, ahead, behind = (self.joints(when + h) for h in (0.0, _STEP, -_STEP))
             since = (when - when.mean())[:, None]
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                miss, velocity, columns, known, pull = model.look(there, ahead, behind, seen, since)
+                miss, velocity, columns, known, pull = model.look(
+                    there, ahead, behind, seen, since
+                )
                 precision = np.append(known, prior)
                 pull = np.append(pull, -clocks.rate)
                 found = estimate_delay(miss, velocity, columns, precision, pull)
@@ -211,7 +244,9 @@ class _Pair:
             low = start.offset - _FARTHEST
             high = start.offset + _FARTHEST
             offset = float(np.clip(clocks.offset - scale * late.value, low, high))
-            clocks = replace(clocks, offset=offset, rate=clocks.rate + float(scale * change[-1]))
+            clocks = replace(
+                clocks, offset=offset, rate=clocks.rate + float(scale * change[-1])
+            )
         return best
 
 
@@ -251,10 +286,14 @@ def align_clocks(
     middle = float(pair.t[[0, -1]].mean())
     starts = (Clocks(peak, middle=middle) for peak in peaks)
     judged = _by_error(pair.fitted(_Waves(), start, _JUDGED) for start in starts)
-    apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])][:_FITTED]
+    apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])][
+        :_FITTED
+    ]
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
     # a planar chain needs fewer rows, so it goes first; an arm in space has none that fits
-    fitted = _by_error(pair.refined(c, kinds) for c in apart) if seen.shape[1] == 2 else []
+    fitted = (
+        _by_error(pair.refined(c, kinds) for c in apart) if seen.shape[1] == 2 else []
+    )
     if not fitted or not fitted[0].error < _CHAIN_FITS * spread:
         fitted = _by_error(pair.refined(c, None) for c in apart) or judged
     clocks = fitted[0]

@@ -19,7 +19,20 @@ from ..common.scale import METRES
 from ..errors import OptionError
 from .bundle import inverse, poses_of
 
-ORDERS = ("xyz", "ZYX", "XYZ", "zyx", "xzy", "XZY", "yxz", "YXZ", "yzx", "YZX", "zxy", "ZXY")
+ORDERS = (
+    "xyz",
+    "ZYX",
+    "XYZ",
+    "zyx",
+    "xzy",
+    "XZY",
+    "yxz",
+    "YXZ",
+    "yzx",
+    "YZX",
+    "zxy",
+    "ZXY",
+)
 """Orders of three angles about fixed (small) or moving axes."""
 
 REPEATED_ORDERS = ("ZYZ", "zyz", "ZXZ", "zxz")
@@ -43,7 +56,9 @@ TIED = 1.3
 """Readings with less than this times the least misfit are not told apart."""
 
 _UNITS = ("m", "cm", "mm", "in")
-_MISSAID = 0.3  # log of the squares' size over the said one, beyond which a reading is doubted
+_MISSAID = (
+    0.3  # log of the squares' size over the said one, beyond which a reading is doubted
+)
 _DOUBT = 10.0  # times the misfit that such a reading counts
 _WEIGHED = 4  # rounds in which pictures that contradict are weighed down
 _NEAR_BEST = 3.0  # times the least misfit of one round, that the other rounds are worth
@@ -101,7 +116,9 @@ class Seen:
 
     boards: Array  # (n, 4, 4) [m]
     ends: Array  # (k, 3), corners of the board [m]
-    half_turn: Array | None  # (4, 4), of a board that looks the same from its other end [m]
+    half_turn: (
+        Array | None
+    )  # (4, 4), of a board that looks the same from its other end [m]
     in_hand: bool  # whether the camera is in the hand
 
     def take(self, rows: Index) -> Seen:
@@ -163,7 +180,9 @@ def closed_form(
     places = boards[:, :3, 3] @ x[:3, :3].T
     same = np.tile(np.eye(3), (len(turns), 1, 1))
     root = np.sqrt(weights)
-    rows = np.concatenate([same, -turns, places[:, :, None]], axis=2) * root[:, None, None]
+    rows = (
+        np.concatenate([same, -turns, places[:, :, None]], axis=2) * root[:, None, None]
+    )
     wanted = (motions[:, :3, 3] * root[:, None]).ravel()
     flat = rows.reshape(-1, 7)
     if sized is None:
@@ -241,11 +260,16 @@ def _half_turned(motions: Array, boards: Array, turn: Array) -> Mask:
     return np.asarray(vector * vector[np.abs(vector).argmax()] < 0)
 
 
-def _misses(x: Array, y: Array, scale: float, motions: Array, boards: Array, ends: Array) -> Array:
+def _misses(
+    x: Array, y: Array, scale: float, motions: Array, boards: Array, ends: Array
+) -> Array:
     """Distance [rad] between the board's ends as seen and as predicted, rms of each picture."""
     predicted = inverse(x) @ motions @ y
     size = scale if abs(scale) > 1e-12 else 1e-12
-    away = ends @ np.swapaxes(predicted[:, :3, :3], 1, 2) + predicted[:, None, :3, 3] / size
+    away = (
+        ends @ np.swapaxes(predicted[:, :3, :3], 1, 2)
+        + predicted[:, None, :3, 3] / size
+    )
     there = ends @ np.swapaxes(boards[:, :3, :3], 1, 2) + boards[:, None, :3, 3]
     depth = np.maximum(away[:, :, 2:], 0.05 * there[:, :, 2:])
     gap = away[:, :, :2] / depth - there[:, :, :2] / there[:, :, 2:]
@@ -268,7 +292,8 @@ def choose(
     some = [
         reading
         for reading in every
-        if rotation in (None, reading.rotation) and angles in (None, reading.angles or angles)
+        if rotation in (None, reading.rotation)
+        and angles in (None, reading.angles or angles)
     ]
     if not some:
         raise OptionError(

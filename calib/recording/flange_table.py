@@ -67,7 +67,9 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
     Raises LogError, which lists these, where it is none.
     """
     source = open_source(path)
-    cells = " ".join(name.partition("_duplicated_")[0] for name in source.header).split()
+    cells = " ".join(
+        name.partition("_duplicated_")[0] for name in source.header
+    ).split()
     if all(_is_number(cell) for cell in cells):
         return _without_header(path, source.label)
     header = {name.lower(): name for name in source.header}
@@ -76,7 +78,11 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
         named = "matrix"
     else:
         named, turn = next(
-            ((kind, names) for kind, names in TURNS.items() if names[0].lower() in header),
+            (
+                (kind, names)
+                for kind, names in TURNS.items()
+                if names[0].lower() in header
+            ),
             ("", ()),
         )
         columns = [*POSITION, *turn]
@@ -84,7 +90,8 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
     others = [
         name
         for name in source.header
-        if name.lower() not in {*map(str.lower, columns), *map(str.lower, MATRIX)} | _IGNORED
+        if name.lower()
+        not in {*map(str.lower, columns), *map(str.lower, MATRIX)} | _IGNORED
     ]
     if missing or not named or others:
         raise LogError(
@@ -97,16 +104,25 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
     pictures = None
     if "picture" in header:
         cells = source.read([header["picture"]])[header["picture"]].to_list()
-        names = [str(cell or "").strip().replace("\\", "/").rpartition("/")[2] for cell in cells]
+        names = [
+            str(cell or "").strip().replace("\\", "/").rpartition("/")[2]
+            for cell in cells
+        ]
         pictures = tuple(name for name, whole in zip(names, good, strict=True) if whole)
-    return _checked(source, values, good, pictures, "rpy" if named == "fanuc" else named)
+    return _checked(
+        source, values, good, pictures, "rpy" if named == "fanuc" else named
+    )
 
 
 def _without_header(path: str | os.PathLike[str] | Source, label: str) -> FlangeTable:
     if isinstance(path, Source) or os.fspath(path) == "-":
         raise LogError(f"{label} has no header: expected {_expected()}")
-    lines = Path(path).read_text(encoding="utf-8-sig").replace(";", ",").replace("\t", ",")
-    rows = [line.replace(",", " ").split() for line in lines.splitlines() if line.strip()]
+    lines = (
+        Path(path).read_text(encoding="utf-8-sig").replace(";", ",").replace("\t", ",")
+    )
+    rows = [
+        line.replace(",", " ").split() for line in lines.splitlines() if line.strip()
+    ]
     lengths = {len(row) for row in rows}
     count = lengths.pop()
     try:
@@ -114,7 +130,9 @@ def _without_header(path: str | os.PathLike[str] | Source, label: str) -> Flange
     except ValueError:
         count = 0
     if lengths or count not in _LENGTHS:
-        raise LogError(f"{label} has no header and {count} numbers a row: expected {_expected()}")
+        raise LogError(
+            f"{label} has no header and {count} numbers a row: expected {_expected()}"
+        )
     if count >= 12:
         values = _of_matrices(values.reshape(len(values), -1, 4)[:, :3])
     good = np.isfinite(values).all(axis=1)
@@ -122,7 +140,11 @@ def _without_header(path: str | os.PathLike[str] | Source, label: str) -> Flange
 
 
 def _checked(
-    source: Source, values: Array, good: Mask, pictures: tuple[str, ...] | None, named: str
+    source: Source,
+    values: Array,
+    good: Mask,
+    pictures: tuple[str, ...] | None,
+    named: str,
 ) -> FlangeTable:
     values = values[good]
     if len(values) and values.shape[1] > 6:

@@ -82,12 +82,16 @@ def handeye(
         pictures, lens = _imagined(np.asarray(boards, float))
     assert pictures is not None  # noqa: S101 - refused above
     if arm is not None and not isinstance(arm, SpatialArm):
-        raise OptionError(f"{arm.name} moves in a plane: expected an arm that moves in space")
+        raise OptionError(
+            f"{arm.name} moves in a plane: expected an arm that moves in space"
+        )
     flange = _flange_table(poses) if poses is not None else None
     table = joints if flange is None else flange
     cameras = _cameras(arm, pictures, table, board, eye, camera, degrees=bool(degrees))
     with one_blas_thread():
-        views = [View.of(name, *each, _lens_of(lens, name)) for name, each in cameras.items()]
+        views = [
+            View.of(name, *each, _lens_of(lens, name)) for name, each in cameras.items()
+        ]
         if arm is not None:
             return answer(of_joints(arm, views))
         assert flange is not None  # noqa: S101 - one of both is given
@@ -125,7 +129,11 @@ class _Points(Pattern):
 
 def _imagined(boards: Array) -> tuple[BoardPictures, Lens]:
     """Corners that a camera without errors sees of boards (n, 4, 4), and its lens."""
-    if boards.ndim != 3 or boards.shape[1:] != (4, 4) or not (boards[:, 2, 3] > 0.0).all():
+    if (
+        boards.ndim != 3
+        or boards.shape[1:] != (4, 4)
+        or not (boards[:, 2, 3] > 0.0).all()
+    ):
         raise OptionError(
             f"boards of shape {boards.shape}: expected (n, 4, 4), each before the camera (z > 0)"
         )
@@ -139,7 +147,9 @@ def _imagined(boards: Array) -> tuple[BoardPictures, Lens]:
     count = len(boards)
     names = tuple(f"pose {k + 1}" for k in range(count))
     none = np.zeros((count, 0))
-    shots = BoardPictures(pattern, (), names, none, tuple(corners), lens.size, count, ())
+    shots = BoardPictures(
+        pattern, (), names, none, tuple(corners), lens.size, count, ()
+    )
     return shots, lens
 
 
@@ -150,7 +160,9 @@ def _flange_table(poses: str | os.PathLike[str] | FlangeTable | Array) -> Flange
         return poses
     matrices = np.asarray(poses, float)
     if matrices.ndim != 3 or matrices.shape[1:] != (4, 4):
-        raise OptionError(f"poses of shape {matrices.shape}: expected (n, 4, 4), or a table")
+        raise OptionError(
+            f"poses of shape {matrices.shape}: expected (n, 4, 4), or a table"
+        )
     numbers = np.column_stack([matrices[:, :3, 3], matrices[:, :3, :3].reshape(-1, 9)])
     return FlangeTable("poses", numbers, None, "matrix")
 
@@ -203,7 +215,9 @@ def _folders(pictures: Source | BoardPictures) -> dict[str, Path]:
     if not isinstance(pictures, (str, os.PathLike)) or is_dataset(pictures):
         return {}
     folder = Path(pictures)
-    if not folder.is_dir() or any(path.is_file() for path in folder.glob("*.[jpbJPB]*")):
+    if not folder.is_dir() or any(
+        path.is_file() for path in folder.glob("*.[jpbJPB]*")
+    ):
         return {}
     some = sorted(path for path in folder.iterdir() if path.is_dir())
     return {path.name: path for path in some if any(path.iterdir())}

@@ -15,7 +15,19 @@ from ..errors import LogError
 from ..samples.tables import open_source
 from .pictures import Frame, list_pictures, read_series
 
-_OTHERS = {"time", "timestamp", "picture", "episode", "x", "y", "z", "qx", "qy", "qz", "qw"}
+_OTHERS = {
+    "time",
+    "timestamp",
+    "picture",
+    "episode",
+    "x",
+    "y",
+    "z",
+    "qx",
+    "qy",
+    "qz",
+    "qw",
+}
 _TURNS = 4.0 * np.pi  # [rad]; joints that go beyond two turns are taken for degrees
 
 
@@ -77,7 +89,9 @@ def read_joints(
             "degrees? expected rad, or `degrees=True`"
         )
     pictures = None
-    if "picture" in source.header:  # one may stand with its folder, of this system or another
+    if (
+        "picture" in source.header
+    ):  # one may stand with its folder, of this system or another
         cells = np.array(source.read(["picture"])["picture"].to_list(), object)[good]
         named = (str(cell or "").strip().replace("\\", "/") for cell in cells)
         pictures = tuple(name.rpartition("/")[2] for name in named)
@@ -114,13 +128,23 @@ def read_shots(
     rows = list(range(len(table.q)))
     paths = found
     if table.pictures is not None:
-        by_name = {name: path for path in reversed(found) for name in (path.stem, path.name)}
+        by_name = {
+            name: path for path in reversed(found) for name in (path.stem, path.name)
+        }
         rows = [row for row, name in enumerate(table.pictures) if name in by_name]
         paths = [by_name[table.pictures[row]] for row in rows]
         left = len(table.pictures) - len(rows), len(found) - len(rows)
         kinds = "rows of joints, without a picture", "pictures, without joints"
-        notes = [f"{n} {what}, are left out" for n, what in zip(left, kinds, strict=True) if n]
-    if not rows or len(set(paths)) != len(rows) or (table.pictures is None and table.dropped):
+        notes = [
+            f"{n} {what}, are left out"
+            for n, what in zip(left, kinds, strict=True)
+            if n
+        ]
+    if (
+        not rows
+        or len(set(paths)) != len(rows)
+        or (table.pictures is None and table.dropped)
+    ):
         named = f", which name {listed(table.pictures, 3)}" if table.pictures else ""
         raise LogError(
             f"{len(found)} pictures and {len(table.q) + table.dropped} rows of joints in "

@@ -76,7 +76,9 @@ class Lens:
 
     def to_json(self) -> dict[str, Any]:
         """Return it as plain values."""
-        fields = {name: np.asarray(value).tolist() for name, value in vars(self).items()}
+        fields = {
+            name: np.asarray(value).tolist() for name, value in vars(self).items()
+        }
         return {"kind": "calib lens", **fields}
 
     @classmethod
@@ -88,9 +90,13 @@ class Lens:
         width, height = (int(side) for side in told["size"])
         shapes = {"focal": 2, "centre": 2, "distortion": 5, "covariance": (9, 9)}
         known = {"covariance": np.zeros((9, 9)), **told}
-        values = {name: np.array(known[name], float).reshape(n) for name, n in shapes.items()}
+        values = {
+            name: np.array(known[name], float).reshape(n) for name, n in shapes.items()
+        }
         if not min(width, height, *values["focal"]) > 0:
-            raise ValueError(f"size {width}x{height}, focal lengths {values['focal'].tolist()}")
+            raise ValueError(
+                f"size {width}x{height}, focal lengths {values['focal'].tolist()}"
+            )
         return cls((width, height), **values, rms=float(told.get("rms", 0.0)))
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -128,7 +134,9 @@ def calibrate_lens(
     fits = []
     for flags, terms in choices[: 3 if len(images) >= _TANGENTIAL else 2]:
         with suppress(cv2.error):
-            fit = cv2.calibrateCameraExtended(objects, images, size, None, None, flags=flags)
+            fit = cv2.calibrateCameraExtended(
+                objects, images, size, None, None, flags=flags
+            )
             # below 0.001 px the misfit is rounding, and its logarithm would decide
             score = count * np.log(max(fit[0], 1e-3) ** 2) + terms * np.log(count)
             fits.append((float(score), terms, fit))
@@ -154,7 +162,11 @@ def calibrate_lens(
 
 
 def _covariance(
-    objects: Sequence[Any], lens: Lens, terms: int, turns: Sequence[Any], shifts: Sequence[Any]
+    objects: Sequence[Any],
+    lens: Lens,
+    terms: int,
+    turns: Sequence[Any],
+    shifts: Sequence[Any],
 ) -> Array:
     """Covariance (9, 9) of a lens, from what each picture's pose leaves of its derivatives."""
     free = 4 + terms
@@ -193,7 +205,9 @@ def _file(path: Path) -> Lens:
         except (ValueError, KeyError, TypeError) as error:
             raise LogError(f"{path} is no lens: {error}") from None
         if not np.isfinite(lens.parameters).all():
-            raise LogError(f"{path}: expected finite numbers, not {lens.parameters.tolist()}")
+            raise LogError(
+                f"{path}: expected finite numbers, not {lens.parameters.tolist()}"
+            )
         return lens
     size, matrix, distortion = read_lens(text, str(path))
     return Lens(size, np.diag(matrix)[:2].copy(), matrix[:2, 2].copy(), distortion)
@@ -226,7 +240,9 @@ def load_lens(
     if not Path(path).is_dir() and not any(mark in str(path) for mark in "*?["):
         return _file(Path(path)), ()
     if board is None:
-        raise OptionError("`lens` is a folder of pictures: expected `board` too, which they show")
+        raise OptionError(
+            "`lens` is a folder of pictures: expected `board` too, which they show"
+        )
     finder = BoardFinder(board)
     notes = list[str]()
     corners = []

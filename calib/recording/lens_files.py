@@ -10,7 +10,15 @@ import numpy as np
 from ..common.arrays import Array
 from ..errors import LogError
 
-MATRIX = ("camera_matrix", "cameraMatrix", "CameraMatrix", "intrinsic_matrix", "mtx", "K", "k")
+MATRIX = (
+    "camera_matrix",
+    "cameraMatrix",
+    "CameraMatrix",
+    "intrinsic_matrix",
+    "mtx",
+    "K",
+    "k",
+)
 DISTORTION = (
     "distortion_coefficients",
     "distCoeffs",
@@ -23,7 +31,9 @@ DISTORTION = (
 WIDTH = ("image_width", "imageWidth", "width")
 HEIGHT = ("image_height", "imageHeight", "height")
 
-_NUMBER = re.compile(r"[-+]?(?:\.?nan|\.?inf|\d+\.?\d*(?:e[-+]?\d+)?|\.\d+(?:e[-+]?\d+)?)", re.I)
+_NUMBER = re.compile(
+    r"[-+]?(?:\.?nan|\.?inf|\d+\.?\d*(?:e[-+]?\d+)?|\.\d+(?:e[-+]?\d+)?)", re.I
+)
 _FISHEYE = ("equidistant", "fisheye", "kannala")
 _TERMS = 5  # k1, k2, p1, p2, k3
 
@@ -79,7 +89,9 @@ def _values(text: str, names: tuple[str, ...]) -> Array:
             continue
         # a key at the start of a line, and all below it up to the next one
         block = re.search(
-            rf"^\s*[\"']?{name}[\"']?\s*:(.*?)(?=^[^\s\-\[\]]|\Z)", text, re.MULTILINE | re.DOTALL
+            rf"^\s*[\"']?{name}[\"']?\s*:(.*?)(?=^[^\s\-\[\]]|\Z)",
+            text,
+            re.MULTILINE | re.DOTALL,
         )
         if block is None:
             continue

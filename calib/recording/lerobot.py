@@ -38,7 +38,9 @@ class Rests:
 
     window: float = 0.2  # of which the slowest frame is taken [s]
     speed: float = 0.05  # [rad/s]
-    apart: float = float(np.radians(1.0))  # two rests of one place tell no more than one [rad]
+    apart: float = float(
+        np.radians(1.0)
+    )  # two rests of one place tell no more than one [rad]
     most: int = 80  # frames that are taken
     least: int = 12  # frames that are needed, although the arm moves
 
@@ -69,19 +71,34 @@ class Dataset:
             names = features[_STATE]["names"]
             if isinstance(names, dict):  # older ones have a list of names by kind
                 names = next(iter(names.values()))
-            videos = {name: each for name, each in features.items() if each["dtype"] == "video"}
+            videos = {
+                name: each
+                for name, each in features.items()
+                if each["dtype"] == "video"
+            }
             dataset = cls(
                 root=root,
                 version=str(info["codebase_version"]),
-                columns={str(name).removesuffix(".pos"): k for k, name in enumerate(names)},
+                columns={
+                    str(name).removesuffix(".pos"): k for k, name in enumerate(names)
+                },
                 cameras={name: _codec(each) for name, each in videos.items()},
                 rate=float(info["fps"]),
                 video_path=str(info["video_path"]),
                 chunk=int(info.get("chunks_size", 1000)),
                 robot=str(info.get("robot_type") or ""),
             )
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, StopIteration) as error:
-            raise LogError(f"{root}: meta/info.json is not a LeRobotDataset's: {error!r}") from None
+        except (
+            OSError,
+            ValueError,
+            KeyError,
+            TypeError,
+            AttributeError,
+            StopIteration,
+        ) as error:
+            raise LogError(
+                f"{root}: meta/info.json is not a LeRobotDataset's: {error!r}"
+            ) from None
         if not dataset.version.startswith(("v2", "v3")):
             raise LogError(
                 f"{root} is a LeRobotDataset {dataset.version}: expected v2.0, v2.1 or v3.0"
@@ -147,7 +164,10 @@ def _codec(feature: Mapping[str, Any]) -> str:
 
 def is_dataset(path: object) -> bool:
     """Whether this is the folder of a LeRobotDataset."""
-    return isinstance(path, (str, os.PathLike)) and (Path(path) / "meta" / "info.json").is_file()
+    return (
+        isinstance(path, (str, os.PathLike))
+        and (Path(path) / "meta" / "info.json").is_file()
+    )
 
 
 def read_dataset(
@@ -170,7 +190,9 @@ def read_dataset(
     names = dataset.joints(joints)
     wanted = [_STATE, "timestamp", "episode_index"]
     rows = pl.read_parquet(dataset.root / "data" / "**" / "*.parquet", columns=wanted)
-    state = np.array(rows[_STATE].to_list(), float)[:, [dataset.columns[name] for name in names]]
+    state = np.array(rows[_STATE].to_list(), float)[
+        :, [dataset.columns[name] for name in names]
+    ]
     time = rows["timestamp"].to_numpy()
     episode = rows["episode_index"].to_numpy()
     q, unit = _radians(state, names, motors)
@@ -186,15 +208,21 @@ def read_dataset(
     notes = [f"joints of {dataset.root} are read as {unit}"]
     if moving:
         notes.append("the arm hardly stands still: let it rest at each picture")
-    notes.append(f"{len(frames)} of {len(rows)} frames of {chosen}, where the arm is slowest")
+    notes.append(
+        f"{len(frames)} of {len(rows)} frames of {chosen}, where the arm is slowest"
+    )
     seen = [row for row, _ in frames]
     pictures = tuple(f"episode {episode[row]} at {time[row]:.3f} s" for row in seen)
     episodes = episode[seen].astype(np.intp)
-    table = JointTable(str(dataset.root), names, q[seen], None, pictures, episodes=episodes)
+    table = JointTable(
+        str(dataset.root), names, q[seen], None, pictures, episodes=episodes
+    )
     return table, [picture for _, picture in frames], notes
 
 
-def _radians(state: Array, names: tuple[str, ...], motors: Motors | None) -> tuple[Array, str]:
+def _radians(
+    state: Array, names: tuple[str, ...], motors: Motors | None
+) -> tuple[Array, str]:
     """Return joint values [rad], and what they were: the data set does not say."""
     most = float(np.abs(state).max())
     if most <= _MOST_RADIANS:
@@ -238,7 +266,9 @@ def _frames(
     instants : times [s] in the video, and the row that each is of
     """
     if not path.is_file():
-        raise LogError(f"{path} is missing: the data set names it; download its videos too")
+        raise LogError(
+            f"{path} is missing: the data set names it; download its videos too"
+        )
     waiting = sorted(instants)
     frames: list[tuple[int, Picture]] = []
     for stamp, picture in _decoded(path, codec):

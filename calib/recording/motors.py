@@ -79,5 +79,7 @@ class Motors:
 
 
 def _motor(entry: Mapping[str, Any]) -> Motor:
-    numbers = {key: int(entry[key]) for key in ("homing_offset", "range_min", "range_max")}
+    numbers = {
+        key: int(entry[key]) for key in ("homing_offset", "range_min", "range_max")
+    }
     return Motor(**numbers, drive_mode=int(entry.get("drive_mode", 0)))

@@ -33,7 +33,10 @@ _PLACES = (0, 200, 255)
 
 
 def take_photo(
-    path: str | os.PathLike[str], x: Array, unit: str, about: Mapping[str, Any] | None = None
+    path: str | os.PathLike[str],
+    x: Array,
+    unit: str,
+    about: Mapping[str, Any] | None = None,
 ) -> Photo:
     """Read a photo so that positions can be drawn over it.
 
@@ -105,16 +108,22 @@ def _packed(picture: Picture) -> bytes:
     return buffer.getvalue()
 
 
-def write_seen(path: str | os.PathLike[str], photo: Picture, setting: Setup, places: Array) -> None:
+def write_seen(
+    path: str | os.PathLike[str], photo: Picture, setting: Setup, places: Array
+) -> None:
     """Write as PNG what a photo shows, and where the tag was in all rows of a log.
 
     The photo is red, green, blue; `places` (n, 2) [px] are where the tag's centre was seen.
     """
     cv2 = opencv()
-    grey, canvas = (cv2.cvtColor(photo, code) for code in (cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR))
+    grey, canvas = (
+        cv2.cvtColor(photo, code) for code in (cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR)
+    )
     thick = max(1, round(max(canvas.shape) / 640))
 
-    def circles(places: Array, radius: int, colour: tuple[int, int, int], line: int) -> None:
+    def circles(
+        places: Array, radius: int, colour: tuple[int, int, int], line: int
+    ) -> None:
         for u, v in np.round(places).astype(int).tolist():
             cv2.circle(canvas, (u, v), radius * thick, colour, line, cv2.LINE_AA)
 
@@ -128,5 +137,10 @@ def write_seen(path: str | os.PathLike[str], photo: Picture, setting: Setup, pla
         at = (corners.max(axis=0) + 4).tolist()
         cv2.putText(canvas, words, at, 0, 0.55 * thick, colour, thick, cv2.LINE_AA)
     if setting.board is not None:
-        circles(np.array([*setting.marks(grey, ()).values()]).reshape(-1, 2), 4, _BOARD, thick)
+        circles(
+            np.array([*setting.marks(grey, ()).values()]).reshape(-1, 2),
+            4,
+            _BOARD,
+            thick,
+        )
     atomic_write(path, cv2.imencode(".png", canvas)[1].tobytes())

@@ -35,7 +35,9 @@ def opencv() -> Any:
     try:
         return import_module("cv2")
     except ImportError:
-        raise LogError(f"reading pictures needs OpenCV: {INSTALL.format('camera')}") from None
+        raise LogError(
+            f"reading pictures needs OpenCV: {INSTALL.format('camera')}"
+        ) from None
 
 
 def _natural(path: Path) -> list[tuple[int, int | str]]:
@@ -50,7 +52,9 @@ def list_pictures(source: str | os.PathLike[str] | Sequence[str]) -> list[Path]:
     Raises LogError if there is none.
     """
     if not isinstance(source, (str, os.PathLike)):
-        return sorted({path for each in source for path in list_pictures(each)}, key=_natural)
+        return sorted(
+            {path for each in source for path in list_pictures(each)}, key=_natural
+        )
     text = os.fspath(source)
     found = [Path(source)]
     if found[0].is_dir():
@@ -60,7 +64,9 @@ def list_pictures(source: str | os.PathLike[str] | Sequence[str]) -> list[Path]:
     found = [path for path in found if path.is_file() and not path.name.startswith(".")]
     if not found:
         kinds = ", ".join(PICTURES)
-        raise LogError(f"no pictures in {text!r}: expected a folder of {kinds}, or a pattern")
+        raise LogError(
+            f"no pictures in {text!r}: expected a folder of {kinds}, or a pattern"
+        )
     return sorted(found, key=_natural)
 
 
@@ -79,7 +85,9 @@ def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Pictu
             if image.mode.startswith("I") or image.mode == "F":
                 values = np.asarray(image, float)
                 scale = 256.0 if values.max(initial=0.0) > 255 else 1.0
-                image = Image.fromarray(np.clip(values / scale, 0, 255).astype(np.uint8))
+                image = Image.fromarray(
+                    np.clip(values / scale, 0, 255).astype(np.uint8)
+                )
             return np.array(image.convert("RGB" if colour else "L"))
     except (
         OSError,
@@ -128,11 +136,17 @@ class Video:
             with Path(path).open("rb") as file:
                 start = file.read(512)
         except OSError as error:
-            raise LogError(f"cannot read {os.fspath(path)!r}: {error.strerror}") from None
+            raise LogError(
+                f"cannot read {os.fspath(path)!r}: {error.strerror}"
+            ) from None
         # FFmpeg draws a text file as a video of its letters
-        text = bool(start) and all(32 <= byte < 127 or byte in b"\r\n\t" for byte in start)
+        text = bool(start) and all(
+            32 <= byte < 127 or byte in b"\r\n\t" for byte in start
+        )
         cv2 = opencv()
-        self._capture: Any = None if text else cv2.VideoCapture(os.fspath(path), cv2.CAP_FFMPEG)
+        self._capture: Any = (
+            None if text else cv2.VideoCapture(os.fspath(path), cv2.CAP_FFMPEG)
+        )
         if self._capture is None or not self._capture.isOpened():
             raise LogError(
                 f"{self.name} is no video that OpenCV can read: expected mp4, mov, avi, mkv or webm"
@@ -148,8 +162,13 @@ class Video:
         while (read := capture.read())[0] and read[1] is not None:
             stamp = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
             if not stamp > last:  # a file without times: its rate must do
-                stamp = max(last, 0.0) + 1.0 / rate if rate > 0 and last > -np.inf else 0.0
+                stamp = (
+                    max(last, 0.0) + 1.0 / rate if rate > 0 and last > -np.inf else 0.0
+                )
             last = stamp
             frame = read[1]
-            yield stamp, frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+            yield (
+                stamp,
+                frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY),
+            )
         capture.release()

@@ -86,18 +86,26 @@ class HandEye:
     used: int  # motions that the fit rests on
     hand: Place  # what is in the hand, in the tip's or the flange's frame
     base: Place  # what stands still, in the base's
-    reprojection: dict[str, float]  # mean and largest distance of corners, motions taken as said
+    reprojection: dict[
+        str, float
+    ]  # mean and largest distance of corners, motions taken as said
     lens: LensFacts  # focal length with its interval's half-width, centre [px], distortion
     limited_by: str  # what limits the accuracy, and what would help most
     notes: tuple[str, ...]
-    repeatability: dict[str, float]  # sd of the arm's poses: position [m], rotation [rad]
+    repeatability: dict[
+        str, float
+    ]  # sd of the arm's poses: position [m], rotation [rad]
     square: Square
     board: dict[str, list[list[float]]]  # its corners as fitted, in its frame [m]
-    held_out: dict[str, float]  # rms and median of pictures that are predicted by the others [px]
+    held_out: dict[
+        str, float
+    ]  # rms and median of pictures that are predicted by the others [px]
     left_out: tuple[str, ...] = ()  # names of pictures
     cameras: tuple[CameraPlace, ...] = ()
     convention: Convention | None = None  # what the poses mean
-    poses: Samples | None = None  # of joints: the pictures as `calib log --eye` writes them
+    poses: Samples | None = (
+        None  # of joints: the pictures as `calib log --eye` writes them
+    )
     body: Body | None = None
 
     def to_json(self) -> dict[str, object]:
@@ -126,7 +134,9 @@ class HandEye:
 
     def lines(self, tip: str) -> list[str]:
         """The answer for people; `tip` is what the frame of the hand is called."""
-        carried, standing = ("camera", "board") if self.eye == "hand" else ("board", "camera")
+        carried, standing = (
+            ("camera", "board") if self.eye == "hand" else ("board", "camera")
+        )
         lines = [
             _line(f"{carried} in the frame of {tip}", self.hand),
             _line(f"{standing} in the base frame", self.base),
@@ -135,7 +145,11 @@ class HandEye:
             parent = tip if camera.eye == "hand" else "the base"
             lines.append(_line(f"{camera.name} in the frame of {parent}", camera.place))
             if camera.from_first is not None:
-                lines.append(_line(f"{camera.name} in the first camera's frame", camera.from_first))
+                lines.append(
+                    _line(
+                        f"{camera.name} in the first camera's frame", camera.from_first
+                    )
+                )
         repeats = self.repeatability
         lines += [
             f"pictures that the fit did not see are predicted to {self.held_out['rms']:.2g} px; "
@@ -212,7 +226,10 @@ def _half_width(fit: Fit, setting: Setting) -> float:
     """How many sd a 95 % interval is to each side."""
     from scipy.special import stdtrit
 
-    if isinstance(setting.motions, JointMotions) and fit.freedom < setting.motions.count:
+    if (
+        isinstance(setting.motions, JointMotions)
+        and fit.freedom < setting.motions.count
+    ):
         return 1.96  # the joints are as good as exact
     return float(stdtrit(max(fit.freedom, 3.0), 0.975))
 
@@ -280,7 +297,9 @@ def _camera_place(setting: Setting, fit: Fit, number: int, half: float) -> Camer
             place = _gauged(standing, half)
     else:
         place = _place(*_frame(fit, number), half)
-    alike = [k for k, other in enumerate(setting.views) if other.in_hand == view.in_hand]
+    alike = [
+        k for k, other in enumerate(setting.views) if other.in_hand == view.in_hand
+    ]
     between = _between(fit, alike[0], number, half) if alike[0] != number else None
     eye = "hand" if view.in_hand else "base"
     lens = _lens_words(view, fit, layout, number, half)
@@ -303,7 +322,9 @@ def _between(fit: Fit, first: int, second: int, half: float) -> Place:
     return _place(pose, slope @ fit.covariance[np.ix_(some, some)] @ slope.T, half)
 
 
-def _lens_words(view: View, fit: Fit, layout: Layout, number: int, half: float) -> LensFacts:
+def _lens_words(
+    view: View, fit: Fit, layout: Layout, number: int, half: float
+) -> LensFacts:
     """The lens as JSON, with half-widths of 95 % intervals."""
     places = layout.lens(number)
     lens = fit.unknowns.values[places]
@@ -389,7 +410,9 @@ def _log(setting: Setting, fit: Fit, layout: Layout, kept: Mask) -> Samples:
     log = view.shots.log(_glass(view, fit, layout, 0), view.in_hand).take(stays)
     lower = np.minimum(arm.lower, log.lower)
     upper = np.maximum(arm.upper, log.upper)
-    return replace(log, lower=lower, upper=upper, revolute=arm.revolute, arm=arm, notes=())
+    return replace(
+        log, lower=lower, upper=upper, revolute=arm.revolute, arm=arm, notes=()
+    )
 
 
 def _limit(setting: Setting, result: HandEye, kept: Mask) -> str:
@@ -423,7 +446,9 @@ def _limit(setting: Setting, result: HandEye, kept: Mask) -> str:
 def _turning(setting: Setting, kept: Mask) -> tuple[Array, Array]:
     """Rms turns (3,) [rad] of the motions about three axes (3, 3) of the flange, largest first."""
     problem = setting.problem
-    flange = problem.motions.poses(problem.start.values[problem.layout.arm_values])[kept]
+    flange = problem.motions.poses(problem.start.values[problem.layout.arm_values])[
+        kept
+    ]
     mean = nearest_rotation(flange[:, :3, :3].sum(axis=0))
     vectors = logarithm(mean.T @ flange[:, :3, :3])
     _, sizes, axes = np.linalg.svd(vectors - vectors.mean(axis=0), full_matrices=False)
@@ -432,7 +457,9 @@ def _turning(setting: Setting, kept: Mask) -> tuple[Array, Array]:
 
 def _notes(setting: Setting, fit: Fit, result: HandEye, kept: Mask) -> tuple[str, ...]:
     """What else has to be known."""
-    notes = [note for view in setting.views for note in (*view.shots.notes, *view.doubts)]
+    notes = [
+        note for view in setting.views for note in (*view.shots.notes, *view.doubts)
+    ]
     if setting.convention is not None:
         ratio = setting.convention["ratio"]
         unit = setting.convention["unit"]
@@ -464,7 +491,11 @@ def _notes(setting: Setting, fit: Fit, result: HandEye, kept: Mask) -> tuple[str
 def _open_notes(setting: Setting, fit: Fit, kept: Mask) -> list[str]:
     """Directions that the motions hardly tell, and two poses that would."""
     layout = setting.problem.layout
-    hand = 0 if setting.views[0].in_hand else layout.cameras + layout.board_of(in_hand=False)
+    hand = (
+        0
+        if setting.views[0].in_hand
+        else layout.cameras + layout.board_of(in_hand=False)
+    )
     _, covariance = _frame(fit, hand)
     squares, directions = np.linalg.eigh(covariance[3:, 3:])
     off = 1.96 * float(np.sqrt(max(squares[-1], 0.0)))

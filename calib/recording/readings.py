@@ -17,13 +17,17 @@ from .board import Pattern
 from .bundle import poses_of
 from .conventions import Seen, solve
 
-_CLEAR = 0.4  # of the misfit: another reading of the joints explains the pictures better
+_CLEAR = (
+    0.4  # of the misfit: another reading of the joints explains the pictures better
+)
 _FAR = np.radians(1.5)  # misfit beyond which other readings are tried
 _TRIED = 10  # pictures that these are tried on
 _MISSAID = 0.05  # of a board's size, that no print is off by
 
 
-def refuse_readings(structure: SpatialStructure, q: Array, seen: Seen, board: Pattern) -> None:
+def refuse_readings(
+    structure: SpatialStructure, q: Array, seen: Seen, board: Pattern
+) -> None:
     """Refuse joints, an eye or a board of which another reading explains the pictures far better.
 
     q : (p, dof), joint values of the pictures [rad or m]
@@ -66,12 +70,18 @@ def refuse_readings(structure: SpatialStructure, q: Array, seen: Seen, board: Pa
         )
 
 
-def _others(structure: SpatialStructure, q: Array, seen: Seen) -> Iterator[tuple[Array, Finding]]:
+def _others(
+    structure: SpatialStructure, q: Array, seen: Seen
+) -> Iterator[tuple[Array, Finding]]:
     """Other readings of the joints, the simplest first."""
     names = structure.joint_names
-    eye, where = ("base", "stands still") if seen.in_hand else ("hand", "is in the hand")
+    eye, where = (
+        ("base", "stands still") if seen.in_hand else ("hand", "is in the hand")
+    )
     yield q, Finding("eye", f"the camera {where}", f"give `eye={eye!r}`")
-    late = Finding("late", "they are a row late or early", "check which row is of which picture")
+    late = Finding(
+        "late", "they are a row late or early", "check which row is of which picture"
+    )
     units, orders, one, two = readings(
         q, names, structure.revolute, any_order=len(names) <= MOST_ORDERED
     )

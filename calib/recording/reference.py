@@ -56,20 +56,30 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     """
     cv2 = opencv()
     camera = (lens.matrix, lens.distortion)
-    found, turns, shifts, _ = cv2.solvePnPGeneric(points, pixels, *camera, flags=cv2.SOLVEPNP_IPPE)
+    found, turns, shifts, _ = cv2.solvePnPGeneric(
+        points, pixels, *camera, flags=cv2.SOLVEPNP_IPPE
+    )
     if not found:
-        raise LogError("the reference's points lie on a line or in one place: no pose fits them")
+        raise LogError(
+            "the reference's points lie on a line or in one place: no pose fits them"
+        )
     fits = []
     for start in zip(turns, shifts, strict=True):
         turn, shift = cv2.solvePnPRefineLM(points, pixels, *camera, *start)
         seen, slopes = cv2.projectPoints(points, turn, shift, *camera)
         miss = pixels - seen.reshape(-1, 2)
-        fits.append((float((miss**2).sum()), exponential(turn.ravel()), shift.ravel(), slopes))
+        fits.append(
+            (float((miss**2).sum()), exponential(turn.ravel()), shift.ravel(), slopes)
+        )
     square, rotation, shift, slopes = min(fits, key=lambda fit: fit[0])
     by = slopes[:, 3:6].reshape(-1, 2, 3)
-    own = np.concatenate([-by @ cross_matrix(points @ rotation.T), by], axis=2).reshape(-1, 6)
+    own = np.concatenate([-by @ cross_matrix(points @ rotation.T), by], axis=2).reshape(
+        -1, 6
+    )
     # where the lens is not as it was taken to be, the pose follows it
-    follows = np.vstack([-np.linalg.lstsq(own, slopes[:, 6:15], rcond=None)[0], np.eye(9)])
+    follows = np.vstack(
+        [-np.linalg.lstsq(own, slopes[:, 6:15], rcond=None)[0], np.eye(9)]
+    )
     covariance = follows @ lens.covariance @ follows.T
     variance = max(square / max(len(own) - 6, 1), _LEAST_NOISE**2)
     covariance[:6, :6] += np.linalg.pinv(own.T @ own) * variance
@@ -91,7 +101,9 @@ class PlaneReference:
         rays = np.c_[flat, np.ones(len(flat))] @ self.pose.rotation
         with np.errstate(divide="ignore", invalid="ignore"):
             far = (self.height - camera[2]) / rays[:, 2:]
-            return np.asarray(np.where(far > 0.0, camera[:2] + far * rays[:, :2], np.nan))
+            return np.asarray(
+                np.where(far > 0.0, camera[:2] + far * rays[:, :2], np.nan)
+            )
 
     def pixels(self, positions: Array) -> Array:
         """Return where points (n, 2) [m] of the plane appear."""
@@ -109,7 +121,9 @@ class PlaneReference:
         for d in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
             turned = exponential(d[:3]) @ self.pose.rotation
             pose = replace(self.pose, rotation=turned, shift=self.pose.shift + d[3:6])
-            moved = replace(self, lens=self.lens.moved(d[6:]), pose=pose).positions(pixels)
+            moved = replace(self, lens=self.lens.moved(d[6:]), pose=pose).positions(
+                pixels
+            )
             variance += ((moved - base) ** 2).sum(1) / 2.0
         return np.sqrt(2.0 * (x**2 + y**2).sum(1)), np.sqrt(variance)
 
@@ -117,7 +131,12 @@ class PlaneReference:
         """Return the camera's pose over the frame, as plain values."""
         rotation = self.pose.rotation.tolist()
         camera = self.pose.camera.tolist()
-        return {"kind": "plane", "rotation": rotation, "camera": camera, "height": self.height}
+        return {
+            "kind": "plane",
+            "rotation": rotation,
+            "camera": camera,
+            "height": self.height,
+        }
 
     @classmethod
     def of(cls, about: Mapping[str, Any]) -> PlaneReference:
@@ -130,7 +149,9 @@ class PlaneReference:
             lens = Lens.from_json(about["lens"])
             rotation = np.array(told["rotation"], float).reshape(3, 3)
             shift = -rotation @ np.array(told["camera"], float).reshape(3)
-            return cls(lens, Pose(rotation, shift, np.zeros((15, 15))), float(told["height"]))
+            return cls(
+                lens, Pose(rotation, shift, np.zeros((15, 15))), float(told["height"])
+            )
         except (KeyError, TypeError, ValueError):
             raise LogError(
                 "the log does not say where its camera was: expected one that calib log made"
@@ -148,7 +169,9 @@ class MarkLayout:
     @staticmethod
     def of_board(board: Board) -> MarkLayout:
         """The corners of a board."""
-        return MarkLayout("the board", dict(enumerate(board.corners()[:, :2])), LEAST_CORNERS)
+        return MarkLayout(
+            "the board", dict(enumerate(board.corners()[:, :2])), LEAST_CORNERS
+        )
 
     @staticmethod
     def read(path: str | os.PathLike[str]) -> MarkLayout:
@@ -178,14 +201,18 @@ def watch(
     Raises LogError if the reference is not there, or elsewhere in many pictures.
     """
     # a hand in the picture hides some marks
-    looked = {number: marks for number, marks in seen.items() if len(marks) >= layout.least}
+    looked = {
+        number: marks for number, marks in seen.items() if len(marks) >= layout.least
+    }
     if not looked:
         raise LogError(
             f"{layout.what} is too small, hidden or not there: at most "
             f"{max(map(len, seen.values()), default=0)} found in a picture, {layout.least} expected"
         )
     middle = _middle([*looked.values()])
-    off = frozenset(number for number, marks in looked.items() if _elsewhere(middle, marks))
+    off = frozenset(
+        number for number, marks in looked.items() if _elsewhere(middle, marks)
+    )
     if len(off) > _MOST_OFF * len(looked):
         raise LogError(
             f"{layout.what} is elsewhere, or of another size, in {len(off)} of {len(looked)} "
@@ -209,4 +236,6 @@ def _elsewhere(middle: Marks, marks: Marks) -> bool:
     b = np.array([*marks.values()])
     moved = np.linalg.norm(b - a, axis=1)
     growth = similarity(a, b)[2] - 1.0
-    return bool(np.median(moved) > _MOVED or (abs(growth) > _STRETCH and moved.max() > _MOVED))
+    return bool(
+        np.median(moved) > _MOVED or (abs(growth) > _STRETCH and moved.max() > _MOVED)
+    )

@@ -37,7 +37,9 @@ class Setup:
     tags_at: MarkLayout | None = None
     lens: Lens | None = None  # the camera's
     tag_size: float | None = None  # side of the tip's tag: its pose needs it [m]
-    tag_height: float = 0.0  # of the tip's tag above the board, or the tags on the desk [m]
+    tag_height: float = (
+        0.0  # of the tip's tag above the board, or the tags on the desk [m]
+    )
     pose: bool = False  # whether z and the orientation of the tag are wanted too
 
     def __post_init__(self) -> None:
@@ -46,7 +48,8 @@ class Setup:
         same = board is not None and board.dictionary.lower() == self.dictionary.lower()
         taken = board.tags if board is not None and same else 0
         refusals = {
-            "`board` and `tags_at` are both given: expected one of them": board and self.tags_at,
+            "`board` and `tags_at` are both given: expected one of them": board
+            and self.tags_at,
             "`board` or `tags_at` is given without `lens`: positions in metres may be off by "
             "centimetres; take 10 pictures of a board and give their folder as `lens`": (
                 layout and self.lens is None
@@ -58,7 +61,8 @@ class Setup:
                 self.pose and (self.lens is None or self.tag_size is None)
             ),
             f"tag {self.tag} is on the tip and in `tags_at`, or printed on the board too: take "
-            "another id": self.tag < taken or (self.tags_at and self.tag in self.tags_at.points),
+            "another id": self.tag < taken
+            or (self.tags_at and self.tag in self.tags_at.points),
         }
         for message, wrong in refusals.items():
             if wrong:
@@ -67,7 +71,9 @@ class Setup:
     @cached_property
     def layout(self) -> MarkLayout | None:
         """What positions are told in, if not pixels."""
-        return MarkLayout.of_board(self.board) if self.board is not None else self.tags_at
+        return (
+            MarkLayout.of_board(self.board) if self.board is not None else self.tags_at
+        )
 
     @cached_property
     def finder(self) -> TagFinder:
@@ -86,7 +92,9 @@ class Setup:
         counts = Counter(t.number for t in tags)
         at = self.tags_at and self.tags_at.points
         return {
-            t.number: t.centre for t in tags if counts[t.number] == 1 and t.number in (at or ())
+            t.number: t.centre
+            for t in tags
+            if counts[t.number] == 1 and t.number in (at or ())
         }
 
 
@@ -122,7 +130,9 @@ class Sightings:
         return watch(layout, self.marks, lens, self.setting.tag_height)
 
 
-def sight(frames: Iterable[Frame], setting: Setup, what: str, every: int = 1) -> Sightings:
+def sight(
+    frames: Iterable[Frame], setting: Setup, what: str, every: int = 1
+) -> Sightings:
     """Find the tag of a setting, and the reference, in pictures.
 
     what : what messages call the pictures
@@ -142,7 +152,9 @@ def sight(frames: Iterable[Frame], setting: Setup, what: str, every: int = 1) ->
         size = (grey.shape[1], grey.shape[0])
         if setting.lens is not None and setting.lens.size not in (size, UNSTATED):
             known = "{}x{}".format(*setting.lens.size)
-            raise LogError(f"{name} is {size[0]}x{size[1]}, the lens was calibrated with {known}")
+            raise LogError(
+                f"{name} is {size[0]}x{size[1]}, the lens was calibrated with {known}"
+            )
         tags = setting.finder.find(grey)
         if number % every == 0:
             sample += [grey] * (len(sample) < LOOKS)
@@ -163,8 +175,12 @@ def sight(frames: Iterable[Frame], setting: Setup, what: str, every: int = 1) ->
         )
     if not found:
         finder = TagFinder(setting.dictionary)
-        seen = Counter(n for grey in sample for n in {t.number for t in finder.find(grey)})
-        shown = listed([f"{number} ({times} times)" for number, times in seen.most_common()], 6)
+        seen = Counter(
+            n for grey in sample for n in {t.number for t in finder.find(grey)}
+        )
+        shown = listed(
+            [f"{number} ({times} times)" for number, times in seen.most_common()], 6
+        )
         raise LogError(
             f"tag {setting.tag} is in none of {count} {what}: {len(sample)} of them show {shown} "
             f"of {setting.dictionary}; check the id, the dictionary, that it is sharp and has a "

@@ -36,14 +36,19 @@ from .reference import turns_and_shifts
 
 _CORNER = 1.0  # [px], where the noise of corners begins
 _BENT = 5e-3  # half diagonals: where the heights of a board begin,
-_BENT_WITHIN = (1e-5, 5e-2)  # and between which they are found; paper bends by 1 to 2 mm
+_BENT_WITHIN = (
+    1e-5,
+    5e-2,
+)  # and between which they are found; paper bends by 1 to 2 mm
 _STRETCHED = 5e-4
 _STRETCHED_WITHIN = (1e-6, 5e-3)
 _PRINTED = 3e-3  # of its size that a print is off by; beyond, as the evidence says
 _PRINTED_WITHIN = (3e-3, 0.5)
 _LEAST_TURN = np.radians(1.0)  # rms, about a second axis
 _MISSAID = 0.3  # log of a board's size over the said one, that is none
-_GIVEN = np.array([3e-4, 1e-3])  # [rad, m], where the noise of a controller's poses begins,
+_GIVEN = np.array(
+    [3e-4, 1e-3]
+)  # [rad, m], where the noise of a controller's poses begins,
 _JOINTED = np.array([3e-5, 3e-5])  # and that of joints
 
 
@@ -83,7 +88,9 @@ class View:
         points = self.shots.board.points()
         low = points.min(axis=0)
         high = points.max(axis=0)
-        ends = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
+        ends = np.array(
+            [[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])]
+        )
         return Seen(self.boards, ends, self.shots.board.half_turn, self.in_hand)
 
     def turned(self, others: Mask) -> View:
@@ -131,7 +138,9 @@ def of_poses(
     """The problem of flange poses, whose convention is found."""
     most = max(range(len(views)), key=lambda k: len(views[k].rows))
     every = readings(table.numbers, table.named)
-    own = [replace(reading, flange=reading.flange[views[most].rows]) for reading in every]
+    own = [
+        replace(reading, flange=reading.flange[views[most].rows]) for reading in every
+    ]
     _refuse_one_axis(views[most])
     chosen, _, convention, ties = choose(own, views[most].seen, unit, rotation, degrees)
     flange = every[own.index(chosen)].flange.copy()
@@ -146,14 +155,18 @@ def _refuse_one_axis(view: View) -> None:
     """Refuse poses that turn about one axis alone: no place along it is told."""
     boards = view.boards
     half = view.seen.half_turn
-    if half is not None:  # of both ends the one that is turned less against the first picture
+    if (
+        half is not None
+    ):  # of both ends the one that is turned less against the first picture
         against = np.einsum("ij,nij->n", boards[0, :3, :3], boards[:, :3, :3])
         other = np.einsum("ij,nij->n", boards[0, :3, :3], (boards @ half)[:, :3, :3])
         boards = np.where((other > against)[:, None, None], boards @ half, boards)
     turns = boards[:, :3, :3]
     mean = nearest_rotation(turns.sum(axis=0))
     vectors = logarithm(mean.T @ turns)
-    sizes = np.linalg.svd(vectors - vectors.mean(axis=0), compute_uv=False) / np.sqrt(len(turns))
+    sizes = np.linalg.svd(vectors - vectors.mean(axis=0), compute_uv=False) / np.sqrt(
+        len(turns)
+    )
     if sizes[1] < _LEAST_TURN:
         raise LogError(
             f"the hand turns about one axis alone (by {np.degrees(sizes[0]):.2g} deg, by "
@@ -179,13 +192,17 @@ def _rows(views: Sequence[View]) -> Index:
     return np.unique(np.concatenate([view.rows for view in views]))
 
 
-def _refuse_late(setting: Setting, every: Sequence[Reading], chosen: Reading, view: View) -> None:
+def _refuse_late(
+    setting: Setting, every: Sequence[Reading], chosen: Reading, view: View
+) -> None:
     """Refuse poses that fit the pictures far better a row late or early."""
     start = setting.start
     if start is None or start.misfit < np.radians(2.0):
         return
     for by, word in ((-1, "late"), (1, "early")):
-        moved = [replace(r, flange=np.roll(r.flange, by, axis=0)[view.rows]) for r in every]
+        moved = [
+            replace(r, flange=np.roll(r.flange, by, axis=0)[view.rows]) for r in every
+        ]
         if choose(moved, view.seen)[1].misfit < 0.3 * start.misfit:
             raise LogError(
                 f"the pictures fit the poses only if these are a row {word}",
@@ -193,7 +210,8 @@ def _refuse_late(setting: Setting, every: Sequence[Reading], chosen: Reading, vi
             )
     rng = np.random.default_rng(0)
     shuffled = [
-        solve(chosen.flange[rng.permutation(len(view.rows))], view.seen).misfit for _ in range(8)
+        solve(chosen.flange[rng.permutation(len(view.rows))], view.seen).misfit
+        for _ in range(8)
     ]
     usual = float(np.median(shuffled))
     if start.misfit > 0.2 * usual:
@@ -204,7 +222,9 @@ def _refuse_late(setting: Setting, every: Sequence[Reading], chosen: Reading, vi
         )
 
 
-def _setting(views: Sequence[View], rows: Index, motions: Motions, noise: Array) -> Setting:
+def _setting(
+    views: Sequence[View], rows: Index, motions: Motions, noise: Array
+) -> Setting:
     """The problem, from a closed form of each camera."""
     flange = motions.poses(np.zeros(motions.size))
     starts = []
@@ -220,7 +240,9 @@ def _setting(views: Sequence[View], rows: Index, motions: Motions, noise: Array)
         turned = start.turned
         if half is not None and other is not start:
             board = start.board @ half
-            if np.linalg.norm(board - other.board) < np.linalg.norm(start.board - other.board):
+            if np.linalg.norm(board - other.board) < np.linalg.norm(
+                start.board - other.board
+            ):
                 turned = ~turned
                 start = replace(start, board=board)
         starts.append(start)

@@ -13,7 +13,14 @@ from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Index, Mask
 from ..common.parallel import one_blas_thread
 from ..errors import LogError
-from ..samples.joint_values import MAX_GAP, SETTLE, check_limits, covered, joint_speed, joints_at
+from ..samples.joint_values import (
+    MAX_GAP,
+    SETTLE,
+    check_limits,
+    covered,
+    joint_speed,
+    joints_at,
+)
 from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
 from .joint_table import JointTable, read_shots
@@ -93,7 +100,9 @@ def log_video(
     stamps = np.empty(0) if joints.time is None else joints.time
     joint_time, first = np.unique(stamps, return_index=True)
     if len(first) < 2:
-        raise LogError(f"{joints.label} has {len(first)} times: expected a column 'time' [s]")
+        raise LogError(
+            f"{joints.label} has {len(first)} times: expected a column 'time' [s]"
+        )
     q = joints.q[first]
     video = Video(path)
     times = list[float]()
@@ -109,7 +118,9 @@ def log_video(
     time = np.array(times)
     reasons = seen.reasons
     if video.claimed > 1.05 * len(time) + 2:
-        notes.append(f"{len(time)} of {video.claimed} frames can be read: it is cut off")
+        notes.append(
+            f"{len(time)} of {video.claimed} frames can be read: it is cut off"
+        )
     _check_motion(q, seen, video.name)
     pixels = np.full((len(time), 2), np.nan)
     pixels[seen.numbers] = seen.pixels
@@ -128,11 +139,15 @@ def log_video(
             f"the clocks are apart: the video runs from {when[0]:.2f} to {when[-1]:.2f} s of the "
             f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
         )
-    slow = usable & (joint_speed(when, joint_time, q) < (_REST if still is None else still))
+    slow = usable & (
+        joint_speed(when, joint_time, q) < (_REST if still is None else still)
+    )
     if still is None:
         groups = _rests(when, pixels, slow)
         kind = "the arm moves"
-        notes.append(f"{len(groups)} rests of {np.mean([0, *map(len, groups)]):.0f} frames")
+        notes.append(
+            f"{len(groups)} rests of {np.mean([0, *map(len, groups)]):.0f} frames"
+        )
     else:
         groups = list(np.flatnonzero(slow)[:, None])
         kind = f"a joint moves faster than {still:g}"
@@ -161,13 +176,17 @@ def _rests(when: Array, pixels: Array, still: Mask) -> list[Index]:
     frames = np.flatnonzero(still)
     moved = np.linalg.norm(np.diff(pixels[frames], axis=0), axis=1) > _SHAKE
     rests = []
-    for run in np.split(frames, np.flatnonzero(moved | (np.diff(when[frames]) > _PAUSE)) + 1):
+    for run in np.split(
+        frames, np.flatnonzero(moved | (np.diff(when[frames]) > _PAUSE)) + 1
+    ):
         first = when[run[:1]] + SETTLE
         last = when[run[-1:]] - SETTLE
         settled = run[(when[run] >= first) & (when[run] <= last)]
         if len(settled) >= _LEAST:
             # the arm may still swing where its joints stand: only frames near the median count
-            away = np.linalg.norm(pixels[settled] - np.median(pixels[settled], axis=0), axis=1)
+            away = np.linalg.norm(
+                pixels[settled] - np.median(pixels[settled], axis=0), axis=1
+            )
             rests.append(settled[away < _SHAKE])
     return [rest for rest in rests if len(rest) >= _LEAST]
 
@@ -175,10 +194,14 @@ def _rests(when: Array, pixels: Array, still: Mask) -> list[Index]:
 def _middle(tags: Sequence[Tag]) -> Tag:
     if len(tags) == 1:
         return tags[0]
-    scatter = float(np.sqrt(np.mean(np.var([tag.centre for tag in tags], axis=0, ddof=1))))
+    scatter = float(
+        np.sqrt(np.mean(np.var([tag.centre for tag in tags], axis=0, ddof=1)))
+    )
     # a median scatters by 1.25 times what a mean does (normal noise)
     noise = max(LEAST_NOISE, 1.25 * scatter / float(np.sqrt(len(tags))))
-    return replace(tags[0], corners=np.median([tag.corners for tag in tags], axis=0), noise=noise)
+    return replace(
+        tags[0], corners=np.median([tag.corners for tag in tags], axis=0), noise=noise
+    )
 
 
 def _check_motion(q: Array, seen: Sightings, what: str) -> None:
@@ -194,7 +217,11 @@ def _check_motion(q: Array, seen: Sightings, what: str) -> None:
 
 
 def _assembled(
-    seen: Sightings, tags: Sequence[Tag], notes: list[str], about: dict[str, Any], **more: Any
+    seen: Sightings,
+    tags: Sequence[Tag],
+    notes: list[str],
+    about: dict[str, Any],
+    **more: Any,
 ) -> Samples:
     """Put a log together from the tags of some pictures, and why others have none."""
     setting = seen.setting
@@ -205,10 +232,18 @@ def _assembled(
     quaternion = None
     scale = np.ones(1)
     common = np.zeros(1)
-    about |= {"size": list(seen.size), "tag": setting.tag, "dictionary": setting.dictionary}
+    about |= {
+        "size": list(seen.size),
+        "tag": setting.tag,
+        "dictionary": setting.dictionary,
+    }
     about["reference"] = {"kind": "pixels"} if reference is None else reference.told()
     if reference is not None:
-        x, unit, (scale, common) = reference.positions(pixels), "m", reference.noise(pixels)
+        x, unit, (scale, common) = (
+            reference.positions(pixels),
+            "m",
+            reference.noise(pixels),
+        )
     lens = setting.lens
     size = setting.tag_size
     if lens is not None:
@@ -216,7 +251,9 @@ def _assembled(
     if setting.pose and lens is not None and size is not None:
         # the tag's frame: origin in the middle, x to the right, y up, z out of the paper
         square = 0.5 * size * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
-        turns, x = turns_and_shifts([find_pose(lens, square, tag.corners) for tag in tags])
+        turns, x = turns_and_shifts(
+            [find_pose(lens, square, tag.corners) for tag in tags]
+        )
         if reference is None:
             scale = x[:, 2] / lens.focal.mean()
         else:
@@ -228,9 +265,13 @@ def _assembled(
     shared = float(np.sqrt(np.mean(common**2)))
     noise = np.array([tag.noise for tag in tags]) * scale
     dropped = {why: count for why, count in seen.reasons.items() if count}
-    notes = notes + [f"{count} {seen.what} left out: {why}" for why, count in dropped.items()]
+    notes = notes + [
+        f"{count} {seen.what} left out: {why}" for why, count in dropped.items()
+    ]
     if steep := sum(tag.upright < 0.5 for tag in tags):
-        notes.append(f"the tag is seen at more than 60 deg in {steep} rows: let it face the camera")
+        notes.append(
+            f"the tag is seen at more than 60 deg in {steep} rows: let it face the camera"
+        )
     about["noise"] = float(np.hypot(np.sqrt(np.mean(noise**2)), shared))
     about["noise_of_reference"] = shared
     about["dropped"] = dropped

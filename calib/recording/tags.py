@@ -33,7 +33,9 @@ _STEPS = 30
 _SETTLED = 1e-5
 _LEAST_CELL = 3  # [px]; a coarser pattern has no edges
 _SQUARES = (8, 96)  # [px], least and largest side of a board's square in its picture
-_DENSE = 1.5  # of a board's pattern over the picture: .011 px for .016 with 1, .012 with 3
+_DENSE = (
+    1.5  # of a board's pattern over the picture: .011 px for .016 with 1, .012 with 3
+)
 _FINER = (2, 6)  # times as fine a board is drawn, and then shrunk
 _AROUND = 0.7  # squares around a corner that are laid over the picture
 _FARTHEST = 2.5  # [px]; a corner that goes further was none
@@ -44,7 +46,9 @@ class Tag:
     """A tag in a picture; pixel centres have whole coordinates, y runs down."""
 
     number: int  # its id
-    corners: Array  # of the black square, clockwise in print from the top left (4, 2) [px]
+    corners: (
+        Array  # of the black square, clockwise in print from the top left (4, 2) [px]
+    )
     noise: float = LEAST_NOISE  # standard deviation of the centre along each axis [px]
     sharp: bool = True  # whether the print can be laid over it
 
@@ -64,7 +68,11 @@ class Tag:
     def upright(self) -> float:
         """How far it faces the camera: about the cosine of its tilt, by its area."""
         (x, y), (u, v) = self.corners.T, np.roll(self.corners, -1, 0).T
-        return float(0.5 * abs((x * v - u * y).sum()) / max(_sides(self.corners).max() ** 2, 1e-9))
+        return float(
+            0.5
+            * abs((x * v - u * y).sum())
+            / max(_sides(self.corners).max() ** 2, 1e-9)
+        )
 
 
 def _sides(corners: Array) -> Array:
@@ -89,7 +97,9 @@ def find_dictionary(name: str) -> Any:
 class TagFinder:
     """Finds tags of one dictionary: wanted ids, or all, which takes ten times as long."""
 
-    def __init__(self, dictionary: str = DICTIONARY, wanted: Collection[int] | None = None) -> None:
+    def __init__(
+        self, dictionary: str = DICTIONARY, wanted: Collection[int] | None = None
+    ) -> None:
         aruco = opencv().aruco
         known = find_dictionary(dictionary)
         count = len(known.bytesList)
@@ -111,14 +121,18 @@ class TagFinder:
         squares, found, _ = self._detector.detectMarkers(grey)
         numbers = [self.numbers[k] for k in (() if found is None else np.ravel(found))]
         corners = [np.asarray(square, float).reshape(4, 2) for square in squares]
-        return [self._measured(grey, *each) for each in zip(numbers, corners, strict=True)]
+        return [
+            self._measured(grey, *each) for each in zip(numbers, corners, strict=True)
+        ]
 
     def _measured(self, grey: Picture, number: int, corners: Array) -> Tag:
         cells = tag_cells(number, self.dictionary)
         tag = Tag(number, corners, 0.5, sharp=False)
         n = len(cells)
         k = max(_LEAST_CELL, round(tag.side / n))
-        pattern = np.pad(np.kron(cells, np.ones((k, k))), k // 2 + 1, constant_values=1.0)
+        pattern = np.pad(
+            np.kron(cells, np.ones((k, k))), k // 2 + 1, constant_values=1.0
+        )
         # pixels have whole centres
         low = k // 2 + 0.5
         high = k // 2 + 0.5 + n * k
@@ -126,7 +140,9 @@ class TagFinder:
         start = opencv().getPerspectiveTransform(
             square.astype(np.float32), corners.astype(np.float32)
         )
-        found, likeness = _laid(grey, (255.0 * pattern).astype(np.uint8), np.asarray(start))
+        found, likeness = _laid(
+            grey, (255.0 * pattern).astype(np.uint8), np.asarray(start)
+        )
         refined = _mapped(found, square)
         if likeness < _SHARP:
             return tag
@@ -144,13 +160,17 @@ def tag_cells(number: int, dictionary: str = DICTIONARY) -> NDArray[np.bool_]:
     known = find_dictionary(dictionary)
     count = len(known.bytesList)
     if not 0 <= number < count:
-        raise OptionError(f"tag {number}: expected 0 to {count - 1}, the ids of {dictionary}")
+        raise OptionError(
+            f"tag {number}: expected 0 to {count - 1}, the ids of {dictionary}"
+        )
     size = int(known.markerSize) + 2
     picture = opencv().aruco.generateImageMarker(known, int(number), size)
     return np.asarray(picture) > 127
 
 
-def lay_corners(grey: Picture, corners: Mapping[int, Array], board: Any) -> dict[int, Array]:
+def lay_corners(
+    grey: Picture, corners: Mapping[int, Array], board: Any
+) -> dict[int, Array]:
     """Lay the surroundings of a board's corners over its picture.
 
     corners : places (2,) [px] by number, within a pixel or so; `board` is OpenCV's
@@ -171,10 +191,14 @@ def lay_corners(grey: Picture, corners: Mapping[int, Array], board: Any) -> dict
         at = np.maximum(np.round((place - _AROUND) * k).astype(int), 0)
         end = np.round((place + _AROUND) * k).astype(int)
         # of the patch's pixels, via squares, to the picture; the lens shifts it by little
-        scale = np.array([[1 / k, 0, (at[0] + 0.5) / k], [0, 1 / k, (at[1] + 0.5) / k], [0, 0, 1]])
+        scale = np.array(
+            [[1 / k, 0, (at[0] + 0.5) / k], [0, 1 / k, (at[1] + 0.5) / k], [0, 0, 1]]
+        )
         shift = np.eye(3)
         shift[:2, 2] = there - _mapped(over, place[None])[0]
-        found, likeness = _laid(grey, page[at[1] : end[1], at[0] : end[0]], shift @ over @ scale)
+        found, likeness = _laid(
+            grey, page[at[1] : end[1], at[0] : end[0]], shift @ over @ scale
+        )
         moved = _mapped(found, (place * k - 0.5 - at)[None])[0]
         if likeness > 0.0 and np.linalg.norm(moved - there) < _FARTHEST:
             refined[number] = moved
@@ -185,7 +209,9 @@ def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
     """The homography (3, 3) that lays a pattern on a picture best, and its correlation, or 0."""
     cv2 = opencv()
     high, wide = pattern.shape
-    outline = _mapped(start, np.array([[0, 0], [wide, 0], [wide, high], [0, high]]) - 0.5)
+    outline = _mapped(
+        start, np.array([[0, 0], [wide, 0], [wide, high], [0, high]]) - 0.5
+    )
     if not np.abs(outline).max() < 1e5:
         return start, 0.0
     low = np.maximum(np.floor(outline.min(0)).astype(int) - 8, 0)
@@ -218,7 +244,9 @@ def _page(board: Any, k: int) -> Picture:
     sizes = np.arange(_FINER[0] * k, _FINER[1] * k)
     ends = np.stack([0.5 * (1.0 - share) * sizes, share / cells * sizes])
     fine = int(sizes[np.argmin(np.abs(ends - np.round(ends)).sum(axis=0).round(6))])
-    drawn = board.generateImage((columns * fine, rows * fine), marginSize=0, borderBits=1)
+    drawn = board.generateImage(
+        (columns * fine, rows * fine), marginSize=0, borderBits=1
+    )
     size = (columns * k, rows * k)
     return np.asarray(opencv().resize(drawn, size, interpolation=opencv().INTER_AREA))
 

@@ -45,13 +45,17 @@ class Judge:
         weights = self._inverse @ (x - x.mean(0))
         miss: Array = np.empty_like(weights)
         for part in np.array_split(np.arange(len(x)), min(_BLOCKS, len(x))):
-            miss[part] = np.linalg.solve(self._inverse[np.ix_(part, part)], weights[part])
+            miss[part] = np.linalg.solve(
+                self._inverse[np.ix_(part, part)], weights[part]
+            )
         return miss
 
     def predict(self, q: Array, x: Array) -> Array:
         """Return what the fit to values (n, d) of all rows says at joints (m, joints)."""
         middle = x.mean(0)
-        return np.asarray(_harmonics(q, self.q) @ (self._inverse @ (x - middle)) + middle)
+        return np.asarray(
+            _harmonics(q, self.q) @ (self._inverse @ (x - middle)) + middle
+        )
 
 
 def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
@@ -63,7 +67,9 @@ def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
     def error(shift: int) -> float:
         rows = np.arange(max(0, -shift), min(len(q), len(q) - shift))
         rows = rows[thinned(len(rows), _SEARCHED)]
-        return float(np.linalg.norm(Judge(q[rows + shift]).miss(x[rows]), axis=1).mean())
+        return float(
+            np.linalg.norm(Judge(q[rows + shift]).miss(x[rows]), axis=1).mean()
+        )
 
     if len(q) < _FEWEST:
         return 0, np.nan, np.nan
@@ -83,6 +89,8 @@ def jumps(x: Array) -> Mask:
     seen = np.isfinite(x[:, 0])
     if seen.sum() >= _WINDOW:
         away = x[seen] - median_filter(x[seen], (_WINDOW, 1), mode="nearest")
-        scale = 1.48 * median_filter(np.abs(away), (_WINDOW, 1), mode="nearest").max(axis=1)
+        scale = 1.48 * median_filter(np.abs(away), (_WINDOW, 1), mode="nearest").max(
+            axis=1
+        )
         result[seen] = np.linalg.norm(away, axis=1) > 6.0 * np.maximum(scale, 1.0)
     return result

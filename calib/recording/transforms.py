@@ -19,8 +19,13 @@ def transform_files(
 
     base, tip : names of the arm's frames
     """
-    carried, standing = ("camera", "board") if rig.eye == "hand" else ("board", "camera")
-    frames = [(tip, f"{carried}_frame", rig.hand), (base, f"{standing}_frame", rig.base)]
+    carried, standing = (
+        ("camera", "board") if rig.eye == "hand" else ("board", "camera")
+    )
+    frames = [
+        (tip, f"{carried}_frame", rig.hand),
+        (base, f"{standing}_frame", rig.base),
+    ]
     if len(rig.cameras) > 1:
         frames = [frame for frame in frames if not frame[1].startswith("camera")]
         for camera in rig.cameras:
@@ -31,7 +36,10 @@ def transform_files(
     for parent, child, place in frames:
         lines += _words(parent, child, place)
     document = json.dumps(stamped, indent=2) + "\n"
-    return {Path(path): document, Path(path).with_suffix(".txt"): "\n".join(lines) + "\n"}
+    return {
+        Path(path): document,
+        Path(path).with_suffix(".txt"): "\n".join(lines) + "\n",
+    }
 
 
 def _stamped(parent: str, child: str, place: Place) -> dict[str, object]:
@@ -40,7 +48,11 @@ def _stamped(parent: str, child: str, place: Place) -> dict[str, object]:
         "translation": dict(zip("xyz", place["position"], strict=True)),
         "rotation": dict(zip("xyzw", place["quaternion"], strict=True)),
     }
-    return {"header": {"frame_id": parent}, "child_frame_id": child, "transform": transform}
+    return {
+        "header": {"frame_id": parent},
+        "child_frame_id": child,
+        "transform": transform,
+    }
 
 
 def _words(parent: str, child: str, place: Place) -> list[str]:

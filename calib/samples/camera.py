@@ -54,16 +54,21 @@ def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
         note = ""
         if not (isinstance(size, list) and len(size) == 2):
             size = next(
-                (s for s in _SIZES if (high < s).all()), np.maximum(high.astype(int) + 2, 1)
+                (s for s in _SIZES if (high < s).all()),
+                np.maximum(high.astype(int) + 2, 1),
             )
             note = f"the camera's pictures are taken to be {size[0]}x{size[1]} px; a known lens "
             note += "says more"
         width = int(size[0])
         height = int(size[1])
         sd = (FOCAL_SD * width, CENTRE_SD * width, CENTRE_SD * width, K1_SD)
-        return Camera((width, height), (FOCAL * width, width / 2, height / 2, 0.0), sd, note)
+        return Camera(
+            (width, height), (FOCAL * width, width / 2, height / 2, 0.0), sd, note
+        )
     camera = _calibrated(about["lens"])
-    if (low < -0.5 * np.array(camera.size)).any() or (high > 1.5 * np.array(camera.size)).any():
+    if (low < -0.5 * np.array(camera.size)).any() or (
+        high > 1.5 * np.array(camera.size)
+    ).any():
         raise LogError(
             f"pixels reach from {low.round().tolist()} to {high.round().tolist()}, the camera's "
             f"pictures are {camera.size[0]}x{camera.size[1]}: the lens is of another camera or "
@@ -77,7 +82,10 @@ def _calibrated(told: Mapping[str, Any]) -> Camera:
     """A camera with a calibrated lens; a prior where k1 alone, or one focal length, is wrong."""
     try:
         width, height = (int(side) for side in told["size"])
-        (fx, fy), centre = numbers("focal", told["focal"], 2), numbers("c", told["centre"], 2)
+        (fx, fy), centre = (
+            numbers("focal", told["focal"], 2),
+            numbers("c", told["centre"], 2),
+        )
         distortion = numbers("distortion", told["distortion"], 5)
         if min(width, height, fx, fy) <= 0:
             raise ValueError("not above zero")
@@ -86,7 +94,9 @@ def _calibrated(told: Mapping[str, Any]) -> Camera:
             "the lens has impossible values: expected size, focal, centre and distortion of a "
             "calibration"
         ) from None
-    grid = np.stack(np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1]), axis=-1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1]), axis=-1).reshape(
+        -1, 2
+    )
     n = (grid * (width, height) - centre) / (fx, fy) * 0.9
     pixels = bent(n, distortion) * (fx, fy)
     # f n + f k1 n |n|^2 is linear in f and f k1
@@ -98,7 +108,9 @@ def _calibrated(told: Mapping[str, Any]) -> Camera:
         return Camera((width, height), lens)
     note = f"the lens bends by up to {wrong:.2g} px otherwise than k1 says: it is fitted again"
     share = wrong / width
-    return Camera((width, height), lens, (2 * share * float(f), wrong, wrong, 4 * share), note)
+    return Camera(
+        (width, height), lens, (2 * share * float(f), wrong, wrong, 4 * share), note
+    )
 
 
 def bent(n: ArrayLike, distortion: ArrayLike) -> Array:

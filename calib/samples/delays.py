@@ -64,7 +64,11 @@ class Trajectory:
         if samples.in_time or len(samples) < 20:
             return None
         rows = np.arange(len(samples)) if samples.rows is None else samples.rows
-        time, unit = (rows.astype(float), "rows") if samples.time is None else (samples.time, "s")
+        time, unit = (
+            (rows.astype(float), "rows")
+            if samples.time is None
+            else (samples.time, "s")
+        )
         motion = Trajectory(time, samples.q, unit)
         joined = motion.joined
         return motion if joined.mean() >= 0.5 and is_path(samples.q, joined) else None
@@ -112,13 +116,19 @@ def with_offset(samples: Samples, offset: float) -> Samples:
     Raises LogError if it has no times, or the joints none in common with the positions.
     """
     if samples.time is None:
-        raise LogError("`time_offset` needs the times of the rows: expected a column `time` [s]")
+        raise LogError(
+            "`time_offset` needs the times of the rows: expected a column `time` [s]"
+        )
     q = Trajectory(samples.time, samples.q, "s").before(-offset)[0]
     known = np.asarray(np.isfinite(q).all(axis=1))
     if not known.any():
-        raise LogError(f"`time_offset={offset:g}`: no row's joints are known {offset:g} s later")
+        raise LogError(
+            f"`time_offset={offset:g}`: no row's joints are known {offset:g} s later"
+        )
     told = f"{offset:+g} s added to the positions' times; {int((~known).sum())} rows have no joints"
-    return replace(samples.take(known), q=q[known], in_time=True, notes=(*samples.notes, told))
+    return replace(
+        samples.take(known), q=q[known], in_time=True, notes=(*samples.notes, told)
+    )
 
 
 def estimate_delay(
@@ -144,7 +154,9 @@ def estimate_delay(
     play : (n, m, j), what else could explain the residual: the better explanation counts
     Returns the delay and how the parameters change with it (k,), None where nothing moves.
     """
-    rows = np.flatnonzero(np.isfinite(velocity).all(axis=1) & np.isfinite(residual).all(axis=1))
+    rows = np.flatnonzero(
+        np.isfinite(velocity).all(axis=1) & np.isfinite(residual).all(axis=1)
+    )
     n = len(rows)
     m = residual.shape[1]
     r = residual[rows]
@@ -154,7 +166,9 @@ def estimate_delay(
     X = np.empty((n * m, 0)) if columns is None else columns[rows].reshape(n * m, -1)
     size = np.linalg.norm(r, axis=1)
     noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * float(np.abs(late).max())
-    weight = (settings.DELAY_NU + m) / (settings.DELAY_NU + (size / noise) ** 2) / noise**2
+    weight = (
+        (settings.DELAY_NU + m) / (settings.DELAY_NU + (size / noise) ** 2) / noise**2
+    )
     W = np.repeat(weight, m)[:, None]
     prior = np.asarray(precision, float)
     normal = X.T @ (W * X) + np.diag(prior)
@@ -182,7 +196,9 @@ def estimate_delay(
         return None
     value = float(np.sum(own * W * left)) / information
     rest = (own * W * (left - own * value)).reshape(n, m).sum(axis=1)
-    blocks = np.array([block.sum() for block in np.array_split(rest, settings.DELAY_BLOCKS)])
+    blocks = np.array(
+        [block.sum() for block in np.array_split(rest, settings.DELAY_BLOCKS)]
+    )
     explained = share(late)
     if play is not None and share(play[rows].reshape(n * m, -1)) >= explained:
         explained = 0.0

@@ -100,7 +100,9 @@ def diagnose(
         known = np.isfinite(found).all(axis=1)
         if known.mean() < 0.6:
             return float("inf")
-        if tool and pose is not None and len(q) >= settings.TOOL_ROWS:  # positions are linear in it
+        if (
+            tool and pose is not None and len(q) >= settings.TOOL_ROWS
+        ):  # positions are linear in it
             place, turn = pose(q)
             found = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
             affine = True
@@ -111,24 +113,40 @@ def diagnose(
     if unit == "m" and not usual and (hint := unit_hint(ratio)):
         words = f"the positions extend over {ratio:.4g} times what the robot's links allow, in m"
         return (Finding("unit", words, hint.removeprefix("; "), "unit", "m"),)
-    if turns is not None and pose is not None and (wrong := _turned(*pose(q), x, turns)):
+    if (
+        turns is not None
+        and pose is not None
+        and (wrong := _turned(*pose(q), x, turns))
+    ):
         return (wrong,)
     own = left(q)
     found: tuple[Finding, ...] = ()
     any_order = own > settings.GOOD * size and len(names) <= settings.MOST_ORDERED
-    tried = readings(q, names, revolute, any_order=any_order) if own > settings.SMALL * size else ()
-    for others in tried:  # the simplest first; of two that explain the log the first is told
+    tried = (
+        readings(q, names, revolute, any_order=any_order)
+        if own > settings.SMALL * size
+        else ()
+    )
+    for (
+        others
+    ) in tried:  # the simplest first; of two that explain the log the first is told
         fits = [r for r in others if left(r[0]) < settings.FAR_BETTER * own]
-        if fits:  # a tool of unknown size explains what a mirror does: by the place alone
+        if (
+            fits
+        ):  # a tool of unknown size explains what a mirror does: by the place alone
             _, best = min(fits, key=lambda r: left(r[0], tool=False))
             best = replace(best, words=f"the log fits the robot only if {best.words}")
-            if best.kind == "reversed" and predicted.shape[1] == 2:  # its signs may be learned
+            if (
+                best.kind == "reversed" and predicted.shape[1] == 2
+            ):  # its signs may be learned
                 best = replace(best, hint="", mistake=False)
             found = (best,)
             break
     if not (left_handed or flat or any(each.mistake for each in found)):
         mirror = np.array([-1.0, *[1.0] * (x.shape[1] - 1)])
-        plain, mirrored = (misfit(predicted[known], x[known] * m) for m in (1.0, mirror))
+        plain, mirrored = (
+            misfit(predicted[known], x[known] * m) for m in (1.0, mirror)
+        )
         if mirrored < settings.FAR_BETTER * plain:
             words = (
                 "the positions are mirrored, compared with the robot: the sensor's axes are "
@@ -146,7 +164,9 @@ def refuse_mistakes(findings: Sequence[Finding], label: str = "the log") -> list
     for f in findings:
         if f.mistake:
             words = f"{label}: {f.words}"
-            raise LogError(words, hint=f.hint or None, parameter=f.parameter, value=f.value)
+            raise LogError(
+                words, hint=f.hint or None, parameter=f.parameter, value=f.value
+            )
     return [f"{label}: {'; '.join(filter(None, (f.words, f.hint)))}" for f in findings]
 
 
@@ -162,8 +182,12 @@ def readings(
     def units() -> Iterator[_Reading]:
         words = "its joint values are"
         kind = "degrees"
-        degrees = Finding(kind, f"{words} degrees", "give `degrees=True`", kind, value=False)
-        radians = Finding(kind, f"{words} radians", "leave out `degrees`", kind, value=True)
+        degrees = Finding(
+            kind, f"{words} degrees", "give `degrees=True`", kind, value=False
+        )
+        radians = Finding(
+            kind, f"{words} radians", "leave out `degrees`", kind, value=True
+        )
         yield np.where(revolute, np.deg2rad(q), q), degrees
         yield np.where(revolute, np.rad2deg(q), q), radians
 
@@ -174,7 +198,10 @@ def readings(
                 told = listed(f"{other} holds {name}" for name, other in pairs.items())
                 hint = f"give `columns={pairs}`, or correct the header"
                 words = f"columns are exchanged ({told})"
-                yield q[:, list(order)], Finding("exchanged", words, hint, "columns", list(pairs))
+                yield (
+                    q[:, list(order)],
+                    Finding("exchanged", words, hint, "columns", list(pairs)),
+                )
 
     def signs(count: int) -> Iterator[_Reading]:
         hint = "its encoder or servo is reversed: change the sign of its column"
@@ -193,7 +220,11 @@ def unit_hint(ratio: float) -> str:
     for name, factor in METRES.items():
         if name != "m" and abs(ratio / factor - 1.0) < settings.SAME_UNIT:
             return f"; if they are in {name}, give `unit={name!r}`"
-    return "; if they are pixels, give `unit='px'`" if ratio > settings.PIXELS_RATIO else ""
+    return (
+        "; if they are pixels, give `unit='px'`"
+        if ratio > settings.PIXELS_RATIO
+        else ""
+    )
 
 
 def spread(x: Array) -> float:
@@ -271,7 +302,9 @@ def _turned(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | N
     return None
 
 
-def rows_behind(predict: Predict, q: Array, x: Array, unit: str = "m", most: int = 20) -> int:
+def rows_behind(
+    predict: Predict, q: Array, x: Array, unit: str = "m", most: int = 20
+) -> int:
     """Return by how many rows positions follow the joints, 0 where no shift fits far better.
 
     Rows along a path fit nearly as well a row later; poses in any order fit not at all.
@@ -287,7 +320,11 @@ def rows_behind(predict: Predict, q: Array, x: Array, unit: str = "m", most: int
         for shift in range(-most, most + 1)
     }
     best = min(found, key=lambda shift: (found[shift], abs(shift)))
-    return best if found[best] < (0.5 if is_path(q) else settings.FAR_BETTER) * found[0] else 0
+    return (
+        best
+        if found[best] < (0.5 if is_path(q) else settings.FAR_BETTER) * found[0]
+        else 0
+    )
 
 
 def is_path(q: Array, joined: Mask | slice = slice(None)) -> bool:

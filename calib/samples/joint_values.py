@@ -28,7 +28,9 @@ MAX_GAP = 0.1
 SETTLE = 0.04
 """Time before and after, over which a joint's speed is taken: encoders count in steps [s]."""
 
-_MOST_TURNS = 4.0  # further from zero a joint value is in degrees, or not reset for long
+_MOST_TURNS = (
+    4.0  # further from zero a joint value is in degrees, or not reset for long
+)
 
 
 def check_joint_values(
@@ -53,7 +55,9 @@ def check_joint_values(
     rows = np.flatnonzero(np.isfinite(q).all(axis=1))
     for k in np.flatnonzero(revolute).tolist() if len(rows) else ():
         limits = float(lower[k]), float(upper[k])
-        LoggedJoint(label, names[k], True, limits, degrees, error).check_unit(q[rows, k], rows + 1)
+        LoggedJoint(label, names[k], True, limits, degrees, error).check_unit(
+            q[rows, k], rows + 1
+        )
 
 
 @dataclass(frozen=True)
@@ -73,12 +77,18 @@ class LoggedJoint:
         high = float(values.max())
         most = max(abs(low), abs(high))
         fits = False
-        if self.limits and not self.degrees and most > TURN:  # small ones look like degrees too
+        if (
+            self.limits and not self.degrees and most > TURN
+        ):  # small ones look like degrees too
             as_degrees = beyond(np.deg2rad(values), *self.limits)
             fits = beyond(values, *self.limits) > settings.SLACK >= as_degrees
         if fits or high - low > 2.02 * TURN or most > _MOST_TURNS * TURN:
             says = "as degrees it fits: give" if fits else "if it is in degrees, give"
-            hint = "it is in rad: leave out `degrees`" if self.degrees else f"{says} `degrees=True`"
+            hint = (
+                "it is in rad: leave out `degrees`"
+                if self.degrees
+                else f"{says} `degrees=True`"
+            )
             limits = self.limits or (-math.pi, math.pi)
             raise self._outside(values, rows, limits, hint, "degrees", self.degrees)
 
@@ -145,7 +155,9 @@ class LoggedJoint:
 
 def beyond(values: Array, low: float, high: float) -> float:
     """Return by how much values (n,) leave a range, as a share of its width."""
-    return max(low - float(values.min()), float(values.max()) - high, 0.0) / (high - low)
+    return max(low - float(values.min()), float(values.max()) - high, 0.0) / (
+        high - low
+    )
 
 
 def check_ranges(ranges: Mapping[str, Range], revolute: Mapping[str, bool]) -> None:
@@ -164,7 +176,9 @@ def wrap(values: Array, low: float, high: float) -> Array:
     """Move the angles (n,) outside of a range by whole turns to where they are nearest to it."""
     moved = low + np.mod(values - low, TURN)
     # An angle just below the range is nearer to it than a turn later.
-    moved = np.where(moved - high > TURN / 2.0 - (high - low) / 2.0, moved - TURN, moved)
+    moved = np.where(
+        moved - high > TURN / 2.0 - (high - low) / 2.0, moved - TURN, moved
+    )
     moved = np.where(high - low >= TURN - 1e-9, np.clip(moved, low, high), moved)
     return np.where((values < low) | (values > high), moved, values)
 
@@ -200,9 +214,8 @@ def locked_from_log(
         values[name] = float(np.nanmedian(stood))
         off = np.nan_to_num(np.abs(stood - values[name]))
         factor, unit = for_people("rad" if turns else "m")
-        words = (
-            f"{source.label}: {name} is locked but moved by up to {factor * off.max():.3g} {unit}"
-        )
+        most = f"{factor * off.max():.3g} {unit}"
+        words = f"{source.label}: {name} is locked but moved by up to {most}"
         if np.mean(off > settings.LOCKED[turns]) > settings.LOCKED_SHARE:
             raise LogError(
                 f"{words} (row {rows[np.argmax(off)]})",
@@ -241,7 +254,9 @@ def pose_index(q: Array) -> Index:
 
     However often it is read, a pose is one measurement of the arm.
     """
-    _, first, index = np.unique(q.round(_SAME), axis=0, return_index=True, return_inverse=True)
+    _, first, index = np.unique(
+        q.round(_SAME), axis=0, return_index=True, return_inverse=True
+    )
     order = np.empty(len(first), dtype=np.intp)
     order[np.argsort(first)] = np.arange(len(first))
     return order[index.ravel()]
@@ -273,4 +288,7 @@ def covered(when: Array, time: Array, max_gap: float) -> dict[str, Mask]:
     after = np.clip(np.searchsorted(time, when), 1, len(time) - 1)
     outside = (when < time[0]) | (when > time[-1])
     far = ~outside & (time[after] - time[after - 1] > max_gap)
-    return {"outside of the joints' times": outside, f"joints more than {max_gap:g} s apart": far}
+    return {
+        "outside of the joints' times": outside,
+        f"joints more than {max_gap:g} s apart": far,
+    }

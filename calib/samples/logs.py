@@ -92,7 +92,9 @@ def read_log(
     """
     most = whole("most", most, 2, 2**31)
     source = open_source(path)
-    columns = {k: v for k, v in (usual or {}).items() if v in source.header} | dict(columns or {})
+    columns = {k: v for k, v in (usual or {}).items() if v in source.header} | dict(
+        columns or {}
+    )
     given = {*source.header} - {*(arm.joint_names if arm else joints or ())}
     if not {*POSITION} & {*source.header, *columns} and {*PIXELS.values()} <= given:
         columns |= PIXELS
@@ -124,7 +126,9 @@ def read_log(
         )
     names = roles.joints
     ranges = dict(ranges or {})
-    revolute = tuple(arm.revolute if arm is not None else (n not in prismatic for n in names))
+    revolute = tuple(
+        arm.revolute if arm is not None else (n not in prismatic for n in names)
+    )
     if arm is None and not {*prismatic} <= {*names}:
         words = f"{listed(prismatic)} named as sliding: expected some of the joints"
         raise OptionError(f"{words} {listed(names)}", parameter="prismatic")
@@ -137,16 +141,22 @@ def read_log(
     turning = np.flatnonzero(revolute) if degrees else slice(0)
     values[:, turning] = np.deg2rad(values[:, turning])
     held = f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
-    kept, dropped, left_out, told = _sound(source.label, values, numbers, roles, revolute, ranges)
+    kept, dropped, left_out, told = _sound(
+        source.label, values, numbers, roles, revolute, ranges
+    )
     notes = [held] * (total > most) + told
     values = values[kept]
     facts = facts[kept]
     numbers = numbers[kept]
-    q, x, turns, spread = np.split(values, np.cumsum([len(some) for some in roles[:3]]), axis=1)
+    q, x, turns, spread = np.split(
+        values, np.cumsum([len(some) for some in roles[:3]]), axis=1
+    )
     lower, upper = np.empty((2, len(names)))
     for k, name in enumerate(names):
         own = None if arm is None else (float(arm.lower[k]), float(arm.upper[k]))
-        joint = LoggedJoint(source.label, name, revolute[k], ranges.get(name, own), degrees)
+        joint = LoggedJoint(
+            source.label, name, revolute[k], ranges.get(name, own), degrees
+        )
         q[:, k], (lower[k], upper[k]), told = joint.settle(q[:, k], numbers)
         notes += told
     x, plane, told = _in_plane(source.label, x, numbers, unit, arm, outputs)
@@ -156,10 +166,14 @@ def read_log(
         camera = camera_of(source.about if lens is None else {"lens": lens}, x)
         notes += [camera.note] if camera.note else []
     elif lens is not None:
-        raise OptionError("`lens` is for pixels of an arm in space: expected columns u and v")
+        raise OptionError(
+            "`lens` is for pixels of an arm in space: expected columns u and v"
+        )
     size = float(np.ptp(x, axis=0).max())
     if arm is None and unit == "m" and size > settings.LARGEST_ARM:
-        notes.append(f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`")
+        notes.append(
+            f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
+        )
     if roles.turns == QUATERNION:
         turns = turns / np.linalg.norm(turns, axis=1)[:, None]
         turns = np.where(turns[:, 3:] < 0, -turns, turns)
@@ -194,13 +208,19 @@ def read_log(
         notes=tuple(notes),
         plane=plane,
         orientation=orientation,
-        covariance=covariances(spread, source.label) if roles.spread and plane is None else None,
+        covariance=covariances(spread, source.label)
+        if roles.spread and plane is None
+        else None,
         columns=columns,
         degrees=degrees and any(revolute),
         camera=camera,
         source=source.about,
         rows=numbers,
-        **{name: fact for name, fact in zip(further, facts.T, strict=True) if _whole(fact)},
+        **{
+            name: fact
+            for name, fact in zip(further, facts.T, strict=True)
+            if _whole(fact)
+        },
         left_out=left_out,
     )
     return samples if time_offset is None else with_offset(samples, time_offset)
@@ -221,7 +241,9 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     True
     """
     if not isinstance(samples, Samples):
-        words = f"expected samples first and then the path, not {type(samples).__name__}"
+        words = (
+            f"expected samples first and then the path, not {type(samples).__name__}"
+        )
         raise OptionError(f"write_log: {words}", parameter="samples")
     about = {**samples.source, "unit": samples.unit} if samples.source else None
     write_table(path, log_columns(samples), about=about)
@@ -242,16 +264,22 @@ def _sound(
     def leave_out(wrong: Mask, words: str) -> int:
         wrong = wrong & kept
         if not (kept & ~wrong).any():
-            raise LogError(f"{label}: no row is left: {wrong.sum()} of {len(kept)} rows {words}")
+            raise LogError(
+                f"{label}: no row is left: {wrong.sum()} of {len(kept)} rows {words}"
+            )
         if wrong.any():
             shown = rows_in_words(numbers[wrong])
-            notes.append(f"{wrong.sum():,} of {len(kept):,} rows {words}; left out: {shown}")
+            notes.append(
+                f"{wrong.sum():,} of {len(kept):,} rows {words}; left out: {shown}"
+            )
         np.logical_and(kept, ~wrong, out=kept)
         return int(wrong.sum())
 
     finite = np.abs(values) < LARGEST
     names = np.array([name for some in roles for name in some])
-    words = f"miss a finite number (2.5, not 2,5) of {listed(names[~finite.all(axis=0)])}"
+    words = (
+        f"miss a finite number (2.5, not 2,5) of {listed(names[~finite.all(axis=0)])}"
+    )
     dropped = leave_out(np.asarray(~finite.all(axis=1)), words)
     values[~kept] = 0.0
     for k in (k for k, name in enumerate(roles.joints) if name in chosen):
@@ -262,12 +290,16 @@ def _sound(
         away = (column < low - edge) | (column > high + edge)
         leave_out(away, f"have {roles.joints[k]} outside of the chosen range")
         values[:, k] = np.clip(column, low, high)
-    q, x, turns, spread = np.split(values, np.cumsum([len(some) for some in roles[:3]]), axis=1)
+    q, x, turns, spread = np.split(
+        values, np.cumsum([len(some) for some in roles[:3]]), axis=1
+    )
     zero: Mask = kept & (x == 0.0).all(axis=1)
     left_out = 0
     # a single row, or one place of the joints, may be the origin of the sensor
     if zero.sum() > 1 and np.ptp(q[zero], axis=0).any() and not zero[kept].all():
-        left_out += leave_out(zero, "hold zeros for a position, as where a sensor saw nothing")
+        left_out += leave_out(
+            zero, "hold zeros for a position, as where a sensor saw nothing"
+        )
     if roles.turns == QUATERNION:
         length = np.linalg.norm(turns, axis=1)
         unturned = kept & (np.abs(length - 1) > ROUNDING)
@@ -286,7 +318,12 @@ def _whole(fact: Array) -> bool:
 
 
 def _in_plane(
-    label: str, x: Array, numbers: Index, unit: str, arm: Arm | None, outputs: int | None
+    label: str,
+    x: Array,
+    numbers: Index,
+    unit: str,
+    arm: Arm | None,
+    outputs: int | None,
 ) -> tuple[Array, Plane | None, list[str]]:
     """Positions (n, 3) of a planar arm, or without any that lie in a plane, in it (n, 2)."""
     x = np.ascontiguousarray(x)

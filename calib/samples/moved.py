@@ -14,10 +14,11 @@ from .samples import Samples
 _ROWS = 1000  # that are compared
 _PARTS = 32  # between which the log is split
 _LEAST = 20  # poses that both sides of a split must have measured
-_SURE = 6.0  # standard errors of the logarithm of the ratio, beyond which it is no chance
-_TIMES = (
-    3.0  # square differences across a split over those within a side: .5 mm steps hide in noise
+_SURE = (
+    6.0  # standard errors of the logarithm of the ratio, beyond which it is no chance
 )
+# square differences across a split over those within a side: .5 mm steps hide in noise
+_TIMES = 3.0
 
 
 def moved_words(samples: Samples, predicted: Array) -> list[str]:
@@ -70,7 +71,9 @@ def moved_at(q: Array, residual: Array) -> tuple[int, float] | None:
         usual = float(np.mean([np.median(w) for w in within]))
         now = float(np.median(beyond))
         error = 2.0 / np.sqrt(residual.shape[1] * len(beyond))
-        gain = np.log(max(now, 1e-300) / max(usual, 1e-300)) / error  # exact rows leave nothing
+        gain = (
+            np.log(max(now, 1e-300) / max(usual, 1e-300)) / error
+        )  # exact rows leave nothing
         if now > _TIMES * usual and gain > _SURE:
             found.append((gain, k, np.sqrt(now - usual)))
     if not found:

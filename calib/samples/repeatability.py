@@ -23,7 +23,9 @@ from ..errors import LogError
 from .samples import Samples
 
 _NEIGHBOURS = 8  # of each row, among which rows of one pose are found
-_MOST_APART = 0.01  # [rad or m]; encoders that read one pose as differently repeat nothing
+_MOST_APART = (
+    0.01  # [rad or m]; encoders that read one pose as differently repeat nothing
+)
 _GAP = 5.0  # times further apart than rows of one pose that two poses have to be
 _EXACT = 1e-6  # [rad or m], rounding of a log's numbers
 _ROUNDED = 7  # decimals below which numbers of a log are rounding
@@ -107,8 +109,12 @@ def visits_of(q: Array) -> Visits:
     counts = np.bincount(pose)
     rows = np.flatnonzero(counts[pose] > 1)
     arrivals = np.cumsum(np.diff(pose, prepend=-1) != 0)
-    numbers = [np.unique(values[rows], return_inverse=True)[1] for values in (pose, arrivals)]
-    return Visits(rows, *(np.asarray(number, dtype=np.intp).ravel() for number in numbers))
+    numbers = [
+        np.unique(values[rows], return_inverse=True)[1] for values in (pose, arrivals)
+    ]
+    return Visits(
+        rows, *(np.asarray(number, dtype=np.intp).ravel() for number in numbers)
+    )
 
 
 def _clusters(q: Array) -> Index:
@@ -125,12 +131,16 @@ def _clusters(q: Array) -> Index:
     if m == 1:
         return np.zeros(n, dtype=np.intp)
     count = min(_NEIGHBOURS + 1, m)
-    distance, other = map(np.asarray, cKDTree(distinct).query(distinct, k=count, p=np.inf))
+    distance, other = map(
+        np.asarray, cKDTree(distinct).query(distinct, k=count, p=np.inf)
+    )
     first = np.repeat(np.arange(m), distance.shape[1])
     graph = coo_array((distance.ravel(), (first, other.ravel())), shape=(m, m)).tocsr()
     tree = minimum_spanning_tree(graph).tocoo()
     near = tree.data <= _same_within(np.append(tree.data, _between(distinct, tree)))
-    joined = coo_array((np.ones(int(near.sum())), (tree.row[near], tree.col[near])), shape=(m, m))
+    joined = coo_array(
+        (np.ones(int(near.sum())), (tree.row[near], tree.col[near])), shape=(m, m)
+    )
     label = connected_components(joined, directed=False)[1]
     return np.asarray(label[place], dtype=np.intp)
 
@@ -151,7 +161,9 @@ def _between(q: Array, tree: Any) -> Array:
     if count < 2:
         return np.zeros(0)
     centres = _means(np.asarray(group, dtype=np.intp), q)
-    distance = np.asarray(cKDTree(centres).query(centres, k=2, p=np.inf)[0], dtype=float)
+    distance = np.asarray(
+        cKDTree(centres).query(centres, k=2, p=np.inf)[0], dtype=float
+    )
     return distance[:, 1]
 
 
@@ -177,14 +189,19 @@ def scatter(visits: Visits, x: Array, unit: str = "m") -> Repeatability:
     means = _means(visits.visit, x)
     pose = visits.pose[np.unique(visits.visit, return_index=True)[1]]
     total = np.bincount(pose, readings)
-    centres = np.stack([np.bincount(visits.pose, axis) for axis in x.T], axis=1) / total[:, None]
+    centres = (
+        np.stack([np.bincount(visits.pose, axis) for axis in x.T], axis=1)
+        / total[:, None]
+    )
     within = float(((x - means[visits.visit]) ** 2).sum())
     between = float((readings[:, None] * (means - centres[pose]) ** 2).sum())
     free_within = axes * (len(x) - len(readings))
     free_between = axes * (len(readings) - len(total))
     sensor, sensor_interval = _deviation(within, free_within)
     # E[between] = free * noise^2 + size * return^2, with the visits' weights in each pose
-    size = axes * float((total - np.bincount(pose, readings.astype(float) ** 2) / total).sum())
+    size = axes * float(
+        (total - np.bincount(pose, readings.astype(float) ** 2) / total).sum()
+    )
     noise = sensor**2 if free_within else 0.0
     arm = math.nan
     arm_interval = (math.nan, math.nan)
@@ -217,5 +234,7 @@ def _deviation(squares: float, freedom: int) -> tuple[float, tuple[float, float]
 
     if not freedom:
         return math.nan, (math.nan, math.nan)
-    low, high = (math.sqrt(squares / float(chdtri(freedom, 1.0 - tail))) for tail in _TAILS)
+    low, high = (
+        math.sqrt(squares / float(chdtri(freedom, 1.0 - tail))) for tail in _TAILS
+    )
     return math.sqrt(squares / freedom), (low, high)

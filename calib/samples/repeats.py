@@ -40,7 +40,9 @@ def reading_noise(samples: Samples) -> tuple[float, float]:
     freedom = len(samples) - len(counts)
     if not freedom:
         return 0.0, 0.0
-    sums = np.stack([np.bincount(samples.pose_index, axis) for axis in samples.x.T], axis=1)
+    sums = np.stack(
+        [np.bincount(samples.pose_index, axis) for axis in samples.x.T], axis=1
+    )
     apart = samples.x - (sums / counts[:, None])[samples.pose_index]
     repeat = float(np.sqrt((apart**2).sum() / (freedom * samples.x.shape[1])))
     return repeat, repeat * float(np.sqrt(1.0 - np.mean(1.0 / counts)))

@@ -44,7 +44,10 @@ class Roles(NamedTuple):
 
 
 def find_roles(
-    source: Source, arm: Arm | None, joints: Sequence[str] | None, called: Mapping[str, str]
+    source: Source,
+    arm: Arm | None,
+    joints: Sequence[str] | None,
+    called: Mapping[str, str],
 ) -> tuple[Roles, list[str]]:
     """Decide what to read, and from which columns; or say which choices there are.
 
@@ -64,7 +67,10 @@ def find_roles(
     there = {*source.header, *called} - {*names}
     turns: tuple[str, ...] = ()
     if "z" in there and (arm is None or arm.outputs == 3):
-        for parts in (_ANGLES, QUATERNION):  # of one that is named in part the rest is missed
+        for parts in (
+            _ANGLES,
+            QUATERNION,
+        ):  # of one that is named in part the rest is missed
             if there.issuperset(parts) or {*parts} & {*called}:
                 turns = parts
     spread = COVARIANCE if turns and there.issuperset(COVARIANCE) else ()
@@ -80,13 +86,17 @@ def find_roles(
     return roles, columns
 
 
-def joint_names(source: Source, arm: Arm | None, joints: Sequence[str] | None) -> tuple[str, ...]:
+def joint_names(
+    source: Source, arm: Arm | None, joints: Sequence[str] | None
+) -> tuple[str, ...]:
     """Names of a log's joints, base to tip.  Raises OptionError if there are none."""
     if isinstance(joints, str):
         joints = [name.strip() for name in joints.split(",")]
     names = tuple(joints or ()) if arm is None else tuple(arm.joint_names)
     if arm is not None and joints is not None and {*joints} != {*names}:
-        raise OptionError(f"joints {list(joints)}: the arm was loaded with {list(names)}")
+        raise OptionError(
+            f"joints {list(joints)}: the arm was loaded with {list(names)}"
+        )
     if not names:
         others = listed(repr(name) for name in source.header if name not in POSITION)
         words = "which columns are the joints, base to tip?"
@@ -116,12 +126,16 @@ def log_columns(samples: Samples) -> dict[str, Array]:
     columns = dict(zip(samples.joint_names, samples.q.T, strict=True))
     columns |= dict(zip(samples.axes, samples.x.T, strict=True))
     if len(columns) < samples.dof + len(samples.axes):
-        raise OptionError(f"joints {listed(samples.joint_names)} cannot be told from the positions")
+        raise OptionError(
+            f"joints {listed(samples.joint_names)} cannot be told from the positions"
+        )
     if samples.orientation is not None:
         columns |= dict(zip(QUATERNION, samples.orientation.T, strict=True))
     if samples.covariance is not None:
         row, column = np.triu_indices(6)
-        columns |= dict(zip(COVARIANCE, samples.covariance[:, row, column].T, strict=True))
+        columns |= dict(
+            zip(COVARIANCE, samples.covariance[:, row, column].T, strict=True)
+        )
     for name in FURTHER:
         column = getattr(samples, name)
         if column is not None:

@@ -48,12 +48,18 @@ class Samples:
     # without a robot the extremes of its data, which stand where it is empty [rad or m]
     lower: Array = field(default_factory=lambda: np.empty(0))
     upper: Array = field(default_factory=lambda: np.empty(0))
-    revolute: tuple[bool, ...] = ()  # whether each joint turns (rad) or slides (m); all if empty
+    revolute: tuple[
+        bool, ...
+    ] = ()  # whether each joint turns (rad) or slides (m); all if empty
     unit: str = "m"  # of the positions: "m", "sensor", or what the user stated
     # for simulated samples what is needed to draw fresh exact ones
     simulation: Simulation | None = field(default=None, repr=False)
-    dropped: int = 0  # rows of a log that were left out because a value was missing or not finite
-    arm: Arm | None = field(default=None, repr=False)  # that the names and the ranges come from
+    dropped: int = (
+        0  # rows of a log that were left out because a value was missing or not finite
+    )
+    arm: Arm | None = field(
+        default=None, repr=False
+    )  # that the names and the ranges come from
     notes: tuple[str, ...] = ()  # what the user should be told, one line each
     # for a log of x, y, z the plane that was fitted to it
     plane: Plane | None = field(default=None, repr=False)
@@ -63,7 +69,9 @@ class Samples:
     covariance: Array | None = field(default=None, repr=False)
     # columns of the log that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict, repr=False)
-    degrees: bool = False  # whether the log has its turning joints in degrees; `q` is in rad
+    degrees: bool = (
+        False  # whether the log has its turning joints in degrees; `q` is in rad
+    )
     # of pixels of an arm that moves in space, what is known of the camera
     camera: Camera | None = field(default=None, repr=False)
     # what the log says of itself, as `calib log` writes it above the columns
@@ -72,13 +80,25 @@ class Samples:
     touch: Touches | None = field(default=None, repr=False)
     # (n,), numbers of the rows in the log's file, counted below its header from 1
     rows: NDArray[np.intp] | None = field(default=None, repr=False)
-    time: Array | None = field(default=None, repr=False)  # (n,), where the log has them [s]
-    episode: Array | None = field(default=None, repr=False)  # (n,), the series each row is of
-    pixels: Array | None = field(default=None, repr=False)  # (n, 2), of a tag in pictures [px]
-    pictures: tuple[str, ...] = field(default=(), repr=False)  # names of those it was made of
+    time: Array | None = field(
+        default=None, repr=False
+    )  # (n,), where the log has them [s]
+    episode: Array | None = field(
+        default=None, repr=False
+    )  # (n,), the series each row is of
+    pixels: Array | None = field(
+        default=None, repr=False
+    )  # (n, 2), of a tag in pictures [px]
+    pictures: tuple[str, ...] = field(
+        default=(), repr=False
+    )  # names of those it was made of
     left_out: int = 0  # rows without what a sensor saw: zeros, or no orientation
-    sensor: str = ""  # name of the sensor that saw the positions, where a log has several
-    in_time: bool = False  # whether the user said how late positions are: nothing is estimated
+    sensor: str = (
+        ""  # name of the sensor that saw the positions, where a log has several
+    )
+    in_time: bool = (
+        False  # whether the user said how late positions are: nothing is estimated
+    )
 
     def __post_init__(self) -> None:
         names = tuple(self.joint_names)
@@ -92,7 +112,11 @@ class Samples:
                 f"turns or slides: {self.revolute}"
             )
         given = column_names(self.x)
-        axes = POSITION if "z" in given or (not given and _width(self.x) == 3) else POSITION[:2]
+        axes = (
+            POSITION
+            if "z" in given or (not given and _width(self.x) == 3)
+            else POSITION[:2]
+        )
         n = len(self._own("q", number_rows(self.q, names, "q", LogError)[0], dof))
         self._own("x", number_rows(self.x, axes, "x", LogError)[0], n, len(axes))
         if n == 0:
@@ -100,7 +124,11 @@ class Samples:
         if not np.size(self.lower):
             object.__setattr__(self, "lower", self.q.min(axis=0) - 1e-9)
             object.__setattr__(self, "upper", self.q.max(axis=0) + 1e-9)
-        for name, shape in {"lower": (dof,), "upper": (dof,), "orientation": (n, 4)}.items():
+        for name, shape in {
+            "lower": (dof,),
+            "upper": (dof,),
+            "orientation": (n, 4),
+        }.items():
             if (value := getattr(self, name)) is not None:
                 self._own(name, np.array(value, dtype=float), *shape)
         if self.covariance is not None:
@@ -115,7 +143,9 @@ class Samples:
                 )
         for joint, lo, hi in zip(names, self.lower, self.upper, strict=True):
             if not -np.inf < lo < hi < np.inf:
-                raise LogError(f"joint {joint!r} has the range {lo:g}:{hi:g}, expected low:high")
+                raise LogError(
+                    f"joint {joint!r} has the range {lo:g}:{hi:g}, expected low:high"
+                )
 
     def _own(self, name: str, value: Array, *shape: int) -> Array:
         """Hold an array that nobody can write; a shape that does not fit raises LogError."""
@@ -163,10 +193,25 @@ class Samples:
         rows = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
         if not isinstance(rows, slice) and not rows.size:
             rows = rows.astype(np.intp)  # an empty list has no type that could index
-        each = ("q", "x", "orientation", "covariance", "rows", "time", "episode", "pixels")
-        some = {name: values[rows] for name in each if (values := getattr(self, name)) is not None}
+        each = (
+            "q",
+            "x",
+            "orientation",
+            "covariance",
+            "rows",
+            "time",
+            "episode",
+            "pixels",
+        )
+        some = {
+            name: values[rows]
+            for name in each
+            if (values := getattr(self, name)) is not None
+        }
         names = tuple(np.array(self.pictures)[rows].tolist()) if self.pictures else ()
-        return replace(self, touch=self.touch and self.touch.take(rows), pictures=names, **some)
+        return replace(
+            self, touch=self.touch and self.touch.take(rows), pictures=names, **some
+        )
 
 
 def _width(x: Any) -> int:
@@ -204,13 +249,19 @@ def babble(
     ((1000, 2), (1000, 2))
     """
     if not isinstance(arm, Arm):
-        raise OptionError(f"arm {arm!r}: expected an arm, as `calib.load_arm` returns it")
+        raise OptionError(
+            f"arm {arm!r}: expected an arm, as `calib.load_arm` returns it"
+        )
     n = whole("samples", n, 1, 10_000_000)
     seed = whole("seed", seed, 0, 2**63 - 1)
     if ranges:
         arm = arm.with_range(dict(ranges))
     simulation = Simulation(arm, noise=noise, changes=parse_changes(changes))
-    joints, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    joints, sensor = (
+        np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2)
+    )
     q = simulation.draw(n, joints)
     known = arm.joint_names, arm.lower, arm.upper, arm.revolute
-    return Samples(q, simulation.measure(q, sensor), *known, simulation=simulation, arm=arm)
+    return Samples(
+        q, simulation.measure(q, sensor), *known, simulation=simulation, arm=arm
+    )

@@ -13,7 +13,9 @@ COLUMN = "sensor"
 """Column that says which sensor measured a row."""
 
 
-def sources_by_sensor(paths: Sequence[str | os.PathLike[str] | Source]) -> dict[str, Source]:
+def sources_by_sensor(
+    paths: Sequence[str | os.PathLike[str] | Source],
+) -> dict[str, Source]:
     """Return a table for each sensor, by its name.
 
     A sensor is named by the column `sensor`; where there is none, by its file's name, or not at all

@@ -86,11 +86,15 @@ def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
             f"change {text!r} is not WHO.WHAT=VALUE such as elbow.length=+20%; choices: {_CHOICES}"
         )
     form, possible = rules[what]
-    relative = value[0] in "+-" and value.endswith("%") and what in ("length", "gear", "scale")
+    relative = (
+        value[0] in "+-" and value.endswith("%") and what in ("length", "gear", "scale")
+    )
     try:
         values = _values(what, value, relative)
         pair = part == "tip" or what in ("shift", "mirror")
-        if len(values) != 1 + pair or not all(abs(v) < LARGEST and possible(v) for v in values):
+        if len(values) != 1 + pair or not all(
+            abs(v) < LARGEST and possible(v) for v in values
+        ):
             raise ValueError(value)
     except (KeyError, ValueError):
         raise OptionError(f"change {text!r}: expected a value such as {form}") from None
@@ -106,10 +110,14 @@ def parse_changes(
     """Read several changes; the same thing changed twice is refused. See `parse_change`."""
     parsed: dict[tuple[str, str], Change] = {}
     for item in (changes,) if isinstance(changes, str) else changes:
-        change = item if isinstance(item, Change) else parse_change(item, degrees=degrees)
+        change = (
+            item if isinstance(item, Change) else parse_change(item, degrees=degrees)
+        )
         before = parsed.setdefault((change.part, change.what), change)
         if before is not change:
-            raise OptionError(f"change {change} comes after {before}: give one of the two")
+            raise OptionError(
+                f"change {change} comes after {before}: give one of the two"
+            )
     return tuple(parsed.values())
 
 
@@ -147,16 +155,22 @@ class Simulation:
 
     def __post_init__(self) -> None:
         noise = self.noise
-        number = isinstance(noise, (int, float, np.number)) and not isinstance(noise, bool)
+        number = isinstance(noise, (int, float, np.number)) and not isinstance(
+            noise, bool
+        )
         if not number or not 0.0 <= noise < LARGEST:
-            raise OptionError(f"noise is {noise!r}, expected zero or more, below {LARGEST:g} [m]")
+            raise OptionError(
+                f"noise is {noise!r}, expected zero or more, below {LARGEST:g} [m]"
+            )
         object.__setattr__(self, "noise", float(noise))
         object.__setattr__(self, "changes", parse_changes(self.changes))
         names = self.arm.joint_names
         for change in self.changes:
             if change.part not in (*names, *_RULES):
                 choices = f"choices: {', '.join(names)}, sensor, tip"
-                raise OptionError(f"change {str(change)!r}: no joint {change.part!r}; {choices}")
+                raise OptionError(
+                    f"change {str(change)!r}: no joint {change.part!r}; {choices}"
+                )
             planar = change.part in _RULES and change.what not in _IN_SPACE
             if planar and self.arm.outputs == 3:
                 raise OptionError(
@@ -181,7 +195,9 @@ class Simulation:
         """Draw what the encoders read (n, dof) [rad or m], uniformly from the arm's range."""
         low = np.asarray(self.arm.lower)
         high = np.asarray(self.arm.upper)
-        return np.clip(rng.uniform(low, high, size=(n, len(low))), low, high)  # it may round up
+        return np.clip(
+            rng.uniform(low, high, size=(n, len(low))), low, high
+        )  # it may round up
 
     def exact(self, q: ArrayLike) -> Array:
         """Return what the sensor would read without noise, backlash and outliers.
@@ -228,7 +244,10 @@ class Simulation:
 
     def to_json(self) -> dict[str, Any]:
         """Return the noise and the changes as plain data; the arm is stored elsewhere."""
-        return {"noise": self.noise, "changes": [change.text for change in self.changes]}
+        return {
+            "noise": self.noise,
+            "changes": [change.text for change in self.changes],
+        }
 
     @classmethod
     def from_json(cls, arm: Arm, data: Mapping[str, Any]) -> Simulation:

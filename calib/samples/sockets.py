@@ -39,7 +39,10 @@ class Known:
             apart = own[0] - own[1]
             length = max(float(np.linalg.norm(apart)), 1e-12)
             slope = np.zeros((1, len(places), 3))
-            slope[0, self.points[0]], slope[0, self.points[1]] = apart / length, -apart / length
+            slope[0, self.points[0]], slope[0, self.points[1]] = (
+                apart / length,
+                -apart / length,
+            )
             return np.array([length - self.value]), slope
         centred = own - own.mean(axis=0)
         *_, axes = np.linalg.svd(centred)
@@ -55,7 +58,9 @@ class Known:
 class Touches:
     """Which socket each row touched, and what is known of the sockets."""
 
-    number: NDArray[np.intp]  # (n,), of the socket; -1 where a sensor measured the tip instead
+    number: NDArray[
+        np.intp
+    ]  # (n,), of the socket; -1 where a sensor measured the tip instead
     sockets: tuple[tuple[str, str], ...]  # setup and point of each number
     known: tuple[Known, ...] = ()
 
@@ -75,7 +80,9 @@ class Touches:
         off = np.linalg.norm(x - self.means(x, np.median)[self.number], axis=1)
         return np.where(self.number >= 0, off, 0.0)
 
-    def renumbered(self) -> tuple[NDArray[np.intp], tuple[Known, ...], NDArray[np.intp]]:
+    def renumbered(
+        self,
+    ) -> tuple[NDArray[np.intp], tuple[Known, ...], NDArray[np.intp]]:
         """Numbers of the sockets that some row touched, what is known of these, and which."""
         own = np.unique(self.number[self.number >= 0])
         place = {int(old): new for new, old in enumerate(own)}
@@ -93,16 +100,24 @@ class Touches:
         usual = np.median(off[touched]) if touched.any() else 0.0
         return np.asarray(touched & (off > STRAY * usual))
 
-    def stated(self, distances: Sequence[str] = (), planes: Sequence[str] = ()) -> Touches:
+    def stated(
+        self, distances: Sequence[str] = (), planes: Sequence[str] = ()
+    ) -> Touches:
         """With what was typed of them, such as `A,B=50mm+-0.1mm` and `A,B,C,D`.
 
         It holds in each setup that has these points.  Raises OptionError if none has.
         """
         facts = [(text, *_distance(text)) for text in distances]
-        facts += [(text, [name.strip() for name in text.split(",")], None, 0.0) for text in planes]
+        facts += [
+            (text, [name.strip() for name in text.split(",")], None, 0.0)
+            for text in planes
+        ]
         known = list(self.known)
         for text, names, value, tolerance in facts:
-            setups = [[(s, name) for name in names] for s in sorted({s for s, _ in self.sockets})]
+            setups = [
+                [(s, name) for name in names]
+                for s in sorted({s for s, _ in self.sockets})
+            ]
             found = [some for some in setups if {*some} <= {*self.sockets}]
             if not found or (value is None and len(names) < 4):
                 points = listed(sorted({point for _, point in self.sockets}))
@@ -117,7 +132,9 @@ class Touches:
 def _distance(text: str) -> tuple[list[str], float | None, float]:
     """Read `A,B=50mm` or `A,B=50mm+-0.1mm`: the points, their distance and its sd [m]."""
     number = r"([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(mm|cm|m|in)"
-    match = re.fullmatch(rf"(.+),(.+)=\s*{number}\s*(?:(?:\+-|±)\s*{number}\s*)?", text.strip())
+    match = re.fullmatch(
+        rf"(.+),(.+)=\s*{number}\s*(?:(?:\+-|±)\s*{number}\s*)?", text.strip()
+    )
     with suppress(ValueError):  # of 1.2.3
         if match is not None:
             value = float(match[3]) / METRES[match[4]]

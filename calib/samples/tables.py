@@ -53,7 +53,9 @@ class Source:
     header: tuple[str, ...]
     rows: pl.LazyFrame  # with their numbers as `ROW`
     about: Mapping[str, Any]  # what the file says of all its rows; see `write_table`
-    text: bool = False  # whether it is a CSV file, whose blank lines at the end are no rows
+    text: bool = (
+        False  # whether it is a CSV file, whose blank lines at the end are no rows
+    )
 
     @property
     def unit(self) -> str | None:
@@ -69,7 +71,9 @@ class Source:
             total = int(self.rows.select(pl.len()).collect(engine="streaming").item())
         if total <= most:
             return self, total
-        some = 1 + np.sort(np.random.default_rng(seed).choice(total, most, replace=False))
+        some = 1 + np.sort(
+            np.random.default_rng(seed).choice(total, most, replace=False)
+        )
         # a join would hold the whole file: of 5 million rows of nine columns 1.0 GB, this .4
         drawn = pl.col(ROW).is_in(pl.Series(some.astype(np.uint32)).implode())
         return replace(self, rows=self.rows.filter(drawn)), total
@@ -94,18 +98,31 @@ class Source:
             if isinstance(kind, pl.String):
                 columns[name] = columns[name].str.strip_chars()
             elif not (kind.is_numeric() or isinstance(kind, pl.Null)):
-                raise LogError(f"{self.label}, column {name!r} holds {kind}, expected numbers")
+                raise LogError(
+                    f"{self.label}, column {name!r} holds {kind}, expected numbers"
+                )
         # not as text: Polars would hold the whole file for some cells of it
-        cast = (cell.cast(pl.Float64, strict=False).alias(n) for n, cell in columns.items())
+        cast = (
+            cell.cast(pl.Float64, strict=False).alias(n) for n, cell in columns.items()
+        )
         table = self._collected([cell.fill_null(float("nan")) for cell in cast])
-        values = table.select(names).to_numpy(order="c").astype(np.float64).reshape(-1, len(names))
+        values = (
+            table.select(names)
+            .to_numpy(order="c")
+            .astype(np.float64)
+            .reshape(-1, len(names))
+        )
         return values, table[ROW].to_numpy().astype(np.intp)
 
     def _collected(self, columns: Sequence[pl.Expr]) -> pl.DataFrame:
         """Some columns and `ROW`, without blank lines at the end of a CSV file."""
         import polars as pl
 
-        blank = pl.all_horizontal(pl.exclude(ROW).is_null()) if self.text else pl.lit(value=False)
+        blank = (
+            pl.all_horizontal(pl.exclude(ROW).is_null())
+            if self.text
+            else pl.lit(value=False)
+        )
         with _told(self.label):
             rows = self.rows.select(ROW, *columns, blank.alias("\0blank"))
             found = rows.collect(engine="streaming").sort(ROW)
@@ -126,7 +143,9 @@ class Source:
                 value=name,
             )
         if f"{name}_duplicated_0" in self.header:  # as Polars names it
-            raise LogError(f"{self.label} has several columns {quoted(name)}: rename all but one")
+            raise LogError(
+                f"{self.label} has several columns {quoted(name)}: rename all but one"
+            )
         return pl.col(name)
 
 
@@ -147,9 +166,15 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     try:
         if file.is_dir() or (file.exists() and file.suffix.lower() in RECORDINGS):
             hint = f"of a bag, pictures or a video make a log: calib log {label} -o log.csv"
-            raise LogError(f"{label} is no table: expected a CSV or Parquet file", hint=hint)
+            raise LogError(
+                f"{label} is no table: expected a CSV or Parquet file", hint=hint
+            )
         content = _content(file)
-        with file.open("rb") if isinstance(content, Path) else io.BytesIO(content) as opened:
+        with (
+            file.open("rb")
+            if isinstance(content, Path)
+            else io.BytesIO(content) as opened
+        ):
             head = opened.read(1 << 16)
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
@@ -161,7 +186,9 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     if lines and lines[0].startswith(COMMENT):
         about = lines.pop(0).removeprefix(COMMENT)
     if not lines:
-        raise LogError(f"{label} is empty: expected a header with the names of the columns")
+        raise LogError(
+            f"{label} is empty: expected a header with the names of the columns"
+        )
     with _told(label):
         if text:
             rows = pl.scan_csv(
@@ -170,13 +197,19 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
                 comment_prefix=COMMENT,
                 infer_schema=False,
                 glob=False,
-                with_column_names=lambda names: [n.strip().replace('""', '"') for n in names],
+                with_column_names=lambda names: [
+                    n.strip().replace('""', '"') for n in names
+                ],
             )
         else:
             rows = pl.scan_parquet(content, glob=False)
             about = pl.read_parquet_metadata(content).get(KEY, "")
-        suffixed = [name for name in rows.collect_schema() if name.endswith(_POSITION_SUFFIX)]
-        rows = rows.rename({name: name.removesuffix(_POSITION_SUFFIX) for name in suffixed})
+        suffixed = [
+            name for name in rows.collect_schema() if name.endswith(_POSITION_SUFFIX)
+        ]
+        rows = rows.rename(
+            {name: name.removesuffix(_POSITION_SUFFIX) for name in suffixed}
+        )
         header = tuple(rows.collect_schema())
     try:
         said = json.loads(about or "{}")
@@ -217,12 +250,18 @@ class Batch:
     # (n, k), the columns asked for as `names`; NaN throughout a row that has no number for each
     values: Array
     names: tuple[str, ...]
-    invalid: tuple[int, ...]  # numbers of the rows that are NaN; 1 is the first below the header
+    invalid: tuple[
+        int, ...
+    ]  # numbers of the rows that are NaN; 1 is the first below the header
     table: pl.DataFrame  # all columns in their order, those asked for by their `names`
 
     def answered(self, added: Mapping[str, ArrayLike]) -> dict[str, Any]:
         """Return the table's columns in their places, answers in place or behind them."""
-        old = [name for name in added if name in self.table.columns and name not in self.names]
+        old = [
+            name
+            for name in added
+            if name in self.table.columns and name not in self.names
+        ]
         mine = dict(zip(self.names, self.values.T, strict=True))
         return {**self.table.drop(old).to_dict(), **mine, **added}
 
@@ -232,7 +271,9 @@ class Batch:
 
     def notes(self, added: Sequence[str]) -> list[str]:
         """Say how many columns go along."""
-        kept = [name for name in self.table.columns if name not in (*self.names, *added)]
+        kept = [
+            name for name in self.table.columns if name not in (*self.names, *added)
+        ]
         words = f"other column{'s' * (len(kept) > 1)} copied to the output unchanged"
         return [f"{len(kept)} {words}: {listed(kept)}"] if kept else []
 
@@ -252,7 +293,9 @@ def read_batch(
 
     source = open_source(path)
     called = dict(columns or {})
-    there = [g for g in more if {called.get(name, name) for name in g} <= {*source.header}]
+    there = [
+        g for g in more if {called.get(name, name) for name in g} <= {*source.header}
+    ]
     names = (*names, *(name for group in there for name in group))
     held = {called.get(name, name): name for name in names}
     rest = [name for name in source.header if name in held or name not in names]
@@ -278,7 +321,9 @@ def write_table(
     """
     import polars as pl
 
-    series = {k: v if isinstance(v, pl.Series) else np.asarray(v) for k, v in columns.items()}
+    series = {
+        k: v if isinstance(v, pl.Series) else np.asarray(v) for k, v in columns.items()
+    }
     frame = pl.DataFrame(series)
     told = json.dumps(about, sort_keys=True) if about else ""
     if Path(path).suffix.lower() in PARQUET:
@@ -288,7 +333,9 @@ def write_table(
         atomic_write(path, content.getvalue())
         return
     # Polars spells it "NaN" otherwise
-    text = frame.with_columns(pl.col(pl.Float64).fill_nan(None)).write_csv(null_value="nan")
+    text = frame.with_columns(pl.col(pl.Float64).fill_nan(None)).write_csv(
+        null_value="nan"
+    )
     text = f"{COMMENT}{told}\n{text}" if told else text
     if os.fspath(path) == "-":
         if sys.stdout.isatty():  # a column may have a name that a terminal would obey

@@ -41,12 +41,16 @@ def read_touches(
     Raises LogError if there are no rows, the robot moves in a plane, or the joints are in degrees.
     """
     if arm is not None and arm.outputs != 3:
-        raise LogError(f"{source.label} holds touches: expected a robot that moves in space")
+        raise LogError(
+            f"{source.label} holds touches: expected a robot that moves in space"
+        )
     names = joint_names(source, arm, joints)
     revolute = arm.revolute if arm is not None else (True,) * len(names)
     q, rows = source.numbers([called.get(name, name) for name in names])
     q = np.where(revolute, np.deg2rad(q), q) if degrees else q
-    texts, axes = ([called.get(n, n) for n in some] for some in (("setup", "point"), POSITION))
+    texts, axes = (
+        [called.get(n, n) for n in some] for some in (("setup", "point"), POSITION)
+    )
     table = source.read([name for name in texts if name in source.header]).fill_null("")
     told = [table[n] if n in table.columns else [""] * len(q) for n in texts]
     pairs = [(str(setup), str(point)) for setup, point in zip(*told, strict=True)]
@@ -68,21 +72,32 @@ def read_touches(
         lower = np.minimum(arm.lower, lower)
         upper = np.maximum(arm.upper, upper)
     sockets = tuple(sorted({pairs[k] for k in np.flatnonzero(good & touched)}))
-    number = np.array([sockets.index(p) if p in sockets else -1 for p in pairs], dtype=np.intp)
+    number = np.array(
+        [sockets.index(p) if p in sockets else -1 for p in pairs], dtype=np.intp
+    )
     q = q[good]
     stated = stated[good]
     number = number[good]
     spots = [stated[number == k][0] for k in range(len(sockets))]
-    known = tuple(  # distances of points whose coordinates are stated, within each setup
-        Known((i, j), float(np.linalg.norm(spots[i] - spots[j])))
-        for i, j in combinations(range(len(sockets)), 2)
-        if sockets[i][0] == sockets[j][0] and np.isfinite([spots[i], spots[j]]).all()
+    known = (
+        tuple(  # distances of points whose coordinates are stated, within each setup
+            Known((i, j), float(np.linalg.norm(spots[i] - spots[j])))
+            for i, j in combinations(range(len(sockets)), 2)
+            if sockets[i][0] == sockets[j][0]
+            and np.isfinite([spots[i], spots[j]]).all()
+        )
     )
     touches = Touches(number, sockets, known)
-    few = [" ".join(s).strip() for k, s in enumerate(sockets) if (number == k).sum() < _LEAST]
+    few = [
+        " ".join(s).strip()
+        for k, s in enumerate(sockets)
+        if (number == k).sum() < _LEAST
+    ]
     notes = [f"fewer than {_LEAST} postures touch {listed(few)}"] if few else []
     if len(sockets) == 1:
-        notes.append("one socket tells little of the arm elsewhere: touch another, far from it")
+        notes.append(
+            "one socket tells little of the arm elsewhere: touch another, far from it"
+        )
     x = np.zeros((len(q), 3)) if arm is None else touches.means(arm.forward(q))[number]
     x = np.where((number >= 0)[:, None], x, stated)
     return Samples(

@@ -29,7 +29,9 @@ def screen(samples: Samples) -> tuple[Mask, list[str]]:
     """
     n = len(samples)
     kinds = samples.revolute
-    rows = np.random.default_rng(0).choice(n, min(n, settings.FITTED_ROWS), replace=False)
+    rows = np.random.default_rng(0).choice(
+        n, min(n, settings.FITTED_ROWS), replace=False
+    )
     terms = int(np.prod([3 if turns else 2 for turns in kinds]))
 
     def features(q: Array) -> Array:
@@ -37,9 +39,14 @@ def screen(samples: Samples) -> tuple[Mask, list[str]]:
             np.stack([v**0, np.cos(v), np.sin(v)] if turns else [v**0, v], axis=1)
             for v, turns in zip(q.T, kinds, strict=True)
         ]
-        return reduce(lambda a, b: (a[:, :, None] * b[:, None]).reshape(len(q), -1), parts)
+        return reduce(
+            lambda a, b: (a[:, :, None] * b[:, None]).reshape(len(q), -1), parts
+        )
 
-    if settings.ROWS_PER_TERM * terms <= min(samples.poses, len(rows)) and terms <= settings.TERMS:
+    if (
+        settings.ROWS_PER_TERM * terms <= min(samples.poses, len(rows))
+        and terms <= settings.TERMS
+    ):
         coefficients = robust_solve(features(samples.q[rows]), samples.x[rows])
         pieces = np.array_split(samples.q, 1 + n // 50_000)  # that are held at once
         predicted = np.concatenate([features(q) @ coefficients for q in pieces])
@@ -70,7 +77,9 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     u = scale.to_unit(samples.q)
     around = min(settings.AROUND, len(samples) - 1)
-    tree = cKDTree(u, boxsize=scale.periodic.astype(float) if scale.periodic.any() else None)
+    tree = cKDTree(
+        u, boxsize=scale.periodic.astype(float) if scale.periodic.any() else None
+    )
     some = thinned(len(u), settings.FITTED_ROWS)
     usual = float(np.median(tree.query(u[some], k=[around + 1])[0]))
     reach, near = map(np.asarray, tree.query(u[suspects], k=np.arange(1, around + 2)))

@@ -81,7 +81,9 @@ def causes_of(model: Model) -> list[Cause]:
         if len(waves) and away[waves].any():
             effect = float(np.linalg.norm(columns[:, waves] @ away[waves]))
             value = float(np.linalg.norm(away[waves])) / 2**0.5
-            causes.append(Cause(f"{joint}: error curve, rms", value, 0.0, "rad", effect, True))
+            causes.append(
+                Cause(f"{joint}: error curve, rms", value, 0.0, "rad", effect, True)
+            )
     return sorted(causes, key=lambda cause: -cause.effect)
 
 

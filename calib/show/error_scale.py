@@ -24,7 +24,9 @@ class ErrorScale:
     high: float
     log: bool
     unit: str
-    empty: bool = False  # whether all errors are rounding, so that there is nothing to tell apart
+    empty: bool = (
+        False  # whether all errors are rounding, so that there is nothing to tell apart
+    )
 
     @staticmethod
     def of(errors: Array, unit: str, extent: float) -> ErrorScale:
@@ -51,7 +53,11 @@ class ErrorScale:
     def ticks(self, count: int = 3) -> list[tuple[float, str]]:
         """Places and words of some ticks, in one unit; a single one where all is rounding."""
         if self.empty:
-            few = "below 1 nm" if self.unit == "m" else f"below {self.high:.2g} {self.unit}"
+            few = (
+                "below 1 nm"
+                if self.unit == "m"
+                else f"below {self.high:.2g} {self.unit}"
+            )
             return [(0.0, f"{few} everywhere")]
         places = np.linspace(0.0, 1.0, count)
         between = np.geomspace if self.log else np.linspace
@@ -98,5 +104,7 @@ def colours(share: Array) -> NDArray[np.uint8]:
     """Colours (n, 3) of places (n,) on a scale from 0 to 1; NaN is grey."""
     *stops, grey = (list(bytes.fromhex(colour[1:])) for colour in (*STOPS, UNKNOWN))
     at = np.linspace(0.0, 1.0, len(stops))
-    mixed = np.stack([np.interp(share, at, part) for part in np.array(stops).T], axis=-1)
+    mixed = np.stack(
+        [np.interp(share, at, part) for part in np.array(stops).T], axis=-1
+    )
     return np.round(np.where(np.isfinite(share)[:, None], mixed, grey)).astype(np.uint8)

@@ -16,7 +16,9 @@ from ..training.evaluate import evaluate, simulation_of
 from .settings import AMOUNTS
 
 _BLOCKS = 10
-_STUDENT_95 = 2.26  # half-width of a 95 % interval of the mean of ten blocks, in standard errors
+_STUDENT_95 = (
+    2.26  # half-width of a 95 % interval of the mean of ten blocks, in standard errors
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +83,9 @@ def _rows_of_training(model: Model) -> JudgedRows | None:
         x = simulation.true(q, rng)
         predicted = model.forward(q)
         noise = simulation.noise * rng.standard_normal(x.shape)
-        return JudgedRows(q, x, x - predicted, x + noise - predicted, "fresh exact samples")
+        return JudgedRows(
+            q, x, x - predicted, x + noise - predicted, "fresh exact samples"
+        )
     if model.rows is None:
         return None
     learned = model.rows.x - model.forward(model.rows.q)
@@ -136,7 +140,9 @@ def frame_of(model: Model) -> Index:
     """Indices of the parameters of a model's body that are not the arm's: sensor and tool."""
     assert model.body is not None  # noqa: S101 - who asks has one
     labels = model.body.structure.labels
-    frame = [k for k in model.body.active if labels[k].group.startswith(("view.", "tool"))]
+    frame = [
+        k for k in model.body.active if labels[k].group.startswith(("view.", "tool"))
+    ]
     return np.array(frame, dtype=np.intp)
 
 
@@ -160,7 +166,9 @@ def _bar(name: str, errors: Array) -> Bar:
     """The mean distance of errors (n, m), its interval from contiguous blocks of rows."""
     distance = np.linalg.norm(errors, axis=1)
     mean = float(distance.mean())
-    blocks = [block.mean() for block in np.array_split(distance, min(_BLOCKS, len(distance)))]
+    blocks = [
+        block.mean() for block in np.array_split(distance, min(_BLOCKS, len(distance)))
+    ]
     half = 0.0
     if len(blocks) > 1:
         half = _STUDENT_95 * float(np.std(blocks, ddof=1)) / len(blocks) ** 0.5

@@ -43,7 +43,9 @@ class Robot:
         for row in np.atleast_2d(np.asarray(q, dtype=float)).tolist():
             values = {**self.about.locked, **dict(zip(names, row, strict=True))}
             postures.append(posture_of(self.urdf, values).frames)
-        return {link: np.stack([frames[link] for frames in postures]) for link in self.links}
+        return {
+            link: np.stack([frames[link] for frames in postures]) for link in self.links
+        }
 
     def tips(self, q: ArrayLike) -> Array:
         """Position (n, 3) of the tip in the root's frame [m]."""

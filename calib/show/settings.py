@@ -34,13 +34,23 @@ class Limits:
 
     same: float = 0.03  # of a column's size: with less of its own, it is told by others
     small: float = 0.01  # of the largest effect: causes with less are not drawn
-    lever: float = 0.3  # of a joint's longest lever: with less, a row says little of the joint
+    lever: float = (
+        0.3  # of a joint's longest lever: with less, a row says little of the joint
+    )
     arrow: float = 0.08  # of the picture's width, the longest arrows
-    long_edge: float = 5.0  # of the median edge: longer ones cross what the arm does not reach
-    few_rows: float = 1.5  # of the learned errors: with more when held out, rows help most
-    missed: float = 0.15  # of the rows beyond a 95 % bound, and by chance two: it does not hold
+    long_edge: float = (
+        5.0  # of the median edge: longer ones cross what the arm does not reach
+    )
+    few_rows: float = (
+        1.5  # of the learned errors: with more when held out, rows help most
+    )
+    missed: float = (
+        0.15  # of the rows beyond a 95 % bound, and by chance two: it does not hold
+    )
     chance: int = 2  # rows
-    logarithmic: float = 20.0  # of the smallest error: beyond it the scale is logarithmic
+    logarithmic: float = (
+        20.0  # of the smallest error: beyond it the scale is logarithmic
+    )
     thin: float = 0.05  # of the median density: a field ends where it is less
 
 

@@ -63,7 +63,9 @@ def things_of(model: Model) -> list[Thing]:
     return [Thing(SENSOR, axes, _FRAME, frame)]
 
 
-def _hand_eye(model: Model, source: Mapping[str, Any], frame: Array, size: float) -> list[Thing]:
+def _hand_eye(
+    model: Model, source: Mapping[str, Any], frame: Array, size: float
+) -> list[Thing]:
     """Camera and board: the one stands still, the other is carried."""
     body: Any = model.body
     structure = body.structure
@@ -74,18 +76,28 @@ def _hand_eye(model: Model, source: Mapping[str, Any], frame: Array, size: float
     q = np.zeros((1, structure.dof))
     (tool,), (turn,) = base.pose(q, body.beta)
     (tip,), (flange,) = base.pose(q, bare)
-    carried = _frame(flange.T @ turn, flange.T @ (tool - turn @ np.array(source["point"]) - tip))
+    carried = _frame(
+        flange.T @ turn, flange.T @ (tool - turn @ np.array(source["point"]) - tip)
+    )
     in_hand = source["eye"] == "hand"
     lens = source["lens"]
     camera_frame = carried if in_hand else frame
     focal = float(np.mean(lens["focal"]))
     camera = _camera("camera", lens["size"], focal, size, camera_frame, carried=in_hand)
-    board = _board(str(source["board"]), frame if in_hand else carried, carried=not in_hand)
+    board = _board(
+        str(source["board"]), frame if in_hand else carried, carried=not in_hand
+    )
     return [camera] if board is None else [camera, board]
 
 
 def _camera(
-    name: str, picture: Any, focal: float, size: float, frame: Array, *, carried: bool = False
+    name: str,
+    picture: Any,
+    focal: float,
+    size: float,
+    frame: Array,
+    *,
+    carried: bool = False,
 ) -> Thing:
     """A camera as a frustum with the lens's angle, `size` [m] deep."""
     width, height = (0.5 * size * float(side) / focal for side in picture)
@@ -102,7 +114,9 @@ def _board(words: str, frame: Array, *, carried: bool) -> Thing | None:
     square = float(match[3]) * _UNITS[match[4]]
     width = int(match[1]) * square
     height = int(match[2]) * square
-    points = np.array([[0, 0, 0], [width, 0, 0], [width, height, 0], [0, height, 0]], dtype=float)
+    points = np.array(
+        [[0, 0, 0], [width, 0, 0], [width, height, 0], [0, height, 0]], dtype=float
+    )
     return Thing("board", points, _RING, frame, carried, _FACE)
 
 

@@ -31,7 +31,9 @@ def node_errors(model: Model) -> tuple[Array, Array]:
     # bounds of nodes without samples are extrapolated: they take no part
     weight = np.asarray(model.links.T @ model.visited.astype(float))
     total = np.asarray(model.links.T @ np.nan_to_num(motor))
-    return motor, np.where(weight > 0, total / np.where(weight > 0, weight, 1.0), np.nan)
+    return motor, np.where(
+        weight > 0, total / np.where(weight > 0, weight, 1.0), np.nan
+    )
 
 
 def drawn_edges(part: Map) -> NDArray[np.intp]:

@@ -16,7 +16,9 @@ from ..samples.simulation import Simulation
 from .learn import UNFOLD
 from .smooth import SmoothPart
 
-_ROUNDING = 4e-15  # share of the extent: what an answer in double precision is sure of at best
+_ROUNDING = (
+    4e-15  # share of the extent: what an answer in double precision is sure of at best
+)
 _DRAWN = 12_000  # exact samples that the bounds of a simulation are learned from
 # rows that play is learned from
 _LEAST = 20
@@ -47,7 +49,10 @@ def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
 
 
 def simulated_bounds(
-    model: Model, simulation: Simulation, play: Array | None, seed: np.random.SeedSequence
+    model: Model,
+    simulation: Simulation,
+    play: Array | None,
+    seed: np.random.SeedSequence,
 ) -> tuple[Array, Array, Array]:
     """Bounds (nodes,) by exact samples that are neither learned nor tested, and these samples.
 
@@ -82,8 +87,12 @@ def play_of(samples: Samples, part: SmoothPart) -> Array | None:
     # a joint near a limit mostly came from one side: its curve has taken that part already
     surprise = np.empty_like(side)
     for k, v in enumerate(u.T):
-        powers = np.polynomial.chebyshev.chebvander(2.0 * np.clip(v, 0.0, 1.0) - 1.0, _TREND)
-        surprise[:, k] = side[:, k] - powers @ np.linalg.lstsq(powers, side[:, k], rcond=None)[0]
+        powers = np.polynomial.chebyshev.chebvander(
+            2.0 * np.clip(v, 0.0, 1.0) - 1.0, _TREND
+        )
+        surprise[:, k] = (
+            side[:, k] - powers @ np.linalg.lstsq(powers, side[:, k], rcond=None)[0]
+        )
     return learn_play(samples.x[rows] - value, slope / scale.span, surprise)
 
 
@@ -91,7 +100,9 @@ def play_words(samples: Samples, play: Array) -> str:
     """One line about the backlash that the order of the rows shows."""
     backlash = [
         f"{name} {np.degrees(2 * h):.3g} deg" if turns else f"{name} {2 * h:.3g} m"
-        for name, h, turns in zip(samples.joint_names, play, samples.revolute, strict=True)
+        for name, h, turns in zip(
+            samples.joint_names, play, samples.revolute, strict=True
+        )
         if h > 0.0
     ]
     return (

@@ -54,8 +54,12 @@ class Residuals:
     distance: dict[str, Array]
     joint_names: tuple[str, ...]
     left_out: int = 0  # rows that lie outside of what was learned
-    turned: Array | None = None  # (n,) [rad], errors of the orientation, which the body predicts
-    side: Array | None = None  # (n, dof), from which side joints came, where that is known
+    turned: Array | None = (
+        None  # (n,) [rad], errors of the orientation, which the body predicts
+    )
+    side: Array | None = (
+        None  # (n, dof), from which side joints came, where that is known
+    )
 
     @staticmethod
     def of(
@@ -78,8 +82,12 @@ class Residuals:
         inverse = {r: scale.difference(a, u) * scale.span for r, a in answers.items()}
         there = x if truth is not None else value(u)
         lead = value if truth is None else lambda a: truth(scale.from_unit(a))
-        distance = {r: np.linalg.norm(lead(a) - there, axis=1) for r, a in answers.items()}
-        return Residuals(q, x, forward, inverse, distance, model.about.joint_names, **told)
+        distance = {
+            r: np.linalg.norm(lead(a) - there, axis=1) for r, a in answers.items()
+        }
+        return Residuals(
+            q, x, forward, inverse, distance, model.about.joint_names, **told
+        )
 
     @property
     def errors(self) -> dict[str, Array]:
@@ -171,10 +179,14 @@ def summarise(residuals: Residuals) -> dict[str, Any]:
     """Mean, largest and 99th percentile of the absolute errors, per readout and direction."""
     table: dict[str, Any] = {}
     for readout, gap in residuals.forward.items():
-        forward = dict(zip("xyz", gap.T, strict=False)) | {"distance": np.linalg.norm(gap, axis=1)}
+        forward = dict(zip("xyz", gap.T, strict=False)) | {
+            "distance": np.linalg.norm(gap, axis=1)
+        }
         if residuals.turned is not None and readout in ("local", "body"):
             forward["orientation"] = residuals.turned
-        inverse = dict(zip(residuals.joint_names, residuals.inverse[readout].T, strict=True))
+        inverse = dict(
+            zip(residuals.joint_names, residuals.inverse[readout].T, strict=True)
+        )
         inverse["distance"] = residuals.distance[readout]
         table[readout] = {
             side: {name: error_sizes(error) for name, error in errors.items()}
@@ -244,11 +256,16 @@ class Evaluation:
 
     def __repr__(self) -> str:
         """Say in a line how well each readout predicts."""
-        means = (f"{r} {e['forward']['distance']['mean']:.3g}" for r, e in self.errors.items())
+        means = (
+            f"{r} {e['forward']['distance']['mean']:.3g}"
+            for r, e in self.errors.items()
+        )
         return f"Evaluation of {self.rows:,} {self.source}, mean distances: {', '.join(means)}"
 
 
-def evaluate(model: Model, samples: Samples | None = None, *, frame: str = "kept") -> Evaluation:
+def evaluate(
+    model: Model, samples: Samples | None = None, *, frame: str = "kept"
+) -> Evaluation:
     """Evaluate a model.
 
     Parameters
@@ -300,7 +317,9 @@ def evaluate(model: Model, samples: Samples | None = None, *, frame: str = "kept
             training = _of_training(model)
             left_out = training.left_out + rows_given - count
             return replace(training, notes=(note,), learned=count, left_out=left_out)
-        notes.append(f"{count} of these rows were learned by the model and tell nothing of it")
+        notes.append(
+            f"{count} of these rows were learned by the model and tell nothing of it"
+        )
         samples = samples.take(~learned)
         rows_given -= count
         source = "measured rows of the log that were not learned"
@@ -319,10 +338,14 @@ def _of_training(model: Model) -> Evaluation:
     """The errors on rows of its log that were held out while a model was trained."""
     about = model.about
     source = "rows held out in contiguous blocks"
-    return Evaluation(dict(about.errors), about.tested, about.left_out, source, dict(about.within))
+    return Evaluation(
+        dict(about.errors), about.tested, about.left_out, source, dict(about.within)
+    )
 
 
-def _evaluation(model: Model, residuals: Residuals, rows_given: int, source: str) -> Evaluation:
+def _evaluation(
+    model: Model, residuals: Residuals, rows_given: int, source: str
+) -> Evaluation:
     """The evaluation that residuals tell."""
     tested = len(residuals.q)
     return Evaluation(
@@ -341,17 +364,25 @@ def learned_rows(model: Model, samples: Samples) -> Mask:
     A reading has so many digits that no other row has the same.
     """
     rows = model.rows
-    if rows is None or samples.unit != model.about.unit or samples.x.shape[1] != rows.x.shape[1]:
+    if (
+        rows is None
+        or samples.unit != model.about.unit
+        or samples.x.shape[1] != rows.x.shape[1]
+    ):
         return np.zeros(len(samples), dtype=bool)
     readings = {reading.tobytes() for reading in rows.x}
     pose_is_learned = np.array([x.tobytes() in readings for x in at_poses(samples).x])
     learned = pose_is_learned[samples.pose_index]
     if model.about.samples > len(rows) and pose_is_learned.sum() > len(rows) // 2:
-        return np.ones(len(samples), dtype=bool)  # of a long log a model keeps some rows alone
+        return np.ones(
+            len(samples), dtype=bool
+        )  # of a long log a model keeps some rows alone
     return np.asarray(learned)
 
 
-def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, list[str]]:
+def _in_frame(
+    model: Model, samples: Samples, *, free: bool
+) -> tuple[Samples, list[str]]:
     """The log in the model's frame where `free`, and what is told of how its own frame moved."""
     tip = model.forward(samples.q)
     known = np.isfinite(tip).all(axis=1)
@@ -362,11 +393,15 @@ def _in_frame(model: Model, samples: Samples, *, free: bool) -> tuple[Samples, l
     turn, _, _ = similarity(x, tip)
     shift = np.median(tip - x @ turn.T, axis=0)
     moved = x @ turn.T + shift
-    before, after = (float(np.median(np.linalg.norm(each - tip, axis=1))) for each in (x, moved))
+    before, after = (
+        float(np.median(np.linalg.norm(each - tip, axis=1))) for each in (x, moved)
+    )
     if not free and after > _FAR_NEARER * before:
         return samples, []
     away = float(np.linalg.norm(x.mean(axis=0) - moved.mean(axis=0)))
-    angle = 2.0 * np.arcsin(min(1.0, float(np.linalg.norm(turn - np.eye(len(turn)))) / 8**0.5))
+    angle = 2.0 * np.arcsin(
+        min(1.0, float(np.linalg.norm(turn - np.eye(len(turn)))) / 8**0.5)
+    )
     factor, unit = for_people(samples.unit)
     found = (
         f"moved by {factor * away:.3g} {unit} and {np.degrees(angle):.2g} deg: rows are "
@@ -396,7 +431,9 @@ def _turned(model: Model, samples: Samples) -> Array | None:
 
 def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
     """Residuals on 10,000 true positions of the simulated arm that training never saw."""
-    return evaluate_residuals(model, *fresh_points(simulation, model.about.seed), simulation.exact)
+    return evaluate_residuals(
+        model, *fresh_points(simulation, model.about.seed), simulation.exact
+    )
 
 
 def fresh_points(simulation: Simulation, seed: int) -> tuple[Array, Array]:
@@ -413,5 +450,7 @@ def simulation_of(model: Model) -> Simulation | None:
         return None
     limits = zip(about.lower.tolist(), about.upper.tolist(), strict=True)
     ranges = dict(zip(about.joint_names, limits, strict=True))
-    arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked, ranges=ranges)
+    arm = arm_from_urdf(
+        about.urdf, about.joint_names, about.tip, lock=about.locked, ranges=ranges
+    )
     return Simulation.from_json(arm, about.simulation)

@@ -106,9 +106,14 @@ class TrainingOptions:
         if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
             raise OptionError(f"seed {seed!r}: expected a whole number, 0 or more")
         wiring_of(self.links)
-        for name, value, choices in (("body", self.body, BODIES), ("view", self.view, VIEWS)):
+        for name, value, choices in (
+            ("body", self.body, BODIES),
+            ("view", self.view, VIEWS),
+        ):
             if value not in choices:
-                raise OptionError(f"{name} {value!r}: expected one of {', '.join(choices)}")
+                raise OptionError(
+                    f"{name} {value!r}: expected one of {', '.join(choices)}"
+                )
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -118,7 +123,9 @@ class TrainingOptions:
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for a model file."""
-        data = {k: v for k, v in asdict(self).items() if k != "size"} | {"seed": int(self.seed)}
+        data = {k: v for k, v in asdict(self).items() if k != "size"} | {
+            "seed": int(self.seed)
+        }
         if callable(self.map):
             data["map"] = getattr(self.map, "__name__", "custom")
         return data
@@ -153,7 +160,14 @@ def associate(
     v = seen.to_unit(x)
     in_order = kind_of(network) == "som"
     motor_som, sensory_som = (
-        SOM(shape, network, options.rule, options.epochs, options.sigma, options.stream(name))
+        SOM(
+            shape,
+            network,
+            options.rule,
+            options.epochs,
+            options.sigma,
+            options.stream(name),
+        )
         for shape, name in zip(shapes, ("motor", "sensory"), strict=True)
     )
 
@@ -175,11 +189,15 @@ def associate(
         )
     for name, found in (("motor", motor), ("sensory", sensory)):
         if not found.spacing > _COLLAPSED:
-            raise OptionError(f"the {name} map did not unfold: its nodes collapsed", hint=UNFOLD)
+            raise OptionError(
+                f"the {name} map did not unfold: its nodes collapsed", hint=UNFOLD
+            )
     return Association.learn(motor, u, sensory, v, wiring_of(options.links))
 
 
-def resolved(samples: Samples, options: TrainingOptions) -> tuple[TrainingOptions, list[str]]:
+def resolved(
+    samples: Samples, options: TrainingOptions
+) -> tuple[TrainingOptions, list[str]]:
     """The options with the lattices and the map of these samples, and what the user is told."""
     options, notes = _with_sizes(samples, options)
     if options.map:
@@ -208,16 +226,22 @@ def _gas_over_lattice(samples: Samples, options: TrainingOptions) -> float:
         seen = np.setdiff1d(np.arange(len(samples)), held, assume_unique=True)
         for name in error:
             pair = associate(scale, u[seen], x[seen], replace(options, map=name))
-            error[name] += float(np.linalg.norm(pair.linear.value(u[held]) - x[held], axis=1).sum())
+            error[name] += float(
+                np.linalg.norm(pair.linear.value(u[held]) - x[held], axis=1).sum()
+            )
     return error["gas"] / max(error[LATTICE], 1e-300)
 
 
-def _with_sizes(samples: Samples, options: TrainingOptions) -> tuple[TrainingOptions, list[str]]:
+def _with_sizes(
+    samples: Samples, options: TrainingOptions
+) -> tuple[TrainingOptions, list[str]]:
     """The options with both lattices, and what the user is told."""
     notes = list[str]()
     dof = samples.dof
     width = samples.x.shape[1]
-    sizes = {name: getattr(options, name) for name in ("size", "motor_size", "sensory_size")}
+    sizes = {
+        name: getattr(options, name) for name in ("size", "motor_size", "sensory_size")
+    }
     given, motor, sensory = (
         None if size is None else shape_of(size, name) for name, size in sizes.items()
     )
@@ -225,12 +249,16 @@ def _with_sizes(samples: Samples, options: TrainingOptions) -> tuple[TrainingOpt
         rows = len(samples)
         least = _LEAST_SIDE[options.body != "none"]
         side = min(_SIDE, max(least, round(math.sqrt(rows / _ROWS_PER_NODE))))
-        notes = [f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others"]
+        notes = [
+            f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others"
+        ]
         given = (side, side)
     given = given or (_SIDE, _SIDE)
     plane = given if len(given) == 2 else (_SIDE, _SIDE)
     # as many nodes in a lattice of the joints' dimension, and in one of the space
-    motor = motor or (_of_dimension(dof, given) if len(given) == 2 and dof in (1, 3) else given)
+    motor = motor or (
+        _of_dimension(dof, given) if len(given) == 2 and dof in (1, 3) else given
+    )
     sensory = sensory or (_of_dimension(3, plane) if width == 3 else plane)
     for name, shape, most in (("motor", motor, dof), ("sensory", sensory, width)):
         if len(shape) > most:

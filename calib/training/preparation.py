@@ -29,7 +29,9 @@ class Prepared:
     rows_given: int  # rows of the log before any was left out
     notes: tuple[str, ...]
     part: SmoothPart | None = None
-    play: Array | None = None  # (dof,), half the play of each joint, which the samples are freed of
+    play: Array | None = (
+        None  # (dof,), half the play of each joint, which the samples are freed of
+    )
     readings: Samples | None = None  # of the same poses, each as often as it was read
 
 
@@ -64,7 +66,9 @@ def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
     return Prepared(at_poses(samples), rows_given, tuple(notes), part, play, samples)
 
 
-def prepare_several(logs: Mapping[str, Samples], options: TrainingOptions) -> dict[str, Prepared]:
+def prepare_several(
+    logs: Mapping[str, Samples], options: TrainingOptions
+) -> dict[str, Prepared]:
     """Prepare the log of each sensor by itself, then fit one body to all of them."""
     alone = {name: prepare(samples, options) for name, samples in logs.items()}
     plays = [prepared.play for prepared in alone.values() if prepared.play is not None]
@@ -82,7 +86,11 @@ def prepare_several(logs: Mapping[str, Samples], options: TrainingOptions) -> di
     for name, prepared in alone.items():
         part = _of_single_readings(parts[name], sound[name])
         fit_alone = prepared.part
-        notes = [note for note in prepared.notes if fit_alone and note not in fit_alone.fit.notes]
+        notes = [
+            note
+            for note in prepared.notes
+            if fit_alone and note not in fit_alone.fit.notes
+        ]
         notes += part.fit.notes
         together[name] = replace(
             prepared, samples=at_rest[name], part=part, play=play, notes=tuple(notes)
@@ -113,17 +121,23 @@ def without_play(samples: Samples, play: Array) -> Samples:
     return replace(samples, q=samples.q - play * directions(samples.q))
 
 
-def logs_by_sensor(logs: Sequence[Samples], options: TrainingOptions) -> dict[str, Samples]:
+def logs_by_sensor(
+    logs: Sequence[Samples], options: TrainingOptions
+) -> dict[str, Samples]:
     """Name the logs of several sensors by these; all get one range of the joints.
 
     Raises LogError or OptionError if they are not of one arm that several sensors measured.
     """
     if options.body == "none":
-        raise OptionError("several sensors share a body: expected `body='auto'`", parameter="body")
+        raise OptionError(
+            "several sensors share a body: expected `body='auto'`", parameter="body"
+        )
     first = logs[0]
     names = [log.sensor or f"sensor {k}" for k, log in enumerate(logs, start=1)]
     if len({*names}) < len(names):
-        raise LogError(f"sensors {', '.join(names)}: expected a name of its own for each log")
+        raise LogError(
+            f"sensors {', '.join(names)}: expected a name of its own for each log"
+        )
     for log in logs:
         if log.simulation is not None or log.touch is not None:
             raise LogError(

@@ -22,7 +22,9 @@ from .template import Template
 NO_ARM = 0.02
 """Share of the extent: a body that is further off explains nothing."""
 
-_LEARNED_ROWS = 50_000  # rows of a log that the smooth part and the local models rest on
+_LEARNED_ROWS = (
+    50_000  # rows of a log that the smooth part and the local models rest on
+)
 _IMAGINED = 5  # samples for each motor node
 
 
@@ -68,7 +70,8 @@ def find_smooth_parts(
         seed=seed,
     )
     return {
-        name: _smooth_part(logs[name], rows[name], templates[name], fits[name]) for name in logs
+        name: _smooth_part(logs[name], rows[name], templates[name], fits[name])
+        for name in logs
     }
 
 
@@ -76,12 +79,17 @@ def _learned_rows(samples: Samples) -> Index:
     return np.arange(0, len(samples), -(-len(samples) // _LEARNED_ROWS))
 
 
-def _smooth_part(samples: Samples, rows: Index, template: Template, found: BodyFit) -> SmoothPart:
+def _smooth_part(
+    samples: Samples, rows: Index, template: Template, found: BodyFit
+) -> SmoothPart:
     """The body of a fit, with notes on what its rows cannot tell."""
     q = samples.q[rows]
     x = samples.x[rows]
     travel = samples.upper - samples.lower
-    notes = [*warnings_of(q, samples.joint_names, samples.revolute, travel), *found.notes]
+    notes = [
+        *warnings_of(q, samples.joint_names, samples.revolute, travel),
+        *found.notes,
+    ]
     view = found.body.structure.view
     if is_camera(view):
         notes += doubtful_depth(found.body, q)

@@ -31,7 +31,9 @@ _MANY_TIMES = 30.0  # the stated noise of a log: such errors are no calibration'
 _ROWS = 4_000  # neighbouring rows that a delay rests on
 
 
-def fit_sound_rows(samples: Samples, fit: _Fit) -> tuple[Samples, SmoothPart, list[str]]:
+def fit_sound_rows(
+    samples: Samples, fit: _Fit
+) -> tuple[Samples, SmoothPart, list[str]]:
     """Fit samples; of a log without its delay and without the rows that contradict the others.
 
     fit : finds the smooth part of samples; called again where something was mended
@@ -47,7 +49,9 @@ def fit_sound_rows(samples: Samples, fit: _Fit) -> tuple[Samples, SmoothPart, li
         if shift and motion is None:  # poses beside the positions of others
             rows = np.arange(max(shift, 0), len(samples) + min(shift, 0))
             samples = replace(samples.take(rows), q=samples.q[rows - shift])
-            notes = [f"positions are moved by {-shift:+d} rows to those of their joints"]
+            notes = [
+                f"positions are moved by {-shift:+d} rows to those of their joints"
+            ]
         elif motion is not None:
             start = shift * motion.step
     part = fit(motion.moved(samples, start) if motion and start else samples)
@@ -75,8 +79,13 @@ def _other_order(samples: Samples, part: SmoothPart, fit: _Fit) -> list[str]:
     for order in itertools.permutations(range(dof)):
         k = list(order)
         names = tuple(samples.joint_names[j] for j in order)
-        told: dict[str, Any] = {name: getattr(some, name)[k] for name in ("lower", "upper")}
-        told |= {"joint_names": names, "revolute": tuple(some.revolute[j] for j in order)}
+        told: dict[str, Any] = {
+            name: getattr(some, name)[k] for name in ("lower", "upper")
+        }
+        told |= {
+            "joint_names": names,
+            "revolute": tuple(some.revolute[j] for j in order),
+        }
         tried[names] = fit(replace(some, q=some.q[:, k], **told)).error
     best = min(tried, key=lambda names: tried[names])
     if tried[best] >= min(FAR_BETTER * tried[samples.joint_names], most):
@@ -134,12 +143,22 @@ def _without_delay(
     start : a delay that rows have shown, with which the body was fitted
     Returns the samples, the smooth part of moved ones, and notes.
     """
-    delay = None if motion is None else _delay(samples, motion, body, start, fresh=fit is not None)
-    if motion is not None and start:  # beside which its rest explains little, or nothing
+    delay = (
+        None
+        if motion is None
+        else _delay(samples, motion, body, start, fresh=fit is not None)
+    )
+    if (
+        motion is not None and start
+    ):  # beside which its rest explains little, or nothing
         told = delay or Delay(start, 0.1 * motion.step, motion.unit, 1.0)
         delay = replace(told, share=1.0)
     if motion is None or delay is None or not delay.clear:
-        return samples, None, [delay.note()] if delay is not None and delay.note() else []
+        return (
+            samples,
+            None,
+            [delay.note()] if delay is not None and delay.note() else [],
+        )
 
     moved = samples
     part = None
@@ -193,7 +212,8 @@ def _delay(
             structure.linearise(q, beta, active)[1],
             prior.sd[active] ** -2.0,
             (prior.mean - beta)[active],
-            play=slope * directions(q)[:, None],  # joints with play err by their direction
+            play=slope
+            * directions(q)[:, None],  # joints with play err by their direction
             unit=motion.unit,
         )
         if found is None:

@@ -22,7 +22,10 @@ from ..errors import OptionError
 from ..samples.samples import Samples
 
 _VIEWS = ("auto", "base", "rigid", "similarity")  # of positions in space
-_POSED = {"rigid": "pose", "base": "base pose"}  # the same views of positions and orientations
+_POSED = {
+    "rigid": "pose",
+    "base": "base pose",
+}  # the same views of positions and orientations
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +90,9 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
     if camera is not None and isinstance(arm, SpatialArm) and x.shape[1] == 2:
         lens = camera.lens
         sd = camera.lens_sd
-        pinhole = structure_of(arm, "pinhole", unit="px", extent=extent, lens=lens, lens_sd=sd)
+        pinhole = structure_of(
+            arm, "pinhole", unit="px", extent=extent, lens=lens, lens_sd=sd
+        )
         return Template(pinhole, Rows(q, x))
     metre = METRES.get(samples.unit, 1.0)
     simulated = samples.simulation is not None
@@ -96,20 +101,28 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
     if isinstance(arm, SpatialArm) and not simulated:
         if view == "auto":
             view = "rigid" if samples.unit in METRES else "similarity"
-        structure = structure_of(arm, view, unit=samples.unit, metre=metre, extent=extent)
+        structure = structure_of(
+            arm, view, unit=samples.unit, metre=metre, extent=extent
+        )
         if samples.orientation is not None and view in _POSED:
             poses = np.hstack([x, logarithm(matrix_of(samples.orientation[rows]))])
             return Template(structure.with_view(_POSED[view]), Rows(q, poses))
         unused = f"orientations are not used with the view {view!r}"
-    elif isinstance(arm, SpatialArm):  # the drawing is where the search begins, and no prior
-        structure = structure_of(arm, "base", unit=samples.unit, metre=metre, extent=extent)
+    elif isinstance(
+        arm, SpatialArm
+    ):  # the drawing is where the search begins, and no prior
+        structure = structure_of(
+            arm, "base", unit=samples.unit, metre=metre, extent=extent
+        )
         structure = replace(structure, informed=False, simulated=True)
         noise = samples.simulation.noise or None if samples.simulation else None
         unused = "orientations are not used of a simulation"
     else:
         names = samples.joint_names
         turns = samples.revolute
-        structure = unknown_structure(names, turns, extent, samples.unit, metre, simulated)
+        structure = unknown_structure(
+            names, turns, extent, samples.unit, metre, simulated
+        )
         unused = "orientations are used together with the robot's URDF: give `robot`"
     notes = () if samples.orientation is None else (unused,)
     return Template(structure, Rows(q, x, noise=noise), notes)

@@ -30,8 +30,12 @@ _MOST = 0.25  # share of rows that may be wrong
 _ATTEMPTS = 3  # fits, each without the rows that strayed from the one before
 _FEW = 12  # touches that tell an arm in space at least
 _FEW_OF_ONE = 4  # of them in one socket
-_IN_SOCKET = 5.0  # times the usual scatter, within which a stray row was in another socket
-_ALIKE = 0.05  # joints that moved less in each socket [rad or m] tell nothing of the arm
+_IN_SOCKET = (
+    5.0  # times the usual scatter, within which a stray row was in another socket
+)
+_ALIKE = (
+    0.05  # joints that moved less in each socket [rad or m] tell nothing of the arm
+)
 # What may have changed since, and by how much: a servo put on anew, a bent tip, origins [rad or m]
 _FREED = {"offset": np.radians(2.0), "tool": 5e-3, "placement": 2e-3}
 _NATS = 5.0  # of evidence for a change
@@ -78,7 +82,9 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
     sockets = _fit_sound_touches(samples, touch, structure, seed)
     sizes: list[str] = []
     if not base_is_measured and _sizes_disagree(sockets, touch):
-        drawn = replace(touch, known=tuple(fact for fact in touch.known if fact.value is None))
+        drawn = replace(
+            touch, known=tuple(fact for fact in touch.known if fact.value is None)
+        )
         by_drawing = _fit_sound_touches(samples, drawn, structure, seed)
         words, doubt = _sizes(by_drawing, touch)
         if words:
@@ -99,7 +105,9 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
             f"no arm explains the touches: the tips scatter by {1e3 * scatter:.3g} mm about their "
             "sockets (median); check the joints' order and unit, the tip, and the points' names"
         )
-    notes = sizes + _stray_words(samples, touch, np.flatnonzero(~used), tip, points, scatter)
+    notes = sizes + _stray_words(
+        samples, touch, np.flatnonzero(~used), tip, points, scatter
+    )
     if not base_is_measured:
         notes.append(_BASE)
         if not sized:
@@ -130,7 +138,11 @@ def _fit_sound_touches(
         distance = np.linalg.norm(tip - points[touch.number], axis=1)
         sound = ~touch.strays(distance)
         # the rows of the fit are those that are returned: what strays from the last one stays
-        if (sound == used).all() or sound.mean() < 1 - _MOST or attempt == _ATTEMPTS - 1:
+        if (
+            (sound == used).all()
+            or sound.mean() < 1 - _MOST
+            or attempt == _ATTEMPTS - 1
+        ):
             break
         used = sound
     scatter = float(np.median(distance[used & (touch.number >= 0)]))
@@ -139,7 +151,9 @@ def _fit_sound_touches(
 
 def _of_doubtful_size(sockets: Sockets, sd: float) -> Sockets:
     """Return the fit of an arm whose size is known to a relative `sd` alone."""
-    return replace(sockets, fit=replace(sockets.fit, body=with_size(sockets.fit.body, sd)))
+    return replace(
+        sockets, fit=replace(sockets.fit, body=with_size(sockets.fit.body, sd))
+    )
 
 
 def _ratios(sockets: Sockets, touch: Touches) -> Array:
@@ -196,7 +210,9 @@ def _sizes(by_drawing: Sockets, touch: Touches) -> tuple[str, float]:
 def _refuse_alike(samples: Samples, touch: Touches) -> None:
     """Refuse touches that are too few or too much alike to tell anything of the arm."""
     sockets, counts = np.unique(touch.number[touch.number >= 0], return_counts=True)
-    spans = [np.ptp(samples.q[touch.number == socket], axis=0).max() for socket in sockets]
+    spans = [
+        np.ptp(samples.q[touch.number == socket], axis=0).max() for socket in sockets
+    ]
     alike = max(spans, default=0.0) < _ALIKE
     if alike or counts.sum() < _FEW or counts.max() < _FEW_OF_ONE:
         raise LogError(
@@ -207,7 +223,12 @@ def _refuse_alike(samples: Samples, touch: Touches) -> None:
 
 
 def _stray_words(
-    samples: Samples, touch: Touches, strays: Index, tip: Array, points: Array, scatter: float
+    samples: Samples,
+    touch: Touches,
+    strays: Index,
+    tip: Array,
+    points: Array,
+    scatter: float,
 ) -> list[str]:
     """Name the rows that were in no socket of theirs, and the socket that one of them was in."""
     if not len(strays):
@@ -223,7 +244,9 @@ def _stray_words(
     return notes
 
 
-def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples, dict[str, Any]]:
+def in_sockets(
+    model: Model, samples: Samples, touch: Touches
+) -> tuple[Samples, dict[str, Any]]:
     """Touches with the means of the predicted tips as positions, and how tips scatter about them.
 
     Rows that are in no socket of theirs are left out.
@@ -241,11 +264,20 @@ def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples,
         raise LogError(NOT_LEARNED)
     off = np.linalg.norm(tip - means[touch.number], axis=1)
     points = [
-        {"setup": setup, "point": point, "rows": int(own.sum()), "scatter": float(off[own].mean())}
+        {
+            "setup": setup,
+            "point": point,
+            "rows": int(own.sum()),
+            "scatter": float(off[own].mean()),
+        }
         for k, (setup, point) in enumerate(touch.sockets)
         if (own := touch.number == k).any()
     ]
-    stated = [(each, means[list(each.points)]) for each in touch.known if each.value is not None]
+    stated = [
+        (each, means[list(each.points)])
+        for each in touch.known
+        if each.value is not None
+    ]
     distances = [
         {
             "points": [list(touch.sockets[k]) for k in each.points],
@@ -258,7 +290,11 @@ def in_sockets(model: Model, samples: Samples, touch: Touches) -> tuple[Samples,
     samples = replace(samples, x=_placed(samples, touch, means))
     off = off[touched]
     bound = model.expected_error(samples.q[touched])
-    size = {"mean": off.mean(), "rms": np.sqrt((off**2).mean()), "p95": np.quantile(off, 0.95)}
+    size = {
+        "mean": off.mean(),
+        "rms": np.sqrt((off**2).mean()),
+        "p95": np.quantile(off, 0.95),
+    }
     size |= {"max": off.max(), "covered": np.mean(off <= bound)}
     scatter = {name: float(value) for name, value in size.items()}
     return samples, {"scatter": scatter, "points": points, "distances": distances}
@@ -276,8 +312,14 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     count = len(log)
     assert touch is not None  # noqa: S101 - a log of touches
     structure = None if body is None else body.structure
-    if body is None or not isinstance(structure, SpatialStructure) or structure.outputs != 3:
-        raise LogError("the log holds touches: expected a model of an arm in space with a body")
+    if (
+        body is None
+        or not isinstance(structure, SpatialStructure)
+        or structure.outputs != 3
+    ):
+        raise LogError(
+            "the log holds touches: expected a model of an arm in space with a body"
+        )
     log, _ = in_sockets(model, log, touch)  # where the model has them
     gone = f"{count - len(log)} touches in no socket of theirs are left out"
     touch = log.touch or touch
@@ -296,7 +338,9 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     variance = np.zeros((seen.size, seen.size))
     base = structure.pose(q, body.beta)[0]
     beta[point] = np.ravel([base[number == k].mean(axis=0) for k in range(len(own))])
-    variance[np.ix_(at, at)] = body.kappa**2 * belief.covariance + _GAUGE**2 * np.eye(len(at))
+    variance[np.ix_(at, at)] = body.kappa**2 * belief.covariance + _GAUGE**2 * np.eye(
+        len(at)
+    )
     variance[point, point] = structure.chain.reach**2
     fits = []
     for freed in ({}, _FREED):
@@ -304,12 +348,16 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
             variance[seen.groups[group], seen.groups[group]] += sd**2
         free = np.flatnonzero(np.diag(variance))
         sd = np.sqrt(np.diag(variance))
-        prior = Prior(beta, sd, known=np.asarray(np.linalg.inv(variance[np.ix_(free, free)])))
+        prior = Prior(
+            beta, sd, known=np.asarray(np.linalg.inv(variance[np.ix_(free, free)]))
+        )
         fits.append(Fit(seen, rows, beta, prior, nu=STUDENT).maximise(steps=8))
     same, other = fits
     if other.evidence - same.evidence > _NATS * other.autocorrelation:
         places = np.full((len(touch.sockets), 3), np.nan)
-        sensor = structure.sensor(restated(replace(belief, beta=other.beta), structure).beta)
+        sensor = structure.sensor(
+            restated(replace(belief, beta=other.beta), structure).beta
+        )
         at_sockets = other.beta[point].reshape(-1, 3)
         places[own] = sensor.scale * at_sockets @ sensor.rotation.T + sensor.shift
         log = replace(log, x=_placed(log, touch, places))

@@ -24,7 +24,13 @@ from ..model.baseline import Baseline, Seen, learn_baseline
 from ..model.model import Model
 from ..samples.samples import Samples
 from .bounds import node_bounds, simulated_bounds
-from .evaluate import Residuals, answered_within, fresh_residuals, held_out_residuals, summarise
+from .evaluate import (
+    Residuals,
+    answered_within,
+    fresh_residuals,
+    held_out_residuals,
+    summarise,
+)
 from .learn import Progress, TrainingOptions, associate, resolved, unit_box
 from .preparation import Prepared, logs_by_sensor, prepare, prepare_several
 from .smooth import to_learn
@@ -86,7 +92,9 @@ def train(
         if len(logs) == 1:
             return _learned(prepare(logs[0], options), options, clock)
         several = prepare_several(logs_by_sensor(logs, options), options)
-        first, *others = (_learned(prepared, options, clock) for prepared in several.values())
+        first, *others = (
+            _learned(prepared, options, clock) for prepared in several.values()
+        )
         return replace(first, others=tuple(others))
 
 
@@ -115,7 +123,9 @@ class _Clock:
 def _refuse_few(samples: Samples) -> None:
     """Refuse what are no samples, or samples of too few poses."""
     if not isinstance(samples, Samples):
-        raise LogError(f"samples {samples!r:.40}: expected what `calib.read_log` returns")
+        raise LogError(
+            f"samples {samples!r:.40}: expected what `calib.read_log` returns"
+        )
     poses = samples.poses
     if poses >= _LEAST_ROWS:
         return
@@ -151,11 +161,15 @@ def _learned(prepared: Prepared, options: TrainingOptions, clock: _Clock) -> Mod
     if part is not None:
         learned_u = u[part.rows]
         learned_x = samples.x[part.rows]
-        predictor, held_out = select(motor, learned_u, learned_x, part.smooth, part.fit.held_out)
+        predictor, held_out = select(
+            motor, learned_u, learned_x, part.smooth, part.fit.held_out
+        )
         model = replace(model, local=predictor.models, body=part.fit.body)
 
     clock.begin(0.8, "evaluation")
-    model, tested, baseline_u, baseline_x = _with_bounds(model, prepared, held_out, options)
+    model, tested, baseline_u, baseline_x = _with_bounds(
+        model, prepared, held_out, options
+    )
     within = answered_within(model, tested)
     if prepared.play is not None:
         model = replace(model, approach=Approach(prepared.play))
@@ -172,7 +186,9 @@ def _learned(prepared: Prepared, options: TrainingOptions, clock: _Clock) -> Mod
     baseline = _baseline(model, prepared, association, baseline_u, baseline_x)
     rows = _remembered_rows(prepared, held_out)
     clock.begin(1.0, "done")
-    return replace(model, about=about, baseline=baseline, rows=rows, seconds=clock.seconds)
+    return replace(
+        model, about=about, baseline=baseline, rows=rows, seconds=clock.seconds
+    )
 
 
 def _without_bounds(
@@ -203,7 +219,9 @@ def _with_bounds(
         )
         return replace(model, bounds=reading, model_bounds=reading), tested, u, x
     # by blocks of the log's rows that were held out
-    tested = held_out_residuals(model, prepared.samples, prepared.part, held_out, options)
+    tested = held_out_residuals(
+        model, prepared.samples, prepared.part, held_out, options
+    )
     u = model.motor.scale.to_unit(tested.q)
     reading, position = node_bounds(model, u, tested.errors[model.default_readout])
     return replace(model, bounds=reading, model_bounds=position), tested, u, tested.x
@@ -250,9 +268,13 @@ def _about(samples: Samples, options: TrainingOptions) -> About:
     plane = samples.plane or getattr(arm, "plane", None)
     axes = None
     if plane is not None:
-        axes = {name: tuple(getattr(plane, name).tolist()) for name in ("origin", "x", "y")}
+        axes = {
+            name: tuple(getattr(plane, name).tolist()) for name in ("origin", "x", "y")
+        }
     how = options.to_json()
-    if source.get("source") == "board":  # later pictures are read with its board and lens
+    if (
+        source.get("source") == "board"
+    ):  # later pictures are read with its board and lens
         how["board"] = dict(source)
     return About(
         robot=arm.name if arm else "",

@@ -65,7 +65,9 @@ class _Aim:
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
         """Readings (n, m) and their derivatives by the unit coordinates (n, m, dof)."""
-        seen, slope = self.structure.predict_and_slope(self.scale.from_unit(u), self.beta)
+        seen, slope = self.structure.predict_and_slope(
+            self.scale.from_unit(u), self.beta
+        )
         return seen, slope * self.scale.span
 
     def gap(self, target: Array, value: Array) -> Array:
@@ -81,14 +83,19 @@ def _led(
     structure: SpatialStructure, beta: Array, q: Array, target: Array, space: PoseSpace
 ) -> tuple[Array, Array]:
     """Joints (n, dof) led to targets (n, m) within their limits, and how far they are off (n,)."""
-    scale = Scale(space.lower, space.upper - space.lower, np.zeros(structure.dof, dtype=bool))
+    scale = Scale(
+        space.lower, space.upper - space.lower, np.zeros(structure.dof, dtype=bool)
+    )
     newton = Newton(_Aim(structure, beta, scale), scale, extent=1.0)
     u, off = newton.refine(scale.to_unit(q), target, 0.1 * _NEAR)
     return scale.from_unit(u), off
 
 
 def at_point(
-    source: Arm | Model, space: PoseSpace, point: Sequence[float], rng: np.random.Generator
+    source: Arm | Model,
+    space: PoseSpace,
+    point: Sequence[float],
+    rng: np.random.Generator,
 ) -> tuple[Array, Told]:
     """Postures (m, dof) whose tip is at a point (3,) of the arm's base frame [m], as varied as can.
 
@@ -108,7 +115,9 @@ def at_point(
         active = body.active
         root = body.root
     else:
-        raise OptionError("touch: expected a robot that moves in space, or a model of one")
+        raise OptionError(
+            "touch: expected a robot that moves in space, or a model of one"
+        )
     target = number_rows(np.ravel(point), ("x", "y", "z"), "touch", OptionError)[0][0]
     start = rng.uniform(space.lower, space.upper, (_DRAWN, structure.dof))
     q, off = _led(structure, beta, start, np.tile(target, (_DRAWN, 1)), space)
@@ -166,7 +175,9 @@ def in_sight(
             "in the middle of its picture"
         )
     size = np.array(Board.parse(spec).size)
-    away = lens[0] * size.max() / (_FILLED * picture[0])  # so far the board fills its share
+    away = (
+        lens[0] * size.max() / (_FILLED * picture[0])
+    )  # so far the board fills its share
     if isinstance(source, SpatialArm):
         structure = structure_of(source, "pose", lens=_LENS)
         likely = _likely(structure, np.array(start), in_hand, away, rng)
@@ -175,9 +186,13 @@ def in_sight(
     # the camera about the board: tilted to any side, rolled, nearer and further, aimed beside it
     tilt = _TILTED * np.sqrt(rng.random(_DRAWN))
     side = rng.uniform(-np.pi, np.pi, _DRAWN)
-    turn = exponential(np.stack([tilt * np.cos(side), tilt * np.sin(side), 0 * tilt], axis=1))
+    turn = exponential(
+        np.stack([tilt * np.cos(side), tilt * np.sin(side), 0 * tilt], axis=1)
+    )
     shift = -(away * rng.uniform(*_NEARER, _DRAWN))[:, None] * turn[:, :, 2]
-    roll = np.column_stack([rng.normal(0, 0.1, (_DRAWN, 2)), rng.uniform(-2, 2, _DRAWN)])
+    roll = np.column_stack(
+        [rng.normal(0, 0.1, (_DRAWN, 2)), rng.uniform(-2, 2, _DRAWN)]
+    )
     turn = turn @ exponential(roll)
     if not in_hand:  # the same seen from the camera
         turn = np.swapaxes(turn, 1, 2)
@@ -185,12 +200,16 @@ def in_sight(
     begin = rng.uniform(space.lower, space.upper, (_DRAWN, structure.dof))
     if start is not None:
         begin[: _DRAWN // 2] = start
-    q, _ = _led(structure, beta, begin, np.concatenate([shift, logarithm(turn)], axis=1), space)
+    q, _ = _led(
+        structure, beta, begin, np.concatenate([shift, logarithm(turn)], axis=1), space
+    )
     pose = structure.measurement
     assert isinstance(pose, InSpace)  # noqa: S101 - a view of poses
     reading = Beside((Corners(pose, in_hand), pose))
     camera = structure.with_view("pose", unit="px", reading=reading)
-    corners = np.column_stack([0.5 * size * ((-1, -1), (-1, 1), (1, -1), (1, 1)), np.zeros(4)])
+    corners = np.column_stack(
+        [0.5 * size * ((-1, -1), (-1, 1), (1, -1), (1, 1)), np.zeros(4)]
+    )
 
     def rows(q: Array) -> Array:
         return np.column_stack([np.repeat(q, 4, axis=0), np.tile(corners, (len(q), 1))])
@@ -208,7 +227,15 @@ def in_sight(
             f"handeye: the camera sees the board in {len(q)} of the postures about the start; "
             "give `start` where it does, further from the joints' limits"
         )
-    free = ("view.rotation", "view.shift", "tool", "tool.rotation", "lens", "placement", "offset")
+    free = (
+        "view.rotation",
+        "view.shift",
+        "tool",
+        "tool.rotation",
+        "lens",
+        "placement",
+        "offset",
+    )
     prior = camera.prior(free)
     # pixels of a lens have wide priors
     sd = np.minimum(
@@ -223,7 +250,11 @@ def in_sight(
 
 
 def _likely(
-    structure: SpatialStructure, start: Array, in_hand: bool, away: float, rng: np.random.Generator
+    structure: SpatialStructure,
+    start: Array,
+    in_hand: bool,
+    away: float,
+    rng: np.random.Generator,
 ) -> list[Array]:
     """Parameters of cameras that may be meant, the one that is assumed first."""
     groups = structure.groups
@@ -234,11 +265,16 @@ def _likely(
         off = min(k, 1) * rng.standard_normal((3, 3)) * _ASIDE
         turn, tilt = exponential(off[1:])
         beta = structure.neutral()
-        beta[groups["tool"]], beta[groups["tool.rotation"]] = off[0], logarithm(turn @ half_turn)
+        beta[groups["tool"]], beta[groups["tool.rotation"]] = (
+            off[0],
+            logarithm(turn @ half_turn),
+        )
         (p,), (hand,) = structure.pose(start[None], beta)
         facing = hand @ tilt
         beta[groups["view.rotation"]] = logarithm(facing.T)
-        beta[groups["view.shift"]] = -facing.T @ (p + away * (hand if in_hand else -facing)[:, 2])
+        beta[groups["view.shift"]] = -facing.T @ (
+            p + away * (hand if in_hand else -facing)[:, 2]
+        )
         likely.append(beta)
     return likely
 
@@ -248,8 +284,18 @@ def _encoded(body: Body, made: dict[str, Any]) -> Array:
     beta = body.beta.copy()
     groups = body.structure.groups
     glass = made["lens"]
-    beta[groups["lens"]] = (np.mean(glass["focal"]), *glass["centre"], glass["distortion"][0])
-    if made["eye"] == "hand":  # from the point ahead to the camera, from the corner to the middle
-        beta[groups["tool"]] -= exponential(beta[groups["tool.rotation"]]) @ made["point"]
-        beta[groups["view.shift"]] -= 0.5 * np.array([*Board.parse(made["board"]).size, 0.0])
+    beta[groups["lens"]] = (
+        np.mean(glass["focal"]),
+        *glass["centre"],
+        glass["distortion"][0],
+    )
+    if (
+        made["eye"] == "hand"
+    ):  # from the point ahead to the camera, from the corner to the middle
+        beta[groups["tool"]] -= (
+            exponential(beta[groups["tool.rotation"]]) @ made["point"]
+        )
+        beta[groups["view.shift"]] -= 0.5 * np.array(
+            [*Board.parse(made["board"]).size, 0.0]
+        )
     return beta

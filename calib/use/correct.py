@@ -42,7 +42,11 @@ _POSED = 6  # joints from which on a tool's orientation can be kept
 # rows by which the compiled kernel is compared, and how close [rad or m]
 _TRIED = 5
 _SAME = 1e-6
-_FITTED = ("view.", "tool", "lens")  # parameters of the sensor and of what is put on the tip
+_FITTED = (
+    "view.",
+    "tool",
+    "lens",
+)  # parameters of the sensor and of what is put on the tip
 _TURNED = 1e-4  # a turn of the frame that is worth a word [rad]
 
 _MOVED = (
@@ -62,7 +66,9 @@ class _Wanted:
     target: Callable[[Array], Array]  # of joint values (n, dof), positions (n, m)
     free: bool = False  # whether the sensor's frame was fitted
     keeps_turn: bool = True  # whether a tool's orientation is kept where the arm can
-    drawn: Array | None = None  # (d,), of a body in space its nominal arm's behind a fitted frame
+    drawn: Array | None = (
+        None  # (d,), of a body in space its nominal arm's behind a fitted frame
+    )
     # where more than what the sensor reads has to be met: the tool's pose, or before a camera,
     # whose pixel does not say how far away the tip is, its place
     space: Space | None = None
@@ -111,7 +117,9 @@ class Corrected:
     @cached_property
     def exceeded(self) -> NDArray[np.bool_]:
         """Rows (n,) that change by more than the limit."""
-        return np.asarray(self.reachable & (np.abs(self.change) > self.limit).any(axis=1))
+        return np.asarray(
+            self.reachable & (np.abs(self.change) > self.limit).any(axis=1)
+        )
 
     @cached_property
     def target(self) -> Array:
@@ -156,13 +164,19 @@ class Corrected:
             return None
         structure = body.structure
         part = slice(body.structure.blocks[0])
-        still = [own for name, own in structure.groups.items() if not name.startswith(_FITTED)]
+        still = [
+            own
+            for name, own in structure.groups.items()
+            if not name.startswith(_FITTED)
+        ]
         _, real = structure.linearise(self.nearest, body.beta)
         _, drawing = structure.linearise(self.given, drawn)
         drawing[:, :, np.concatenate(still)] = 0.0
         apart = (real - drawing)[:, part][:, :, body.active]
         spread = SHARED**2 * spread_of(apart, body.root)
-        return np.asarray(body.kappa * radius_95(spread + np.diag(body.residual[part] ** 2)))
+        return np.asarray(
+            body.kappa * radius_95(spread + np.diag(body.residual[part] ** 2))
+        )
 
     @property
     def _unit(self) -> Array:
@@ -211,7 +225,12 @@ def correct(
     about = model.about
     rows, _ = checked_rows(q, about.joint_names, "joint values")
     check_joint_values(
-        rows, about.joint_names, about.lower, about.upper, about.revolute, error=QueryError
+        rows,
+        about.joint_names,
+        about.lower,
+        about.upper,
+        about.revolute,
+        error=QueryError,
     )
     wanted = _wanted(model, view)
     if orientation == "free":
@@ -221,7 +240,9 @@ def correct(
         limits = usual_limit(model, view)
     else:
         limits = each_joint("limit", limit, about.joint_names, zero=False)
-    return Corrected(rows, nearest, reachable, limits, _notes(model, wanted), model, wanted)
+    return Corrected(
+        rows, nearest, reachable, limits, _notes(model, wanted), model, wanted
+    )
 
 
 def _quick(model: Model, q: ArrayLike) -> Corrected | None:
@@ -230,16 +251,28 @@ def _quick(model: Model, q: ArrayLike) -> Corrected | None:
     kept = model.remembered.get("correcting")
     if kept is None:
         kept = {}
-        if kernel.has("correct"):  # it may correct towards another place, such as after adaptations
+        if kernel.has(
+            "correct"
+        ):  # it may correct towards another place, such as after adaptations
             wanted = _wanted(model, "auto")
             tried = visited_joints(model, _TRIED)
             known = zip(tried, *_solved(model, wanted, tried), strict=True)
-            answers = [(kernel.ask("correct", row), near) for row, near, ok in known if ok]
-            gaps = [np.abs(found[0] - near).max() for found, near in answers if found[1] == 1]
+            answers = [
+                (kernel.ask("correct", row), near) for row, near, ok in known if ok
+            ]
+            gaps = [
+                np.abs(found[0] - near).max()
+                for found, near in answers
+                if found[1] == 1
+            ]
             if gaps and max(gaps) < _SAME:
                 limit = usual_limit(model)
                 notes = _notes(model, wanted)
-                kept = {"reachable": np.ones(1, dtype=bool), "limit": limit, "notes": notes}
+                kept = {
+                    "reachable": np.ones(1, dtype=bool),
+                    "limit": limit,
+                    "notes": notes,
+                }
                 kept |= {"_model": model, "_wanted": wanted}
         model.remembered["correcting"] = kept
     found = kernel.ask("correct", q) if kept else None
@@ -249,10 +282,14 @@ def _quick(model: Model, q: ArrayLike) -> Corrected | None:
     if found[1] != 1:  # a strict model says no instead of a search
         settings = {name: value for name, value in kept.items() if name != "reachable"}
         given = np.array([q], dtype=float)
-        return Corrected(given=given, nearest=nearest, reachable=np.zeros(1, bool), **settings)
+        return Corrected(
+            given=given, nearest=nearest, reachable=np.zeros(1, bool), **settings
+        )
     if not model.everywhere and not kernel.ask("forward", nearest[0])[1]:
         return None
-    answer = Corrected.__new__(Corrected)  # whose own way of setting fields takes as long as C
+    answer = Corrected.__new__(
+        Corrected
+    )  # whose own way of setting fields takes as long as C
     answer.__dict__.update(kept, given=np.array([q], dtype=float), nearest=nearest)
     return answer
 
@@ -325,7 +362,9 @@ def _solved(model: Model, wanted: _Wanted, q: Array) -> tuple[Array, NDArray[np.
         there = left <= REACHED * wanted.space.length
     near = np.clip(near, about.lower, about.upper)
     if model.default_readout == "local":
-        found, reachable = joints_and_reach(model, target, anchor(model, near, len(near)))
+        found, reachable = joints_and_reach(
+            model, target, anchor(model, near, len(near))
+        )
     else:
         answer = model.solve(target, near)
         found = answer.q

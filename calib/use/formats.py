@@ -49,7 +49,9 @@ def c_header(
             header = replace(header, limit=usual_limit(model))
     about = model.about
     joints = zip(about.joint_names, about.lower, about.upper, strict=True)
-    lines = [f" *   {_comment(name)}: {low:.6g} to {high:.6g}" for name, low, high in joints]
+    lines = [
+        f" *   {_comment(name)}: {low:.6g} to {high:.6g}" for name, low, high in joints
+    ]
     told = {
         "title": _comment(f"{about.robot or 'An arm'}, calibrated"),
         "checksum": hashlib.sha256(to_bytes(model)).hexdigest(),
@@ -60,12 +62,20 @@ def c_header(
     text, tables = header.text(prefix, single, told)
     # numbers of the tables: double ones have a point and no suffix
     numbers = re.findall(r"(?<=[\s{])-?\d[\d.e+-]*f?(?=[,}])", tables)
-    return text, sum(4 if n.endswith("f") or not re.search("[.e]", n) else 8 for n in numbers)
+    return text, sum(
+        4 if n.endswith("f") or not re.search("[.e]", n) else 8 for n in numbers
+    )
 
 
 def _comment(text: str) -> str:
     """Text of a stranger's file that cannot end a C comment or start a trigraph."""
-    return one_line(text).replace("*", "x").replace("/", "-").replace("?", "-").replace("\\", "-")
+    return (
+        one_line(text)
+        .replace("*", "x")
+        .replace("/", "-")
+        .replace("?", "-")
+        .replace("\\", "-")
+    )
 
 
 def camera_info(model: Model) -> str:
@@ -76,7 +86,9 @@ def camera_info(model: Model) -> str:
     body = model.body
     seen = model.about.options.get("board")
     if seen:
-        (fx, fy), (u, v), distortion = (seen["lens"][k] for k in ("focal", "centre", "distortion"))
+        (fx, fy), (u, v), distortion = (
+            seen["lens"][k] for k in ("focal", "centre", "distortion")
+        )
         width, height = seen["size"]
     elif body is not None and is_camera(body.structure.view):
         fx, u, v, k1 = body.beta[body.structure.groups["lens"]].tolist()
@@ -99,7 +111,12 @@ def camera_info(model: Model) -> str:
     for name, matrix in matrices.items():
         rows, columns = matrix.shape
         data = matrix.ravel().tolist()
-        told += [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: {data!r}"]
+        told += [
+            f"{name}:",
+            f"  rows: {rows}",
+            f"  cols: {columns}",
+            f"  data: {data!r}",
+        ]
     return "\n".join(told) + "\n"
 
 
@@ -119,7 +136,10 @@ def static_transform(model: Model) -> str:
             "the model knows no sensor's pose: expected one that was learned from a log of an arm "
             "in space and its robot"
         )
-    placed = {"position": sensor.position.tolist(), "quaternion": sensor.quaternion.tolist()}
+    placed = {
+        "position": sensor.position.tolist(),
+        "quaternion": sensor.quaternion.tolist(),
+    }
     if seen := about.options.get("board"):
         held = held_of(body)  # of the point that the log tells
         position = (held.position - held.rotation @ seen["point"]).tolist()
@@ -141,7 +161,10 @@ def hand_eye_transforms(
     """
     carried, still = ("camera", "board") if eye == "hand" else ("board", "camera")
     root = parse_robot(urdf).root
-    made = [_stamped(tip, f"{carried}_frame", hand), _stamped(root, f"{still}_frame", base)]
+    made = [
+        _stamped(tip, f"{carried}_frame", hand),
+        _stamped(root, f"{still}_frame", base),
+    ]
     return json.dumps(made, indent=2) + "\n"
 
 
@@ -161,7 +184,9 @@ def corrected_arm(model: Model, *, drawn: bool = False) -> tuple[str, dict[str, 
     Raises RobotError or OptionError where geometry does not describe the model.
     """
     geometry = fit_geometry(model, drawn=drawn)
-    offsets = {name: float(np.ravel(e["value"])[0]) for name, e in geometry.offsets().items()}
+    offsets = {
+        name: float(np.ravel(e["value"])[0]) for name, e in geometry.offsets().items()
+    }
     return corrected_urdf(geometry), offsets
 
 
@@ -175,7 +200,9 @@ def mjcf_text(urdf: str, tip: str) -> str:
         place = {"pos": _text(joint.xyz), "quat": _text((w, x, y, z))}
         body = ElementTree.SubElement(body, "body", {"name": joint.child, **place})
         # a body that moves needs a mass; the true ones belong to the arm's own file
-        ElementTree.SubElement(body, "inertial", pos="0 0 0", mass="1", diaginertia=".01 .01 .01")
+        ElementTree.SubElement(
+            body, "inertial", pos="0 0 0", mass="1", diaginertia=".01 .01 .01"
+        )
         if joint.movable:
             kind = "hinge" if joint.revolute else "slide"
             told = {"name": joint.name, "type": kind, "axis": _text(joint.axis)}

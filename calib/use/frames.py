@@ -30,7 +30,9 @@ def frame_is_free(model: Model, view: str = "auto") -> bool:
     """
     if view not in LOG_FRAMES:
         raise OptionError(
-            f"view {view!r}: expected one of {', '.join(LOG_FRAMES)}", parameter="view", value=view
+            f"view {view!r}: expected one of {', '.join(LOG_FRAMES)}",
+            parameter="view",
+            value=view,
         )
     based = "base" in (view, model.about.options.get("view"))
     return not is_simulated(model) and not based
@@ -51,15 +53,23 @@ def frames(model: Model, cause: str = "sensor") -> list[Alignment]:
     """
     if cause not in CAUSES:
         raise OptionError(
-            f"cause {cause!r}: expected one of {', '.join(CAUSES)}", parameter="cause", value=cause
+            f"cause {cause!r}: expected one of {', '.join(CAUSES)}",
+            parameter="cause",
+            value=cause,
         )
     if cause == "joints":
         return []
-    return [Alignment.from_json(e["frame"]) for e in model.history if e.get("frame") is not None]
+    return [
+        Alignment.from_json(e["frame"])
+        for e in model.history
+        if e.get("frame") is not None
+    ]
 
 
 def frame_notes(model: Model, cause: str) -> tuple[str, ...]:
     """Return what is assumed where the sensor's frame is fitted to the model's own log."""
     if cause == "sensor":
         return (_FREE,)
-    return (_BEFORE,) if model.history and not moves_in_space(model) else (_FREE, _STAYS)
+    return (
+        (_BEFORE,) if model.history and not moves_in_space(model) else (_FREE, _STAYS)
+    )

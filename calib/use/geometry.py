@@ -35,7 +35,9 @@ _POINTS = 500
 _ROWS = 2_000
 _FLOOR = 1e-7  # of the extent: a residual below is rounding
 _LEFT_OUT = ("gain", "elastic", "curve")  # what a body has and no URDF can say
-_OFFSET = np.radians(10.0)  # prior sd of a planar arm's offset: servos are put on to that
+_OFFSET = np.radians(
+    10.0
+)  # prior sd of a planar arm's offset: servos are put on to that
 _ALONG = 5.0 * SHIFT  # [m], prior sd of a planar arm's places, but for turns of a link
 
 
@@ -67,12 +69,16 @@ class Geometry:
     beta: Array  # (d,)
     sd: Array  # (d,), of the posterior, 0 where nothing was fitted
     free: bool  # whether the sensor's frame was fitted; the first joint is nominal then
-    move_tip: bool  # whether the tip's fitted place is the arm's; else a probe's or a tag's
+    move_tip: (
+        bool  # whether the tip's fitted place is the arm's; else a probe's or a tag's
+    )
     # [m; px], root mean square distance that this geometry, and the nominal one, do not explain,
     # each with the sensor and the tip where they fit best
     residual: float
     before: float
-    reach: float  # [m; px], furthest distance of the tip from the middle of its positions
+    reach: (
+        float  # [m; px], furthest distance of the tip from the middle of its positions
+    )
 
     @property
     def unit(self) -> str:
@@ -83,7 +89,9 @@ class Geometry:
     def places(self) -> tuple[str, ...]:
         """Joints whose origins are fitted, mimic joints included, as the URDF names them."""
         path = parse_robot(self.arm.urdf).path(self.arm.tip)
-        return tuple(j.name for j in path if j.movable and j.name not in self.arm.locked)
+        return tuple(
+            j.name for j in path if j.movable and j.name not in self.arm.locked
+        )
 
     @property
     def ends(self) -> tuple[Array, Array]:
@@ -93,7 +101,9 @@ class Geometry:
         index = np.vstack([self.structure.shifts, self.structure.groups["tool"]])
         turned = np.stack([axes] * self.arm.dof + [axes @ self.arm.chain.rotation])
         moved = np.einsum("kij,kj->ki", turned, self.beta[index])
-        return moved, 1.96 * np.sqrt(np.einsum("kij,kj->ki", turned**2, self.sd[index] ** 2))
+        return moved, 1.96 * np.sqrt(
+            np.einsum("kij,kj->ki", turned**2, self.sd[index] ** 2)
+        )
 
     @property
     def frame(self) -> Alignment | None:
@@ -114,11 +124,19 @@ class Geometry:
         if (seen := self.frame) is not None:
             told["base"], *ends = map(_with_interval, *self.ends)
             told["moved"] = dict(zip(self.arm.joint_names, ends, strict=True))
-            told["frame"] = {"matrix": seen.matrix.tolist(), "shift": seen.shift.tolist()}
+            told["frame"] = {
+                "matrix": seen.matrix.tolist(),
+                "shift": seen.shift.tolist(),
+            }
         else:
-            parts = [structure.shifts, groups["tool"]], [structure.turns, groups["tool.rotation"]]
+            parts = (
+                [structure.shifts, groups["tool"]],
+                [structure.turns, groups["tool.rotation"]],
+            )
             shifts, turns = (map(self._told, np.vstack(part)) for part in parts)
-            *places, tip = ({"shift": a, "turn": b} for a, b in zip(shifts, turns, strict=True))
+            *places, tip = (
+                {"shift": a, "turn": b} for a, b in zip(shifts, turns, strict=True)
+            )
             told["places"] = dict(zip(self.places, places, strict=True))
             told["tip"] = {**tip, "written": self.move_tip}
         sizes = {name: getattr(self, name) for name in ("residual", "before", "reach")}
@@ -180,7 +198,9 @@ def fit_geometry(
             value=unit,
         )
     q, x, error = _points(model)
-    for moved in reversed(frames(model, cause)):  # what adaptations found to be the sensor's
+    for moved in reversed(
+        frames(model, cause)
+    ):  # what adaptations found to be the sensor's
         x = moved.inverse().apply(x)
     if isinstance(arm, SpatialArm):
         probe = not is_simulated(model)
@@ -205,7 +225,9 @@ def fit_geometry(
             seen = moved.inverse().apply(seen)
         x = Alignment.between(arm.forward(q), seen).inverse().apply(x)
         free = False
-    return fit_in_plane(arm, q, x, unit, free=free, move_base=move_base, drawn=drawn, error=error)
+    return fit_in_plane(
+        arm, q, x, unit, free=free, move_base=move_base, drawn=drawn, error=error
+    )
 
 
 def _points(model: Model) -> tuple[Array, Array, float]:
@@ -257,7 +279,11 @@ def fit_in_space(
     else:
         view = "base" if not free else "rigid" if unit in METRES else "similarity"
         structure = structure_of(
-            arm, view, unit=unit, metre=METRES.get(unit, 1.0), extent=_rms(x - x.mean(axis=0))
+            arm,
+            view,
+            unit=unit,
+            metre=METRES.get(unit, 1.0),
+            extent=_rms(x - x.mean(axis=0)),
         )
     groups = structure.groups
     free_groups = structure.frame_groups
@@ -267,13 +293,17 @@ def fit_in_space(
     if known is None and probe:
         start = frame(structure, q, x)
     prior = _held(structure.prior(free_groups), first[:0] if probe else tool)
-    nominal = _fitted(structure, q, x, start, prior).beta if len(prior.active) else start
+    nominal = (
+        _fitted(structure, q, x, start, prior).beta if len(prior.active) else start
+    )
     placement = () if drawn else ("placement",)
     prior = structure.prior((*free_groups, *placement, "offset"))
     if not probe:  # a simulation's point is the tip, as sure as any other place
         prior.sd[tool] = SHIFT
     still = [*(() if probe or move_tip else tool), *(() if move_base else first)]
-    fit = _fitted(structure, q, x, nominal, _held(prior, np.array(still, dtype=np.intp)))
+    fit = _fitted(
+        structure, q, x, nominal, _held(prior, np.array(still, dtype=np.intp))
+    )
     reach = _reach(x[:, : structure.blocks[0]])
     metre = 1.0 if structure.camera else structure.metre
     found = _geometry(arm, fit, nominal, free, move_tip, reach / metre, metre)
@@ -298,7 +328,9 @@ def fit_in_plane(
 
     `error` [unit] is the least noise along an axis: a model's answers have that of its rows.
     """
-    structure = structure_of(arm, unit=unit, extent=_rms(x - x.mean(axis=0)), kind=InPlane)
+    structure = structure_of(
+        arm, unit=unit, extent=_rms(x - x.mean(axis=0)), kind=InPlane
+    )
     groups = structure.groups
     start = structure.neutral()
     scaled = free and unit != "m"
@@ -327,7 +359,9 @@ def fit_in_plane(
         sd[groups["view.scale"]] = 100.0 * scaled
     if move_base:
         sd[structure.shifts[0]] = FREE * structure.chain.reach
-    prior = Prior(start, sd) if drawn else Prior(start, sd, known=_precision(arm, ends, sd))
+    prior = (
+        Prior(start, sd) if drawn else Prior(start, sd, known=_precision(arm, ends, sd))
+    )
     fit = _fitted(structure, q, x, start, prior, error)
     nominal = fit.beta.copy()
     for group in ("offset", "placement", "tool"):
@@ -356,12 +390,19 @@ def _held(prior: Prior, still: Indices) -> Prior:
     sd = prior.sd.copy()
     sd[still] = 0.0
     kept = [(hyper, ~np.isin(hyper.indices, still)) for hyper in prior.hypers]
-    hypers = (h._replace(indices=h.indices[k], shape=h.shape[k]) for h, k in kept if k.any())
+    hypers = (
+        h._replace(indices=h.indices[k], shape=h.shape[k]) for h, k in kept if k.any()
+    )
     return Prior(prior.mean, sd, tuple(hypers))
 
 
 def _fitted(
-    structure: SpatialStructure, q: Array, x: Array, beta: Array, prior: Prior, error: float = 0.0
+    structure: SpatialStructure,
+    q: Array,
+    x: Array,
+    beta: Array,
+    prior: Prior,
+    error: float = 0.0,
 ) -> Fit:
     """The most probable parameters from `beta` on; `error` is the least noise [unit]."""
     floor = np.maximum(_FLOOR * structure.extents, error)
@@ -370,7 +411,13 @@ def _fitted(
 
 
 def _geometry(
-    arm: Arm, fit: Fit, nominal: Array, free: bool, move_tip: bool, reach: float, metre: float
+    arm: Arm,
+    fit: Fit,
+    nominal: Array,
+    free: bool,
+    move_tip: bool,
+    reach: float,
+    metre: float,
 ) -> Geometry:
     """What a fit found, beside the nominal arm's parameters; `metre` are units of a metre.
 
@@ -389,12 +436,18 @@ def _geometry(
     x = x * root[:, None]
     gram = x.T @ x
     precision = fit.information_share * gram
-    precision[np.ix_(own, own)] = with_prior(precision[np.ix_(own, own)], fit.sd, fit.known)
+    precision[np.ix_(own, own)] = with_prior(
+        precision[np.ix_(own, own)], fit.sd, fit.known
+    )
     precision[~own, ~own] += usual[both[~own]] ** -2.0
     spread = Factor(precision).inverse()[np.ix_(~own, ~own)]
-    mean = spread @ (fit.information_share * (x.T @ (root * fit.residual.ravel()))[~own])
+    mean = spread @ (
+        fit.information_share * (x.T @ (root * fit.residual.ravel()))[~own]
+    )
     bent = Factor(fit.precision).solve(gram[np.ix_(own, ~own)])
-    sd[active] = np.sqrt(np.diag(fit.covariance + bent @ (spread + np.outer(mean, mean)) @ bent.T))
+    sd[active] = np.sqrt(
+        np.diag(fit.covariance + bent @ (spread + np.outer(mean, mean)) @ bent.T)
+    )
     positions = slice(structure.blocks[0])
     residual = fit.residual[:, positions]
     nominal_residual = fit.parts[0].residual_at(nominal)[:, positions]

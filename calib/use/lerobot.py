@@ -45,7 +45,9 @@ def zeros(model: Model) -> dict[str, Zero]:
     return told
 
 
-def homed(path: str | os.PathLike[str], offsets: Mapping[str, float]) -> tuple[str, dict[str, int]]:
+def homed(
+    path: str | os.PathLike[str], offsets: Mapping[str, float]
+) -> tuple[str, dict[str, int]]:
     """Return LeRobot's calibration with corrected zeros, and by how many ticks each moved.
 
     A Feetech motor tells `Present_Position = Actual_Position - Homing_Offset`, whatever its

@@ -40,7 +40,9 @@ def corrected_mjcf(text: str, model: Mjcf, origins: Mapping[str, Array]) -> str:
                 f"joint {quoted(name)} shares its body with another joint: give it a body of its "
                 "own, whose place can be corrected"
             )
-        moved[placed.element] = np.linalg.inv(placed.before) @ origin @ np.linalg.inv(placed.after)
+        moved[placed.element] = (
+            np.linalg.inv(placed.before) @ origin @ np.linalg.inv(placed.after)
+        )
     corrected = _with_places(text, moved)
     tree = read_mjcf(parse_xml(corrected)).tree
     for name, origin in origins.items():
@@ -55,7 +57,9 @@ def corrected_mjcf(text: str, model: Mjcf, origins: Mapping[str, Array]) -> str:
 def _with_places(text: str, moved: Mapping[int, Array]) -> str:
     """The text with elements, by their number in it, placed by transforms (4, 4)."""
     data = text.encode()
-    elements: list[tuple[int, dict[str, str]]] = []  # where each begins, and its attributes
+    elements: list[
+        tuple[int, dict[str, str]]
+    ] = []  # where each begins, and its attributes
     reader = expat.ParserCreate("utf-8")
 
     def start(_: str, attributes: dict[str, str]) -> None:

@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 _MOST_POSES = 1000  # more are babbled, not planned
 _ORDERS = 100  # random ones, to compare with
 _NOISE = 1e-4  # [m] of a sensor that is not known yet
-_WIDEST = 10.0  # [m or rad] of a prior: a wider one leaves no digits for what 200 poses tell
+_WIDEST = (
+    10.0  # [m or rad] of a prior: a wider one leaves no digits for what 200 poses tell
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +94,9 @@ class Plan(ReadOnly):
         a plan is not taken for a log by mistake.
         """
         table = dict(zip(self.joint_names, self.q.T, strict=True))
-        table |= {f"expected_{axis}": x for axis, x in zip("xyz", self.x.T, strict=False)}
+        table |= {
+            f"expected_{axis}": x for axis, x in zip("xyz", self.x.T, strict=False)
+        }
         if self.expected_error is not None:
             table["expected_error"] = self.expected_error
         return table
@@ -198,10 +202,14 @@ def plan(
     body = None if isinstance(source, Arm) else source.body
     if touch is not None or handeye is not None:
         chosen = greedy(told(q), n)
-    elif isinstance(source, SpatialArm):  # never measured: the prior says what is not known
+    elif isinstance(
+        source, SpatialArm
+    ):  # never measured: the prior says what is not known
         chosen = greedy(tells(source, q, taken), n)
         how = "chosen to determine the arm best"
-    elif body is not None and not body.simulated:  # exact samples leave nothing to learn
+    elif (
+        body is not None and not body.simulated
+    ):  # exact samples leave nothing to learn
         chosen = most_telling(body, q, n, taken)
         how = "chosen to reduce the model's uncertainty most"
     else:
@@ -214,7 +222,9 @@ def plan(
     order = shortest_tour(away)
     way = nodes[order]
     rng = np.random.default_rng(0)
-    others = [length(away, np.append(0, 1 + rng.permutation(n))) for _ in range(_ORDERS)]
+    others = [
+        length(away, np.append(0, 1 + rng.permutation(n))) for _ in range(_ORDERS)
+    ]
     return Plan(
         names,
         way[1:],
@@ -239,7 +249,9 @@ def farthest(scale: Scale, q: Array, n: int, taken: Array) -> Index:
     u = scale.to_unit(q)
     away = np.full(len(q), np.inf)
     if len(taken):
-        away = np.asarray(search_tree(scale.to_unit(taken), scale).query(u)[0], dtype=float)
+        away = np.asarray(
+            search_tree(scale.to_unit(taken), scale).query(u)[0], dtype=float
+        )
     chosen = np.empty(n, dtype=np.intp)
     for k in range(n):
         chosen[k] = row = int(away.argmax())
@@ -254,7 +266,15 @@ def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
     q, taken : (m, dof), (t, dof) [rad or m], poses to choose from, and those that were measured
     """
     structure = structure_of(arm, "rigid")
-    free = ("view.rotation", "view.shift", "tool", "placement", "offset", "elastic", "curve")
+    free = (
+        "view.rotation",
+        "view.shift",
+        "tool",
+        "placement",
+        "offset",
+        "elastic",
+        "curve",
+    )
     prior = structure.prior(free)
     every = np.vstack([q, taken])
     told = structure.linearise(every, structure.neutral(), prior.active)[1]
@@ -290,7 +310,9 @@ def shortest_tour(away: Array) -> Index:
             ends = order[i + 1 :]
             # of the ways a-b .. e-f and a-e .. b-f: d(a,b) + d(e,f) - d(a,e) - d(b,f)
             gain = away[a, b] - away[a, ends]
-            gain[:-1] += away[ends[:-1], ends[1:]] - away[b, ends[1:]]  # the last has no successor
+            gain[:-1] += (
+                away[ends[:-1], ends[1:]] - away[b, ends[1:]]
+            )  # the last has no successor
             j = int(gain.argmax())
             if gain[j] > 1e-12:
                 order[i : i + j + 2] = order[i : i + j + 2][::-1]

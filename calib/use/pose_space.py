@@ -54,7 +54,9 @@ class PoseSpace:
         """
         if q is None:
             return np.asarray(np.clip(0.0, self.lower, self.upper))
-        values: Array = number_rows(np.ravel(q), self.joint_names, "start", OptionError)[0][0]
+        values: Array = number_rows(
+            np.ravel(q), self.joint_names, "start", OptionError
+        )[0][0]
         low = self.scale.lower
         high = self.scale.lower + self.scale.span
         for k in np.flatnonzero(~((values >= low - 1e-9) & (values <= high + 1e-9))):
@@ -72,7 +74,9 @@ class PoseSpace:
         faces[rows, rng.integers(dof, size=_FACES)] = rng.integers(2, size=_FACES)
         first = np.array(list(np.ndindex(*(2,) * min(dof, _CORNERS))), dtype=float)
         rest = rng.integers(2, size=(len(first), dof - first.shape[1]))
-        points = np.concatenate([np.hstack([first, rest]), faces, rng.random((_INSIDE, dof))])
+        points = np.concatenate(
+            [np.hstack([first, rest]), faces, rng.random((_INSIDE, dof))]
+        )
         return np.asarray(self.lower + (self.upper - self.lower) * points)
 
 
@@ -118,7 +122,10 @@ def space_of(
         kept = each_joint("margin", margin, names)
     for k, name in enumerate(names):
         least, most = limits[name]
-        lower[k], upper[k] = max(lower[k], least + kept[k]), min(upper[k], most - kept[k])
+        lower[k], upper[k] = (
+            max(lower[k], least + kept[k]),
+            min(upper[k], most - kept[k]),
+        )
         if not lower[k] < upper[k]:
             raise OptionError(
                 f"margin {kept[k]:g}: no room is left in {name}'s range {low[k]:.6g} to "
@@ -146,7 +153,11 @@ def safe(source: Arm | Model, q: Array) -> tuple[Array, list[str]]:
             "poses are not checked: move slowly the first time"
         ]
     body = None if isinstance(source, Arm) else source.body
-    if body is not None and not isinstance(source, Arm) and is_camera(body.structure.view):
+    if (
+        body is not None
+        and not isinstance(source, Arm)
+        and is_camera(body.structure.view)
+    ):
         chain = Space.of(source)
         seen = chain.sees(chain.evaluate(q)[0])
         q = q[seen]
@@ -157,7 +168,9 @@ def safe(source: Arm | Model, q: Array) -> tuple[Array, list[str]]:
     return q, notes
 
 
-def above_plane(source: Arm | Model, q: Array, height: float | None) -> tuple[Array, list[str]]:
+def above_plane(
+    source: Arm | Model, q: Array, height: float | None
+) -> tuple[Array, list[str]]:
     """Return the postures (n, dof) with the arm above z = `height` [m] of its base frame.
 
     The tip and the joints' origins count, links and tools beyond them do not.  The notes tell what
@@ -230,7 +243,9 @@ def hits_itself(
     text = ET.tostring(root, encoding="unicode")
     try:
         model: Any = pin.buildModelFromXML(text)
-        bodies: Any = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
+        bodies: Any = pin.buildGeomFromUrdfString(
+            model, text, pin.GeometryType.COLLISION
+        )
     except Exception:  # Pinocchio raises what its parser happened to throw
         return None
     carriers = [body.parentJoint for body in bodies.geometryObjects]
@@ -244,7 +259,10 @@ def hits_itself(
     for row, values in zip(met, q, strict=True):
         # a joint without limits has cosine and sine as its configuration: `integrate` fills both
         velocity = np.zeros(model.nv)
-        for name, value in {**locked, **dict(zip(joint_names, values, strict=True))}.items():
+        for name, value in {
+            **locked,
+            **dict(zip(joint_names, values, strict=True)),
+        }.items():
             velocity[model.joints[model.getJointId(name)].idx_v] = value
         at = pin.integrate(model, pin.neutral(model), velocity)
         pin.computeCollisions(model, data, bodies, results, at, False)

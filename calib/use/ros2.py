@@ -50,7 +50,11 @@ def write_ros2_package(model: Model, folder: str | os.PathLike[str]) -> list[Pat
             parameter="ros2",
             value=os.fspath(folder),
         )
-    if target.exists() and any(target.iterdir()) and not (target / "arm.calib").is_file():
+    if (
+        target.exists()
+        and any(target.iterdir())
+        and not (target / "arm.calib").is_file()
+    ):
         raise OptionError(
             f"folder {os.fspath(folder)!r} holds other files: give the name of a new one",
             parameter="ros2",
@@ -87,7 +91,10 @@ def _transforms(model: Model) -> str:
         document = json.loads(static_transform(model))
     except OptionError:
         document = []
-    return json.dumps(document if isinstance(document, list) else [document], indent=2) + "\n"
+    return (
+        json.dumps(document if isinstance(document, list) else [document], indent=2)
+        + "\n"
+    )
 
 
 def offsets_xacro(offsets: dict[str, float]) -> str:
@@ -97,6 +104,8 @@ def offsets_xacro(offsets: dict[str, float]) -> str:
     """
     lines = [f'<robot xmlns:xacro="{_XACRO}">']
     for name, value in offsets.items():
-        attributes = f"name={quoteattr(name + '_offset')} value={quoteattr(repr(value))}"
+        attributes = (
+            f"name={quoteattr(name + '_offset')} value={quoteattr(repr(value))}"
+        )
         lines.append(f"  <xacro:property {attributes}/>")
     return "\n".join([*lines, "</robot>"]) + "\n"

@@ -28,7 +28,9 @@ NAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _QUARTER_TURNS = (0, 1, 1, 1, 2, 1)
 """How many quarter turns about x bring the z axis of `base_link_inertia` to each joint's."""
 
-_MOST_TILTED = math.radians(10.0)  # an axis further from the description's is another robot's
+_MOST_TILTED = math.radians(
+    10.0
+)  # an axis further from the description's is another robot's
 _EQUAL = 1e-9  # [m], how closely the entries and the arm have to agree
 
 
@@ -178,7 +180,9 @@ def _compare(
             before = frame
         arm = _posture(urdf, joints, q)[tip]
         if np.abs(pose @ tool - arm).max() > _EQUAL:
-            raise OptionError("the entries would move the tip otherwise than the arm does")
+            raise OptionError(
+                "the entries would move the tip otherwise than the arm does"
+            )
 
 
 def _text(frames: Sequence[Array]) -> str:
@@ -194,6 +198,8 @@ def _text(frames: Sequence[Array]) -> str:
         lines.append(f"  {name}:")
         keys = ("x", "y", "z", "roll", "pitch", "yaw")
         values = [*origin[:3, 3].tolist(), *angles.tolist()]
-        lines += [f"    {key}: {value!r}" for key, value in zip(keys, values, strict=True)]
+        lines += [
+            f"    {key}: {value!r}" for key, value in zip(keys, values, strict=True)
+        ]
     digest = hashlib.sha256("\n".join(lines).encode()).hexdigest()[:20]
     return "\n".join([*lines, f"  hash: calib_{digest}"]) + "\n"

@@ -87,7 +87,9 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
             parameter="tip",
             value=arm.tip,
         )
-    drawn = posture_of(urdf, {**arm.locked, **dict.fromkeys(geometry.places, 0.0)}).frames
+    drawn = posture_of(
+        urdf, {**arm.locked, **dict.fromkeys(geometry.places, 0.0)}
+    ).frames
     offsets = structure.chain.coupling @ beta[structure.groups["offset"]]
     motion = move(structure.links(beta), offsets[:, None])
     carried = np.eye(4)
@@ -102,8 +104,12 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
         fitted[arm.tip] = _placed(motion.position[:, 0], motion.rotation[:, :, 0])
     origins = {}
     for joint in path:  # a locked joint's own motion stays behind its origin
-        lock = np.linalg.inv(drawn[joint.child]) @ drawn[joint.parent] @ origin_of(joint)
-        origins[joint.name] = np.linalg.inv(fitted[joint.parent]) @ fitted[joint.child] @ lock
+        lock = (
+            np.linalg.inv(drawn[joint.child]) @ drawn[joint.parent] @ origin_of(joint)
+        )
+        origins[joint.name] = (
+            np.linalg.inv(fitted[joint.parent]) @ fitted[joint.child] @ lock
+        )
     return origins
 
 
@@ -112,20 +118,26 @@ def _read_back(text: str, origins: dict[str, Array]) -> None:
     import yourdfpy
 
     try:
-        read = yourdfpy.URDF.load(BytesIO(text.encode()), build_scene_graph=False).joint_map
+        read = yourdfpy.URDF.load(
+            BytesIO(text.encode()), build_scene_graph=False
+        ).joint_map
     except (AttributeError, KeyError, TypeError, ValueError):
         return  # it knows fewer shapes than URDFs hold, and says so by whatever its parser raises
     for name, origin in origins.items():
         found = np.eye(4) if read[name].origin is None else read[name].origin
         if np.abs(found - origin).max() > _SAME * max(1.0, np.abs(origin).max()):
-            raise RobotError(f"joint {name!r}: yourdfpy reads another origin than was written")
+            raise RobotError(
+                f"joint {name!r}: yourdfpy reads another origin than was written"
+            )
 
 
 def _edited(text: str, origins: dict[str, dict[str, Array]]) -> str:
     """Return a URDF's text with other "xyz" [m] and "rpy" [rad] of joints, all else as it was."""
     data = text.encode()
     path = list[str]()
-    found: dict[str, tuple[int, dict[str, str] | None]] = {}  # of each joint, its origin's place
+    found: dict[
+        str, tuple[int, dict[str, str] | None]
+    ] = {}  # of each joint, its origin's place
     reader = expat.ParserCreate("utf-8")
 
     def start(tag: str, given: dict[str, str]) -> None:
@@ -143,8 +155,13 @@ def _edited(text: str, origins: dict[str, dict[str, Array]]) -> str:
             continue
         tag = _TAG.match(data, place)
         assert tag is not None  # noqa: S101 - expat found one here
-        new = {key: " ".join(repr(v + 0.0) for v in each.tolist()) for key, each in values.items()}
-        inside = " ".join(f"{key}={quoteattr(v)}" for key, v in {**(given or {}), **new}.items())
+        new = {
+            key: " ".join(repr(v + 0.0) for v in each.tolist())
+            for key, each in values.items()
+        }
+        inside = " ".join(
+            f"{key}={quoteattr(v)}" for key, v in {**(given or {}), **new}.items()
+        )
         end = "/>" if given is None or tag[0].endswith(b"/>") else ">"
         begin = tag.end() if given is None else place
         data = data[:begin] + f"<origin {inside}{end}".encode() + data[tag.end() :]
@@ -159,7 +176,9 @@ def _changed(joint: Joint, moved: Array) -> dict[str, Array]:
     if np.abs(moved[:3, :3] - origin_of(joint)[:3, :3]).max() > _TINY:
         from scipy.spatial.transform import Rotation
 
-        with warnings.catch_warnings():  # at a pitch of 90 deg SciPy sets one of the others to zero
+        with (
+            warnings.catch_warnings()
+        ):  # at a pitch of 90 deg SciPy sets one of the others to zero
             warnings.simplefilter("ignore", UserWarning)
             change["rpy"] = Rotation.from_matrix(moved[:3, :3]).as_euler("xyz")
     return change
@@ -179,7 +198,9 @@ def what_no_urdf_holds(model: Model) -> tuple[str, ...]:
     groups = body.structure.groups
     kinds = {
         "bends under gravity": body.structure.bending,
-        "error curves of joints": tuple(name for name in groups if name.startswith("curve")),
+        "error curves of joints": tuple(
+            name for name in groups if name.startswith("curve")
+        ),
         "gears": ("gain",),
         "joints that move with a neighbour's motor": ("coupling",),
     }
@@ -189,7 +210,9 @@ def what_no_urdf_holds(model: Model) -> tuple[str, ...]:
     names = [
         name
         for name, blocks in kinds.items()
-        if any(moved & set(groups[block].tolist()) for block in blocks if block in groups)
+        if any(
+            moved & set(groups[block].tolist()) for block in blocks if block in groups
+        )
     ]
     if not names:
         return ()

@@ -25,12 +25,15 @@ def adapt(
     model: opt.ModelFile,
     data: opt.NewLog,
     output: Annotated[
-        str | None, Option("--output", "-o", metavar="MODEL", help="Default MODEL.adapted.calib.")
+        str | None,
+        Option("--output", "-o", metavar="MODEL", help="Default MODEL.adapted.calib."),
     ] = None,
     method: Annotated[
         MethodWord,
         opt.word(
-            "--method", METHODS, "few-shot: the body, from a few rows; online: the paper's rule."
+            "--method",
+            METHODS,
+            "few-shot: the body, from a few rows; online: the paper's rule.",
         ),
     ] = "few-shot",
     cause: opt.WhatChanged = None,
@@ -44,7 +47,9 @@ def adapt(
     quiet: opt.Quiet = False,
 ) -> Outcome:
     """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
-    reading = Compared(columns=columns, unit=unit, time_offset=time_offset, degrees=degrees)
+    reading = Compared(
+        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
+    )
     import calib
 
     check_file(output, ())
@@ -54,15 +59,22 @@ def adapt(
     check_file(path, ())  # before the work whose result would be lost
     log = log_for(loaded, data, reading)
     with progress_bar() as progress:
-        found = calib.adapt(loaded, log, method=method, cause=cause, free=free, progress=progress)
+        found = calib.adapt(
+            loaded, log, method=method, cause=cause, free=free, progress=progress
+        )
     say(found.notes)
-    written = found.model is not loaded  # a better one, or the old one with a wider bound
+    written = (
+        found.model is not loaded
+    )  # a better one, or the old one with a wider bound
     if written:
         photo_of_log(found.model, log, data).save(path)
     about = found.model.about
     document = {
         "model": path if written else None,
-        **fields(found, "improved samples outliers left_out correction kept coverage everywhere"),
+        **fields(
+            found,
+            "improved samples outliers left_out correction kept coverage everywhere",
+        ),
         **fields(found, "before after"),
         "method": method,
         "changed": [change.to_json() for change in found.changed],
@@ -71,13 +83,22 @@ def adapt(
         "units": units_of(about),
     }
     factor, name = for_people(about.unit)
-    before, after = (number(factor * each["mean"]) for each in (found.before, found.after))
+    before, after = (
+        number(factor * each["mean"]) for each in (found.before, found.after)
+    )
     left = f", {found.outliers} left out" if found.outliers else ""
-    rests = f"on rows that it did not learn from; {found.samples} samples of {data}{left}"
+    rests = (
+        f"on rows that it did not learn from; {found.samples} samples of {data}{left}"
+    )
     # a note told of what is unknown
-    changed = [f"changed: {each.words}" for each in found.changed if each.cause != "unknown"]
+    changed = [
+        f"changed: {each.words}" for each in found.changed if each.cause != "unknown"
+    ]
     if found.improved:
-        lines = [f"{path}: {before} {name} before, {after} {name} after, {rests}", *changed]
+        lines = [
+            f"{path}: {before} {name} before, {after} {name} after, {rests}",
+            *changed,
+        ]
     else:
         told = f"{path} predicts as {model} does, with a wider bound"
         if not written:
@@ -86,7 +107,9 @@ def adapt(
         lines.append(f"{before} {name} as it is, {after} {name} adapted, {rests}")
     share = f"the log measured {100 * found.coverage:.0f} % of the learned range"
     limit = (
-        f"coverage: {share}; rows from the rest" if found.coverage < 0.99 else "noise; more rows"
+        f"coverage: {share}; rows from the rest"
+        if found.coverage < 0.99
+        else "noise; more rows"
     )
     lines.append(f"limited by {limit} help most")
     rows = [

@@ -19,7 +19,13 @@ if TYPE_CHECKING:
 def babble(
     robot: opt.RobotFile,
     output: Annotated[
-        str, Option("--output", "-o", metavar="LOG", help="CSV, or Parquet by its name (- stdout).")
+        str,
+        Option(
+            "--output",
+            "-o",
+            metavar="LOG",
+            help="CSV, or Parquet by its name (- stdout).",
+        ),
     ],
     samples: opt.Number = None,
     noise: opt.Noise = None,

@@ -36,7 +36,12 @@ def check(
     cause: opt.WhatChanged = None,
     tolerance: Annotated[
         float | None,
-        Option("--tolerance", metavar="S", parser=parsing.number, help="Exit 3 if unseen [m]."),
+        Option(
+            "--tolerance",
+            metavar="S",
+            parser=parsing.number,
+            help="Exit 3 if unseen [m].",
+        ),
     ] = None,
     columns: opt.Columns = None,
     unit: opt.Unit = None,
@@ -53,7 +58,9 @@ def check(
     A log with a column `episode` is judged series by series, too. The data of a model of pictures
     may be pictures or a LeRobotDataset.
     """
-    reading = Compared(columns=columns, unit=unit, time_offset=time_offset, degrees=degrees)
+    reading = Compared(
+        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
+    )
     import calib
 
     loaded = calib.load(model)
@@ -63,7 +70,9 @@ def check(
     episodes = [_episode(loaded, log, series, k, cause) for k in sorted({*series})]
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     say(drift.notes)
-    rescaled = any(cause.cause == "scale" and cause.interval is None for cause in drift.causes)
+    rescaled = any(
+        cause.cause == "scale" and cause.interval is None for cause in drift.causes
+    )
     unit_seen = drift.unit
     document = {
         "model": model,
@@ -90,10 +99,14 @@ def check(
         lines = [f"DRIFTED in {len(bumped)} of {len(episodes)} episodes", limit]
         document["drifted"] = True
     elif drift.too_few:
-        lines = ["TOO FEW ROWS TO SAY: they could not show a change of ten times the noise"]
+        lines = [
+            "TOO FEW ROWS TO SAY: they could not show a change of ten times the noise"
+        ]
         lines += ["what to do: measure more poses, spread over the joints' ranges"]
     elif drift.drifted is None:
-        lines = ["TOO COARSE: these rows could not have shown a change of the tolerated size"]
+        lines = [
+            "TOO COARSE: these rows could not have shown a change of the tolerated size"
+        ]
         lines += ["what to do: give more rows, or rows of less noise", limit]
     else:
         head = "still calibrated"
@@ -127,7 +140,12 @@ def _episode(
 
 def _details(drift: Drift, factor: float, name: str) -> list[str | TextTable]:
     tests = [
-        [g.name, number(g.p_value), number(factor * g.smallest), "fired" * (g.score > 1.0)]
+        [
+            g.name,
+            number(g.p_value),
+            number(factor * g.smallest),
+            "fired" * (g.score > 1.0),
+        ]
         for g in sorted(drift.groups, key=lambda g: -g.score)[:_MOST]
     ]
     signals = [
@@ -140,9 +158,13 @@ def _details(drift: Drift, factor: float, name: str) -> list[str | TextTable]:
         "chance: of such rows where nothing changed; below 0.001 the test fired; "
         "smallest: the smallest change that these rows could have shown"
     )
-    zeta = "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)"
+    zeta = (
+        "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)"
+    )
     header = ["what may have changed", "chance", f"smallest [{name}]", ""]
     return [
         TextTable(header, tests, foot=found),
-        TextTable(["on the maps", "unit", "found", "usual"], signals, left=2, foot=zeta),
+        TextTable(
+            ["on the maps", "unit", "found", "usual"], signals, left=2, foot=zeta
+        ),
     ]

@@ -18,11 +18,18 @@ if TYPE_CHECKING:
 def correct(
     model: opt.ModelFile,
     limit: Annotated[
-        Any, Option("--limit", metavar="L", parser=above_zero, help="Largest change (3 x usual).")
+        Any,
+        Option(
+            "--limit",
+            metavar="L",
+            parser=above_zero,
+            help="Largest change (3 x usual).",
+        ),
     ] = None,
     view: opt.LogView = "auto",
     orientation: Annotated[
-        Literal["keep", "free"], Option("--orientation", help="Of six joints: the tool's turn.")
+        Literal["keep", "free"],
+        Option("--orientation", help="Of six joints: the tool's turn."),
     ] = "keep",
     input_: opt.Input = None,
     columns: opt.Columns = None,
@@ -38,7 +45,9 @@ def correct(
     Exit code 3 if the real arm cannot reach one of these places, or if a joint would change by
     more than the limit; the other rows are written.
     """
-    asking = Asking(input_=input_, columns=columns, output=output, unit=unit, degrees=degrees)
+    asking = Asking(
+        input_=input_, columns=columns, output=output, unit=unit, degrees=degrees
+    )
     import numpy as np
 
     import calib
@@ -57,7 +66,9 @@ def correct(
     table = dict(zip(joints.names, (found.q * factors).T, strict=True))
     table |= dict(zip(loaded.axes, found.target.T, strict=True))
     told = fields(found, "distance expected_error reachable angle placement_error")
-    table |= {name: column for name, column in told.items() if column is not None}  # in space
+    table |= {
+        name: column for name, column in told.items() if column is not None
+    }  # in space
     rows = np.flatnonzero(valid) + 1
     limits = ", ".join(joints.change(k, most) for k, most in enumerate(found.limit))
     beyond = (
@@ -65,7 +76,10 @@ def correct(
         "right, give a larger --limit"
     )
     failures = {
-        "out_of_reach": (rows[~found.reachable].tolist(), "out of reach for the real arm"),
+        "out_of_reach": (
+            rows[~found.reachable].tolist(),
+            "out of reach for the real arm",
+        ),
         "beyond_limit": (rows[found.exceeded].tolist(), beyond),
     }
     changes = dict[str, Any]()
@@ -75,7 +89,9 @@ def correct(
         parts = zip(joints.names, loaded.about.units_of_joints, each, strict=True)
         for name, kind, values in parts:
             changes[name] = dict(zip(("mean", "max", "limit"), values, strict=True))
-            lines.append(f"{name} {sized(values[0], kind)} (largest {sized(values[1], kind)})")
+            lines.append(
+                f"{name} {sized(values[0], kind)} (largest {sized(values[1], kind)})"
+            )
     answered = (found.reachable & ~found.exceeded).any() or not found.exceeded.any()
     written = beside(batch, valid, table) if answered else None
     line = [f"mean change: {', '.join(lines)}"] if lines else []

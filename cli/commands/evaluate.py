@@ -11,7 +11,14 @@ from .. import options as opt
 from ..output import Outcome, fields, say, sized
 from ..parsing import BadOption
 from ..samples import Compared, Sockets, log_of
-from ..summary import accuracy, advice, answers_back, does_not_hold, error_table, summary
+from ..summary import (
+    accuracy,
+    advice,
+    answers_back,
+    does_not_hold,
+    error_table,
+    summary,
+)
 
 if TYPE_CHECKING:
     from calib import Evaluation, Model, Samples
@@ -32,7 +39,8 @@ def evaluate(
     distance: opt.Distances = None,
     plane: opt.Planes = None,
     frame: Annotated[
-        FrameWord, opt.word("--frame", FRAMES, "free: the sensor's frame is found anew.")
+        FrameWord,
+        opt.word("--frame", FRAMES, "free: the sensor's frame is found anew."),
     ] = "kept",
     iso: Annotated[
         bool, Option("--iso9283", help="Accuracy and repeatability of poses, too.")
@@ -42,7 +50,9 @@ def evaluate(
     quiet: opt.Quiet = False,
 ) -> Outcome:
     """Print the errors of a model, on fresh samples or on a log."""
-    reading = Compared(columns=columns, unit=unit, time_offset=time_offset, degrees=degrees)
+    reading = Compared(
+        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
+    )
     sockets = Sockets(distance=distance, plane=plane)
     import calib
 
@@ -75,7 +85,9 @@ def evaluate(
     ]
     if standard is not None:
         lines.append(_standard_line(standard))
-    return Outcome(document, lines, [error_table(loaded, result.errors, f"errors on {tested}")])
+    return Outcome(
+        document, lines, [error_table(loaded, result.errors, f"errors on {tested}")]
+    )
 
 
 def _iso9283(model: Model, log: Samples | None) -> Iso9283:
@@ -83,7 +95,9 @@ def _iso9283(model: Model, log: Samples | None) -> Iso9283:
     from calib.use.iso9283 import iso9283
 
     if log is None:
-        raise BadOption("--iso9283 is of a log with repeated poses: expected --data LOG too")
+        raise BadOption(
+            "--iso9283 is of a log with repeated poses: expected --data LOG too"
+        )
     return iso9283(model, log)
 
 
@@ -98,7 +112,11 @@ def _standard_line(standard: Iso9283) -> str:
 
 def _scatter(result: Evaluation) -> str:
     size = {name: sized(value, "m") for name, value in result.touch["scatter"].items()}
-    line = f"tips scatter about their sockets by {size['mean']}, 95 % within {size['p95']}"
+    line = (
+        f"tips scatter about their sockets by {size['mean']}, 95 % within {size['p95']}"
+    )
     line += f", in {result.rows} touches, {result.left_out} left out"
     off = [abs(gap["predicted"] - gap["stated"]) for gap in result.touch["distances"]]
-    return line + (f"; distances are off by {sized(sum(off) / len(off), 'm')}" if off else "")
+    return line + (
+        f"; distances are off by {sized(sum(off) / len(off), 'm')}" if off else ""
+    )

@@ -26,33 +26,42 @@ _ENDINGS = {
 def export(
     model: opt.ModelFile,
     output: Annotated[
-        str | None, Option("--output", "-o", metavar="FILE", help="C header; JSON of --lerobot.")
+        str | None,
+        Option("--output", "-o", metavar="FILE", help="C header; JSON of --lerobot."),
     ] = None,
     single: Annotated[bool, Option("--float", help="Single precision.")] = False,
     small: Annotated[
-        bool, Option("--small", help="No tables of bounds and starts, for little memory.")
+        bool,
+        Option("--small", help="No tables of bounds and starts, for little memory."),
     ] = False,
     prefix: Annotated[
         str, Option("--prefix", metavar="NAME", help="Prefix of every name in C.")
     ] = "calib_",
     camera: Annotated[
-        str | None, Option("--camera", metavar="FILE.yaml", help="The lens as ROS camera_info.")
+        str | None,
+        Option("--camera", metavar="FILE.yaml", help="The lens as ROS camera_info."),
     ] = None,
     transform: Annotated[
-        str | None, Option("--transform", metavar="FILE.json", help="The sensor in the base.")
+        str | None,
+        Option("--transform", metavar="FILE.json", help="The sensor in the base."),
     ] = None,
     lerobot: Annotated[
-        str | None, Option("--lerobot", metavar="OLD.json", help="LeRobot's: -o has new zeros.")
+        str | None,
+        Option("--lerobot", metavar="OLD.json", help="LeRobot's: -o has new zeros."),
     ] = None,
     ur: Annotated[
         str | None,
-        Option("--ur", metavar="FILE.yaml", help="Kinematics of a UR, as ROS reads them."),
+        Option(
+            "--ur", metavar="FILE.yaml", help="Kinematics of a UR, as ROS reads them."
+        ),
     ] = None,
     mjcf: Annotated[
-        str | None, Option("--mjcf", metavar="FILE.xml", help="Bodies, joints, tip for MuJoCo.")
+        str | None,
+        Option("--mjcf", metavar="FILE.xml", help="Bodies, joints, tip for MuJoCo."),
     ] = None,
     ros2: Annotated[
-        str | None, Option("--ros2", metavar="FOLDER", help="A ROS 2 package that runs the model.")
+        str | None,
+        Option("--ros2", metavar="FOLDER", help="A ROS 2 package that runs the model."),
     ] = None,
     free: opt.Free = "all",
     as_json: opt.Json = False,
@@ -63,7 +72,13 @@ def export(
     import calib
     from calib.common.atomic import atomic_write
 
-    wanted = {"output": output, "camera": camera, "transform": transform, "ur": ur, "mjcf": mjcf}
+    wanted = {
+        "output": output,
+        "camera": camera,
+        "transform": transform,
+        "ur": ur,
+        "mjcf": mjcf,
+    }
     paths = {name: path for name, path in wanted.items() if path is not None}
     if not paths and ros2 is None:
         raise BadOption(
@@ -79,21 +94,39 @@ def export(
 
     loaded = calib.load(model)
     document = dict[str, Any](model=model)
-    made: dict[str, tuple[str, str]] = {}  # text, and what it is; all before anything is written
+    made: dict[
+        str, tuple[str, str]
+    ] = {}  # text, and what it is; all before anything is written
     if lerobot is not None and output is None:
-        raise BadOption("--lerobot needs -o NEW.json, where the corrected calibration goes")
+        raise BadOption(
+            "--lerobot needs -o NEW.json, where the corrected calibration goes"
+        )
     if {lerobot, ur, mjcf} != {None}:
-        corrected, document["offsets"] = formats.corrected_arm(loaded, drawn=free == "offsets")
+        corrected, document["offsets"] = formats.corrected_arm(
+            loaded, drawn=free == "offsets"
+        )
         if ur is not None:
-            made["ur"] = ur_kinematics(corrected, loaded.about.tip), "kinematics of a UR"
+            made["ur"] = (
+                ur_kinematics(corrected, loaded.about.tip),
+                "kinematics of a UR",
+            )
         if mjcf is not None:
-            made["mjcf"] = formats.mjcf_text(corrected, loaded.about.tip), "bodies for MuJoCo"
+            made["mjcf"] = (
+                formats.mjcf_text(corrected, loaded.about.tip),
+                "bodies for MuJoCo",
+            )
         if lerobot is not None:
             text, document["ticks"] = homed(lerobot, document["offsets"])
             made["output"] = text, f"homing offsets moved by {document['ticks']} ticks"
-            say(["the ends of the motors' ranges move with their zeros: drive to them with care"])
+            say(
+                [
+                    "the ends of the motors' ranges move with their zeros: drive to them with care"
+                ]
+            )
     if output is not None and lerobot is None:
-        text, tables = formats.c_header(loaded, prefix=prefix, single=single, small=small)
+        text, tables = formats.c_header(
+            loaded, prefix=prefix, single=single, small=small
+        )
         document |= {"bytes": len(text), "table_bytes": tables}
         size = f"tables of {tables / 1024:.1f} kB, {len(text) / 1e3:.0f} kB text"
         made["output"] = text, f"{'float' if single else 'double'}, {size}"
@@ -104,7 +137,9 @@ def export(
     for name, (text, _) in made.items():
         # names of joints may hold any letter, a C99 compiler need not take them in comments
         ascii_alone = name == "output" and lerobot is None
-        atomic_write(paths[name], text.encode(*(("ascii", "replace") if ascii_alone else ())))
+        atomic_write(
+            paths[name], text.encode(*(("ascii", "replace") if ascii_alone else ()))
+        )
     lines = [f"{path}: {made[name][1]}" for name, path in paths.items()]
     if ros2 is not None:
         from calib.use.ros2 import write_ros2_package

@@ -38,7 +38,9 @@ def handeye(
     poses_file: Annotated[
         str | None,
         Option(
-            "--poses-file", metavar="FILE", help="Flange poses of a controller, as it has them."
+            "--poses-file",
+            metavar="FILE",
+            help="Flange poses of a controller, as it has them.",
         ),
     ] = None,
     camera: opt.DatasetCamera = None,
@@ -55,14 +57,17 @@ def handeye(
         ),
     ] = None,
     output: Annotated[
-        str | None, Option("--output", "-o", metavar="MODEL", help="Learn a model, too.")
+        str | None,
+        Option("--output", "-o", metavar="MODEL", help="Learn a model, too."),
     ] = None,
     transform: Annotated[
-        str | None, Option("--transform", metavar="FILE", help="All as static transforms.")
+        str | None,
+        Option("--transform", metavar="FILE", help="All as static transforms."),
     ] = None,
     degrees: opt.Degrees = False,
     unit: Annotated[
-        str | None, Option("--unit", metavar="m|mm|..", help="Of the poses (default: found).")
+        str | None,
+        Option("--unit", metavar="m|mm|..", help="Of the poses (default: found)."),
     ] = None,
     rotation: Annotated[
         str | None,
@@ -99,7 +104,9 @@ def handeye(
             raise BadOption(
                 f"{len(names)} names: expected ROBOT PICTURES, or PICTURES with --poses-file"
             )
-        arm = Selection(joints=joints, tip=tip, lock=lock, degrees=degrees).load(names[0])
+        arm = Selection(joints=joints, tip=tip, lock=lock, degrees=degrees).load(
+            names[0]
+        )
         need_joints(pictures, joints_file)
     known = None
     if lens is not None:
@@ -126,7 +133,9 @@ def handeye(
         from calib.common.atomic import atomic_write
         from calib.recording.transforms import transform_files
 
-        frames = ("base", "flange") if arm is None else (parse_robot(arm.urdf).root, arm.tip)
+        frames = (
+            ("base", "flange") if arm is None else (parse_robot(arm.urdf).root, arm.tip)
+        )
         for path, text in transform_files(rig, *frames, transform).items():
             atomic_write(path, text.encode())
             note(f"where all is stands in {path}")

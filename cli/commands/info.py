@@ -39,7 +39,9 @@ def info(
         "body": None if loaded.body is None else loaded.body.to_json(),
         "rows": 0 if loaded.rows is None else len(loaded.rows),
         "notes": [as_typed(text) for text in about.notes],
-        "backlash": None if loaded.approach is None else (2.0 * loaded.approach.play).tolist(),
+        "backlash": None
+        if loaded.approach is None
+        else (2.0 * loaded.approach.play).tolist(),
     }
     about_it = {
         "model": f"{model} ({Path(model).stat().st_size / 1e6:.2f} MB)",
@@ -48,9 +50,14 @@ def info(
     }
     if loaded.approach is not None:  # play is stored as the distance from the middle
         parts = zip(
-            about.joint_names, 2.0 * loaded.approach.play, about.units_of_joints, strict=True
+            about.joint_names,
+            2.0 * loaded.approach.play,
+            about.units_of_joints,
+            strict=True,
         )
-        about_it["backlash"] = ", ".join(f"{n} {sized(play, unit)}" for n, play, unit in parts)
+        about_it["backlash"] = ", ".join(
+            f"{n} {sized(play, unit)}" for n, play, unit in parts
+        )
     if loaded.history:
         about_it["earlier states"] = str(len(loaded.history))
     width = max(map(len, about_it))

@@ -17,26 +17,40 @@ from ..samples import Selection
 
 def lerobot(
     dataset: Annotated[
-        str, Argument(metavar="DATASET", help="The folder of a LeRobotDataset with a board in it.")
+        str,
+        Argument(
+            metavar="DATASET", help="The folder of a LeRobotDataset with a board in it."
+        ),
     ],
     calibration: Annotated[
-        str, Option("--calibration", metavar="FILE", help="LeRobot's calibration.json of this arm.")
+        str,
+        Option(
+            "--calibration",
+            metavar="FILE",
+            help="LeRobot's calibration.json of this arm.",
+        ),
     ],
     board: Annotated[
         str, Option("--board", metavar="BOARD", help="Such as 7x5:24mm:18mm:5x5_100.")
     ],
     output: Annotated[
-        str, Option("--output", "-o", metavar="NEW.json", help="The corrected calibration.")
+        str,
+        Option("--output", "-o", metavar="NEW.json", help="The corrected calibration."),
     ],
     eye: Annotated[
-        Eye, opt.word("--eye", EYES, "hand: the camera is on the arm; base: it stands still.")
+        Eye,
+        opt.word(
+            "--eye", EYES, "hand: the camera is on the arm; base: it stands still."
+        ),
     ] = "hand",
     robot: Annotated[
-        str | None, Option("--robot", metavar="ROBOT", help="Default: the kind of the data set.")
+        str | None,
+        Option("--robot", metavar="ROBOT", help="Default: the kind of the data set."),
     ] = None,
     camera: opt.DatasetCamera = None,
     model: Annotated[
-        str | None, Option("--model", metavar="MODEL", help="Keep what was learned, too.")
+        str | None,
+        Option("--model", metavar="MODEL", help="Keep what was learned, too."),
     ] = None,
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
@@ -65,11 +79,17 @@ def lerobot(
     assert rig.poses is not None  # noqa: S101 - of joints there is a log
     learned = calib.train(rig.poses)
     offsets = zeros(learned)
-    text, ticks = homed(calibration, {name: zero.offset for name, zero in offsets.items()})
+    text, ticks = homed(
+        calibration, {name: zero.offset for name, zero in offsets.items()}
+    )
     if model is not None:
         learned.save(model)
     atomic_write(output, text.encode())
-    say(["the ends of the motors' ranges move with their zeros: drive to them with care"])
+    say(
+        [
+            "the ends of the motors' ranges move with their zeros: drive to them with care"
+        ]
+    )
     document: dict[str, Any] = {
         "output": output,
         "offsets": {name: zero.to_json() for name, zero in offsets.items()},

@@ -29,22 +29,39 @@ def log(
         str, Option("--output", "-o", metavar="LOG", help="The log: CSV or Parquet.")
     ],
     joints_topic: Annotated[
-        str | None, Option("--joints-topic", metavar="TOPIC", help="JointState, if several.")
+        str | None,
+        Option("--joints-topic", metavar="TOPIC", help="JointState, if several."),
     ] = None,
     tip_topic: Annotated[
-        str | None, Option("--tip-topic", metavar="TOPIC", help="Points, poses, tf if several.")
+        str | None,
+        Option("--tip-topic", metavar="TOPIC", help="Points, poses, tf if several."),
     ] = None,
     frames: Annotated[
-        Any, Option("--frames", metavar="SENSOR,TIP", parser=parsing.names, help="Of tf, if many.")
+        Any,
+        Option(
+            "--frames",
+            metavar="SENSOR,TIP",
+            parser=parsing.names,
+            help="Of tf, if many.",
+        ),
     ] = None,
     joints: opt.JointNames = None,
     max_gap: Annotated[
-        float, Option("--max-gap", metavar="S", parser=above_zero, help="Between joint states [s].")
+        float,
+        Option(
+            "--max-gap",
+            metavar="S",
+            parser=above_zero,
+            help="Between joint states [s].",
+        ),
     ] = 0.1,
     still: Annotated[
         Any,
         Option(
-            "--still", metavar="V", parser=above_zero, help="Drop rows that move faster [rad/s]."
+            "--still",
+            metavar="V",
+            parser=above_zero,
+            help="Drop rows that move faster [rad/s].",
         ),
     ] = None,
     time_offset: opt.TimeOffset = None,
@@ -89,11 +106,21 @@ def log(
 
     check_file(output, TABLES, stream=True)
     slides = prismatic or ()
-    bags: dict[str, Any] = {"joints_topic": joints_topic, "tip_topic": tip_topic, "frames": frames}
-    timed: dict[str, Any] = {"max_gap": max_gap, "still": still, "time_offset": time_offset}
+    bags: dict[str, Any] = {
+        "joints_topic": joints_topic,
+        "tip_topic": tip_topic,
+        "frames": frames,
+    }
+    timed: dict[str, Any] = {
+        "max_gap": max_gap,
+        "still": still,
+        "time_offset": time_offset,
+    }
     if shooting.taken(bag):
         refuse(bags, "is for bags, not for pictures and videos")
-        made = shooting.record(bag, output, joints, timed, degrees=degrees, prismatic=slides)
+        made = shooting.record(
+            bag, output, joints, timed, degrees=degrees, prismatic=slides
+        )
         factor, shown = for_people(made.unit)
         kinds = f"[rad, {made.unit}]"
         noise = factor * float(made.source["noise"])

@@ -14,7 +14,10 @@ from ..samples import Logged, Selection, measured_samples
 
 def noise(
     log: Annotated[
-        str, Argument(metavar="LOG", help="CSV or Parquet with the joints' columns and x, y.")
+        str,
+        Argument(
+            metavar="LOG", help="CSV or Parquet with the joints' columns and x, y."
+        ),
     ],
     robot: Annotated[
         str | None, Option("--robot", metavar="ROBOT", help="Whose joints they are.")
@@ -50,7 +53,9 @@ def noise(
     document = {"log": log, **result.to_json()}
     document["units"] = {"positions": result.unit}
     lines = [
-        _line("the sensor reads to", result.sensor, result.sensor_interval, result.unit),
+        _line(
+            "the sensor reads to", result.sensor, result.sensor_interval, result.unit
+        ),
         _line("the arm returns to", result.arm, result.arm_interval, result.unit),
         f"from {result.repeats} further readings and {result.returns} returns to {result.poses} "
         "poses",

@@ -21,13 +21,23 @@ if TYPE_CHECKING:
 
 
 def plan(
-    robot: Annotated[str, Argument(metavar="ROBOT|MODEL", help="To measure, or to improve.")],
+    robot: Annotated[
+        str, Argument(metavar="ROBOT|MODEL", help="To measure, or to improve.")
+    ],
     output: Annotated[
         str,
-        Option("--output", "-o", metavar="FILE", help="CSV, or Parquet by its name (- stdout)."),
+        Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="CSV, or Parquet by its name (- stdout).",
+        ),
     ],
     poses: Annotated[
-        int, Option("--poses", "-n", metavar="N", parser=whole(1, 1000), help="How many poses.")
+        int,
+        Option(
+            "--poses", "-n", metavar="N", parser=whole(1, 1000), help="How many poses."
+        ),
     ] = 60,
     joints: opt.JointNames = None,
     tip: opt.Tip = None,
@@ -36,27 +46,47 @@ def plan(
     ranges: opt.Ranges = None,
     degrees: opt.Degrees = False,
     margin: Annotated[
-        Any, Option("--margin", metavar="M", parser=not_negative, help="From limits (1 deg).")
+        Any,
+        Option(
+            "--margin", metavar="M", parser=not_negative, help="From limits (1 deg)."
+        ),
     ] = None,
     start: Annotated[
-        Any, Option("--from", metavar="Q1,Q2", parser=reals, help="Joints before the first pose.")
+        Any,
+        Option(
+            "--from",
+            metavar="Q1,Q2",
+            parser=reals,
+            help="Joints before the first pose.",
+        ),
     ] = None,
     data: opt.Data = None,
     columns: opt.Columns = None,
     touch: Annotated[
-        Any, Option("--touch", metavar="X,Y,Z", parser=reals, help="A point of the base frame [m].")
+        Any,
+        Option(
+            "--touch",
+            metavar="X,Y,Z",
+            parser=reals,
+            help="A point of the base frame [m].",
+        ),
     ] = None,
     above: Annotated[
         float | None,
         Option(
-            "--above", metavar="Z", parser=number, help="Stay above this height of the base [m]."
+            "--above",
+            metavar="Z",
+            parser=number,
+            help="Stay above this height of the base [m].",
         ),
     ] = None,
     handeye: Annotated[
         bool, Option("--handeye", help="A camera sees --board in all poses.")
     ] = False,
     board: opt.BoardSpec = None,
-    eye: Annotated[Eye | None, opt.word("--eye", EYES, "Of --handeye (default hand).")] = None,
+    eye: Annotated[
+        Eye | None, opt.word("--eye", EYES, "Of --handeye (default hand).")
+    ] = None,
     seed: opt.Seed = 0,
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
@@ -74,7 +104,10 @@ def plan(
     is_model = robot.endswith(".calib")
     of_robot = ("joints", "tip", "lock")
     if not handeye or is_model:
-        refuse({"board": board, "eye": eye}, "is for --handeye of ROBOT: a model knows its board")
+        refuse(
+            {"board": board, "eye": eye},
+            "is for --handeye of ROBOT: a model knows its board",
+        )
     elif board is None:
         raise BadOption("--handeye needs --board, such as 7x5:24mm:18mm:5x5_100")
     check_file(output, TABLES, stream=True)
@@ -130,9 +163,14 @@ def plan(
         "travel": dict(zip(names, pose_plan.travel.tolist(), strict=True)),
         "poses": pose_plan.columns(),
         **fields(pose_plan, "start length random_length unit why"),
-        "units": {"joints": dict(zip(names, kinds, strict=True)), "positions": pose_plan.unit},
+        "units": {
+            "joints": dict(zip(names, kinds, strict=True)),
+            "positions": pose_plan.unit,
+        },
     }
     unit = "deg" if degrees else "rad"
     line = f"{output}: {len(pose_plan)} rows of {', '.join(table)} [{unit}, {pose_plan.unit}]"
-    ways = ", ".join(shown.change(k, way) for k, way in enumerate(pose_plan.travel.tolist()))
+    ways = ", ".join(
+        shown.change(k, way) for k, way in enumerate(pose_plan.travel.tolist())
+    )
     return Outcome(document, [line, *pose_plan.why, f"joints travel {ways}"])

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 def preview(
     model: opt.ModelFile,
     html: Annotated[
-        str | None, Option("--html", metavar="FILE", help="Write the page for any browser.")
+        str | None,
+        Option("--html", metavar="FILE", help="Write the page for any browser."),
     ] = None,
     columns: opt.Columns = None,
     unit: opt.Unit = None,
@@ -30,10 +31,17 @@ def preview(
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
     port: Annotated[
-        int, Option("--port", metavar="N", parser=whole(0, 65535), help="Of the page (0: any).")
+        int,
+        Option(
+            "--port", metavar="N", parser=whole(0, 65535), help="Of the page (0: any)."
+        ),
     ] = 0,
-    no_open: Annotated[bool, Option("--no-open", help="Print the address alone.")] = False,
-    live: Annotated[bool, Option("--live", help="Drag a target, see all its solutions.")] = False,
+    no_open: Annotated[
+        bool, Option("--no-open", help="Print the address alone.")
+    ] = False,
+    live: Annotated[
+        bool, Option("--live", help="Drag a target, see all its solutions.")
+    ] = False,
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
@@ -58,7 +66,9 @@ def preview(
     with calib.preview(loaded, html, log, **how) as shown:
         say(shown.notes)
         if html is not None:
-            return Outcome({"html": html, "bytes": Path(html).stat().st_size}, [_page(html)])
+            return Outcome(
+                {"html": html, "bytes": Path(html).stat().st_size}, [_page(html)]
+            )
         try:
             print(shown.url, flush=True)
             note("showing the preview; Ctrl-C ends it")

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
 
 def recognise(
-    models: Annotated[list[str], Argument(metavar="MODEL..", help="One a state of the arm.")],
+    models: Annotated[
+        list[str], Argument(metavar="MODEL..", help="One a state of the arm.")
+    ],
     data: opt.NewLog,
     columns: opt.Columns = None,
     unit: opt.Unit = None,
@@ -28,7 +30,9 @@ def recognise(
     quiet: opt.Quiet = False,
 ) -> Outcome:
     """Tell which of some models the arm is in. Exit code 3 if it is in none."""
-    reading = Compared(columns=columns, unit=unit, time_offset=time_offset, degrees=degrees)
+    reading = Compared(
+        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
+    )
     import calib
 
     loaded = [calib.load(path) for path in models]

@@ -18,7 +18,9 @@ def report(
     output: Annotated[
         str | None, Option("--output", "-o", metavar="FILE.html", help="One file.")
     ] = None,
-    png: Annotated[str | None, Option("--png", metavar="DIR", help="Its figures as PNG.")] = None,
+    png: Annotated[
+        str | None, Option("--png", metavar="DIR", help="Its figures as PNG.")
+    ] = None,
     figures: Annotated[
         str | None, Option("--figures", metavar="FOLDER", help="Its figures as SVG.")
     ] = None,
@@ -44,7 +46,9 @@ def report(
         no_photo=no_photo,
     )
     if output is None and png is None and figures is None:
-        raise BadOption("nothing to write: expected -o FILE.html, --figures FOLDER or --png DIR")
+        raise BadOption(
+            "nothing to write: expected -o FILE.html, --figures FOLDER or --png DIR"
+        )
     check_file(output, (".html", ".htm"))
     loaded, log = drawn.load(model)
     import calib

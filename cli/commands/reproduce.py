@@ -36,15 +36,20 @@ def reproduce(
     what: Annotated[
         Subject,
         Argument(
-            metavar="|".join(SUBJECTS), parser=parsing.one_of(SUBJECTS), help="What to repeat."
+            metavar="|".join(SUBJECTS),
+            parser=parsing.one_of(SUBJECTS),
+            help="What to repeat.",
         ),
     ] = "all",
     output: Annotated[
         str, Option("--output", "-o", metavar="DIR", help="Folder of tables, figures.")
     ] = "reproduced",
-    quick: Annotated[bool, Option("--quick", help="Small lattices and few samples.")] = False,
+    quick: Annotated[
+        bool, Option("--quick", help="Small lattices and few samples.")
+    ] = False,
     robot: Annotated[
-        str | None, Option("--robot", metavar="ROBOT", help="Another arm, two revolute joints.")
+        str | None,
+        Option("--robot", metavar="ROBOT", help="Another arm, two revolute joints."),
     ] = None,
     joints: opt.JointNames = None,
     seed: opt.Seed = 0,
@@ -93,7 +98,12 @@ def _run(name: str, setting: Setting, folder: Path) -> tuple[str, Result]:
     return "adaptation", result
 
 
-def _text(header: Sequence[str], rows: Sequence[Sequence[Any]], title: str) -> TextTable:
-    cells = [[c if isinstance(c, str) else "" if c is None else number(c) for c in r] for r in rows]
+def _text(
+    header: Sequence[str], rows: Sequence[Sequence[Any]], title: str
+) -> TextTable:
+    cells = [
+        [c if isinstance(c, str) else "" if c is None else number(c) for c in r]
+        for r in rows
+    ]
     words = [isinstance(c, str) for c in rows[0]]
     return TextTable(header, cells, title, [*words, False].index(False), foot=_TERMS)

@@ -14,7 +14,9 @@ from ..parsing import BadOption, check_file, whole
 
 
 def tag(
-    output: Annotated[str, Option("--output", "-o", metavar="FILE.svg", help="The page to print.")],
+    output: Annotated[
+        str, Option("--output", "-o", metavar="FILE.svg", help="The page to print.")
+    ],
     number: Annotated[
         int | None, Argument(metavar="ID", parser=whole(0), help="Number of the tag.")
     ] = None,

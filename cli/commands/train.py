@@ -17,7 +17,14 @@ from ..parsing import BadOption, check_file
 from ..samples import Babbling, Logged, Selection, Sockets, check_sources
 from ..samples import babbled_samples as babbled
 from ..samples import measured_by_sensors as measured
-from ..summary import accuracy, advice, contradicted, error_table, found_by_body, summary
+from ..summary import (
+    accuracy,
+    advice,
+    contradicted,
+    error_table,
+    found_by_body,
+    summary,
+)
 
 if TYPE_CHECKING:
     from calib import Model, Samples
@@ -25,14 +32,19 @@ if TYPE_CHECKING:
 
 def train(
     robot: Annotated[
-        str | None, Argument(metavar="ROBOT", help="A URDF, an MJCF or a bundled robot.")
+        str | None,
+        Argument(metavar="ROBOT", help="A URDF, an MJCF or a bundled robot."),
     ] = None,
     data: opt.DataOfSensors = None,
     output: Annotated[
         str | None,
-        Option("--output", "-o", metavar="MODEL", help="Default ROBOT.calib, LOG.calib."),
+        Option(
+            "--output", "-o", metavar="MODEL", help="Default ROBOT.calib, LOG.calib."
+        ),
     ] = None,
-    force: Annotated[bool, Option("--force", help="Replace a model of another robot.")] = False,
+    force: Annotated[
+        bool, Option("--force", help="Replace a model of another robot.")
+    ] = False,
     joints: opt.JointNames = None,
     tip: opt.Tip = None,
     planar: opt.Planar = False,
@@ -60,9 +72,12 @@ def train(
     distance: opt.Distances = None,
     plane: opt.Planes = None,
     lens: Annotated[
-        str | None, Option("--lens", metavar="lens.json", help="Of a camera in space (fitted).")
+        str | None,
+        Option("--lens", metavar="lens.json", help="Of a camera in space (fitted)."),
     ] = None,
-    no_rows: Annotated[bool, Option("--no-rows", help="Keep no rows of the log.")] = False,
+    no_rows: Annotated[
+        bool, Option("--no-rows", help="Keep no rows of the log.")
+    ] = False,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
     as_json: opt.Json = False,
@@ -83,11 +98,19 @@ def train(
         gravity=gravity,
     )
     babbling = Babbling(samples=samples, noise=noise, change=change)
-    logged = Logged(columns=columns, unit=unit, time_offset=time_offset, prismatic=prismatic)
+    logged = Logged(
+        columns=columns, unit=unit, time_offset=time_offset, prismatic=prismatic
+    )
     sockets = Sockets(distance=distance, plane=plane)
     import calib
 
-    of_logs = {**vars(logged), **vars(sockets), "gravity": gravity, "lens": lens, "photo": photo}
+    of_logs = {
+        **vars(logged),
+        **vars(sockets),
+        "gravity": gravity,
+        "lens": lens,
+        "photo": photo,
+    }
     check_sources([robot] if robot else [], bool(data), vars(babbling), of_logs)
     if photo is not None and no_photo:
         raise BadOption("--photo and --no-photo are given: expected one of them")
@@ -95,7 +118,10 @@ def train(
     if not data:
         logs = [babbled(robot, selection, babbling, seed)]
     else:
-        logs = [sockets.of(log) for log in measured(robot, selection, data, logged, seed, lens)]
+        logs = [
+            sockets.of(log)
+            for log in measured(robot, selection, data, logged, seed, lens)
+        ]
     log = logs[0]
     origin = robot or (data or ["robot"])[0]
     safe = re.sub(r"[^\w.+-]+", "_", Path(origin).stem).lstrip(".")
@@ -104,7 +130,9 @@ def train(
     if output is None and not force:
         _check_same_origin(path, log)
     sizes = (size, motor_size, sensory_size)
-    how = calib.TrainingOptions(*sizes, map, rule, epochs, sigma, body=body, view=view, seed=seed)
+    how = calib.TrainingOptions(
+        *sizes, map, rule, epochs, sigma, body=body, view=view, seed=seed
+    )
     with progress_bar() as progress:
         model = calib.train(logs if len(logs) > 1 else log, how, progress=progress)
     say(model.about.notes)
@@ -138,7 +166,9 @@ def train(
 def _accuracy_of_sensor(model: Model, what: str) -> str:
     """Return in one line how accurate a model is, as one of its sensors sees the arm."""
     about = model.about
-    line = accuracy(model, about.errors, about.within, f"{about.tested} {what}", about.left_out)
+    line = accuracy(
+        model, about.errors, about.within, f"{about.tested} {what}", about.left_out
+    )
     return f"{about.sensor}: {line}" if about.sensor else line
 
 
@@ -150,14 +180,18 @@ def _check_same_origin(path: str, log: Samples) -> None:
 
     if not Path(path).exists():
         return
-    with suppress(calib.CalibError):  # what cannot be read is no model of this robot either
+    with suppress(
+        calib.CalibError
+    ):  # what cannot be read is no model of this robot either
         old = calib.load(path)
         urdf = log.arm.urdf if log.arm else ""
         about = old.about
         same = (about.urdf, about.joint_names) == (urdf, log.joint_names)
         same &= (log.simulation is None) == (about.source == "log")
         if old.rows is not None and len(old.rows):  # the first tells logs apart
-            same &= np.array_equal([*old.rows.q[0], *old.rows.x[0]], [*log.q[0], *log.x[0]])
+            same &= np.array_equal(
+                [*old.rows.q[0], *old.rows.x[0]], [*log.q[0], *log.x[0]]
+            )
         if same:
             return
     raise calib.OptionError(

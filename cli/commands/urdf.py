@@ -24,8 +24,12 @@ def urdf(
     ],
     view: opt.LogView = "auto",
     cause: opt.FrameOrJoints = "sensor",
-    move_base: Annotated[bool, Option("--move-base", help="Fit the first joint's place.")] = False,
-    move_tip: Annotated[bool, Option("--move-tip", help="The tip is sensed, no probe.")] = False,
+    move_base: Annotated[
+        bool, Option("--move-base", help="Fit the first joint's place.")
+    ] = False,
+    move_tip: Annotated[
+        bool, Option("--move-tip", help="The tip is sensed, no probe.")
+    ] = False,
     free: opt.Free = "all",
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
@@ -40,7 +44,12 @@ def urdf(
     from calib.common.atomic import atomic_write
     from calib.use.frames import frame_notes
     from calib.use.geometry import fit_geometry
-    from calib.use.urdf import MOST_UNEXPLAINED, check_output, corrected_urdf, what_no_urdf_holds
+    from calib.use.urdf import (
+        MOST_UNEXPLAINED,
+        check_output,
+        corrected_urdf,
+        what_no_urdf_holds,
+    )
 
     check_file(output, (".urdf", ".xml"))
     loaded = calib.load(model)
@@ -89,7 +98,8 @@ def _table(geometry: Geometry) -> TextTable:
     ]
     ways = parameters.get("moved", {})
     changes += [
-        (name, "far end of its link, along {}", "m", change) for name, change in ways.items()
+        (name, "far end of its link, along {}", "m", change)
+        for name, change in ways.items()
     ]
     places = dict(parameters.get("places", {}))
     if "tip" in parameters:
@@ -105,8 +115,12 @@ def _table(geometry: Geometry) -> TextTable:
         factor, unit = for_people(kind)
         values = np.ravel(change["value"])
         widths = np.ravel(change["interval"])
-        for axis, value, width in zip("xyz", values.tolist(), widths.tolist(), strict=False):
+        for axis, value, width in zip(
+            "xyz", values.tolist(), widths.tolist(), strict=False
+        ):
             if width:  # what was fitted
                 shown = fixed(factor * value, 4), number(factor * width)
                 rows.append([name, what.format(axis), unit, *shown])
-    return TextTable(["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", 3)
+    return TextTable(
+        ["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", 3
+    )

@@ -29,12 +29,18 @@ class Canvas:
 
     layers: list[dict[str, Any]] = field(default_factory=list)
     objects: list[dict[str, Any]] = field(default_factory=list)
-    places: dict[str, list[float]] = field(default_factory=dict)  # transforms by columns, by path
-    tracks: dict[str, str] = field(default_factory=dict)  # transforms of the animation, by path
+    places: dict[str, list[float]] = field(
+        default_factory=dict
+    )  # transforms by columns, by path
+    tracks: dict[str, str] = field(
+        default_factory=dict
+    )  # transforms of the animation, by path
 
     def layer(self, name: str, colour: str, text: str, *, shown: bool = True) -> str:
         """Begin a layer of the legend: what is drawn on paths below its name, which is returned."""
-        self.layers.append({"name": name, "colour": colour, "text": text, "shown": shown})
+        self.layers.append(
+            {"name": name, "colour": colour, "text": text, "shown": shown}
+        )
         return name
 
     def add(
@@ -59,7 +65,9 @@ class Canvas:
         """
         drawn = {"path": path, "kind": kind, "opacity": 1.0, "size": size, **more}
         named = isinstance(colour, str)
-        drawn["colour" if named else "tints"] = colour if named else packed(colour, np.uint8)
+        drawn["colour" if named else "tints"] = (
+            colour if named else packed(colour, np.uint8)
+        )
         if points is not None:
             drawn["points"] = packed(points, np.float32)
         if index is not None:
@@ -80,7 +88,9 @@ def packed(values: ArrayLike, kind: type[np.generic]) -> str:
     return base64.b64encode(array.tobytes()).decode("ascii")
 
 
-def draw_robot(canvas: Canvas, robot: Robot, poses: Mapping[str, Array], size: float) -> None:
+def draw_robot(
+    canvas: Canvas, robot: Robot, poses: Mapping[str, Array], size: float
+) -> None:
     """Draw links as capsules from joint to joint, moving through poses (n, 4, 4)."""
     from scipy.spatial.transform import Rotation
 
@@ -92,11 +102,15 @@ def draw_robot(canvas: Canvas, robot: Robot, poses: Mapping[str, Array], size: f
         canvas.add(f"{LAYER}/{link}/joint", "sphere", _JOINT, size=[1.25 * radius])
         if length > 1e-3 * size:
             bone = np.eye(4)
-            bone[:3, :3] = Rotation.align_vectors([end], [[0.0, 1.0, 0.0]])[0].as_matrix()
+            bone[:3, :3] = Rotation.align_vectors([end], [[0.0, 1.0, 0.0]])[
+                0
+            ].as_matrix()
             bone[:3, 3] = end / 2
             path = f"{LAYER}/{link}/bone"
             canvas.add(path, "cylinder", _BONE, size=[radius, length])
             canvas.place(path, bone)
-    canvas.add(f"{LAYER}/{robot.links[-1]}/joint", "sphere", _JOINT, size=[1.25 * radius])
+    canvas.add(
+        f"{LAYER}/{robot.links[-1]}/joint", "sphere", _JOINT, size=[1.25 * radius]
+    )
     for link in robot.links:
         canvas.place(f"{LAYER}/{link}", poses[link])

@@ -43,7 +43,9 @@ class Panel:
 
     def lift(self, u: Array) -> Array:
         """Points (n, 3) of the scene for joints (n, dof) in their unit box."""
-        return np.asarray(self.corner + np.asarray(u)[:, : len(self.edges)] @ self.edges)
+        return np.asarray(
+            self.corner + np.asarray(u)[:, : len(self.edges)] @ self.edges
+        )
 
     def outline(self) -> tuple[Array, NDArray[np.intp]]:
         """Corners (n, 3) and pairs of them (m, 2) that the box is drawn with."""
@@ -54,11 +56,20 @@ class Panel:
 
 
 def draw_maps(
-    canvas: Canvas, model: Model, placement: Placement, panel: Panel, scale: ErrorScale, size: float
+    canvas: Canvas,
+    model: Model,
+    placement: Placement,
+    panel: Panel,
+    scale: ErrorScale,
+    size: float,
 ) -> None:
     """Draw both maps, coloured by their errors; of arms in space they are off until asked for."""
     flat = len(model.axes) == 2
-    few = "over the joints' ranges" if len(model.about.joint_names) < 4 else "over three joints"
+    few = (
+        "over the joints' ranges"
+        if len(model.about.joint_names) < 4
+        else "over three joints"
+    )
     motor_errors, sensory_errors = node_errors(model)
     sensory = placement.lift(model.sensory.weights)
     motor = panel.lift(model.motor.units)
@@ -75,9 +86,17 @@ def draw_maps(
         nodes = "x".join(map(str, shape))
         canvas.layer(name, "scale", f"{nodes} nodes {text}", shown=flat)
         canvas.add(f"{name}/lattice", "lines", tint, points, edges)
-        apart = float(np.median(np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1)))
+        apart = float(
+            np.median(np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1))
+        )
         width = max(apart, 0.003 * size)
-        canvas.add(f"{name}/nodes", "points", tint, points, size=width * (0.5 if flat else 0.12))
+        canvas.add(
+            f"{name}/nodes",
+            "points",
+            tint,
+            points,
+            size=width * (0.5 if flat else 0.12),
+        )
     canvas.add("Motor map/range", "lines", _FRAME, *panel.outline())
     text = "of one node; click the sensory map for another"
     canvas.layer("Hebbian links", _LINK, text, shown=flat)
@@ -114,20 +133,32 @@ def links_of(model: Model, among: NDArray[np.intp]) -> dict[str, Any]:
     }
 
 
-def labels(model: Model, placement: Placement, panel: Panel) -> Iterator[tuple[str, str, Array]]:
+def labels(
+    model: Model, placement: Placement, panel: Panel
+) -> Iterator[tuple[str, str, Array]]:
     """Yield layer, text and place (3,) of the names of both maps and of the joints' ranges."""
     about = model.about
     up = placement.frame[1]
     points = placement.lift(model.sensory.weights)
     size = extent(model) * float(np.linalg.norm(placement.axes[1]))
-    yield "Sensory map", "sensory map", points[np.argmax(points @ up)] + _OFF * size * up
-    yield "Motor map", "motor map", panel.lift(np.array([[0.5, 1.0 + 1.5 * _OFF, 0.0]]))[0]
+    yield (
+        "Sensory map",
+        "sensory map",
+        points[np.argmax(points @ up)] + _OFF * size * up,
+    )
+    yield (
+        "Motor map",
+        "motor map",
+        panel.lift(np.array([[0.5, 1.0 + 1.5 * _OFF, 0.0]]))[0],
+    )
     for axis in range(len(panel.edges)):
         factor, unit = for_people(about.units_of_joints[axis])
         low = f"{number(factor * about.lower[axis])} {unit}"
         high = f"{number(factor * about.upper[axis])} {unit}"
         for share, text in ((0.5, about.joint_names[axis]), (0.0, low), (1.0, high)):
             # the third along the other side, where no other joint's words are
-            at = np.array([-2 * _OFF, -_OFF, 0.0] if axis < 2 else [1.0 + _OFF, 0.0, 0.0])
+            at = np.array(
+                [-2 * _OFF, -_OFF, 0.0] if axis < 2 else [1.0 + _OFF, 0.0, 0.0]
+            )
             at[axis] = share
             yield "Motor map", text, panel.lift(at[None])[0]

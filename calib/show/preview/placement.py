@@ -17,7 +17,9 @@ from ...common.rows import thinned
 from ...model.model import Model
 from ..robot import Robot
 
-_TRUSTED = 0.15  # a sensor that differs less [share of the extent] is drawn where it says
+_TRUSTED = (
+    0.15  # a sensor that differs less [share of the extent] is drawn where it says
+)
 _AZIMUTH = math.radians(-60.0)  # from where a scene in space is seen
 _FIELD_OF_VIEW = 35.0  # degrees, from bottom to top
 _TILT = math.radians(24.0)  # off the plane's normal, so that depth can be seen
@@ -70,7 +72,9 @@ def place_model(model: Model, arm: Robot | None) -> Placement:
         origin = np.array(plane["origin"], dtype=float)
     if arm is None:  # as the camera sees it
         return Placement(origin, axes * np.array([[1.0], [up], [1.0]])[: len(axes)], up)
-    nodes = model.motor.scale.from_unit(np.clip(model.motor.units[model.visited], 0.0, 1.0))
+    nodes = model.motor.scale.from_unit(
+        np.clip(model.motor.units[model.visited], 0.0, 1.0)
+    )
     nodes = nodes[thinned(len(nodes), 300)]
     x = model.forward(nodes)
     answered = np.isfinite(x).all(axis=1)
@@ -78,22 +82,33 @@ def place_model(model: Model, arm: Robot | None) -> Placement:
     tips = arm.tips(nodes[answered])
     sensor = SensorPose.of(model.body)
     body = model.body
-    if sensor is not None and body is not None:  # the body knows where the sensor stands
+    if (
+        sensor is not None and body is not None
+    ):  # the body knows where the sensor stands
         structure: Any = body.structure
         if is_camera(structure.view):  # upright across its line of sight
             f, u, v, _ = body.beta[structure.groups["lens"]]
             depth = float(np.mean((tips - sensor.position) @ sensor.rotation[:, 2]))
             axes = depth / f * sensor.rotation[:, :2].T
-            corner = sensor.position + depth * sensor.rotation[:, 2] - u * axes[0] - v * axes[1]
+            corner = (
+                sensor.position
+                + depth * sensor.rotation[:, 2]
+                - u * axes[0]
+                - v * axes[1]
+            )
             return Placement(corner, axes, -1.0, _PICTURE)
         axes = sensor.rotation.T / structure.sensor(body.beta).scale
-        return Placement(sensor.position, axes, up, "" if structure.view == "base" else _KNOWN)
+        return Placement(
+            sensor.position, axes, up, "" if structure.view == "base" else _KNOWN
+        )
     stated = origin + x @ axes
     far = np.sqrt(np.mean(np.sum((stated - tips) ** 2, axis=1)))
     if about.unit != "m" or far > _TRUSTED * float(np.ptp(tips, axis=0).max()):
         # points of a plane need no mirror: a half turn about a line in it is one
         turn, shift, factor = similarity(stated, tips)
-        return Placement(factor * turn @ origin + shift, factor * axes @ turn.T, up, _FITTED)
+        return Placement(
+            factor * turn @ origin + shift, factor * axes @ turn.T, up, _FITTED
+        )
     return Placement(origin, axes, up)
 
 
@@ -117,6 +132,10 @@ def camera_onto(points: Array, frame: Array) -> dict[str, Any]:
     box = points @ axes.T
     low = box.min(axis=0)
     high = box.max(axis=0)
-    parts = {"target": (low + high) / 2 @ axes, "direction": direction, "half": (high - low) / 2}
+    parts = {
+        "target": (low + high) / 2 @ axes,
+        "direction": direction,
+        "half": (high - low) / 2,
+    }
     plain = {name: values.tolist() for name, values in parts.items()}
     return {**plain, "fov": _FIELD_OF_VIEW, "margin": _MARGIN}

@@ -102,10 +102,14 @@ class Scene:
 
     def html(self, *, live: bool = False) -> str:
         """Return the page; `live` where a server answers inverse queries."""
-        package = find_spec("meshcat")  # not imported, which takes a quarter of a second
+        package = find_spec(
+            "meshcat"
+        )  # not imported, which takes a quarter of a second
         assert package is not None and package.origin is not None  # noqa: S101, PT018
         viewer = Path(package.origin).parent / "viewer" / "dist" / "main.min.js"
-        text = json.dumps({**self.data, "live": live}, separators=(",", ":"), allow_nan=False)
+        text = json.dumps(
+            {**self.data, "live": live}, separators=(",", ":"), allow_nan=False
+        )
         folder = files(__package__)
         return Template((folder / "page.html").read_text(encoding="utf-8")).substitute(
             style=(folder / "page.css").read_text(encoding="utf-8"),
@@ -125,12 +129,16 @@ class Scene:
         canvas = Canvas()
         size = extent(model) * float(np.linalg.norm(placement.axes[0]))
         x, bound = bound_field(model)
-        border = placement.lift(outline(model).reshape(-1, 2)) if flat else np.empty((0, 3))
+        border = (
+            placement.lift(outline(model).reshape(-1, 2)) if flat else np.empty((0, 3))
+        )
         reach = placement.lift(x)
         poses = {} if robot is None else robot.poses(self.motion.q)
         corners = self._corners_of_photo()
         # what the picture has to show: rows or the reach, the arm, what stands around it, the photo
-        places = placement.lift(model.sensory.weights if self.rows is None else self.rows.x)
+        places = placement.lift(
+            model.sensory.weights if self.rows is None else self.rows.x
+        )
         around = [
             reach if flat else places[:0],
             places,
@@ -164,7 +172,9 @@ class Scene:
             words += self._draw_things(canvas, robot)
         draw_maps(canvas, model, placement, panel, scale, size)
         if flat:
-            canvas.layer("Workspace border", _BORDER, "of all that the learned range reaches")
+            canvas.layer(
+                "Workspace border", _BORDER, "of all that the learned range reaches"
+            )
             pairs = np.arange(len(border)).reshape(-1, 2)
             canvas.add("Workspace border/line", "lines", _BORDER, border + front, pairs)
         else:
@@ -178,7 +188,11 @@ class Scene:
         self._draw_motion(canvas, front, size)
         canvas.place("Axes", np.diag([*[0.3 * size] * 3, 1.0]))
         # a target is dragged in the drawn plane; in space in one through the middle of the map
-        middle = placement.origin if flat else placement.lift(model.sensory.weights).mean(axis=0)
+        middle = (
+            placement.origin
+            if flat
+            else placement.lift(model.sensory.weights).mean(axis=0)
+        )
         simulated = model.about.source == "simulation"
         measure = "true position" if simulated else model.about.bound_of
         return {
@@ -187,9 +201,13 @@ class Scene:
             "bound": f"95 % bound on the distance to the {measure}; rows: their error",
             "ticks": scale.ticks(),
             "stops": STOPS[:1] if scale.empty else STOPS,
-            "labels": [{"layer": n, "text": text, "at": at.tolist()} for n, text, at in words],
+            "labels": [
+                {"layer": n, "text": text, "at": at.tolist()} for n, text, at in words
+            ],
             "camera": camera,
-            "links": links_of(model, np.unique(model.sensory.winners(self.motion.target))),
+            "links": links_of(
+                model, np.unique(model.sensory.winners(self.motion.target))
+            ),
             "target": _TARGET,
             "step": self.motion.step,
             "panel": {"corner": panel.corner.tolist(), "edges": panel.edges.tolist()},
@@ -213,7 +231,9 @@ class Scene:
         if photo is None or len(self.model.axes) == 3:
             return np.empty((0, 3))
         left, right, low, high = photo.box
-        return self.placement.lift([[left, low], [right, low], [right, high], [left, high]])
+        return self.placement.lift(
+            [[left, low], [right, low], [right, high], [left, high]]
+        )
 
     def _draw_photo(self, canvas: Canvas, corners: Array) -> None:
         """Draw the photo between its corners (4, 3); what is seen through lets maps shine."""
@@ -230,7 +250,9 @@ class Scene:
             opacity=0.999,
         )
 
-    def _draw_things(self, canvas: Canvas, robot: Robot) -> list[tuple[str, str, Array]]:
+    def _draw_things(
+        self, canvas: Canvas, robot: Robot
+    ) -> list[tuple[str, str, Array]]:
         """Draw camera, board, sockets, frame; what is carried moves along. Returns labels."""
         things = things_of(self.model)
         words = []
@@ -243,14 +265,21 @@ class Scene:
             canvas.add(f"{path}/lines", "lines", _THING, thing.points, thing.pairs)
             if thing.faces:
                 canvas.add(
-                    f"{path}/faces", "surface", _THING, thing.points, thing.faces, opacity=0.4
+                    f"{path}/faces",
+                    "surface",
+                    _THING,
+                    thing.points,
+                    thing.faces,
+                    opacity=0.4,
                 )
             canvas.place(path, thing.frame)
             if not thing.carried:
                 words.append(("Setup", thing.name, thing.frame[:3, 3]))
         return words
 
-    def _draw_rows(self, canvas: Canvas, scale: ErrorScale, front: Array, size: float) -> None:
+    def _draw_rows(
+        self, canvas: Canvas, scale: ErrorScale, front: Array, size: float
+    ) -> None:
         """Draw rows as points in the colour of their errors."""
         rows = self.rows
         if rows is None:
@@ -268,7 +297,9 @@ class Scene:
         off = float(np.linalg.norm(motion.reached - motion.target, axis=1).mean())
         factor, unit = unit_for(off, self.model.about.unit)
         mean = f"{number(factor * off)} {unit} off on average"
-        along = np.stack([np.arange(len(motion.q) - 1), np.arange(1, len(motion.q))], axis=1)
+        along = np.stack(
+            [np.arange(len(motion.q) - 1), np.arange(1, len(motion.q))], axis=1
+        )
         if self.rows is not None:
             texts = ("as measured, row by row", f"as predicted, {mean}")
             names = ("Measured tip", "Predicted tip")
@@ -276,7 +307,9 @@ class Scene:
             texts = ("asked for", f"by the simulated arm: {mean}")
             names = ("Target path", "Reached path")
         # the two may coincide: the target is a glass ball around the tip
-        for order, (x, colour) in enumerate(((motion.target, _TARGET), (motion.reached, _REACHED))):
+        for order, (x, colour) in enumerate(
+            ((motion.target, _TARGET), (motion.reached, _REACHED))
+        ):
             name = names[order]
             canvas.layer(name, colour, texts[order])
             points = self.placement.lift(x)
@@ -285,7 +318,12 @@ class Scene:
             radius = (0.022 - 0.01 * order) * size
             opacity = 1.0 if order else 0.45
             canvas.add(
-                f"{name}/ball", "marker", colour, size=radius, opacity=opacity, order=order + 1
+                f"{name}/ball",
+                "marker",
+                colour,
+                size=radius,
+                opacity=opacity,
+                order=order + 1,
             )
             track = np.tile(np.eye(4), (len(points), 1, 1))
             track[:, :3, 3] = points

@@ -24,7 +24,14 @@ from .scene import Scene
 
 _ADDRESS = "127.0.0.1"  # no other computer can reach it
 _LONGEST = 10_000  # bytes of a question
-_NONSENSE = (ValueError, TypeError, KeyError, AttributeError, CalibError, ArithmeticError)
+_NONSENSE = (
+    ValueError,
+    TypeError,
+    KeyError,
+    AttributeError,
+    CalibError,
+    ArithmeticError,
+)
 
 
 def preview(
@@ -85,7 +92,9 @@ def preview(
     server.page = page
     server.scene = scene if live else None
     threading.Thread(target=server.serve_forever, args=(0.2,), daemon=True).start()
-    shown = Preview(f"http://{_ADDRESS}:{server.server_address[1]}{server.place}", scene, server)
+    shown = Preview(
+        f"http://{_ADDRESS}:{server.server_address[1]}{server.place}", scene, server
+    )
     if browse:
         webbrowser.open(shown.url)
     return shown
@@ -199,8 +208,12 @@ def _answer(scene: Scene, question: dict[str, Any]) -> dict[str, Any]:
     if not solutions.reachable.any():
         off = length_in_words(float(solutions.distance[0]), about.unit)
         lines = [f"out of reach, the nearest point is {off} away"]
-    for q, error in zip(solutions.q[: AMOUNTS.branches], solutions.expected_error, strict=False):
-        joints = zip(about.joint_names, q, map(for_people, about.units_of_joints), strict=True)
+    for q, error in zip(
+        solutions.q[: AMOUNTS.branches], solutions.expected_error, strict=False
+    ):
+        joints = zip(
+            about.joint_names, q, map(for_people, about.units_of_joints), strict=True
+        )
         lines.append(", ".join(f"{n} {f * v:.2f} {unit}" for n, v, (f, unit) in joints))
         lines.append(f"expected error {length_in_words(float(error), about.unit)}")
         poses = {} if robot is None else robot.poses(q)

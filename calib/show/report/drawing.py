@@ -71,26 +71,38 @@ def colour_map(unknown: str = "none") -> Colormap:
     """Colours of errors, those of the preview, and one for what is not known."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    return LinearSegmentedColormap.from_list("calib", list(STOPS)).with_extremes(bad=unknown)
+    return LinearSegmentedColormap.from_list("calib", list(STOPS)).with_extremes(
+        bad=unknown
+    )
 
 
 def colour_bar(figure: Figure, image: Any, axes: list[Axes], text: str) -> Any:
     """Add a bar that tells what the colours mean."""
     bar = figure.colorbar(
-        image, ax=axes, location="bottom", shrink=0.9, pad=0.02, aspect=30, fraction=0.06
+        image,
+        ax=axes,
+        location="bottom",
+        shrink=0.9,
+        pad=0.02,
+        aspect=30,
+        fraction=0.06,
     )
     bar.set_label(text)
     bar.outline.set_visible(False)
     return bar
 
 
-def error_bar(figure: Figure, image: Any, axes: list[Axes], scale: ErrorScale, text: str) -> None:
+def error_bar(
+    figure: Figure, image: Any, axes: list[Axes], scale: ErrorScale, text: str
+) -> None:
     """Add a bar with the ticks of a scale of errors."""
     places, words = zip(*scale.ticks(3), strict=True)
     if scale.empty:
         colour_bar(figure, image, axes, f"{text}: {words[0]}").set_ticks([])
     else:
-        colour_bar(figure, image, axes, text).set_ticks(list(places), labels=list(words))
+        colour_bar(figure, image, axes, text).set_ticks(
+            list(places), labels=list(words)
+        )
 
 
 def draw_lattice(
@@ -129,12 +141,16 @@ def to_file(figure: Figure, kind: str) -> bytes:
     """Return a figure as "png" or "svg", the first on white, without date and program."""
     buffer = io.BytesIO()
     engine = figure.get_layout_engine()
-    if engine is not None:  # laid out here, since savefig draws a figure twice to lay it out
+    if (
+        engine is not None
+    ):  # laid out here, since savefig draws a figure twice to lay it out
         engine.execute(figure)
         figure.set_layout_engine("none")
     if kind == "png":
         metadata: Any = {"Software": None}
-        figure.savefig(buffer, format=kind, dpi=144, facecolor="white", metadata=metadata)
+        figure.savefig(
+            buffer, format=kind, dpi=144, facecolor="white", metadata=metadata
+        )
         return buffer.getvalue()
     figure.savefig(buffer, format=kind, dpi=130)
     return re.sub(rb"<metadata>.*?</metadata>", b"", buffer.getvalue(), flags=re.DOTALL)

@@ -66,7 +66,9 @@ class Study:
     def certain(self) -> list[Cause]:
         """Causes whose intervals exclude nothing, but for those that hardly move the tip."""
         least = LIMITS.small * max((cause.effect for cause in self.causes), default=0.0)
-        return [cause for cause in self.causes if cause.certain and cause.effect > least]
+        return [
+            cause for cause in self.causes if cause.certain and cause.effect > least
+        ]
 
     @property
     def views(self) -> tuple[tuple[int, int], ...]:
@@ -85,7 +87,12 @@ def accuracy(study: Study) -> Figure | None:
     for k, bar in enumerate(bars):
         low = factor * bar.low
         high = factor * bar.high
-        ax.barh(k, factor * bar.mean, height=0.34, color=GREY if k < len(bars) - 1 else ACCENT)
+        ax.barh(
+            k,
+            factor * bar.mean,
+            height=0.34,
+            color=GREY if k < len(bars) - 1 else ACCENT,
+        )
         ax.plot([low, high], [k, k], color="#010203", linewidth=1.2)
         words = f"{bar.name}: {number(factor * bar.mean)} {unit}"
         if bar.high > bar.low:
@@ -109,7 +116,9 @@ def causes(study: Study) -> Figure | None:
     for k, cause in enumerate(largest):
         size = factor * cause.effect
         half = factor * cause.effect_half
-        ax.plot([max(size - half, 0.0), size + half], [k, k], color=ACCENT, linewidth=2.2)
+        ax.plot(
+            [max(size - half, 0.0), size + half], [k, k], color=ACCENT, linewidth=2.2
+        )
         ax.plot(size, k, "o", color=ACCENT, markersize=5)
         _above(ax, k, plain_text(cause_words(cause)))
     _rows_from_the_top(ax, len(largest))
@@ -143,19 +152,31 @@ def setup(study: Study) -> Figure | None:
     names = [thing.name.partition(" ")[0] for thing in things]
     figure, axes = panels(2, 6.2)
     for ax, (across, up) in zip(axes, ((0, 2), (0, 1)), strict=True):
-        ax.plot(1e3 * bones[:, across], 1e3 * bones[:, up], "-o", color=GREY, linewidth=3)
+        ax.plot(
+            1e3 * bones[:, across], 1e3 * bones[:, up], "-o", color=GREY, linewidth=3
+        )
         ax.plot(0.0, 0.0, "s", color="#010203", markersize=6)
         for k, thing in enumerate(things):
-            frame = poses[robot.links[-1]][0] @ thing.frame if thing.carried else thing.frame
+            frame = (
+                poses[robot.links[-1]][0] @ thing.frame
+                if thing.carried
+                else thing.frame
+            )
             points = 1e3 * (thing.points @ frame[:3, :3].T + frame[:3, 3])
             colour = ACCENT if names[k] == names[0] else SECOND
             for pair in thing.pairs:
-                ax.plot(*points[list(pair)][:, [across, up]].T, color=colour, linewidth=1.2)
+                ax.plot(
+                    *points[list(pair)][:, [across, up]].T, color=colour, linewidth=1.2
+                )
             name = thing.name.partition(" ")[0]
             ax.plot([], [], color=colour, label="_" if name in names[:k] else name)
-        ax.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", aspect="equal")
+        ax.set(
+            xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", aspect="equal"
+        )
         ax.margins(0.08)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2
+    )
     return figure
 
 
@@ -172,7 +193,9 @@ def where(study: Study) -> Figure | None:
     scale = ErrorScale.of(np.concatenate(errors), model.about.unit, extent(model))
     sides = np.ptp(x, axis=0)
     heights = [min(sides[up] / sides[across], 1.3) for across, up in study.views]
-    figure, axes = panels(len(heights), 0.8 + sum(0.35 + 2.9 * height for height in heights))
+    figure, axes = panels(
+        len(heights), 0.8 + sum(0.35 + 2.9 * height for height in heights)
+    )
     image: Any = None
     for ax, view in zip(axes, study.views, strict=True):
         grid, box = _smooth(x[:, view], scale.share(bound))
@@ -226,7 +249,11 @@ def joints(study: Study) -> Figure | None:
     """What rows say of each joint's error, with the learned error curve and its band."""
     model = study.model
     rows = study.rows
-    if rows is None or model.body is None or model.body.structure.dof != model.motor.units.shape[1]:
+    if (
+        rows is None
+        or model.body is None
+        or model.body.structure.dof != model.motor.units.shape[1]
+    ):
         return None
     some = thinned(len(rows.q), AMOUNTS.dots)
     structure = model.body.structure
@@ -244,12 +271,27 @@ def joints(study: Study) -> Figure | None:
         grid = np.linspace(model.about.lower[k], model.about.upper[k], 200)
         curve, half = _curve(model, k, grid)
         readings = angle + np.interp(q, grid, curve)
-        ax.plot(np.degrees(q), 1e3 * readings, ".", color=GREY, markersize=3, rasterized=True)
+        ax.plot(
+            np.degrees(q),
+            1e3 * readings,
+            ".",
+            color=GREY,
+            markersize=3,
+            rasterized=True,
+        )
         ax.fill_between(
-            np.degrees(grid), 1e3 * (curve - half), 1e3 * (curve + half), color=ACCENT, alpha=0.3
+            np.degrees(grid),
+            1e3 * (curve - half),
+            1e3 * (curve + half),
+            color=ACCENT,
+            alpha=0.3,
         )
         ax.plot(np.degrees(grid), 1e3 * curve, color=ACCENT, linewidth=1.2)
-        most = float(np.quantile(np.abs(readings), 0.97)) + float(np.abs(curve).max()) + 1e-12
+        most = (
+            float(np.quantile(np.abs(readings), 0.97))
+            + float(np.abs(curve).max())
+            + 1e-12
+        )
         ax.set(ylim=(-1.2e3 * most, 1.2e3 * most))
         ax.locator_params(axis="x", nbins=4)
         ax.locator_params(axis="y", nbins=3)
@@ -278,12 +320,21 @@ def order(study: Study) -> Figure | None:
     factor, unit = unit_for(float(np.median(rows.distance)), study.model.about.unit)
     errors = factor * rows.distance
     figure, (ax,) = panels(1, 1.7)
-    ax.plot(np.arange(1, len(errors) + 1), errors, ".", color=GREY, markersize=3, rasterized=True)
+    ax.plot(
+        np.arange(1, len(errors) + 1),
+        errors,
+        ".",
+        color=GREY,
+        markersize=3,
+        rasterized=True,
+    )
     if len(errors) >= 2 * AMOUNTS.window:
         windows = np.lib.stride_tricks.sliding_window_view(errors, AMOUNTS.window)
         middle = np.arange(len(windows)) + AMOUNTS.window // 2 + 1
         ax.plot(middle, np.median(windows, axis=1), color=ACCENT, linewidth=1.2)
-    ax.set(xlabel="row of the log", ylabel=f"error [{plain_text(unit)}]", ylim=(0.0, None))
+    ax.set(
+        xlabel="row of the log", ylabel=f"error [{plain_text(unit)}]", ylim=(0.0, None)
+    )
     return figure
 
 
@@ -302,7 +353,9 @@ def arrows(study: Study) -> Figure | None:
     views = study.views[:2]
     factor = for_people(model.about.unit)[0]
     heights = [min(sides[up] / sides[across], 1.3) for across, up in views]
-    figure, axes = panels(len(views), 0.3 + sum(0.45 + 2.9 * height for height in heights))
+    figure, axes = panels(
+        len(views), 0.3 + sum(0.45 + 2.9 * height for height in heights)
+    )
     for ax, view in zip(axes, views, strict=True):
         ax.quiver(
             *(factor * x[:, view]).T,
@@ -335,11 +388,16 @@ def trust(study: Study) -> Figure | None:
     share = (ratio[:, None] <= radius).mean(axis=0)
     chance = Z95 * np.sqrt(p * (1.0 - p) / len(ratio))
     figure, (ax,) = panels(1, 2.4)
-    ax.fill_between(100 * p, 100 * (p - chance), 100 * (p + chance), color=GREY, alpha=0.3)
+    ax.fill_between(
+        100 * p, 100 * (p - chance), 100 * (p + chance), color=GREY, alpha=0.3
+    )
     ax.plot([0, 100], [0, 100], color=GREY, linewidth=0.8)
     ax.plot(100 * p, 100 * share, color=ACCENT, linewidth=1.6)
     ax.set(
-        xlim=(0, 100), ylim=(0, 100), xlabel="bound that should hold [%]", ylabel="rows within [%]"
+        xlim=(0, 100),
+        ylim=(0, 100),
+        xlabel="bound that should hold [%]",
+        ylabel="rows within [%]",
     )
     return figure
 
@@ -359,7 +417,9 @@ def sockets(study: Study) -> Figure | None:
     ):
         if errors is not None:
             off = 1e3 * np.linalg.norm(errors, axis=1)
-            ax.plot(off, number_of.ravel() + up, ".", color=colour, alpha=0.6, label=name)
+            ax.plot(
+                off, number_of.ravel() + up, ".", color=colour, alpha=0.6, label=name
+            )
     ax.set_yticks(range(len(places)), [f"socket {k + 1}" for k in range(len(places))])
     ax.set(xlabel="distance from the socket [mm]", xlim=(0.0, None))
     figure.legend(loc="outside lower center", ncols=2)
@@ -382,7 +442,11 @@ def name_axes(ax: Axes, model: Model, view: tuple[int, int] = (0, 1)) -> None:
 def _above(ax: Axes, row: int, words: str) -> None:
     """Write words above a row, from the left edge on."""
     ax.annotate(
-        words, (0.0, row), (0, 7), xycoords=("axes fraction", "data"), textcoords="offset points"
+        words,
+        (0.0, row),
+        (0, 7),
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
     )
 
 
@@ -431,4 +495,6 @@ def _dots(
         rasterized=True,
     )
     if rows.left_out is not None:
-        ax.plot(*(factor * rows.left_out[:, view]).T, "x", color="#010203", markersize=4)
+        ax.plot(
+            *(factor * rows.left_out[:, view]).T, "x", color="#010203", markersize=4
+        )

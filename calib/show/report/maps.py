@@ -22,7 +22,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _BORDER = "#12b886"
-_CELLS: dict[str, Any] = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
+_CELLS: dict[str, Any] = {
+    "origin": "lower",
+    "aspect": "auto",
+    "interpolation": "nearest",
+}
 
 
 def lattices(study: Study) -> Figure | None:
@@ -33,11 +37,17 @@ def lattices(study: Study) -> Figure | None:
     figure, axes = panels(2, 6.9)
     errors = node_errors(model)
     scale = ErrorScale.of(np.concatenate(errors), model.about.unit, extent(model))
-    for ax, part, values in zip(axes, (model.motor, model.sensory), errors, strict=True):
+    for ax, part, values in zip(
+        axes, (model.motor, model.sensory), errors, strict=True
+    ):
         edges = drawn_edges(part)
-        lines = draw_lattice(ax, part.units[:, :2], edges, values, scale, linewidths=0.7)
+        lines = draw_lattice(
+            ax, part.units[:, :2], edges, values, scale, linewidths=0.7
+        )
         ax.autoscale()
-    axes[0].set(title="motor map", xlabel="first joint [range]", ylabel="second joint [range]")
+    axes[0].set(
+        title="motor map", xlabel="first joint [range]", ylabel="second joint [range]"
+    )
     axes[1].set(title="sensory map", xlabel="x [range]", ylabel="y [range]")
     error_bar(figure, lines, axes, scale, "expected error")
     return figure
@@ -47,7 +57,9 @@ def u_matrices(study: Study) -> Figure | None:
     """U-matrix of both maps of a planar arm: ridges are folds and borders."""
     if len(study.model.axes) == 3:
         return None
-    return _u_matrices({"motor map": study.model.motor, "sensory map": study.model.sensory})
+    return _u_matrices(
+        {"motor map": study.model.motor, "sensory map": study.model.sensory}
+    )
 
 
 def figures_of_maps(maps: Map | Association) -> dict[str, Figure]:
@@ -111,12 +123,19 @@ def _u_matrices(parts: dict[str, Map]) -> Figure:
         shape = part.lattice.shape
         if len(shape) == 1:  # a graph: its nodes have no place but where they stand
             image: Any = ax.scatter(
-                part.units[:, 0], part.units[:, 1], c=values, s=4, cmap="cividis", rasterized=True
+                part.units[:, 0],
+                part.units[:, 1],
+                c=values,
+                s=4,
+                cmap="cividis",
+                rasterized=True,
             )
             ax.set(xlabel="first coordinate [range]", ylabel="second [range]")
         else:
             grid = values.reshape(*shape[:2], -1).mean(axis=-1).T
-            image = ax.imshow(grid, vmax=np.quantile(grid, 0.995), cmap="cividis", **_CELLS)
+            image = ax.imshow(
+                grid, vmax=np.quantile(grid, 0.995), cmap="cividis", **_CELLS
+            )
             ax.set(xlabel="first lattice axis [nodes]", ylabel="second [nodes]")
         ax.set_title(name)
         colour_bar(figure, image, [ax], "distance to the neighbours [range]")
@@ -126,7 +145,9 @@ def _u_matrices(parts: dict[str, Map]) -> Figure:
 def u_matrix(part: Map) -> Array:
     """Mean distance (nodes,) of each node to the nodes that it is joined to, in the unit box."""
     first, second = part.edges.T
-    gap = np.linalg.norm(part.scale.difference(part.units[first], part.units[second]), axis=1)
+    gap = np.linalg.norm(
+        part.scale.difference(part.units[first], part.units[second]), axis=1
+    )
     ends = part.edges.T.ravel()
     count = np.bincount(ends, minlength=part.size)
     return np.bincount(ends, np.tile(gap, 2), part.size) / np.maximum(count, 1)
@@ -143,9 +164,17 @@ def photo(study: Study) -> Figure | None:
     left, right, low, high = model.photo.box
     figure, (ax,) = panels(1, 3.5 * len(pixels) / pixels.shape[1] + 0.9)
     # a lighter photo leaves the colours to what is drawn over it
-    ax.imshow(pixels, extent=model.photo.box, interpolation="antialiased", aspect="equal")
     ax.imshow(
-        [[1.0]], extent=model.photo.box, cmap="gray", vmin=0, vmax=1, alpha=0.18, aspect="equal"
+        pixels, extent=model.photo.box, interpolation="antialiased", aspect="equal"
+    )
+    ax.imshow(
+        [[1.0]],
+        extent=model.photo.box,
+        cmap="gray",
+        vmin=0,
+        vmax=1,
+        alpha=0.18,
+        aspect="equal",
     )
     errors = node_errors(model)[1]
     nodes = model.sensory.weights
@@ -153,7 +182,8 @@ def photo(study: Study) -> Figure | None:
     scale = ErrorScale.of(errors, model.about.unit, extent(model))
     long = np.linalg.norm(np.diff(nodes[edges], axis=1)[:, 0], axis=1)
     edges = edges[
-        np.isfinite(errors[edges]).all(axis=1) & (long < LIMITS.long_edge * np.median(long))
+        np.isfinite(errors[edges]).all(axis=1)
+        & (long < LIMITS.long_edge * np.median(long))
     ]
     lines = draw_lattice(ax, nodes, edges, errors, scale, linewidths=0.8, alpha=0.85)
     ax.set(xlim=(left, right), ylim=(low, high), xticks=[], yticks=[])
@@ -166,9 +196,14 @@ def photo(study: Study) -> Figure | None:
         length = max(float(np.quantile(np.linalg.norm(error, axis=1), 0.95)), 1e-9)
         times = float(f"{max(LIMITS.arrow * (right - left) / length, 1.0):.0e}")
         tips = x - times * error
-        ax.plot(*np.stack([x, tips], axis=1).transpose(2, 1, 0), color=SECOND, linewidth=0.9)
+        ax.plot(
+            *np.stack([x, tips], axis=1).transpose(2, 1, 0), color=SECOND, linewidth=0.9
+        )
         ax.plot(*x.T, "o", ms=2.5, mfc="#ffffff", mec="#1d2730")
         mean = length_in_words(float(study.rows.distance.mean()), model.about.unit)
-        ax.set_title(f"errors ({mean} on average) drawn {number(times)} times as long", fontsize=8)
+        ax.set_title(
+            f"errors ({mean} on average) drawn {number(times)} times as long",
+            fontsize=8,
+        )
     error_bar(figure, lines, [ax], scale, "expected error")
     return figure

@@ -42,32 +42,46 @@ class Panel(NamedTuple):
 
 
 PANELS = {
-    "accuracy": Panel(draw.accuracy, "How far predictions are from measured positions."),
+    "accuracy": Panel(
+        draw.accuracy, "How far predictions are from measured positions."
+    ),
     "causes": Panel(
         draw.causes,
         "What differs from the drawing, by how much it moves the tip; lines are 95 % intervals.",
     ),
-    "setup": Panel(draw.setup, "What stands around the arm and what it carries, to scale."),
+    "setup": Panel(
+        draw.setup, "What stands around the arm and what it carries, to scale."
+    ),
     "where": Panel(
         draw.where,
         "The model's own 95 % bound on the true position; dots are rows, in the colour of their "
         "error; crosses are rows that were left out.",
     ),
-    "coverage": Panel(draw.coverage, "Which part of each joint's range the rows covered."),
+    "coverage": Panel(
+        draw.coverage, "Which part of each joint's range the rows covered."
+    ),
     "photo": Panel(draw_maps.photo, "The sensory map as the camera sees the arm."),
     "joints": Panel(
         draw.joints,
         "What rows say of each joint's own error (dots), the learned error curve and its band.",
     ),
-    "order": Panel(draw.order, "Drift and steps show as slopes; the line is a running median."),
+    "order": Panel(
+        draw.order, "Drift and steps show as slopes; the line is a running median."
+    ),
     "arrows": Panel(draw.arrows, "From the predicted position to the measured one."),
     "trust": Panel(
         draw.trust,
         "A bound that holds follows the diagonal or lies above it; grey is what chance does.",
     ),
-    "sockets": Panel(draw.sockets, "Each dot is a touch: held out, only the play should be left."),
-    "lattices": Panel(draw_maps.lattices, "Nodes joined to their neighbours on the lattice."),
-    "u_matrices": Panel(draw_maps.u_matrices, "Ridges are folds and borders of the map."),
+    "sockets": Panel(
+        draw.sockets, "Each dot is a touch: held out, only the play should be left."
+    ),
+    "lattices": Panel(
+        draw_maps.lattices, "Nodes joined to their neighbours on the lattice."
+    ),
+    "u_matrices": Panel(
+        draw_maps.u_matrices, "Ridges are folds and borders of the map."
+    ),
 }
 _FIRST = ("accuracy", "causes")
 _SECTIONS = {
@@ -131,7 +145,9 @@ def report(
             content = _table(model, log) + content
         if content or (heading == "What is off" and texts[heading]):
             text = _html(texts[heading])
-            sections.append(_filled("section.html", heading=heading, text=text, content=content))
+            sections.append(
+                _filled("section.html", heading=heading, text=text, content=content)
+            )
     page = _filled(
         "page.html",
         title=escape(model.about.robot or "An arm, learned from a log"),
@@ -146,7 +162,9 @@ def report(
             _filled("fact.html", name=escape(name), value=_html(value))
             for name, value in facts(model).items()
         ),
-        notes="".join(_filled("note.html", note=_html(note)) for note in model.about.notes),
+        notes="".join(
+            _filled("note.html", note=_html(note)) for note in model.about.notes
+        ),
     )
     atomic_write(path, page.encode("utf-8"))
     return verdict
@@ -222,7 +240,9 @@ def _figures(study: Study, names: Sequence[str]) -> str:
             figure = panel.draw(study)
             if figure is not None:
                 svg = to_svg(figure, name, panel.caption)
-                parts.append(_filled("figure.html", name=name, svg=svg, caption=panel.caption))
+                parts.append(
+                    _filled("figure.html", name=name, svg=svg, caption=panel.caption)
+                )
     return "".join(parts)
 
 
@@ -238,12 +258,16 @@ def _table(model: Model, log: Samples | None) -> str:
     if not readouts:
         return ""
     table = {readout: errors[readout]["forward"]["distance"] for readout in readouts}
-    factor, unit = unit_for(min(row["mean"] for row in table.values()), model.about.unit)
+    factor, unit = unit_for(
+        min(row["mean"] for row in table.values()), model.about.unit
+    )
     rows = []
     for readout, row in table.items():
         cells = {key: f"{factor * row[key]:,.3f}" for key in ("mean", "p99", "max")}
         rows.append(_filled("row.html", name=readout, **cells))
-    return _filled("table.html", corner=escape(f"distance [{unit}]"), rows="".join(rows))
+    return _filled(
+        "table.html", corner=escape(f"distance [{unit}]"), rows="".join(rows)
+    )
 
 
 def _html(text: str) -> str:

@@ -17,7 +17,9 @@ def verdict(study: Study) -> str:
     if study.rows is None:
         return _without_rows(study)
     delivered = study.rows.delivered
-    before = 0.0 if delivered is None else float(np.linalg.norm(delivered, axis=1).mean())
+    before = (
+        0.0 if delivered is None else float(np.linalg.norm(delivered, axis=1).mean())
+    )
     most = float(np.quantile(study.rows.distance, 0.95))
     factor, name = unit_for(max(most, before), unit)
     rounding = ROUNDED_AWAY if unit == "m" else ROUNDED_AWAY * extent(study.model)
@@ -118,14 +120,18 @@ def uncertain(study: Study) -> str:
     names = [clipped(cause.name) for cause in study.causes if not cause.certain]
     if not names:
         return ""
-    more = f" and {len(names) - AMOUNTS.names} more" if len(names) > AMOUNTS.names else ""
+    more = (
+        f" and {len(names) - AMOUNTS.names} more" if len(names) > AMOUNTS.names else ""
+    )
     return f"Not told apart from nothing: {', '.join(names[: AMOUNTS.names])}{more}."
 
 
 def _inside(study: Study) -> np.ndarray:
     """Which rows (n,) are within the model's 95 % bound."""
     assert study.rows is not None  # noqa: S101 - the caller has looked
-    return np.asarray(study.rows.distance <= study.model.expected_error(study.rows.q) + 1e-12)
+    return np.asarray(
+        study.rows.distance <= study.model.expected_error(study.rows.q) + 1e-12
+    )
 
 
 def _holds(study: Study) -> bool:

@@ -23,7 +23,8 @@ CONTEXT_SETTINGS = {"ignore_unknown_options": True}  # -0.1 is a number, not an 
 def forward(
     model: opt.ModelFile,
     values: Annotated[
-        list[float] | None, Argument(metavar="Q1 Q2", parser=parsing.number, help="Joint values.")
+        list[float] | None,
+        Argument(metavar="Q1 Q2", parser=parsing.number, help="Joint values."),
     ] = None,
     readout: opt.ReadoutKind = None,
     frame: opt.InFrame = "sensor",
@@ -37,7 +38,9 @@ def forward(
     quiet: opt.Quiet = False,
 ) -> Outcome:
     """Position of the tip for joint values; exit code 3 outside of what was learned."""
-    asking = Asking(input_=input_, columns=columns, output=output, unit=unit, degrees=degrees)
+    asking = Asking(
+        input_=input_, columns=columns, output=output, unit=unit, degrees=degrees
+    )
     import numpy as np
 
     from ...answers import TURN, Query, beside, say_size
@@ -59,17 +62,22 @@ def forward(
         return query.answer(batch, answers, failures)
     one = joints.one_each("Q1 Q2", values or ()) or []
     told: dict[str, Any] = {
-        name: column[0].item() for name, column in _told(query, np.array([one]), readout).items()
+        name: column[0].item()
+        for name, column in _told(query, np.array([one]), readout).items()
     }
     parts = {"position": query.axes, "quaternion": TURN if "qw" in told else ()}
-    quantities = {name: [told.pop(axis) for axis in axes] for name, axes in parts.items() if axes}
+    quantities = {
+        name: [told.pop(axis) for axis in axes] for name, axes in parts.items() if axes
+    }
     document = query.document(one, **quantities, **told) | query.meaning
     if (outside := query.model.outside(one)) is not None:
         note(f"no answer: {joints.beyond(query.model, one) or outside}")
         return Outcome(document, code=NO)
     lines: list[str | TextTable] = [query.table([document], query.bounds)]
     if "quaternion" in document:
-        lines.append("quaternion " + " ".join(fixed(v, 6) for v in document["quaternion"]))
+        lines.append(
+            "quaternion " + " ".join(fixed(v, 6) for v in document["quaternion"])
+        )
     say_size(told)
     alone = " ".join(fixed(v * query.positions.factor, 4) for v in document["position"])
     return Outcome(document, lines, result=[alone])
@@ -93,8 +101,12 @@ def _told(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
         bound = space.bound(q)
         bounds = {**up_to_scale(model, q), **dict.fromkeys(BOUNDS, bound)}
         known = np.isfinite(position[:, 0])
-        told = dict(zip("xyz", position.T, strict=True)) | dict(zip(TURN, turns.T, strict=True))
-        return told | {name: np.where(known, value, np.nan) for name, value in bounds.items()}
+        told = dict(zip("xyz", position.T, strict=True)) | dict(
+            zip(TURN, turns.T, strict=True)
+        )
+        return told | {
+            name: np.where(known, value, np.nan) for name, value in bounds.items()
+        }
     x = model.forward(q, readout)
     told = dict(zip(model.axes, x.T, strict=True))
     if len(model.axes) == 3:

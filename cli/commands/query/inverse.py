@@ -26,7 +26,9 @@ _turn = parser(
 )
 
 
-_angles = parser("3 numbers: roll, pitch and yaw", reals, lambda angles: len(angles) == 3)
+_angles = parser(
+    "3 numbers: roll, pitch and yaw", reals, lambda angles: len(angles) == 3
+)
 
 
 CONTEXT_SETTINGS = {"ignore_unknown_options": True}  # -0.1 is a number, not an option
@@ -35,29 +37,48 @@ CONTEXT_SETTINGS = {"ignore_unknown_options": True}  # -0.1 is a number, not an 
 def inverse(
     model: opt.ModelFile,
     target: Annotated[
-        list[float] | None, Argument(metavar="X Y [Z]", parser=number, help="A position.")
+        list[float] | None,
+        Argument(metavar="X Y [Z]", parser=number, help="A position."),
     ] = None,
     near: Annotated[
-        Any, Option("--near", metavar="Q1,Q2", parser=reals, help="The branch nearest to these.")
+        Any,
+        Option(
+            "--near", metavar="Q1,Q2", parser=reals, help="The branch nearest to these."
+        ),
     ] = None,
     every: Annotated[bool, Option("--all", help="Answer with every branch.")] = False,
     readout: opt.ReadoutKind = None,
     frame: opt.InFrame = "sensor",
     quaternion: Annotated[
-        Any, Option("--quaternion", metavar="QX,QY,QZ,QW", parser=_turn, help="Orientation.")
+        Any,
+        Option(
+            "--quaternion", metavar="QX,QY,QZ,QW", parser=_turn, help="Orientation."
+        ),
     ] = None,
     rpy: Annotated[
-        Any, Option("--rpy", metavar="R,P,Y", parser=_angles, help="Roll, pitch, yaw as in a URDF.")
+        Any,
+        Option(
+            "--rpy",
+            metavar="R,P,Y",
+            parser=_angles,
+            help="Roll, pitch, yaw as in a URDF.",
+        ),
     ] = None,
     keep: Annotated[
         bool, Option("--keep-orientation", help="Turn the tool little from --near.")
     ] = False,
     free: Annotated[
-        Literal["x", "y", "z"] | None, Option("--free", help="Of a pose: the tool may turn about.")
+        Literal["x", "y", "z"] | None,
+        Option("--free", help="Of a pose: the tool may turn about."),
     ] = None,
     on: Annotated[
         Any,
-        Option("--on", metavar="z=H", parser=height, help="The pixel X Y lies on this plane [m]."),
+        Option(
+            "--on",
+            metavar="z=H",
+            parser=height,
+            help="The pixel X Y lies on this plane [m].",
+        ),
     ] = None,
     input_: opt.Input = None,
     columns: opt.Columns = None,
@@ -69,7 +90,9 @@ def inverse(
     quiet: opt.Quiet = False,
 ) -> Outcome:
     """Joint values that bring the tip to a position; exit code 3 if it is out of reach."""
-    asking = Asking(input_=input_, columns=columns, output=output, unit=unit, degrees=degrees)
+    asking = Asking(
+        input_=input_, columns=columns, output=output, unit=unit, degrees=degrees
+    )
     import numpy as np
 
     from ...answers import Query
@@ -77,9 +100,18 @@ def inverse(
     turned = quaternion is not None or rpy is not None
     other = turned or keep or on is not None
     for wrong, told in (
-        (every and readout, "--all answers by the default readout: expected no --readout"),
-        (other and asking.input_, "--input has a column for each number: expected no other target"),
-        (keep and (turned or near is None), "--keep-orientation: expected --near beside it alone"),
+        (
+            every and readout,
+            "--all answers by the default readout: expected no --readout",
+        ),
+        (
+            other and asking.input_,
+            "--input has a column for each number: expected no other target",
+        ),
+        (
+            keep and (turned or near is None),
+            "--keep-orientation: expected --near beside it alone",
+        ),
         (
             free and not (turned or asking.input_),
             "--free: expected --quaternion or --rpy beside it",
@@ -92,7 +124,13 @@ def inverse(
     anchor = query.joints.one_each("--near", near)
     if anchor is not None and (beyond := query.joints.beyond(query.model, anchor)):
         raise BadOption(f"--near {beyond}")
-    how = {"near": anchor, "readout": readout, "every": every, "keep": keep, "free": free}
+    how = {
+        "near": anchor,
+        "readout": readout,
+        "every": every,
+        "keep": keep,
+        "free": free,
+    }
     if asking.input_ is not None:
         return _batch(query, query.frame == "base" or keep, how)
     typed = target or []
@@ -118,7 +156,9 @@ def inverse(
     elif rpy is not None:
         from calib.samples.roles import from_angles
 
-        turn = from_angles(np.array([rpy]) * (math.radians(1.0) if asking.degrees else 1.0))[0]
+        turn = from_angles(
+            np.array([rpy]) * (math.radians(1.0) if asking.degrees else 1.0)
+        )[0]
     if turn is not None:
         document["quaternion"] = turn
     # in space all branches are looked for, so that the nearest is found
@@ -128,7 +168,9 @@ def inverse(
     return _single(query, x, found, document, every, whose, axis)
 
 
-def _solve(query: Query, x: Any, turn: Any, in_space: bool, how: dict[str, Any]) -> dict[str, Any]:
+def _solve(
+    query: Query, x: Any, turn: Any, in_space: bool, how: dict[str, Any]
+) -> dict[str, Any]:
     """Return what is told of each answer to targets (n, m), by name, and the "target" it is of."""
     import numpy as np
 
@@ -146,7 +188,9 @@ def _solve(query: Query, x: Any, turn: Any, in_space: bool, how: dict[str, Any])
         if readout is not None:
             raise BadOption("--readout is for positions in the sensor's frame alone")
         if query.frame != "base" and Space.of(model).camera:
-            raise QueryError("a pixel alone is no position in space; give --on z=H or --in base")
+            raise QueryError(
+                "a pixel alone is no position in space; give --on z=H or --in base"
+            )
         ways = {"every": every, "keep": how["keep"], "free": how["free"]}
         found = solve_poses(model, x, turn, near, frame=query.frame, **ways)._asdict()
         return found | (up_to_scale(model, found["q"]) if query.frame == "base" else {})
@@ -182,7 +226,9 @@ def _single(
     q = found.pop("q")
     reachable = bool(found.pop("reachable").any())
     rows = zip(q, *found.values(), strict=True)
-    solutions = [query.document(one, **dict(zip(found, row, strict=True))) for one, *row in rows]
+    solutions = [
+        query.document(one, **dict(zip(found, row, strict=True))) for one, *row in rows
+    ]
     solutions = solutions if every else solutions[:1]
     document |= {"reachable": reachable, "solutions": solutions}
     if "frame" in document:
@@ -203,7 +249,9 @@ def _single(
     missed = f"nearest attainable {'pose' if posed else 'point'}"
     table = query.table(solutions, shown, "" if reachable else missed)
     if reachable:
-        alone = [" ".join(joints.cells(list(each["joints"].values()))) for each in solutions]
+        alone = [
+            " ".join(joints.cells(list(each["joints"].values()))) for each in solutions
+        ]
         return Outcome(document, [table], result=alone)
     away = float(found["distance"].min())
     hint = ""
@@ -235,7 +283,9 @@ def _batch(query: Query, in_space: bool, how: dict[str, Any]) -> Outcome:
     if nearby[0] in given:
         near = np.stack([given[name] for name in nearby], axis=1) / joints.typed
         how = {**how, "near": near}
-    found = _solve(query, batch.values[valid, : len(axes)], turn, in_space or posed, how)
+    found = _solve(
+        query, batch.values[valid, : len(axes)], turn, in_space or posed, how
+    )
     # with every branch a target has several answers
     rows = np.flatnonzero(valid)[found.pop("target")]
     reachable = found["reachable"]

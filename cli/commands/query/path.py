@@ -22,11 +22,19 @@ _step = parser(
 def path(
     model: opt.ModelFile,
     start: Annotated[
-        Any, Option("--from", metavar="Q1,Q2", parser=reals, help="Start near these joints.")
+        Any,
+        Option(
+            "--from", metavar="Q1,Q2", parser=reals, help="Start near these joints."
+        ),
     ] = None,
     step: Annotated[
         Any,
-        Option("--step", metavar="S", parser=_step, help="Longest, or inf (default 1 % extent)."),
+        Option(
+            "--step",
+            metavar="S",
+            parser=_step,
+            help="Longest, or inf (default 1 % extent).",
+        ),
     ] = None,
     input_: opt.Input = None,
     columns: opt.Columns = None,
@@ -41,7 +49,9 @@ def path(
 
     Exit code 3 if the joints have to jump between branches or a point is out of reach.
     """
-    asking = Asking(input_=input_, columns=columns, output=output, unit=unit, degrees=degrees)
+    asking = Asking(
+        input_=input_, columns=columns, output=output, unit=unit, degrees=degrees
+    )
     import numpy as np
 
     from ...answers import Query
@@ -67,8 +77,14 @@ def path(
     furthest = positions.said(float(way.distance[out - 1].max(initial=0.0)))
     failures = {
         "jumps": (way.jumps + 1, "a jump cannot be avoided, the branch ends before"),
-        "left_out": (stopped, "left out, far beyond all that the arm reaches: the joints stay"),
-        "out_of_reach": (out, f"out of reach, by {furthest} at most: attainable points close by"),
+        "left_out": (
+            stopped,
+            "left out, far beyond all that the arm reaches: the joints stay",
+        ),
+        "out_of_reach": (
+            out,
+            f"out of reach, by {furthest} at most: attainable points close by",
+        ),
     }
     failures = {name: (rows.tolist(), why) for name, (rows, why) in failures.items()}
     return query.answer(batch, table, failures, n=len(way.q), key="path")
