@@ -166,7 +166,9 @@ def record_board(
             "--eye needs --board COLSxROWS:SQUARE:MARKER:DICT, which is seen"
         )
     need_joints(source, joints_file)
-    shots = find_board(source, joints_file, board, joints, camera=camera, **of_joints)
+    shots = find_board(
+        source, joints_file, board, camera=camera, names=joints, **of_joints
+    )
     if isinstance(lens, str):
         lens, told = load_lens(lens, shots.board)
         say(told)

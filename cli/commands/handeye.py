@@ -129,14 +129,10 @@ def handeye(
     if output is not None and rig.poses is not None:
         calib.train(rig.poses).save(output)
     if transform is not None:
-        from calib.arm.description import parse_robot
         from calib.common.atomic import atomic_write
         from calib.recording.transforms import transform_files
 
-        frames = (
-            ("base", "flange") if arm is None else (parse_robot(arm.urdf).root, arm.tip)
-        )
-        for path, text in transform_files(rig, *frames, transform).items():
+        for path, text in transform_files(rig, transform).items():
             atomic_write(path, text.encode())
             note(f"where all is stands in {path}")
     document: Any = rig.to_json()
@@ -147,7 +143,7 @@ def handeye(
         "held_out": "px",
         "square": "m",
     }
-    return Outcome(document, rig.lines("the flange" if arm is None else arm.tip))
+    return Outcome(document, rig.lines())
 
 
 def _eyes(text: str) -> str | dict[str, str]:

@@ -31,7 +31,8 @@ def tag(
 ) -> Outcome:
     """Write a tag for the arm's tip, or a board for the desk, to print at its true size (SVG)."""
     from calib.common.atomic import atomic_write
-    from calib.recording.board import parse_board, parse_length, print_board, print_tag
+    from calib.recording.board import parse_board, parse_length
+    from calib.recording.printing import print_board, print_tag
 
     if (number is None) == (board is None):
         raise BadOption("expected the ID of a tag, or --board, and not both")
