@@ -133,9 +133,8 @@ class Unknowns:
 
     frames: Array  # (f, 4, 4) [m]
     values: Array  # (s,), those of the frames are not used
-    errors: (
-        Array  # (n, e), turn [rad], shift [m] and log of focal lengths at each motion
-    )
+    # (n, e), turn [rad], shift [m] and log of focal lengths at each motion
+    errors: Array
 
     def moved(self, step: Array, errors: Array) -> Unknowns:
         """The unknowns after a step (s,) and one of the errors (n, e)."""

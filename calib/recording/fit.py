@@ -25,9 +25,8 @@ class Settings:
     stiff: float = 1e6  # damping from which no step is tried any more
     least_corner: float = 0.01  # [px], noise that corners are credited with at least
     least_error: float = 1e-6  # [rad, m, 1], the same of the motions' errors
-    most_focus: float = (
-        0.01  # sd of the log of a focal length; beyond, a lens was zoomed
-    )
+    # sd of the log of a focal length; beyond, a lens was zoomed
+    most_focus: float = 0.01
     # exponents of the steps of corners', errors' and priors' sizes: with 1 it takes twice as long
     faster: tuple[float, float, float] = (1.0, 1.7, 2.0)
     settled: float = 0.01  # change of the log of corners' and motions' noise
@@ -54,9 +53,8 @@ class Noise:
     corner: Array  # (c,), sd of a corner of each camera [px]
     turn: float  # sd of a motion's turn about each axis [rad]
     shift: float  # and of its shift along each [m]
-    focus: (
-        Array  # (c,), sd of the log of each camera's focal length from motion to motion
-    )
+    # (c,), sd of the log of each camera's focal length from motion to motion
+    focus: Array
     prior: Array  # (s,), prior sd of the unknowns: infinite of frames, 0 holds one
 
     @property

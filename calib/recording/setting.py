@@ -37,9 +37,8 @@ class Setup:
     tags_at: MarkLayout | None = None
     lens: Lens | None = None  # the camera's
     tag_size: float | None = None  # side of the tip's tag: its pose needs it [m]
-    tag_height: float = (
-        0.0  # of the tip's tag above the board, or the tags on the desk [m]
-    )
+    # of the tip's tag above the board, or the tags on the desk [m]
+    tag_height: float = 0.0
     pose: bool = False  # whether z and the orientation of the tag are wanted too
 
     def __post_init__(self) -> None:
