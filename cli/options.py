@@ -337,14 +337,6 @@ Free = Annotated[
         "offsets: the drawing's geometry is true, the joints' zeros are not.",
     ),
 ]
-FrameOrJoints = Annotated[
-    choices.CauseWord,
-    word(
-        "--cause",
-        choices.CAUSES,
-        "Whose a turn is that both explain.",
-    ),
-]
 
 # cameras
 Eye = Annotated[

@@ -23,7 +23,6 @@ def urdf(
         str, Option("--output", "-o", metavar="URDF", help="The corrected description.")
     ],
     view: opt.LogView = "auto",
-    cause: opt.FrameOrJoints = "sensor",
     move_base: Annotated[
         bool, Option("--move-base", help="Fit the first joint's place.")
     ] = False,
@@ -42,8 +41,8 @@ def urdf(
     """
     import calib
     from calib.common.atomic import atomic_write
-    from calib.use.frames import frame_notes
-    from calib.use.geometry import fit_geometry
+    from calib.use.frames import FRAME_IS_FITTED
+    from calib.use.geometry_fit import fit_geometry
     from calib.use.urdf import (
         MOST_UNEXPLAINED,
         check_output,
@@ -57,7 +56,6 @@ def urdf(
     geometry = fit_geometry(
         loaded,
         view=view,
-        cause=cause,
         move_base=move_base,
         move_tip=move_tip,
         drawn=free == "offsets",
@@ -72,7 +70,7 @@ def urdf(
         "units": {**units_of(loaded.about), "positions": geometry.unit},
     }
     if geometry.free:
-        say(frame_notes(loaded, cause))
+        say([FRAME_IS_FITTED])
     say(what_no_urdf_holds(loaded))
     share = 100.0 * geometry.residual / geometry.reach
     rms = f"{sized(geometry.residual, geometry.unit)} rms ({share:.3g} % of the reach)"
