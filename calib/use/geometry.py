@@ -41,9 +41,8 @@ class Geometry:
     # each with the sensor and the tip where they fit best
     residual: float
     before: float
-    reach: (
-        float  # [m; px], furthest distance of the tip from the middle of its positions
-    )
+    # [m; px], furthest distance of the tip from the middle of its positions
+    reach: float
 
     @property
     def unit(self) -> str:
