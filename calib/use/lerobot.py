@@ -17,6 +17,11 @@ from .geometry_fit import fit_geometry
 _LARGEST_OFFSET = 2047  # the register `Homing_Offset` holds a sign and eleven bits
 _MOST_DOUBT = math.radians(10.0)  # a zero with a wider interval is not told
 
+RANGES_MOVE = (
+    "the ends of the motors' ranges move with their zeros: drive to them with care"
+)
+"""What whoever writes corrected zeros should be told."""
+
 
 @dataclass(frozen=True)
 class Zero:
