@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, fields
 from typing import TypedDict
 
@@ -130,6 +131,12 @@ class HandEye:
         if self.convention is None:
             del document["convention"]
         return document
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write all but the log into one file, for `calib report`, `preview` and `plan`."""
+        from .rig_file import save_rig
+
+        save_rig(self, path)
 
     def lines(self) -> list[str]:
         """The answer for people."""
