@@ -28,9 +28,8 @@ class ErrorScale:
 
     top: float
     unit: str
-    empty: (
-        bool  # whether all errors are rounding, so that there is nothing to tell apart
-    )
+    # whether all errors are rounding, so that there is nothing to tell apart
+    empty: bool
 
     @staticmethod
     def of(errors: Array, unit: str, extent: float) -> ErrorScale:
