@@ -18,7 +18,8 @@ from ..common.arrays import Array, Index
 
 #: Axes of a drawing meet, or are parallel, within this share of its length, or angle [rad].
 _EXACT = 1e-4
-_WAYS = 8
+WAYS = 8
+"""Ways of six joints to a pose by the closed form."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,7 @@ class ClosedForm:
         else:
             q, owner = self._parallel_arm(base, turn, place, owner)
         order = np.argsort(owner, kind="stable")
-        return _wrapped(q[order]).reshape(n, _WAYS, 6)
+        return _wrapped(q[order]).reshape(n, WAYS, 6)
 
     def _arm(self, place: Array, point: Array) -> tuple[Array, Array]:
         """Angles (2n,) of joints 2 and 3 that bring a point (3,) to places (n, 3)."""

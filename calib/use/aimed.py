@@ -62,21 +62,14 @@ class _Aim:
     structure: SpatialStructure
     beta: Array
     scale: Scale
+    count: int
+    size: float = 1.0
 
-    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
-        """Readings (n, m) and their derivatives by the unit coordinates (n, m, dof)."""
-        seen, slope = self.structure.predict_and_slope(
-            self.scale.from_unit(u), self.beta
-        )
-        return seen, slope * self.scale.span
-
-    def gap(self, target: Array, value: Array) -> Array:
-        """Residuals (n, m)."""
-        return self.structure.residual(target, value)
-
-    def spare(self, target: Array, dof: int) -> bool:
-        """Whether there are more joints than numbers in a target."""
-        return bool(dof > target.shape[1])
+    def residual(self, u: Array, target: Array) -> tuple[Array, Array]:
+        """Residuals (n, m) and their derivatives by the unit coordinates (n, m, dof)."""
+        q = self.scale.from_unit(u)
+        reading, slope = self.structure.predict_and_slope(q, self.beta)
+        return self.structure.residual(target, reading), slope * self.scale.span
 
 
 def _led(
@@ -86,7 +79,7 @@ def _led(
     scale = Scale(
         space.lower, space.upper - space.lower, np.zeros(structure.dof, dtype=bool)
     )
-    newton = Newton(_Aim(structure, beta, scale), scale, extent=1.0)
+    newton = Newton(_Aim(structure, beta, scale, target.shape[1]), scale)
     u, off = newton.refine(scale.to_unit(q), target, 0.1 * _NEAR)
     return scale.from_unit(u), off
 
