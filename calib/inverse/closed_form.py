@@ -31,9 +31,8 @@ class ClosedForm:
     meeting: Array  # (3,) [m], where the last axes meet
     tip: Array  # (3,) [m]
     rotation: Array  # (3, 3), of the tip
-    spherical: (
-        bool  # whether the last three axes meet; else axes 2, 3 and 4 are parallel
-    )
+    # whether the last three axes meet; else axes 2, 3 and 4 are parallel
+    spherical: bool
 
     @staticmethod
     def of(chain: SpatialChain) -> ClosedForm | None:

@@ -25,9 +25,8 @@ class LinkSettings:
     unlikely: int = 3  # proposals where none is likely: out of reach, or singular
     cell: float = 1.5  # proposals that are closer count as one
     apart: float = 0.3  # solutions of two joints that are closer are one
-    missed: float = (
-        2.0  # spacings of the sensory map by which a start may miss its node
-    )
+    # spacings of the sensory map by which a start may miss its node
+    missed: float = 2.0
     width: int = 8  # most starts of a sensory node
     spare_width: int = 32  # the same, of redundant arms
     ahead: int = 48  # sensory nodes that a single query makes ready

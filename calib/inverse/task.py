@@ -70,9 +70,8 @@ class Poses:
     scale: Scale
     lever: float  # [m], what a radian of turn counts as
     size: float  # [m], the arm's length
-    free: int | None = (
-        None  # axis of the tip, 0 to 2, about which its turn is left open
-    )
+    # axis of the tip, 0 to 2, about which its turn is left open
+    free: int | None = None
 
     @property
     def count(self) -> int:

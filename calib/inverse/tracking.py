@@ -16,9 +16,8 @@ from .solver import Solver
 class TrackingSettings:
     """How joints follow a target."""
 
-    smooth: float = (
-        0.05  # of the ranges: joints that move further are looked at closely
-    )
+    # of the ranges: joints that move further are looked at closely
+    smooth: float = 0.05
     halved: int = 10  # times that a step is halved at most
     # of the workspace, and of its nodes' spacing: targets further away from all nodes are
     # not followed

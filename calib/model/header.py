@@ -165,9 +165,8 @@ class Header:
     nominal: KernelArm | None
     correcting: int  # kind of the task that `calib_correct` solves, see task.h
     limit: Array  # (dof,) [rad or m], largest correction that is trusted
-    small: bool = (
-        False  # whether the body alone is written, without tables of bounds and starts
-    )
+    # whether the body alone is written, without tables of bounds and starts
+    small: bool = False
 
     @staticmethod
     def of(model: Parts, *, small: bool = False) -> Header:

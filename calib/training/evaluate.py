@@ -54,12 +54,10 @@ class Residuals:
     distance: dict[str, Array]
     joint_names: tuple[str, ...]
     left_out: int = 0  # rows that lie outside of what was learned
-    turned: Array | None = (
-        None  # (n,) [rad], errors of the orientation, which the body predicts
-    )
-    side: Array | None = (
-        None  # (n, dof), from which side joints came, where that is known
-    )
+    # (n,) [rad], errors of the orientation, which the body predicts
+    turned: Array | None = None
+    # (n, dof), from which side joints came, where that is known
+    side: Array | None = None
 
     @staticmethod
     def of(
