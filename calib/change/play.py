@@ -20,9 +20,8 @@ from .score import RichNoise
 from .settings import FALSE_ALARM, TEST_ROWS
 
 _LEAST_PRECISION = 1e-12  # of the largest: less is rounding
-_LEAST_SHARE = (
-    0.1  # of a joint's rows that come from either side, or nothing tells its play
-)
+# of a joint's rows that come from either side, or nothing tells its play
+_LEAST_SHARE = 0.1
 # of the squared residuals: what explains less does not pay in `calib.body.approach` either
 _LEAST_EXPLAINED = 0.06
 

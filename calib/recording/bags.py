@@ -30,9 +30,8 @@ _POSITIONS = tuple(
 )
 _TF = "tf2_msgs/msg/TFMessage"
 _SAME = 1e-9  # turns [rad] and lengths [m] below which a transform is the same
-_IN_TIME = (
-    0.005  # [s], offsets below which stamps are left: training estimates the rest
-)
+# [s], offsets below which stamps are left: training estimates the rest
+_IN_TIME = 0.005
 
 
 def read_bag(

@@ -17,9 +17,8 @@ from .board import Pattern
 from .bundle import poses_of
 from .conventions import Seen, solve
 
-_CLEAR = (
-    0.4  # of the misfit: another reading of the joints explains the pictures better
-)
+# of the misfit: another reading of the joints explains the pictures better
+_CLEAR = 0.4
 _FAR = np.radians(1.5)  # misfit beyond which other readings are tried
 _TRIED = 10  # pictures that these are tried on
 _MISSAID = 0.05  # of a board's size, that no print is off by

@@ -42,9 +42,8 @@ class OnePose:
     exact: float = 1e-6  # [rad or m], rounding of a log's numbers
     # [rad or m], encoders that read one pose as differently repeat nothing
     most_apart: float = 0.01
-    gap: float = (
-        5.0  # times further apart than rows of one pose that two poses have to be
-    )
+    # times further apart than rows of one pose that two poses have to be
+    gap: float = 5.0
     # near pairs of rows below which they may be chance: of random rows one pair in 25 logs
     least_pairs: int = 3
     neighbours: int = 8  # of each row, among which rows of one pose are found
@@ -67,18 +66,15 @@ class Diagnosis:
     good: float = 0.1
     small: float = 0.005
     most_ordered: int = 6  # joints whose 720 orders are tried
-    path: float = (
-        0.1  # median step of the joints over their spread, above which they are no path
-    )
+    # median step of the joints over their spread, above which they are no path
+    path: float = 0.1
     # an extent between these times the nominal one needs no word: lengths were typed wrong by less
     usual_size: tuple[float, float] = (0.5, 2.0)
-    same_unit: float = (
-        0.05  # it is that of another unit within this share: 900 is no millimetre
-    )
+    # it is that of another unit within this share: 900 is no millimetre
+    same_unit: float = 0.05
     pixels_ratio: float = 5.0  # times the nominal extent beyond which that of pixels
-    turned: float = (
-        0.3  # median turn [rad] beyond which orientations are not those of the joints
-    )
+    # median turn [rad] beyond which orientations are not those of the joints
+    turned: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -108,9 +104,8 @@ class WrongRows:
 class Clock:
     """When a clock is late."""
 
-    longest_pause: float = (
-        5.0  # median steps of time beyond which two rows are not one motion
-    )
+    # median steps of time beyond which two rows are not one motion
+    longest_pause: float = 5.0
     fewest_rows: int = 20  # that tell a delay
     # a delay is corrected beyond so many sds, told from fewer on, if it explains this share of the
     # squared residuals: real series of poses at rest stay below .02, a clock that is 1 ms late at

@@ -43,9 +43,8 @@ class Residuals:
     joint_names: tuple[str, ...]
     left_out: int = 0  # rows that lie outside of what was learned
     turned: Array | None = None  # (n,) [rad], errors of the body's orientation
-    side: Array | None = (
-        None  # (n, dof), from which side joints came, where that is known
-    )
+    # (n, dof), from which side joints came, where that is known
+    side: Array | None = None
 
     @property
     def errors(self) -> dict[str, Array]:

@@ -14,9 +14,8 @@ class Learning:
     fewest_poses: int = 10  # that anything can be learned and checked from
     most_rows: int = 50_000  # of a log that the body and the local models rest on
     imagined: int = 5  # samples of a body for each motor node
-    side: int = (
-        70  # nodes along each axis of a plane lattice, as in the paper's best table
-    )
+    # nodes along each axis of a plane lattice, as in the paper's best table
+    side: int = 70
     rows_per_node: int = 5  # of a log
     # fewest nodes along a side, without a body, which imagines samples where a log has no rows, and
     # with one: its links have to propose starts for every branch
@@ -28,9 +27,8 @@ class Learning:
     parts: int = 3
     better: float = 0.9
     collapsed: float = 1e-9  # mean distance of joined nodes in the unit box
-    no_arm: float = (
-        0.02  # share of the extent: a body that is further off explains nothing
-    )
+    # share of the extent: a body that is further off explains nothing
+    no_arm: float = 0.02
     unlimited: float = 1e6  # [rad] of a joint that turns without end
 
 
@@ -41,18 +39,15 @@ class Testing:
     fresh: int = 10_000  # exact points of a simulation
     maps: int = 5_000  # rows that maps are tested on
     body: int = 1_000  # rows that a body is tested on, whose inverses are sought
-    folds: int = (
-        20  # maps are tested on blocks that those of every other block did not show
-    )
-    baseline: int = (
-        20_000  # rows that an undisturbed arm's distortions are learned from
-    )
+    # maps are tested on blocks that those of every other block did not show
+    folds: int = 20
+    # rows that an undisturbed arm's distortions are learned from
+    baseline: int = 20_000
     fewest: int = 10  # rows that were not learned, from which on errors are told
     placed: int = 10  # rows that tell where a frame is
     nearer: float = 0.5  # of the median error: a frame that moved explains so much
-    drawn: int = (
-        12_000  # exact samples that the bounds of a simulation are learned from
-    )
+    # exact samples that the bounds of a simulation are learned from
+    drawn: int = 12_000
     # share of the extent: what an answer in double precision is sure of at best
     rounding: float = 4e-15
 
@@ -93,17 +88,14 @@ class Touching:
     attempts: int = 3  # fits, each without the rows that strayed from the one before
     few: int = 12  # touches that tell an arm in space at least
     few_of_one: int = 4  # of them in one socket
-    in_socket: float = (
-        5.0  # times the usual scatter, within which a stray was in another socket
-    )
-    alike: float = (
-        0.05  # [rad or m], joints that moved less in each socket tell nothing
-    )
+    # times the usual scatter, within which a stray was in another socket
+    in_socket: float = 5.0
+    # [rad or m], joints that moved less in each socket tell nothing
+    alike: float = 0.05
     clearly: float = 3.0  # sds by which two sizes of an arm have to differ
     most_doubt: float = 0.05  # relative; no drawing is further from its arm's size
-    gauge: float = (
-        1e-6  # [m or rad] of what no touch tells, and what a belief holds for exact
-    )
+    # [m or rad] of what no touch tells, and what a belief holds for exact
+    gauge: float = 1e-6
     nats: float = 5.0  # of evidence for a change
     # what may have changed since, by how much: a servo put on anew, a bent tip, origins [rad or m]
     offset: float = float(np.radians(2.0))
