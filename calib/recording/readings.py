@@ -14,8 +14,8 @@ from ..errors import LogError
 from ..samples.diagnosis import Finding, readings
 from ..samples.settings import DIAGNOSIS
 from .board import Pattern
-from .bundle import poses_of
-from .conventions import Seen, solve
+from .rigid import rigid
+from .start import BoardPoses, find_start
 
 # of the misfit: another reading of the joints explains the pictures better
 _CLEAR = 0.4
@@ -25,7 +25,7 @@ _MISSAID = 0.05  # of a board's size, that no print is off by
 
 
 def refuse_readings(
-    structure: SpatialStructure, q: Array, seen: Seen, board: Pattern
+    structure: SpatialStructure, q: Array, seen: BoardPoses, board: Pattern
 ) -> None:
     """Refuse joints, an eye or a board of which another reading explains the pictures far better.
 
@@ -34,9 +34,11 @@ def refuse_readings(
     base = structure.with_view("base")
     neutral = structure.neutral()
 
-    def misfit(values: Array, sight: Seen, rounds: int = 4) -> tuple[float, float]:
+    def misfit(
+        values: Array, sight: BoardPoses, rounds: int = 4
+    ) -> tuple[float, float]:
         places, turns = base.pose(values, neutral)
-        start = solve(poses_of(turns, places), sight, rounds, unit="m")
+        start = find_start(rigid(turns, places), sight, rounds, unit="m")
         return start.misfit, start.size
 
     own, size = misfit(q, seen)
@@ -70,7 +72,7 @@ def refuse_readings(
 
 
 def _others(
-    structure: SpatialStructure, q: Array, seen: Seen
+    structure: SpatialStructure, q: Array, seen: BoardPoses
 ) -> Iterator[tuple[Array, Finding]]:
     """Other readings of the joints, the simplest first."""
     names = structure.joint_names
