@@ -29,9 +29,8 @@ _MIN_LENGTH = 1e-9
 _CACHED = 2_048  # rows whose intermediate arrays stay in the processor's cache
 
 
-_ROUNDING = (
-    1e-3  # [rad or m] over one turn or a limit (3.1416, 1.5708) is clipped in silence
-)
+# [rad or m] over one turn or a limit (3.1416, 1.5708) is clipped in silence
+_ROUNDING = 1e-3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
