@@ -228,10 +228,6 @@ Free = Annotated[
         "offsets: the drawing's geometry is true, the joints' zeros are not.",
     ),
 ]
-FrameOrJoints = Annotated[
-    choices.CauseWord,
-    word("--cause", choices.CAUSES, "Whose a turn is that both explain."),
-]
 
 # cameras
 _EYE = "hand: the camera is on the arm; base: it stands still."

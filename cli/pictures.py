@@ -186,8 +186,8 @@ def record_board(
         source,
         joints_file,
         board,
-        joints,
         camera=camera,
+        names=joints,
         degrees=degrees,
         prismatic=prismatic,
     )

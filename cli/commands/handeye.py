@@ -135,18 +135,14 @@ def handeye(
         model.save(output)
         warnings = contradicted(model.about)
     if transform is not None:
-        from calib.arm.description import parse_robot
         from calib.common.atomic import atomic_write
         from calib.recording.transforms import transform_files
 
-        base = "base" if arm is None else parse_robot(arm.urdf).root
-        flange = "flange" if arm is None else arm.tip
-        for path, text in transform_files(rig, base, flange, transform).items():
+        for path, text in transform_files(rig, transform).items():
             atomic_write(path, text.encode())
             note(f"where all is stands in {path}")
     document = {**rig.to_json(), "units": UNITS}
-    lines = [*warnings, *rig.lines("the flange" if arm is None else arm.tip)]
-    return Outcome(document, lines, code=code_of(warnings))
+    return Outcome(document, [*warnings, *rig.lines()], code=code_of(warnings))
 
 
 def _eyes(text: str) -> str | dict[str, str]:

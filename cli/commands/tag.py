@@ -28,7 +28,8 @@ def tag(
     quiet: opt.Quiet = False,
 ) -> Outcome:
     from calib.common.atomic import atomic_write
-    from calib.recording.board import parse_board, parse_length, print_board, print_tag
+    from calib.recording.board import parse_board, parse_length
+    from calib.recording.printing import print_board, print_tag
 
     if (number is None) == (board is None):
         raise BadOption("expected the ID of a tag, or --board, and not both")

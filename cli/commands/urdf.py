@@ -25,7 +25,6 @@ def urdf(
         str, opt.value("--output -o", "URDF", "The corrected description.")
     ],
     view: opt.LogView = "auto",
-    cause: opt.FrameOrJoints = "sensor",
     move_base: Annotated[
         bool, opt.flag("--move-base", "Fit the first joint's place.")
     ] = False,
@@ -39,8 +38,8 @@ def urdf(
 ) -> Outcome:
     import calib
     from calib.common.atomic import atomic_write
-    from calib.use.frames import frame_notes
-    from calib.use.geometry import fit_geometry
+    from calib.use.frames import FRAME_IS_FITTED
+    from calib.use.geometry_fit import fit_geometry
     from calib.use.urdf import (
         MOST_UNEXPLAINED,
         check_output,
@@ -54,7 +53,6 @@ def urdf(
     geometry = fit_geometry(
         loaded,
         view=view,
-        cause=cause,
         move_base=move_base,
         move_tip=move_tip,
         drawn=free == "offsets",
@@ -70,7 +68,7 @@ def urdf(
         "units": units_of(loaded.about, unit),
     }
     if geometry.free:
-        say(frame_notes(loaded, cause))
+        say([FRAME_IS_FITTED])
     say(what_no_urdf_holds(loaded))
     share = 100.0 * geometry.residual / geometry.reach
     rms = f"{sized(geometry.residual, unit)} rms ({share:.3g} % of the reach)"
