@@ -2,8 +2,8 @@
 
     python benchmarks/handeye_worlds.py [--worlds 20] [--part coverage|conventions|cameras|..]
 
-Poses with .3 mm and .02 deg of noise, corners with .15 px, 16 pictures of a chessboard a world; every
-other world has its camera in the hand.
+Poses with .3 mm and .02 deg of noise, corners with .15 px, 16 pictures of a chessboard a world;
+every other world has its camera in the hand.
 """
 
 import argparse
