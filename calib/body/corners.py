@@ -11,19 +11,18 @@ with a corner c in the board's frame and s in the camera's.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..arm.rotations import cross_matrix, exponential, logarithm
-from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .belief import Body
 from .sensor import SensorPose
+from .sensors import InSpace
 from .settings import FINER
-from .views import Columns, InSpace, Measurement, pixels
+from .views import Columns, Measurement, Scene, pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,24 +36,24 @@ class Corners(Measurement):
     curves = False  # of 20 pictures they explained a board that had been moved by 5 cm
     within = FINER
 
-    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Corner:
+    def look(self, scene: Scene) -> _Corner:
         """See a corner in each row."""
-        seen = self.pose.look(own, motion, also)
+        seen = self.pose.look(scene)
         shift = seen.values[:, :3]
         turn = exponential(seen.values[:, 3:])
         # columns of the derivative of s by the pose's shift and turn, both in the sensor's axes
         if self.in_hand:
             back = np.swapaxes(turn, 1, 2)
-            arm = also - shift
+            arm = scene.also - shift
             point = np.einsum("nij,nj->ni", back, arm)
             by = np.concatenate([-back, back @ cross_matrix(arm)], axis=2)
         else:
-            arm = np.einsum("nij,nj->ni", turn, also)
+            arm = np.einsum("nij,nj->ni", turn, scene.also)
             point = arm + shift
             by = np.concatenate(
                 [np.broadcast_to(np.eye(3), turn.shape), -cross_matrix(arm)], axis=2
             )
-        camera = pixels(own["lens"], point.T)
+        camera = pixels(scene.blocks["lens"], point.T)
         slope = np.asarray(camera.slope).transpose(2, 0, 1)
         return _Corner(camera.values, seen, camera, (slope @ by).transpose(1, 2, 0))
 

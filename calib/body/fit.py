@@ -12,10 +12,8 @@ from .covariance import autocorrelation_time
 from .normal import Factor, with_prior
 from .parameters import Hyper, Indices, Prior
 from .rows import Part, Rows
+from .settings import FIT
 from .structure import Structure
-
-BLOCKS = 10
-"""Contiguous blocks of rows whose information is kept apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +87,7 @@ class Fit:
             if (index >= 0).all():
                 self.hypers.append((hyper, index))
         self.scales = {hyper.name: float(hyper.scale) for hyper, _ in self.hypers}
-        blocks = min(BLOCKS, len(rows[0]))
+        blocks = min(FIT.blocks, len(rows[0]))
         self.parts = [Part(structure, each, self.beta, nu, blocks) for each in rows]
 
     @property

@@ -12,17 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array
-from . import settings
 from .belief import Body, Second
 from .covariance import as_kept
 from .fit import Fit
 from .gate import Passed, leave_blocks_out, pass_gate
 from .gravity import other_direction
 from .parameters import Hyper, Indices, Prior
-from .rows import Rows, view_of
-from .sensors import joined
+from .rows import Rows
+from .settings import FIT, LOG_FLOOR, SIMULATED_FLOOR, STUDENT
 from .starts import Start, best_starts, with_other_sensors
-from .structure import Structure
+from .structure import Structure, joined
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class BodyFit:
             second = replace(second, noise=second.noise[:3])
         positions = replace(
             body,
-            structure=replace(body.structure, view=view),  # type: ignore[type-var]
+            structure=body.structure.with_sensor(view=view),
             noise=body.noise[:3],
             tau=body.tau[:3],
             residual=body.residual[:3],
@@ -80,7 +79,7 @@ def fit(
     fitted = _fitted(structure, rows, begin, seed)
     undrawn = structure.undrawn()
     typical = np.median(np.linalg.norm(fitted.held_out, axis=1))
-    if undrawn is None or typical < settings.DOUBTED * structure.extent:
+    if undrawn is None or typical < FIT.doubted * structure.extent:
         return fitted
     free = _fitted(undrawn, rows, begin, seed)
     if not np.median(np.linalg.norm(free.held_out, axis=1)) < typical / 2:
@@ -108,7 +107,7 @@ def _fitted(
 ) -> BodyFit:
     """The fit; samples of a simulation have Gaussian weights and a lower noise floor."""
     rows = [replace(each, floor=_least_noise(structure, each)) for each in rows]
-    nu = np.inf if structure.simulated else settings.STUDENT
+    nu = np.inf if structure.simulated else STUDENT
     members = structure.members()
     chain = next((free for name, free in members if name == "chain"), members[0][1])
     rng = np.random.default_rng(seed)
@@ -140,8 +139,8 @@ def _fitted(
 
 def _least_noise(structure: Structure, rows: Rows) -> Array:
     """Least noise (m,) [unit, rad] that rows are taken to have."""
-    share = settings.SIMULATED_FLOOR if structure.simulated else settings.LOG_FLOOR
-    extent = view_of(structure, rows).extent
+    share = SIMULATED_FLOOR if structure.simulated else LOG_FLOOR
+    extent = structure.as_seen_by(rows.sensor).extent
     sizes = np.array([extent, extent, extent, 1.0, 1.0, 1.0])
     return share * sizes[: rows.z.shape[1]]
 
@@ -155,7 +154,7 @@ def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
     # exact rows leave nothing to learn of their noise
     learn = bool((fit.noise > fit.parts[0].floor).any())
     whole = fit.beginning(rows, Prior(fit.mean, sd))
-    return whole.maximise(learn=learn, steps=4, tolerance=settings.SETTLED)
+    return whole.maximise(learn=learn, steps=4, tolerance=FIT.settled)
 
 
 def _seen_by(
@@ -181,7 +180,7 @@ def _seen_by(
         active=whole.active,
         root=root,
         noise=part.noise,
-        kappa=max(1.0, held.ratio()) if measured else settings.UNKNOWN_KAPPA,
+        kappa=max(1.0, held.ratio()) if measured else FIT.unknown_kappa,
         tau=held.tau(part),
         residual=np.zeros(part.structure.outputs),
         nu=whole.nu,
@@ -211,7 +210,7 @@ def _repeatability(q: Array, z: Array) -> float:
     )
     pose = pose.ravel()
     freedom = len(q) - len(count)
-    if freedom < settings.REPEATS:
+    if freedom < FIT.repeats:
         return 0.0
     means = np.stack([np.bincount(pose, axis) for axis in z.T], axis=1) / count[:, None]
     return float(np.sqrt(((z - means[pose]) ** 2).sum() / (freedom * z.shape[1])))
@@ -227,9 +226,9 @@ def _second(
     first = passed.fit
     groups = first.structure.groups
     count = len(rows[0])
-    bends = "curve" in passed.free or passed.against("curves") < settings.NO_CURVES
+    bends = "curve" in passed.free or passed.against("curves") < FIT.no_curves
     guarded: list[str] = []
-    if count >= settings.GUARDED_ROWS:
+    if count >= FIT.guarded_rows:
         guarded = [
             name for name in ("elastic", "gravity", "lens") if len(groups.get(name, ()))
         ]
@@ -251,9 +250,7 @@ def _second(
     wide = first.beginning(rows, Prior(prior.mean, sd, tuple(hypers))).maximise(steps=4)
     share = 1.0
     if count < first.structure.few_rows:
-        share = float(
-            np.clip(leave_blocks_out(wide).ratio(), settings.LEAST_SHARE, 1.0)
-        )
+        share = float(np.clip(leave_blocks_out(wide).ratio(), FIT.least_share, 1.0))
     root = as_kept(share**2 * wide.covariance)
     return wide, Second(wide.beta, wide.active, root, wide.noise)
 

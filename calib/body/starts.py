@@ -22,38 +22,12 @@ from .fit import Fit
 from .parameters import Prior
 from .planar import PlanarStructure, placed_in_plane, planar_starts
 from .rows import Rows
-from .sensors import as_seen_by
-from .settings import (
-    APART,
-    NO_CAMERA,
-    OTHER_ARM,
-    OTHER_TURNS,
-    RIVAL_START,
-    SIMULATED_FLOOR,
-    STUDENT,
-    TARGET,
-)
+from .settings import SIMULATED_FLOOR, START, STUDENT
 from .spatial import SpatialStructure
 from .structure import Structure
 
-_TIED = 1e-2  # nats that no evidence tells apart
-_ROWS = 400  # that the runs use at most
-_RUN_STEPS = (6, 40)  # damped steps of all runs, and of the best
-_RUNS = 8  # that are carried on
-_PROBES = 100  # joint values at which arms are compared
-_GUESSED = 60  # rows that guesses of a frame use
-_FIRST = 10  # damped steps of a guess
-_STEPS = 40  # damped steps of the best guess, and of a chain
-_LEAST = 10  # rows that tell a chain of which only the joints are known
-_ROWS_ALONE = 150  # rows that its search uses
-_TOOL = 0.1  # of the reach: tools to each side that the frame is guessed with
-_CHAINS = 24  # to begin at
-_AGREE = 4  # of them that end alike are enough
-_SAME = 0.5  # [nats] by which they are alike
 # shares of the extents: residuals of a chain that is exact, and of one that explains the rows.  A
 # hobby arm's first four ends were points, alike at .29
-_EXACT = 10 * SIMULATED_FLOOR
-_EXPLAINED = 0.05
 
 
 @dataclass(frozen=True)
@@ -74,7 +48,7 @@ def best_starts(structure: Structure, rows: Rows, free: tuple[str, ...]) -> list
 
     free : groups that the runs fit; the gate's chain
     """
-    some = np.sort(np.random.default_rng(0).permutation(len(rows))[:_ROWS])
+    some = np.sort(np.random.default_rng(0).permutation(len(rows))[: START.rows])
     q = rows.q[some]
     z = rows.z[some]
     runs = [
@@ -82,21 +56,23 @@ def best_starts(structure: Structure, rows: Rows, free: tuple[str, ...]) -> list
     ]
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
         return runs
-    for steps in _RUN_STEPS:
+    for steps in START.run_steps:
         runs = [_run(run, q, z, free, steps) for run in runs]
-        runs = sorted(runs, key=lambda run: run.cost)[:_RUNS]
+        runs = sorted(runs, key=lambda run: run.cost)[: START.runs]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
-    tied = [run for run in runs if not run.cost > runs[0].cost + _TIED]
+    tied = [run for run in runs if not run.cost > runs[0].cost + START.tied]
     best = min(tied, key=lambda run: run.structure.reversals)
     lower = rows.q.min(axis=0)
     span = rows.q.max(axis=0) - lower
-    probes = lower + np.random.default_rng(0).random((_PROBES, rows.q.shape[1])) * span
+    probes = (
+        lower + np.random.default_rng(0).random((START.probes, rows.q.shape[1])) * span
+    )
     there = best.structure.predict(probes, best.beta)
     for run in runs:
         apart = best.structure.residual(there, run.structure.predict(probes, run.beta))
         share = float(np.abs(apart / best.structure.extents).max())
-        is_other = share > max(APART, 20 * best.noise)
-        if is_other and run.noise <= RIVAL_START * best.noise and np.isfinite(run.cost):
+        is_other = share > max(START.apart, 20 * best.noise)
+        if is_other and run.noise <= START.rival * best.noise and np.isfinite(run.cost):
             return [best, run]
     return [best]
 
@@ -115,13 +91,13 @@ def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
     for each in rows[1:]:
         if not isinstance(each.sensor, str):
             continue
-        seen = as_seen_by(structure, each.sensor)
-        some = thinned(len(each), _ROWS)
+        seen = structure.as_seen_by(each.sensor)
+        some = thinned(len(each), START.rows)
         if isinstance(seen, PlanarStructure):
             seen, beta = placed_in_plane(seen, each.q[some], each.z[some], beta)
         elif isinstance(seen, SpatialStructure):
             beta = _placed_in_space(seen, each.q[some], each.z[some], beta)
-        structure = as_seen_by(seen, structure.sensor_name)
+        structure = seen.as_seen_by(structure.viewpoint.name)
     return replace(start, structure=structure, beta=beta)
 
 
@@ -148,7 +124,9 @@ def candidates(
     if isinstance(structure, PlanarStructure):
         return planar_starts(structure, q, z)
     assert isinstance(structure, SpatialStructure)  # noqa: S101
-    least = structure.seen_as.least if structure.informed else _LEAST
+    least = (
+        structure.viewpoint.seen_as.least if structure.informed else START.least_rows
+    )
     if len(q) < least:
         raise LogError(
             f"{len(q)} rows cannot place a spatial arm in its sensor's frame: expected {least} or "
@@ -159,14 +137,14 @@ def candidates(
             "the positions are the same in every row: the sensor saw no motion"
         )
     if not structure.informed:
-        some = thinned(len(q), _ROWS_ALONE)
+        some = thinned(len(q), START.chain_rows)
         share = 0.0 if noise is None else float(np.max(noise)) / structure.extent
         return _free_chains(structure, q[some], z[some], share)
     beta = frame(structure, q, z)
     if structure.view == "base pose":
         turn = beta[structure.groups["tool.rotation"]]
-        if np.linalg.norm(turn) > TARGET:
-            return [(replace(structure, view="base target"), beta)]
+        if np.linalg.norm(turn) > START.target:
+            return [(structure.with_view("base target"), beta)]
     return [(structure, beta)]
 
 
@@ -190,13 +168,15 @@ def frame(
     drawn = arm is None
     groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
-    some = thinned(len(q), _GUESSED)
+    some = thinned(len(q), START.guessed_rows)
     runs: list[tuple[Array, float, float]] = []
     for guess in _guesses(structure, q, z, structure.neutral() if arm is None else arm):
         prior = Prior(guess, sd)
-        runs.append(settled(structure, q[some], z[some], guess, prior, _FIRST))
+        runs.append(
+            settled(structure, q[some], z[some], guess, prior, START.guess_steps)
+        )
     beta, _, _ = min(runs, key=lambda run: run[1])
-    beta = settled(structure, q, z, beta, Prior(beta, sd), _STEPS)[0]
+    beta = settled(structure, q, z, beta, Prior(beta, sd), START.steps)[0]
     if structure.camera and drawn:
         # a camera's pose and its focal length help each other
         free = [*groups, "offset"]
@@ -205,7 +185,7 @@ def frame(
         sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0
         beta = settled(structure, q, z, beta, Prior(beta, sd), 60)[0]
-    if drawn and not structure.seen_as.scaled:
+    if drawn and not structure.viewpoint.seen_as.scaled:
         _refuse_misfit(structure, q, z, beta)
     return beta
 
@@ -217,10 +197,10 @@ def _refuse_misfit(
     misfit = structure.residual(z, structure.predict(q, beta))
     off = float(np.median(np.linalg.norm(misfit[:, :3], axis=1)))
     size = float(np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max())
-    most = OTHER_ARM
+    most = START.other_arm
     what = "positions"
     if structure.camera:
-        most = NO_CAMERA
+        most = START.no_camera
         what = "pixels"
     if off > most * size:
         raise LogError(
@@ -230,7 +210,7 @@ def _refuse_misfit(
             "is of one moment, and whether it is this robot"
         )
     turned = float(np.median(np.linalg.norm(misfit[:, 3:], axis=1)))
-    if turned > OTHER_TURNS:
+    if turned > START.other_turns:
         raise LogError(
             f"the orientations do not turn as the joints do: {np.degrees(turned):.0f} deg are left "
             "(median); check their order, their unit, and that they are of the tip, or leave them "
@@ -273,7 +253,7 @@ def _frames(
     if structure.based:
         return [(nothing, np.eye(3))]
     frames: list[tuple[Array, Array]] = []
-    aside = _TOOL * structure.chain.reach
+    aside = START.tool * structure.chain.reach
     for tool in (nothing, *(aside * np.eye(3)), *(-aside * np.eye(3))):
         turn, _, _ = similarity(points + rotations @ tool, z[:, :3])
         frames.append((tool, turn))
@@ -298,7 +278,7 @@ def _with_frame(
     groups = structure.groups
     guess[groups["tool"]] = tool
     guess[groups["view.rotation"]] = logarithm(turn)
-    if structure.seen_as.scaled:
+    if structure.viewpoint.seen_as.scaled:
         _, shift, factor = similarity(tip, z[:, :3])
         guess[groups["view.scale"]] = np.log(factor / structure.metre)
         guess[groups["view.shift"]] = shift
@@ -376,19 +356,19 @@ def _free_chains(
     ends: list[tuple[float, SpatialStructure]] = []
     costs: list[float] = []  # of those that explain the rows
     begin = structure
-    for _ in range(_CHAINS):
+    for _ in range(START.chains):
         prior = begin.prior(("placement", "tool"))
-        beta, cost, noise = settled(begin, q, z, prior.mean, prior, _STEPS)
+        beta, cost, noise = settled(begin, q, z, prior.mean, prior, START.steps)
         ends.append((cost, _absorbed(begin, beta)))
-        if noise <= max(_EXACT, least):
+        if noise <= max(START.exact, least):
             break
-        if noise <= _EXPLAINED:
+        if noise <= START.explained:
             costs.append(cost)
-        if sum(cost < min(costs) + _SAME for cost in costs) >= _AGREE:
+        if sum(cost < min(costs) + START.same for cost in costs) >= START.alike:
             break
         begin = _drawn(structure, z, rng)
     ends.sort(key=lambda end: end[0])
-    return [(end, end.neutral()) for _, end in ends[:_AGREE]]
+    return [(end, end.neutral()) for _, end in ends[: START.alike]]
 
 
 def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:

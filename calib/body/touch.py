@@ -7,7 +7,7 @@ arm's base stands nor how it is turned about its first axis: both stay as drawn.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -15,18 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.rotations import logarithm, similarity
-from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from ..samples.sockets import Known
 from .belief import Body, Second
 from .covariance import as_kept
-from .fit import BLOCKS
 from .fitting import BodyFit, fit
 from .parameters import Block, Hyper, Indices
 from .rows import Rows, together
-from .settings import FINER, FREE, SOCKET
+from .settings import FINER, FIT, FREE, PRIOR
 from .spatial import SpatialStructure
-from .views import Columns, Measurement
+from .views import ArmSize, Columns, Measurement, Scene
 
 _POSTURES = (
     400  # all over the joints' range, of which the mean motion is that of the whole arm
@@ -40,26 +38,25 @@ class Touch(Measurement):
     """The tip less the socket that it is in [m]; a row also tells the socket's number."""
 
     count: int  # sockets
-    size: float  # of the arm [m]
     within: tuple[float, float] = FINER  # doubt of joint origins
 
     outputs = 3
     floating = True
     free = ("point",)
-    tool = Hyper("tool", SOCKET, (1.0, 1.0))
+    tool = Hyper("tool", PRIOR.socket, (1.0, 1.0))
 
-    def parameters(self) -> tuple[Block, ...]:
+    def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
         """The sockets."""
         names = [f"point.{k}.{axis}" for k in range(self.count) for axis in "xyz"]
-        return (Block.of("point", "m", names, FREE * self.size),)
+        return (Block.of("point", "m", names, FREE * arm.reach),)
 
-    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Told:
+    def look(self, scene: Scene) -> _Told:
         """See the tip in its sockets."""
-        places = own["point"].reshape(-1, 3)
-        number = also[:, 0].astype(int)
+        places = scene.blocks["point"].reshape(-1, 3)
+        number = scene.also[:, 0].astype(int)
         slope = np.zeros((len(number), 3, self.count, 3))
         slope[np.arange(len(number)), :, number] = -np.eye(3)
-        return _Told(motion.position.T - places[number], slope, 1.0)
+        return _Told(scene.motion.position.T - places[number], slope, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,13 +71,13 @@ class Stated(Measurement):
     outputs = 1
     noise = 1.0
 
-    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Told:  # noqa: ARG002
+    def look(self, scene: Scene) -> _Told:
         """See how far the sockets are off."""
-        places = own["point"].reshape(-1, 3)
+        places = scene.blocks["point"].reshape(-1, 3)
         told = [(*each.misfit(places), each.tolerance) for each in self.known]
         values = np.concatenate([value / tolerance for value, _, tolerance in told])
         slopes = np.concatenate([slope / tolerance for _, slope, tolerance in told])
-        which = also[:, 0].astype(int)
+        which = scene.also[:, 0].astype(int)
         return _Told(values[which, None], slopes[which, None], 0.0)
 
 
@@ -105,7 +102,6 @@ class _Told:
 
 
 def touching(
-    structure: SpatialStructure,
     q: Array,
     point: NDArray[np.intp],
     known: Sequence[Known],
@@ -116,7 +112,7 @@ def touching(
     # origins are not far off where nothing tells how large the arm is
     sized = not touched.all() or any(each.value is not None for each in known)
     within = FINER[0], 5.0 if sized else 1.0
-    touch = Touch(int(point.max()) + 1, structure.chain.reach, within)
+    touch = Touch(int(point.max()) + 1, within)
     seen = np.column_stack([q[touched], point[touched].astype(float)])
     rows = [Rows(seen, np.zeros((len(seen), 3)), touch)]
     if not touched.all():
@@ -156,8 +152,8 @@ def fit_touches(
     tip = structure.pose(q, structure.neutral())[0]
     measured = point < 0
     extent = float(np.sqrt(((tip - tip.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    rows = touching(structure, q, point, known, x)
-    seen = together(replace(structure, extent=extent), rows)
+    rows = touching(q, point, known, x)
+    seen = together(structure.with_sensor(extent=extent), rows)
     begin = seen.neutral()
     groups = seen.groups
     # each socket begins where the drawing says that the tip was on average
@@ -190,7 +186,7 @@ def _scattered(residual: Array, point: NDArray[np.intp]) -> Array:
     """
     out = residual.copy()
     counts = np.bincount(point)
-    for block in np.array_split(np.arange(len(point)), BLOCKS):
+    for block in np.array_split(np.arange(len(point)), FIT.blocks):
         for k in np.unique(point[block]):
             own = block[point[block] == k]
             if 2 * len(own) > counts[k]:

@@ -159,7 +159,7 @@ def _camera_anew(body: Body, q: Array, z: Array) -> Array:
 
     structure: Any = body.structure
     lens = tuple(body.beta[structure.groups["lens"]].tolist())
-    known = replace(structure, lens=lens, lens_sd=(0.0, 0.0, 0.0, 0.0))
+    known = structure.with_sensor(lens=lens, lens_sd=(0.0, 0.0, 0.0, 0.0))
     beta = body.beta.copy()
     free = indices_of(structure, FRAME)
     beta[free] = frame(known, q, z, body.beta)[free]
@@ -201,9 +201,12 @@ def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[Cause, 
 
 def _replaced(structure: Structure, change: dict[str, Any]) -> Structure:
     """The structure with other values of those fields that it has."""
-    own = {name: value for name, value in change.items() if name in structure.__dict__}
-    # a copy would compute again what a structure keeps of itself
-    return replace(structure, **own) if own else structure  # type: ignore[type-var]
+    fields = vars(structure.viewpoint)
+    sensor = {name: value for name, value in change.items() if name in fields}
+    if sensor:  # a copy would compute again what a structure keeps of itself
+        structure = structure.with_sensor(**sensor)
+    signs = change.get("signs")
+    return structure if signs is None else structure.changed(signs=signs)
 
 
 def _misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]:

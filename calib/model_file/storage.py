@@ -26,7 +26,7 @@ from ..model.parts import Parts
 from .container import check_sum, pack, unpack
 from .fields import Kinds, Tensors, read, write
 
-VERSION = 7  # of the format, as ``docs/format.md`` describes it
+VERSION = 8  # of the format, as ``docs/format.md`` describes it
 KINDS: Kinds = {Structure: (PlanarStructure, SpatialStructure)}
 _TINY = 1e-300  # the least number above zero
 _WIDEST = 1e9  # range of a joint [rad or m]

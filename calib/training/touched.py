@@ -328,7 +328,7 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     number, known, own = touch.renumbered()
     rows = [
         replace(each, floor=0.5 * noise, noise=noise)
-        for each in touching(structure, q, number, known, log.x)
+        for each in touching(q, number, known, log.x)
     ]
     seen = together(structure, rows)
     belief = restated(body, seen)

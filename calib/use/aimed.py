@@ -16,9 +16,7 @@ from ..arm.arm import Arm, SpatialArm
 from ..arm.rotations import exponential, logarithm
 from ..body.belief import Body
 from ..body.corners import Corners
-from ..body.rows import Beside
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.views import InSpace
 from ..common.arrays import Array
 from ..common.rows import number_rows
 from ..common.scale import Scale
@@ -203,10 +201,8 @@ def in_sight(
     q, _ = _led(
         structure, beta, begin, np.concatenate([shift, logarithm(turn)], axis=1), space
     )
-    pose = structure.measurement
-    assert isinstance(pose, InSpace)  # noqa: S101 - a view of poses
-    reading = Beside((Corners(pose, in_hand), pose))
-    camera = structure.with_view("pose", unit="px", reading=reading)
+    seen = Corners(structure.viewpoint, in_hand)
+    camera = structure.with_view("pose", unit="px").changed(others=(seen,), place=1)
     corners = np.column_stack(
         [0.5 * size * ((-1, -1), (-1, 1), (1, -1), (1, 1)), np.zeros(4)]
     )

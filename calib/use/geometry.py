@@ -7,7 +7,7 @@ cannot see.  `calib urdf` writes what was found, `calib correct` takes the senso
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -269,12 +269,12 @@ def fit_in_space(
     posed = free and knows_orientation(body)
     if body is not None and posed and own.informed:
         # orientations tell turns of the tool and of the wrist that positions leave open
-        structure = replace(own, view="pose")
+        structure = own.with_view("pose")
         known = body.beta
         x = np.hstack([x, structure.predict(q, body.beta)[:, x.shape[1] :]])
     elif body is not None and isinstance(own, SpatialStructure) and own.informed:
         view = "rigid" if free and own.view == "pose" else own.view if free else "base"
-        structure = replace(own, view=view)
+        structure = own.with_view(view)
         known = body.beta if own.view == view else None
     else:
         view = "base" if not free else "rigid" if unit in METRES else "similarity"

@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 
 from calib.body.curves import curve_slope, curve_value, waves_of
 from calib.body.planar import PlanarStructure
+from calib.body.sensors import InPlane
 
 
 def structure(revolute=(True, True), view="rigid", signs=(1, 1), mirror=1) -> PlanarStructure:
     names = tuple(f"j{i}" for i in range(len(revolute)))
-    return PlanarStructure(
-        names, revolute, view, "m", 1.0, signs, mirror, 0.4, (0.1, -0.2), None, False
-    )
+    sensor = InPlane(view, extent=0.4, mirror=mirror, centre=(0.1, -0.2))
+    return PlanarStructure(names, revolute, signs, None, False, (sensor,))
 
 
 def some_beta(s: PlanarStructure, seed: int = 0) -> np.ndarray:

@@ -1,7 +1,6 @@
 """Spatial bodies: derivatives, what a fit finds, and what it says that it does not know."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,7 +76,7 @@ def test_a_fit_finds_the_arm_and_its_bound_holds_the_errors():
     q, fresh = rows(arm, 80, 1), rows(arm, 400, 2)
     rng = np.random.default_rng(3)
     z = structure.predict(q, beta) + rng.normal(0, 5e-5, (len(q), 3))
-    body = fitting.fit(replace(structure, extent=spread(z)), [Rows(q, z)]).body
+    body = fitting.fit(structure.with_sensor(extent=spread(z)), [Rows(q, z)]).body
     error = np.linalg.norm(body.predict(fresh) - structure.predict(fresh, beta), axis=1)
     assert error.mean() < 1.5e-4
     assert np.mean(error <= body.bound(fresh, noise=False)) > 0.93
@@ -94,7 +93,7 @@ def test_curves_are_found_where_they_are():
     arm, structure, beta, _ = built(curves=True)
     q, fresh = rows(arm, 150, 1), rows(arm, 300, 2)
     z = structure.predict(q, beta) + np.random.default_rng(3).normal(0, 3e-5, (len(q), 3))
-    fit = fitting.fit(replace(structure, extent=spread(z)), [Rows(q, z)])
+    fit = fitting.fit(structure.with_sensor(extent=spread(z)), [Rows(q, z)])
     error = np.linalg.norm(fit.body.predict(fresh) - structure.predict(fresh, beta), axis=1)
     assert fit.body.member == "curves"
     plain = structure.prior(("offset", "placement")).mean  # the arm as drawn, without curves
@@ -111,7 +110,7 @@ def test_a_pose_tells_the_tools_orientation():
     z = structure.predict(q, beta)
     z[:, :3] += rng.normal(0, 5e-5, (len(q), 3))
     z[:, 3:] = logarithm(exponential(rng.normal(0, 1e-4, (len(q), 3))) @ exponential(z[:, 3:]))
-    body = fitting.fit(replace(structure, extent=spread(z[:, :3])), [Rows(q, z)]).body
+    body = fitting.fit(structure.with_sensor(extent=spread(z[:, :3])), [Rows(q, z)]).body
     error = structure.residual(structure.predict(fresh, beta), body.predict(fresh))
     assert np.linalg.norm(error[:, :3], axis=1).mean() < 2e-4
     assert np.linalg.norm(error[:, 3:], axis=1).mean() < 5e-4
@@ -122,11 +121,11 @@ def test_millimetres_and_a_free_scale():
     beta[structure.groups["view.scale"]] = np.log(1000.0)
     q = rows(arm, 60, 1)
     z = structure.predict(q, beta)
-    body = fitting.fit(replace(structure, extent=spread(z), unit="sensor"), [Rows(q, z)]).body
+    body = fitting.fit(structure.with_sensor(extent=spread(z), unit="sensor"), [Rows(q, z)]).body
     scale = np.exp(body.beta[structure.groups["view.scale"][0]])
     assert scale == pytest.approx(1000.0, rel=5e-3)
     with pytest.raises(LogError, match="does not explain the positions"):
-        candidates(replace(structure, view="rigid"), q, z)
+        candidates(structure.with_sensor(view="rigid"), q, z)
     in_mm = structure_of(arm, "rigid", unit="mm", metre=1000.0, extent=spread(z))
     assert np.abs(fitting.fit(in_mm, [Rows(q, z)]).held_out).mean() < 1.0
 
@@ -165,7 +164,7 @@ def test_ten_rows_tell_no_less_than_the_drawing_with_its_frames():
     arm, structure, beta, _ = built()
     q = rows(arm, 10, 1)
     z = structure.predict(q, beta) + np.random.default_rng(0).normal(0, 2e-4, (10, 3))
-    structure = replace(structure, extent=spread(z))
+    structure = structure.with_sensor(extent=spread(z))
     body = fitting.fit(structure, [Rows(q, z)]).body
     fresh = rows(arm, 100, 2)
     true = structure.predict(fresh, beta)
@@ -201,7 +200,7 @@ def test_a_joint_that_never_moved_keeps_its_drawing_and_a_wide_bound():
     q = rows(arm, 100, 1)
     q[:, 1] = 0.3
     z = structure.predict(q, beta) + np.random.default_rng(3).normal(0, 5e-5, (len(q), 3))
-    body = fitting.fit(replace(structure, extent=spread(z)), [Rows(q, z)]).body
+    body = fitting.fit(structure.with_sensor(extent=spread(z)), [Rows(q, z)]).body
     moved = q.copy()
     moved[:, 1] += 1.0
     error = np.linalg.norm(body.predict(moved) - structure.predict(moved, beta), axis=1)

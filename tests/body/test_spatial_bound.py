@@ -1,7 +1,5 @@
 """What a spatial body promises: new mountings, few rows, never worse than the drawing."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from models import in_space
@@ -41,7 +39,7 @@ def seen(arm, structure, beta, n, seed):
 
 def fitted(structure, q, z) -> Body:
     extent = float(np.sqrt(((z - z.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    return fitting.fit(replace(structure, extent=extent), [Rows(q, z)]).body
+    return fitting.fit(structure.with_sensor(extent=extent), [Rows(q, z)]).body
 
 
 def apart(body, q, z):
