@@ -17,7 +17,7 @@ import numpy as np
 
 import calib
 from calib.arm.rotations import exponential, logarithm, similarity
-from calib.body.fitting import BodyFit, fit, fit_sensors
+from calib.body.body_fit import BodyFit, fit, fit_sensors
 from calib.body.rows import Rows
 from calib.body.spatial import SpatialStructure, structure_of
 from calib.common.arrays import Array

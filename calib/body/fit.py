@@ -88,7 +88,7 @@ class Fit:
                 self.hypers.append((hyper, index))
         self.scales = {hyper.name: float(hyper.scale) for hyper, _ in self.hypers}
         blocks = min(FIT.blocks, len(rows[0]))
-        self.parts = [Part(structure, each, self.beta, nu, blocks) for each in rows]
+        self.parts = [Part(structure, some, self.beta, nu, blocks) for some in rows]
 
     @property
     def residual(self) -> Array:
@@ -108,8 +108,8 @@ class Fit:
     def beginning(self, rows: Sequence[Rows], prior: Prior) -> Fit:
         """A fit of rows of the same sensors under another prior, from what was found on."""
         noisy = [
-            replace(each, noise=part.noise)
-            for each, part in zip(rows, self.parts, strict=True)
+            replace(some, noise=part.noise)
+            for some, part in zip(rows, self.parts, strict=True)
         ]
         return Fit(self.structure, noisy, self.beta, prior, nu=self.nu)
 

@@ -37,7 +37,7 @@ class PlanarMotion:
 
     def joints(self) -> Moved:
         """How the tip moves with the value of each joint, (dof, 2, n)."""
-        # a joint turns all that comes after it about its own place
+        # a joint turns all that comes after it about its structure place
         swept = 1j * np.cumsum(self.terms[::-1], axis=0)[::-1]
         return _pairs(np.where(self.turning, swept, self.direction)), 0.0
 
@@ -286,7 +286,7 @@ def planar_starts(
 ) -> list[tuple[PlanarStructure, Array]]:
     """Candidates of signs, mirror and parameters (d,), the best linear fits first.
 
-    With a nominal geometry its own signs alone, unless they do not fit or the view is not metric:
+    With a nominal geometry its signs alone, unless they do not fit or the view is not metric:
     a camera says nothing of the servos.
     """
     drawing = structure.nominal
@@ -314,7 +314,7 @@ def planar_starts(
 def placed_in_plane(
     structure: PlanarStructure, q: Array, z: Array, beta: Array
 ) -> tuple[PlanarStructure, Array]:
-    """The side from which a further sensor sees an arm, and parameters (d,) with its own."""
+    """The side from which a further sensor sees an arm, and parameters (d,) with its structure."""
     tip: Complex = z @ np.array([1, 1j])
     sides = [structure.with_sensor(mirror=mirror) for mirror in (1, -1)]
     placed = [(side, *_framed(side, q, tip, beta)) for side in sides]
@@ -322,47 +322,49 @@ def placed_in_plane(
     return side, best
 
 
-def _placed(own: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
+def _placed(structure: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
     """Error and parameters of the drawing in the frame that fits tips (n,) best."""
-    return _framed(own, q, tip, own.neutral())
+    return _framed(structure, q, tip, structure.neutral())
 
 
 def _framed(
-    own: PlanarStructure, q: Array, tip: Complex, arm: Array
+    structure: PlanarStructure, q: Array, tip: Complex, arm: Array
 ) -> tuple[float, Array]:
     """Error and parameters of an arm (d,) in the frame that fits tips (n,) best."""
     beta = arm.copy()
-    groups = own.groups
-    if own.view != "base":
-        p = own.seen(q, beta)[0].position.T @ (1, 1j * own.mirror)
+    groups = structure.groups
+    if structure.view != "base":
+        p = structure.seen(q, beta)[0].position.T @ (1, 1j * structure.mirror)
         away = p - p.mean()
         turn = np.vdot(away, tip) / (np.vdot(away, away).real + 1e-300)
         angle = float(np.angle(turn))
         scale = 0.0
-        if own.viewpoint.seen_as.scaled:
-            scale = float(np.log(max(abs(turn), 1e-12) / own.metre))
-        shift = np.mean(tip - own.metre * np.exp(scale + 1j * angle) * p)
+        if structure.viewpoint.seen_as.scaled:
+            scale = float(np.log(max(abs(turn), 1e-12) / structure.metre))
+        shift = np.mean(tip - structure.metre * np.exp(scale + 1j * angle) * p)
         beta[groups["view.rotation"]] = angle
         beta[groups["view.scale"]] = scale
         beta[groups["view.shift"]] = shift.real, shift.imag
-    miss = np.abs(tip - own.predict(q, beta) @ (1, 1j))
+    miss = np.abs(tip - structure.predict(q, beta) @ (1, 1j))
     return float(np.sqrt(np.mean(miss**2))), beta
 
 
-def _linear(own: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
+def _linear(structure: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
     """Error and parameters of the chain that fits tips (n,) best."""
-    beta = own.neutral()
-    groups = own.groups
-    turning = np.asarray(own.revolute)
-    chain = LinearChain.of(q, tip, own.signs, own.mirror, own.revolute)
-    sizes = chain.sizes / own.metre
+    beta = structure.neutral()
+    groups = structure.groups
+    turning = np.asarray(structure.revolute)
+    chain = LinearChain.of(
+        q, tip, structure.signs, structure.mirror, structure.revolute
+    )
+    sizes = chain.sizes / structure.metre
     if (
-        own.viewpoint.seen_as.scaled
+        structure.viewpoint.seen_as.scaled
     ):  # in the first length, or where joints slide in metres
         unit = float(sizes[0])
         if not turning.all():
             unit = float(np.exp(np.log(sizes[~turning] + 1e-300).mean()))
-        unit = max(unit, 1e-9 * own.extent)
+        unit = max(unit, 1e-9 * structure.extent)
         beta[groups["view.scale"]] = np.log(unit)
         sizes = sizes / unit
     beta[groups["length"]] = np.where(turning, sizes, 0.0)

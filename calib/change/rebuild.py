@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.belief import Body
-from ..body.fitting import fit
+from ..body.body_fit import fit
 from ..body.rows import Rows as Measured
 from ..common.arrays import Array
 from ..common.scale import Scale

@@ -101,9 +101,10 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
         )
     check_sum(header, tensors, name)
     try:
-        for copy in header.get("shared", ()):
+        shared = header["shared"]
+        for copy in shared if isinstance(shared, list) else ():
             tensors[copy] = tensors[_in_first(copy)]
-        model: _M = read(kind, header, tensors, KINDS)
+        model = read(kind, header, tensors, KINDS)
         _check(model)
         for other in model.others:
             _check(other)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..body.sensor import SensorPose
+from ..body.sensor_pose import SensorPose
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..model.model import Model

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..arm.arm import SpatialArm
+from ..body.body_fit import BodyFit
 from ..body.fit import Fit
-from ..body.fitting import BodyFit
 from ..body.parameters import Prior
 from ..body.rows import together
 from ..body.settings import STUDENT

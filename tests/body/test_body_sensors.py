@@ -7,7 +7,7 @@ import pytest
 
 import calib
 from calib.arm.arm import Arm
-from calib.body.fitting import fit, fit_sensors
+from calib.body.body_fit import fit, fit_sensors
 from calib.body.planar import planar_structure
 from calib.body.rows import Rows
 from calib.body.spatial import structure_of

@@ -5,10 +5,10 @@ import pytest
 from models import in_space
 
 from calib.arm.loading import load_arm
-from calib.body import fitting
+from calib.body import body_fit
 from calib.body.belief import Body
 from calib.body.rows import Rows
-from calib.body.sensor import SensorPose, without_gauge
+from calib.body.sensor_pose import SensorPose, without_gauge
 from calib.body.spatial import structure_of
 from calib.body.starts import frame
 
@@ -39,7 +39,7 @@ def seen(arm, structure, beta, n, seed):
 
 def fitted(structure, q, z) -> Body:
     extent = float(np.sqrt(((z - z.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    return fitting.fit(structure.with_sensor(extent=extent), [Rows(q, z)]).body
+    return body_fit.fit(structure.with_sensor(extent=extent), [Rows(q, z)]).body
 
 
 def apart(body, q, z):

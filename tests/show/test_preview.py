@@ -22,7 +22,7 @@ from scenes import data_of, objects, page_of, project, tracks, unpacked
 
 import calib
 from calib.arm.loading import arm_from_urdf
-from calib.body.sensor import SensorPose
+from calib.body.sensor_pose import SensorPose
 from calib.recording.board import Board
 from calib.recording.board_pictures import BoardPictures
 from calib.recording.lens import Lens

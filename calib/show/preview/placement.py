@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arm.rotations import similarity
-from ...body.sensor import SensorPose
+from ...body.sensor_pose import SensorPose
 from ...body.views import is_camera
 from ...common.arrays import Array
 from ...common.rows import thinned
