@@ -20,7 +20,7 @@ from ..errors import CalibError, LogError
 from ..model.model import Model
 from ..samples.repeatability import visits_of
 from ..samples.samples import Samples
-from .correct import nominal_positions
+from .wanted import nominal_positions
 
 POSES = 5
 """Poses that the standard asks for."""
