@@ -16,7 +16,7 @@ from ..common.wording import for_people
 from ..errors import OptionError
 from ..maps.model_selection import better, blocks
 from ..maps.node_bounds import learn_bounds
-from ..model.about import Rows
+from ..model.about import MeasuredRows
 from ..model.alignment import Alignment
 from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
@@ -441,7 +441,7 @@ def _finished(
     )
     # a camera that was moved sees another picture
     photo = old.photo if method == "few-shot" and frame is None else None
-    kept_rows = Rows.of(rows.logged[sound], rows.x[sound])
+    kept_rows = MeasuredRows.of(rows.logged[sound], rows.x[sound])
     if len(residual) == len(kept_rows):  # of all rows that are kept
         kept_rows = replace(kept_rows, held_out=residual)
     if fresh.body is None:  # maps that followed these rows know no others

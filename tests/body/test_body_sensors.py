@@ -48,26 +48,6 @@ def test_a_structure_has_one_layout_whichever_sensor_it_sees_as():
         left.as_seen_by("top")
 
 
-def test_derivatives_of_a_further_sensor_are_differences():
-    arm = calib.load_arm("spatial_three")
-    structure = two_views(arm).as_seen_by("right")
-    rng = np.random.default_rng(0)
-    q = joints(arm, 4, rng)
-    beta = structure.neutral() + rng.normal(0.0, 1e-2, structure.size)
-    beta[structure.groups["lens"]] = (900.0, 640.0, 360.0, -0.1)
-    beta[structure.groups["view.shift"]] = (0.1, 0.2, 3.0)
-    curves = [structure.groups[f"curve.{k}"] for k in range(3)]
-    some = np.setdiff1d(np.arange(structure.size), np.concatenate(curves))
-    slope = structure.linearise(q, beta, some)[1]
-    step = 1e-6
-    for k, index in enumerate(some):
-        unit = np.eye(structure.size)[index]
-        ahead = structure.predict(q, structure.retract(beta, step * unit))
-        behind = structure.predict(q, structure.retract(beta, -step * unit))
-        size = 1.0 + np.abs(slope[:, :, k]).max()
-        np.testing.assert_allclose((ahead - behind) / (2 * step), slope[:, :, k], atol=2e-5 * size)
-
-
 def test_two_trackers_tell_more_of_one_arm_than_one():
     arm = calib.load_arm("spatial_three")
     structure = structure_of(arm, "rigid")

@@ -4,13 +4,14 @@ import json
 
 import numpy as np
 import pytest
-from models import built, in_pixels
+from models import built, in_pixels, in_space
 
 from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
 from calib.body import body_fit
 from calib.body.belief import Body
 from calib.body.rows import Rows
+from calib.body.sensor_pose import SensorPose, without_gauge
 from calib.body.spatial import structure_of, unknown_structure
 from calib.body.starts import candidates, frame
 from calib.errors import LogError
@@ -18,53 +19,8 @@ from calib.model_file.fields import read, write
 from calib.model_file.storage import KINDS
 
 
-def disturbed(structure, seed=0, size=1e-2):
-    """Parameters a little off everywhere, and a sensor that stands somewhere."""
-    rng = np.random.default_rng(seed)
-    groups = structure.groups
-    beta = structure.neutral() + rng.normal(0, size, structure.size)
-    beta[groups["lens"]] = (900.0, 640.0, 360.0, -0.1)
-    beta[groups["view.rotation"]] = rng.normal(0, 1, 3)
-    if structure.view == "pinhole":
-        beta[groups["view.shift"]] = (0.1, 0.2, 3.0)
-    return beta
-
-
 def rows(arm, n, seed=0):
     return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (n, arm.dof))
-
-
-@pytest.mark.parametrize(
-    ("robot", "view"),
-    [
-        *(("spatial_three", view) for view in ("base", "rigid", "similarity", "pinhole")),
-        ("six_axis", "pose"),
-    ],
-)
-def test_derivatives_are_differences(robot, view):
-    arm = load_arm(robot)
-    structure = structure_of(arm, view)
-    q, beta, step = rows(arm, 5), disturbed(structure), 1e-6
-    seen, slope = structure.linearise(q, beta)
-    np.testing.assert_array_equal(seen, structure.predict(q, beta))
-
-    def difference(up, down):
-        return (structure.residual(up, seen) - structure.residual(down, seen)) / (2 * step)
-
-    curves = np.concatenate([structure.groups[f"curve.{k}"][5:] for k in range(arm.dof)])
-    for k in np.setdiff1d(np.arange(structure.size), curves):
-        unit = np.eye(structure.size)[k]
-        up = structure.predict(q, structure.retract(beta, step * unit))
-        down = structure.predict(q, structure.retract(beta, -step * unit))
-        size = 1 + np.abs(slope[:, :, k]).max()
-        np.testing.assert_allclose(difference(up, down), slope[:, :, k], atol=1e-6 * size)
-    by_joint = structure.slope(q, beta)
-    for k, unit in enumerate(np.eye(arm.dof)):
-        moved = difference(
-            structure.predict(q + step * unit, beta), structure.predict(q - step * unit, beta)
-        )
-        size = 1 + np.abs(by_joint).max()
-        np.testing.assert_allclose(moved, by_joint[:, :, k], atol=1e-6 * size)
 
 
 def spread(z):
@@ -206,3 +162,16 @@ def test_a_joint_that_never_moved_keeps_its_drawing_and_a_wide_bound():
     error = np.linalg.norm(body.predict(moved) - structure.predict(moved, beta), axis=1)
     assert np.mean(error <= body.bound(moved)) > 0.93
     assert np.median(body.bound(moved)) > 1.5 * np.median(body.bound(q))
+
+
+def test_a_gauge_is_what_no_reading_tells():
+    body = in_space().body
+    structure, active = body.structure, body.active
+    left = without_gauge(structure, body, size=True)
+    q = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
+    x = structure.linearise(q, body.beta, active)[1].reshape(-1, len(active))
+    spreads = [((x @ root) ** 2).sum(axis=1) for root in (body.root, left)]
+    np.testing.assert_allclose(*spreads, rtol=1e-4)  # of readings: nothing is lost
+    tracker = SensorPose.of(body)
+    assert tracker.told_sd.max() < 0.1 * tracker.position_sd.max()
+    assert "no reading tells" in " ".join(tracker.words("sensor's frame"))
