@@ -53,12 +53,10 @@ class Fit:
     grams: Array  # (b, k, k)
     moments: Array  # (b, k)
     precision: Array  # (k, k), weighted information and prior
-    gradient: (
-        Array  # (k,), of the log posterior: not quite zero where the steps ended early
-    )
-    autocorrelation: (
-        float  # integrated time of the residuals [rows]; 1 for Gaussian noise
-    )
+    # (k,), of the log posterior: not quite zero where the steps ended early
+    gradient: Array
+    # integrated time of the residuals [rows]; 1 for Gaussian noise
+    autocorrelation: float
     evidence: float  # Laplace approximation of the logarithm of the evidence
 
     def __init__(

@@ -33,9 +33,8 @@ class SpatialStructure(Structure):
     kind = "spatial"
     gate_rows = 1200  # each has three outputs and hundreds of parameters
     wide = (200.0, 1e-3)
-    few_rows = (
-        FIT.shared_rows  # they tell how large its curves are altogether, if not where
-    )
+    # they tell how large its curves are altogether, if not where
+    few_rows = FIT.shared_rows
     # the nominal chain [m]: of a URDF, or what `spatial_starts` found without one
     chain: SpatialChain
     # active joints (dof), and all joints of the chain (m) with mimic joints

@@ -37,9 +37,8 @@ class ViewKind:
     """A kind of sensor."""
 
     groups: tuple[str, ...] = ()  # groups of parameters that every member fits
-    outputs: int = (
-        2  # 2 positions in a plane or pixels, 3 positions in space, 6 of a pose
-    )
+    # 2 positions in a plane or pixels, 3 positions in space, 6 of a pose
+    outputs: int = 2
     least: int = 2  # fewest rows that place the sensor in front of an arm in space
 
     @property

@@ -33,9 +33,8 @@ from .rebuild import rebuilt
 from .settings import LEAST_OWN, TAIL
 from .update import Update
 
-_CONSISTENT = (
-    1.2  # of the held-out error that the rows of an adaptation may be missed by
-)
+# of the held-out error that the rows of an adaptation may be missed by
+_CONSISTENT = 1.2
 # Of the error before: a model that misses rows by less is written although the linear equations
 # promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
 _CLEARLY_BETTER = 0.01

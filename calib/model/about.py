@@ -53,12 +53,10 @@ class About(ReadOnly):
     notes: tuple[str, ...] = ()  # notes that were printed while the model was made
     # columns of its log that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict)
-    degrees: bool = (
-        False  # whether its log, and so later ones, has turning joints in degrees
-    )
-    picture: tuple[int, int] | None = (
-        None  # [px], width and height of a camera's pictures in space
-    )
+    # whether its log, and so later ones, has turning joints in degrees
+    degrees: bool = False
+    # [px], width and height of a camera's pictures in space
+    picture: tuple[int, int] | None = None
     frame: str = ""  # the sensor's, as its log names it
     # [rad or m], what each joint may be asked for where a drawing says it: turns of a periodic one
     limits: Annotated[Array, Shape("dof", "ends")] | None = None

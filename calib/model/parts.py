@@ -31,9 +31,8 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-MOST_SHARE = (
-    0.1  # of the reach: where the bound on the position exceeds it, there is no answer
-)
+# of the reach: where the bound on the position exceeds it, there is no answer
+MOST_SHARE = 0.1
 # of a joint's range by which values beyond it are answered: an encoder at its stop reads a hair
 # beyond the limit
 ROUNDED = 1e-5
@@ -59,9 +58,8 @@ class Parts:
     ]  # motor nodes that training samples have visited
     # the kinematic model under the maps, with intervals
     body: Annotated[Body, Own()] | None = None
-    rows: MeasuredRows | None = (
-        None  # measured rows that are kept with the model of a log
-    )
+    # measured rows that are kept with the model of a log
+    rows: MeasuredRows | None = None
     # earlier states of this model: trained, adapted, with their errors
     history: tuple[Mapping[str, Any], ...] = ()
     baseline: Baseline | None = None  # what an undisturbed arm's distortions look like

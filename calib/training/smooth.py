@@ -22,9 +22,8 @@ from .template import Template
 NO_ARM = 0.02
 """Share of the extent: a body that is further off explains nothing."""
 
-_LEARNED_ROWS = (
-    50_000  # rows of a log that the smooth part and the local models rest on
-)
+# rows of a log that the smooth part and the local models rest on
+_LEARNED_ROWS = 50_000
 _IMAGINED = 5  # samples for each motor node
 
 

@@ -30,12 +30,10 @@ _MOST = 0.25  # share of rows that may be wrong
 _ATTEMPTS = 3  # fits, each without the rows that strayed from the one before
 _FEW = 12  # touches that tell an arm in space at least
 _FEW_OF_ONE = 4  # of them in one socket
-_IN_SOCKET = (
-    5.0  # times the usual scatter, within which a stray row was in another socket
-)
-_ALIKE = (
-    0.05  # joints that moved less in each socket [rad or m] tell nothing of the arm
-)
+# times the usual scatter, within which a stray row was in another socket
+_IN_SOCKET = 5.0
+# joints that moved less in each socket [rad or m] tell nothing of the arm
+_ALIKE = 0.05
 # What may have changed since, and by how much: a servo put on anew, a bent tip, origins [rad or m]
 _FREED = {"offset": np.radians(2.0), "tool": 5e-3, "placement": 2e-3}
 _NATS = 5.0  # of evidence for a change

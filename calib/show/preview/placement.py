@@ -17,9 +17,8 @@ from ...common.rows import thinned
 from ...model.model import Model
 from ..robot import Robot
 
-_TRUSTED = (
-    0.15  # a sensor that differs less [share of the extent] is drawn where it says
-)
+# a sensor that differs less [share of the extent] is drawn where it says
+_TRUSTED = 0.15
 _AZIMUTH = math.radians(-60.0)  # from where a scene in space is seen
 _FIELD_OF_VIEW = 35.0  # degrees, from bottom to top
 _TILT = math.radians(24.0)  # off the plane's normal, so that depth can be seen
