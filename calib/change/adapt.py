@@ -22,8 +22,8 @@ from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.samples import Samples
-from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from ..training.learn import Progress
+from ..training.residuals import error_sizes, evaluate_residuals, summarise
 from .causes import frame_between
 from .evidence import Evidence
 from .follow import BLOCK, HORIZON, OnlineAdapter

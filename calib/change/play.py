@@ -20,9 +20,10 @@ from .score import RichNoise
 from .settings import FALSE_ALARM, TEST_ROWS
 
 _LEAST_PRECISION = 1e-12  # of the largest: less is rounding
-_LEAST_SHARE = (
-    0.1  # of a joint's rows that come from either side, or nothing tells its play
-)
+# of a joint's rows that come from either side, or nothing tells its play
+_LEAST_SHARE = 0.1
+# of the squared residuals: what explains less does not pay in `calib.body.approach` either
+_LEAST_EXPLAINED = 0.06
 
 
 @dataclass(frozen=True)
@@ -75,10 +76,15 @@ def find_play(reference: Reference, log: Log, side: Array) -> Play | None:
     )
     # an encoder that is noisy moves the tip along the same slope, to either side
     rest = equations.rest(y, noise.size)
+    shares = np.zeros(len(joints))
     for k, column in enumerate(columns.T):
-        by_row = (equations.rest(column, noise.size) * rest).sum(axis=1)
+        moved_rest = equations.rest(column, noise.size)
+        by_row = (moved_rest * rest).sum(axis=1)
+        squares = float((moved_rest**2).sum() * (rest**2).sum()) + 1e-300
+        shares[k] = float(by_row.sum()) ** 2 / squares
         by_chance = len(by_row) * float(by_row.var()) + 1e-300
         statistics[k] = min(statistics[k], float(by_row.sum()) ** 2 / by_chance)
+    statistics[shares < _LEAST_EXPLAINED] = 0.0
     best = int(np.argmax(statistics))
     freedom = max(noise.left - 1.0, 1e-3)
     chance = min(1.0, len(joints) * float(fdtrc(1.0, freedom, statistics[best])))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array, ReadOnly, Shape
-from ..errors import LogError, ModelError
+from ..errors import ModelError
 from ..samples.samples import Samples
 
 # bytes of a photo, and the first of a JPEG
@@ -86,12 +86,7 @@ class About(ReadOnly):
 
         Raises LogError if the log is of other joints.
         """
-        if sorted(log.joint_names) != sorted(self.joint_names):
-            raise LogError(
-                f"the log's joints are {', '.join(log.joint_names)}, the model's are "
-                f"{', '.join(self.joint_names)}: give a log of the same arm"
-            )
-        return log.q[:, [log.joint_names.index(name) for name in self.joint_names]]
+        return log.reordered(self.joint_names).q
 
 
 def holds(within: Mapping[str, float], rows: int) -> bool:

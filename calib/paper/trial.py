@@ -16,8 +16,8 @@ from ..maps.association import Association
 from ..maps.density import Gain
 from ..model.facts import Errors
 from ..samples.samples import Samples
-from ..training.evaluate import Residuals, fresh_points, summarise
 from ..training.learn import TrainingOptions, associate, unit_box
+from ..training.residuals import Residuals, fresh_points, summarise
 from .setting import Setting
 
 Row = dict[str, dict[str, dict[str, float]]]

@@ -12,7 +12,7 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
 from ..samples.diagnosis import Finding, readings
-from ..samples.settings import MOST_ORDERED
+from ..samples.settings import DIAGNOSIS
 from .board import Pattern
 from .rigid import rigid
 from .start import BoardPoses, find_start
@@ -84,7 +84,7 @@ def _others(
         "late", "they are a row late or early", "check which row is of which picture"
     )
     units, orders, one, two = readings(
-        q, names, structure.revolute, any_order=len(names) <= MOST_ORDERED
+        q, names, structure.revolute, any_order=len(names) <= DIAGNOSIS.most_ordered
     )
     yield from units
     for by in (-1, 1):

@@ -51,9 +51,7 @@ def check(
     import calib
 
     loaded = calib.load(model)
-    reading = Reading(
-        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
-    )
+    reading = Reading(columns, unit, time_offset, degrees)
     with log_of_pictures(loaded, data, joints_file, camera, degrees) as path:
         log = log_for(loaded, path, reading)
     episodes = _episodes(loaded, log, cause)

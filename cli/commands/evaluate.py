@@ -51,9 +51,7 @@ def evaluate(
     import calib
 
     loaded = calib.load(model)
-    reading = Reading(
-        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
-    )
+    reading = Reading(columns, unit, time_offset, degrees)
     log = log_of(loaded, data, reading)
     log = None if log is None else stated(log, distance, plane)
     started = time.perf_counter()
