@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array
-from ..samples.joint_values import pose_index
+from ..samples.poses import pose_index
 from .belief import Body, Second
 from .covariance import as_kept
 from .fit import Fit

@@ -76,7 +76,9 @@ class Sensor(Measurement):
 
     def look(self, scene: Scene) -> View:
         """See the tip."""
-        return scene.placed.look(scene.motion)
+        motion = scene.motion
+        placed = scene.placed
+        return placed.look(motion.position, motion.rotation if placed.posed else None)
 
     def named_parameters(self, arm: ArmSize, *, further: bool) -> tuple[Block, ...]:
         """Return its parameters with its own name before theirs."""

@@ -164,16 +164,16 @@ class Placed:
         """What it reads of the origin (w,)."""
         return self.matrix[:, -1]
 
-    def look(self, motion: Motion) -> View:
-        """See the tip of a chain."""
-        w = self.matrix[:, :-1] @ motion.position + self.shift[:, None]
+    def look(self, position: Array, rotation: Array | None = None) -> View:
+        """See the tip at `position` (d, n) with orientation `rotation` (3, 3, n)."""
+        w = self.matrix[:, :-1] @ position + self.shift[:, None]
         if self.lens is not None:
             picture = pixels(self.lens, w)
-            return View(picture.values, self, motion, picture)
+            return View(picture.values, self, position, picture)
         if not self.posed:
-            return View(np.ascontiguousarray(w.T), self, motion)
-        turn = logarithm(self.rotation @ np.moveaxis(motion.rotation, 2, 0))
-        return View(np.concatenate([w.T, turn], axis=1), self, motion)
+            return View(np.ascontiguousarray(w.T), self, position)
+        turn = logarithm(self.rotation @ np.moveaxis(np.asarray(rotation), 2, 0))
+        return View(np.concatenate([w.T, turn], axis=1), self, position)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +182,7 @@ class View:
 
     values: Array  # (n, m)
     sensor: Placed
-    motion: Motion
+    tip: Array  # (d, n)
     picture: Picture | None = None
 
     def push(self, velocity: Array, angular: Any = 0.0) -> Array:
@@ -200,13 +200,12 @@ class View:
 
     @cached_property
     def _whole(self) -> View:
-        return self.sensor.whole.look(self.motion) if self.sensor.whole else self
+        return self.sensor.whole.look(self.tip) if self.sensor.whole else self
 
     def _by(self, name: str) -> Array:
         view = self._whole
-        tip = self.motion.position
         by = view.sensor.by[name]()
-        moved = by.matrix[..., :-1] @ tip + by.matrix[..., -1:]
+        moved = by.matrix[..., :-1] @ self.tip + by.matrix[..., -1:]
         turned = 0.0 if by.turn is None else by.turn[..., None]
         columns = view._seen(moved, turned)
         if by.lens is not None and view.picture is not None:
