@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array
-from ..samples.poses import pose_index
+from ..samples.poses import means_of, pose_index
 from .belief import Body, Second
 from .covariance import as_kept
 from .fit import Fit
@@ -216,12 +216,11 @@ def _seen_by(k: int, body: Body, whole: Fit, wide: _Wide | None, rows: Rows) -> 
 def _repeatability(q: Array, z: Array) -> float:
     """Return the sd of readings `z` (n, p) [unit] along an axis at one pose; 0 of few repeats."""
     pose = pose_index(q)
-    count = np.bincount(pose)
-    freedom = len(q) - len(count)
+    freedom = len(q) - int(pose.max()) - 1
     if freedom < FIT.repeats:
         return 0.0
-    means = np.stack([np.bincount(pose, axis) for axis in z.T], axis=1) / count[:, None]
-    return float(np.sqrt(((z - means[pose]) ** 2).sum() / (freedom * z.shape[1])))
+    squares = (z - means_of(pose, z)[pose]) ** 2
+    return float(np.sqrt(squares.sum() / (freedom * z.shape[1])))
 
 
 def _wide_fit(

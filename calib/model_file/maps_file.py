@@ -5,15 +5,13 @@ from __future__ import annotations
 import os
 
 from ..common.atomic import atomic_write
-from ..maps.association import Association
-from ..maps.map import Map
 from .container import pack
 from .fields import write
 
 MAPS_VERSION = 1
 
 
-def save_maps(maps: Map | Association, path: str | os.PathLike[str]) -> None:
+def save_maps(maps: object, path: str | os.PathLike[str]) -> None:
     """Write a map or an association into one file, whole or not at all."""
     header, tensors = write(maps, type(maps), {})
     kind = type(maps).__name__.lower()
