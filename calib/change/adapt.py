@@ -24,14 +24,14 @@ from ..model.prediction import predict
 from ..samples.samples import Samples
 from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from ..training.learn import Progress
-from .causes import frame_between
+from .causes import FRAME, GROUPS, Cause
 from .evidence import Evidence
 from .follow import BLOCK, HORIZON, OnlineAdapter
-from .hypotheses import GROUPS, Cause, Hypothesis, is_framed
 from .judge import Verdict, judge, plain_numbers
 from .rebuild import rebuilt
 from .settings import LEAST_OWN, TAIL
 from .update import Update
+from .wordings import frame_between
 
 _CONSISTENT = (
     1.2  # of the held-out error that the rows of an adaptation may be missed by
@@ -190,7 +190,7 @@ def _few_shot(
     model = rows.model
     before = learned.before
     after = np.linalg.norm(learned.residual, axis=1)
-    hypothesis = learned.explanation.hypothesis if evidence.attributed else ()
+    hypothesis = learned.explanation.groups if evidence.attributed else ()
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
     loud = (
         [cause.words for cause in evidence.reference.causes]
@@ -233,7 +233,7 @@ def _few_shot(
         )
         made = replace(made, notes=(*made.notes, where))
     frame = (
-        frame_between(evidence, learned.body.beta) if is_framed(hypothesis) else None
+        frame_between(evidence, learned.body.beta) if FRAME[0] in hypothesis else None
     )
     report(1.0, "done", made.after["mean"])
     judged = rows.logged[learned.rows]
@@ -252,7 +252,7 @@ def _correction(evidence: Evidence, learned: Update) -> str:
     return why
 
 
-def _kept(evidence: Evidence, hypothesis: Hypothesis) -> tuple[str, ...]:
+def _kept(evidence: Evidence, hypothesis: tuple[str, ...]) -> tuple[str, ...]:
     """What an adaptation leaves as it was, in words."""
     groups = {
         name for name, ix in evidence.reference.structure.groups.items() if len(ix)

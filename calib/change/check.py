@@ -14,11 +14,11 @@ from ..errors import LogError, OptionError
 from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..samples.samples import Samples
-from .hypotheses import Cause
+from .causes import Cause
 from .judge import judge
 from .rows import LogRows
-from .score import GroupTest, fired
 from .settings import FALSE_ALARM
+from .tests import GroupTest, fired
 
 _MOST = 1000  # rows that distortions are measured on
 

@@ -11,13 +11,13 @@ from ..body.belief import Body
 from ..body.structure import Structure
 from ..common.arrays import Array, Mask
 from ..samples.diagnosis import rows_behind
-from .equations import Log
 from .explain import Explanation
 from .frame import Reference
 from .orientation import TurnedTool, turned_tool
 from .rows import LogRows
-from .score import BoundTest, Tested
 from .settings import FEW_WRONG, UNEXPLAINED
+from .system import Log
+from .tests import BoundTest, Tested
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,22 +18,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..body.belief import Body
 from ..common.arrays import Array, Mask
 from ..common.parallel import one_blas_thread
 from ..errors import ModelError
 from ..model.model import Model
 from ..samples.samples import Samples
-from .causes import causes_of, maps_cause, play_cause
-from .equations import Log, shared_variance, sound_rows
+from .causes import (
+    Cause,
+    as_built,
+    as_drawn,
+    check_cause,
+    check_free,
+    freedom,
+    single_causes,
+)
 from .evidence import Evidence
 from .explain import explain, is_changed
 from .frame import Reference, carried_offset, reference_of
-from .hypotheses import Cause, as_built, as_drawn, check_cause, check_free
-from .play import find_play
 from .rows import LogRows, rows_of
-from .score import BoundTest, Tested, bound_test, group_tests
 from .settings import BEYOND, OUTLIER
+from .system import Log, System, shared_variance, sound_rows
+from .tests import BoundTest, Tested, bound_test, find_play, group_tests
 from .update import Update, update
+from .wordings import causes_of, maps_cause, play_cause
 
 _NO_BODY = "the model has no body: its rows are compared with its bound alone"
 # Times the bound of maps: a corner's rows share the errors of a few nodes
@@ -183,23 +191,25 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     prior = as_drawn(body) if cause == "offsets" else as_built(body)
     reference = reference_of(prior, rows.q, rows.x - rows.added, rows.unit)
     z = rows.x - _added_in_frame(rows, reference)
-    sound = sound_rows(reference, rows.q, z, cause)
+    sound = sound_rows(
+        reference, rows.q, z, freedom(prior, tuple(body.structure.groups), cause)
+    )
     data = Log(rows.q[sound], z[sound], float(np.sqrt(2.0)) * rows.shared)
+    systems = _systems(reference, body, data)
 
     # Is anything wrong, and could these rows say so?
-    held = reference if reference.new else Reference(body, body.beta)
-    play = find_play(reference, data, rows.side[sound])
+    play = find_play(systems[-1], rows.side[sound])
     if play is not None:
-        data = replace(data, q=data.q - play.half_by_joint * rows.side[sound])
-    tests = group_tests(held, data, rows.probes)
+        data = replace(data, q=data.q - play.half * rows.side[sound])
+        systems = _systems(reference, body, data)
+    tests = group_tests(systems[0], rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
     bound = bound_test(rows, sound, limit, shared_variance(reference, data), tests)
     score = max(tests.score, bound.test.score)
     suspicious = reference.new or score > 1.0 or bound.beyond > BEYOND
 
     # Which hypotheses explain it?
-    link = tests.bent_link(rows.model.about.joint_names)
-    findings = explain(reference, data, cause, not suspicious, link)
+    findings = explain(systems, cause, calm=not suspicious)
     evidence = Evidence(
         rows, cause, prior, reference, sound, data, limit, tests, bound, findings, score
     )
@@ -255,6 +265,16 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
         bound=bound,
         evidence=evidence,
     )
+
+
+def _systems(reference: Reference, body: Body, log: Log) -> list[System]:
+    """Return the log beside the belief as it was, and in its own frame where that is far."""
+    references = [reference]
+    if len(reference.forgotten) and not reference.new:
+        references = [Reference(reference.body, body.beta), reference]
+    causes = single_causes(reference.structure).values()
+    indices = np.unique(np.concatenate(list(causes)))
+    return [System(each, log, indices) for each in references]
 
 
 def _of_maps(rows: LogRows) -> Verdict:

@@ -13,9 +13,9 @@ from ..body.settings import SIMULATED_FLOOR
 from ..common.arrays import Array
 from ..errors import ModelError, QueryError
 from ..model.model import Model
-from .equations import affine_columns
-from .score import groups_of
 from .settings import FALSE_ALARM, NUISANCE
+from .system import affine_columns
+from .tests import groups_of
 
 _WARM = 20  # samples before the first judgement
 _DIRECTIONS = 8  # strongest displacements; further ones are nearly sums of these
@@ -76,7 +76,9 @@ class Monitor:
         self._model = model
         self._expected = model.baseline.sensory
         if model.body is not None:
-            self._every = np.unique(np.concatenate([*groups_of(model.body).values()]))
+            self._every = np.unique(
+                np.concatenate([*groups_of(model.body.structure).values()])
+            )
         self._combined = _orthonormal(self._moves(np.clip(model.motor.units, 0.0, 1.0)))
         axes = model.sensory.scale.span.size
         p = self._combined.shape[1]

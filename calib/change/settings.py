@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 # Share of undisturbed logs for which `check` may call anything changed, after Bonferroni
 FALSE_ALARM = 1e-3
 OUTLIER = 5.0  # noises from which a row contradicts all others
@@ -45,10 +47,25 @@ SIMULATED_KAPPA = 1.2
 """Inflation of the bound of an arm that was only simulated: nothing has shown yet how it holds.
 Of 30 rows with waves of 2 mrad it covered 94.4 % without."""
 
+
+class Level(NamedTuple):
+    """What a log may show beyond every change, of unknown size."""
+
+    residual: float  # times the usual size of the log's smooth residual
+    waves: float  # sd of the joints' curves, over their prior's
+    calm: bool = True  # whether an arm that has not changed may show it
+
+
 # Sizes of a freed frame, a radian and an extent, beyond which it is not looked for
 ANYWHERE = 20.0
 
-OWN = ((1.0, CREEP), (4.0, CREEP), (1.0, 0.7), (16.0, CREEP), (1.0, 4.0))
+OWN = (
+    Level(1.0, CREEP),
+    Level(4.0, CREEP),
+    Level(1.0, 0.7),
+    Level(16.0, CREEP, calm=False),
+    Level(1.0, 4.0, calm=False),
+)
 """What a log may show beyond every hypothesis, of unknown size: times the usual size of the smooth
 residual, and the joints' waves over their prior.  With the least alone, waves of 2 mrad along a
 line were taken for lengths and a lens.  Each is as likely before: a prior uniform in the logarithm
