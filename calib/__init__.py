@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from .arm.robots import list_robots as list_robots
     from .change.adapt import Adaptation as Adaptation
     from .change.adapt import adapt as adapt
-    from .change.check import Drift as Drift
     from .change.check import Recognition as Recognition
     from .change.check import check as check
     from .change.check import recognise as recognise
@@ -77,7 +76,7 @@ _NAMES = {
     "arm.loading": "load_arm",
     "arm.robots": "list_robots",
     "change.adapt": "Adaptation adapt",
-    "change.check": "Drift Recognition check recognise",
+    "change.check": "Recognition check recognise",
     "change.follow": "follow",
     "change.judge": "Verdict judge",
     "change.monitor": "Monitor monitor",

@@ -21,14 +21,13 @@ from ..common.arrays import Array
 from .causes import FRAME, freedom, indices_of, rich_sets, single_causes
 from .frame import Reference
 from .settings import CREEP, MARGIN, OWN, Level
-from .system import Evidence, System
+from .system import Information, System
 
 _CAUSES = 3  # that belong together at most
 _BEAM = 4  # sets of causes to which further ones are added
 _BETTER = 1.0  # nats by which one more cause must better the evidence
 _ROUNDS = 3  # in which the system is set up at the best explanation
 _FITTED = 8  # explanations of a round that are fitted to convergence at most
-_LINEAR = 1.0  # nats by which a fit may differ from what the linear system promised
 _STEPS = 12  # of Gauss-Newton at most
 _AVERAGED = 6  # explanations at most
 _NOTHING_LEFT = 1e-2  # twice the nats by which a step must better the fit
@@ -115,19 +114,21 @@ class Search:
         free = {name: indices[self.sd[indices] > 0.0] for name, indices in sets.items()}
         return {name: indices for name, indices in free.items() if len(indices)}
 
-    def evidences(self, levels: Sequence[Level]) -> dict[Level, Evidence]:
-        """Return the evidence at each level of the log's own residual."""
+    def informations(self, levels: Sequence[Level]) -> dict[Level, Information]:
+        """Return what the rows tell at each level of the log's own residual."""
         sd = self.sd[self.system.indices]
         return {
-            level: Evidence(self.system, level, sd, self.temper) for level in levels
+            level: Information(self.system, level, sd, self.temper) for level in levels
         }
 
     def candidates(self) -> list[Candidate]:
         """Return nothing, sets that belong together, and causes added one by one."""
-        evidences = self.evidences(OWN)
-        found: dict[tuple[str, ...], list[Candidate]] = {(): self._by_level((), (), evidences)}
+        informations = self.informations(OWN)
+        found: dict[tuple[str, ...], list[Candidate]] = {
+            (): self._by_level((), (), informations)
+        }
         for name, indices in self.sets.items():
-            found[(name,)] = self._by_level((name,), (indices,), evidences)
+            found[(name,)] = self._by_level((name,), (indices,), informations)
         beam: list[tuple[str, ...]] = [()]
         best = found[()][0].evidence
         for _ in range(_CAUSES):
@@ -137,7 +138,7 @@ class Search:
                     key = tuple(sorted({*causes, name}))
                     if len(key) > len(causes) and key not in longer:
                         parts = [self.singles[cause] for cause in key]
-                        longer[key] = self._by_level(key, parts, evidences)
+                        longer[key] = self._by_level(key, parts, informations)
             beam = sorted(longer, key=lambda key: -longer[key][0].evidence)[:_BEAM]
             found.update(longer)
             if not beam or longer[beam[0]][0].evidence < best + _BETTER:
@@ -148,27 +149,27 @@ class Search:
 
     def unchanged(self) -> list[Candidate]:
         """Return the sizes of the log's own residual alone."""
-        return self._by_level((), (), self.evidences(OWN))
+        return self._by_level((), (), self.informations(OWN))
 
     def richest(self) -> Explanation:
         """Fit all causes at once."""
         parts = tuple(self.singles.values())
-        (candidate,) = self._by_level(("all",), parts, self.evidences(OWN[:1]))
+        (candidate,) = self._by_level(("all",), parts, self.informations(OWN[:1]))
         return self.fitted(candidate)
 
     def _by_level(
         self,
         causes: tuple[str, ...],
         parts: Iterable[Indices],
-        evidences: dict[Level, Evidence],
+        informations: dict[Level, Information],
     ) -> list[Candidate]:
         """Return one set of causes at each level, the best first."""
         indices = np.unique(np.concatenate([self.start, *parts])).astype(np.intp)
         places = np.searchsorted(self.system.indices, indices)
         cost = self.cost * len(causes)
         candidates = []
-        for level, evidence in evidences.items():
-            value, step = evidence.of(places)
+        for level, information in informations.items():
+            value, step = information.evidence(places)
             step = step * self.sd[indices]
             candidates.append(
                 Candidate(causes, level, indices, step, value - cost, cost)
@@ -249,6 +250,8 @@ class Search:
         """Fit the best sets; set the system up again where that leads far."""
         fits: dict[tuple[tuple[str, ...], Level], Explanation] = {}
         best: Explanation | None = None
+        for candidate in self.unchanged():
+            fits[(candidate.causes, candidate.level)] = self.fitted(candidate)
         for _ in range(_ROUNDS):
             candidates = self.candidates()
             promised = candidates[0]
@@ -259,13 +262,11 @@ class Search:
                     fits[key] = explanation
             last = best
             best = max(fits.values(), key=lambda explanation: explanation.evidence)
-            if abs(best.evidence - promised.evidence) < _LINEAR:
+            if abs(best.evidence - promised.evidence) < MARGIN:
                 break
             if last is not None and best.causes == last.causes:
                 break
             self.system = self.system.again(best.beta)
-        for candidate in self.unchanged():
-            fits[(candidate.causes, candidate.level)] = self.fitted(candidate)
         return list(fits.values())
 
 

@@ -15,7 +15,7 @@ from ..errors import ModelError, QueryError
 from ..model.model import Model
 from .settings import FALSE_ALARM, NUISANCE
 from .system import affine_columns
-from .tests import groups_of
+from .significance import groups_of
 
 _WARM = 20  # samples before the first judgement
 _DIRECTIONS = 8  # strongest displacements; further ones are nearly sums of these

@@ -27,6 +27,7 @@ from .settings import OUTLIER, PSEUDO, Level
 _ROWS = 300  # of a system: its power grows with them, its work too
 _NODES = 40  # of the log's own residual; more did not change a verdict on A and C
 _NOISES = 64  # sizes of the noise that are compared
+_COARSER = 3  # where many sets are compared: they share the noise nearly
 _NOTHING = 1e-10  # variance of an axis, of that of the noise, which no test tells
 _ROBUST_STEPS = 60  # 12 took exact rows of a longer link for outliers
 _ROBUST_ROWS = 400  # of the fit that finds outliers: enough for every parameter
@@ -203,8 +204,8 @@ class System:
         )
 
 
-class Evidence:
-    """Evidences of sets of freed parameters at one level, each a sub-block of one information.
+class Information:
+    """What rows tell at one level: the evidence of any freed parameters is a sub-block.
 
     sd : (k,), standard deviations by which the system's parameters may have changed
     temper : rows that count for one
@@ -214,7 +215,7 @@ class Evidence:
         unknown = system.unknown(level)
         y = unknown.whiten(system.residual)
         x = unknown.whiten(system.columns) * sd
-        noises, likelihood = unknown.noises(y)
+        noises, likelihood = (part[::_COARSER] for part in unknown.noises(y))
         self.likelihood = likelihood / temper
         turned = unknown.axes.T @ x
         turned_y = unknown.axes.T @ y
@@ -226,7 +227,7 @@ class Evidence:
         self.power = weights[:, None, None] * (gram - less)
         self.pull = weights[:, None] * (moments - (shares * turned_y) @ turned)
 
-    def of(self, places: Indices) -> tuple[float, Array]:
+    def evidence(self, places: Indices) -> tuple[float, Array]:
         """Return the evidence of freeing parameters at places (p,) [nats], and their steps (p,)."""
         power = self.power[:, places][:, :, places] + np.eye(len(places))
         pull = self.pull[:, places]

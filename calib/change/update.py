@@ -42,6 +42,11 @@ class Update:
     residual: Array  # (k, m), residuals of these rows where they were held out [unit]
     improved: bool  # whether they are predicted better than before
 
+    @property
+    def after(self) -> Array:
+        """Their distances from the updated belief (k,) [unit]."""
+        return np.asarray(np.linalg.norm(self.residual, axis=1))
+
 
 def update(evidence: Evidence) -> Update:
     """Update a belief by the rows of a log."""
@@ -68,21 +73,23 @@ def update(evidence: Evidence) -> Update:
         if not improved:  # the tool alone
             body = evidence.prior
             held = (evidence.rows.x - evidence.rows.predicted)[rows]
-        body = evidence.tool_beside(body.structure, body.beta).of(body)
+        body = evidence.tool_beside(body.beta).of(body)
         improved = True
     return Update(body, chosen[0][1], rows, before, held, bool(improved))
 
 
 def _hypotheses_to_update_by(evidence: Evidence) -> tuple[Explanation, ...]:
     """Those of the change; where nothing is blamed those of none, which widen the bound."""
-    findings = evidence.findings
+    explanations = evidence.explanations
     if evidence.attributed:
-        return findings
-    findings = tuple(e for e in findings if not e.causes) or findings
+        return explanations
+    explanations = tuple(e for e in explanations if not e.causes) or explanations
     # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere
     if evidence.score <= 1.0 and not evidence.prior.simulated:
-        findings = tuple(e for e in findings if e.level.waves <= CREEP) or findings
-    return findings
+        explanations = (
+            tuple(e for e in explanations if e.level.waves <= CREEP) or explanations
+        )
+    return explanations
 
 
 def _is_surer(evidence: Evidence, body: Body) -> bool:

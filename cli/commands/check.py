@@ -16,7 +16,7 @@ from ..samples import Compared, log_for
 from ..units import units_of
 
 if TYPE_CHECKING:
-    from calib import Drift, Model, Samples
+    from calib import Model, Samples, Verdict
 
 
 _MOST = 8
@@ -98,7 +98,7 @@ def check(
     elif bumped:
         lines = [f"DRIFTED in {len(bumped)} of {len(episodes)} episodes", limit]
         document["drifted"] = True
-    elif drift.too_few:
+    elif drift.changed is None:
         lines = [
             "TOO FEW ROWS TO SAY: they could not show a change of ten times the noise"
         ]
@@ -138,7 +138,7 @@ def _episode(
     return {**told, **found, "explanations": list(drift.explanations)}
 
 
-def _details(drift: Drift, factor: float, name: str) -> list[str | TextTable]:
+def _details(drift: Verdict, factor: float, name: str) -> list[str | TextTable]:
     tests = [
         [
             g.name,
@@ -146,7 +146,9 @@ def _details(drift: Drift, factor: float, name: str) -> list[str | TextTable]:
             number(factor * g.smallest),
             "fired" * (g.score > 1.0),
         ]
-        for g in sorted(drift.groups, key=lambda g: -g.score)[:_MOST]
+        for g in sorted(
+            (*drift.tests.groups, drift.bound.test), key=lambda g: -g.score
+        )[:_MOST]
     ]
     signals = [
         [SIGNALS[key], unit, number(size * found.value), number(size * found.threshold)]

@@ -103,7 +103,13 @@ class BoundTest:
     """The rows that are beyond the model's own 95 % bound."""
 
     beyond: float  # share of them
+    usual: float  # median of the bounds [unit]
     test: GroupTest  # the chance of so many by noise
+
+    @property
+    def holds(self) -> bool:
+        """Whether they are about as many as usual."""
+        return self.beyond <= BEYOND and self.test.score <= 1.0
 
     def words(self, *, noisier: bool) -> str:
         """The share in words; `noisier` if noise may be all there is to it."""
@@ -380,6 +386,7 @@ def bound_test(
     index = np.flatnonzero(sound)
     away = (rows.x - rows.predicted)[index]
     bound = limit[index]
+    usual = float(np.median(bound))
     square = (away**2).sum(axis=1)
     outputs = away.shape[1]
     radius = float(
@@ -388,10 +395,7 @@ def bound_test(
     # half of the rows of a noisier sensor are nearer than its median
     noise = max(tests.noise**2, float(np.median(square)) / float(chdtri(outputs, 0.5)))
     noise = max(noise - tests.usual**2, 0.0)
-    if (
-        noise
-        and alike(index, rows.u[index], away) * radius > float(np.median(bound)) ** 2
-    ):
+    if noise and alike(index, rows.u[index], away) * radius > usual**2:
         noise = 0.0
     variance = np.full(len(index), noise)
     if tests.noisy is not None:
@@ -403,9 +407,9 @@ def bound_test(
     time = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
     count = int(over.sum() / time)
     independent = math.ceil(len(over) / time)
-    p = float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
-    test = GroupTest("bound", p, -2.0 * math.log(max(p, 1e-300)))
-    return BoundTest(float(np.mean(square > bound**2 + radius * shared)), test)
+    chance = float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
+    test = GroupTest("bound", chance, -2.0 * math.log(max(chance, 1e-300)))
+    return BoundTest(float(np.mean(square > bound**2 + radius * shared)), usual, test)
 
 
 def alike(rows: Indices, u: Array, residual: Array) -> float:
