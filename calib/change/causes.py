@@ -200,6 +200,13 @@ def single_causes(structure: Structure, cause: str | None = None) -> dict[str, I
     if cause != "sensor":
         for group in ("offset",) if cause == "offsets" else TESTED:
             for index in indices_of(structure, (group,)).tolist():
+                place = structure.labels[index].joint
+                if (
+                    group == "placement"
+                    and place == structure.joint_names[0]
+                    and cause != "joints"
+                ):
+                    continue  # the first origin's place is the sensor's frame
                 # a payload bends all joints at once
                 joint = (
                     None

@@ -63,7 +63,7 @@ class Evidence:
         if self.misfit < UNEXPLAINED:
             return True
         # rows that lag or whose joints are exchanged come near too, but for those at each jump
-        wrong = self.rows.wrong + np.count_nonzero(~self.sound)
+        wrong = self.rows.wrong + int(np.count_nonzero(~self.sound))
         return self.distance < self.bound.usual < np.inf and wrong <= FEW_WRONG * len(
             self.rows
         )

@@ -14,8 +14,8 @@ from ..common.arrays import Array
 from ..errors import ModelError, QueryError
 from ..model.model import Model
 from .settings import FALSE_ALARM, NUISANCE
-from .system import affine_columns
 from .significance import groups_of
+from .system import affine_columns
 
 _WARM = 20  # samples before the first judgement
 _DIRECTIONS = 8  # strongest displacements; further ones are nearly sums of these

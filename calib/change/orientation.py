@@ -40,7 +40,8 @@ class TurnedTool:
         """A tool that is turned about its own tip."""
         angle = float(np.linalg.norm(self.turn))
         half = 1.96 * float(np.sqrt(self.turn @ self.covariance @ self.turn)) / angle
-        words = f"the tool is turned by {np.degrees(angle):.3g} deg (its orientation, not its place)"
+        size = f"{np.degrees(angle):.3g} deg"
+        words = f"the tool is turned by {size} (its orientation, not its place)"
         return Cause.measured("tool", "tool.rotation", words, angle, half, "rad")
 
     def of(self, body: Body) -> Body:

@@ -264,10 +264,10 @@ class FTests:
             fdtri(freedom, self.noise.left, 1.0 - FALSE_ALARM / self.count)
         )
         smallest = (
-            np.inf
+            math.inf
         )  # with hardly a row left for the noise no change is large enough
         if needed < _LARGEST:
-            needed = chndtrinc(needed, freedom, 1.0 - _POWER) * temper
+            needed = float(chndtrinc(needed, freedom, 1.0 - _POWER)) * temper
             smallest = float(np.sqrt(needed / power[0, 0]) * moves[0])
         change = indices, vectors @ (turned / values), deviation
         chance = self.chance(statistic, freedom)

@@ -20,7 +20,7 @@ from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, parts_of
 from .evidence import Evidence
 from .explain import Explanation, simplest
 from .settings import NOISIER
-from .significance import Play
+from .significance import Play, fired
 
 _EXACT = 1e3  # times the noise of a model: it learned from exact samples
 _SIGNIFICANT = 2.6  # standard deviations from which a parameter is said to have changed
@@ -186,6 +186,28 @@ def _of_change(evidence: Evidence) -> list[Cause]:
     finite = [moved for moved, _ in causes if math.isfinite(moved)]
     least = _MATTERS * max(finite, default=0.0)
     return [cause for moved, cause in causes if moved >= least]
+
+
+def _by_test(evidence: Evidence) -> Explanation | None:
+    """Return what the most telling test says, where no explanation is clearly better than none."""
+    structure = evidence.rows.body.structure
+    for test in fired(evidence.tests.groups):
+        if test.change is None:
+            continue
+        indices, sizes, deviations = test.change
+        groups = {structure.labels[k].group for k in indices.tolist()}
+        if evidence.cause == "sensor" and not all(
+            is_sensors(group) for group in groups
+        ):
+            continue
+        step = np.zeros(structure.size)
+        step[indices] = sizes
+        deviation = np.zeros(structure.size)
+        deviation[indices] = deviations
+        beta = structure.retract(evidence.prior.beta, step)
+        first = evidence.explanations[0]
+        return replace(first, indices=indices, beta=beta, deviation=deviation)
+    return None
 
 
 def _half_width(evidence: Evidence, best: Explanation, k: int) -> float:
