@@ -19,7 +19,7 @@ from ..model.model import Model
 from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, parts_of
 from .evidence import Evidence
 from .explain import Explanation, simplest
-from .settings import NOISIER
+from .settings import CREEP, NOISIER
 from .significance import Play, fired
 
 _EXACT = 1e3  # times the noise of a model: it learned from exact samples
@@ -130,21 +130,14 @@ def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
 
 def _of_change(evidence: Evidence) -> list[Cause]:
     """Return each parameter that is clearly away from where it was, the largest effect first."""
-    explanations = evidence.explanations
-    if (
-        not evidence.attributed
-    ):  # none is clearly better than none: the best that names one
-        explanations = tuple(each for each in explanations if len(each.indices))
-    if not explanations:
+    best: Explanation | None = simplest(evidence.explanations)
+    if not evidence.attributed:
+        best = _by_test(evidence)
+    if best is None:
         return []
-    best = simplest(explanations)
     if not len(best.indices):
         words = "the joints have waves that the model does not know: gears, or their sensors"
-        return (
-            []
-            if best.level.calm and best.level.waves < 1.0
-            else [Cause("curve", "curve", words)]
-        )
+        return [Cause("curve", "curve", words)] if best.level.waves > CREEP else []
     structure = best.reference.structure
     change = best.beta - evidence.prior.beta
     clear = np.abs(change) > _SIGNIFICANT * best.deviation
