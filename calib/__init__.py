@@ -25,11 +25,8 @@ if TYPE_CHECKING:
     from .change.check import Recognition as Recognition
     from .change.check import check as check
     from .change.check import recognise as recognise
-    from .change.follow import follow as follow
     from .change.judge import Verdict as Verdict
     from .change.judge import judge as judge
-    from .change.monitor import Monitor as Monitor
-    from .change.monitor import monitor as monitor
     from .errors import CalibError as CalibError
     from .errors import LogError as LogError
     from .errors import ModelError as ModelError
@@ -56,6 +53,9 @@ if TYPE_CHECKING:
     from .show.preview.server import preview as preview
     from .show.report.page import figures as figures
     from .show.report.page import report as report
+    from .stream.follow import follow as follow
+    from .stream.monitor import Monitor as Monitor
+    from .stream.monitor import monitor as monitor
     from .sweeps import Sweep as Sweep
     from .sweeps import Trial as Trial
     from .sweeps import sweep as sweep
@@ -77,9 +77,7 @@ _NAMES = {
     "arm.robots": "list_robots",
     "change.adapt": "Adaptation adapt",
     "change.check": "Recognition check recognise",
-    "change.follow": "follow",
     "change.judge": "Verdict judge",
-    "change.monitor": "Monitor monitor",
     "errors": "CalibError LogError ModelError OptionError QueryError RobotError",
     "maps.association": "Association",
     "maps.density": "Visit",
@@ -94,6 +92,8 @@ _NAMES = {
     "samples.simulation": "Simulation",
     "show.preview.server": "Preview preview",
     "show.report.page": "figures report",
+    "stream.follow": "follow",
+    "stream.monitor": "Monitor monitor",
     "sweeps": "Sweep Trial sweep",
     "training.evaluate": "Evaluation evaluate",
     "training.learn": "TrainingOptions",

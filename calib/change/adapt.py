@@ -22,11 +22,11 @@ from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.samples import Samples
+from ..stream.follow import BLOCK, HORIZON, OnlineAdapter
 from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from ..training.learn import Progress
 from .causes import FRAME, GROUPS, Cause
 from .evidence import Evidence
-from .follow import BLOCK, HORIZON, OnlineAdapter
 from .judge import Verdict, judge, plain_numbers
 from .rebuild import rebuilt
 from .settings import LEAST_OWN, TAIL

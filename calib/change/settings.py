@@ -7,9 +7,6 @@ from typing import NamedTuple
 # Share of undisturbed logs for which `check` may call anything changed, after Bonferroni
 FALSE_ALARM = 1e-3
 OUTLIER = 5.0  # noises from which a row contradicts all others
-TEST_ROWS = (
-    300  # of tests: their power grows with the rows, their work with the rows too
-)
 PSEUDO = 4.0  # observations that the old noise counts for
 # Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most
 JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)
@@ -33,8 +30,6 @@ REFINED = 0.85
 # 95 % quantile over median of the distances that is no noise (in the plane that of noise is 2.1):
 # a bump of 5 mm that 3 of 30 rows saw, as in tests/change/test_drawing.py
 TAIL = 3.0
-# Times its own bound of 95 % that a model may be off for a while, as where an arm dwells
-NUISANCE = 1.5
 
 CREPT = 0.25
 """Of the usual creep of an unchanged arm's parameters, what the tests allow for: the last rows of

@@ -20,6 +20,7 @@ from ..body.settings import SIMULATED_FLOOR, STUDENT
 from ..body.telling import lengths_of, matern
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
+from ..stream.monitor import affine_columns
 from .causes import creep
 from .frame import Reference
 from .settings import OUTLIER, PSEUDO, Level
@@ -299,11 +300,3 @@ def shared_variance(reference: Reference, log: Log) -> Array:
     """Variance (n,) of an axis [unit^2] of what all rows share: two frames, bent and shifted."""
     columns = shared_columns(reference, log, log.z)
     return np.asarray((columns**2).sum(axis=(1, 2)) / log.z.shape[1])
-
-
-def affine_columns(x: Array, outputs: int | None = None) -> Array:
-    """Displacements (n, m, (1 + p) m) of positions (n, p) by an affine map of their frame."""
-    n = len(x)
-    m = outputs or x.shape[1]
-    bent = np.concatenate([np.ones((n, 1)), x], axis=1)
-    return np.asarray(np.einsum("nk,ij->nikj", bent, np.eye(m)).reshape(n, m, -1))

@@ -9,7 +9,7 @@ from models import trained
 
 import calib
 from calib.change import adapt as adapting
-from calib.change.follow import BLOCK, OnlineAdapter, follow
+from calib.stream.follow import BLOCK, OnlineAdapter, follow
 from calib.maps.model_selection import blocks
 
 

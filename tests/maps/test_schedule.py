@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_maps import UNIT_BOX
 
-from calib.change.follow import matching_sigma
+from calib.stream.follow import matching_sigma
 from calib.maps.batch import coarse_to_fine, decay
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
