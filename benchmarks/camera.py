@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from rendering import Camera, Desk, board, board_shots, tag, write_video
 
 import calib
-from calib.recording.board import Board, BoardFinder
+from calib.recording.board import Board
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import calibrate_lens, load_lens
 from calib.recording.reference import PlaneReference, find_pose
@@ -143,7 +143,7 @@ def metres(height: float, count: int, seed: int) -> None:
     """Print how well they are placed on a board."""
     rng = np.random.default_rng(seed)
     desk = Desk(still=(LYING,), height=height, seed=seed)
-    finder, tags = BoardFinder(BOARD), TagFinder(wanted=[7])
+    finder, tags = BOARD, TagFinder(wanted=[7])
     shots, _ = board_shots(desk, LYING, 10, rng)
     lens, _ = calibrate_lens([finder.find(s) for s in shots], BOARD, desk.camera.size)
     seen, asked, corners = [], [], []

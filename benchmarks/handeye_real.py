@@ -19,10 +19,11 @@ import calib
 from calib.arm.rotations import matrix_of
 from calib.common.scale import METRES
 from calib.recording.board_pictures import BoardPictures, find_board
-from calib.recording.bundle import inverse, poses_of, project
+from calib.recording.bundle import project
 from calib.recording.conventions import readings
 from calib.recording.flange_table import FlangeTable, read_flange_poses
 from calib.recording.lens import Lens
+from calib.recording.rigid import inverse, rigid
 
 FOLDS = 5
 SOLVERS = ("TSAI", "PARK", "HORAUD", "DANIILIDIS")
@@ -30,7 +31,7 @@ SOLVERS = ("TSAI", "PARK", "HORAUD", "DANIILIDIS")
 
 def frame(place: dict) -> np.ndarray:
     """A place as a matrix (4, 4)."""
-    return poses_of(matrix_of([place["quaternion"]]), np.array([place["position"]]))[0]
+    return rigid(matrix_of([place["quaternion"]]), np.array([place["position"]]))[0]
 
 
 def flange_of(rig: calib.HandEye, table: FlangeTable) -> np.ndarray:
@@ -54,7 +55,7 @@ def seen(eye: str, hand: np.ndarray, base: np.ndarray, flange: np.ndarray) -> np
 
 def miss(lens: np.ndarray, points: np.ndarray, pose: np.ndarray, shown: dict) -> float:
     """Mean square (px^2) of a picture's corners, in the better of a chessboard's two orders."""
-    pixels = project(lens, points @ pose[:3, :3].T + pose[:3, 3])[0]
+    pixels = project(lens, np.ones(len(points)), points @ pose[:3, :3].T + pose[:3, 3])[0]
     numbers = list(shown)
     corners = np.array(list(shown.values()))
     orders = (numbers, [len(points) - 1 - number for number in numbers])
@@ -83,13 +84,13 @@ def opencv(rig: calib.HandEye, shots: BoardPictures, flange: np.ndarray, kind: s
     """Hand and base (4, 4) by one of OpenCV's solvers, which get the lens and the convention."""
     lens = lens_of(rig)
     glass = Lens(shots.size, lens[:2], lens[2:4], lens[4:])
-    boards = poses_of(*zip(*[(p.rotation, p.shift) for p in shots.poses(glass)], strict=True))
+    boards = rigid(*zip(*[(p.rotation, p.shift) for p in shots.poses(glass)], strict=True))
     motions = flange if rig.eye == "hand" else inverse(flange)
     turn, shift = cv2.calibrateHandEye(
         motions[:, :3, :3], motions[:, :3, 3], boards[:, :3, :3], boards[:, :3, 3],
         method=getattr(cv2, f"CALIB_HAND_EYE_{kind}"),
     )  # fmt: skip
-    camera = poses_of(turn[None], shift.reshape(1, 3))[0]
+    camera = rigid(turn[None], shift.reshape(1, 3))[0]
     board = np.median(motions @ camera @ boards, axis=0)
     return (camera, board) if rig.eye == "hand" else (board, camera)
 

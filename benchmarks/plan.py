@@ -16,7 +16,8 @@ from scipy.stats import qmc
 from tables import table
 
 import calib
-from calib.samples.simulation import Simulation, parse_changes
+from calib.samples.changes import parse_changes
+from calib.samples.simulation import Simulation
 
 Array = NDArray[np.float64]
 Design = Callable[[calib.PlanarArm, int, int], Array]

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, wraps
 from importlib import import_module
-from pkgutil import ModuleInfo, iter_modules
-from types import ModuleType
+from importlib.util import find_spec
+from pathlib import Path
+from pkgutil import iter_modules
 from typing import Annotated
 
 import typer
@@ -22,41 +23,21 @@ from .errors import INTERRUPTED, TRACEBACK, report_error
 from .output import Outcome, note, silence, start_speaking
 from .parsing import BadOption
 
+ALL = "*"
+"""In place of a command's name: all commands with their options."""
+
 USAGE_ORDER = (
-    *(
-        "robots",
-        "plan",
-        "train",
-        "query",
-        "evaluate",
-        "sweep",
-        "check",
-        "adapt",
-        "recognise",
-    ),
-    *(
-        "correct",
-        "urdf",
-        "export",
-        "babble",
-        "log",
-        "noise",
-        "handeye",
-        "lerobot",
-        "tag",
-        "preview",
-        "report",
-    ),
-    *("reproduce", "info"),
+    "robots plan train query evaluate sweep check adapt recognise correct urdf export babble log "
+    "noise handeye lerobot tag preview report reproduce info"
 )
 """Commands in the order of their use, for `calib --help`; others follow."""
 
 
 def run(arguments: Sequence[str]) -> int:
     """Run a command line and return its exit code; errors are one line on standard error."""
-    first = next((word for word in arguments if not word.startswith("-")), None)
+    name = next((word for word in arguments if not word.startswith("-")), "")
     try:
-        code = application(first)(
+        code = application(name)(
             list(arguments), prog_name="calib", standalone_mode=False
         )
         sys.stdout.flush()
@@ -73,20 +54,21 @@ def run(arguments: Sequence[str]) -> int:
 
 
 @cache
-def application(name: str | None = None) -> typer.Typer:
-    """Return the command line with one command, or with all where none has that name.
+def application(name: str = ALL) -> typer.Typer:
+    """Return the command line, where the command `name` alone, or all, can be run.
 
-    One alone, since all take a tenth of a second to make.
+    The others are listed: to read their options takes a tenth of a second.
     """
-    app = new_group(start.__doc__)
+    app = _group(start.__doc__)
     app.callback(invoke_without_command=True)(start)
-    modules = sorted(iter_modules(commands.__path__), key=_place)
-    named = [module for module in modules if module.name == name]
-    add_commands(app, commands, named or modules)
+    names = [module.name for module in iter_modules(commands.__path__)]
+    ranks = {command: rank for rank, command in enumerate(USAGE_ORDER.split())}
+    for command in sorted(names, key=lambda name: (ranks.get(name, len(ranks)), name)):
+        _add(app, f"{commands.__name__}.{command}", loaded=name in (ALL, command))
     return app
 
 
-def new_group(help_text: str | None) -> typer.Typer:
+def _group(help_text: str | None) -> typer.Typer:
     """Return a group without commands; plain help, since Rich takes longer to import."""
     return typer.Typer(
         help=help_text,
@@ -98,38 +80,43 @@ def new_group(help_text: str | None) -> typer.Typer:
     )
 
 
-def add_commands(
-    group: typer.Typer, package: ModuleType, entries: Iterable[ModuleInfo]
-) -> None:
-    """Add modules of a package, each as a command, and packages in it, each as a group."""
-    for entry in entries:
-        module = import_module(f"{package.__name__}.{entry.name}")
-        inner = new_group(module.__doc__)
-        if entry.ispkg:
-            add_commands(inner, module, iter_modules(module.__path__))
-            group.add_typer(inner, name=entry.name)
-            continue
-        command = getattr(module, entry.name)
-        register = inner.command(
-            entry.name,
-            short_help=_first_paragraph(command),
-            context_settings=getattr(module, "CONTEXT_SETTINGS", None),
-        )
-        register(printing(command))
-        # each in a nameless group: Typer lists commands before groups otherwise
-        group.add_typer(inner)
+def _add(app: typer.Typer, path: str, *, loaded: bool = True) -> None:
+    """Add the command of a module, or the group of a package's commands."""
+    name = path.rpartition(".")[2]
+    if not loaded:
+        # the help is the module's docstring, which is read without the module's imports
+        source = Path(str(getattr(find_spec(path), "origin", "")))
+        help_text = source.read_text(encoding="utf-8").split('"""')[1]
+        app.command(name, help=help_text, short_help=_summary(help_text))(_not_loaded)
+        return
+    module = import_module(path)
+    group = _group(module.__doc__)
+    if hasattr(module, "__path__"):
+        for entry in iter_modules(module.__path__):
+            _add(group, f"{path}.{entry.name}")
+        app.add_typer(group, name=name)
+        return
+    register = group.command(
+        name,
+        help=module.__doc__,
+        short_help=_summary(module.__doc__ or ""),
+        # a negative number is a value, not an option
+        context_settings={"ignore_unknown_options": hasattr(module, "NUMBERS")},
+    )
+    register(_printing(getattr(module, name)))
+    # in a nameless group: Typer lists commands before groups otherwise
+    app.add_typer(group)
 
 
-def _first_paragraph(command: Callable[..., Outcome]) -> str:
-    return (command.__doc__ or "").split("\n\n")[0].strip()
+def _summary(help_text: str) -> str:
+    return help_text.split("\n\n")[0].strip()
 
 
-def _place(module: ModuleInfo) -> tuple[int, str]:
-    name = module.name
-    return (USAGE_ORDER.index(name) if name in USAGE_ORDER else len(USAGE_ORDER), name)
+def _not_loaded() -> None:
+    """Stand for a command that is listed alone."""
 
 
-def printing(command: Callable[..., Outcome]) -> Callable[..., None]:
+def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:
     """Return a command that prints its outcome, as --json, --verbose and --quiet say."""
 
     @wraps(command)  # Typer reads the parameters of the command itself
@@ -140,8 +127,8 @@ def printing(command: Callable[..., Outcome]) -> Callable[..., None]:
             raise BadOption(
                 "--json and '-' both want standard output: expected one of them"
             )
-        start_speaking(quiet=bool(options["quiet"]))
-        outcome = command(**options)
+        with start_speaking(quiet=bool(options["quiet"])):
+            outcome = command(**options)
         outcome.show(
             as_json=as_json, verbose=bool(options["verbose"]), streamed=streamed
         )

@@ -11,7 +11,7 @@ from calib.common.wording import one_line
 from calib.errors import CalibError
 
 from .output import NO, as_typed, note, option_of, print_json, silence
-from .parsing import BadOption, BadValue
+from .parsing import BadOption
 
 FAILED = 1
 USAGE = 2
@@ -22,7 +22,7 @@ TRACEBACK = "CALIB_TRACEBACK"
 
 @dataclass(frozen=True)
 class ErrorReport:
-    """What is told of an error; `--json` prints these fields."""
+    """An error in words; `--json` prints these fields."""
 
     type: str  # class of the error
     message: str  # what is wrong, one line
@@ -36,8 +36,21 @@ class ErrorReport:
         return self.message if self.hint is None else f"{self.message}; {self.hint}"
 
 
+def report_error(error: Exception, as_json: bool) -> int:
+    """Print an error on standard error, and as a document if wanted; return the exit code."""
+    code, report = describe_error(error)
+    try:
+        if as_json:
+            print_json({"error": asdict(report)})
+        sys.stdout.flush()
+    except OSError:  # a full disk, perhaps the error itself
+        silence(sys.stdout)
+    note(f"error: {report.line}")
+    return code
+
+
 def describe_error(error: Exception) -> tuple[int, ErrorReport]:
-    """Return the exit code of what ended a command, and what is told of it."""
+    """Return the exit code of what ended a command, and its description."""
     kind = type(error).__name__
     if isinstance(error, CalibError):
         return _library_error(error)
@@ -53,19 +66,6 @@ def describe_error(error: Exception) -> tuple[int, ErrorReport]:
     else:
         text = f"internal error, {kind}: {error}; {TRACEBACK}=1 shows where, please report it"
     return FAILED, ErrorReport(kind, _in_one_line(text))
-
-
-def report_error(error: Exception, as_json: bool) -> int:
-    """Print an error on standard error, and as a document if wanted; return the exit code."""
-    code, report = describe_error(error)
-    try:
-        if as_json:
-            print_json({"error": asdict(report)})
-        sys.stdout.flush()
-    except OSError:  # a full disk, perhaps the error itself
-        silence(sys.stdout)
-    note(f"error: {report.line}")
-    return code
 
 
 def _library_error(error: CalibError) -> tuple[int, ErrorReport]:
@@ -87,12 +87,12 @@ def _usage_error(error: typer.TyperException) -> ErrorReport:
     context = getattr(error, "ctx", None)
     if context is not None:
         message += f" (see {context.command_path} --help)"
-    message = _in_one_line(message)
-    if isinstance(error, BadOption | BadValue):
+    report = ErrorReport("UsageError", _in_one_line(message))
+    if isinstance(error, BadOption):
         return ErrorReport(
-            "UsageError", message, parameter=error.option, value=error.value
+            report.type, report.message, parameter=error.option, value=error.value
         )
-    return ErrorReport("UsageError", message)
+    return report
 
 
 def _in_one_line(text: str) -> str:

@@ -6,7 +6,7 @@ Each is an annotation of Typer; a parser of `parsing` reads what is typed in a f
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from typer import Argument, Option
 
@@ -14,24 +14,32 @@ from calib.common import choices
 
 from . import parsing
 
+_T = TypeVar("_T")
+
+
+def value(
+    flags: str, form: str, help_text: str, parser: parsing.Parser[_T] | None = None
+) -> object:
+    """Return an option with a value of that form, by flags such as `--output -o`."""
+    return Option(*flags.split(), metavar=form, parser=parser, help=help_text)
+
 
 def word(flag: str, words: Sequence[str], help_text: str) -> object:
     """Return an option whose value is one word out of several."""
-    return Option(
-        flag, metavar="|".join(words), parser=parsing.one_of(words), help=help_text
-    )
+    return value(flag, "|".join(words), help_text, parsing.one_of(words))
+
+
+def flag(flags: str, help_text: str) -> object:
+    """Return an option without a value."""
+    return Option(*flags.split(), help=help_text)
 
 
 # what a command prints: `cli/app.py` reads these of each command
 Json = Annotated[
-    bool, Option("--json", help="One JSON document on standard output, in SI units.")
+    bool, flag("--json", "One JSON document on standard output, in SI units.")
 ]
-Verbose = Annotated[
-    bool, Option("--verbose", "-v", help="Print what the answer rests on too.")
-]
-Quiet = Annotated[
-    bool, Option("--quiet", "-q", help="Print the result alone, without notes.")
-]
+Verbose = Annotated[bool, flag("--verbose -v", "Print what the answer rests on too.")]
+Quiet = Annotated[bool, flag("--quiet -q", "Print the result alone, without notes.")]
 
 # files that commands work on
 ModelFile = Annotated[
@@ -40,90 +48,56 @@ ModelFile = Annotated[
 RobotFile = Annotated[
     str, Argument(metavar="ROBOT", help="A URDF file or a bundled robot.")
 ]
-Data = Annotated[
-    str | None,
-    Option(
-        "--data",
-        metavar="LOG",
-        help="A measured log: CSV or Parquet with the joints' columns and x, y.",
-    ),
-]
+_LOG = "CSV or Parquet with the joints' columns and x, y"
+Data = Annotated[str | None, value("--data", "LOG", f"A measured log: {_LOG}.")]
 DataOfSensors = Annotated[
     list[str] | None,
-    Option(
+    value(
         "--data",
-        metavar="LOG",
-        help="A measured log: CSV or Parquet with the joints' columns and x, y; several, or a "
-        "column `sensor`, of several sensors.",
+        "LOG",
+        f"A measured log: {_LOG}; several, or a column `sensor`, of several sensors.",
     ),
 ]
-NewLog = Annotated[
-    str,
-    Option(
-        "--data",
-        metavar="LOG",
-        help="New samples: CSV or Parquet with the joints' columns and x, y.",
-    ),
-]
+NewLog = Annotated[str, value("--data", "LOG", f"New samples: {_LOG}.")]
 JointsFile = Annotated[
-    str | None,
-    Option("--joints-file", metavar="FILE", help="A row of joints for each picture."),
+    str | None, value("--joints-file", "FILE", "A row of joints for each picture.")
 ]
 DatasetCamera = Annotated[
-    str | None, Option("--camera", metavar="NAME", help="Of a dataset with several.")
+    str | None, value("--camera", "NAME", "Of a dataset with several.")
 ]
-NewTable = Annotated[
-    str,
-    Option(
-        "--output", "-o", metavar="LOG", help="CSV, or Parquet by its name (- stdout)."
-    ),
-]
+_TABLE = "CSV, or Parquet by its name (- stdout)."
+NewTable = Annotated[str, value("--output -o", "LOG", _TABLE)]
+NewPoses = Annotated[str, value("--output -o", "FILE", _TABLE)]
 
 # what is babbled or sensed
 JointNames = Annotated[
     Sequence[str] | None,
-    Option(
-        "--joints",
-        metavar="A,B",
-        parser=parsing.names,
-        help="Active joints (default: the arm's).",
-    ),
+    value("--joints", "A,B", "Active joints (default: the arm's).", parsing.names),
 ]
 Tip = Annotated[
-    str | None,
-    Option("--tip", metavar="FRAME", help="The frame whose position is sensed."),
+    str | None, value("--tip", "FRAME", "The frame whose position is sensed.")
 ]
 Planar = Annotated[
-    bool, Option("--planar", help="Take the planar part of a robot in space: x, y.")
+    bool, flag("--planar", "Take the planar part of a robot in space: x, y.")
 ]
 Lock = Annotated[
     list[parsing.JointValue] | None,
-    Option(
-        "--lock",
-        metavar="JOINT=VALUE",
-        parser=parsing.joint_value,
-        help="Hold it there [rad, m].",
-    ),
+    value("--lock", "JOINT=VALUE", "Hold it there [rad, m].", parsing.joint_value),
 ]
 Ranges = Annotated[
     list[parsing.JointRange] | None,
-    Option(
-        "--range",
-        metavar="JOINT=LO:HI",
-        parser=parsing.joint_range,
-        help="Part of its range.",
-    ),
+    value("--range", "JOINT=LO:HI", "Part of its range.", parsing.joint_range),
 ]
 Degrees = Annotated[
-    bool, Option("--degrees", help="Joint values typed, read and printed are in deg.")
+    bool, flag("--degrees", "Joint values typed, read and printed are in deg.")
 ]
 Gravity = Annotated[
-    tuple[float, ...] | None,
-    Option(
+    parsing.Numbers | None,
+    value(
         "--gravity",
-        metavar="X,Y,Z",
-        parser=parsing.direction,
-        help="Where gravity points in the root's frame (default 0,0,-1).",
+        "X,Y,Z",
+        "Where gravity points in the root's frame (default 0,0,-1).",
+        parsing.direction,
     ),
 ]
 
@@ -132,30 +106,16 @@ SAMPLES = "How many samples to babble (default 20000)."
 NOISE = (
     "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
 )
-Number = Annotated[
-    int | None,
-    Option("--samples", "-n", metavar="N", parser=parsing.count, help=SAMPLES),
-]
-Noise = Annotated[
-    float | None,
-    Option("--noise", metavar="S", parser=parsing.not_negative, help=NOISE),
-]
+Number = Annotated[int | None, value("--samples -n", "N", SAMPLES, parsing.count)]
+Noise = Annotated[float | None, value("--noise", "S", NOISE, parsing.not_negative)]
 Changes = Annotated[
     list[str] | None,
-    Option(
-        "--change",
-        metavar="JOINT.WHAT=VALUE",
-        help="Such as elbow.length=+20%, sensor.rotate=0.14.",
+    value(
+        "--change", "JOINT.WHAT=VALUE", "Such as elbow.length=+20%, sensor.rotate=0.14."
     ),
 ]
 Seed = Annotated[
-    int,
-    Option(
-        "--seed",
-        metavar="K",
-        parser=parsing.whole(0),
-        help="Seed of the random numbers.",
-    ),
+    int, value("--seed", "K", "Seed of the random numbers.", parsing.whole(0))
 ]
 
 # training
@@ -168,54 +128,26 @@ MAP = (
 )
 EPOCHS = "Passes over the samples; the full lattice alone is trained then."
 SIGMA = "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then."
-MapSize = Annotated[
-    str | None,
-    Option("--size", metavar="N|NxN|NxNxN", parser=parsing.lattice_size, help=SIZE),
-]
+_SIZE = parsing.lattice_size
+MapSize = Annotated[str | None, value("--size", "N|NxN|NxNxN", SIZE, _SIZE)]
 MotorSize = Annotated[
-    str | None,
-    Option(
-        "--motor-size",
-        metavar="N|NxN",
-        parser=parsing.lattice_size,
-        help="Of the motor map.",
-    ),
+    str | None, value("--motor-size", "N|NxN", "Of the motor map.", _SIZE)
 ]
 SensorySize = Annotated[
-    str | None,
-    Option(
-        "--sensory-size",
-        metavar="N|NxN",
-        parser=parsing.lattice_size,
-        help="Of the sensory map.",
-    ),
+    str | None, value("--sensory-size", "N|NxN", "Of the sensory map.", _SIZE)
 ]
 MapName = Annotated[
-    str | None,
-    Option("--map", metavar="NAME", parser=parsing.one_of(choices.MAPS), help=MAP),
+    str | None, value("--map", "NAME", MAP, parsing.one_of(choices.MAPS))
 ]
 TrainingRule = Annotated[
-    choices.RuleWord,
-    word(
-        "--rule",
-        choices.RULES,
-        "Training rule.",
-    ),
+    choices.RuleWord, word("--rule", choices.RULES, "Training rule.")
 ]
-Epochs = Annotated[
-    int | None, Option("--epochs", metavar="N", parser=parsing.count, help=EPOCHS)
-]
+Epochs = Annotated[int | None, value("--epochs", "N", EPOCHS, parsing.count)]
 Sigma = Annotated[
-    parsing.RadiusSchedule | None,
-    Option("--sigma", metavar="START:END", parser=parsing.sigma, help=SIGMA),
+    parsing.RadiusSchedule | None, value("--sigma", "START:END", SIGMA, parsing.sigma)
 ]
 BodyKind = Annotated[
-    choices.BodyWord,
-    word(
-        "--body",
-        choices.BODIES,
-        "none: maps and links alone.",
-    ),
+    choices.BodyWord, word("--body", choices.BODIES, "none: maps and links alone.")
 ]
 SensorView = Annotated[
     choices.ViewWord,
@@ -229,173 +161,100 @@ SensorView = Annotated[
 
 # logs
 TimeOffset = Annotated[
-    float | None,
-    Option(
-        "--time-offset",
-        metavar="auto|S",
-        parser=parsing.seconds,
-        help="Of positions [s].",
-    ),
+    float | None, value("--time-offset", "auto|S", "Of positions [s].", parsing.seconds)
 ]
 Columns = Annotated[
     Mapping[str, str] | None,
-    Option(
-        "--columns",
-        metavar="x=U,y=V",
-        parser=parsing.column_names,
-        help="Columns of other names.",
-    ),
+    value("--columns", "x=U,y=V", "Columns of other names.", parsing.column_names),
 ]
 Unit = Annotated[
-    str | None,
-    Option(
-        "--unit", metavar="m|mm|px|..", help="Of the log (default m, or the model's)."
-    ),
+    str | None, value("--unit", "m|mm|px|..", "Of the log (default m, or the model's).")
 ]
 Prismatic = Annotated[
     Sequence[str] | None,
-    Option(
-        "--prismatic", metavar="A,B", parser=parsing.names, help="Joints that slide."
-    ),
+    value("--prismatic", "A,B", "Joints that slide.", parsing.names),
 ]
 LogDegrees = Annotated[
-    bool | None, Option("--degrees/--radians", help="Of the log (default: as before).")
+    bool | None, flag("--degrees/--radians", "Of the log (default: as before).")
 ]
 PhotoFile = Annotated[
-    str | None,
-    Option(
-        "--photo", metavar="FILE", help="Of the log's camera, to draw the map over."
-    ),
+    str | None, value("--photo", "FILE", "Of the log's camera, to draw the map over.")
 ]
 NoPhoto = Annotated[
-    bool, Option("--no-photo", help="Keep no photo in the model and draw none.")
+    bool, flag("--no-photo", "Keep no photo in the model and draw none.")
 ]
 Distances = Annotated[
-    list[str] | None,
-    Option("--distance", metavar="A,B=50mm", help="Of touched points."),
+    list[str] | None, value("--distance", "A,B=50mm", "Of touched points.")
 ]
 Planes = Annotated[
-    list[str] | None,
-    Option("--plane", metavar="A,B,C,D", help="Touched points in a plane."),
+    list[str] | None, value("--plane", "A,B,C,D", "Touched points in a plane.")
 ]
 
 # queries and what else asks a model
 ReadoutKind = Annotated[
     choices.ReadoutWord | None,
-    word(
-        "--readout",
-        choices.READOUTS,
-        "Default local, or linear.",
-    ),
+    word("--readout", choices.READOUTS, "Default local, or linear."),
+]
+StartJoints = Annotated[
+    parsing.Numbers | None,
+    value("--from", "Q1,Q2", "Start near these joints.", parsing.reals),
 ]
 InFrame = Annotated[
     choices.FrameWord,
-    word(
-        "--in",
-        choices.FRAMES,
-        "Of positions: sensor, or base [m].",
-    ),
+    word("--in", choices.FRAMES, "Of positions: sensor, or base [m]."),
 ]
 PositionUnit = Annotated[
-    str | None,
-    Option("--unit", metavar="m|mm|..", help="Of positions (default the model's)."),
+    str | None, value("--unit", "m|mm|..", "Of positions (default the model's).")
 ]
 Input = Annotated[
     str | None,
-    Option(
-        "--input", metavar="FILE", help="Answer every row of a CSV (- standard input)."
-    ),
+    value("--input", "FILE", "Answer every row of a CSV (- standard input)."),
 ]
 Output = Annotated[
-    str | None,
-    Option(
-        "--output", metavar="FILE", help="CSV or Parquet (default standard output)."
-    ),
+    str | None, value("--output", "FILE", "CSV or Parquet (default standard output).")
 ]
 LogView = Annotated[
     choices.LogFrameWord,
-    word(
-        "--view",
-        choices.LOG_FRAMES,
-        "base: the log is in the root frame.",
-    ),
+    word("--view", choices.LOG_FRAMES, "base: the log is in the root frame."),
 ]
 WhatChanged = Annotated[
-    choices.CauseWord | None,
-    word(
-        "--cause",
-        choices.CAUSES,
-        "What changed, if known.",
-    ),
+    choices.CauseWord | None, word("--cause", choices.CAUSES, "What changed, if known.")
 ]
-FREE = ("all", "offsets")
 Free = Annotated[
     Literal["all", "offsets"],
     word(
         "--free",
-        FREE,
+        ("all", "offsets"),
         "offsets: the drawing's geometry is true, the joints' zeros are not.",
-    ),
-]
-FrameOrJoints = Annotated[
-    choices.CauseWord,
-    word(
-        "--cause",
-        choices.CAUSES,
-        "Whose a turn is that both explain.",
     ),
 ]
 
 # cameras
-Eye = Annotated[
-    choices.Eye | None,
-    word(
-        "--eye",
-        choices.EYES,
-        "hand: the camera is on the arm; base: it stands still.",
-    ),
-]
-Dictionary = Annotated[
-    str, Option("--dictionary", metavar="NAME", help="Dictionary of the tags.")
-]
+_EYE = "hand: the camera is on the arm; base: it stands still."
+Eye = Annotated[choices.Eye | None, word("--eye", choices.EYES, _EYE)]
+OneEye = Annotated[choices.Eye, word("--eye", choices.EYES, _EYE)]
+Dictionary = Annotated[str, value("--dictionary", "NAME", "Dictionary of the tags.")]
 BOARD = (
     "A chessboard's squares: 10x7:22mm; ChArUco: 7x5:24mm:18mm:5x5_100; AprilTags: "
     "grid:6x6:88mm:26.4mm:t36h11."
 )
-BoardSpec = Annotated[
-    str | None,
-    Option(
-        "--board",
-        metavar="BOARD",
-        help=BOARD,
-    ),
-]
+BoardSpec = Annotated[str | None, value("--board", "BOARD", BOARD)]
 LensFile = Annotated[
-    str | None,
-    Option(
-        "--lens", metavar="SHOTS|lens.json", help="Pictures of a board, or a model."
-    ),
+    str | None, value("--lens", "SHOTS|lens.json", "Pictures of a board, or a model.")
 ]
 TagNumber = Annotated[
-    int | None,
-    Option("--tag", metavar="ID", parser=parsing.whole(0), help="The tip's tag."),
+    int | None, value("--tag", "ID", "The tip's tag.", parsing.whole(0))
 ]
 TagTable = Annotated[
-    str | None,
-    Option("--tags-at", metavar="FILE", help="Table of desk tags: tag, x, y [m]."),
+    str | None, value("--tags-at", "FILE", "Table of desk tags: tag, x, y [m].")
 ]
 TagSize = Annotated[
-    str | None,
-    Option("--tag-size", metavar="40mm", help="Of the tip's tag, for --pose."),
+    str | None, value("--tag-size", "40mm", "Of the tip's tag, for --pose.")
 ]
 TagHeight = Annotated[
-    str | None,
-    Option("--tag-height", metavar="25mm", help="Of the tip's, above the desk."),
+    str | None, value("--tag-height", "25mm", "Of the tip's, above the desk.")
 ]
-WholePose = Annotated[
-    bool, Option("--pose", help="z and the quaternion too, in space.")
-]
+WholePose = Annotated[bool, flag("--pose", "z and the quaternion too, in space.")]
 SeenPicture = Annotated[
-    str | None,
-    Option("--picture", metavar="seen.png", help="Draw what was seen on a photo."),
+    str | None, value("--picture", "seen.png", "Draw what was seen on a photo.")
 ]

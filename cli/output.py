@@ -12,18 +12,24 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import Any, TextIO
-
-import typer
+from threading import Timer
+from typing import TYPE_CHECKING, TextIO
 
 from calib.common.wording import for_people, one_line, printable
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+    from rich.progress import Progress
+
 NO = 3  # exit code of a result that a script should act on; each command says which
 _WIDTH = 100  # of lines of words and of tables
-_TINY = 1e-6  # what is below a nanometre or a millionth of a degree is rounding
+_ROUNDING = 1e-6  # below a nanometre or a millionth of a degree
+_PATIENCE = 2.0  # [s] before a bar of progress is shown
+
+Document = Mapping[str, object] | Sequence[object]
 
 _QUOTED = re.compile(r"`([A-Za-z_]\w*)(?:=([^`]*))?`")
 _WORDS = "adapt calib check expected_error homing_offset model_error names point time"
@@ -69,11 +75,10 @@ def _option(match: re.Match[str]) -> str:
         return option
     pairs = re.sub(r"\(([^()]*)\)", lambda pair: pair[1].replace(", ", ":"), value)
     typed = re.sub(r"[][{}'\"]", "", pairs).replace(": ", "=").replace(", ", ",")
-    # an option for each entry of a mapping
-    several = value.startswith("{") and name != "columns"
-    return " ".join(
-        f"{option} {part}" for part in (typed.split(",") if several else [typed])
-    )
+    if value.startswith("{") and name != "columns":
+        # an option for each entry of a mapping
+        return " ".join(f"{option} {part}" for part in typed.split(","))
+    return f"{option} {typed}"
 
 
 @dataclass(frozen=True)
@@ -86,71 +91,65 @@ class TextTable:
     left: int = 1  # how many columns, from the left, hold words rather than numbers
     foot: str = ""  # what its terms mean, in one line below it
 
-    def lines(self) -> list[str]:
-        """Return the table as plain text, its columns aligned; too wide a line for each cell."""
+    def __str__(self) -> str:
+        """Return the table as aligned text; too wide a one has a line for each cell."""
         # names from a file may hold control characters
         header = [printable(cell) for cell in self.header]
-        cells = [[printable(cell) for cell in row] for row in self.rows]
-        lines = _aligned([header, *cells], self.left)
+        rows = [[printable(cell) for cell in row] for row in self.rows]
+        lines = _aligned([header, *rows], self.left)
         if max(map(len, lines)) > _WIDTH:
-            pairs = [[*pair] for row in cells for pair in zip(header, row, strict=True)]
-            lines = _aligned(pairs, 2)
+            cells = [[*cell] for row in rows for cell in zip(header, row, strict=True)]
+            lines = _aligned(cells, 2)
         title = [printable(self.title)] if self.title else []
-        return [*title, *lines, *textwrap.wrap(printable(self.foot), _WIDTH)]
+        foot = textwrap.wrap(printable(self.foot), _WIDTH)
+        return "\n".join([*title, *lines, *foot])
 
 
-def _aligned(cells: Sequence[Sequence[str]], words: int) -> list[str]:
+def _aligned(rows: Sequence[Sequence[str]], words: int) -> list[str]:
     """Return rows of cells as lines; the first columns hold words, which begin at the left."""
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    lines = []
-    for row in cells:
-        padded = [
-            cell.ljust(width) if k < words else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        lines.append("  ".join(padded).rstrip())
-    return lines
+    columns = []
+    for k, cells in enumerate(zip(*rows, strict=True)):
+        width = max(map(len, cells))
+        align = str.ljust if k < words else str.rjust
+        columns.append([align(cell, width) for cell in cells])
+    return ["  ".join(cells).rstrip() for cells in zip(*columns, strict=True)]
 
 
-_Line = str | TextTable
+Line = str | TextTable
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command found."""
+    """The result of a command."""
 
-    document: Any  # what --json prints
-    lines: Sequence[_Line] = ()  # what people read, the verdict first
-    more: Sequence[_Line] = ()  # what --verbose adds
-    result: Sequence[_Line] | None = (
-        None  # what --quiet prints, the first line if not given
-    )
-    columns: Mapping[str, Any] | None = None  # what goes to standard output as CSV
+    document: Document  # what --json prints
+    lines: Sequence[Line] = ()  # what people read, the verdict first
+    more: Sequence[Line] = ()  # what --verbose adds
+    # what --quiet prints, the first line if not given
+    result: Sequence[Line] | None = None
+    # what goes to standard output as CSV
+    columns: Mapping[str, ArrayLike] | None = None
     code: int = 0  # exit code
 
     def show(self, *, as_json: bool, verbose: bool, streamed: bool) -> None:
-        """Print what was found; lines go to standard error where a table was `streamed`."""
+        """Print the result; lines go to standard error where a table was `streamed`."""
         if as_json:
             print_json(self.document)
             return
-        shown = [*self.lines, *(self.more if verbose else ())]
+        lines = [*self.lines, *self.more] if verbose else self.lines
         if SPEECH.quiet:
-            shown = list(self.lines[:1] if self.result is None else self.result)
+            lines = self.lines[:1] if self.result is None else self.result
         if self.columns is not None:
             from calib.samples.tables import write_table
 
             write_table("-", self.columns)
         if self.columns is not None or streamed:
-            for line in shown:
-                if isinstance(line, str) and not SPEECH.quiet:
-                    note(line)
+            if not SPEECH.quiet:
+                for line in lines:
+                    note(str(line))
             return
-        for line in shown:
-            print(
-                one_line(as_typed(line))
-                if isinstance(line, str)
-                else "\n".join(line.lines())
-            )
+        for line in lines:
+            print(one_line(as_typed(line)) if isinstance(line, str) else line)
 
 
 @dataclass
@@ -159,15 +158,48 @@ class Speech:
 
     quiet: bool = False  # nothing but errors and what a batch leaves unanswered
     notes: set[str] = field(default_factory=set)  # that were said already
+    bar: Progress | None = None  # on a terminal, while a command works
 
 
 SPEECH = Speech()
 
 
-def start_speaking(quiet: bool) -> None:
-    """Begin a command, whose notes are said unless it is quiet."""
+@contextmanager
+def start_speaking(quiet: bool) -> Iterator[None]:
+    """Let a command say its notes, unless it is quiet, and show its progress on a terminal."""
     SPEECH.quiet = quiet
     SPEECH.notes.clear()
+    if quiet or not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TimeElapsedColumn
+
+    columns = (BarColumn(), TimeElapsedColumn())
+    bar = Progress(*columns, console=Console(stderr=True), transient=True)
+    bar.add_task("", total=None)
+    timer = Timer(_PATIENCE, bar.start)
+    timer.daemon = True
+    timer.start()
+    SPEECH.bar = bar
+    try:
+        yield
+    finally:
+        timer.cancel()
+        end_progress()
+
+
+def end_progress() -> None:
+    """Take the bar of progress away."""
+    if SPEECH.bar is not None:
+        SPEECH.bar.stop()
+        SPEECH.bar = None
+
+
+def progress(share: float, *_: object) -> None:
+    """Show the share of the work that is done."""
+    if SPEECH.bar is not None:
+        SPEECH.bar.update(SPEECH.bar.task_ids[0], total=1.0, completed=share)
 
 
 def say(notes: Iterable[str]) -> None:
@@ -182,9 +214,7 @@ def note(text: str) -> None:
     """Say something on standard error, in one line."""
     try:
         print(one_line(" ".join(as_typed(text).split())), file=sys.stderr, flush=True)
-    except (
-        OSError
-    ):  # a full disk: nobody is told, but the exit code stays the command's
+    except OSError:  # a full disk: the exit code stays the command's
         silence(sys.stderr)
 
 
@@ -194,41 +224,41 @@ def silence(stream: TextIO) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def print_json(document: Any) -> None:
+def print_json(document: Document) -> None:
     """Print one JSON document; numbers that are not finite become null."""
     # a program wants one document on one line
-    indent = 2 if sys.stdout.isatty() else None
-    print(json.dumps(plain(document), indent=indent))
+    print(json.dumps(plain(document), indent=2 if sys.stdout.isatty() else None))
 
 
-def fields(holder: object, names: str) -> dict[str, Any]:
-    """Return what stands in a document under the same names as in what was found."""
+def plain(value: object) -> object:
+    """Return plain data: no arrays, of which Polars and NumPy need not be imported, no NaN."""
+    text = json.dumps(value, default=_listed)
+    return json.loads(text, parse_constant=lambda _: None)
+
+
+def _listed(value: object) -> object:
+    if isinstance(value, Mapping):
+        return dict(value)
+    for method in ("tolist", "to_list"):
+        if hasattr(value, method):
+            return getattr(value, method)()
+    raise TypeError(f"{value!r:.60} is no JSON")
+
+
+def fields(holder: object, names: str) -> dict[str, object]:
+    """Return attributes that a document has under the same names."""
     return {name: getattr(holder, name) for name in names.split()}
 
 
-def plain(value: Any) -> Any:
-    """Return plain data: no arrays, of which Polars and NumPy need not be imported, no NaN."""
-
-    def listed(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return dict(value)
-        return next(
-            (getattr(value, n)() for n in ("tolist", "to_list") if hasattr(value, n)),
-            None,
-        )
-
-    return json.loads(json.dumps(value, default=listed), parse_constant=lambda _: None)
-
-
 def number(value: float | None) -> str:
-    """Return the size of an error with four significant digits, or a dash for none."""
+    """Return the size of an error with three significant digits, or a dash for none."""
     if value is None or not math.isfinite(value):
         return "-"
     size = abs(value)
-    if size < _TINY:
+    if size < _ROUNDING:
         return "<1e-6" if size else "0"
-    # decimals that four digits need: 1.234, 12.34, 0.0001234
-    return f"{value:.{max(0, 3 - math.floor(math.log10(size)))}f}"
+    # decimals that three digits need: 1.23, 12.3, 0.000123
+    return f"{value:.{max(0, 2 - math.floor(math.log10(size)))}f}"
 
 
 def sized(value: float, unit: str) -> str:
@@ -239,14 +269,6 @@ def sized(value: float, unit: str) -> str:
 
 def fixed(value: float, decimals: int) -> str:
     """Return a number with so many decimals, never minus zero, or a dash for none."""
-    return (
-        f"{round(value, decimals) + 0.0:.{decimals}f}" if math.isfinite(value) else "-"
-    )
-
-
-@contextmanager
-def progress_bar() -> Iterator[Callable[..., None]]:
-    """Show how far a training is, on standard error: called with the share that is done."""
-    hidden = SPEECH.quiet or not sys.stderr.isatty()
-    with typer.progressbar(length=100, file=sys.stderr, hidden=hidden) as bar:
-        yield lambda share, *_: bar.update(round(100 * share) - bar.pos)
+    if not math.isfinite(value):
+        return "-"
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"

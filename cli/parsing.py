@@ -14,6 +14,7 @@ from calib.errors import OptionError
 
 _T = TypeVar("_T")
 Parser = Callable[[str], _T]
+Numbers = Sequence[float]
 
 TABLES = (".csv", ".txt", ".parquet", ".pq")
 """Endings of tables; all but Parquet's are written as CSV."""
@@ -25,6 +26,10 @@ class JointValue(NamedTuple):
     joint: str
     value: float  # [rad or m], or [deg] with --degrees
 
+    def scaled(self, factor: float) -> float:
+        """Return the value in another unit."""
+        return self.value * factor
+
 
 class JointRange(NamedTuple):
     """A part of a joint's range, as in `elbow=0.5:1.5`."""
@@ -32,6 +37,10 @@ class JointRange(NamedTuple):
     joint: str
     low: float  # [rad or m], or [deg] with --degrees
     high: float  # [rad or m], or [deg] with --degrees
+
+    def scaled(self, factor: float) -> tuple[float, float]:
+        """Return both ends in another unit."""
+        return self.low * factor, self.high * factor
 
 
 class RadiusSchedule(NamedTuple):
@@ -42,33 +51,20 @@ class RadiusSchedule(NamedTuple):
 
 
 class BadOption(typer.BadParameter):
-    """A command line that no command understands; its message is one line."""
+    """Wrong usage, told in one line."""
 
     def __init__(
         self, message: str, option: str | None = None, value: str | None = None
     ) -> None:
         super().__init__(message)
-        self.option = option
+        self._option = option
         self.value = value
-
-    def format_message(self) -> str:
-        """Return the message without Typer's preface."""
-        return self.message
-
-
-class BadValue(typer.BadParameter):
-    """A value that an option cannot have."""
-
-    def __init__(self, value: str, expected: str) -> None:
-        super().__init__(expected)
-        self.value = value
-        self.expected = expected
 
     @property
-    def option(self) -> str:
-        """The option of the value, as Typer knows it."""
+    def option(self) -> str | None:
+        """The option of a value, as Typer knows it where a parser refused the value."""
         if self.param is None:
-            return "value"
+            return self._option
         longest = max(self.param.opts, key=len)
         if longest.startswith("-"):
             return longest
@@ -76,12 +72,14 @@ class BadValue(typer.BadParameter):
 
     def format_message(self) -> str:
         """Return the option, the value and what was expected."""
-        return f"{self.option} {quoted(self.value)}: expected {self.expected}"
+        if self.value is None:
+            return self.message
+        return f"{self.option or 'value'} {quoted(self.value)}: {self.message}"
 
 
-def bad_option(option: str, value: str, expected: str) -> BadOption:
-    """Return the error for a value that an option cannot have beside the others."""
-    return BadOption(f"{option} {quoted(value)}: expected {expected}", option, value)
+def bad_value(text: str, expected: str, option: str | None = None) -> BadOption:
+    """Return the error for a value that an option cannot have."""
+    return BadOption(f"expected {expected}", option, text)
 
 
 def parser(
@@ -94,12 +92,10 @@ def parser(
             return text  # Typer also parses defaults, which are values already
         try:
             value = read(text)
-        except OverflowError:  # of a whole number that no float holds
-            raise BadValue(text, expected) from None
-        except ValueError:
-            raise BadValue(text, expected) from None
+        except (OverflowError, ValueError):  # no float holds some whole numbers
+            raise bad_value(text, expected) from None
         if not accepts(value):
-            raise BadValue(text, expected)
+            raise bad_value(text, expected)
         return value
 
     return parse
@@ -108,38 +104,28 @@ def parser(
 def finite_number(text: str) -> float:
     """Return a finite number as a plain user writes it, else raise ValueError."""
     # Python also takes 1_0 and digits of other scripts
-    if not text.isascii() or "_" in text:
+    if not text.isascii() or "_" in text or not math.isfinite(float(text)):
         raise ValueError(text)
-    number = float(text)
-    if not math.isfinite(number):
-        raise ValueError(text)
-    return number
+    return float(text)
 
 
 def whole_number(text: str) -> int:
     """Return a whole number as a plain user writes it, else raise ValueError."""
-    if not text.isascii() or "_" in text:
-        raise ValueError(text)
-    number = int(text)
-    finite_number(text)  # no float holds a number that is too large
-    return number
+    finite_number(text)
+    return int(text)
 
 
-def numbers(text: str) -> tuple[float, ...]:
+def numbers(text: str) -> Numbers:
     """Return numbers with commas between them."""
     return tuple(finite_number(part) for part in text.split(","))
 
 
-def whole(least: int, most: int | None = None) -> Parser[int]:
+def whole(least: int, most: float = math.inf) -> Parser[int]:
     """Return a parser of whole numbers from `least` to `most`."""
     expected = f"a whole number, {least or 'zero'} or more"
-    if most is not None:
+    if most < math.inf:
         expected += f", at most {most}"
-
-    def accepts(number: int) -> bool:
-        return least <= number and (most is None or number <= most)
-
-    return parser(expected, whole_number, accepts)
+    return parser(expected, whole_number, lambda number: least <= number <= most)
 
 
 def one_of(choices: Sequence[str]) -> Parser[str]:
@@ -147,7 +133,7 @@ def one_of(choices: Sequence[str]) -> Parser[str]:
 
     def parse(text: str) -> str:
         if text not in choices:
-            raise BadValue(text, f"a name that there is: {suggestion(text, choices)}")
+            raise bad_value(text, f"a name that there is: {suggestion(text, choices)}")
         return text
 
     return parse
@@ -159,7 +145,7 @@ def several(parse_one: Parser[_T]) -> Parser[tuple[_T, ...]]:
     def parse(text: str) -> tuple[_T, ...]:
         values = tuple(parse_one(part.strip()) for part in text.split(","))
         if len(set(values)) < len(values):
-            raise BadValue(text, "each value once")
+            raise bad_value(text, "each value once")
         return values
 
     return parse
@@ -172,7 +158,7 @@ def column_names(text: str) -> Mapping[str, str]:
     try:
         return parse_columns(text)
     except OptionError as error:
-        raise BadOption(f"--{error}", "--columns", text) from None
+        raise BadOption(f"--{error}", "--columns") from None
 
 
 def _split_name(text: str) -> tuple[str, str]:
@@ -212,18 +198,15 @@ def lattice_size(text: str) -> str:
     return text
 
 
-def _seconds_or_auto(text: str) -> float | None:
-    return None if text.strip() == "auto" else finite_number(text)
-
-
-def _all_positive(values: Sequence[float]) -> bool:
-    return min(values) > 0.0
-
-
 number = parser("a number", finite_number)
 above_zero = parser("a number above zero", finite_number, lambda value: value > 0.0)
 not_negative = parser(
     "a number, zero or more", finite_number, lambda value: value >= 0.0
+)
+length = parser(
+    "a length above zero, or inf",
+    lambda text: math.inf if text.strip().lower() == "inf" else finite_number(text),
+    lambda value: value > 0.0,
 )
 count = whole(1)
 reals = parser("numbers with commas between them such as 0.5,-1", numbers)
@@ -232,8 +215,19 @@ direction = parser(
     numbers,
     lambda axis: len(axis) == 3 and any(axis),
 )
+angles = parser(
+    "3 numbers: roll, pitch and yaw", numbers, lambda values: len(values) == 3
+)
+quaternion = parser(
+    "4 numbers of length 1, qx,qy,qz,qw",
+    numbers,
+    # typed numbers are rounded
+    lambda values: len(values) == 4 and abs(math.hypot(*values) - 1.0) <= 0.01,
+)
 sigma = parser(
-    "START:END above zero such as 5:0.5 [nodes]", _radius_schedule, _all_positive
+    "START:END above zero such as 5:0.5 [nodes]",
+    _radius_schedule,
+    lambda radius: min(radius) > 0.0,
 )
 names = several(parser("names with commas between them such as a,b", str, bool))
 lattice_sides = parser("whole numbers of 2 or more such as 70 or 70x70", _lattice_sides)
@@ -248,7 +242,17 @@ height = parser(
     _joint_value,
     lambda axis: axis.joint == "z",
 )
-seconds = parser("a number of seconds, or auto", _seconds_or_auto)
+seconds = parser(
+    "a number of seconds, or auto",
+    lambda text: None if text.strip() == "auto" else finite_number(text),
+)
+
+
+def refuse(typed: Mapping[str, object], why: str) -> None:
+    """Refuse the first of some options that was typed; None is not."""
+    for name, value in typed.items():
+        if value is not None:
+            raise BadOption(f"--{name.replace('_', '-')} {why}")
 
 
 def check_file(
@@ -263,10 +267,10 @@ def check_file(
 
     if path is None:
         return
-    if path == "-" and stream:
-        return
     if path == "-":
-        raise bad_option(option, path, "a file name")
+        if not stream:
+            raise bad_value(path, "a file name", option)
+        return
     if endings and Path(path).suffix and not path.lower().endswith(endings):
-        raise bad_option(option, path, f"a name that ends in {' or '.join(endings)}")
+        raise bad_value(path, f"a name that ends in {' or '.join(endings)}", option)
     check_writable(path)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from calib.common.choices import READOUTS
 from calib.common.wording import printable
 from calib.model.facts import STATISTICS, Errors, shown_errors
 
-from .output import TextTable, number, sized
+from .output import NO, TextTable, number, sized
 from .units import units_of
 
 if TYPE_CHECKING:
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from calib.model.about import About
 
 _EXACT = 1e-9  # share of the extent below which an error is rounding
-_ASKED = 200  # points of the learned range at which the bound is asked
+_POINTS = 200  # of the learned range at which the bound is asked
 _UNEVEN = 2.0  # so many times wider in its worst tenth than in its best, a bound tells of few rows
 _NOISY = 0.7  # of the bound on readings: noise is the larger part where the model's own is smaller
-_UNTOLD = 10.0  # times the noise that a log states, rows are predicted far worse
+_UNEXPLAINED = 10.0  # times the noise that a log states, rows are predicted far worse
 _MOST = 3  # findings that are printed; `calib info` has all
 _TERMS = (
     "local: body and local models; body: the body alone; linear, activity, winner: the maps and "
@@ -30,26 +30,26 @@ _TERMS = (
 
 def summary(
     model: Model, path: str, errors: Errors, seconds: Mapping[str, float]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return what `train`, `evaluate` and `info` print as JSON; `seconds` have a "total"."""
     about = model.about
-    return {
+    facts = {
         "model": path,
         "robot": about.robot or None,
-        "joints": list(about.joint_names),
+        "joints": about.joint_names,
         "tip": about.tip or None,
-        **({"plane": about.plane} if len(model.axes) == 2 else {}),
+        "plane": about.plane,
         "view": _view_of(model),
         "map": about.options["map"],
         "rule": about.options["rule"],
         "size": {
-            "motor": list(model.motor.lattice.shape),
-            "sensory": list(model.sensory.lattice.shape),
+            "motor": model.motor.lattice.shape,
+            "sensory": model.sensory.lattice.shape,
         },
         "samples": about.samples,
         "left_out": about.left_out,
         "seed": about.seed,
-        "seconds": dict(seconds),
+        "seconds": seconds,
         "unit": about.unit,
         "units": units_of(about),
         "bound_of": about.bound_of,
@@ -57,33 +57,32 @@ def summary(
         "sensors": [_sensor(model.by(name)) for name in model.sensors],
         "errors": errors,
     }
+    if len(model.axes) == 3:
+        del facts["plane"]
+    return facts
 
 
-def _sensor(model: Model) -> dict[str, Any]:
+def _sensor(model: Model) -> dict[str, object]:
     """Return what a sensor is as JSON: its name, kind, unit, view, noise and rows."""
     about = model.about
+    body = model.body
+    view = None if body is None else body.structure.view
     kind = "space" if len(model.axes) == 3 else "plane"
-    view = None
-    noise = None
-    if model.body is not None:
-        view = model.body.structure.view
-        noise = float(model.body.noise[0])
     if about.unit == "px":
         kind = "pixels"
     elif view is not None and "pose" in view:
         kind = "pose"
-    rows = about.samples
     return {
         "name": about.sensor,
         "kind": kind,
         "unit": about.unit,
         "view": view,
-        "noise": noise,
-        "rows": rows,
+        "noise": None if body is None else float(body.noise[0]),
+        "rows": about.samples,
     }
 
 
-def _view_of(model: Model) -> dict[str, Any]:
+def _view_of(model: Model) -> dict[str, object]:
     """Return what the sensor measures as JSON: the kind of view and its fitted parameters."""
     body = model.body
     if body is None:
@@ -93,8 +92,9 @@ def _view_of(model: Model) -> dict[str, Any]:
     from calib.body.views import is_camera
 
     kind = "pose" if knows_orientation(body) else body.structure.view
-    view: dict[str, Any] = {"kind": kind}
-    if (mirror := getattr(body.structure, "mirror", None)) is not None:
+    view: dict[str, object] = {"kind": kind}
+    mirror = getattr(body.structure, "mirror", None)
+    if mirror is not None:
         view["mirror"] = mirror < 0
     for parameter in body.parameters():
         # the arm's own parameters stand in `calib info`; here only what the sensor is
@@ -104,23 +104,21 @@ def _view_of(model: Model) -> dict[str, Any]:
                 "interval": [parameter.low, parameter.high],
                 "unit": parameter.unit,
             }
-    if (sensor := SensorPose.of(body)) is not None:
-        view["camera" if is_camera(view["kind"]) else "sensor"] = sensor.to_json()
-    if is_camera(view["kind"]):
+    sensor = SensorPose.of(body)
+    if sensor is not None:
+        view["camera" if is_camera(kind) else "sensor"] = sensor.to_json()
+    if is_camera(kind):
         # one focal length serves both axes: the camera of a body has square pixels
         f, u, v, k1 = body.beta[body.structure.groups["lens"]].tolist()
-        view["lens"] = {
-            "focal": f,
-            "centre": [u, v],
-            "k1": k1,
-            "size": model.about.picture,
-        }
+        size = model.about.picture
+        view["lens"] = {"focal": f, "centre": [u, v], "k1": k1, "size": size}
     return view
 
 
-def _best(errors: Errors) -> Any:
-    """Errors of the readout that answers queries."""
-    return next(errors[readout] for readout in READOUTS if readout in errors)
+def _mean_distance(errors: Errors) -> float:
+    """Return the mean error of the readout that answers queries [unit]."""
+    best = next(errors[readout] for readout in READOUTS if readout in errors)
+    return float(best["forward"]["distance"]["mean"])
 
 
 def accuracy(
@@ -128,7 +126,7 @@ def accuracy(
 ) -> str:
     """Return in one line how far predictions are from where the tip is or is measured."""
     unit = model.about.unit
-    line = f"{sized(_best(errors)['forward']['distance']['mean'], unit)} on average"
+    line = f"{sized(_mean_distance(errors), unit)} on average"
     if within:
         line += f", 95 % within {sized(within['p95'], unit)}"
         line += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
@@ -141,60 +139,45 @@ def accuracy(
 def answers_back(model: Model, errors: Errors) -> str:
     """Return in one line how far the joints of inverse queries are from the right ones."""
     about = model.about
-    inverse = _best(errors)["inverse"]
+    readout = next(readout for readout in READOUTS if readout in errors)
+    inverse = errors[readout]["inverse"]
     joints = zip(about.joint_names, about.units_of_joints, strict=True)
-    off = ", ".join(
-        f"{name} {sized(inverse[name]['mean'], unit)}" for name, unit in joints
-    )
-    there = sized(inverse["distance"]["mean"], about.unit)
-    return f"inverse: {there} from the target on average; {off}"
+    off = [f"{name} {sized(inverse[name]['mean'], unit)}" for name, unit in joints]
+    distance = sized(inverse["distance"]["mean"], about.unit)
+    return f"inverse: {distance} from the target on average; {', '.join(off)}"
 
 
 def error_table(model: Model, errors: Errors, title: str) -> TextTable:
     """Return all errors, a line for each readout, direction and quantity."""
-    rows = [
-        [readout, direction, name, unit, *map(number, by_readout[readout].values())]
-        for readout in READOUTS
-        if readout in errors
-        for direction, name, unit, by_readout in shown_errors(
-            model.about, {readout: errors[readout]}
-        )
-    ]
+    rows = []
+    for readout in READOUTS:
+        if readout not in errors:
+            continue
+        alone = {readout: errors[readout]}
+        for direction, name, unit, sizes in shown_errors(model.about, alone):
+            values = map(number, sizes[readout].values())
+            rows.append([readout, direction, name, unit, *values])
     header = ["readout", "direction", "error of", "unit", *STATISTICS]
     return TextTable(header, rows, title, left=4, foot=_TERMS)
 
 
 def found_by_body(model: Model) -> list[str]:
     """Return in one line what differs from the drawing, or what was found without one."""
-    if model.about.source != "log":
+    about = model.about
+    if about.source != "log":
         return []
     if model.body is None:
         return ["found: no kinematic body under the maps"]
-    lines = [
-        printable(" ".join(line.split()))
-        for line in model.body.describe(model.about.lower, model.about.upper)
-    ]
-    lines = [
-        line for line in lines if "`expected_error`" not in line
-    ]  # calib info tells of bounds
+    lines = []
+    for line in model.body.describe(about.lower, about.upper):
+        if "`expected_error`" not in line:  # calib info tells of bounds
+            lines.append(printable(" ".join(line.split())))
     if not lines:
         return [
             "found: nothing that differs from the drawing by more than these rows can show"
         ]
     more = f"; {len(lines) - _MOST} more in calib info" if len(lines) > _MOST else ""
     return [f"found: {'; '.join(lines[:_MOST])}{more}"]
-
-
-def does_not_hold(within: Mapping[str, float], rows: int) -> list[str]:
-    """Say in one line that rows miss a model's own 95 % bound far more often than 5 %."""
-    from calib.model.about import holds
-
-    if holds(within, rows):
-        return []
-    return [
-        f"the model does not hold for this log: its 95 % bound covers "
-        f"{100 * within['covered']:.0f} % of the rows; calib check says what changed"
-    ]
 
 
 def contradicted(about: About) -> list[str]:
@@ -208,51 +191,53 @@ def contradicted(about: About) -> list[str]:
     ]
 
 
-def advice(model: Model, errors: Errors, stated: object = None) -> list[str]:
+def code_of(warnings: list[str]) -> int:
+    """Return the exit code of a command that shows figures of a model, and warns of them."""
+    return NO if warnings else 0
+
+
+def advice(model: Model, errors: Errors, stated: object = None) -> str:
     """Return in one line what limits the accuracy, and the one thing that would help most.
 
     `stated` is the noise [unit] that the log states of its own readings, where it does.
     """
-    import numpy as np
-
     about = model.about
-    mean = _best(errors)["forward"]["distance"]["mean"]
+    mean = _mean_distance(errors)
     simulated = about.source == "simulation"
     if model.body is None:
         more = "more samples (-n)" if simulated else "more rows"
-        return [
-            f"limited by maps that stand alone; {more} and a larger --size help most"
-        ]
+        return f"limited by maps that stand alone; {more} and a larger --size help most"
     if simulated:
-        if mean < _EXACT * float(np.linalg.norm(model.sensory.scale.span)):
-            return ["limited by rounding alone: the model holds all that was simulated"]
-        return [
-            "limited by the simulated noise and changes; more samples (-n) help most"
-        ]
+        if mean < _EXACT * float((model.sensory.scale.span**2).sum() ** 0.5):
+            return "limited by rounding alone: the model holds all that was simulated"
+        return "limited by the simulated noise and changes; more samples (-n) help most"
     unexplained = f"what rows leave unexplained ({sized(mean, about.unit)})"
-    if isinstance(stated, float) and mean > _UNTOLD * stated:
-        read = f"far above the noise of the readings ({sized(stated, about.unit)})"
+    if isinstance(stated, float) and mean > _UNEXPLAINED * stated:
+        noise = f"far above the noise of the readings ({sized(stated, about.unit)})"
         moved = "a camera that refocuses, a loose tag, play, or too few rows"
-        return [f"limited by {unexplained}, {read}; look for {moved}"]
-    q = np.random.default_rng(0).uniform(
-        about.lower, about.upper, (_ASKED, len(about.lower))
-    )
-    bound = model.expected_error(q)
+        return f"limited by {unexplained}, {noise}; look for {moved}"
+    return _advice_by_bounds(model, unexplained)
+
+
+def _advice_by_bounds(model: Model, unexplained: str) -> str:
+    """Return what limits a model of a log, by its bounds over the learned range."""
+    import numpy as np
+
+    about = model.about
+    rng = np.random.default_rng(0)
+    q = rng.uniform(about.lower, about.upper, (_POINTS, len(about.lower)))
     # where there is no answer, the bound is infinite
-    low, middle, high = np.quantile(
-        np.nan_to_num(bound, nan=np.inf), (0.1, 0.5, 0.9), method="lower"
-    )
+    bound = np.nan_to_num(model.expected_error(q), nan=np.inf)
+    low, middle, high = np.quantile(bound, (0.1, 0.5, 0.9), method="lower").tolist()
     if not high <= _UNEVEN * low:
         span = f"{sized(low, about.unit)} to {sized(high, about.unit)}"
         plan = "calib plan MODEL lists where more rows help most"
-        return [f"limited by few rows in parts of the range (bound {span}); {plan}"]
+        return f"limited by few rows in parts of the range (bound {span}); {plan}"
     model_bound = float(np.nanmedian(model.model_error(q)))
     if model_bound < _NOISY * middle:
         least = f"the model itself is within {sized(model_bound, about.unit)}"
-        return [
-            f"limited by noise of the readings: {least}; rows at rest (--still) help most"
-        ]
-    return [
+        return f"limited by noise of the readings: {least}; rows at rest (--still) help most"
+    return (
         f"limited by {unexplained}, noise of the readings or more; poses measured twice tell "
         "which, rows at rest (--still) help most"
-    ]
+    )

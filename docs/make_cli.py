@@ -43,10 +43,13 @@ Every command takes `--json` (one JSON document on standard output, in SI units)
 | command | exit code 3 means |
 |---|---|
 | `calib train` | the model's own fresh or held-out rows contradict its bound; it is written |
+| `calib evaluate` | the rows contradict the model's bound |
+| `calib info`, `calib report` | the model's own fresh or held-out rows contradict its bound |
+| `calib handeye`, `calib lerobot` | those of the model that is learned contradict its bound |
 | `calib query forward` | the joint values are outside the range that was learned |
 | `calib query inverse` | the target, or one row of a batch, is out of reach |
 | `calib query path` | the path cannot be followed on one branch, or leaves the reach |
-| `calib check` | the arm or the sensor has changed, or the log is too coarse for `--tolerance` |
+| `calib check` | something has changed, the bound does not hold, or the rows cannot say |
 | `calib adapt` | no change improves the model or explains the log; no file is written |
 | `calib recognise` | the log fits none of the models |
 | `calib correct` | a target is out of reach, or a correction exceeds the limit |

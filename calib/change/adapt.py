@@ -23,8 +23,8 @@ from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.samples import Samples
 from ..stream.follow import BLOCK, HORIZON, OnlineAdapter
-from ..training.evaluate import error_sizes, evaluate_residuals, summarise
 from ..training.learn import Progress
+from ..training.residuals import error_sizes, evaluate_residuals, summarise
 from .causes import FRAME, GROUPS, Cause
 from .evidence import Evidence
 from .judge import Verdict, judge, plain_numbers
@@ -33,9 +33,8 @@ from .settings import LEAST_OWN, TAIL
 from .update import Update
 from .words import frame_between
 
-_CONSISTENT = (
-    1.2  # of the held-out error that the rows of an adaptation may be missed by
-)
+# of the held-out error that the rows of an adaptation may be missed by
+_CONSISTENT = 1.2
 # Of the error before: a model that misses rows by less is written although the linear equations
 # promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
 _CLEARLY_BETTER = 0.01

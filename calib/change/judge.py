@@ -38,7 +38,15 @@ from .explain import explain, is_changed
 from .frame import Reference, carried_offset, reference_of
 from .rows import LogRows, rows_of
 from .settings import BEYOND, FALSE_ALARM, OUTLIER
-from .significance import BoundTest, Tested, bound_test, find_play, fired, group_tests
+from .significance import (
+    BoundTest,
+    GroupTest,
+    Tested,
+    bound_test,
+    find_play,
+    fired,
+    group_tests,
+)
 from .system import Log, System, shared_variance, sound_rows
 from .update import Update, update
 from .words import causes_of, play_cause
@@ -113,11 +121,14 @@ class Verdict:
         return tuple(cause.words for cause in self.causes)
 
     @property
+    def groups(self) -> tuple[GroupTest, ...]:
+        """Every group that was tested, and the bound."""
+        return (*self.tests.groups, self.bound.test)
+
+    @property
     def fired(self) -> tuple[str, ...]:
         """Names of the groups above their threshold, the most telling first."""
-        return tuple(
-            group.name for group in fired((*self.tests.groups, self.bound.test))
-        )
+        return tuple(group.name for group in fired(self.groups))
 
     @property
     def bound_holds(self) -> bool:
@@ -190,7 +201,6 @@ class Verdict:
 
     def to_json(self) -> dict[str, object]:
         """What `calib check --json` prints."""
-        groups = (*self.tests.groups, self.bound.test)
         return {
             "drifted": self.drifted,
             "samples": self.samples,
@@ -208,7 +218,7 @@ class Verdict:
             },
             "fired": list(self.fired),
             "causes": [cause.to_json() for cause in self.causes],
-            "smallest_by_group": {group.name: group.smallest for group in groups},
+            "smallest_by_group": {group.name: group.smallest for group in self.groups},
             "explanations": list(self.explanations),
             "noise": {"now": self.noise, "usual": self.usual_noise},
             "false_alarm": FALSE_ALARM,

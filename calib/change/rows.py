@@ -101,7 +101,7 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     _refuse_degrees(model, log)
     log, told = sound_log(model, log)
     notes = [*notes, *told]
-    motion = Motion.of(log)
+    motion = log.motion
     first = np.sort(np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1])
     repeated = len(log) - len(first)
     prediction = predict(model, motion.take(first))

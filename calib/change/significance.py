@@ -40,6 +40,8 @@ _NOTHING = 1e-12  # of the largest precision: less is rounding
 _LEAST_SHARE = (
     0.1  # of a joint's rows that come from either side, or nothing tells its play
 )
+# of the squared residuals: what explains less does not pay in `calib.body.approach` either
+_LEAST_EXPLAINED = 0.06
 
 DRIFT = "drift"
 """Name of the hypotheses that a smooth residual or waves are larger than the model told."""
@@ -355,10 +357,15 @@ def find_play(system: System, side: Array) -> Play | None:
     forward = np.maximum(pull[moving], 0.0)
     statistics[moving] = forward**2 / precision[moving] / noise.temper
     # an encoder that is noisy moves the tip along the same slope, to either side
+    shares = np.zeros(len(joints))
     for k, column in enumerate(columns.T):
-        by_row = (noise.unknown.rest(column, noise.size) * noise.rest).sum(axis=1)
+        moved = noise.unknown.rest(column, noise.size)
+        by_row = (moved * noise.rest).sum(axis=1)
+        squares = float((moved**2).sum() * (noise.rest**2).sum()) + 1e-300
+        shares[k] = float(by_row.sum()) ** 2 / squares
         by_chance = len(by_row) * float(by_row.var()) + 1e-300
         statistics[k] = min(statistics[k], float(by_row.sum()) ** 2 / by_chance)
+    statistics[shares < _LEAST_EXPLAINED] = 0.0
     best = int(np.argmax(statistics))
     chance = len(joints) * float(
         fdtrc(1.0, max(noise.left - 1.0, 1e-3), statistics[best])

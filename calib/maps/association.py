@@ -36,12 +36,10 @@ class Clusters:
     """Motor nodes linked to each sensory node, grouped into branches."""
 
     center: Array  # (sensory nodes, c, dof), link-weighted mean in the unit box, strongest first
-    strength: (
-        Array  # (sensory nodes, c), sum of its links, 0 where there is no such cluster
-    )
-    core: (
-        Index  # (sensory nodes, c), motor node with the strongest link of each cluster
-    )
+    # (sensory nodes, c), sum of its links, 0 where there is no such cluster
+    strength: Array
+    # (sensory nodes, c), motor node with the strongest link of each cluster
+    core: Index
 
 
 @dataclass(frozen=True)

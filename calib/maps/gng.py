@@ -23,9 +23,8 @@ class Gas:
     """A gas that grows: its nodes, their errors, the edges and their ages."""
 
     weights: Array  # (nodes, d), nodes in the unit box
-    error: (
-        Array  # (nodes,), accumulated squared distance to the samples that each has won
-    )
+    # (nodes,), accumulated squared distance to the samples that each has won
+    error: Array
     # (m, 2), edges, the smaller node first
     pairs: Index = field(default_factory=lambda: np.zeros((0, 2), dtype=np.intp))
     # (m,), samples that either end has won since the edge was last renewed

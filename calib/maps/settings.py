@@ -10,12 +10,10 @@ class OnlineSettings:
     """The paper's rule, one sample at a time (`vdsom.py`)."""
 
     alpha: float = 0.5  # learning rate of the maps at the start, alpha_init of eq. 4
-    eta: float = (
-        0.13  # learning rate of the links, eta_init of eq. 12: eta beta stays below 1
-    )
-    chunk: int = (
-        250  # samples between two looks at the nodes' spacings (eq. 6) and at a gain
-    )
+    # learning rate of the links, eta_init of eq. 12: eta beta stays below 1
+    eta: float = 0.13
+    # samples between two looks at the nodes' spacings (eq. 6) and at a gain
+    chunk: int = 250
     silent: float = 7.0  # exponent of eq. 6 beyond which a node is silent: below 1e-3
     most_links: int = 100_000_000  # that are held densely: 400 MB
 
@@ -25,16 +23,14 @@ class BatchSettings:
     """Kohonen's batch map, from coarse lattices to fine ones (`batch.py`)."""
 
     last_radius: float = 0.4  # of the full lattice [nodes]
-    last_radius_varying: float = (
-        1.5  # where the density varies [nodes]: a smooth map is better
-    )
+    # where the density varies [nodes]: a smooth map is better
+    last_radius_varying: float = 1.5
     coarsest: int = 64  # nodes of the lattice that is ordered first
     growth: float = 10.0  # the next lattice has at most so many times the nodes
     samples_per_node: int = 10  # that a coarse lattice is shown in an epoch
     step: float = 1.5  # see `Stage.step`
-    first_radius_growing: float = (
-        3.0  # of the full lattice, of a density that grows [nodes]
-    )
+    # of the full lattice, of a density that grows [nodes]
+    first_radius_growing: float = 3.0
     epochs_growing: int = 5  # of the full lattice, of a density that grows
     grown: float = 0.5  # t / T after the coarse lattices
     sorting_cells: int = 65_535  # parts of the unit box by which samples are sorted
@@ -57,9 +53,8 @@ class LinkSettings:
 
     bandwidth: float = 0.7  # of a node's activity (eq. 6) [node spacings]
     nearest: int = 12  # nodes that are active at a time: further ones are below 1e-3
-    weak: float = (
-        0.02  # links below this share of the strongest of their nodes are let go
-    )
+    # links below this share of the strongest of their nodes are let go
+    weak: float = 0.02
     nothing: float = 1e-6  # and those below this share of the strongest of all
 
 
@@ -72,12 +67,10 @@ class ReadoutSettings:
     most_clusters: int = 6  # of each sensory node
     samples_at_once: int = 50_000  # whose activities are held together
     active: float = 1e-9  # activity below which a node was never active
-    furthest: float = (
-        6e4  # [spacings], the largest number in half precision is a little more
-    )
-    ridge: float = (
-        1e-2  # of the regressions, share of the mean variance of the nodes' places
-    )
+    # [spacings], the largest number in half precision is a little more
+    furthest: float = 6e4
+    # of the regressions, share of the mean variance of the nodes' places
+    ridge: float = 1e-2
 
 
 @dataclass(frozen=True)
@@ -92,14 +85,12 @@ class DynamicSettings:
 class GasSettings:
     """Batch neural gas (`others.py`)."""
 
-    first_range: float = (
-        2.0  # rank over which a sample's pull falls by a factor e, at the start
-    )
+    # rank over which a sample's pull falls by a factor e, at the start
+    first_range: float = 2.0
     last_range: float = 0.1  # and at the end
     nearest: int = 8  # nodes that a sample pulls; beyond, its pull is below 2 %
-    jitter: float = (
-        1e-7  # of the unit box: repeated rows make no two nodes in one place
-    )
+    # of the unit box: repeated rows make no two nodes in one place
+    jitter: float = 1e-7
 
 
 @dataclass(frozen=True)
@@ -137,21 +128,18 @@ class SelectionSettings:
     rounding: float = 1e-9  # share of the extent that is no residual
     rows_around: int = 9  # whose median residual tells whether a row is calm
     calm: float = 2.0  # times the noise's mean square, below which that median is calm
-    harm: float = (
-        30.0  # weight of a calm row: what mends a defect must not spoil what is right
-    )
+    # weight of a calm row: what mends a defect must not spoil what is right
+    harm: float = 30.0
     speaks: float = 0.5  # of a node's weight on wrong rows, above which it may speak
-    parts: int = (
-        20  # of a log: a gain has to come from several, near-repeats are no evidence
-    )
+    # of a log: a gain has to come from several, near-repeats are no evidence
+    parts: int = 20
     node_gain: float = 1.0  # standard errors beyond zero of a node's gain
     total_gain: float = 3.0  # standard errors beyond zero of the sum
     along: float = 0.1  # share of the residuals along the motion that is no chance
     sure: float = 5.0  # standard errors of the same
     rows_averaged: int = 30  # whose residuals are averaged for a map's density
-    chance: float = (
-        4.0  # standard errors by which a mean square must exceed the common one
-    )
+    # standard errors by which a mean square must exceed the common one
+    chance: float = 4.0
     spreads: float = 6.0  # standard deviations of the calm mean squares, the same
 
 
@@ -161,9 +149,8 @@ class BoundSettings:
 
     coverage: float = 0.95
     around: int = 50  # held-out errors that tell the scale around a node
-    least: float = (
-        1e-3  # a pass shrinks a group by no more, so that errors of zero leave a bound
-    )
+    # a pass shrinks a group by no more, so that errors of zero leave a bound
+    least: float = 1e-3
     passes: int = 4  # over the two groups of nodes
     enough: int = 40  # rows that tell a group's factor
     border: float = 1.5  # nodes within so many spacings of a limit form a group

@@ -68,9 +68,8 @@ class Rates:
 class Layer:
     """One map while it learns."""
 
-    weights: (
-        Array  # w, (nodes, d), in the unit box; another array after each `VDSOM.show`
-    )
+    # w, (nodes, d), in the unit box; another array after each `VDSOM.show`
+    weights: Array
     lattice: Lattice
     scale: Scale
     gain: Gain | None = None  # eq. 7 and 8, see `density.py`

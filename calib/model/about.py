@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array, ReadOnly, Shape
-from ..errors import LogError, ModelError
+from ..errors import ModelError
 from ..samples.samples import Samples
 
 # bytes of a photo, and the first of a JPEG
@@ -53,12 +53,10 @@ class About(ReadOnly):
     notes: tuple[str, ...] = ()  # notes that were printed while the model was made
     # columns of its log that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict)
-    degrees: bool = (
-        False  # whether its log, and so later ones, has turning joints in degrees
-    )
-    picture: tuple[int, int] | None = (
-        None  # [px], width and height of a camera's pictures in space
-    )
+    # whether its log, and so later ones, has turning joints in degrees
+    degrees: bool = False
+    # [px], width and height of a camera's pictures in space
+    picture: tuple[int, int] | None = None
     frame: str = ""  # the sensor's, as its log names it
     # [rad or m], what each joint may be asked for where a drawing says it: turns of a periodic one
     limits: Annotated[Array, Shape("dof", "ends")] | None = None
@@ -88,12 +86,7 @@ class About(ReadOnly):
 
         Raises LogError if the log is of other joints.
         """
-        if sorted(log.joint_names) != sorted(self.joint_names):
-            raise LogError(
-                f"the log's joints are {', '.join(log.joint_names)}, the model's are "
-                f"{', '.join(self.joint_names)}: give a log of the same arm"
-            )
-        return log.q[:, [log.joint_names.index(name) for name in self.joint_names]]
+        return log.reordered(self.joint_names).q
 
 
 def holds(within: Mapping[str, float], rows: int) -> bool:

@@ -16,8 +16,8 @@ from ..maps.association import Association
 from ..maps.density import Gain
 from ..model.facts import Errors
 from ..samples.samples import Samples
-from ..training.evaluate import Residuals, fresh_points, summarise
 from ..training.learn import TrainingOptions, associate, unit_box
+from ..training.residuals import Residuals, fresh_points, summarise
 from .setting import Setting
 
 Row = dict[str, dict[str, dict[str, float]]]
@@ -29,9 +29,8 @@ class Schedule:
     """How a network is trained."""
 
     epochs: int | None = None  # passes over the samples, None for coarse to fine
-    sigma: float | None = (
-        None  # last neighbourhood radius [nodes]; the first is half the lattice
-    )
+    # last neighbourhood radius [nodes]; the first is half the lattice
+    sigma: float | None = None
     links: str = "reciprocal"  # a name of :data:`calib.maps.links.WIRINGS`
     rule: str = "batch"  # {"batch", "online"}, training rule
 
@@ -49,9 +48,8 @@ class Schedule:
 class SeedErrors:
     """Errors of one seed."""
 
-    errors: (
-        Errors  # {readout: {"forward" | "inverse": {column: {"mean", "max", "p99"}}}}
-    )
+    # {readout: {"forward" | "inverse": {column: {"mean", "max", "p99"}}}}
+    errors: Errors
     ranges: Mapping[str, float]  # width of what each column covers [m, rad]
 
 

@@ -1,84 +1,69 @@
-"""Which pictures agree: the fit is of these, the others are left out by name."""
+"""Agreement: the fit is of the pictures that agree, the others are left out by name."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from ..errors import LogError
-from .bundle import LENS, Bundle, Fit, Layout, Motions, Noise, Scale, Shots, Unknowns
+from .bundle import Bundle, rms_by_motion
+from .fit import STEPS, Estimate, Fit, Prior, motion_errors, solve
 
-LEAST = 4
-"""Motions that a fit needs."""
 
-# of chi-squared with six numbers; 1.5 times its quantile of 1e-5
-_MEDIAN = 5.35
-_RARE = 50.0
-_HALF = 8  # motions that one half of the pictures has at least
-_ROUNDS = 5
-_BETTER = 0.15  # of the misses: one half of the pictures fits so much better by itself
-_SHARP = 0.5  # px, from which one half of the pictures may fit better
-_LEAST_SHARE = 0.4  # of the pictures that must agree
-_FOLDS = 5
-_FINAL_STEPS = 8
-_WORST_CORNER = 5.0  # [px], and
-_WORST_POSE = np.array(
-    [np.radians(3.0), 0.03]
-)  # [rad, m]: noise that no camera and no arm has
+@dataclass(frozen=True)
+class Settings:
+    """When pictures agree."""
+
+    least: int = 4  # motions that a fit needs
+    # of chi-squared with six numbers: its median, and 1.5 times its quantile of 1e-5
+    median: float = 5.35
+    rare: float = 50.0
+    rounds: int = 5
+    half: int = 8  # motions that one half of the pictures has at least
+    split: float = 0.25  # of the variance of some error, that the halves explain
+    better: float = 0.15  # of the misses: one half by itself fits so much better
+    share: float = 0.4  # of the pictures that must agree
+    folds: int = 5
+    steps: int = 5  # of a fit to the other folds, which begins at that to all
+    # noise that no camera and no arm has [px, rad, m]
+    corner: float = 5.0
+    turn: float = float(np.radians(3.0))
+    shift: float = 0.03
+
+
+SETTINGS = Settings()
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """All pictures, and where their fit begins."""
+    """All pictures, what is known before them, and where their fit begins."""
 
-    shots: tuple[Shots, ...]  # of each camera
-    motions: Motions
-    scales: tuple[Scale, ...]
-    start: Unknowns
-    noise: Noise
-    mean: Array  # (v,), prior mean of the values
+    bundle: Bundle
+    prior: Prior
+    start: Estimate
 
-    @property
-    def layout(self) -> Layout:
-        """Where the unknowns stand."""
-        return Bundle(self.shots, self.motions, self.scales).layout
-
-    def bundle(self, rows: Index) -> Bundle:
-        """The pictures of some motions."""
-        shots = [each.take(rows) for each in self.shots]
-        return Bundle(shots, self.motions.take(rows), self.scales)
-
-    def solve(self, rows: Index, near: Fit | None = None, *, learn: bool = True) -> Fit:
+    def solve(
+        self, rows: Index, start: Estimate, steps: int = STEPS, *, learn: bool = True
+    ) -> Fit:
         """The fit to the pictures of some motions."""
-        unknowns = self.start if near is None else near.unknowns
-        unknowns = replace(unknowns, errors=np.zeros((len(rows), 6)))
-        noise = self.noise if near is None else near.noise
-        steps = {} if learn else {"steps": _FINAL_STEPS}
-        return self.bundle(rows).solve(unknowns, noise, self.mean, learn=learn, **steps)
+        begin = Estimate(start.unknowns.without_errors(len(rows)), start.noise)
+        return solve(self.bundle.take(rows), self.prior, begin, steps, learn=learn)
 
-    def misses(self, fit: Fit, rows: Index) -> Array:
-        """Rms distance [px] of each motion's corners from where the motion alone puts them."""
-        bundle = self.bundle(rows)
-        still = replace(fit.unknowns, errors=np.zeros((len(rows), 6)))
-        squares = np.zeros(len(rows))
-        counts = np.zeros(len(rows))
-        for camera, pixels in zip(bundle.cameras, bundle.predict(still), strict=True):
-            away = ((camera.corners - pixels) ** 2).sum(axis=1)
-            squares += np.bincount(camera.motion, away, len(rows))
-            counts += np.bincount(camera.motion, minlength=len(rows))
-        return np.sqrt(squares / np.maximum(counts, 1))
+    def predict(self, fit: Fit) -> list[Array]:
+        """Pixels (N, 2) of each camera's corners where the motions alone put them."""
+        count = self.bundle.motions.count
+        return self.bundle.predict(fit.unknowns.without_errors(count))
 
     def distances(self, fit: Fit) -> Array:
         """Squared distance (n,) of each motion's errors from none, over what is usual."""
-        rows = np.arange(self.motions.count)
-        bundle = self.bundle(rows)
-        still = replace(
-            fit, unknowns=replace(fit.unknowns, errors=np.zeros((len(rows), 6)))
+        count = self.bundle.motions.count
+        still = Fit(
+            fit.unknowns.without_errors(count), fit.noise, fit.covariance, fit.freedom
         )
-        errors, covariance = bundle.motion_errors(still)
-        covariance = covariance + np.diag(np.repeat(fit.noise.pose**2, 3))
+        errors, covariance = motion_errors(self.bundle, still)
+        covariance = covariance + np.diag(fit.noise.error[:6] ** 2)
         pull = np.linalg.solve(covariance, errors[:, :, None])[:, :, 0]
         return np.asarray((errors * pull).sum(axis=1))
 
@@ -88,102 +73,94 @@ def agreed(problem: Problem) -> tuple[Fit, Mask]:
 
     Raises LogError if too few do.
     """
-    number = np.arange(problem.motions.count)
+    number = np.arange(problem.bundle.motions.count)
     half = len(number) // 2
-    found: list[tuple[Fit, Mask]] = []
+    fits: list[tuple[Fit, Mask]] = []
+    scores: list[float] = []
     # a board that was moved once leaves one half whole
     for start in (number >= 0, number < half, number >= half):
-        if len(found) and (half < _HALF or _sharp(problem, *found[0])):
+        if fits and not _is_split(problem, *fits[0]):
             break
-        grown = _grown(problem, start)
-        if (
-            grown is not None
-            and grown[1].mean() >= _LEAST_SHARE
-            and _possible(grown[0])
-        ):
-            found.append(grown)
-    if not found:
+        fit, agreeing = _grow(problem, start)
+        if fit is None or agreeing.mean() < SETTINGS.share or not _is_possible(fit):
+            continue
+        fits.append((fit, agreeing))
+        misses = rms_by_motion(problem.bundle.cameras, problem.predict(fit))
+        rms = float(np.sqrt(np.mean(misses[agreeing] ** 2)))
+        scores.append(rms / float(agreeing.mean()))
+    if not fits:
         raise LogError(
             "no place of camera and board explains the pictures: check that each row is of its "
             "picture, whether it is this robot, and that camera and board were not moved"
         )
     # one half by itself has to fit far better, since few pictures always fit well
-    scores = [_miss(problem, fit, kept) / kept.mean() for fit, kept in found]
     best = int(np.argmin(scores))
-    if scores[best] > _BETTER * scores[0]:
-        best = 0
-    return found[best]
+    return fits[best if scores[best] < SETTINGS.better * scores[0] else 0]
 
 
-def _sharp(problem: Problem, fit: Fit, kept: Mask) -> bool:
-    """Whether most pictures agree, and well."""
-    return bool(kept.mean() > 0.5) and _miss(problem, fit, kept) < _SHARP
-
-
-def _miss(problem: Problem, fit: Fit, kept: Mask) -> float:
-    """The median picture's miss [px]."""
-    return float(np.median(problem.misses(fit, np.flatnonzero(kept))))
-
-
-def _possible(fit: Fit) -> bool:
-    """Whether some camera and some arm are as noisy."""
-    return bool(
-        (fit.noise.corner < _WORST_CORNER).all()
-        and (fit.noise.pose < _WORST_POSE).all()
+def _is_split(problem: Problem, fit: Fit, agreeing: Mask) -> bool:
+    """Whether the errors of the motions differ from one half of the pictures to the other."""
+    late = np.flatnonzero(agreeing) >= len(agreeing) // 2
+    if len(agreeing) < 2 * SETTINGS.half or late.all() or not late.any():
+        return False
+    flange = problem.bundle.motions.poses(
+        fit.unknowns.values[problem.bundle.layout.arm_values]
     )
+    turns = flange[agreeing, :3, :3]
+    errors = fit.unknowns.errors
+    # a board that moved is the same error in the base's axes, a camera in the flange's
+    in_base = np.einsum("nij,nj->ni", turns, errors[:, :3])
+    in_flange = np.einsum("nji,nj->ni", turns, errors[:, 3:6])
+    errors = np.concatenate([errors, in_base, in_flange], axis=1)
+    errors = errors - errors.mean(axis=0)
+    along = late - late.mean()
+    shares = (along @ errors) ** 2 / (along @ along) / (errors**2).sum(axis=0)
+    return bool(shares.max() > SETTINGS.split)
 
 
-def _grown(problem: Problem, kept: Mask) -> tuple[Fit, Mask] | None:
+def _grow(problem: Problem, start: Mask) -> tuple[Fit | None, Mask]:
     """The fit of all that agree with those that it begins with; None where it fails."""
-    found = None
-    for _ in range(_ROUNDS):
-        rows = np.flatnonzero(kept)
-        if len(rows) < LEAST:
+    grown: tuple[Fit | None, Mask] = (None, start)
+    agreeing = start
+    for _ in range(SETTINGS.rounds):
+        if agreeing.sum() < SETTINGS.least:
             break
         try:
-            fit = problem.solve(rows)
+            fit = problem.solve(np.flatnonzero(agreeing), problem.start)
             distances = problem.distances(fit)
         except np.linalg.LinAlgError:
             break
-        found = fit, kept
-        usual = max(float(np.median(distances[kept])) / _MEDIAN, 1.0)
-        before = kept
-        kept = distances < _RARE * usual
-        if (kept == before).all():
+        grown = fit, agreeing
+        usual = max(float(np.median(distances[agreeing])) / SETTINGS.median, 1.0)
+        before = agreeing
+        agreeing = distances < SETTINGS.rare * usual
+        if (agreeing == before).all():
             break
-    return found
+    return grown
 
 
-def held_out(problem: Problem, fit: Fit, kept: Mask) -> Array:
-    """Rms misses (n,) [px] of the pictures kept, each predicted by a fit to the other folds."""
-    rows = np.flatnonzero(kept)
-    misses = np.full(len(rows), np.nan)
-    folds = np.arange(len(rows)) % min(_FOLDS, len(rows))
-    for fold in range(folds.max() + 1):
-        others = rows[folds != fold]
-        out = np.flatnonzero(folds == fold)
-        misses[out] = problem.misses(problem.solve(others, fit, learn=False), rows[out])
-    return misses
+def _is_possible(fit: Fit) -> bool:
+    """Whether some camera and some arm are as noisy."""
+    noise = fit.noise
+    is_arm = noise.turn < SETTINGS.turn and noise.shift < SETTINGS.shift
+    return bool(is_arm and noise.corner.max() < SETTINGS.corner)
 
 
-def lens_scales(camera: int, focal: float, reach: float, least: Array) -> list[Scale]:
-    """Priors of a lens whose sizes the evidence finds.
+def held_out(problem: Problem, fit: Fit, agreeing: Mask) -> list[Array]:
+    """Pixels (N, 2) of each camera's corners by fits that did not use their motions.
 
-    reach : distance of the picture's corner from its centre [px]
-    least : (9,), how sure a lens is that is known
+    Motions that do not agree are predicted by the fit itself.
     """
-    edge = reach / focal
-    first = LENS * camera
-    groups = {
-        "focal": (np.arange(2), 0.3 * focal),
-        "centre": (np.arange(2, 4), 0.1 * reach),
-        "k1": (np.array([4]), 1.0 / edge**2),
-        "k2": (np.array([5]), 1.0 / edge**4),
-        "tangential": (np.array([6, 7]), 0.05 / edge),
-        "k3": (np.array([8]), 1.0 / edge**6),
-    }
-    scales = []
-    for name, (places, most) in groups.items():
-        lowest = float(max(least[places].max(), 1e-6 * most))
-        scales.append(Scale(name, first + places, lowest, float(most)))
-    return scales
+    rows = np.flatnonzero(agreeing)
+    pixels = problem.predict(fit)
+    folds = np.arange(len(rows)) % min(SETTINGS.folds, len(rows))
+    for fold in range(folds.max() + 1):
+        others = problem.solve(rows[folds != fold], fit, SETTINGS.steps, learn=False)
+        out = rows[folds == fold]
+        cameras = zip(
+            problem.bundle.cameras, pixels, problem.predict(others), strict=True
+        )
+        for camera, whole, predicted in cameras:
+            is_out = np.isin(camera.motion, out)
+            whole[is_out] = predicted[is_out]
+    return pixels

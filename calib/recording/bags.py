@@ -13,7 +13,7 @@ from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
 from ..common.wording import INSTALL, listed
 from ..errors import LogError
-from ..samples.joint_values import (
+from ..samples.joint_times import (
     MAX_GAP,
     check_limits,
     covered,
@@ -30,9 +30,8 @@ _POSITIONS = tuple(
 )
 _TF = "tf2_msgs/msg/TFMessage"
 _SAME = 1e-9  # turns [rad] and lengths [m] below which a transform is the same
-_IN_TIME = (
-    0.005  # [s], offsets below which stamps are left: training estimates the rest
-)
+# [s], offsets below which stamps are left: training estimates the rest
+_IN_TIME = 0.005
 
 
 def read_bag(

@@ -1,19 +1,18 @@
-"""Boards: where their corners are in a picture; boards and tags to print, as SVG."""
+"""Boards: patterns with corners at known places, and where these are in a picture."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ..common.arrays import Array, Mask
-from ..common.choices import DICTIONARY
 from ..common.scale import METRES
-from ..common.wording import filled
 from ..errors import OptionError
 from .pictures import Picture, opencv
 from .tags import Tag, TagFinder, find_dictionary, lay_corners, tag_cells
@@ -21,39 +20,66 @@ from .tags import Tag, TagFinder, find_dictionary, lay_corners, tag_cells
 LEAST_CORNERS = 8
 """Corners of a board that a picture must show."""
 
-_WINDOW = 0.25  # shares of a square around a corner that its edges are looked for in
-_WINDOWS = (3, 15)  # [px]
-_MARGIN = 8.0  # [mm] of white around a pattern, beyond its own
+_P = TypeVar("_P", bound="Pattern")
+
+BLACK = np.zeros((1, 1), bool)
+EXAMPLES = (
+    "a chessboard's squares COLSxROWS:SQUARE such as 10x7:22mm, COLSxROWS:SQUARE:MARKER:DICT such "
+    "as 7x5:24mm:18mm:5x5_100, or grid:COLSxROWS:TAG:GAP:FAMILY such as grid:6x6:88mm:26.4mm:t36h11"
+)
 
 
-class Pattern:
+@dataclass(frozen=True, eq=False)
+class Mark:
+    """A black square with white cells, as it is printed."""
+
+    x: float  # left edge, from the print's corner [m]
+    y: float  # upper edge [m]
+    side: float  # [m]
+    white: Mask  # (n, n), by rows
+
+
+@dataclass(frozen=True)
+class Pattern(ABC):
     """A printed board; its frame is OpenCV's: x along a row of corners, y to the next row."""
 
     columns: int
     rows: int
 
+    @classmethod
+    def parse(cls: type[_P], text: Pattern | str) -> _P:
+        """Read a board of this kind; see `parse_board`."""
+        board = parse_board(text)
+        if not isinstance(board, cls):
+            raise OptionError(f"board {text!r}: expected {EXAMPLES}")
+        return board
+
     @property
+    @abstractmethod
     def side(self) -> float:
         """Side of a square, or of a tag [m]."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def text(self) -> str:
         """As `parse_board` reads it."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def size(self) -> tuple[float, float]:
         """Width and height of the print [m]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def points(self) -> Array:
         """Corners (n, 3) by their number, in OpenCV's frame [m]."""
-        raise NotImplementedError
 
-    def find(self, grey: Picture) -> dict[int, Array]:
+    def find(self, grey: Picture) -> dict[int, Array]:  # noqa: ARG002
         """Return the corners that a picture shows: number to place (2,) [px]."""
-        raise NotImplementedError
+        return {}
+
+    def marks(self) -> Iterator[Mark]:
+        """What is printed."""
+        return iter(())
 
     @property
     def half_turn(self) -> Array | None:
@@ -68,18 +94,10 @@ class Pattern:
 
 
 @dataclass(frozen=True)
-class Chessboard(Pattern):
-    """A plain chessboard; the origin is its first inner corner."""
+class _Squares(Pattern):
+    """A board of squares."""
 
-    columns: int  # squares
-    rows: int
     square: float  # side of a square [m]
-
-    def __post_init__(self) -> None:
-        if min(self.columns, self.rows) < 4:
-            raise OptionError(
-                f"board {self.text}: expected 4x4 squares or more, such as 10x7:22mm"
-            )
 
     @property
     def side(self) -> float:
@@ -87,19 +105,31 @@ class Chessboard(Pattern):
         return self.square
 
     @property
-    def inner(self) -> tuple[int, int]:
-        """Columns and rows of inner corners."""
-        return self.columns - 1, self.rows - 1
+    def size(self) -> tuple[float, float]:
+        """Width and height of the print [m]."""
+        return self.columns * self.square, self.rows * self.square
 
     @property
     def text(self) -> str:
         """As `parse_board` reads it."""
-        return f"{self.columns}x{self.rows}:{1e3 * self.square:.12g}mm"
+        return f"{self.columns}x{self.rows}:{_mm(self.square)}"
 
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height of the print [m]."""
-        return self.columns * self.square, self.rows * self.square
+    def squares(self, odd: int) -> Iterator[Mark]:
+        """Every other square, from the first or the second."""
+        for x, y in np.ndindex(self.columns, self.rows):
+            if (x + y) % 2 == odd:
+                yield Mark(x * self.square, y * self.square, self.square, BLACK)
+
+
+@dataclass(frozen=True)
+class Chessboard(_Squares):
+    """A plain chessboard; the origin is its first inner corner."""
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows) < 4:
+            raise OptionError(
+                f"board {self.text}: expected 4x4 squares or more, such as 10x7:22mm"
+            )
 
     @property
     def half_turn(self) -> Array:
@@ -110,183 +140,76 @@ class Chessboard(Pattern):
 
     def points(self) -> Array:
         """Inner corners (n, 3) row by row [m]."""
-        across, down = self.inner
-        corners = np.zeros((down, across, 3))
-        corners[..., 0] = self.square * np.arange(across)
-        corners[..., 1] = self.square * np.arange(down)[:, None]
-        return corners.reshape(-1, 3)
+        y, x = np.indices((self.rows - 1, self.columns - 1)).reshape(2, -1)
+        return self.square * np.column_stack([x, y, 0 * x])
 
     def find(self, grey: Picture) -> dict[int, Array]:
         """Return all inner corners, or none."""
         cv2 = opencv()
+        shape = (self.rows - 1, self.columns - 1, 2)
+        inner = shape[1::-1]
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
-        found, corners = cv2.findChessboardCorners(
-            grey, self.inner, flags=flags + cv2.CALIB_CB_FAST_CHECK
+        is_there, corners = cv2.findChessboardCorners(
+            grey, inner, flags=flags + cv2.CALIB_CB_FAST_CHECK
         )
-        if found:
-            rows = np.reshape(corners, (self.rows - 1, self.columns - 1, 2))
+        if is_there:
+            grid = np.reshape(corners, shape)
             gaps = [
-                np.linalg.norm(np.diff(rows, axis=axis), axis=2).min()
+                np.linalg.norm(np.diff(grid, axis=axis), axis=2).min()
                 for axis in (0, 1)
             ]
-            half = int(np.clip(_WINDOW * min(gaps), *_WINDOWS))
+            # a quarter of a square, so that no other corner is near
+            half = int(np.clip(0.25 * min(gaps), 3, 15))
             stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
             start = np.reshape(corners, (-1, 1, 2)).astype(np.float32)
             corners = cv2.cornerSubPix(grey, start, (half, half), (-1, -1), stop)
         else:  # slower, and sees boards in the dark
-            found, corners = cv2.findChessboardCornersSB(grey, self.inner, flags=0)
-        if not found:
+            is_there, corners = cv2.findChessboardCornersSB(grey, inner, flags=0)
+        if not is_there:
             return {}
         return dict(enumerate(np.asarray(corners, float).reshape(-1, 2)))
 
+    def marks(self) -> Iterator[Mark]:
+        """Black squares."""
+        return self.squares(0)
+
 
 @dataclass(frozen=True)
-class TagGrid(Pattern):
-    """A grid of AprilTags, as OpenCV prints it (rows run down) or Kalibr (rows run up)."""
+class Board(_Squares):
+    """A chessboard with tags in its white squares; the origin is a corner of the print."""
 
-    columns: int  # tags
-    rows: int
-    tag: float  # side of a tag's black square [m]
-    gap: float  # between two tags [m]
-    family: str = "t36h11"
+    marker: float  # side of a tag within a square [m]
+    dictionary: str = "5x5_100"  # the tags'
 
     def __post_init__(self) -> None:
-        known = len(find_dictionary(self.dictionary).bytesList)
-        if not (2 <= self.columns * self.rows <= known):
+        most = len(find_dictionary(self.dictionary).bytesList)
+        is_large = (self.columns - 1) * (self.rows - 1) >= LEAST_CORNERS
+        if not (is_large and self.tags <= most and 0.0 < self.marker < self.square):
             raise OptionError(
-                f"board {self.text}: expected 2 to {known} tags of {self.family}"
+                f"board {self.text}: expected {LEAST_CORNERS} inner corners or more, tags smaller "
+                f"than squares, and at most the {most} tags of {self.dictionary} (here "
+                f"{self.tags}); such as 7x5:24mm:18mm:5x5_100"
             )
-
-    @property
-    def side(self) -> float:
-        """Side of a tag [m]."""
-        return self.tag
-
-    @property
-    def dictionary(self) -> str:
-        """OpenCV's name of the family."""
-        return f"apriltag_{self.family.removeprefix('t')}"
 
     @property
     def text(self) -> str:
         """As `parse_board` reads it."""
-        sizes = f"{1e3 * self.tag:.12g}mm:{1e3 * self.gap:.12g}mm"
-        return f"grid:{self.columns}x{self.rows}:{sizes}:{self.family}"
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height of the print [m]."""
-        pitch = self.tag + self.gap
-        return self.columns * pitch - self.gap, self.rows * pitch - self.gap
-
-    def points(self) -> Array:
-        """Corners of the tags (4 n, 3), clockwise from the top left of each [m]."""
-        column, row = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
-        first = (self.tag + self.gap) * np.column_stack([column.ravel(), row.ravel()])
-        square = self.tag * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-        flat = (first[:, None] + square).reshape(-1, 2)
-        return np.column_stack([flat, np.zeros(len(flat))])
-
-    def find(self, grey: Picture) -> dict[int, Array]:
-        """Return the corners of the tags that a picture shows, four of each."""
-        tags = TagFinder(self.dictionary, range(self.columns * self.rows)).find(grey)
-        numbers = [tag.number for tag in tags]
-        corners: dict[int, Array] = {}
-        for tag in tags:
-            if numbers.count(tag.number) > 1:
-                continue
-            number = tag.number
-            if self._upward(tags):
-                column = tag.number % self.columns
-                number = (
-                    self.rows - 1 - tag.number // self.columns
-                ) * self.columns + column
-            for k, place in enumerate(tag.corners):
-                corners[4 * number + k] = place
-        return dict(sorted(corners.items()))
-
-    def _upward(self, tags: Sequence[Tag]) -> bool:
-        """Whether rows of tags run up the page, as the tags' own corners tell."""
-        by_row: dict[int, list[Tag]] = {}
-        for tag in tags:
-            by_row.setdefault(tag.number // self.columns, []).append(tag)
-        first = min(by_row, default=0)
-        last = max(by_row, default=0)
-        if first == last:
-            return False
-        middles = [
-            np.mean([tag.centre for tag in by_row[row]], axis=0)
-            for row in (first, last)
-        ]
-        down = np.mean([tag.corners[3] - tag.corners[0] for tag in tags], axis=0)
-        return bool((middles[1] - middles[0]) @ down < 0.0)
-
-
-@dataclass(frozen=True)
-class Board(Pattern):
-    """A chessboard with tags in its white squares; the origin is a corner of the print."""
-
-    columns: int  # squares
-    rows: int
-    square: float  # side of a square [m]
-    marker: float  # side of a tag within it [m]
-    dictionary: str = "5x5_100"  # the tags'
-
-    def __post_init__(self) -> None:
-        known = len(find_dictionary(self.dictionary).bytesList)
-        enough = (self.columns - 1) * (self.rows - 1) >= LEAST_CORNERS
-        if not (enough and self.tags <= known and 0.0 < self.marker < self.square):
-            raise OptionError(
-                f"board {self.text}: expected {LEAST_CORNERS} inner corners or more, tags smaller "
-                f"than squares, and at most the {known} tags of {self.dictionary} (here "
-                f"{self.tags}); such as 7x5:24mm:18mm:5x5_100"
-            )
-
-    @classmethod
-    def parse(cls, board: Board | str) -> Board:
-        """Read `COLSxROWS:SQUARE:MARKER:DICT`, such as `7x5:24mm:18mm:5x5_100`."""
-        made = parse_board(board)
-        if not isinstance(made, Board):
-            raise OptionError(
-                f"board {board!r}: expected a board with tags in its squares, "
-                "COLSxROWS:SQUARE:MARKER:DICT, such as 7x5:24mm:18mm:5x5_100"
-            )
-        return made
-
-    @property
-    def side(self) -> float:
-        """Side of a square [m]."""
-        return self.square
+        return f"{super().text}:{_mm(self.marker)}:{self.dictionary}"
 
     @property
     def tags(self) -> int:
         """How many tags it has: 0 to one less."""
         return self.columns * self.rows // 2
 
-    @property
-    def text(self) -> str:
-        """As `parse_board` reads it."""
-        sizes = f"{1e3 * self.square:.12g}mm:{1e3 * self.marker:.12g}mm"
-        return f"{self.columns}x{self.rows}:{sizes}:{self.dictionary}"
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height of the print [m]."""
-        return self.columns * self.square, self.rows * self.square
-
-    def opencv(self) -> Any:
-        """Return OpenCV's board; its y runs down."""
+    @cached_property
+    def printed(self) -> Any:
+        """OpenCV's board; its y runs down."""
         return opencv().aruco.CharucoBoard(
             (self.columns, self.rows),
             self.square,
             self.marker,
             find_dictionary(self.dictionary),
         )
-
-    @cached_property
-    def printed(self) -> Any:
-        """OpenCV's board, made once."""
-        return self.opencv()
 
     @cached_property
     def _detector(self) -> Any:
@@ -302,8 +225,93 @@ class Board(Pattern):
         if numbers is None:
             return {}
         places = np.asarray(corners, float).reshape(-1, 2)
-        seen = dict(sorted(zip(np.ravel(numbers).tolist(), places, strict=True)))
-        return lay_corners(grey, seen, self.printed)
+        by_number = sorted(zip(np.ravel(numbers).tolist(), places, strict=True))
+        return lay_corners(grey, dict(by_number), self.printed)
+
+    def marks(self) -> Iterator[Mark]:
+        """Black squares, and tags where OpenCV's board has them, which is what is looked for."""
+        numbers = np.ravel(self.printed.getIds()).tolist()
+        places = np.array(self.printed.getObjPoints())[:, :, :2].min(axis=1)
+        first = np.rint(places[0] / self.square - 0.5).astype(int)
+        yield from self.squares(1 - first.sum() % 2)
+        for number, (x, y) in zip(numbers, places, strict=True):
+            yield Mark(x, y, self.marker, tag_cells(number, self.dictionary))
+
+
+@dataclass(frozen=True)
+class TagGrid(Pattern):
+    """A grid of AprilTags, as OpenCV prints it (rows run down) or Kalibr (rows run up)."""
+
+    tag: float  # side of a tag's black square [m]
+    gap: float  # between two tags [m]
+    family: str = "t36h11"
+
+    def __post_init__(self) -> None:
+        most = len(find_dictionary(self.dictionary).bytesList)
+        if not 2 <= self.columns * self.rows <= most:
+            raise OptionError(
+                f"board {self.text}: expected 2 to {most} tags of {self.family}"
+            )
+
+    @property
+    def side(self) -> float:
+        """Side of a tag [m]."""
+        return self.tag
+
+    @property
+    def dictionary(self) -> str:
+        """OpenCV's name of the family."""
+        return f"apriltag_{self.family.removeprefix('t')}"
+
+    @property
+    def text(self) -> str:
+        """As `parse_board` reads it."""
+        sizes = f"{_mm(self.tag)}:{_mm(self.gap)}"
+        return f"grid:{self.columns}x{self.rows}:{sizes}:{self.family}"
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the print [m]."""
+        pitch = self.tag + self.gap
+        return self.columns * pitch - self.gap, self.rows * pitch - self.gap
+
+    def points(self) -> Array:
+        """Corners of the tags (4 n, 3), clockwise from the top left of each [m]."""
+        row, column = np.indices((self.rows, self.columns)).reshape(2, -1)
+        first = (self.tag + self.gap) * np.column_stack([column, row])
+        square = self.tag * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+        flat = (first[:, None] + square).reshape(-1, 2)
+        return np.pad(flat, ((0, 0), (0, 1)))
+
+    def find(self, grey: Picture) -> dict[int, Array]:
+        """Return the corners of the tags that a picture shows, four of each."""
+        tags = TagFinder(self.dictionary, range(self.columns * self.rows)).find(grey)
+        numbers = [tag.number for tag in tags]
+        upward = self._upward(tags)
+        corners: dict[int, Array] = {}
+        for tag in tags:
+            if numbers.count(tag.number) > 1:
+                continue
+            row, column = divmod(tag.number, self.columns)
+            if upward:
+                row = self.rows - 1 - row
+            first = 4 * (row * self.columns + column)
+            corners |= dict(enumerate(tag.corners, first))
+        return dict(sorted(corners.items()))
+
+    def _upward(self, tags: Sequence[Tag]) -> bool:
+        """Whether rows of tags run up the page, as the tags' own corners tell."""
+        if not tags:
+            return False
+        rows = np.array([tag.number // self.columns for tag in tags])
+        centres = np.array([tag.centre for tag in tags])
+        down = np.mean([tag.corners[3] - tag.corners[0] for tag in tags], axis=0)
+        return bool((rows - rows.mean()) @ (centres @ down) < 0.0)
+
+    def marks(self) -> Iterator[Mark]:
+        """Tags."""
+        for number, (x, y, _) in enumerate(self.points()[::4]):
+            yield Mark(x, y, self.tag, tag_cells(number, self.dictionary))
 
 
 def parse_board(board: Pattern | str) -> Pattern:
@@ -315,36 +323,21 @@ def parse_board(board: Pattern | str) -> Pattern:
     """
     if isinstance(board, Pattern):
         return board
-    grid = board.startswith("grid:")
-    size, *parts = board.removeprefix("grid:").split(":")
-    sides = re.fullmatch(r"\s*(\d{1,3})\s*[xX]\s*(\d{1,3})\s*", size)
-    least = 2 if grid else 1
-    if sides is None or not least <= len(parts) <= 3:
-        raise OptionError(
-            f"board {board!r}: expected a chessboard's squares COLSxROWS:SQUARE such as "
-            "10x7:22mm, COLSxROWS:SQUARE:MARKER:DICT such as 7x5:24mm:18mm:5x5_100, or "
-            "grid:COLSxROWS:TAG:GAP:FAMILY such as grid:6x6:88mm:26.4mm:t36h11"
-        )
-    columns = int(sides[1])
-    rows = int(sides[2])
-    first = parse_length(parts[0], "board's length")
-    if len(parts) == 1:
-        return Chessboard(columns, rows, first)
-    second = parse_length(parts[1], "board's length")
-    if grid:
-        return TagGrid(columns, rows, first, second, *parts[2:])
-    return Board(columns, rows, first, second, *parts[2:])
-
-
-class BoardFinder:
-    """Finds the corners of a board in pictures."""
-
-    def __init__(self, board: Pattern) -> None:
-        self._board = board
-
-    def find(self, grey: Picture) -> dict[int, Array]:
-        """Return the corners that a picture shows: number to place (2,) [px]."""
-        return self._board.find(grey)
+    match = re.fullmatch(
+        r"(grid:)?\s*(\d{1,3})\s*[xX]\s*(\d{1,3})\s*:([^:]+)(?::([^:]+))?(?::(.+))?",
+        board,
+    )
+    if match is None or (match[1] and not match[5]):
+        raise OptionError(f"board {board!r}: expected {EXAMPLES}")
+    columns = int(match[2])
+    rows = int(match[3])
+    side = parse_length(match[4], "board's length")
+    if not match[5]:
+        return Chessboard(columns, rows, side)
+    other = parse_length(match[5], "board's length")
+    family = [match[6]] if match[6] else []
+    kind = TagGrid if match[1] else Board
+    return kind(columns, rows, side, other, *family)
 
 
 def parse_length(text: str, what: str = "length", *, signed: bool = False) -> float:
@@ -361,93 +354,5 @@ def parse_length(text: str, what: str = "length", *, signed: bool = False) -> fl
     return value
 
 
-def print_tag(number: int, size: float, dictionary: str = DICTIONARY) -> str:
-    """Return a tag as SVG whose black square has the side `size` [m]."""
-    cells = tag_cells(number, dictionary)
-    side = 1e3 * size
-    border = max(_MARGIN, side / len(cells))  # a tag needs a cell of white around it
-    words = f"{dictionary} {number}, black square {side:g} mm"
-    return _page(
-        side + 2 * border,
-        side + 2 * border,
-        _square(cells, border, border, side),
-        words,
-    )
-
-
-def print_board(board: Pattern) -> str:
-    """Return a board as SVG at its true size."""
-    if isinstance(board, Board):
-        body = _charuco(board)
-        words = f"{board.text}, squares {1e3 * board.square:g} mm"
-    elif isinstance(board, TagGrid):
-        body = []
-        for number, corner in enumerate(1e3 * board.points()[::4]):
-            cells = tag_cells(number, board.dictionary)
-            body += _square(
-                cells, corner[0] + _MARGIN, corner[1] + _MARGIN, 1e3 * board.tag
-            )
-        words = f"{board.text}, tags {1e3 * board.tag:g} mm"
-    elif isinstance(board, Chessboard):
-        body = []
-        side = 1e3 * board.square
-        for x, y in np.ndindex(board.columns, board.rows):
-            if (x + y) % 2 == 0:
-                body.append(
-                    _rectangle(_MARGIN + side * x, _MARGIN + side * y, side, side)
-                )
-        words = f"{board.text}, squares {side:g} mm, {board.inner[0]}x{board.inner[1]} corners"
-    width, height = (1e3 * side + 2 * _MARGIN for side in board.size)
-    return _page(width, height, body, words)
-
-
-def _charuco(board: Board) -> list[str]:
-    square = 1e3 * board.square
-    body = list[str]()
-    # the tags' corners from OpenCV's board, which is what will be looked for
-    lows = [
-        1e3 * np.asarray(p)[:, :2].min(axis=0) for p in board.printed.getObjPoints()
-    ]
-    white = {(int(x // square), int(y // square)) for x, y in lows}
-    for x, y in np.ndindex(board.columns, board.rows):
-        if (x, y) not in white:
-            at = _MARGIN + square * x, _MARGIN + square * y
-            body += _square(np.zeros((1, 1), bool), *at, square)
-    for number, (x, y) in zip(
-        np.ravel(board.printed.getIds()).tolist(), lows, strict=True
-    ):
-        cells = tag_cells(number, board.dictionary)
-        body += _square(cells, x + _MARGIN, y + _MARGIN, 1e3 * board.marker)
-    return body
-
-
-def _square(white: Mask, x: float, y: float, side: float) -> list[str]:
-    """A black square with white cells (n, n): a rectangle for each run of them in a row."""
-    cell = side / len(white)
-    made = [_rectangle(x, y, side, side)]
-    for row, line in enumerate(white):
-        edges = np.flatnonzero(np.diff(np.r_[False, line, False].astype(int)))
-        for start, stop in edges.reshape(-1, 2):
-            place = x + start * cell, y + row * cell, (stop - start) * cell, cell
-            made.append(_rectangle(*place, ' fill="#fff"'))
-    return made
-
-
-def _rectangle(
-    x: float, y: float, width: float, height: float, colour: str = ""
-) -> str:
-    return f'<rect x="{x:.6g}" y="{y:.6g}" width="{width:.6g}" height="{height:.6g}"{colour}/>'
-
-
-def _page(width: float, height: float, body: list[str], words: str) -> str:
-    """A page, below its body a line of 100 mm, and words."""
-    return filled(
-        __package__,
-        "page.svg",
-        body="\n".join(body),
-        words=words,
-        wide=f"{max(width, 116.0):g}",
-        high=f"{height + 12:g}",
-        line=f"{height + 2:g}",
-        foot=f"{height + 7.5:g}",
-    )
+def _mm(length: float) -> str:
+    return f"{1e3 * length:.12g}mm"

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arm.arm import SpatialArm
 from ..arm.rotations import cross_matrix, quaternion_of
 from ..common.arrays import Array, Index, Mask
 from ..common.wording import listed
 from ..errors import LogError, OptionError
 from ..samples.samples import Samples
-from .board import LEAST_CORNERS, BoardFinder, Chessboard, Pattern, parse_board
+from .board import LEAST_CORNERS, Chessboard, Pattern, parse_board
 from .flange_table import FlangeTable
 from .joint_table import JointTable, read_joints, read_shots
 from .lens import Lens, calibrate_lens
@@ -24,11 +25,12 @@ from .reference import Pose, find_pose, turns_and_shifts
 LEAST = 4
 """Pictures of the board that tell where it is."""
 
-_LOOKED = 4  # pictures in which another board, or a mirrored one, is looked for
+LOOKED = 4  # pictures in which another board, or a mirrored one, is looked for
 _AHEAD = 2.0  # diagonals of the board; a picture tells where the camera looks ten times better than
 # where it is: of 24 rendered pictures .2 mm instead of .5, of which tilt and place are one
 
-Source = str | os.PathLike[str] | Sequence[Picture]
+Path_ = str | os.PathLike[str]
+Source = Path_ | Sequence[Picture]
 """A folder or pattern of pictures, a LeRobotDataset, or grey pictures (height, width)."""
 
 
@@ -134,76 +136,84 @@ def held_poses(poses: Sequence[Pose], in_hand: bool) -> tuple[Array, Array]:
 
 def find_board(
     pictures: Source,
-    joints: str | os.PathLike[str] | JointTable | FlangeTable | None,
+    table: Path_ | JointTable | FlangeTable | None,
     board: Pattern | str,
-    names: Sequence[str] | None = None,
-    *,
+    arm: SpatialArm | None = None,
     camera: str | None = None,
+    *,
+    names: Sequence[str] | None = None,
     degrees: bool = False,
     prismatic: Sequence[str] = (),
 ) -> BoardPictures:
     """Find a board in pictures.
 
-    joints : a table or its file, one row for each picture; a dataset brings them
-    names, degrees, prismatic : see `read_joints`
+    table : of joints or flange poses, or its file, one row for each picture; a dataset brings it
+    arm : of which joints are read; else `names` and `prismatic`, see `read_joints`
     camera : of a dataset with several
     Raises LogError if too few pictures show the board; what they show instead is told.
     """
     board = parse_board(board)
-    notes = list[str]()
+    if arm is not None:
+        names = arm.joint_names
+        kinds = zip(names, arm.revolute, strict=True)
+        prismatic = [name for name, turns in kinds if not turns]
+    notes: list[str] = []
     if is_dataset(pictures):
-        joints, pictures, notes = read_dataset(str(pictures), names, camera)
-    elif joints is None:
+        table, pictures, notes = read_dataset(str(pictures), names, camera)
+    elif table is None:
         raise OptionError("pictures need the joints beside them: expected `joints`")
-    if not isinstance(joints, (JointTable, FlangeTable)):
-        joints = read_joints(joints, names, degrees=degrees, prismatic=prismatic)
-    rows = list(range(len(joints.q)))
+    if not isinstance(table, (JointTable, FlangeTable)):
+        table = read_joints(table, names, degrees=degrees, prismatic=prismatic)
+    rows = list(range(len(table.q)))
     if isinstance(pictures, (str, os.PathLike)):
-        rows, frames, notes = read_shots(joints, pictures)
+        rows, frames, notes = read_shots(table, pictures)
     elif len(pictures) == len(rows):
-        known = joints.pictures or [f"picture {k + 1}" for k in rows]
-        frames = zip(rows, known, pictures, strict=True)
+        labels = table.pictures or [f"picture {k + 1}" for k in rows]
+        frames = zip(rows, labels, pictures, strict=True)
     else:
         raise LogError(
             f"{len(pictures)} pictures and {len(rows)} rows of joints: expected as many"
         )
-    finder = BoardFinder(board)
+    shown: list[tuple[str, int, dict[int, Array]]] = []
+    without: dict[str, int] = {}
     looked: list[Picture] = []
-    seen: list[tuple[str, int, dict[int, Array]]] = []
     size = (0, 0)
     for number, name, grey in frames:
-        corners = finder.find(grey)
-        seen.append((name, rows[number], corners))
+        corners = board.find(grey)
         size = (grey.shape[1], grey.shape[0])
-        if len(corners) < LEAST_CORNERS and len(looked) < _LOOKED:
-            looked.append(grey)
-    enough = [picture for picture in seen if len(picture[2]) >= LEAST_CORNERS]
-    few = [name for name, _, corners in seen if 0 < len(corners) < LEAST_CORNERS]
-    none = [name for name, _, corners in seen if not corners]
-    if len(enough) < LEAST:
-        most = max((len(corners) for *_, corners in seen), default=0)
+        if len(corners) >= LEAST_CORNERS:
+            shown.append((name, rows[number], corners))
+        else:
+            without[name] = len(corners)
+            if len(looked) < LOOKED:
+                looked.append(grey)
+    few = [name for name, corners in without.items() if corners]
+    none = [name for name, corners in without.items() if not corners]
+    count = len(shown) + len(without)
+    if len(shown) < LEAST:
+        most = [*without.values(), *(len(corners) for *_, corners in shown)]
         raise LogError(
-            f"the board is in {len(enough)} of {len(seen)} pictures, expected {LEAST} with "
-            f"{LEAST_CORNERS} corners or more (at most {most} found; {len(few)} show fewer, "
-            f"{len(none)} none): {_instead(looked, board)}"
+            f"the board is in {len(shown)} of {count} pictures, expected {LEAST} with "
+            f"{LEAST_CORNERS} corners or more (at most {max(most, default=0)} found; {len(few)} "
+            f"show fewer, {len(none)} none): {_instead(looked, board)}"
         )
     if few:
         less = f"fewer than {LEAST_CORNERS} corners of the board"
         notes.append(f"{less} in {len(few)} pictures, left out: {listed(few)}")
     if none:
         notes.append(f"no board in {len(none)} pictures, left out: {listed(none)}")
-    kept = np.array([row for _, row, _ in enough])
+    places = np.array([row for _, row, _ in shown])
     return BoardPictures(
         board=board,
-        joint_names=joints.names,
-        names=tuple(name for name, *_ in enough),
-        q=joints.q[kept],
-        corners=tuple(corners for *_, corners in enough),
+        joint_names=table.names,
+        names=tuple(name for name, *_ in shown),
+        q=table.q[places],
+        corners=tuple(corners for *_, corners in shown),
         size=size,
-        count=len(seen),
+        count=count,
         notes=tuple(notes),
-        episodes=joints.episodes[kept] if joints.episodes is not None else None,
-        rows=kept,
+        episodes=None if table.episodes is None else table.episodes[places],
+        rows=places,
     )
 
 
@@ -221,7 +231,7 @@ def _instead(looked: Sequence[Picture], board: Pattern) -> str:
                 f"{more.rows} squares: give `board={more.text!r}`"
             )
         return "check the board's columns and rows of squares, that it is whole and in focus"
-    turned = replace(board, columns=board.rows, rows=board.columns)  # type: ignore[type-var]
+    turned = replace(board, columns=board.rows, rows=board.columns)
     if shown(turned, looked):
         return f"they show a board of {turned.columns}x{turned.rows} squares"
     if shown(board, [np.ascontiguousarray(grey[:, ::-1]) for grey in looked]):

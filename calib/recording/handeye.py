@@ -1,4 +1,4 @@
-"""Hand-eye calibration: where cameras and a board are, from pictures, with the motions of the arm.
+"""Hand-eye calibration: where cameras and a board are, from pictures and the motions of the arm.
 
 Motions are joints of a drawn arm or flange poses of a controller; one fit (:mod:`.bundle`) has
 both.
@@ -14,36 +14,37 @@ from pathlib import Path
 import numpy as np
 
 from ..arm.arm import Arm, SpatialArm
+from ..arm.description import parse_robot
 from ..arm.loading import load_arm
 from ..common.arrays import Array
-from ..common.choices import EYES
+from ..common.choices import EYES, PICTURES
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
+from .answer import answer
 from .board import Pattern
 from .board_pictures import BoardPictures, Source, find_board
 from .flange_table import FlangeTable, read_flange_poses
 from .joint_table import JointTable
 from .lens import Lens
 from .lerobot import is_dataset
-from .places import HandEye as HandEye
-from .places import answer
-from .solver import View, of_joints, of_poses
+from .problem import of_joints, of_poses
+from .rig import HandEye as HandEye
+from .view import view_of
 
-_IMAGINED = 0.08  # of the distance: side of an imagined square
+Path_ = str | os.PathLike[str]
 Eyes = str | Mapping[str, str]
-Lenses = Lens | Mapping[str, Lens] | None
 
 
 def handeye(
-    arm: Arm | str | os.PathLike[str] | None = None,
+    arm: Arm | Path_ | None = None,
     pictures: Source | BoardPictures | None = None,
-    joints: str | os.PathLike[str] | JointTable | None = None,
+    joints: Path_ | JointTable | None = None,
     board: Pattern | str | None = None,
     eye: Eyes = "hand",
     *,
-    poses: str | os.PathLike[str] | FlangeTable | Array | None = None,
+    poses: Path_ | FlangeTable | Array | None = None,
     boards: Array | None = None,
-    lens: Lenses = None,
+    lens: Lens | Mapping[str, Lens] | None = None,
     degrees: bool | None = None,
     camera: str | None = None,
     unit: str | None = None,
@@ -78,82 +79,56 @@ def handeye(
         )
     if isinstance(arm, (str, os.PathLike)):
         arm = load_arm(os.fspath(arm))
-    if boards is not None:
-        pictures, lens = _imagined(np.asarray(boards, float))
-    assert pictures is not None  # noqa: S101 - refused above
     if arm is not None and not isinstance(arm, SpatialArm):
         raise OptionError(
             f"{arm.name} moves in a plane: expected an arm that moves in space"
         )
-    flange = _flange_table(poses) if poses is not None else None
-    table = joints if flange is None else flange
-    cameras = _cameras(arm, pictures, table, board, eye, camera, degrees=bool(degrees))
+    if boards is not None:
+        pictures, lens = pictures_of_boards(np.asarray(boards, float))
+    assert pictures is not None  # noqa: S101 - refused above
+    table = None if poses is None else _flange_table(poses)
+    folders = _folders(pictures)
+    eyes = dict.fromkeys(folders, eye) if isinstance(eye, str) else eye
+    lenses = lens if isinstance(lens, Mapping) else dict.fromkeys(folders, lens)
+    for name in folders:
+        if eyes.get(name) not in EYES:
+            raise OptionError(
+                f"eye {eyes.get(name)!r} of {name}: expected one of {', '.join(EYES)}"
+            )
+    views = []
     with one_blas_thread():
-        views = [
-            View.of(name, *each, _lens_of(lens, name)) for name, each in cameras.items()
-        ]
-        if arm is not None:
-            return answer(of_joints(arm, views))
-        assert flange is not None  # noqa: S101 - one of both is given
-        return answer(of_poses(flange, views, unit, rotation, degrees))
+        for name, source in folders.items():
+            shots = source
+            if not isinstance(shots, BoardPictures):
+                if board is None:
+                    raise OptionError(
+                        "pictures need the board that they show: expected `board`"
+                    )
+                shots = find_board(
+                    shots, table or joints, board, arm, camera, degrees=bool(degrees)
+                )
+            views.append(view_of(name, shots, eyes[name] == "hand", lenses.get(name)))
+        if table is not None:
+            setting = of_poses(table, views, unit, rotation, degrees)
+            return answer(setting, ("base", "flange"))
+        assert arm is not None  # noqa: S101 - refused above
+        return answer(of_joints(arm, views), (parse_robot(arm.urdf).root, arm.tip))
 
 
-@dataclass(frozen=True)
-class _Points(Pattern):
-    """Points that stand for a board of which poses alone are known."""
-
-    square: float  # [m]
-    columns: int = 4
-    rows: int = 4
-
-    @property
-    def side(self) -> float:
-        """Side of a square [m]."""
-        return self.square
-
-    @property
-    def text(self) -> str:
-        """No pattern."""
-        return "poses of a board"
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height [m]."""
-        return 3 * self.square, 3 * self.square
-
-    def points(self) -> Array:
-        """A grid about the origin (16, 3) [m]."""
-        x, y = np.meshgrid(np.arange(4) - 1.5, np.arange(4) - 1.5)
-        return self.square * np.column_stack([x.ravel(), y.ravel(), np.zeros(16)])
+def _folders(
+    pictures: Source | BoardPictures,
+) -> Mapping[str, Source | BoardPictures]:
+    """The pictures of each camera, by its name."""
+    if not isinstance(pictures, (str, os.PathLike)) or is_dataset(pictures):
+        return {"camera": pictures}
+    paths = sorted(Path(pictures).iterdir()) if Path(pictures).is_dir() else []
+    if any(path.suffix.lower() in PICTURES for path in paths):
+        return {"camera": pictures}
+    folders = [path for path in paths if path.is_dir() and any(path.iterdir())]
+    return {path.name: path for path in folders} or {"camera": pictures}
 
 
-def _imagined(boards: Array) -> tuple[BoardPictures, Lens]:
-    """Corners that a camera without errors sees of boards (n, 4, 4), and its lens."""
-    if (
-        boards.ndim != 3
-        or boards.shape[1:] != (4, 4)
-        or not (boards[:, 2, 3] > 0.0).all()
-    ):
-        raise OptionError(
-            f"boards of shape {boards.shape}: expected (n, 4, 4), each before the camera (z > 0)"
-        )
-    pattern = _Points(_IMAGINED * float(np.median(boards[:, 2, 3])))
-    centre = np.array([1000.0, 1000.0])
-    lens = Lens((2000, 2000), np.array([1000.0, 1000.0]), centre, np.zeros(5))
-    corners = []
-    for board in boards:
-        seen = pattern.points() @ board[:3, :3].T + board[:3, 3]
-        corners.append(dict(enumerate(1000.0 * seen[:, :2] / seen[:, 2:] + centre)))
-    count = len(boards)
-    names = tuple(f"pose {k + 1}" for k in range(count))
-    none = np.zeros((count, 0))
-    shots = BoardPictures(
-        pattern, (), names, none, tuple(corners), lens.size, count, ()
-    )
-    return shots, lens
-
-
-def _flange_table(poses: str | os.PathLike[str] | FlangeTable | Array) -> FlangeTable:
+def _flange_table(poses: Path_ | FlangeTable | Array) -> FlangeTable:
     if isinstance(poses, (str, os.PathLike)):
         return read_flange_poses(poses)
     if isinstance(poses, FlangeTable):
@@ -167,63 +142,55 @@ def _flange_table(poses: str | os.PathLike[str] | FlangeTable | Array) -> Flange
     return FlangeTable("poses", numbers, None, "matrix")
 
 
-def _cameras(
-    arm: SpatialArm | None,
-    pictures: Source | BoardPictures,
-    table: str | os.PathLike[str] | JointTable | FlangeTable | None,
-    board: Pattern | str | None,
-    eye: Eyes,
-    camera: str | None,
-    *,
-    degrees: bool,
-) -> dict[str, tuple[BoardPictures, bool]]:
-    """The pictures of each camera by its name, and whether it is in the hand."""
-    folders = _folders(pictures)
-    names = list(folders) or ["camera"]
-    eyes = dict.fromkeys(names, eye) if isinstance(eye, str) else dict(eye)
-    for name in names:
-        if eyes.get(name) not in EYES:
-            raise OptionError(
-                f"eye {eyes.get(name)!r} of {name}: expected one of {', '.join(EYES)}"
-            )
-    if isinstance(pictures, BoardPictures):
-        return {names[0]: (pictures, eyes[names[0]] == "hand")}
-    if board is None:
-        raise OptionError("pictures need the board that they show: expected `board`")
-    joint_names = arm.joint_names if arm is not None else None
-    sliding: list[str] = []
-    if arm is not None:
-        kinds = zip(arm.joint_names, arm.revolute, strict=True)
-        sliding = [name for name, turns in kinds if not turns]
-    found = {}
-    for name in names:
-        shots = find_board(
-            folders.get(name, pictures),
-            table,
-            board,
-            joint_names,
-            camera=camera,
-            degrees=degrees,
-            prismatic=sliding,
+@dataclass(frozen=True)
+class Points(Pattern):
+    """Points that stand for a board of which poses alone are known."""
+
+    spacing: float  # [m]
+
+    @property
+    def side(self) -> float:
+        """Distance of two neighbours [m]."""
+        return self.spacing
+
+    @property
+    def text(self) -> str:
+        """No pattern that is printed."""
+        return "poses of a board"
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height [m]."""
+        return 3 * self.side, 3 * self.side
+
+    def points(self) -> Array:
+        """A grid about the origin (16, 3) [m]."""
+        x, y = self.side * (np.indices((4, 4)).reshape(2, -1) - 1.5)
+        return np.column_stack([x, y, np.zeros(16)])
+
+
+def pictures_of_boards(
+    boards: Array, share: float = 0.08
+) -> tuple[BoardPictures, Lens]:
+    """Corners that a camera without errors sees of boards (n, 4, 4), and its lens.
+
+    share : of the distance, that a square's side is
+    """
+    is_shaped = boards.ndim == 3 and boards.shape[1:] == (4, 4)
+    if not is_shaped or not (boards[:, 2, 3] > 0.0).all():
+        raise OptionError(
+            f"boards of shape {boards.shape}: expected (n, 4, 4), each before the camera (z > 0)"
         )
-        found[name] = shots, eyes[name] == "hand"
-    return found
-
-
-def _folders(pictures: Source | BoardPictures) -> dict[str, Path]:
-    """The folders of several cameras, by their names."""
-    if not isinstance(pictures, (str, os.PathLike)) or is_dataset(pictures):
-        return {}
-    folder = Path(pictures)
-    if not folder.is_dir() or any(
-        path.is_file() for path in folder.glob("*.[jpbJPB]*")
-    ):
-        return {}
-    some = sorted(path for path in folder.iterdir() if path.is_dir())
-    return {path.name: path for path in some if any(path.iterdir())}
-
-
-def _lens_of(lens: Lenses, name: str) -> Lens | None:
-    if isinstance(lens, Mapping):
-        return lens.get(name)
-    return lens
+    pattern = Points(4, 4, share * float(np.median(boards[:, 2, 3])))
+    middle = np.array([1000.0, 1000.0])
+    lens = Lens((2000, 2000), middle, middle, np.zeros(5))
+    places = pattern.points() @ np.swapaxes(boards[:, :3, :3], 1, 2)
+    places += boards[:, None, :3, 3]
+    pixels = middle + 1000.0 * places[:, :, :2] / places[:, :, 2:]
+    count = len(boards)
+    names = tuple(f"pose {k + 1}" for k in range(count))
+    corners = tuple(dict(enumerate(picture)) for picture in pixels)
+    shots = BoardPictures(
+        pattern, (), names, np.zeros((count, 0)), corners, lens.size, count, ()
+    )
+    return shots, lens

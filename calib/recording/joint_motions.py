@@ -9,10 +9,12 @@ import numpy as np
 
 from ..arm.rotations import cross_matrix, logarithm
 from ..body.belief import Body
-from ..body.settings import FINER
+from ..body.settings import FINER, SHIFT, TURN
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, Index
-from .bundle import Fit, Layout, Scale, inverse, poses_of
+from .bundle import Layout
+from .fit import Fit, Scale
+from .rigid import inverse, rigid
 
 FREE = ("placement", "offset")
 """Groups of the arm's parameters that the pictures correct."""
@@ -46,7 +48,7 @@ class JointMotions:
     def poses(self, arm: Array) -> Array:
         """The tip in the base (n, 4, 4) [m] at parameters (k,); the last is the log of its size."""
         places, turns = self._base.pose(self.q, self.beta(arm))
-        return poses_of(turns, np.exp(arm[-1]) * places)
+        return rigid(turns, np.exp(arm[-1]) * places)
 
     def slopes(self, arm: Array) -> Array:
         """Turn in the tip's axes and shift in the base's, (n, 6, k), by the parameters."""
@@ -69,53 +71,61 @@ class JointMotions:
         step[self.active] = arm[:-1]
         return self.structure.retract(self.structure.neutral(), step)
 
+    def largest_move(self, arm: Array) -> tuple[str, float, float]:
+        """The joint whose origin differs most from the drawing's, by how much [m, rad]."""
+        beta = self.beta(arm)
+        shifts = np.linalg.norm(beta[self.structure.shifts], axis=1)
+        turns = np.linalg.norm(beta[self.structure.turns], axis=1)
+        worst = int(np.argmax(shifts / SHIFT + turns / TURN))
+        name = self.structure.chain_names[worst]
+        return name, float(shifts[worst]), float(turns[worst])
+
     def scales(self, layout: Layout) -> tuple[list[Scale], Array]:
         """Prior scales that the evidence finds, and where they start, sd (k,)."""
-        first = layout.values - layout.arm
         prior = self.structure.prior(FREE)
-        found = []
+        scales = []
         for hyper in prior.hypers:
-            some = first + np.searchsorted(self.active, hyper.indices)
+            places = layout.arm_values[np.searchsorted(self.active, hyper.indices)]
             within = FINER if hyper.name.startswith("placement") else hyper.within
             lowest, highest = hyper.scale * np.array(within)
-            found.append(Scale(hyper.name, some, lowest, highest))
-        return found, np.append(prior.sd[self.active], SIZE_SD)
+            scales.append(Scale(hyper.name, places, lowest, highest))
+        return scales, np.append(prior.sd[self.active], SIZE_SD)
 
     def body(self, fit: Fit, layout: Layout, camera: int, in_hand: bool) -> Body:
         """What the pictures tell, as a belief of readings of poses of what is in the hand."""
         structure = self.structure
         groups = structure.groups
-        board = layout.cameras + layout.board_of(in_hand)
-        hand, standing = (camera, board) if in_hand else (board, camera)
-        held = fit.unknowns.frames[hand]
+        hand = camera
+        standing = layout.cameras + layout.board_of(in_hand)
+        if not in_hand:
+            hand, standing = standing, hand
+        carried = fit.unknowns.frames[hand]
         view = inverse(fit.unknowns.frames[standing])
-        arm = fit.unknowns.values[layout.arm_values]
-        beta = self.beta(arm)
-        beta[groups["tool"]] = held[:3, 3]
-        beta[groups["tool.rotation"]] = logarithm(held[None, :3, :3])[0]
+        beta = self.beta(fit.unknowns.values[layout.arm_values])
+        beta[groups["tool"]] = carried[:3, 3]
+        beta[groups["tool.rotation"]] = logarithm(carried[None, :3, :3])[0]
         beta[groups["view.shift"]] = view[:3, 3]
         beta[groups["view.rotation"]] = logarithm(view[None, :3, :3])[0]
         # a step of the standing frame, in its own axes and the base's, as one of its inverse
+        turn, shift = np.split(layout.frame(standing), 2)
         slope = np.zeros((structure.size, layout.size))
-        at = 6 * standing + np.arange(6)
-        slope[np.ix_(groups["view.rotation"], at[:3])] = -np.eye(3)
-        slope[np.ix_(groups["view.shift"], at[:3])] = cross_matrix(view[:3, 3])
-        slope[np.ix_(groups["view.shift"], at[3:])] = -view[:3, :3]
-        slope[np.ix_(groups["tool.rotation"], 6 * hand + np.arange(3))] = np.eye(3)
-        slope[np.ix_(groups["tool"], 6 * hand + np.arange(3, 6))] = np.eye(3)
-        places = 6 * layout.frames + layout.arm_values[:-1]
-        slope[self.active, places] = 1.0
+        slope[np.ix_(groups["view.rotation"], turn)] = -np.eye(3)
+        slope[np.ix_(groups["view.shift"], turn)] = cross_matrix(view[:3, 3])
+        slope[np.ix_(groups["view.shift"], shift)] = -view[:3, :3]
+        turn, shift = np.split(layout.frame(hand), 2)
+        slope[np.ix_(groups["tool.rotation"], turn)] = np.eye(3)
+        slope[np.ix_(groups["tool"], shift)] = np.eye(3)
+        slope[self.active, layout.arm_values[:-1]] = 1.0
         covariance = slope @ fit.covariance @ slope.T
         active = np.flatnonzero(np.diag(covariance) > 0.0)
         values, vectors = np.linalg.eigh(covariance[np.ix_(active, active)])
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
         none = np.zeros(6)
         return Body(
             structure,
             beta,
             active,
-            root,
-            np.ones(6),
+            root=vectors * np.sqrt(np.maximum(values, 0.0)),
+            noise=np.ones(6),
             kappa=1.0,
             tau=none,
             residual=none,

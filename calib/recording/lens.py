@@ -17,7 +17,7 @@ from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..errors import LogError, OptionError
 from ..samples.camera import bent
-from .board import LEAST_CORNERS, BoardFinder, Pattern
+from .board import LEAST_CORNERS, Pattern
 from .lens_files import read_lens
 from .pictures import list_pictures, opencv, read_series
 
@@ -112,7 +112,7 @@ def calibrate_lens(
     Of lenses of one, two and four terms the one by Schwarz's criterion: what the pictures do not
     need is free near the border, where no board was.
 
-    corners : places (2,) [px] by number that each picture shows, as of `BoardFinder.find`
+    corners : places (2,) [px] by number that each picture shows, as of `Pattern.find`
     size : width and height of the pictures [px]
     Raises LogError if too few pictures show the board, or it was never tilted.
     """
@@ -243,13 +243,12 @@ def load_lens(
         raise OptionError(
             "`lens` is a folder of pictures: expected `board` too, which they show"
         )
-    finder = BoardFinder(board)
     notes = list[str]()
     corners = []
     size = (0, 0)
     for _, _, grey in read_series(list_pictures(path), notes):
         size = (grey.shape[1], grey.shape[0])
-        corners.append(finder.find(grey))
+        corners.append(board.find(grey))
     lens, doubts = calibrate_lens(corners, board, size)
     notes.append(
         f"lens of {len(corners)} pictures: focal length {lens.focal[0]:.1f} px, corners miss their "

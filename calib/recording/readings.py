@@ -12,21 +12,20 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
 from ..samples.diagnosis import Finding, readings
-from ..samples.settings import MOST_ORDERED
+from ..samples.settings import DIAGNOSIS
 from .board import Pattern
-from .bundle import poses_of
-from .conventions import Seen, solve
+from .rigid import rigid
+from .start import BoardPoses, find_start
 
-_CLEAR = (
-    0.4  # of the misfit: another reading of the joints explains the pictures better
-)
+# of the misfit: another reading of the joints explains the pictures better
+_CLEAR = 0.4
 _FAR = np.radians(1.5)  # misfit beyond which other readings are tried
 _TRIED = 10  # pictures that these are tried on
 _MISSAID = 0.05  # of a board's size, that no print is off by
 
 
 def refuse_readings(
-    structure: SpatialStructure, q: Array, seen: Seen, board: Pattern
+    structure: SpatialStructure, q: Array, seen: BoardPoses, board: Pattern
 ) -> None:
     """Refuse joints, an eye or a board of which another reading explains the pictures far better.
 
@@ -35,9 +34,11 @@ def refuse_readings(
     base = structure.with_view("base")
     neutral = structure.neutral()
 
-    def misfit(values: Array, sight: Seen, rounds: int = 4) -> tuple[float, float]:
+    def misfit(
+        values: Array, sight: BoardPoses, rounds: int = 4
+    ) -> tuple[float, float]:
         places, turns = base.pose(values, neutral)
-        start = solve(poses_of(turns, places), sight, rounds, unit="m")
+        start = find_start(rigid(turns, places), sight, rounds, unit="m")
         return start.misfit, start.size
 
     own, size = misfit(q, seen)
@@ -71,7 +72,7 @@ def refuse_readings(
 
 
 def _others(
-    structure: SpatialStructure, q: Array, seen: Seen
+    structure: SpatialStructure, q: Array, seen: BoardPoses
 ) -> Iterator[tuple[Array, Finding]]:
     """Other readings of the joints, the simplest first."""
     names = structure.joint_names
@@ -83,7 +84,7 @@ def _others(
         "late", "they are a row late or early", "check which row is of which picture"
     )
     units, orders, one, two = readings(
-        q, names, structure.revolute, any_order=len(names) <= MOST_ORDERED
+        q, names, structure.revolute, any_order=len(names) <= DIAGNOSIS.most_ordered
     )
     yield from units
     for by in (-1, 1):

@@ -13,7 +13,7 @@ from ..common.arrays import Array
 from ..common.choices import DICTIONARY
 from ..common.wording import listed
 from ..errors import LogError, OptionError
-from .board import Board, BoardFinder
+from .board import Board
 from .lens import Lens
 from .lens_files import UNSTATED
 from .pictures import Frame, Picture
@@ -37,9 +37,8 @@ class Setup:
     tags_at: MarkLayout | None = None
     lens: Lens | None = None  # the camera's
     tag_size: float | None = None  # side of the tip's tag: its pose needs it [m]
-    tag_height: float = (
-        0.0  # of the tip's tag above the board, or the tags on the desk [m]
-    )
+    # of the tip's tag above the board, or the tags on the desk [m]
+    tag_height: float = 0.0
     pose: bool = False  # whether z and the orientation of the tag are wanted too
 
     def __post_init__(self) -> None:
@@ -81,14 +80,10 @@ class Setup:
         at = self.tags_at.points if self.tags_at is not None else {}
         return TagFinder(self.dictionary, {self.tag, *at})
 
-    @cached_property
-    def _boards(self) -> BoardFinder | None:
-        return BoardFinder(self.board) if self.board is not None else None
-
     def marks(self, grey: Picture, tags: Sequence[Tag]) -> Marks:
         """Return what a picture shows of the reference."""
-        if self._boards is not None:
-            return self._boards.find(grey)
+        if self.board is not None:
+            return self.board.find(grey)
         counts = Counter(t.number for t in tags)
         at = self.tags_at and self.tags_at.points
         return {

@@ -13,7 +13,7 @@ from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Index, Mask
 from ..common.parallel import one_blas_thread
 from ..errors import LogError
-from ..samples.joint_values import (
+from ..samples.joint_times import (
     MAX_GAP,
     SETTLE,
     check_limits,

@@ -6,43 +6,33 @@ import json
 import os
 from pathlib import Path
 
-import numpy as np
-
 from ..arm.rotations import logarithm, matrix_of
-from .places import HandEye, Place
+from .rig import HandEye, Place
+from .rigid import rigid
 
 
-def transform_files(
-    rig: HandEye, base: str, tip: str, path: str | os.PathLike[str]
-) -> dict[Path, str]:
-    """The text of each file: transforms in JSON, and beside it lines and matrices for people.
-
-    base, tip : names of the arm's frames
-    """
-    carried, standing = (
-        ("camera", "board") if rig.eye == "hand" else ("board", "camera")
-    )
-    frames = [
-        (tip, f"{carried}_frame", rig.hand),
-        (base, f"{standing}_frame", rig.base),
-    ]
+def transform_files(rig: HandEye, path: str | os.PathLike[str]) -> dict[Path, str]:
+    """The text of each file: transforms in JSON, and beside it lines and matrices for people."""
+    base, tip = rig.frames
+    places = {f"{rig.carried}_frame": (tip, rig.hand)}
+    places[f"{rig.standing}_frame"] = (base, rig.base)
     if len(rig.cameras) > 1:
-        frames = [frame for frame in frames if not frame[1].startswith("camera")]
+        del places["camera_frame"]
         for camera in rig.cameras:
             parent = tip if camera.eye == "hand" else base
-            frames.append((parent, f"{camera.name}_frame", camera.place))
-    stamped = [_stamped(*frame) for frame in frames]
-    lines = []
-    for parent, child, place in frames:
-        lines += _words(parent, child, place)
-    document = json.dumps(stamped, indent=2) + "\n"
+            places[f"{camera.name}_frame"] = (parent, camera.place)
+    stamped = []
+    lines: list[str] = []
+    for child, (parent, place) in places.items():
+        stamped.append(stamped_transform(parent, child, place))
+        lines += _lines(parent, child, place)
     return {
-        Path(path): document,
+        Path(path): json.dumps(stamped, indent=2) + "\n",
         Path(path).with_suffix(".txt"): "\n".join(lines) + "\n",
     }
 
 
-def _stamped(parent: str, child: str, place: Place) -> dict[str, object]:
+def stamped_transform(parent: str, child: str, place: Place) -> dict[str, object]:
     """A geometry_msgs/TransformStamped."""
     transform = {
         "translation": dict(zip("xyz", place["position"], strict=True)),
@@ -55,20 +45,21 @@ def _stamped(parent: str, child: str, place: Place) -> dict[str, object]:
     }
 
 
-def _words(parent: str, child: str, place: Place) -> list[str]:
-    x, y, z = (repr(value) for value in place["position"])
-    qx, qy, qz, qw = (repr(value) for value in place["quaternion"])
-    turn = matrix_of(np.array(place["quaternion"])[None])
-    matrix = np.eye(4)
-    matrix[:3, :3] = turn[0]
-    matrix[:3, 3] = place["position"]
-    rows = [" ".join(f"{cell: .9f}" for cell in row) for row in matrix]
+def _lines(parent: str, child: str, place: Place) -> list[str]:
+    turn = matrix_of(place["quaternion"])
+    numbers = zip(
+        ("x", "y", "z", "qx", "qy", "qz", "qw"),
+        place["position"] + place["quaternion"],
+        strict=True,
+    )
+    options = " ".join(f"--{name} {value!r}" for name, value in numbers)
+    rows = rigid(turn, place["position"])
     return [
         f"# {child} in {parent}",
-        f"ros2 run tf2_ros static_transform_publisher --x {x} --y {y} --z {z} --qx {qx} --qy {qy} "
-        f"--qz {qz} --qw {qw} --frame-id {parent} --child-frame-id {child}",
-        *rows,
-        f"rvec {logarithm(turn)[0].tolist()}",
+        f"ros2 run tf2_ros static_transform_publisher {options} --frame-id {parent} "
+        f"--child-frame-id {child}",
+        *(" ".join(f"{cell: .9f}" for cell in row) for row in rows),
+        f"rvec {logarithm(turn).tolist()}",
         f"tvec {place['position']}",
         "",
     ]

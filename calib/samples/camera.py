@@ -18,14 +18,14 @@ from ..common.arrays import Array
 from ..common.rows import numbers
 from ..errors import LogError
 
-#: Widths and heights [px] that a camera's pictures usually have.
+# widths and heights [px] that a camera's pictures usually have
 _SIZES = ((640, 480), (800, 600), (1280, 720), (1280, 960), (1920, 1080), (3840, 2160))
-#: A lens that nobody calibrated: mean and sd of the focal length, sd of the centre [widths], of k1.
+# a lens that nobody calibrated: mean and sd of the focal length, sd of the centre [widths], of k1
 FOCAL = 0.7
 FOCAL_SD = 0.24
 CENTRE_SD = 0.04
 K1_SD = 0.3
-#: A calibrated lens that bends otherwise than k1 can say by more than this [px] is fitted again.
+# a calibrated lens that bends otherwise than k1 can say by more than this [px] is fitted again
 _BENT = 0.3
 
 
@@ -50,25 +50,10 @@ def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
     low = pixels.min(axis=0)
     high = pixels.max(axis=0)
     if "lens" not in about:
-        size = about.get("size")
-        note = ""
-        if not (isinstance(size, list) and len(size) == 2):
-            size = next(
-                (s for s in _SIZES if (high < s).all()),
-                np.maximum(high.astype(int) + 2, 1),
-            )
-            note = f"the camera's pictures are taken to be {size[0]}x{size[1]} px; a known lens "
-            note += "says more"
-        width = int(size[0])
-        height = int(size[1])
-        sd = (FOCAL_SD * width, CENTRE_SD * width, CENTRE_SD * width, K1_SD)
-        return Camera(
-            (width, height), (FOCAL * width, width / 2, height / 2, 0.0), sd, note
-        )
+        return _uncalibrated(about.get("size"), high)
     camera = _calibrated(about["lens"])
-    if (low < -0.5 * np.array(camera.size)).any() or (
-        high > 1.5 * np.array(camera.size)
-    ).any():
+    size = np.array(camera.size)
+    if (low < -0.5 * size).any() or (high > 1.5 * size).any():
         raise LogError(
             f"pixels reach from {low.round().tolist()} to {high.round().tolist()}, the camera's "
             f"pictures are {camera.size[0]}x{camera.size[1]}: the lens is of another camera or "
@@ -78,15 +63,30 @@ def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
     return camera
 
 
-def _calibrated(told: Mapping[str, Any]) -> Camera:
+def _uncalibrated(size: object, furthest: Array) -> Camera:
+    """A camera whose pictures have a size, or one that holds the furthest pixel (2,)."""
+    note = ""
+    if isinstance(size, list) and len(size) == 2:
+        width, height = (int(side) for side in size)
+    else:
+        large_enough = (usual for usual in _SIZES if (furthest < usual).all())
+        width, height = next(
+            large_enough, tuple(np.maximum(furthest.astype(int) + 2, 1).tolist())
+        )
+        note = f"the camera's pictures are taken to be {width}x{height} px; a known lens says more"
+    sd = (FOCAL_SD * width, CENTRE_SD * width, CENTRE_SD * width, K1_SD)
+    return Camera(
+        (width, height), (FOCAL * width, width / 2, height / 2, 0.0), sd, note
+    )
+
+
+def _calibrated(lens: Mapping[str, Any]) -> Camera:
     """A camera with a calibrated lens; a prior where k1 alone, or one focal length, is wrong."""
     try:
-        width, height = (int(side) for side in told["size"])
-        (fx, fy), centre = (
-            numbers("focal", told["focal"], 2),
-            numbers("c", told["centre"], 2),
-        )
-        distortion = numbers("distortion", told["distortion"], 5)
+        width, height = (int(side) for side in lens["size"])
+        fx, fy = numbers("focal", lens["focal"], 2)
+        centre = numbers("c", lens["centre"], 2)
+        distortion = numbers("distortion", lens["distortion"], 5)
         if min(width, height, fx, fy) <= 0:
             raise ValueError("not above zero")
     except (KeyError, TypeError, ValueError):
@@ -94,23 +94,23 @@ def _calibrated(told: Mapping[str, Any]) -> Camera:
             "the lens has impossible values: expected size, focal, centre and distortion of a "
             "calibration"
         ) from None
-    grid = np.stack(np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1]), axis=-1).reshape(
-        -1, 2
-    )
+    places = np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1])
+    grid = np.stack(places, axis=-1).reshape(-1, 2)
     n = (grid * (width, height) - centre) / (fx, fy) * 0.9
-    pixels = bent(n, distortion) * (fx, fy)
+    pixels = (bent(n, distortion) * (fx, fy)).ravel()
     # f n + f k1 n |n|^2 is linear in f and f k1
-    columns = np.stack([n.ravel(), (n * (n**2).sum(axis=1)[:, None]).ravel()], axis=1)
-    (f, fk), *_ = np.linalg.lstsq(columns, pixels.ravel(), rcond=None)
-    wrong = float(np.abs(columns @ (f, fk) - pixels.ravel()).max())
-    lens = (float(f), float(centre[0]), float(centre[1]), float(fk / f))
+    cubic = n * (n**2).sum(axis=1)[:, None]
+    columns = np.stack([n.ravel(), cubic.ravel()], axis=1)
+    (f, fk), *_ = np.linalg.lstsq(columns, pixels, rcond=None)
+    wrong = float(np.abs(columns @ (f, fk) - pixels).max())
+    f = float(f)
+    simple = (f, float(centre[0]), float(centre[1]), float(fk) / f)
     if wrong <= _BENT:
-        return Camera((width, height), lens)
+        return Camera((width, height), simple)
     note = f"the lens bends by up to {wrong:.2g} px otherwise than k1 says: it is fitted again"
     share = wrong / width
-    return Camera(
-        (width, height), lens, (2 * share * float(f), wrong, wrong, 4 * share), note
-    )
+    sd = (2 * share * f, wrong, wrong, 4 * share)
+    return Camera((width, height), simple, sd, note)
 
 
 def bent(n: ArrayLike, distortion: ArrayLike) -> Array:

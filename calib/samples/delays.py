@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Mask
 from ..errors import LogError
-from . import settings
 from .diagnosis import is_path
 from .samples import Samples
+from .settings import CLOCK
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,10 @@ class Delay:
     @property
     def clear(self) -> bool:
         """Whether it is sure, and matters."""
-        sure = abs(self.value) > settings.CLEAR_DELAY * self.sd
-        return sure and self.share > settings.DELAY_SHARE
+        return self._beyond(CLOCK.clear, CLOCK.share)
+
+    def _beyond(self, deviations: float, share: float) -> bool:
+        return abs(self.value) > deviations * self.sd and self.share > share
 
     def note(self) -> str:
         """What the user should be told, empty for nothing."""
@@ -42,7 +44,7 @@ class Delay:
         words = f"{factor * abs(self.value):.3g} +- {sd:.2g} {unit} {side} against the joints"
         if self.clear:
             return f"the positions are {words}: corrected; poses at rest do not depend on clocks"
-        if abs(self.value) > settings.DOUBTED_DELAY * self.sd and self.share > 0.02:
+        if self._beyond(CLOCK.doubted, CLOCK.doubted_share):
             return (
                 f"the positions may be {words}, which the rows do not settle: not corrected; "
                 "measure at rest, or along a path that is run in both directions"
@@ -61,15 +63,13 @@ class Trajectory:
     @staticmethod
     def of(samples: Samples) -> Trajectory | None:
         """The motion of a log's rows; None where they are poses, or known to be in time."""
-        if samples.in_time or len(samples) < 20:
+        if samples.in_time or len(samples) < CLOCK.fewest_rows:
             return None
-        rows = np.arange(len(samples)) if samples.rows is None else samples.rows
-        time, unit = (
-            (rows.astype(float), "rows")
-            if samples.time is None
-            else (samples.time, "s")
-        )
-        motion = Trajectory(time, samples.q, unit)
+        if samples.time is not None:
+            motion = Trajectory(samples.time, samples.q, "s")
+        else:
+            rows = np.arange(len(samples)) if samples.rows is None else samples.rows
+            motion = Trajectory(rows.astype(float), samples.q, "rows")
         joined = motion.joined
         return motion if joined.mean() >= 0.5 and is_path(samples.q, joined) else None
 
@@ -83,7 +83,7 @@ class Trajectory:
     def joined(self) -> Mask:
         """Whether each row but the last goes on to the next one without a pause (n - 1,)."""
         step = np.diff(self.time)
-        return np.asarray((step > 0) & (step <= settings.LONGEST_PAUSE * self.step))
+        return np.asarray((step > 0) & (step <= CLOCK.longest_pause * self.step))
 
     def before(self, delay: float) -> tuple[Array, Array]:
         """Joints (n, dof) at the rows' times less `delay`, and their velocity [../unit].
@@ -93,21 +93,24 @@ class Trajectory:
         from scipy.interpolate import CubicHermiteSpline
 
         when = self.time - delay
-        result = np.full((2, *self.q.shape), np.nan)
-        for rows in np.split(np.arange(len(when)), np.flatnonzero(~self.joined) + 1):
-            t = self.time[rows]
-            q = self.q[rows]
-            inside = rows[(when[rows] >= t[0]) & (when[rows] <= t[-1])]
-            if len(rows) > 2:
-                path = CubicHermiteSpline(t, q, np.gradient(q, t, axis=0))
-                result[:, inside] = path(when[inside]), path(when[inside], 1)
-        return result[0], result[1]
+        q = np.full(self.q.shape, np.nan)
+        velocity = np.full(self.q.shape, np.nan)
+        for run in np.split(np.arange(len(when)), np.flatnonzero(~self.joined) + 1):
+            if len(run) < 3:
+                continue
+            time = self.time[run]
+            inside = run[(when[run] >= time[0]) & (when[run] <= time[-1])]
+            slope = np.gradient(self.q[run], time, axis=0)
+            path = CubicHermiteSpline(time, self.q[run], slope)
+            q[inside] = path(when[inside])
+            velocity[inside] = path(when[inside], 1)
+        return q, velocity
 
     def moved(self, samples: Samples, delay: float) -> Samples:
         """The rows whose joints are known `delay` [unit] before, with these."""
         q, _ = self.before(delay)
-        known = np.asarray(np.isfinite(q).all(axis=1))
-        return replace(samples.take(known), q=q[known])
+        inside = np.asarray(np.isfinite(q).all(axis=1))
+        return replace(samples.take(inside), q=q[inside])
 
 
 def with_offset(samples: Samples, offset: float) -> Samples:
@@ -120,15 +123,15 @@ def with_offset(samples: Samples, offset: float) -> Samples:
             "`time_offset` needs the times of the rows: expected a column `time` [s]"
         )
     q = Trajectory(samples.time, samples.q, "s").before(-offset)[0]
-    known = np.asarray(np.isfinite(q).all(axis=1))
-    if not known.any():
+    inside = np.asarray(np.isfinite(q).all(axis=1))
+    if not inside.any():
         raise LogError(
             f"`time_offset={offset:g}`: no row's joints are known {offset:g} s later"
         )
-    told = f"{offset:+g} s added to the positions' times; {int((~known).sum())} rows have no joints"
-    return replace(
-        samples.take(known), q=q[known], in_time=True, notes=(*samples.notes, told)
-    )
+    outside = int((~inside).sum())
+    note = f"{offset:+g} s added to the positions' times; {outside} rows have no joints"
+    moved = replace(samples.take(inside), q=q[inside], in_time=True)
+    return replace(moved, notes=(*samples.notes, note))
 
 
 def estimate_delay(
@@ -159,48 +162,61 @@ def estimate_delay(
     )
     n = len(rows)
     m = residual.shape[1]
-    r = residual[rows]
     late = -velocity[rows].reshape(-1, 1)
-    if n < 20 or not np.abs(late).max() > 0:
+    if n < CLOCK.fewest_rows or not np.abs(late).max() > 0:
         return None
-    X = np.empty((n * m, 0)) if columns is None else columns[rows].reshape(n * m, -1)
-    size = np.linalg.norm(r, axis=1)
+    size = np.linalg.norm(residual[rows], axis=1)
     noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * float(np.abs(late).max())
-    weight = (
-        (settings.DELAY_NU + m) / (settings.DELAY_NU + (size / noise) ** 2) / noise**2
+    weight = (CLOCK.student + m) / (CLOCK.student + (size / noise) ** 2) / noise**2
+    beside = _Beside(
+        np.empty((n * m, 0)) if columns is None else columns[rows].reshape(n * m, -1),
+        np.repeat(weight, m)[:, None],
+        np.asarray(precision, float),
     )
-    W = np.repeat(weight, m)[:, None]
-    prior = np.asarray(precision, float)
-    normal = X.T @ (W * X) + np.diag(prior)
-
-    def beside(A: Array) -> tuple[Array, Array]:
-        """What the parameters take of columns, and what they cannot."""
-        taken = np.linalg.solve(normal, X.T @ (W * A))
-        return np.asarray(taken), np.asarray(A - X @ taken)
-
-    base = beside(r.reshape(-1, 1))[0]
-    base += np.linalg.solve(normal, (prior * np.asarray(pull, float))[:, None])
-    left = r.reshape(-1, 1) - X @ base
-
-    def share(A: Array) -> float:
-        """Share of the weighted squares that columns explain beyond the parameters."""
-        own = beside(A)[1]
-        G = A.T @ (W * own)
-        b = own.T @ (W * left)
-        explained = np.sum(b * (np.linalg.pinv(G, hermitian=True) @ b))
-        return float(explained / np.sum(W * left**2))
-
-    taken, own = beside(late)
-    information = float(np.sum(late * W * own))
+    r = residual[rows].reshape(-1, 1)
+    base = beside.taken(r) + beside.pulled(np.asarray(pull, float))
+    left_over = r - beside.X @ base
+    alone = late - beside.X @ beside.taken(late)
+    information = float(np.sum(late * beside.W * alone))
     if not information > 0:
         return None
-    value = float(np.sum(own * W * left)) / information
-    rest = (own * W * (left - own * value)).reshape(n, m).sum(axis=1)
-    blocks = np.array(
-        [block.sum() for block in np.array_split(rest, settings.DELAY_BLOCKS)]
-    )
-    explained = share(late)
-    if play is not None and share(play[rows].reshape(n * m, -1)) >= explained:
-        explained = 0.0
-    delay = Delay(value, float(np.linalg.norm(blocks)) / information, unit, explained)
-    return delay, (base - taken * value)[:, 0]
+    value = float(np.sum(alone * beside.W * left_over)) / information
+    score = alone * beside.W * (left_over - alone * value)
+    blocks = np.array_split(score.reshape(n, m).sum(axis=1), CLOCK.blocks)
+    sd = float(np.linalg.norm([block.sum() for block in blocks])) / information
+    share = beside.share(late, left_over)
+    if (
+        play is not None
+        and beside.share(play[rows].reshape(n * m, -1), left_over) >= share
+    ):
+        share = 0.0
+    change = base - beside.taken(late) * value
+    return Delay(value, sd, unit, share), change[:, 0]
+
+
+class _Beside:
+    """Parameters that are fitted beside a delay: weighted least squares with a prior."""
+
+    def __init__(self, X: Array, W: Array, precision: Array) -> None:
+        self.X = X  # (nm, k), derivative by them
+        self.W = W  # (nm, 1), weights
+        self.precision = precision  # (k,)
+        self.normal = X.T @ (W * X) + np.diag(precision)
+
+    def taken(self, A: Array) -> Array:
+        """What the parameters take (k, j) of columns (nm, j)."""
+        return np.asarray(np.linalg.solve(self.normal, self.X.T @ (self.W * A)))
+
+    def pulled(self, pull: Array) -> Array:
+        """What the prior adds (k, 1)."""
+        return np.asarray(
+            np.linalg.solve(self.normal, (self.precision * pull)[:, None])
+        )
+
+    def share(self, A: Array, left_over: Array) -> float:
+        """Share of the weighted squares that columns (nm, j) explain beyond the parameters."""
+        alone = A - self.X @ self.taken(A)
+        gram = A.T @ (self.W * alone)
+        b = alone.T @ (self.W * left_over)
+        explained = np.sum(b * (np.linalg.pinv(gram, hermitian=True) @ b))
+        return float(explained / np.sum(self.W * left_over**2))

@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from ..common.rows import thinned
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
-from . import settings
+from .settings import DIAGNOSIS
 
 Predict = Callable[[Array], Array]
 """Positions (n, m) at joint values (n, dof), NaN where none is known."""
@@ -38,12 +37,38 @@ class Finding:
     words: str
     hint: str = ""  # the remedy, with Python's names of options
     parameter: str | None = None
-    value: Any = None
+    value: object = None
     mistake: bool = True  # whether it can be nothing else; otherwise it may be intended
 
 
 _Reading = tuple[Array, Finding]
 """Joint values (n, dof) read otherwise, and what that would mean, "... only if" its words hold."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows of a log beside what an arm predicts of them."""
+
+    predict: Predict
+    pose: PosePredict | None
+    q: Array  # (n, dof)
+    x: Array  # (n, m)
+    predicted: Array  # (n, k)
+    answered: Mask  # (n,)
+    affine: bool  # whether the sensor may distort: pixels, other coordinates
+
+    def misfit(self, q: Array, *, tool: bool = True) -> float:
+        """Median distance that is left of rows read otherwise; `tool`: one of unknown size."""
+        predicted = self.predict(q)
+        answered = np.isfinite(predicted).all(axis=1)
+        if answered.mean() < 0.6:
+            return float("inf")
+        affine = self.affine
+        if tool and self.pose is not None and len(q) >= DIAGNOSIS.tool_rows:
+            place, turn = self.pose(q)  # positions are linear in the tool
+            predicted = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
+            affine = True
+        return misfit(predicted[answered], self.x[answered], affine=affine)
 
 
 def diagnose(
@@ -81,79 +106,82 @@ def diagnose(
     """
     if predict is None:
         return _unmoved(q, x, names)
-    rows = thinned(len(q), settings.DIAGNOSED_ROWS)
-    q = q[rows]
-    x = x[rows]
-    turns = None if turns is None else turns[rows]
+    some = thinned(len(q), DIAGNOSIS.rows)
+    q = q[some]
+    x = x[some]
     predicted = predict(q)
-    known = np.isfinite(predicted).all(axis=1)
-    few = len(q) < settings.FEWEST_ROWS or known.mean() <= 0.5
-    if few or not np.ptp(predicted[known], axis=0).any():
+    answered = np.asarray(np.isfinite(predicted).all(axis=1))
+    places = len(np.unique(x, axis=0))  # of touches few, which fit anything
+    if places < DIAGNOSIS.fewest_rows or answered.mean() <= 0.5:
         return ()
-    flat = unit == "px" or predicted.shape[1] != x.shape[1]
+    if not np.ptp(predicted[answered], axis=0).any():
+        return ()
+    affine = unit == "px" or predicted.shape[1] != x.shape[1]
+    rows = _Rows(predict, pose, q, x, predicted, answered, affine)
     size = spread(x)
-
-    def left(q: Array, *, tool: bool = True) -> float:
-        """Median distance that is left of rows read otherwise; `tool`: one of unknown size."""
-        found = predict(q)
-        affine = flat
-        known = np.isfinite(found).all(axis=1)
-        if known.mean() < 0.6:
-            return float("inf")
-        if (
-            tool and pose is not None and len(q) >= settings.TOOL_ROWS
-        ):  # positions are linear in it
-            place, turn = pose(q)
-            found = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
-            affine = True
-        return misfit(found[known], x[known], affine=affine)
-
-    ratio = size / max(spread(predicted), 1e-300)
-    usual = settings.USUAL_SIZE[0] < ratio < settings.USUAL_SIZE[1]
-    if unit == "m" and not usual and (hint := unit_hint(ratio)):
-        words = f"the positions extend over {ratio:.4g} times what the robot's links allow, in m"
-        return (Finding("unit", words, hint.removeprefix("; "), "unit", "m"),)
-    if (
-        turns is not None
-        and pose is not None
-        and (wrong := _turned(*pose(q), x, turns))
-    ):
-        return (wrong,)
-    own = left(q)
-    found: tuple[Finding, ...] = ()
-    any_order = own > settings.GOOD * size and len(names) <= settings.MOST_ORDERED
-    tried = (
-        readings(q, names, revolute, any_order=any_order)
-        if own > settings.SMALL * size
-        else ()
-    )
-    for (
-        others
-    ) in tried:  # the simplest first; of two that explain the log the first is told
-        fits = [r for r in others if left(r[0]) < settings.FAR_BETTER * own]
-        if (
-            fits
-        ):  # a tool of unknown size explains what a mirror does: by the place alone
-            _, best = min(fits, key=lambda r: left(r[0], tool=False))
-            best = replace(best, words=f"the log fits the robot only if {best.words}")
-            if (
-                best.kind == "reversed" and predicted.shape[1] == 2
-            ):  # its signs may be learned
-                best = replace(best, hint="", mistake=False)
-            found = (best,)
-            break
-    if not (left_handed or flat or any(each.mistake for each in found)):
-        mirror = np.array([-1.0, *[1.0] * (x.shape[1] - 1)])
-        plain, mirrored = (
-            misfit(predicted[known], x[known] * m) for m in (1.0, mirror)
+    if unit == "m":
+        wrong = _unit_finding(size / max(spread(predicted), 1e-300))
+        if wrong:
+            return (wrong,)
+    if turns is not None and pose is not None:
+        wrong = _turned(*pose(q), x, turns[some])
+        if wrong:
+            return (wrong,)
+    wrong = _other_reading(rows, size, names, revolute)
+    findings = (wrong,) if wrong else ()
+    if not (left_handed or affine or (wrong and wrong.mistake)) and _mirrored(rows):
+        words = (
+            "the positions are mirrored, compared with the robot: the sensor's axes are "
+            "left-handed, or one of them is reversed"
         )
-        if mirrored < settings.FAR_BETTER * plain:
-            words = (
-                "the positions are mirrored, compared with the robot: the sensor's axes are "
-                "left-handed, or one of them is reversed"
-            )
-            found = (*found, Finding("mirrored", words, mistake=False))
-    return found
+        findings = (*findings, Finding("mirrored", words, mistake=False))
+    return findings
+
+
+def _unit_finding(ratio: float) -> Finding | None:
+    """What an extent of so many times the nominal one says of the unit."""
+    low, high = DIAGNOSIS.usual_size
+    hint = unit_hint(ratio)
+    if low < ratio < high or not hint:
+        return None
+    words = f"the positions extend over {ratio:.4g} times what the robot's links allow, in m"
+    return Finding("unit", words, hint.removeprefix("; "), "unit", "m")
+
+
+def _other_reading(
+    rows: _Rows, size: float, names: Sequence[str], revolute: Sequence[bool]
+) -> Finding | None:
+    """The simplest other reading of the joints that explains rows far better."""
+    as_it_is = rows.misfit(rows.q)
+    if as_it_is <= DIAGNOSIS.small * size:
+        return None
+    any_order = (
+        as_it_is > DIAGNOSIS.good * size and len(names) <= DIAGNOSIS.most_ordered
+    )
+    for others in readings(rows.q, names, revolute, any_order=any_order):
+        far_better = [
+            (rows.misfit(q, tool=False), finding)
+            for q, finding in others
+            if rows.misfit(q) < DIAGNOSIS.far_better * as_it_is
+        ]
+        if far_better:
+            # a tool of unknown size explains what a mirror does: by the place alone
+            _, best = min(far_better, key=lambda reading: reading[0])
+            best = replace(best, words=f"the log fits the robot only if {best.words}")
+            planar = rows.predicted.shape[1] == 2
+            if best.kind == "reversed" and planar:  # its signs may be learned
+                best = replace(best, hint="", mistake=False)
+            return best
+    return None
+
+
+def _mirrored(rows: _Rows) -> bool:
+    """Whether positions fit far better with their first axis reversed."""
+    predicted = rows.predicted[rows.answered]
+    x = rows.x[rows.answered]
+    mirror = np.ones(x.shape[1])
+    mirror[0] = -1.0
+    return misfit(predicted, x * mirror) < DIAGNOSIS.far_better * misfit(predicted, x)
 
 
 def refuse_mistakes(findings: Sequence[Finding], label: str = "the log") -> list[str]:
@@ -161,13 +189,19 @@ def refuse_mistakes(findings: Sequence[Finding], label: str = "the log") -> list
 
     Raises LogError.
     """
-    for f in findings:
-        if f.mistake:
-            words = f"{label}: {f.words}"
+    notes = []
+    for finding in findings:
+        if finding.mistake:
             raise LogError(
-                words, hint=f.hint or None, parameter=f.parameter, value=f.value
+                f"{label}: {finding.words}",
+                hint=finding.hint or None,
+                parameter=finding.parameter,
+                value=finding.value,
             )
-    return [f"{label}: {'; '.join(filter(None, (f.words, f.hint)))}" for f in findings]
+        notes.append(
+            f"{label}: {'; '.join(filter(None, (finding.words, finding.hint)))}"
+        )
+    return notes
 
 
 def readings(
@@ -177,54 +211,59 @@ def readings(
 
     any_order : whether columns are tried in all orders, not only with two exchanged
     """
-    joints = range(len(names))
+    return (
+        _units(q, revolute),
+        _orders(q, names, any_order),
+        _signs(q, names, 1),
+        _signs(q, names, 2),
+    )
 
-    def units() -> Iterator[_Reading]:
-        words = "its joint values are"
-        kind = "degrees"
-        degrees = Finding(
-            kind, f"{words} degrees", "give `degrees=True`", kind, value=False
+
+def _units(q: Array, revolute: Sequence[bool]) -> Iterator[_Reading]:
+    words = "its joint values are"
+    for unit, convert, hint in (
+        ("degrees", np.deg2rad, "give `degrees=True`"),
+        ("radians", np.rad2deg, "leave out `degrees`"),
+    ):
+        finding = Finding(
+            "degrees", f"{words} {unit}", hint, "degrees", value=unit == "radians"
         )
-        radians = Finding(
-            kind, f"{words} radians", "leave out `degrees`", kind, value=True
-        )
-        yield np.where(revolute, np.deg2rad(q), q), degrees
-        yield np.where(revolute, np.rad2deg(q), q), radians
+        yield np.where(revolute, convert(q), q), finding
 
-    def orders() -> Iterator[_Reading]:
-        for order in itertools.permutations(joints):
-            pairs = {names[k]: names[j] for k, j in enumerate(order) if k != j}
-            if pairs and (any_order or len(pairs) == 2):
-                told = listed(f"{other} holds {name}" for name, other in pairs.items())
-                hint = f"give `columns={pairs}`, or correct the header"
-                words = f"columns are exchanged ({told})"
-                yield (
-                    q[:, list(order)],
-                    Finding("exchanged", words, hint, "columns", list(pairs)),
-                )
 
-    def signs(count: int) -> Iterator[_Reading]:
-        hint = "its encoder or servo is reversed: change the sign of its column"
-        # all of them turned are a mirror
-        for some in itertools.combinations(joints, count) if count < len(names) else ():
-            ones = [names[k] for k in some]
-            words = f"{' and '.join(ones)} counts the other way"
-            turned = q * np.where(np.isin(joints, some), -1.0, 1.0)
-            yield turned, Finding("reversed", words, hint, "joints", ones)
+def _orders(q: Array, names: Sequence[str], any_order: bool) -> Iterator[_Reading]:
+    for order in itertools.permutations(range(len(names))):
+        column_of = {names[k]: names[j] for k, j in enumerate(order) if k != j}
+        if len(column_of) == 2 or (column_of and any_order):
+            holds = listed(
+                f"{column} holds {name}" for name, column in column_of.items()
+            )
+            hint = f"give `columns={column_of}`, or correct the header"
+            words = f"columns are exchanged ({holds})"
+            finding = Finding("exchanged", words, hint, "columns", list(column_of))
+            yield q[:, list(order)], finding
 
-    return units(), orders(), signs(1), signs(2)
+
+def _signs(q: Array, names: Sequence[str], count: int) -> Iterator[_Reading]:
+    if count >= len(names):  # all of them turned are a mirror
+        return
+    hint = "its encoder or servo is reversed: change the sign of its column"
+    for joints in itertools.combinations(range(len(names)), count):
+        turned = q.copy()
+        turned[:, joints] *= -1.0
+        reversed_names = [names[k] for k in joints]
+        words = f"{' and '.join(reversed_names)} counts the other way"
+        yield turned, Finding("reversed", words, hint, "joints", reversed_names)
 
 
 def unit_hint(ratio: float) -> str:
     """Return what a log's scale against its model's says of its unit, as the end of a message."""
     for name, factor in METRES.items():
-        if name != "m" and abs(ratio / factor - 1.0) < settings.SAME_UNIT:
+        if name != "m" and abs(ratio / factor - 1.0) < DIAGNOSIS.same_unit:
             return f"; if they are in {name}, give `unit={name!r}`"
-    return (
-        "; if they are pixels, give `unit='px'`"
-        if ratio > settings.PIXELS_RATIO
-        else ""
-    )
+    if ratio > DIAGNOSIS.pixels_ratio:
+        return "; if they are pixels, give `unit='px'`"
+    return ""
 
 
 def spread(x: Array) -> float:
@@ -235,45 +274,37 @@ def spread(x: Array) -> float:
 
 def _unmoved(q: Array, x: Array, names: Sequence[str]) -> tuple[Finding, ...]:
     """What never moves, and joints that are copies; in space a sensor may see a plane's points."""
-    found = []
+    findings = []
     if len(q) < 2:
-        found.append(Finding("still", "one usable row; learning needs two or more"))
-    axes = ("x", "y") if x.shape[1] == 2 else ()
-    for name, column in zip((*names, *axes), (*q.T, *x.T), strict=False):
+        findings.append(Finding("still", "one usable row; learning needs two or more"))
+    columns = dict(zip(names, q.T, strict=True))
+    if x.shape[1] == 2:
+        columns |= dict(zip("xy", x.T, strict=True))
+    for name, column in columns.items():
         if not np.ptp(column):
             words = f"{name} is {column[0]:g} in every row; what does not move cannot be learned"
             hint = "leave it out of `joints`" if name in names else ""
-            found.append(Finding("still", words, hint, "joints", name))
+            findings.append(Finding("still", words, hint, "joints", name))
     for one, other in itertools.combinations(range(len(names)), 2):
         if np.array_equal(q[:, one], q[:, other]):
             words = f"joints {names[one]!r} and {names[other]!r} have the same values: a copy"
-            found.append(Finding("copied", words))
-    return tuple(found)
+            findings.append(Finding("copied", words))
+    return tuple(findings)
 
 
 def _turned(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | None:
     """Quaternions `turns` that do not turn as the joints predict, and the reading that does."""
-    known = np.isfinite(place).all(axis=1) & np.isfinite(nominal).all(axis=1)
-    if known.sum() < settings.FEWEST_ROWS:
+    answered = np.isfinite(place).all(axis=1) & np.isfinite(nominal).all(axis=1)
+    if answered.sum() < DIAGNOSIS.fewest_rows:
         return None
-    place = place[known]
-    nominal = matrix_of(nominal[known])
-    x = x[known]
-    turns = turns[known]
-    seen = matrix_of(turns)
+    place = place[answered]
+    drawn = matrix_of(nominal[answered])
+    x = x[answered]
+    seen = matrix_of(turns[answered])
     back = np.swapaxes(seen, 1, 2)
-
-    def away(x: Array, seen: Array) -> Array:
-        """Median distance and angle [rad] that the best frames leave of x and seen."""
-        off = np.linalg.norm(x - aligned(place, x), axis=1)
-        agree = off <= 3.0 * np.median(off) + 1e-300
-        frame, shift, scale = similarity(place[agree], x[agree])
-        y = nearest_rotation((np.swapaxes(nominal, 1, 2) @ frame.T @ seen).sum(axis=0))
-        angle = logarithm(seen @ np.swapaxes(frame @ nominal @ y, 1, 2))
-        far = x - scale * place @ frame.T - shift
-        return np.array([np.median(np.linalg.norm(v, axis=1)) for v in (far, angle)])
-
-    own = away(x, seen)
+    off, angle = _pose_misfit(place, drawn, x, seen)
+    if angle <= DIAGNOSIS.turned:
+        return None
     order = "{'qx': 'qy', 'qy': 'qz', 'qz': 'qw', 'qw': 'qx'}"
     others = (
         (
@@ -284,7 +315,7 @@ def _turned(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | N
         ),
         (
             x,
-            matrix_of(turns[:, [1, 2, 3, 0]]),
+            matrix_of(turns[answered][:, [1, 2, 3, 0]]),
             "qx, qy, qz, qw are in the order w, x, y, z",
             f"give `columns={order}`",
         ),
@@ -295,11 +326,27 @@ def _turned(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | N
             "conjugate the quaternions: change the signs of qx, qy and qz",
         ),
     )
-    for where, read, words, hint in others if own[1] > settings.TURNED else ():
-        better = away(where, read) < settings.FAR_BETTER * own
-        if better[1] and (better[0] or where is x):
+    for where, turn, words, hint in others:
+        other_off, other_angle = _pose_misfit(place, drawn, where, turn)
+        nearer = where is x or other_off < DIAGNOSIS.far_better * off
+        if nearer and other_angle < DIAGNOSIS.far_better * angle:
             return Finding("turns", words, hint, "columns")
     return None
+
+
+def _pose_misfit(
+    place: Array, drawn: Array, x: Array, seen: Array
+) -> tuple[float, float]:
+    """Median distance and angle [rad] that the best frames leave of x (n, 3) and seen (n, 3, 3)."""
+    off = np.linalg.norm(x - aligned(place, x), axis=1)
+    agree = off <= 3.0 * np.median(off) + 1e-300
+    frame, shift, scale = similarity(place[agree], x[agree])
+    between = (np.swapaxes(drawn, 1, 2) @ frame.T @ seen).sum(axis=0)
+    expected = frame @ drawn @ nearest_rotation(between)
+    angle = logarithm(seen @ np.swapaxes(expected, 1, 2))
+    far = x - scale * place @ frame.T - shift
+    off = np.linalg.norm(far, axis=1)
+    return float(np.median(off)), float(np.median(np.linalg.norm(angle, axis=1)))
 
 
 def rows_behind(
@@ -314,23 +361,20 @@ def rows_behind(
     most = min(most, n // 5)
     if most < 1 or not np.isfinite(predicted).all():
         return 0
-    rows = most + thinned(n - 2 * most, settings.DIAGNOSED_ROWS)
-    found = {
+    rows = most + thinned(n - 2 * most, DIAGNOSIS.rows)
+    misfits = {
         shift: misfit(predicted[rows - shift], x[rows], affine=unit == "px")
         for shift in range(-most, most + 1)
     }
-    best = min(found, key=lambda shift: (found[shift], abs(shift)))
-    return (
-        best
-        if found[best] < (0.5 if is_path(q) else settings.FAR_BETTER) * found[0]
-        else 0
-    )
+    best = min(misfits, key=lambda shift: (misfits[shift], abs(shift)))
+    share = 0.5 if is_path(q) else DIAGNOSIS.far_better
+    return best if misfits[best] < share * misfits[0] else 0
 
 
 def is_path(q: Array, joined: Mask | slice = slice(None)) -> bool:
     """Whether rows (n, dof) are those of a motion, by the steps that are `joined` (n - 1,)."""
     step = np.median(np.abs(np.diff(q, axis=0)[joined]), axis=0)
-    return bool(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12)) <= settings.PATH)
+    return bool(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12)) <= DIAGNOSIS.path)
 
 
 def misfit(a: Array, b: Array, *, affine: bool = False) -> float:
@@ -347,14 +391,14 @@ def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
     affine = affine or a.shape[1] != b.shape[1]
     features = np.column_stack([a, np.ones(len(a))])
     # spreads about the median: single wrong rows decide nothing
-    spread = np.linalg.norm(b - np.median(b, axis=0), axis=1)
-    kept = spread <= 5.0 * np.median(spread) + 1e-300
+    away = np.linalg.norm(b - np.median(b, axis=0), axis=1)
+    agree = away <= 5.0 * np.median(away) + 1e-300
     for _ in range(4):
         if affine:
-            moved = features @ solve_least_squares(features[kept], b[kept])
+            moved = features @ solve_least_squares(features[agree], b[agree])
         else:
-            turn, shift, scale = similarity(a[kept], b[kept])
+            turn, shift, scale = similarity(a[agree], b[agree])
             moved = scale * a @ turn.T + shift
         away = np.linalg.norm(b - moved, axis=1)
-        kept = away <= 3.0 * np.median(away) + 1e-300
+        agree = away <= 3.0 * np.median(away) + 1e-300
     return np.asarray(moved)

@@ -1,4 +1,4 @@
-"""Joint values: a plausible range and unit, the direction of approach, values between two times.
+"""Joint values: a plausible unit and range.
 
 Use it on a table of queries, a trajectory to correct or a log: one check for all of them.
 """
@@ -9,28 +9,17 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..arm.urdf import Range
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Index
 from ..common.rows import LARGEST
 from ..common.scale import TURN
 from ..common.wording import for_people, unit_of_joint
 from ..errors import CalibError, LogError, OptionError
-from . import settings
+from .settings import READING, SLIDING, TURNING
 from .tables import Source, open_source
-
-MAX_GAP = 0.1
-"""Joints further apart than this are not interpolated between [s]."""
-
-SETTLE = 0.04
-"""Time before and after, over which a joint's speed is taken: encoders count in steps [s]."""
-
-_MOST_TURNS = (
-    4.0  # further from zero a joint value is in degrees, or not reset for long
-)
 
 
 def check_joint_values(
@@ -53,16 +42,17 @@ def check_joint_values(
     degrees : whether the values were given in degrees, and converted
     """
     rows = np.flatnonzero(np.isfinite(q).all(axis=1))
-    for k in np.flatnonzero(revolute).tolist() if len(rows) else ():
-        limits = float(lower[k]), float(upper[k])
-        LoggedJoint(label, names[k], True, limits, degrees, error).check_unit(
-            q[rows, k], rows + 1
-        )
+    if not len(rows):
+        return
+    for k in np.flatnonzero(revolute).tolist():
+        limits = (float(lower[k]), float(upper[k]))
+        joint = JointColumn(label, names[k], True, limits, degrees, error)
+        joint.check_unit(q[rows, k], rows + 1)
 
 
 @dataclass(frozen=True)
-class LoggedJoint:
-    """One joint of a log or a table, and what is known of its range."""
+class JointColumn:
+    """The column of a joint in a log or a table, and what is known of its range."""
 
     label: str  # what messages call the table
     name: str
@@ -79,85 +69,84 @@ class LoggedJoint:
         fits = False
         if (
             self.limits and not self.degrees and most > TURN
-        ):  # small ones look like degrees too
+        ):  # small ones look like degrees
             as_degrees = beyond(np.deg2rad(values), *self.limits)
-            fits = beyond(values, *self.limits) > settings.SLACK >= as_degrees
-        if fits or high - low > 2.02 * TURN or most > _MOST_TURNS * TURN:
-            says = "as degrees it fits: give" if fits else "if it is in degrees, give"
-            hint = (
-                "it is in rad: leave out `degrees`"
-                if self.degrees
-                else f"{says} `degrees=True`"
-            )
-            limits = self.limits or (-math.pi, math.pi)
-            raise self._outside(values, rows, limits, hint, "degrees", self.degrees)
+            fits = beyond(values, *self.limits) > READING.slack >= as_degrees
+        if not (fits or high - low > 2.02 * TURN or most > READING.most_turns * TURN):
+            return
+        if self.degrees:
+            hint = "it is in rad: leave out `degrees`"
+        elif fits:
+            hint = "as degrees it fits: give `degrees=True`"
+        else:
+            hint = "if it is in degrees, give `degrees=True`"
+        words = self._outside(values, rows, self.limits or (-math.pi, math.pi))
+        raise self.error(words, hint=hint, parameter="degrees", value=self.degrees)
 
     def settle(self, values: Array, rows: Index) -> tuple[Array, Range, list[str]]:
         """Return values (n,) [rad or m], wrapped where needed, the joint's range, and notes.
 
         rows : (n,), their numbers in the file
         """
-        low = float(values.min())
-        high = float(values.max())
+        extremes = (float(values.min()), float(values.max()))
         if self.limits is None and not self.revolute:
-            return values, (low, high), []
+            return values, extremes, []
         limits = self.limits or (-math.pi, math.pi)
-        moved = values
         full = self.revolute and limits[1] - limits[0] >= TURN - 1e-9
         excess = beyond(values, *limits)
         if self.revolute and excess > 0:
             self.check_unit(values, rows)
-        if full and high - low <= TURN:  # the log's own turn, whatever its gaps
-            middle = (low + high) / 2.0
-            own = limits if excess < 1e-9 else (middle - math.pi, middle + math.pi)
-            return np.clip(values, *own), own if self.limits else (low, high), []
-        if self.revolute and (full or excess > settings.SLACK):
-            moved = wrap(values, *limits)
-            excess = beyond(moved, *limits)
-        if excess > settings.SLACK:
-            hint = "check that the column is of this joint, its unit and its sign; if the joint "
-            hint += f"really goes there, give `ranges={{{self.name!r}: (LOW, HIGH)}}`"
-            raise self._outside(values, rows, limits, hint, "ranges")
-        limits = min(limits[0], float(moved.min())), max(limits[1], float(moved.max()))
-        notes = []
-        if turned := int(np.count_nonzero(np.abs(moved - values) > 1.0)):
-            notes = [f"{self.name}: {turned} values wrapped by whole turns"]
-        if excess > settings.ROUNDED:
-            notes.append(
-                f"{self.name}: the log goes beyond the limits; range {self._show(*limits)}"
+        if (
+            full and extremes[1] - extremes[0] <= TURN
+        ):  # the log's turn, whatever its gaps
+            middle = sum(extremes) / 2.0
+            turn = limits if excess < 1e-9 else (middle - math.pi, middle + math.pi)
+            return np.clip(values, *turn), turn if self.limits else extremes, []
+        wrapped = values
+        if self.revolute and (full or excess > READING.slack):
+            wrapped = wrap(values, *limits)
+            excess = beyond(wrapped, *limits)
+        if excess > READING.slack:
+            raise self.error(
+                self._outside(values, rows, limits),
+                hint="check that the column is of this joint, its unit and its sign; if the joint "
+                f"really goes there, give `ranges={{{self.name!r}: (LOW, HIGH)}}`",
+                parameter="ranges",
+                value=float(values[_furthest(values, limits)]),
             )
-        return moved, limits, notes
+        low = min(limits[0], float(wrapped.min()))
+        high = max(limits[1], float(wrapped.max()))
+        notes = []
+        turned = int(np.count_nonzero(np.abs(wrapped - values) > 1.0))
+        if turned:
+            notes.append(f"{self.name}: {turned} values wrapped by whole turns")
+        if excess > READING.rounded:
+            notes.append(
+                f"{self.name}: the log goes beyond the limits; range {self._show(low, high)}"
+            )
+        return wrapped, (low, high), notes
 
     def _show(self, *values: float) -> str:
         """Values [rad or m] in the unit of the table."""
         factor, unit = unit_of_joint(self.revolute, self.degrees)
         return f"{'..'.join(f'{factor * value:.6g}' for value in values)} {unit}"
 
-    def _outside(
-        self,
-        values: Array,
-        rows: Index,
-        limits: Range,
-        hint: str,
-        parameter: str,
-        value: Any = None,
-    ) -> CalibError:
-        """The error for the value (n,) furthest outside of a range, with the remedy."""
-        row = int(np.argmax(np.maximum(limits[0] - values, values - limits[1])))
+    def _outside(self, values: Array, rows: Index, limits: Range) -> str:
+        """Name the value (n,) furthest outside of a range."""
+        row = _furthest(values, limits)
         words = f"{self.name} is {self._show(values[row])}, outside of the range"
-        return self.error(
-            f"{self.label}, row {rows[row]}: {words} {self._show(*limits)}",
-            hint=hint,
-            parameter=parameter,
-            value=float(values[row]) if value is None else value,
-        )
+        return f"{self.label}, row {rows[row]}: {words} {self._show(*limits)}"
+
+
+def _furthest(values: Array, limits: Range) -> int:
+    """Return which value (n,) is furthest outside of a range."""
+    return int(np.argmax(np.maximum(limits[0] - values, values - limits[1])))
 
 
 def beyond(values: Array, low: float, high: float) -> float:
     """Return by how much values (n,) leave a range, as a share of its width."""
-    return max(low - float(values.min()), float(values.max()) - high, 0.0) / (
-        high - low
-    )
+    away = max(low - float(values.min()), float(values.max()) - high, 0.0)
+    return away / (high - low)
 
 
 def check_ranges(ranges: Mapping[str, Range], revolute: Mapping[str, bool]) -> None:
@@ -174,13 +163,13 @@ def check_ranges(ranges: Mapping[str, Range], revolute: Mapping[str, bool]) -> N
 
 def wrap(values: Array, low: float, high: float) -> Array:
     """Move the angles (n,) outside of a range by whole turns to where they are nearest to it."""
-    moved = low + np.mod(values - low, TURN)
-    # An angle just below the range is nearer to it than a turn later.
-    moved = np.where(
-        moved - high > TURN / 2.0 - (high - low) / 2.0, moved - TURN, moved
-    )
-    moved = np.where(high - low >= TURN - 1e-9, np.clip(moved, low, high), moved)
-    return np.where((values < low) | (values > high), moved, values)
+    turned = low + np.mod(values - low, TURN)
+    # an angle just below the range is nearer to it than a turn later
+    late = turned - high > TURN / 2.0 - (high - low) / 2.0
+    turned = np.where(late, turned - TURN, turned)
+    if high - low >= TURN - 1e-9:
+        turned = np.clip(turned, low, high)
+    return np.where((values < low) | (values > high), turned, values)
 
 
 def locked_from_log(
@@ -199,24 +188,29 @@ def locked_from_log(
     Returns notes : a warning for each joint that moved more than 0.5 deg or 1 mm from it
     """
     source = open_source(path)
-    called = columns or {}
-    found = {n: called.get(n, n) for n in names if n in called or n in source.header}
-    if not found:
+    column_of = {name: name for name in names if name in source.header}
+    column_of |= {
+        name: column for name, column in (columns or {}).items() if name in names
+    }
+    column_of = {name: column_of[name] for name in names if name in column_of}
+    if not column_of:
         return {}, []
-    table, rows = source.drawn(settings.HELD_ROWS, 0)[0].numbers(list(found.values()))
+    some, _ = source.drawn(READING.most_rows, 0)
+    table, rows = some.numbers(list(column_of.values()))
     values = {}
     notes = []
-    for name, stood in zip(found, table.T, strict=True):
+    for name, stood in zip(column_of, table.T, strict=True):
         turns = name not in prismatic
         if not np.isfinite(stood).any():
             continue
         stood = np.deg2rad(stood) if turns and degrees else stood
         values[name] = float(np.nanmedian(stood))
         off = np.nan_to_num(np.abs(stood - values[name]))
+        tolerance = TURNING if turns else SLIDING
         factor, unit = for_people("rad" if turns else "m")
         most = f"{factor * off.max():.3g} {unit}"
         words = f"{source.label}: {name} is locked but moved by up to {most}"
-        if np.mean(off > settings.LOCKED[turns]) > settings.LOCKED_SHARE:
+        if np.mean(off > tolerance.locked) > tolerance.most_rows:
             raise LogError(
                 f"{words} (row {rows[np.argmax(off)]})",
                 hint="name it in `joints` too, without `planar` if its axis is not parallel to the "
@@ -224,71 +218,6 @@ def locked_from_log(
                 parameter="joints",
                 value=name,
             )
-        if off.max() > settings.STILL[turns]:
+        if off.max() > tolerance.still:
             notes.append(f"{words}; leave out those rows, or name it in `joints`")
     return values, notes
-
-
-_STILL = 1e-9  # of a joint's largest move: less is no motion
-
-
-def directions(q: Array) -> Array:
-    """Sign of the last motion of each joint (n, dof), for joint values in the order of motion.
-
-    1 or -1; 0 before a joint's first motion, where it is not known.
-    """
-    step = np.diff(q, axis=0, prepend=q[:1])
-    least = _STILL * np.abs(step).max(axis=0, initial=0.0)
-    sign = np.where(np.abs(step) > least, np.sign(step), 0.0)
-    # a joint that rests keeps the side from which it came
-    moved = np.where(sign != 0.0, np.arange(len(q))[:, None], 0)
-    latest = np.maximum.accumulate(moved, axis=0)
-    return np.take_along_axis(sign, latest, axis=0)
-
-
-_SAME = 6  # decimals [rad or m] to which joints at one pose read the same
-
-
-def pose_index(q: Array) -> Index:
-    """Number of the pose of each row (n,), counted in the order in which joints (n, dof) show them.
-
-    However often it is read, a pose is one measurement of the arm.
-    """
-    _, first, index = np.unique(
-        q.round(_SAME), axis=0, return_index=True, return_inverse=True
-    )
-    order = np.empty(len(first), dtype=np.intp)
-    order[np.argsort(first)] = np.arange(len(first))
-    return order[index.ravel()]
-
-
-def joints_at(when: Array, time: Array, q: Array) -> Array:
-    """Interpolate joints q (m, joints), recorded at times (m,), to times `when` (n,) [s]."""
-    return np.stack([np.interp(when, time, column) for column in q.T], axis=1)
-
-
-def joint_speed(when: Array, time: Array, q: Array) -> Array:
-    """Return the fastest joint's speed about each time (n,) [rad/s or m/s]; see `joints_at`."""
-    low, high = (joints_at(when + shift, time, q) for shift in (-SETTLE, SETTLE))
-    return np.asarray(np.abs(high - low).max(axis=1) / (2.0 * SETTLE))
-
-
-def check_limits(max_gap: float, still: float | None) -> None:
-    """Refuse limits of `covered` and of the joints' speed that leave nothing."""
-    for name, value in {"max_gap": max_gap, "still": still}.items():
-        if value is not None and not value > 0:
-            raise OptionError(f"`{name}={value:g}`: expected more than zero")
-
-
-def covered(when: Array, time: Array, max_gap: float) -> dict[str, Mask]:
-    """Tell which times (n,) lie between no joints that are close enough to interpolate, and why.
-
-    Joints have times (m,), and are close at most `max_gap` [s] apart.
-    """
-    after = np.clip(np.searchsorted(time, when), 1, len(time) - 1)
-    outside = (when < time[0]) | (when > time[-1])
-    far = ~outside & (time[after] - time[after - 1] > max_gap)
-    return {
-        "outside of the joints' times": outside,
-        f"joints more than {max_gap:g} s apart": far,
-    }

@@ -12,30 +12,30 @@ import numpy as np
 from ..arm.arm import Arm, SpatialArm
 from ..arm.plane import Plane, fit_plane
 from ..arm.urdf import Range
-from ..common.arrays import Array, Index, Mask
-from ..common.rows import LARGEST, whole
+from ..common.arrays import Array, Index
+from ..common.rows import whole
 from ..common.wording import listed, vector
 from ..errors import LogError, OptionError
-from . import settings
-from .camera import camera_of
+from .camera import Camera, camera_of
 from .delays import with_offset
 from .diagnosis import diagnose, refuse_mistakes
-from .joint_values import LoggedJoint, check_ranges, wrap
+from .joint_values import JointColumn, check_ranges
+from .motion import directions
 from .roles import (
     FURTHER,
     PIXELS,
     QUATERNION,
-    ROUNDING,
-    Roles,
     covariances,
     find_roles,
     from_angles,
     log_columns,
+    unit_quaternions,
 )
 from .samples import POSITION, Samples
+from .settings import READING
+from .sound_values import SoundRows
 from .tables import Source, open_source, write_table
 from .touches import read_touches
-from .wrong_rows import rows_in_words
 
 
 def read_log(
@@ -48,7 +48,7 @@ def read_log(
     unit: str | None = None,
     ranges: Mapping[str, Range] | None = None,
     prismatic: Sequence[str] = (),
-    most: int = settings.HELD_ROWS,
+    most: int = READING.most_rows,
     seed: int = 0,
     usual: Mapping[str, str] | None = None,
     outputs: int | None = None,
@@ -92,98 +92,84 @@ def read_log(
     """
     most = whole("most", most, 2, 2**31)
     source = open_source(path)
-    columns = {k: v for k, v in (usual or {}).items() if v in source.header} | dict(
-        columns or {}
-    )
-    given = {*source.header} - {*(arm.joint_names if arm else joints or ())}
-    if not {*POSITION} & {*source.header, *columns} and {*PIXELS.values()} <= given:
-        columns |= PIXELS
+    column_of = {
+        name: column
+        for name, column in (usual or {}).items()
+        if column in source.header
+    }
+    column_of |= columns or {}
+    others = {*source.header} - {*(arm.joint_names if arm else joints or ())}
+    if not {*POSITION} & {*source.header, *column_of} and {*PIXELS.values()} <= others:
+        column_of |= PIXELS
         unit = unit or "px"
-    if unit is not None and source.unit not in (None, unit):
-        raise LogError(
-            f"{source.label} states that its positions are in {source.unit}, not in {unit}",
-            hint="leave out `unit`, or correct the line above the header",
-            parameter="unit",
-            value=unit,
-        )
-    unit = unit or source.unit or "m"
-    if "point" in source.header or "point" in columns:
-        return read_touches(source, arm, joints, columns, degrees=degrees, unit=unit)
-    roles, read = find_roles(source, arm, joints, columns)
-    outputs = arm.outputs if arm is not None and outputs is None else outputs
-    if not {*source.header, *columns} & {*POSITION}:
-        raise LogError(
-            f"{source.label} has no positions: expected columns x, y and z [m] of a tracker, "
-            "u and v of a camera, or point of sockets that the tip touched",
-            hint="if they have other names, give `columns={'x': 'OTHER', 'y': ..}`",
-            parameter="columns",
-        )
-    if len(roles.axes) < (outputs or 2) and unit != "px":  # a camera sees two
-        raise LogError(
-            f"{source.label} has x and y alone, expected x, y and z of an arm in space",
-            hint="for a planar part of the arm name its joints, or give `planar=True`",
-            parameter="planar",
-        )
-    names = roles.joints
-    ranges = dict(ranges or {})
-    revolute = tuple(
-        arm.revolute if arm is not None else (n not in prismatic for n in names)
+    unit = _unit(source, unit)
+    if "point" in source.header or "point" in column_of:
+        return read_touches(source, arm, joints, column_of, degrees=degrees, unit=unit)
+    roles = find_roles(source, arm, joints, column_of)
+    if arm is not None and outputs is None:
+        outputs = arm.outputs
+    _check_positions(
+        {*source.header, *column_of}, source.label, roles.axes, unit, outputs
     )
-    if arm is None and not {*prismatic} <= {*names}:
-        words = f"{listed(prismatic)} named as sliding: expected some of the joints"
-        raise OptionError(f"{words} {listed(names)}", parameter="prismatic")
-    check_ranges(ranges, dict(zip(names, revolute, strict=True)))
+    names = roles.joints
+    if arm is not None:
+        revolute = tuple(arm.revolute)
+        limits = dict(zip(names, zip(arm.lower, arm.upper, strict=True), strict=True))
+    else:
+        _check_prismatic(prismatic, names)
+        revolute = tuple(name not in prismatic for name in names)
+        limits = {}
+    check_ranges(ranges or {}, dict(zip(names, revolute, strict=True)))
 
     drawn, total = source.drawn(most, seed)
+    read = [column_of.get(name, name) for name in roles.names]
     further = [name for name in FURTHER if name in source.header and name not in read]
     values, numbers = drawn.numbers([*read, *further])
     values, facts = np.split(values, [len(read)], axis=1)
-    turning = np.flatnonzero(revolute) if degrees else slice(0)
-    values[:, turning] = np.deg2rad(values[:, turning])
-    held = f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
-    kept, dropped, left_out, told = _sound(
-        source.label, values, numbers, roles, revolute, ranges
-    )
-    notes = [held] * (total > most) + told
-    values = values[kept]
-    facts = facts[kept]
+    if degrees:
+        turning = np.flatnonzero(revolute)
+        values[:, turning] = np.deg2rad(values[:, turning])
+    notes = []
+    side = None
+    if total > most:
+        notes.append(
+            f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
+        )
+        side = np.zeros((most, len(names)))  # nobody knows where joints were before
+    elif np.isfinite(values[:, : len(names)]).all():
+        side = directions(values[:, : len(names)])
+    sound = SoundRows(source.label, values, numbers, roles, revolute)
+    sound.leave_out(ranges or {})
+    kept = sound.rows
+    notes += sound.notes
     numbers = numbers[kept]
-    q, x, turns, spread = np.split(
-        values, np.cumsum([len(some) for some in roles[:3]]), axis=1
-    )
+    q, x, turns, triangles = roles.split(values[kept])
     lower, upper = np.empty((2, len(names)))
     for k, name in enumerate(names):
-        own = None if arm is None else (float(arm.lower[k]), float(arm.upper[k]))
-        joint = LoggedJoint(
-            source.label, name, revolute[k], ranges.get(name, own), degrees
-        )
-        q[:, k], (lower[k], upper[k]), told = joint.settle(q[:, k], numbers)
-        notes += told
-    x, plane, told = _in_plane(source.label, x, numbers, unit, arm, outputs)
-    notes += told
-    camera = None
-    if arm is not None and arm.outputs == 3 and len(roles.axes) == 2:
-        camera = camera_of(source.about if lens is None else {"lens": lens}, x)
-        notes += [camera.note] if camera.note else []
-    elif lens is not None:
-        raise OptionError(
-            "`lens` is for pixels of an arm in space: expected columns u and v"
-        )
+        limit = (ranges or {}).get(name, limits.get(name))
+        joint = JointColumn(source.label, name, revolute[k], limit, degrees)
+        q[:, k], (lower[k], upper[k]), words = joint.settle(q[:, k], numbers)
+        notes += words
+    x, plane, words = _in_plane(source.label, x, numbers, unit, arm, outputs)
+    notes += words
+    camera = _camera(source, arm, x if len(roles.axes) == 2 else None, lens)
+    if camera is not None and camera.note:
+        notes.append(camera.note)
     size = float(np.ptp(x, axis=0).max())
-    if arm is None and unit == "m" and size > settings.LARGEST_ARM:
+    if arm is None and unit == "m" and size > READING.largest_arm:
         notes.append(
             f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
         )
-    if roles.turns == QUATERNION:
-        turns = turns / np.linalg.norm(turns, axis=1)[:, None]
-        turns = np.where(turns[:, 3:] < 0, -turns, turns)
-    elif roles.turns:
-        turns = from_angles(np.deg2rad(turns) if degrees else turns)
-    orientation = turns if roles.turns and plane is None else None
+    orientation = None
+    if roles.turns and plane is None:
+        if roles.turns == QUATERNION:
+            orientation = unit_quaternions(turns)
+        else:
+            orientation = from_angles(np.deg2rad(turns) if degrees else turns)
     # what can be nothing but a mistake is refused, what may be intended told
     refuse_mistakes(diagnose(None, q, x, names, revolute), source.label)
     if arm is not None:
-        found = diagnose(
+        findings = diagnose(
             arm.forward,
             q,
             x,
@@ -194,7 +180,12 @@ def read_log(
             pose=arm.pose if isinstance(arm, SpatialArm) else None,
             left_handed=plane is not None,
         )
-        notes += refuse_mistakes(found, source.label)
+        notes += refuse_mistakes(findings, source.label)
+    whole_facts = {
+        name: fact[kept]
+        for name, fact in zip(further, facts.T, strict=True)
+        if np.isfinite(fact[kept]).all()
+    }
     samples = Samples(
         q,
         x,
@@ -203,25 +194,23 @@ def read_log(
         upper,
         revolute,
         unit,
-        dropped=dropped,
         arm=replace(arm, lower=lower, upper=upper) if arm else None,
-        notes=tuple(notes),
+        side=None if side is None else side[kept],
+        time=whole_facts.get("time"),
+        episode=whole_facts.get("episode"),
         plane=plane,
-        orientation=orientation,
-        covariance=covariances(spread, source.label)
-        if roles.spread and plane is None
-        else None,
-        columns=columns,
-        degrees=degrees and any(revolute),
         camera=camera,
-        source=source.about,
+        orientation=orientation,
+        covariance=covariances(triangles, source.label)
+        if roles.covariance and plane is None
+        else None,
         rows=numbers,
-        **{
-            name: fact
-            for name, fact in zip(further, facts.T, strict=True)
-            if _whole(fact)
-        },
-        left_out=left_out,
+        columns=column_of,
+        degrees=degrees and any(revolute),
+        source=source.about,
+        dropped=sound.dropped,
+        left_out=sound.left_out,
+        notes=tuple(notes),
     )
     return samples if time_offset is None else with_offset(samples, time_offset)
 
@@ -249,72 +238,58 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     write_table(path, log_columns(samples), about=about)
 
 
-def _sound(
-    label: str,
-    values: Array,
-    numbers: Index,
-    roles: Roles,
-    revolute: Sequence[bool],
-    chosen: Mapping[str, Range],
-) -> tuple[Index, int, int, list[str]]:
-    """Rows that are whole, seen and in range; how many missed a value, saw nothing; notes."""
-    kept: Mask = np.ones(len(values), dtype=bool)
-    notes: list[str] = []
-
-    def leave_out(wrong: Mask, words: str) -> int:
-        wrong = wrong & kept
-        if not (kept & ~wrong).any():
-            raise LogError(
-                f"{label}: no row is left: {wrong.sum()} of {len(kept)} rows {words}"
-            )
-        if wrong.any():
-            shown = rows_in_words(numbers[wrong])
-            notes.append(
-                f"{wrong.sum():,} of {len(kept):,} rows {words}; left out: {shown}"
-            )
-        np.logical_and(kept, ~wrong, out=kept)
-        return int(wrong.sum())
-
-    finite = np.abs(values) < LARGEST
-    names = np.array([name for some in roles for name in some])
-    words = (
-        f"miss a finite number (2.5, not 2,5) of {listed(names[~finite.all(axis=0)])}"
-    )
-    dropped = leave_out(np.asarray(~finite.all(axis=1)), words)
-    values[~kept] = 0.0
-    for k in (k for k, name in enumerate(roles.joints) if name in chosen):
-        low, high = chosen[roles.joints[k]]
-        edge = settings.ROUNDED * (high - low)
-        column = values[:, k]
-        column = wrap(column, low, high) if revolute[k] else column
-        away = (column < low - edge) | (column > high + edge)
-        leave_out(away, f"have {roles.joints[k]} outside of the chosen range")
-        values[:, k] = np.clip(column, low, high)
-    q, x, turns, spread = np.split(
-        values, np.cumsum([len(some) for some in roles[:3]]), axis=1
-    )
-    zero: Mask = kept & (x == 0.0).all(axis=1)
-    left_out = 0
-    # a single row, or one place of the joints, may be the origin of the sensor
-    if zero.sum() > 1 and np.ptp(q[zero], axis=0).any() and not zero[kept].all():
-        left_out += leave_out(
-            zero, "hold zeros for a position, as where a sensor saw nothing"
+def _unit(source: Source, unit: str | None) -> str:
+    """Return the unit of the positions: as typed, or what the log says of itself."""
+    if unit is not None and source.unit not in (None, unit):
+        raise LogError(
+            f"{source.label} states that its positions are in {source.unit}, not in {unit}",
+            hint="leave out `unit`, or correct the line above the header",
+            parameter="unit",
+            value=unit,
         )
-    if roles.turns == QUATERNION:
-        length = np.linalg.norm(turns, axis=1)
-        unturned = kept & (np.abs(length - 1) > ROUNDING)
-        words = f"hold no orientation: qx, qy, qz, qw of length {length[np.argmax(unturned)]:.4g}"
-        left_out += leave_out(unturned, f"{words}, expected 1")
-    if roles.spread:
-        variance = spread[:, [0, 6, 11]].sum(axis=1)  # of x, y and z
-        unsure = variance > settings.UNSURE**2 * np.median(np.abs(variance[kept]))
-        left_out += leave_out(unsure, "have a covariance far wider than usual")
-    return np.flatnonzero(kept), dropped, left_out, notes
+    return unit or source.unit or "m"
 
 
-def _whole(fact: Array) -> bool:
-    """Whether a column that is no measurement (n,) has a number in each row."""
-    return bool(np.isfinite(fact).all())
+def _check_positions(
+    header: set[str], label: str, axes: tuple[str, ...], unit: str, outputs: int | None
+) -> None:
+    """Raise LogError for a log without positions, or with too few coordinates."""
+    if not header & {*POSITION}:
+        raise LogError(
+            f"{label} has no positions: expected columns x, y and z [m] of a tracker, "
+            "u and v of a camera, or point of sockets that the tip touched",
+            hint="if they have other names, give `columns={'x': 'OTHER', 'y': ..}`",
+            parameter="columns",
+        )
+    if len(axes) < (outputs or 2) and unit != "px":  # a camera sees two
+        raise LogError(
+            f"{label} has x and y alone, expected x, y and z of an arm in space",
+            hint="for a planar part of the arm name its joints, or give `planar=True`",
+            parameter="planar",
+        )
+
+
+def _check_prismatic(prismatic: Sequence[str], names: Sequence[str]) -> None:
+    """Raise OptionError for a sliding joint that is none."""
+    if not {*prismatic} <= {*names}:
+        words = f"{listed(prismatic)} named as sliding: expected some of the joints"
+        raise OptionError(f"{words} {listed(names)}", parameter="prismatic")
+
+
+def _camera(
+    source: Source,
+    arm: Arm | None,
+    pixels: Array | None,
+    lens: Mapping[str, Any] | None,
+) -> Camera | None:
+    """Return the camera of pixels (n, 2) of an arm in space; None of other readings."""
+    if arm is not None and arm.outputs == 3 and pixels is not None:
+        return camera_of(source.about if lens is None else {"lens": lens}, pixels)
+    if lens is not None:
+        raise OptionError(
+            "`lens` is for pixels of an arm in space: expected columns u and v"
+        )
+    return None
 
 
 def _in_plane(
@@ -331,9 +306,9 @@ def _in_plane(
         return x, None, []
     plane, rms = fit_plane(x)
     share = rms / max(float(np.sqrt(x.var(axis=0).sum())), 1e-300)
-    if share > settings.OUT_OF_PLANE and outputs is None:
+    if share > READING.out_of_plane and outputs is None:
         return x, None, []
-    if share > settings.OUT_OF_PLANE and arm is not None:
+    if share > READING.out_of_plane and arm is not None:
         away = np.abs(plane.distances(x))
         raise LogError(
             f"{label}: x, y, z leave their plane by {rms:.4g} {unit} rms, {100 * share:.2g} % of "
@@ -342,8 +317,8 @@ def _in_plane(
             "rows in which they did",
             parameter="joints",
         )
-    told = (
+    words = (
         f"plane fitted to x, y, z: x along {vector(plane.x)}, y along {vector(plane.y)}, origin "
         f"{vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
     )
-    return plane.project(x), plane, [told]
+    return plane.project(x), plane, [words]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +22,7 @@ PIXELS = {"x": "u", "y": "v"}
 """Columns of pixels, where a log has no x, y or z."""
 
 QUATERNION = ("qx", "qy", "qz", "qw")
-_ANGLES = ("roll", "pitch", "yaw")
+ANGLES = ("roll", "pitch", "yaw")
 _POSE = (*POSITION, "rx", "ry", "rz")
 COVARIANCE = tuple(f"cov_{a}_{b}" for k, a in enumerate(_POSE) for b in _POSE[k:])
 """Columns of a pose's covariance: its upper triangle, row by row, of position [unit] and of a small
@@ -34,48 +35,63 @@ ROUNDING = 0.01
 """A quaternion's length may differ from 1 by this much: files round to a few digits."""
 
 
-class Roles(NamedTuple):
+@dataclass(frozen=True)
+class Roles:
     """What a log is read for, by the usual names of columns."""
 
     joints: tuple[str, ...]  # base to tip
     axes: tuple[str, ...]  # `("x", "y")` or `("x", "y", "z")`
-    turns: tuple[str, ...]  # `QUATERNION`, `("roll", "pitch", "yaw")`, or nothing
-    spread: tuple[str, ...]  # `COVARIANCE`, or nothing
+    turns: tuple[str, ...] = ()  # `QUATERNION`, `ANGLES`, or nothing
+    covariance: tuple[str, ...] = ()  # `COVARIANCE`, or nothing
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All in their order."""
+        return (*self.joints, *self.axes, *self.turns, *self.covariance)
+
+    def split(self, values: Array) -> list[Array]:
+        """Columns (n, names) of values, as joints, positions, orientations and covariances."""
+        counts = (len(self.joints), len(self.axes), len(self.turns))
+        return np.split(values, np.cumsum(counts), axis=1)
 
 
 def find_roles(
     source: Source,
     arm: Arm | None,
     joints: Sequence[str] | None,
-    called: Mapping[str, str],
-) -> tuple[Roles, list[str]]:
-    """Decide what to read, and from which columns; or say which choices there are.
+    column_of: Mapping[str, str],
+) -> Roles:
+    """Decide what to read; or say which choices there are.
 
-    The joints are those of the arm, or else `joints`; `called` are other names of columns. z is
+    The joints are those of the arm, or else `joints`; `column_of` are other names of columns. z is
     among the axes where the log has one.
     """
     names = joint_names(source, arm, joints)
     locked = tuple(arm.locked) if arm is not None else ()  # named for `locked_from_log`
-    for name, column in called.items():
-        if name not in (*names, *POSITION, *QUATERNION, *_ANGLES, *locked):
+    for name, column in column_of.items():
+        if name not in (*names, *POSITION, *QUATERNION, *ANGLES, *locked):
             raise OptionError(
                 f"columns {name}={column}: {name!r} is neither a position nor a joint; "
                 f"choices: {', '.join((*POSITION, *names, *locked))}",
                 parameter="columns",
                 value=name,
             )
-    there = {*source.header, *called} - {*names}
-    turns: tuple[str, ...] = ()
-    if "z" in there and (arm is None or arm.outputs == 3):
+    there = {*source.header, *column_of} - {*names}
+    if "z" not in there:
+        roles = Roles(names, POSITION[:2])
+    elif arm is not None and arm.outputs != 3:
+        roles = Roles(names, POSITION)
+    else:
+        turns: tuple[str, ...] = ()
         for parts in (
-            _ANGLES,
+            ANGLES,
             QUATERNION,
         ):  # of one that is named in part the rest is missed
-            if there.issuperset(parts) or {*parts} & {*called}:
+            if there.issuperset(parts) or {*parts} & {*column_of}:
                 turns = parts
-    spread = COVARIANCE if turns and there.issuperset(COVARIANCE) else ()
-    roles = Roles(names, POSITION if "z" in there else POSITION[:2], turns, spread)
-    columns = [called.get(name, name) for some in roles for name in some]
+        posed = bool(turns) and there.issuperset(COVARIANCE)
+        roles = Roles(names, POSITION, turns, COVARIANCE if posed else ())
+    columns = [column_of.get(name, name) for name in roles.names]
     if len({*columns}) < len(columns):
         raise OptionError(
             f"columns {listed(columns)}: one is taken twice; each joint and position needs "
@@ -83,7 +99,7 @@ def find_roles(
             parameter="columns",
             value=columns,
         )
-    return roles, columns
+    return roles
 
 
 def joint_names(
@@ -99,9 +115,8 @@ def joint_names(
         )
     if not names:
         others = listed(repr(name) for name in source.header if name not in POSITION)
-        words = "which columns are the joints, base to tip?"
         raise OptionError(
-            f"{source.label}: {words} choices: {others}",
+            f"{source.label}: which columns are the joints, base to tip? choices: {others}",
             hint="name them in `joints`",
             parameter="joints",
         )
@@ -133,28 +148,27 @@ def log_columns(samples: Samples) -> dict[str, Array]:
         columns |= dict(zip(QUATERNION, samples.orientation.T, strict=True))
     if samples.covariance is not None:
         row, column = np.triu_indices(6)
-        columns |= dict(
-            zip(COVARIANCE, samples.covariance[:, row, column].T, strict=True)
-        )
-    for name in FURTHER:
-        column = getattr(samples, name)
-        if column is not None:
-            columns[name] = column
+        triangle = samples.covariance[:, row, column]
+        columns |= dict(zip(COVARIANCE, triangle.T, strict=True))
+    for name, further in zip(FURTHER, (samples.time, samples.episode), strict=True):
+        if further is not None:
+            columns[name] = further
     return columns
 
 
 def covariances(values: Array, label: str) -> Array:
     """Covariances (n, 6, 6) of their upper triangles (n, 21).  Raises LogError if one is none."""
-    made = np.empty((len(values), 6, 6))
+    matrices = np.empty((len(values), 6, 6))
     row, column = np.triu_indices(6)
-    made[:, row, column] = made[:, column, row] = values
-    low, high = np.linalg.eigvalsh(made)[:, [0, -1]].T
+    matrices[:, row, column] = values
+    matrices[:, column, row] = values
+    low, high = np.linalg.eigvalsh(matrices)[:, [0, -1]].T
     if (low < -1e-6 * np.abs(high)).any():
         raise LogError(
             f"{label}: {COVARIANCE[0]} .. {COVARIANCE[-1]} are no covariance, expected the upper "
             "triangle of a matrix without negative variances"
         )
-    return made
+    return matrices
 
 
 def from_angles(angles: Array) -> Array:
@@ -172,3 +186,9 @@ def from_angles(angles: Array) -> Array:
         )
     x, y, z = (exponential(angles[:, k, None] * np.eye(3)[k]) for k in range(3))
     return quaternion_of(z @ y @ x)
+
+
+def unit_quaternions(turns: Array) -> Array:
+    """Quaternions (n, 4) of length 1 whose qw is not negative."""
+    unit = turns / np.linalg.norm(turns, axis=1)[:, None]
+    return np.asarray(np.where(unit[:, 3:] < 0, -unit, unit))

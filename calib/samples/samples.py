@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arm.arm import Arm
 from ..arm.plane import Plane
@@ -16,11 +16,16 @@ from ..common.arrays import Array, Index
 from ..common.rows import LARGEST, column_names, number_rows, whole
 from ..errors import LogError, OptionError
 from .camera import Camera
-from .joint_values import pose_index
-from .simulation import Change, Simulation, parse_changes
+from .changes import Change, parse_changes
+from .motion import Motion, directions
+from .poses import pose_index
+from .simulation import Simulation
 from .sockets import Touches
 
 POSITION = ("x", "y", "z")
+
+_OF_ROWS = ("side", "time", "episode", "orientation", "covariance", "pixels", "rows")
+"""Fields with an entry for each row, beside `q` and `x`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,117 +48,111 @@ class Samples:
 
     q: Array  # (n, dof), joint values, columns from base to tip [rad or m]
     x: Array  # (n, 2) or (n, 3), tip positions in the sensor's plane, or in space [unit]
+    # joints: names; (dof,), range that was babbled (the arm's limits or narrower), or for a log
+    # without a robot the extremes of its data, which stand where it is empty [rad or m]; whether
+    # each turns (rad) or slides (m), all if empty
     joint_names: tuple[str, ...]
-    # (dof,), range of each joint that was babbled (the arm's limits or narrower), or for a log
-    # without a robot the extremes of its data, which stand where it is empty [rad or m]
     lower: Array = field(default_factory=lambda: np.empty(0))
     upper: Array = field(default_factory=lambda: np.empty(0))
-    revolute: tuple[
-        bool, ...
-    ] = ()  # whether each joint turns (rad) or slides (m); all if empty
+    revolute: tuple[bool, ...] = ()
     unit: str = "m"  # of the positions: "m", "sensor", or what the user stated
-    # for simulated samples what is needed to draw fresh exact ones
+    arm: Arm | None = field(default=None, repr=False)  # with these joints and ranges
+    # of simulated samples what is needed to draw fresh exact ones
     simulation: Simulation | None = field(default=None, repr=False)
-    dropped: int = (
-        0  # rows of a log that were left out because a value was missing or not finite
-    )
-    arm: Arm | None = field(
-        default=None, repr=False
-    )  # that the names and the ranges come from
-    notes: tuple[str, ...] = ()  # what the user should be told, one line each
-    # for a log of x, y, z the plane that was fitted to it
+
+    # the motion: (n, dof), from which side each joint came, 1, -1 or 0 if unknown (by the order of
+    # the rows where it is not given); (n,), times [s]; (n,), the series each row is of
+    side: Array | None = field(default=None, repr=False)
+    time: Array | None = field(default=None, repr=False)
+    episode: Array | None = field(default=None, repr=False)
+    in_time: bool = False  # whether the user said how late positions are
+
+    # the sensor: its name where there are several; of x, y, z the plane that was fitted; of pixels
+    # of an arm in space what is known of the camera
+    sensor: str = ""
     plane: Plane | None = field(default=None, repr=False)
-    # (n, 4), of an arm that moves in space the tip's orientation as qx, qy, qz, qw
-    orientation: Array | None = field(default=None, repr=False)
-    # (n, 6, 6), of each pose: position [unit] and a small turn [rad] about the sensor's axes
-    covariance: Array | None = field(default=None, repr=False)
-    # columns of the log that have other names than what they hold
-    columns: Mapping[str, str] = field(default_factory=dict, repr=False)
-    degrees: bool = (
-        False  # whether the log has its turning joints in degrees; `q` is in rad
-    )
-    # of pixels of an arm that moves in space, what is known of the camera
     camera: Camera | None = field(default=None, repr=False)
-    # what the log says of itself, as `calib log` writes it above the columns
-    source: Mapping[str, Any] = field(default_factory=dict, repr=False)
-    # which socket each row touched, where no sensor measured a position
+    # further readings: (n, 4), orientations as qx, qy, qz, qw; (n, 6, 6), covariances of position
+    # [unit] and a small turn [rad] about the sensor's axes; touched sockets, where no sensor
+    # measured a position; (n, 2), pixels of a tag in pictures [px]
+    orientation: Array | None = field(default=None, repr=False)
+    covariance: Array | None = field(default=None, repr=False)
     touch: Touches | None = field(default=None, repr=False)
-    # (n,), numbers of the rows in the log's file, counted below its header from 1
-    rows: NDArray[np.intp] | None = field(default=None, repr=False)
-    time: Array | None = field(
-        default=None, repr=False
-    )  # (n,), where the log has them [s]
-    episode: Array | None = field(
-        default=None, repr=False
-    )  # (n,), the series each row is of
-    pixels: Array | None = field(
-        default=None, repr=False
-    )  # (n, 2), of a tag in pictures [px]
-    pictures: tuple[str, ...] = field(
-        default=(), repr=False
-    )  # names of those it was made of
+    pixels: Array | None = field(default=None, repr=False)
+
+    # the file: numbers of its rows (n,), counted below its header from 1; columns that have other
+    # names than what they hold; whether turning joints are in degrees there; what it says of itself
+    rows: Index | None = field(default=None, repr=False)
+    columns: Mapping[str, str] = field(default_factory=dict, repr=False)
+    degrees: bool = False
+    source: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    pictures: tuple[str, ...] = field(default=(), repr=False)  # that rows were made of
+    dropped: int = 0  # rows that missed a value
     left_out: int = 0  # rows without what a sensor saw: zeros, or no orientation
-    sensor: str = (
-        ""  # name of the sensor that saw the positions, where a log has several
-    )
-    in_time: bool = (
-        False  # whether the user said how late positions are: nothing is estimated
-    )
+    notes: tuple[str, ...] = ()  # what the user should be told, one line each
 
     def __post_init__(self) -> None:
-        names = tuple(self.joint_names)
-        dof = len(self.joint_names)
-        own = {"joint_names": names, "revolute": tuple(self.revolute) or (True,) * dof}
-        for name, value in {**own, "notes": tuple(self.notes)}.items():
-            object.__setattr__(self, name, value)
-        if not dof or len(set(names)) != dof or len(self.revolute) != dof:
+        self._set(
+            joint_names=tuple(self.joint_names),
+            revolute=tuple(self.revolute) or (True,) * self.dof,
+            notes=tuple(self.notes),
+        )
+        names = self.joint_names
+        if not 0 < len({*names}) == len(names) == len(self.revolute):
             raise LogError(
                 f"samples need one or more joints of different names, not {names}, each of which "
                 f"turns or slides: {self.revolute}"
             )
-        given = column_names(self.x)
-        axes = (
-            POSITION
-            if "z" in given or (not given and _width(self.x) == 3)
-            else POSITION[:2]
-        )
-        n = len(self._own("q", number_rows(self.q, names, "q", LogError)[0], dof))
-        self._own("x", number_rows(self.x, axes, "x", LogError)[0], n, len(axes))
-        if n == 0:
+        axes = POSITION if _in_space(self.x) else POSITION[:2]
+        self._set(q=number_rows(self.q, names, "q", LogError)[0])
+        self._set(x=number_rows(self.x, axes, "x", LogError)[0])
+        if len(self) == 0:
             raise LogError("no rows: samples need at least one")
-        if not np.size(self.lower):
-            object.__setattr__(self, "lower", self.q.min(axis=0) - 1e-9)
-            object.__setattr__(self, "upper", self.q.max(axis=0) + 1e-9)
-        for name, shape in {
-            "lower": (dof,),
-            "upper": (dof,),
-            "orientation": (n, 4),
-        }.items():
-            if (value := getattr(self, name)) is not None:
-                self._own(name, np.array(value, dtype=float), *shape)
-        if self.covariance is not None:
-            self._own("covariance", self.covariance, n, 6, 6)
         for name, values in (("q", self.q), ("x", self.x)):
-            known = (np.abs(values) < LARGEST).all(axis=1)
-            if not known.all():
-                row = int(np.argmin(known))
+            sound = (np.abs(values) < LARGEST).all(axis=1)
+            if not sound.all():
+                row = int(np.argmin(sound))
                 raise LogError(
                     f"{name} of row {row + 1} is {values[row].tolist()}: leave out rows whose "
                     f"values are missing, not finite or beyond {LARGEST:g}"
                 )
-        for joint, lo, hi in zip(names, self.lower, self.upper, strict=True):
-            if not -np.inf < lo < hi < np.inf:
+        if not np.size(self.lower):
+            self._set(lower=self.q.min(axis=0) - 1e-9, upper=self.q.max(axis=0) + 1e-9)
+        if self.side is None:
+            self._set(side=directions(self.q))
+        self._check_arrays()
+        for joint, low, high in zip(names, self.lower, self.upper, strict=True):
+            if not -np.inf < low < high < np.inf:
                 raise LogError(
-                    f"joint {joint!r} has the range {lo:g}:{hi:g}, expected low:high"
+                    f"joint {joint!r} has the range {low:g}:{high:g}, expected low:high"
                 )
 
-    def _own(self, name: str, value: Array, *shape: int) -> Array:
-        """Hold an array that nobody can write; a shape that does not fit raises LogError."""
-        if value.shape[-len(shape) :] != shape:
-            raise LogError(f"{name} has shape {value.shape}, expected {shape}")
-        value.flags.writeable = False
-        object.__setattr__(self, name, value)
-        return value
+    def _set(self, **values: object) -> None:
+        """Set fields while the samples are made."""
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _check_arrays(self) -> None:
+        """Make all arrays read-only; raise LogError where a shape does not fit."""
+        n = len(self)
+        shapes = {
+            "q": (n, self.dof),
+            "x": (n, self.x.shape[1]),
+            "lower": (self.dof,),
+            "upper": (self.dof,),
+            "side": (n, self.dof),
+            "orientation": (n, 4),
+            "covariance": (n, 6, 6),
+        }
+        for name, shape in shapes.items():
+            values = getattr(self, name)
+            if values is None:
+                continue
+            array = np.array(values, dtype=float)
+            if array.shape != shape:
+                raise LogError(f"{name} has shape {array.shape}, expected {shape}")
+            array.flags.writeable = False
+            self._set(**{name: array})
 
     def __len__(self) -> int:
         return len(self.q)
@@ -163,10 +162,15 @@ class Samples:
         """Number of joints."""
         return len(self.joint_names)
 
+    @property
+    def motion(self) -> Motion:
+        """What the joints did, row by row."""
+        return Motion(self.q, self.side, self.time)
+
     @cached_property
     def pose_index(self) -> Index:
         """Number of the pose that each row stands at, (n,): rows at one pose share it."""
-        return pose_index(self.q)
+        return np.arange(len(self)) if self.simulation else pose_index(self.q)
 
     @property
     def poses(self) -> int:
@@ -184,41 +188,63 @@ class Samples:
 
         Where a camera sees a board, that is how well the board was found.
         """
-        value = self.source.get("noise_of_reference", 0.0)
-        known = isinstance(value, (int, float)) and 0.0 <= value < LARGEST
-        return float(value) if known else 0.0
+        noise = self.source.get("noise_of_reference", 0.0)
+        is_noise = isinstance(noise, (int, float)) and 0.0 <= noise < LARGEST
+        return float(noise) if is_noise else 0.0
+
+    def reordered(self, names: Sequence[str]) -> Samples:
+        """Return the samples with the joints in another order.
+
+        Raises LogError if the log is of other joints.
+        """
+        if sorted(names) != sorted(self.joint_names):
+            raise LogError(
+                f"the log's joints are {', '.join(self.joint_names)}, the model's are "
+                f"{', '.join(names)}: give a log of the same arm"
+            )
+        order = [self.joint_names.index(name) for name in names]
+        return replace(
+            self,
+            q=self.q[:, order],
+            side=None if self.side is None else self.side[:, order],
+            joint_names=tuple(names),
+            lower=self.lower[order],
+            upper=self.upper[order],
+            revolute=tuple(self.revolute[k] for k in order),
+        )
 
     def take(self, index: ArrayLike | slice) -> Samples:
         """Return the rows that `index` picks: a slice, row numbers in any order or a mask."""
-        rows = index if isinstance(index, slice) else np.atleast_1d(np.asarray(index))
-        if not isinstance(rows, slice) and not rows.size:
-            rows = rows.astype(np.intp)  # an empty list has no type that could index
-        each = (
-            "q",
-            "x",
-            "orientation",
-            "covariance",
-            "rows",
-            "time",
-            "episode",
-            "pixels",
-        )
-        some = {
-            name: values[rows]
-            for name in each
-            if (values := getattr(self, name)) is not None
-        }
-        names = tuple(np.array(self.pictures)[rows].tolist()) if self.pictures else ()
-        return replace(
-            self, touch=self.touch and self.touch.take(rows), pictures=names, **some
-        )
+        picked = np.arange(len(self))[
+            index if isinstance(index, slice) else _as_index(index)
+        ]
+        of_rows: dict[str, Any] = {"q": self.q[picked], "x": self.x[picked]}
+        for name in _OF_ROWS:
+            values = getattr(self, name)
+            if values is not None:
+                of_rows[name] = values[picked]
+        if self.pictures:
+            of_rows["pictures"] = tuple(self.pictures[row] for row in picked)
+        if self.touch is not None:
+            of_rows["touch"] = self.touch.take(picked)
+        return replace(self, **of_rows)
 
 
-def _width(x: Any) -> int:
+def _as_index(index: ArrayLike) -> Array:
+    """Row numbers or a mask; an empty list has no type that could index."""
+    rows = np.atleast_1d(np.asarray(index))
+    return rows if rows.size else rows.astype(np.intp)
+
+
+def _in_space(x: Any) -> bool:
+    """Whether positions have a z, by their names, or by their number."""
+    names = column_names(x)
+    if names:
+        return "z" in names
     try:
-        return int((0, *np.shape(x))[-1])
+        return bool(np.shape(x)[-1:] == (3,))
     except ValueError:  # rows of different lengths
-        return 0
+        return False
 
 
 def babble(
@@ -257,11 +283,16 @@ def babble(
     if ranges:
         arm = arm.with_range(dict(ranges))
     simulation = Simulation(arm, noise=noise, changes=parse_changes(changes))
-    joints, sensor = (
-        np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2)
-    )
+    streams = np.random.SeedSequence(seed).spawn(2)
+    joints, sensor = (np.random.default_rng(stream) for stream in streams)
     q = simulation.draw(n, joints)
-    known = arm.joint_names, arm.lower, arm.upper, arm.revolute
     return Samples(
-        q, simulation.measure(q, sensor), *known, simulation=simulation, arm=arm
+        q,
+        simulation.measure(q, sensor),
+        arm.joint_names,
+        arm.lower,
+        arm.upper,
+        arm.revolute,
+        arm=arm,
+        simulation=simulation,
     )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 from .tables import Source, open_source
@@ -21,17 +22,29 @@ def sources_by_sensor(
     A sensor is named by the column `sensor`; where there is none, by its file's name, or not at all
     if it is the only one.
     """
-    sources = [open_source(path) for path in paths]
     by_name: dict[str, Source] = {}
-    for source in sources:
-        names = names_of_sensors(source)
-        if not names:
-            names = ("",) if len(sources) == 1 else (Path(source.label).stem,)
-            by_name[_free_name(names[0], by_name)] = source
-            continue
-        for name in names:
-            by_name[_free_name(name, by_name)] = rows_of_sensor(source, name)
+    for path in paths:
+        source = open_source(path)
+        for name, rows in _by_column(source):
+            if not name and len(paths) > 1:
+                name = Path(source.label).stem
+            numbered = (f"{name}-{number}" for number in count(2))
+            while name in by_name:
+                name = next(numbered)
+            by_name[name] = rows
     return by_name
+
+
+def _by_column(source: Source) -> Iterator[tuple[str, Source]]:
+    """Name the sensors of a table, with the rows of each, which keep their numbers."""
+    import polars as pl
+
+    names = names_of_sensors(source)
+    if not names:
+        yield "", source
+    for name in names:
+        measured = pl.col(COLUMN).cast(pl.String).str.strip_chars() == name
+        yield name, replace(source, rows=source.rows.filter(measured))
 
 
 def names_of_sensors(source: Source) -> tuple[str, ...]:
@@ -40,21 +53,3 @@ def names_of_sensors(source: Source) -> tuple[str, ...]:
         return ()
     names = source.read([COLUMN])[COLUMN].cast(str).fill_null("").str.strip_chars()
     return tuple(name for name in names.unique(maintain_order=True).to_list() if name)
-
-
-def rows_of_sensor(source: Source, name: str) -> Source:
-    """Return the rows of a table that one sensor measured; they keep their numbers."""
-    import polars as pl
-
-    measured = pl.col(COLUMN).cast(pl.String).str.strip_chars() == name
-    return replace(source, rows=source.rows.filter(measured))
-
-
-def _free_name(name: str, taken: dict[str, Source]) -> str:
-    """Return a name that no other sensor has."""
-    number = 2
-    free = name
-    while free in taken:
-        free = f"{name}-{number}"
-        number += 1
-    return free

@@ -3,97 +3,138 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
-HELD_ROWS = 200_000
-"""Rows of a log that are held in memory; of a longer one so many are drawn."""
 
-ROUNDED = 1e-4
-SLACK = 0.05
-"""Shares of a range by which values may leave it: limits are rounded, and arms differ."""
+@dataclass(frozen=True)
+class Reading:
+    """What becomes of a log's values."""
 
-LOCKED = {True: math.radians(5.0), False: 2e-2}
-STILL = {True: math.radians(0.5), False: 1e-3}
-"""Motion [rad where a joint turns, else m] of a locked joint that takes part, and that is told."""
+    # rows that are held in memory; of a longer log so many are drawn
+    most_rows: int = 200_000
+    # shares of a range by which values may leave it: limits are rounded, and arms differ
+    rounded: float = 1e-4
+    slack: float = 0.05
+    # turns further from zero than which an angle is in degrees, or its encoder not reset for long
+    most_turns: float = 4.0
+    # share of the extent by which positions of a planar arm may leave their plane (rms)
+    out_of_plane: float = 0.02
+    # times as wide as the median that a pose's sd may be: such a row would weigh like 100
+    unsure: float = 10.0
+    # [m], an extent beyond which positions are most likely in another unit: arms reach 3 m, a log
+    # of one in mm extends over hundreds
+    largest_arm: float = 20.0
 
-LOCKED_SHARE = 0.02
-"""Share of rows in which a locked joint may be away: wrong readings."""
 
-DIAGNOSED_ROWS = 400
-"""Rows that a diagnosis looks at: 720 orders of six joints take a second."""
+@dataclass(frozen=True)
+class LockedJoint:
+    """Motion of a locked joint."""
 
-FEWEST_ROWS = 8
-TOOL_ROWS = 39
-"""Rows below which a similarity in space, or a tool of unknown size, explains nearly anything."""
+    locked: float  # [rad or m], beyond which it takes part
+    still: float  # [rad or m], beyond which it is told
+    most_rows: float = 0.02  # share of the rows that may be wrong readings
 
-FAR_BETTER = 0.2
-"""Another reading of a log is told where its misfit is below this share of the log's own.
 
-Arms with links off by a tenth and offsets by 8 deg stay above it, exchanged columns below .1."""
+@dataclass(frozen=True)
+class OnePose:
+    """When rows are at one pose."""
 
-GOOD = 0.1
-SMALL = 0.005
-"""Shares of the extent below which kinematics are right but for two exchanged columns, and nothing
-is doubted: a reversed wrist leaves 2 %, a drawing is right to .2 %."""
+    exact: float = 1e-6  # [rad or m], rounding of a log's numbers
+    # [rad or m], encoders that read one pose as differently repeat nothing
+    most_apart: float = 0.01
+    # times further apart than rows of one pose that two poses have to be
+    gap: float = 5.0
+    # near pairs of rows below which they may be chance: of random rows one pair in 25 logs
+    least_pairs: int = 3
+    neighbours: int = 8  # of each row, among which rows of one pose are found
+    most_rows: int = 20_000  # of more, equal rows alone are one pose: 200,000 took 16 s
 
-MOST_ORDERED = 6
-"""Joints whose 720 orders are tried."""
 
-PATH = 0.1
-"""Median step of the joints over their spread, above which rows are no motion."""
+@dataclass(frozen=True)
+class Diagnosis:
+    """How a log is read otherwise, and when that explains it."""
 
-USUAL_SIZE = (0.5, 2.0)
-SAME_UNIT = 0.05
-PIXELS_RATIO = 5.0
-"""An extent this many times the nominal one needs no word (lengths were typed wrong by less), is
-that of another unit within this share (900 is no millimetre), and beyond that of pixels."""
+    rows: int = 400  # that are looked at: 720 orders of six joints take a second
+    # rows below which a similarity in space, or a tool of unknown size, explains nearly anything
+    fewest_rows: int = 8
+    tool_rows: int = 39
+    # another reading is told where its misfit is below this share of the log's own: arms with
+    # links off by a tenth and offsets by 8 deg stay above it, exchanged columns below .1
+    far_better: float = 0.2
+    # shares of the extent below which kinematics are right but for two exchanged columns, and
+    # nothing is doubted: a reversed wrist leaves 2 %, a drawing is right to .2 %
+    good: float = 0.1
+    small: float = 0.005
+    most_ordered: int = 6  # joints whose 720 orders are tried
+    # median step of the joints over their spread, above which they are no path
+    path: float = 0.1
+    # an extent between these times the nominal one needs no word: lengths were typed wrong by less
+    usual_size: tuple[float, float] = (0.5, 2.0)
+    # it is that of another unit within this share: 900 is no millimetre
+    same_unit: float = 0.05
+    pixels_ratio: float = 5.0  # times the nominal extent beyond which that of pixels
+    # median turn [rad] beyond which orientations are not those of the joints
+    turned: float = 0.3
 
-TURNED = 0.3
-"""Median turn [rad] beyond which orientations are not those of the joints."""
 
-OUT_OF_PLANE = 0.02
-"""Share of the extent by which positions of a planar arm may leave their plane (rms)."""
+@dataclass(frozen=True)
+class WrongRows:
+    """Which rows contradict the others."""
 
-GROSS = 10.0
-SPREAD = 4.0
-GROSS_SHARE = 1e-4
-"""A residual is gross beyond so many medians, so many times what seven rows in ten stay below, and
-this share of the extent: no row of 80 clean logs of 20 to 600 rows is."""
+    # a residual is gross beyond so many medians, so many times what seven rows in ten stay below,
+    # and this share of the extent: no row of 80 clean logs of 20 to 600 rows is
+    gross: float = 10.0
+    spread: float = 4.0
+    share: float = 1e-4
+    # neighbours that a row is compared with, how many times as far as usual they may be (in a
+    # corner of the range twice as far), and by how many times their scatter it has to differ
+    around: int = 15
+    near: float = 2.5
+    apart: float = 10.0
+    most: float = 0.25  # share of the rows that can be wrong; beyond it the fit is
+    least_corner: int = 8  # rows that stand together from which on they are told
+    # rows that a robust fit of a rigid chain rests on, rows for each of its functions, and how
+    # many functions: those of five joints that turn
+    fitted: int = 1500
+    rows_per_term: int = 5
+    terms: int = 243
 
-AROUND = 15
-NEAR = 2.5
-APART = 10.0
-"""Neighbours that a suspect row is compared with, how many times as far as usual they may be (in a
-corner of the range they are twice as far), and by how many times their scatter it has to differ."""
 
-MOST_WRONG = 0.25
-"""Share of the rows that can be wrong; beyond it the fit is."""
+@dataclass(frozen=True)
+class Clock:
+    """When a clock is late."""
 
-UNSURE = 10.0
-"""Times as wide as the median that a pose's stated sd may be: such a row would weigh like 100."""
+    # median steps of time beyond which two rows are not one motion
+    longest_pause: float = 5.0
+    fewest_rows: int = 20  # that tell a delay
+    # a delay is corrected beyond so many sds, told from fewer on, if it explains this share of the
+    # squared residuals: real series of poses at rest stay below .02, a clock that is 1 ms late at
+    # 1 rad/s of a UR5 measured to .1 mm explains .9
+    clear: float = 5.0
+    doubted: float = 3.0
+    share: float = 0.1
+    doubted_share: float = 0.02
+    blocks: int = 20  # of neighbouring rows that vary on their own
+    student: float = 4.0  # degrees of freedom of the noise
 
-LEAST_CORNER = 8
-"""Rows from which on those that stand together, all off by the same, are told."""
 
-FITTED_ROWS = 1500
-ROWS_PER_TERM = 5
-TERMS = 243
-"""Rows that a robust fit of a rigid chain rests on, rows for each of its functions, and how many
-functions: those of five joints that turn."""
+@dataclass(frozen=True)
+class Step:
+    """When something moved while a log was taken."""
 
-LONGEST_PAUSE = 5.0
-"""Median steps of time between two rows beyond which they are not one motion."""
+    rows: int = 1000  # that are compared
+    parts: int = 32  # between which the log is split
+    least: int = 20  # poses that both sides of a split must have measured
+    sure: float = 6.0  # standard errors of the logarithm of the ratio: less is chance
+    # square differences across a split over those within a side: .5 mm steps hide in noise
+    times: float = 3.0
 
-CLEAR_DELAY = 5.0
-DOUBTED_DELAY = 3.0
-DELAY_SHARE = 0.1
-"""A delay is corrected beyond so many standard deviations, told from fewer on, if it explains this
-share of the squared residuals: real series of poses at rest stay below .02, a clock that is 1 ms
-late at 1 rad/s of a UR5 measured to .1 mm explains .9."""
 
-DELAY_BLOCKS = 20
-DELAY_NU = 4.0
-"""Blocks of neighbouring rows that vary on their own, and degrees of freedom of the noise."""
-
-LARGEST_ARM = 20.0
-"""An extent [m] beyond which a log without a robot is most likely in another unit: arms reach 3 m,
-a log of one in mm extends over hundreds."""
+READING = Reading()
+TURNING = LockedJoint(locked=math.radians(5.0), still=math.radians(0.5))
+SLIDING = LockedJoint(locked=2e-2, still=1e-3)
+ONE_POSE = OnePose()
+DIAGNOSIS = Diagnosis()
+WRONG = WrongRows()
+CLOCK = Clock()
+STEP = Step()

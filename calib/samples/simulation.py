@@ -1,9 +1,9 @@
-"""The simulated arm and sensor, changed as typed (`elbow.length=+20%`): what the sensor reads."""
+"""The simulated arm and sensor, with what changed: what the sensor reads."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
@@ -16,119 +16,12 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array
 from ..common.rows import LARGEST
 from ..errors import OptionError
+from .changes import IN_SPACE, PARTS, Change, parse_changes
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
 
-# what can change: a value as typed, and which values are possible
-_Rules = dict[str, tuple[str, Callable[[float], bool]]]
-_OF_JOINT: _Rules = {
-    "length": ("+20% or 0.3 [m], above zero", lambda value: value > 0),
-    "offset": ("0.05 [rad or m]", math.isfinite),
-    "gear": ("1.02, not 0 (lock holds a joint)", bool),
-    "noise": ("0.01 [rad or m], not negative", lambda value: value >= 0),
-    "backlash": ("0.01 [rad or m], not negative", lambda value: value >= 0),
-    "lock": ("1.0 [rad or m]", math.isfinite),
-}
-_OF_SENSOR: _Rules = {
-    "mirror": ("x or y", math.isfinite),
-    "scale": ("1.05, above zero", lambda value: value > 0),
-    "rotate": ("0.14 [rad]", math.isfinite),
-    "shift": ("0.03,-0.02 [m]", math.isfinite),
-    "outliers": ("5%, a share of the rows below 1", lambda value: 0 <= value < 1),
-}
-_RULES: dict[str, _Rules] = {
-    "tip": {"offset": ("0.01,0.02 [m]", math.isfinite)},
-    "sensor": _OF_SENSOR,
-}
-_CHOICES = f"JOINT.{'|'.join(_OF_JOINT)}, tip.offset, sensor.{'|'.join(_OF_SENSOR)}"
-_ANGLES = ("offset", "noise", "backlash", "lock")  # of a joint that is typed in degrees
-_IN_SPACE = ("scale", "outliers")  # changes of the sensor that an arm in space can have
 _BOX_SAMPLES = 4096  # enough to know the extent of the workspace to a few percent
-
-
-@dataclass(frozen=True)
-class Change:
-    """One change of the simulated arm or sensor."""
-
-    part: str  # a joint's name, "tip" or "sensor"
-    what: str  # `length`, `offset`, ...
-    # one number, or two for `tip.offset` and `sensor.shift` [rad, m or 1]. For `sensor.mirror` the
-    # factors of x and y, such as (-1, 1). Where `relative`, the factor itself: 1.2 for +20%.
-    values: tuple[float, ...]
-    relative: bool
-    text: str  # the change as typed
-
-    def __str__(self) -> str:
-        return self.text
-
-
-def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
-    """Read one change, such as `elbow.length=+20%`, `tip.offset=0.01,0.02` or `sensor.mirror=x`.
-
-    The last dot before the last `=` divides the name from what is changed, so a joint's name may
-    hold dots.  Offset, noise, backlash and lock of the joints in `degrees` are typed in degrees;
-    the answer is in SI units.
-
-    Raises OptionError if the text is no change or its value is impossible.
-
-    Examples
-    --------
-    >>> change = parse_change("left.elbow.length=+20%")
-    >>> change.part, change.what, change.values, change.relative
-    ('left.elbow', 'length', (1.2,), True)
-    """
-    name, _, value = (each.strip() for each in text.rpartition("="))
-    part, _, what = name.rpartition(".")
-    rules = _RULES.get(part, _OF_JOINT)
-    if not part or not value or what not in rules:
-        raise OptionError(
-            f"change {text!r} is not WHO.WHAT=VALUE such as elbow.length=+20%; choices: {_CHOICES}"
-        )
-    form, possible = rules[what]
-    relative = (
-        value[0] in "+-" and value.endswith("%") and what in ("length", "gear", "scale")
-    )
-    try:
-        values = _values(what, value, relative)
-        pair = part == "tip" or what in ("shift", "mirror")
-        if len(values) != 1 + pair or not all(
-            abs(v) < LARGEST and possible(v) for v in values
-        ):
-            raise ValueError(value)
-    except (KeyError, ValueError):
-        raise OptionError(f"change {text!r}: expected a value such as {form}") from None
-    if part in degrees and what in _ANGLES:
-        values = (math.radians(values[0]),)
-        text = f"{part}.{what}={values[0]!r}"
-    return Change(part, what, values, relative, text.strip())
-
-
-def parse_changes(
-    changes: Iterable[str | Change], *, degrees: Collection[str] = ()
-) -> tuple[Change, ...]:
-    """Read several changes; the same thing changed twice is refused. See `parse_change`."""
-    parsed: dict[tuple[str, str], Change] = {}
-    for item in (changes,) if isinstance(changes, str) else changes:
-        change = (
-            item if isinstance(item, Change) else parse_change(item, degrees=degrees)
-        )
-        before = parsed.setdefault((change.part, change.what), change)
-        if before is not change:
-            raise OptionError(
-                f"change {change} comes after {before}: give one of the two"
-            )
-    return tuple(parsed.values())
-
-
-def _values(what: str, value: str, relative: bool) -> tuple[float, ...]:
-    """The numbers of a change as typed, +20% as 1.2; raises KeyError or ValueError if none."""
-    if what == "mirror":
-        return {"x": (-1.0, 1.0), "y": (1.0, -1.0)}[value]
-    if relative or what == "outliers":
-        share = float(value.removesuffix("%")) / (100.0 if value.endswith("%") else 1.0)
-        return (1.0 + share if relative else share,)
-    return tuple(float(number) for number in value.split(","))
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +48,7 @@ class Simulation:
 
     def __post_init__(self) -> None:
         noise = self.noise
-        number = isinstance(noise, (int, float, np.number)) and not isinstance(
+        number = isinstance(noise, int | float | np.number) and not isinstance(
             noise, bool
         )
         if not number or not 0.0 <= noise < LARGEST:
@@ -164,20 +57,24 @@ class Simulation:
             )
         object.__setattr__(self, "noise", float(noise))
         object.__setattr__(self, "changes", parse_changes(self.changes))
-        names = self.arm.joint_names
         for change in self.changes:
-            if change.part not in (*names, *_RULES):
-                choices = f"choices: {', '.join(names)}, sensor, tip"
-                raise OptionError(
-                    f"change {str(change)!r}: no joint {change.part!r}; {choices}"
-                )
-            planar = change.part in _RULES and change.what not in _IN_SPACE
-            if planar and self.arm.outputs == 3:
-                raise OptionError(
-                    f"change {str(change)!r} is for planar arms; of an arm in space the joints, "
-                    f"{' and '.join(f'sensor.{what}' for what in _IN_SPACE)} can change"
-                )
+            self._check(change)
         _ = self.true_arm  # a change of geometry that is impossible is told here
+
+    def _check(self, change: Change) -> None:
+        """Refuse a change of a joint that is none, or that an arm in space cannot have."""
+        names = self.arm.joint_names
+        if change.part not in (*names, *PARTS):
+            choices = f"choices: {', '.join(names)}, sensor, tip"
+            raise OptionError(
+                f"change {str(change)!r}: no joint {change.part!r}; {choices}"
+            )
+        planar = change.part in PARTS and change.what not in IN_SPACE
+        if planar and self.arm.outputs == 3:
+            raise OptionError(
+                f"change {str(change)!r} is for planar arms; of an arm in space the joints, "
+                f"{' and '.join(f'sensor.{what}' for what in IN_SPACE)} can change"
+            )
 
     @cached_property
     def true_arm(self) -> Arm:
@@ -195,16 +92,15 @@ class Simulation:
         """Draw what the encoders read (n, dof) [rad or m], uniformly from the arm's range."""
         low = np.asarray(self.arm.lower)
         high = np.asarray(self.arm.upper)
-        return np.clip(
-            rng.uniform(low, high, size=(n, len(low))), low, high
-        )  # it may round up
+        q = rng.uniform(low, high, size=(n, len(low)))
+        return np.clip(q, low, high)  # it may round up
 
     def exact(self, q: ArrayLike) -> Array:
         """Return what the sensor would read without noise, backlash and outliers.
 
         Positions (n, 2) or (2,) [m] for encoders that read `q` (n, dof) or (dof,) [rad or m].
         """
-        return self._see(self._held(self._geared(np.array(q, dtype=np.float64))))
+        return self._see(self._geared(np.array(q, dtype=np.float64)))
 
     def true(self, q: ArrayLike, rng: Generator) -> Array:
         """Return where the tip truly is while the arm goes through `q` (n, dof), row by row.
@@ -213,11 +109,11 @@ class Simulation:
         """
         theta = self._geared(np.array(q, dtype=np.float64))
         noise = rng.spawn(1)[0].standard_normal(theta.shape)
-        for k, play in self._each("backlash"):
-            theta[:, k] = _play(theta[:, k], play)
-        for k, size in self._each("noise"):
+        for k, width in self._of_joints("backlash"):
+            theta[:, k] = _followed(theta[:, k], width)
+        for k, size in self._of_joints("noise"):
             theta[:, k] += size * noise[:, k]
-        return self._see(self._held(theta))
+        return self._see(theta)
 
     def measure(self, q: ArrayLike, rng: Generator) -> Array:
         """Return what the sensor reads while the arm goes through `q`, row by row; see `exact`.
@@ -240,7 +136,7 @@ class Simulation:
     @property
     def hidden(self) -> bool:
         """Whether something that no encoder reads moves the tip: backlash, joint noise."""
-        return bool(self._each("backlash") or self._each("noise"))
+        return bool(self._of_joints("backlash") or self._of_joints("noise"))
 
     def to_json(self) -> dict[str, Any]:
         """Return the noise and the changes as plain data; the arm is stored elsewhere."""
@@ -256,20 +152,16 @@ class Simulation:
 
     def _geared(self, theta: Array) -> Array:
         """Where the joints stand when their encoders read `theta`, which changes in place."""
-        for k, gear in self._each("gear"):
+        for k, gear in self._of_joints("gear"):
             theta[..., k] *= gear
-        for k, offset in self._each("offset"):
+        for k, offset in self._of_joints("offset"):
             theta[..., k] += offset
         return theta
 
-    def _held(self, theta: Array) -> Array:
-        """With joints that are locked where they are, against all else."""
-        for k, value in self._each("lock"):
-            theta[..., k] = value
-        return theta
-
     def _see(self, theta: Array) -> Array:
-        """Tip positions in the sensor's frame for the joints' true values."""
+        """Tip positions in the sensor's frame; locked joints stay, against all else."""
+        for k, value in self._of_joints("lock"):
+            theta[..., k] = value
         x = np.array(self.true_arm.forward(theta), dtype=np.float64)
         for factors in (*self._of_sensor("mirror"), *self._of_sensor("scale")):
             x *= factors
@@ -290,17 +182,20 @@ class Simulation:
     def _of_sensor(self, what: str) -> list[tuple[float, ...]]:
         return [c.values for c in self.changes if c.part == "sensor" and c.what == what]
 
-    def _each(self, what: str) -> list[tuple[int, float]]:
+    def _of_joints(self, what: str) -> list[tuple[int, float]]:
         """Columns of the joints that a change concerns, and its values."""
         names = self.arm.joint_names
-        ours = [c for c in self.changes if c.what == what and c.part not in _RULES]
-        return [(names.index(c.part), c.values[0]) for c in ours]
+        return [
+            (names.index(change.part), change.values[0])
+            for change in self.changes
+            if change.what == what and change.part not in PARTS
+        ]
 
 
-def _play(theta: Array, width: float) -> Array:
+def _followed(theta: Array, width: float) -> Array:
     """Let a joint (n,) follow its motor (n,), in the order of motion, with play [rad or m]."""
     half = width / 2.0
-    followed = accumulate(
+    joint = accumulate(
         theta.tolist(), lambda at, motor: min(max(at, motor - half), motor + half)
     )
-    return np.fromiter(followed, dtype=np.float64)
+    return np.fromiter(joint, dtype=np.float64)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Index, Mask
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import OptionError
@@ -23,6 +21,9 @@ STRAY = 8.0
 MACHINED = 1e-4
 """Sd [m] of a distance or a plane that is stated without one."""
 
+_LENGTH = r"\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(mm|cm|m|in)\s*"
+_DISTANCE = re.compile(rf"(.+),(.+)={_LENGTH}(?:(?:\+-|±){_LENGTH})?")
+
 
 @dataclass(frozen=True)
 class Known:
@@ -34,23 +35,21 @@ class Known:
 
     def misfit(self, places: Array) -> tuple[Array, Array]:
         """How far places (p, 3) are off (k,) [m], and the derivative (k, p, 3)."""
-        own = places[list(self.points)]
+        points = places[list(self.points)]
         if self.value is not None:
-            apart = own[0] - own[1]
+            apart = points[0] - points[1]
             length = max(float(np.linalg.norm(apart)), 1e-12)
             slope = np.zeros((1, len(places), 3))
-            slope[0, self.points[0]], slope[0, self.points[1]] = (
-                apart / length,
-                -apart / length,
-            )
+            slope[0, self.points[0]] = apart / length
+            slope[0, self.points[1]] = -apart / length
             return np.array([length - self.value]), slope
-        centred = own - own.mean(axis=0)
+        centred = points - points.mean(axis=0)
         *_, axes = np.linalg.svd(centred)
         # to first order a point leaves the fitted plane by what the plane does not follow
-        basis = np.column_stack([np.ones(len(own)), centred @ axes[:2].T])
-        left = np.eye(len(own)) - basis @ np.linalg.pinv(basis)
-        slope = np.zeros((len(own), len(places), 3))
-        slope[:, list(self.points)] = left[:, :, None] * axes[2]
+        basis = np.column_stack([np.ones(len(points)), centred @ axes[:2].T])
+        outside = np.eye(len(points)) - basis @ np.linalg.pinv(basis)
+        slope = np.zeros((len(points), len(places), 3))
+        slope[:, list(self.points)] = outside[:, :, None] * axes[2]
         return centred @ axes[2], slope
 
 
@@ -58,47 +57,60 @@ class Known:
 class Touches:
     """Which socket each row touched, and what is known of the sockets."""
 
-    number: NDArray[
-        np.intp
-    ]  # (n,), of the socket; -1 where a sensor measured the tip instead
+    number: Index  # (n,), of the socket; -1 where a sensor measured the tip instead
     sockets: tuple[tuple[str, str], ...]  # setup and point of each number
-    known: tuple[Known, ...] = ()
+    facts: tuple[Known, ...] = ()
 
-    def take(self, rows: slice | NDArray[np.intp] | Mask) -> Touches:
+    @property
+    def touched(self) -> Mask:
+        """Whether each row is a touch (n,)."""
+        return np.asarray(self.number >= 0)
+
+    @property
+    def distances(self) -> list[Known]:
+        """The facts that are distances."""
+        return [fact for fact in self.facts if fact.value is not None]
+
+    def name(self, socket: int) -> str:
+        """Setup and point of a socket in a message."""
+        return " ".join(self.sockets[socket]).strip()
+
+    def take(self, rows: slice | Index | Mask) -> Touches:
         """The touches of some rows; all sockets keep their numbers."""
         return replace(self, number=self.number[rows])
 
     def means(self, x: Array, middle: Callable[..., Array] = np.mean) -> Array:
         """Mean of positions `x` (n, m) in each socket (p, m); NaN where no row touched it."""
-        found = np.full((len(self.sockets), x.shape[1]), np.nan)
-        for k in np.unique(self.number[self.number >= 0]):
-            found[k] = middle(x[self.number == k], axis=0)
-        return found
+        means = np.full((len(self.sockets), x.shape[1]), np.nan)
+        for socket in np.unique(self.number[self.touched]):
+            means[socket] = middle(x[self.number == socket], axis=0)
+        return means
+
+    def placed(self, x: Array, places: Array) -> Array:
+        """Positions (n, m): places (p, m) of the touched sockets, `x` of rows of a sensor."""
+        return np.where(self.touched[:, None], places[self.number], x)
 
     def about_medians(self, x: Array) -> Array:
         """Distances (n,) of positions `x` (n, m) from the median of their socket's."""
         off = np.linalg.norm(x - self.means(x, np.median)[self.number], axis=1)
-        return np.where(self.number >= 0, off, 0.0)
+        return np.where(self.touched, off, 0.0)
 
-    def renumbered(
-        self,
-    ) -> tuple[NDArray[np.intp], tuple[Known, ...], NDArray[np.intp]]:
+    def renumbered(self) -> tuple[Index, tuple[Known, ...], Index]:
         """Numbers of the sockets that some row touched, what is known of these, and which."""
-        own = np.unique(self.number[self.number >= 0])
-        place = {int(old): new for new, old in enumerate(own)}
-        known = (
-            replace(each, points=tuple(place[k] for k in each.points))
-            for each in self.known
-            if all(k in place for k in each.points)
-        )
-        number = np.where(self.number < 0, -1, np.searchsorted(own, self.number))
-        return number, tuple(known), own
+        sockets = np.unique(self.number[self.touched])
+        place = {int(old): new for new, old in enumerate(sockets)}
+        facts = [
+            replace(fact, points=tuple(place[point] for point in fact.points))
+            for fact in self.facts
+            if place.keys() >= {*fact.points}
+        ]
+        number = np.where(self.touched, np.searchsorted(sockets, self.number), -1)
+        return number, tuple(facts), sockets
 
     def strays(self, off: Array) -> Mask:
         """Rows (n,) far from their socket by distances `off` (n,): the tip was not in it."""
-        touched = self.number >= 0
-        usual = np.median(off[touched]) if touched.any() else 0.0
-        return np.asarray(touched & (off > STRAY * usual))
+        usual = np.median(off[self.touched]) if self.touched.any() else 0.0
+        return np.asarray(self.touched & (off > STRAY * usual))
 
     def stated(
         self, distances: Sequence[str] = (), planes: Sequence[str] = ()
@@ -107,41 +119,49 @@ class Touches:
 
         It holds in each setup that has these points.  Raises OptionError if none has.
         """
-        facts = [(text, *_distance(text)) for text in distances]
-        facts += [
-            (text, [name.strip() for name in text.split(",")], None, 0.0)
-            for text in planes
-        ]
-        known = list(self.known)
-        for text, names, value, tolerance in facts:
-            setups = [
-                [(s, name) for name in names]
-                for s in sorted({s for s, _ in self.sockets})
+        facts = list(self.facts)
+        for text in distances:
+            points, value, tolerance = _distance(text)
+            facts += [
+                Known(sockets, value, tolerance)
+                for sockets in self._in_each_setup(text, points, 2)
             ]
-            found = [some for some in setups if {*some} <= {*self.sockets}]
-            if not found or (value is None and len(names) < 4):
-                points = listed(sorted({point for _, point in self.sockets}))
-                raise OptionError(
-                    f"{text!r}: expected points of one setup, four points of a plane: {points}"
-                )
-            numbers = [tuple(map(self.sockets.index, some)) for some in found]
-            known += [Known(points, value, tolerance or MACHINED) for points in numbers]
-        return replace(self, known=tuple(known))
+        for text in planes:
+            points = [point.strip() for point in text.split(",")]
+            facts += [
+                Known(sockets, None) for sockets in self._in_each_setup(text, points, 4)
+            ]
+        return replace(self, facts=tuple(facts))
+
+    def _in_each_setup(
+        self, text: str, points: Sequence[str], least: int
+    ) -> list[tuple[int, ...]]:
+        """Numbers of some points in the setups that have all of them."""
+        numbers = []
+        for setup in sorted({setup for setup, _ in self.sockets}):
+            sockets = [(setup, point) for point in points]
+            if {*sockets} <= {*self.sockets}:
+                numbers.append(tuple(map(self.sockets.index, sockets)))
+        if not numbers or len(points) < least:
+            choices = listed(sorted({point for _, point in self.sockets}))
+            raise OptionError(
+                f"{text!r}: expected points of one setup, four points of a plane: {choices}"
+            )
+        return numbers
 
 
-def _distance(text: str) -> tuple[list[str], float | None, float]:
+def _distance(text: str) -> tuple[list[str], float, float]:
     """Read `A,B=50mm` or `A,B=50mm+-0.1mm`: the points, their distance and its sd [m]."""
-    number = r"([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(mm|cm|m|in)"
-    match = re.fullmatch(
-        rf"(.+),(.+)=\s*{number}\s*(?:(?:\+-|±)\s*{number}\s*)?", text.strip()
-    )
-    with suppress(ValueError):  # of 1.2.3
-        if match is not None:
-            value = float(match[3]) / METRES[match[4]]
-            sd = float(match[5]) / METRES[match[6]] / 1.96 if match[5] else MACHINED
-            if 0 < value < 1e3 and 0 < sd < 1e3:
-                return [match[1].strip(), match[2].strip()], value, sd
-    raise OptionError(
-        f"distance {text!r}: expected two points, their distance and its unit, such as "
-        "A,B=50mm or A,B=50mm+-0.1mm"
-    )
+    match = _DISTANCE.fullmatch(text.strip())
+    try:
+        one, other, value, unit, interval, its_unit = match.groups() if match else ()
+        distance = float(value) / METRES[unit]
+        sd = float(interval) / METRES[its_unit] / 1.96 if interval else MACHINED
+        if not (0 < distance < 1e3 and 0 < sd < 1e3):
+            raise ValueError(distance)
+    except ValueError:  # no match, or of 1.2.3
+        raise OptionError(
+            f"distance {text!r}: expected two points, their distance and its unit, such as "
+            "A,B=50mm or A,B=50mm+-0.1mm"
+        ) from None
+    return [one.strip(), other.strip()], distance, sd

@@ -53,9 +53,7 @@ class Source:
     header: tuple[str, ...]
     rows: pl.LazyFrame  # with their numbers as `ROW`
     about: Mapping[str, Any]  # what the file says of all its rows; see `write_table`
-    text: bool = (
-        False  # whether it is a CSV file, whose blank lines at the end are no rows
-    )
+    text: bool = False  # whether it is CSV, whose blank lines at the end are no rows
 
     @property
     def unit(self) -> str | None:
@@ -67,16 +65,15 @@ class Source:
         """The table with at most so many rows, drawn at random, and how many it has."""
         import polars as pl
 
-        with _told(self.label):
+        with _refusing(self.label):
             total = int(self.rows.select(pl.len()).collect(engine="streaming").item())
         if total <= most:
             return self, total
-        some = 1 + np.sort(
-            np.random.default_rng(seed).choice(total, most, replace=False)
-        )
+        rng = np.random.default_rng(seed)
+        numbers = 1 + np.sort(rng.choice(total, most, replace=False))
         # a join would hold the whole file: of 5 million rows of nine columns 1.0 GB, this .4
-        drawn = pl.col(ROW).is_in(pl.Series(some.astype(np.uint32)).implode())
-        return replace(self, rows=self.rows.filter(drawn)), total
+        is_drawn = pl.col(ROW).is_in(pl.Series(numbers.astype(np.uint32)).implode())
+        return replace(self, rows=self.rows.filter(is_drawn)), total
 
     def read(self, names: Sequence[str]) -> pl.DataFrame:
         """Read some columns as they are, text from CSV.
@@ -102,32 +99,31 @@ class Source:
                     f"{self.label}, column {name!r} holds {kind}, expected numbers"
                 )
         # not as text: Polars would hold the whole file for some cells of it
-        cast = (
-            cell.cast(pl.Float64, strict=False).alias(n) for n, cell in columns.items()
+        table = self._collected(
+            [
+                column.cast(pl.Float64, strict=False)
+                .fill_null(float("nan"))
+                .alias(name)
+                for name, column in columns.items()
+            ]
         )
-        table = self._collected([cell.fill_null(float("nan")) for cell in cast])
-        values = (
-            table.select(names)
-            .to_numpy(order="c")
-            .astype(np.float64)
-            .reshape(-1, len(names))
-        )
-        return values, table[ROW].to_numpy().astype(np.intp)
+        values = table.select(names).to_numpy(order="c").astype(np.float64)
+        return values.reshape(-1, len(names)), table[ROW].to_numpy().astype(np.intp)
 
     def _collected(self, columns: Sequence[pl.Expr]) -> pl.DataFrame:
         """Some columns and `ROW`, without blank lines at the end of a CSV file."""
         import polars as pl
 
-        blank = (
-            pl.all_horizontal(pl.exclude(ROW).is_null())
-            if self.text
-            else pl.lit(value=False)
-        )
-        with _told(self.label):
-            rows = self.rows.select(ROW, *columns, blank.alias("\0blank"))
-            found = rows.collect(engine="streaming").sort(ROW)
-        there = (~found["\0blank"]).arg_true()
-        return found.drop("\0blank").head(there[-1] + 1 if len(there) else 0)
+        if not self.text:
+            with _refusing(self.label):
+                rows = self.rows.select(ROW, *columns)
+                return rows.collect(engine="streaming").sort(ROW)
+        filled = pl.any_horizontal(pl.exclude(ROW).is_not_null()).alias("\0filled")
+        with _refusing(self.label):
+            rows = self.rows.select(ROW, *columns, filled)
+            table = rows.collect(engine="streaming").sort(ROW)
+        numbers = table["\0filled"].arg_true()
+        return table.drop("\0filled").head(numbers[-1] + 1 if len(numbers) else 0)
 
     def _column(self, name: str) -> pl.Expr:
         import polars as pl
@@ -156,10 +152,10 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     can be read only once, serves several readers.
     Raises LogError if there is no such file, or no header in it.
     """
-    import polars as pl
-
     if isinstance(path, Source):
         return path
+    import polars as pl
+
     name = os.fspath(path)
     label = "standard input" if name == "-" else printable(name)
     file = Path(name)
@@ -170,76 +166,93 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
                 f"{label} is no table: expected a CSV or Parquet file", hint=hint
             )
         content = _content(file)
-        with (
-            file.open("rb")
-            if isinstance(content, Path)
-            else io.BytesIO(content) as opened
-        ):
-            head = opened.read(1 << 16)
+        head = _head(content)
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise LogError(f"cannot read {label!r}: {why}") from None
     text = not head.startswith(b"PAR1")
-    about = ""
-    lines = head.decode("utf-8-sig", errors="replace").splitlines() if text else [KEY]
-    lines = [line for line in lines if line.strip()]
-    if lines and lines[0].startswith(COMMENT):
-        about = lines.pop(0).removeprefix(COMMENT)
-    if not lines:
-        raise LogError(
-            f"{label} is empty: expected a header with the names of the columns"
-        )
-    with _told(label):
+    with _refusing(label):
         if text:
-            rows = pl.scan_csv(
-                content,
-                separator=max(",;\t", key=lines[0].count),
-                comment_prefix=COMMENT,
-                infer_schema=False,
-                glob=False,
-                with_column_names=lambda names: [
-                    n.strip().replace('""', '"') for n in names
-                ],
-            )
+            rows, about = _scanned_text(content, head, label)
         else:
             rows = pl.scan_parquet(content, glob=False)
             about = pl.read_parquet_metadata(content).get(KEY, "")
-        suffixed = [
-            name for name in rows.collect_schema() if name.endswith(_POSITION_SUFFIX)
-        ]
+        names = [*rows.collect_schema()]
+        suffixed = [name for name in names if name.endswith(_POSITION_SUFFIX)]
         rows = rows.rename(
             {name: name.removesuffix(_POSITION_SUFFIX) for name in suffixed}
         )
         header = tuple(rows.collect_schema())
-    try:
-        said = json.loads(about or "{}")
-    except ValueError:
-        said = {}
-    said = said if isinstance(said, dict) else {}
-    return Source(label, header, rows.with_row_index(ROW, 1), said, text)
+    return Source(label, header, rows.with_row_index(ROW, 1), _as_mapping(about), text)
 
 
 def _content(file: Path) -> Path | bytes:
     """A file's path, or what a stream holds, which can be read only once."""
     if str(file) == "-":
         stream = getattr(sys.stdin, "buffer", sys.stdin)
-        read = stream.read() if stream else b""
-        return read.encode() if isinstance(read, str) else bytes(read)
+        content = stream.read() if stream else b""
+        return content.encode() if isinstance(content, str) else bytes(content)
     if file.is_block_device() or file.is_char_device():
         raise OSError("it is a device, expected a CSV or Parquet file")
     return file.read_bytes() if file.is_fifo() else file
 
 
+def _head(content: Path | bytes) -> bytes:
+    """The first 64 kB."""
+    with (
+        content.open("rb")
+        if isinstance(content, Path)
+        else io.BytesIO(content) as stream
+    ):
+        return stream.read(1 << 16)
+
+
+def _scanned_text(
+    content: Path | bytes, head: bytes, label: str
+) -> tuple[pl.LazyFrame, str]:
+    """The rows of a CSV file, and what it says above its header."""
+    import polars as pl
+
+    lines = head.decode("utf-8-sig", errors="replace").splitlines()
+    lines = [line for line in lines if line.strip()]
+    about = ""
+    if lines and lines[0].startswith(COMMENT):
+        about = lines.pop(0).removeprefix(COMMENT)
+    if not lines:
+        raise LogError(
+            f"{label} is empty: expected a header with the names of the columns"
+        )
+    rows = pl.scan_csv(
+        content,
+        separator=max(",;\t", key=lines[0].count),
+        comment_prefix=COMMENT,
+        infer_schema=False,
+        glob=False,
+        with_column_names=lambda names: [
+            name.strip().replace('""', '"') for name in names
+        ],
+    )
+    return rows, about
+
+
+def _as_mapping(about: str) -> dict[str, Any]:
+    try:
+        document = json.loads(about or "{}")
+    except ValueError:
+        return {}
+    return document if isinstance(document, dict) else {}
+
+
 @contextmanager
-def _told(label: str) -> Iterator[None]:
-    """Tell in one line that Polars cannot read a file."""
+def _refusing(label: str) -> Iterator[None]:
+    """Say in one line that Polars cannot read a file."""
     import polars as pl
 
     try:
         yield
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
         reason = (str(error).strip().splitlines() or ["unreadable"])[0][:100]
-        remedy = "".join(told for part, told in _REMEDIES.items() if part in reason)
+        remedy = "".join(hint for part, hint in _REMEDIES.items() if part in reason)
         raise LogError(f"{label} cannot be read: {reason}{remedy}") from None
 
 
@@ -247,23 +260,22 @@ def _told(label: str) -> Iterator[None]:
 class Batch:
     """A table of queries, with the columns that go along unread."""
 
-    # (n, k), the columns asked for as `names`; NaN throughout a row that has no number for each
+    # (n, k), the columns that are read as `names`; NaN in a row that has no number for each
     values: Array
     names: tuple[str, ...]
-    invalid: tuple[
-        int, ...
-    ]  # numbers of the rows that are NaN; 1 is the first below the header
-    table: pl.DataFrame  # all columns in their order, those asked for by their `names`
+    invalid: tuple[int, ...]  # numbers of the NaN rows; 1 is the first below the header
+    table: (
+        pl.DataFrame
+    )  # all columns in their order, those that are read by their `names`
 
     def answered(self, added: Mapping[str, ArrayLike]) -> dict[str, Any]:
         """Return the table's columns in their places, answers in place or behind them."""
-        old = [
-            name
-            for name in added
-            if name in self.table.columns and name not in self.names
-        ]
-        mine = dict(zip(self.names, self.values.T, strict=True))
-        return {**self.table.drop(old).to_dict(), **mine, **added}
+        columns = {
+            name: column
+            for name, column in self.table.to_dict().items()
+            if name in self.names or name not in added
+        }
+        return {**columns, **dict(zip(self.names, self.values.T, strict=True)), **added}
 
     def take(self, rows: Index) -> Batch:
         """The table with some of its rows, which may be there more than once."""
@@ -271,11 +283,13 @@ class Batch:
 
     def notes(self, added: Sequence[str]) -> list[str]:
         """Say how many columns go along."""
-        kept = [
+        names = [
             name for name in self.table.columns if name not in (*self.names, *added)
         ]
-        words = f"other column{'s' * (len(kept) > 1)} copied to the output unchanged"
-        return [f"{len(kept)} {words}: {listed(kept)}"] if kept else []
+        if not names:
+            return []
+        words = f"other column{'s' * (len(names) > 1)} copied to the output unchanged"
+        return [f"{len(names)} {words}: {listed(names)}"]
 
 
 def read_batch(
@@ -292,18 +306,19 @@ def read_batch(
     import polars as pl
 
     source = open_source(path)
-    called = dict(columns or {})
-    there = [
-        g for g in more if {called.get(name, name) for name in g} <= {*source.header}
-    ]
-    names = (*names, *(name for group in there for name in group))
-    held = {called.get(name, name): name for name in names}
-    rest = [name for name in source.header if name in held or name not in names]
-    values, rows = source.numbers(list(held))
+    column_of = columns or {}
+    wanted = list(names)
+    for group in more:
+        if {column_of.get(name, name) for name in group} <= {*source.header}:
+            wanted += group
+    name_of = {column_of.get(name, name): name for name in wanted}
+    values, rows = source.numbers(list(name_of))
     invalid = ~np.isfinite(values).all(axis=1)
     values[invalid] = np.nan
-    table = source.read(rest).rename(held).with_columns(pl.col(pl.String).fill_null(""))
-    return Batch(values, names, tuple(rows[invalid].tolist()), table)
+    rest = [name for name in source.header if name in name_of or name not in wanted]
+    table = source.read(rest).rename(name_of)
+    table = table.with_columns(pl.col(pl.String).fill_null(""))
+    return Batch(values, tuple(wanted), tuple(rows[invalid].tolist()), table)
 
 
 def write_table(
@@ -321,25 +336,27 @@ def write_table(
     """
     import polars as pl
 
-    series = {
-        k: v if isinstance(v, pl.Series) else np.asarray(v) for k, v in columns.items()
-    }
-    frame = pl.DataFrame(series)
-    told = json.dumps(about, sort_keys=True) if about else ""
+    frame = pl.DataFrame(
+        {
+            name: column if isinstance(column, pl.Series) else np.asarray(column)
+            for name, column in columns.items()
+        }
+    )
+    document = json.dumps(about, sort_keys=True) if about else ""
     if Path(path).suffix.lower() in PARQUET:
         # by way of memory: what Polars says of a full disk is no OSError
         content = io.BytesIO()
-        frame.write_parquet(content, metadata={KEY: told} if told else None)
+        frame.write_parquet(content, metadata={KEY: document} if document else None)
         atomic_write(path, content.getvalue())
         return
     # Polars spells it "NaN" otherwise
-    text = frame.with_columns(pl.col(pl.Float64).fill_nan(None)).write_csv(
-        null_value="nan"
-    )
-    text = f"{COMMENT}{told}\n{text}" if told else text
-    if os.fspath(path) == "-":
-        if sys.stdout.isatty():  # a column may have a name that a terminal would obey
-            text = "\n".join(map(printable, text.split("\n")))
-        sys.stdout.write(text)
-    else:
+    frame = frame.with_columns(pl.col(pl.Float64).fill_nan(None))
+    text = frame.write_csv(null_value="nan")
+    if document:
+        text = f"{COMMENT}{document}\n{text}"
+    if os.fspath(path) != "-":
         atomic_write(path, text.encode())
+        return
+    if sys.stdout.isatty():  # a column may have a name that a terminal would obey
+        text = "\n".join(map(printable, text.split("\n")))
+    sys.stdout.write(text)

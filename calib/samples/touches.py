@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..common.arrays import Array, Index
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
@@ -27,7 +28,7 @@ def read_touches(
     source: Source,
     arm: Arm | None,
     joints: Sequence[str] | None,
-    called: Mapping[str, str],
+    column_of: Mapping[str, str],
     *,
     degrees: bool = False,
     unit: str = "m",
@@ -46,72 +47,93 @@ def read_touches(
         )
     names = joint_names(source, arm, joints)
     revolute = arm.revolute if arm is not None else (True,) * len(names)
-    q, rows = source.numbers([called.get(name, name) for name in names])
-    q = np.where(revolute, np.deg2rad(q), q) if degrees else q
-    texts, axes = (
-        [called.get(n, n) for n in some] for some in (("setup", "point"), POSITION)
-    )
-    table = source.read([name for name in texts if name in source.header]).fill_null("")
-    told = [table[n] if n in table.columns else [""] * len(q) for n in texts]
-    pairs = [(str(setup), str(point)) for setup, point in zip(*told, strict=True)]
-    stated = np.full((len(q), 3), np.nan)
-    if {*axes} <= {*source.header}:
-        if unit not in METRES:
-            words = f"{source.label}: x, y, z of touches in {unit}"
-            raise LogError(f"{words}, expected {listed(METRES)}")
-        stated = source.numbers(axes)[0] / METRES[unit]
+    q, rows = source.numbers([column_of.get(name, name) for name in names])
+    if degrees:
+        q = np.where(revolute, np.deg2rad(q), q)
+    pairs = _setups_and_points(source, column_of, len(q))
+    coordinates = _coordinates(source, column_of, len(q), unit)
     touched = np.array([bool(point) for _, point in pairs])
-    good = np.isfinite(q).all(axis=1) & (touched | np.isfinite(stated).all(axis=1))
-    if not (good & touched).any():
+    measured = np.isfinite(coordinates).all(axis=1)
+    sound = np.isfinite(q).all(axis=1) & (touched | measured)
+    if not (sound & touched).any():
         raise LogError(f"{source.label} has no row with all joints and a point")
-    lower = q[good].min(axis=0) - 1e-9
-    upper = q[good].max(axis=0) + 1e-9
+    lower = q[sound].min(axis=0) - 1e-9
+    upper = q[sound].max(axis=0) + 1e-9
     if arm is not None:
         limits = (arm.joint_names, arm.lower, arm.upper, arm.revolute)
         check_joint_values(q, *limits, degrees=degrees, label=source.label)
         lower = np.minimum(arm.lower, lower)
         upper = np.maximum(arm.upper, upper)
-    sockets = tuple(sorted({pairs[k] for k in np.flatnonzero(good & touched)}))
-    number = np.array(
-        [sockets.index(p) if p in sockets else -1 for p in pairs], dtype=np.intp
-    )
-    q = q[good]
-    stated = stated[good]
-    number = number[good]
-    spots = [stated[number == k][0] for k in range(len(sockets))]
-    known = (
-        tuple(  # distances of points whose coordinates are stated, within each setup
-            Known((i, j), float(np.linalg.norm(spots[i] - spots[j])))
-            for i, j in combinations(range(len(sockets)), 2)
-            if sockets[i][0] == sockets[j][0]
-            and np.isfinite([spots[i], spots[j]]).all()
-        )
-    )
-    touches = Touches(number, sockets, known)
+    sockets = tuple(sorted({pairs[row] for row in np.flatnonzero(sound & touched)}))
+    place = {socket: number for number, socket in enumerate(sockets)}
+    number = np.array([place.get(pair, -1) for pair in pairs], dtype=np.intp)[sound]
+    q = q[sound]
+    coordinates = coordinates[sound]
+    touches = Touches(number, sockets, _fixture_distances(sockets, number, coordinates))
+    x = np.zeros((len(q), 3)) if arm is None else touches.means(arm.forward(q))[number]
     few = [
-        " ".join(s).strip()
-        for k, s in enumerate(sockets)
-        if (number == k).sum() < _LEAST
+        touches.name(socket)
+        for socket in range(len(sockets))
+        if np.count_nonzero(number == socket) < _LEAST
     ]
     notes = [f"fewer than {_LEAST} postures touch {listed(few)}"] if few else []
     if len(sockets) == 1:
         notes.append(
             "one socket tells little of the arm elsewhere: touch another, far from it"
         )
-    x = np.zeros((len(q), 3)) if arm is None else touches.means(arm.forward(q))[number]
-    x = np.where((number >= 0)[:, None], x, stated)
     return Samples(
         q,
-        x,
+        np.where(touches.touched[:, None], x, coordinates),
         names,
         lower,
         upper,
         tuple(revolute),
-        dropped=int((~good).sum()),
         arm=arm,
         touch=touches,
-        columns=dict(called),
+        rows=rows[sound],
+        columns=dict(column_of),
         degrees=degrees,
+        dropped=int((~sound).sum()),
         notes=tuple(notes),
-        rows=rows[good],
     )
+
+
+def _setups_and_points(
+    source: Source, column_of: Mapping[str, str], count: int
+) -> list[tuple[str, str]]:
+    """Return setup and point of each row, empty where the table has none."""
+    texts = []
+    for name in ("setup", "point"):
+        column = column_of.get(name, name)
+        if column in source.header:
+            cells = source.read([column])[column].fill_null("")
+            texts.append([str(cell) for cell in cells])
+        else:
+            texts.append([""] * count)
+    return list(zip(*texts, strict=True))
+
+
+def _coordinates(
+    source: Source, column_of: Mapping[str, str], count: int, unit: str
+) -> Array:
+    """Return x, y, z of each row (n, 3) [m], NaN where the table has none."""
+    axes = [column_of.get(axis, axis) for axis in POSITION]
+    if not {*axes} <= {*source.header}:
+        return np.full((count, 3), np.nan)
+    if unit not in METRES:
+        raise LogError(
+            f"{source.label}: x, y, z of touches in {unit}, expected {listed(METRES)}"
+        )
+    return source.numbers(axes)[0] / METRES[unit]
+
+
+def _fixture_distances(
+    sockets: Sequence[tuple[str, str]], number: Index, coordinates: Array
+) -> tuple[Known, ...]:
+    """Return the distances of points whose coordinates are stated, within each setup."""
+    distances = []
+    for i, j in combinations(range(len(sockets)), 2):
+        apart = coordinates[number == i][0] - coordinates[number == j][0]
+        if sockets[i][0] == sockets[j][0] and np.isfinite(apart).all():
+            distances.append(Known((i, j), float(np.linalg.norm(apart))))
+    return tuple(distances)

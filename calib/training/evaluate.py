@@ -1,10 +1,9 @@
-"""Evaluation: errors of every readout in both directions."""
+"""Evaluation: the errors of a model on a log, or on fresh samples of a simulation."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,202 +11,28 @@ from ..arm.loading import arm_from_urdf
 from ..arm.rotations import logarithm, matrix_of, similarity
 from ..body.belief import knows_orientation
 from ..common.arrays import Array, Mask
-from ..common.choices import MAP_READOUTS
-from ..common.parallel import side_by_side
 from ..common.wording import for_people
-from ..errors import LogError, OptionError
+from ..errors import OptionError
 from ..model.about import holds
-from ..model.answers import unit_joints
 from ..model.model import Model
-from ..model.prediction import predict
 from ..model.space import Space
-from ..samples.motion import Motion
-from ..samples.repeats import at_poses
+from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
-from .learn import TrainingOptions, associate
-from .smooth import SmoothPart, to_learn
+from .residuals import (
+    ErrorTable,
+    Residuals,
+    answered_within,
+    evaluate_residuals,
+    fresh_residuals,
+    summarise,
+)
+from .settings import TESTING
 from .sound_rows import sound_log
-from .touched import NOT_LEARNED, in_sockets
+from .touched import in_sockets
 
+Frame = Literal["kept", "free"]
 EVALUATED = ("kept", "free")
-_PLACED = 10  # rows that tell where a frame is
-_FAR_NEARER = 0.5  # of the median error: a frame that moved explains so much
-_FRESH = 10  # rows that were not learned, from which on errors are told
-_SAMPLES = 10_000
-# rows that errors are measured on, of maps and of a body; more would tell no more
-_TESTED = 5_000
-_ANSWERED = 1_000
-_FOLDS = 20  # maps are tested on blocks that those of every other block did not show
-
-
-@dataclass(frozen=True, eq=False)
-class Residuals:
-    """What was predicted less what is true, row by row."""
-
-    q: Array  # (n, dof), joints that training never saw
-    x: Array  # (n, m), positions there
-    # of each readout: predicted less true positions (n, m) [unit], answered less true joints
-    # (n, dof) [rad or m], distance (n,) [unit] from each target to where the answer really leads
-    forward: dict[str, Array]
-    inverse: dict[str, Array]
-    distance: dict[str, Array]
-    joint_names: tuple[str, ...]
-    left_out: int = 0  # rows that lie outside of what was learned
-    turned: Array | None = (
-        None  # (n,) [rad], errors of the orientation, which the body predicts
-    )
-    side: Array | None = (
-        None  # (n, dof), from which side joints came, where that is known
-    )
-
-    @staticmethod
-    def of(
-        model: Model,
-        q: Array,
-        x: Array,
-        forward: dict[str, Array],
-        answers: dict[str, Array],
-        truth: Callable[[Array], Array] | None = None,
-        **told: Any,
-    ) -> Residuals:
-        """Residuals of predictions less positions and of answers (n, dof) in the unit box.
-
-        `truth` is the true kinematics; without it (a log) the learned map tells how far the
-        answered joints lead from the recorded ones.
-        """
-        scale = model.motor.scale
-        value = model.predictor.value
-        u = scale.to_unit(q)
-        inverse = {r: scale.difference(a, u) * scale.span for r, a in answers.items()}
-        there = x if truth is not None else value(u)
-        lead = value if truth is None else lambda a: truth(scale.from_unit(a))
-        distance = {
-            r: np.linalg.norm(lead(a) - there, axis=1) for r, a in answers.items()
-        }
-        return Residuals(
-            q, x, forward, inverse, distance, model.about.joint_names, **told
-        )
-
-    @property
-    def errors(self) -> dict[str, Array]:
-        """Distance between predicted and true position, (n,) per readout."""
-        return {r: np.linalg.norm(e, axis=1) for r, e in self.forward.items()}
-
-
-def evaluate_residuals(
-    model: Model,
-    q: Array,
-    x: Array,
-    truth: Callable[[Array], Array] | None = None,
-    side: Array | None = None,
-) -> Residuals:
-    """Residuals of all readouts in both directions, of the answer nearest to the true joints.
-
-    side : (n, dof), from which side the joints came, where that is known
-    """
-    scale = model.motor.scale
-    readouts = model.readouts
-    answered = model.covers(q)
-    if not answered.any():
-        raise LogError(NOT_LEARNED)
-    motion = Motion(q, side).take(answered)
-    x = x[answered]
-    prediction = predict(model, motion)
-    near = model.solver.clip(scale.to_unit(motion.q))
-    # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
-    forward, answers = side_by_side(
-        lambda: {readout: prediction.read(readout) - x for readout in readouts},
-        lambda: unit_joints(model, x, near, readouts),
-    )
-    left_out = int(np.count_nonzero(~answered))
-    return Residuals.of(
-        model, motion.q, x, forward, answers, truth, left_out=left_out, side=motion.side
-    )
-
-
-def held_out_residuals(
-    model: Model,
-    samples: Samples,
-    part: SmoothPart | None,
-    left: Array | None,
-    options: TrainingOptions,
-) -> Residuals:
-    """Residuals of all readouts on rows of a log that were held out in contiguous blocks.
-
-    `left` is what the default readout leaves over of the rows of `part` that it has not seen.
-    """
-    n = len(samples)
-    scale = model.motor.scale
-    clip = model.solver.clip
-    forward: dict[str, Array] = {}
-    rows = np.arange(0, n, max(1, n // _TESTED))
-    turned = None
-    if part is not None and left is not None:
-        some = slice(None, None, max(1, len(left) // _ANSWERED))
-        rows = part.rows[some]
-        turned = part.fit.turned
-        turned = None if turned is None else turned[some]
-        forward["local"] = -left[some]
-        if "body" in model.readouts:
-            forward["body"] = -part.fit.held_out[some]
-    q = samples.q[rows]
-    x = samples.x[rows]
-    here = model.predictor.value(scale.to_unit(q))
-    near = clip(scale.to_unit(q))
-    # a target that a held-out prediction misses is answered by joints that the map leads there
-    answers = {
-        readout: unit_joints(model, here - error, near, ("local",))["local"]
-        for readout, error in forward.items()
-    }
-    forward |= {readout: np.empty_like(x) for readout in MAP_READOUTS}
-    answers |= {readout: np.empty_like(q) for readout in MAP_READOUTS}
-    folds = np.array_split(np.arange(n), _FOLDS)
-    for half in (0, 1):
-        unseen, seen = (np.concatenate(folds[k::2]) for k in (half, 1 - half))
-        own = np.isin(rows, unseen)
-        seen_u, seen_x, wrong = to_learn(samples, part, options, np.sort(seen))
-        pair = associate(scale, seen_u, seen_x, options, wrong)
-        found = pair.inverses(pair.sensory.scale.to_unit(x[own]), near[own])
-        for readout in MAP_READOUTS:
-            forward[readout][own] = pair.predict(q[own], readout) - x[own]
-            answers[readout][own] = clip(found[readout])
-    return Residuals.of(model, q, x, forward, answers, turned=turned)
-
-
-def summarise(residuals: Residuals) -> dict[str, Any]:
-    """Mean, largest and 99th percentile of the absolute errors, per readout and direction."""
-    table: dict[str, Any] = {}
-    for readout, gap in residuals.forward.items():
-        forward = dict(zip("xyz", gap.T, strict=False)) | {
-            "distance": np.linalg.norm(gap, axis=1)
-        }
-        if residuals.turned is not None and readout in ("local", "body"):
-            forward["orientation"] = residuals.turned
-        inverse = dict(
-            zip(residuals.joint_names, residuals.inverse[readout].T, strict=True)
-        )
-        inverse["distance"] = residuals.distance[readout]
-        table[readout] = {
-            side: {name: error_sizes(error) for name, error in errors.items()}
-            for side, errors in (("forward", forward), ("inverse", inverse))
-        }
-    return table
-
-
-def error_sizes(error: Array) -> dict[str, float]:
-    """Mean, largest and 99th percentile of the absolute errors (n,)."""
-    size = np.abs(error)
-    found = {"mean": size.mean(), "max": size.max(), "p99": np.quantile(size, 0.99)}
-    return {name: float(value) for name, value in found.items()}
-
-
-def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
-    """What 95 % of a model's answers are within [unit], and what share within its own bound."""
-    errors = residuals.errors[model.default_readout]
-    bound = predict(model, Motion(residuals.q, residuals.side)).bound
-    covered = np.mean(errors <= bound + 1e-12)  # of an exact arm both are rounding
-    return {"p95": float(np.quantile(errors, 0.95)), "covered": float(covered)}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -239,7 +64,7 @@ class Evaluation:
         Rows of the log that the model has learned, and which tell nothing of its errors.
     """
 
-    errors: dict[str, Any]
+    errors: ErrorTable
     rows: int
     left_out: int
     source: str
@@ -257,14 +82,14 @@ class Evaluation:
     def __repr__(self) -> str:
         """Say in a line how well each readout predicts."""
         means = (
-            f"{r} {e['forward']['distance']['mean']:.3g}"
-            for r, e in self.errors.items()
+            f"{readout} {directions['forward']['distance']['mean']:.3g}"
+            for readout, directions in self.errors.items()
         )
         return f"Evaluation of {self.rows:,} {self.source}, mean distances: {', '.join(means)}"
 
 
 def evaluate(
-    model: Model, samples: Samples | None = None, *, frame: str = "kept"
+    model: Model, samples: Samples | None = None, *, frame: Frame = "kept"
 ) -> Evaluation:
     """Evaluate a model.
 
@@ -302,35 +127,30 @@ def evaluate(
     source = "measured rows of the log"
     if samples.touch is not None:
         samples, touch = in_sockets(model, samples, samples.touch)
-        residuals = evaluate_residuals(model, samples.q, samples.x)
-        residuals = replace(residuals, turned=_turned(model, samples))
-        return replace(_evaluation(model, residuals, rows_given, source), touch=touch)
+        evaluation = _of_positions(model, samples, rows_given, source)
+        return replace(evaluation, touch=touch)
     learned = learned_rows(model, samples)
     count = int(np.count_nonzero(learned))
     notes: list[str] = []
+    if count and len(samples) - count < TESTING.fewest:
+        note = (
+            f"the model has learned {count} of these {len(samples)} rows, so that they do not "
+            "tell its errors: those of rows that were held out while it was trained follow"
+        )
+        training = _of_training(model)
+        left_out = training.left_out + rows_given - count
+        return replace(training, notes=(note,), learned=count, left_out=left_out)
     if count:
-        if len(samples) - count < _FRESH:
-            note = (
-                f"the model has learned {count} of these {len(samples)} rows, so that they do not "
-                "tell its errors: those of rows that were held out while it was trained follow"
-            )
-            training = _of_training(model)
-            left_out = training.left_out + rows_given - count
-            return replace(training, notes=(note,), learned=count, left_out=left_out)
         notes.append(
             f"{count} of these rows were learned by the model and tell nothing of it"
         )
         samples = samples.take(~learned)
         rows_given -= count
         source = "measured rows of the log that were not learned"
-    samples, more = sound_log(model, samples)
-    notes += more
-    samples, more = _in_frame(model, samples, free=frame == "free")
-    notes += more
-    side = Motion.of(samples).side
-    residuals = evaluate_residuals(model, samples.q, samples.x, side=side)
-    residuals = replace(residuals, turned=_turned(model, samples))
-    evaluation = _evaluation(model, residuals, rows_given, source)
+    samples, sound_notes = sound_log(model, samples)
+    samples, frame_notes = _in_frame(model, samples, frame)
+    evaluation = _of_positions(model, samples, rows_given, source)
+    notes += sound_notes + frame_notes
     return replace(evaluation, notes=tuple(notes), learned=count)
 
 
@@ -341,6 +161,16 @@ def _of_training(model: Model) -> Evaluation:
     return Evaluation(
         dict(about.errors), about.tested, about.left_out, source, dict(about.within)
     )
+
+
+def _of_positions(
+    model: Model, samples: Samples, rows_given: int, source: str
+) -> Evaluation:
+    """The evaluation on measured positions, and orientations where they are known."""
+    side = None if samples.touch is not None else samples.side
+    residuals = evaluate_residuals(model, samples.q, samples.x, side=side)
+    residuals = replace(residuals, turned=_turned(model, samples))
+    return _evaluation(model, residuals, rows_given, source)
 
 
 def _evaluation(
@@ -364,54 +194,47 @@ def learned_rows(model: Model, samples: Samples) -> Mask:
     A reading has so many digits that no other row has the same.
     """
     rows = model.rows
-    if (
-        rows is None
-        or samples.unit != model.about.unit
-        or samples.x.shape[1] != rows.x.shape[1]
-    ):
+    width = samples.x.shape[1]
+    if rows is None or samples.unit != model.about.unit or width != rows.x.shape[1]:
         return np.zeros(len(samples), dtype=bool)
     readings = {reading.tobytes() for reading in rows.x}
     pose_is_learned = np.array([x.tobytes() in readings for x in at_poses(samples).x])
-    learned = pose_is_learned[samples.pose_index]
     if model.about.samples > len(rows) and pose_is_learned.sum() > len(rows) // 2:
-        return np.ones(
-            len(samples), dtype=bool
-        )  # of a long log a model keeps some rows alone
-    return np.asarray(learned)
+        # of a long log a model keeps some rows alone
+        return np.ones(len(samples), dtype=bool)
+    return np.asarray(pose_is_learned[samples.pose_index])
 
 
 def _in_frame(
-    model: Model, samples: Samples, *, free: bool
+    model: Model, samples: Samples, frame: Frame
 ) -> tuple[Samples, list[str]]:
-    """The log in the model's frame where `free`, and what is told of how its own frame moved."""
+    """The log in the model's frame if that is free, and notes on how its own frame moved."""
     tip = model.forward(samples.q)
-    known = np.isfinite(tip).all(axis=1)
-    if known.sum() < _PLACED:
+    answered = np.isfinite(tip).all(axis=1)
+    if answered.sum() < TESTING.placed:
         return samples, []
-    x = samples.x[known]
-    tip = tip[known]
+    x = samples.x[answered]
+    tip = tip[answered]
     turn, _, _ = similarity(x, tip)
     shift = np.median(tip - x @ turn.T, axis=0)
     moved = x @ turn.T + shift
-    before, after = (
-        float(np.median(np.linalg.norm(each - tip, axis=1))) for each in (x, moved)
-    )
-    if not free and after > _FAR_NEARER * before:
+    before = float(np.median(np.linalg.norm(x - tip, axis=1)))
+    after = float(np.median(np.linalg.norm(moved - tip, axis=1)))
+    if frame == "kept" and after > TESTING.nearer * before:
         return samples, []
     away = float(np.linalg.norm(x.mean(axis=0) - moved.mean(axis=0)))
-    angle = 2.0 * np.arcsin(
-        min(1.0, float(np.linalg.norm(turn - np.eye(len(turn)))) / 8**0.5)
-    )
+    half_angle = float(np.linalg.norm(turn - np.eye(len(turn)))) / 8**0.5
+    angle = 2.0 * np.degrees(np.arcsin(min(1.0, half_angle)))
     factor, unit = for_people(samples.unit)
-    found = (
-        f"moved by {factor * away:.3g} {unit} and {np.degrees(angle):.2g} deg: rows are "
+    words = (
+        f"moved by {factor * away:.3g} {unit} and {angle:.2g} deg: rows are "
         f"{factor * before:.3g} {unit} off (median), {factor * after:.3g} once it is found anew"
     )
-    if free:
-        samples = replace(samples, x=samples.x @ turn.T + shift)
-        return samples, [f"the sensor's frame was found anew, {found}"]
+    if frame == "free":
+        placed = replace(samples, x=samples.x @ turn.T + shift)
+        return placed, [f"the sensor's frame was found anew, {words}"]
     return samples, [
-        f"the sensor's frame seems to have {found}; an arm that changed may look like that in few "
+        f"the sensor's frame seems to have {words}; an arm that changed may look like that in few "
         "places: `check` tells which it is, `frame='free'` gives the errors after that, `adapt` "
         "takes it over"
     ]
@@ -425,22 +248,8 @@ def _turned(model: Model, samples: Samples) -> Array | None:
     q = model.about.joints_of(samples)
     predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
     residual = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
-    known = np.isfinite(model.forward(q)).all(axis=1)
-    return np.asarray(np.linalg.norm(logarithm(residual[known]), axis=1))
-
-
-def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
-    """Residuals on 10,000 true positions of the simulated arm that training never saw."""
-    return evaluate_residuals(
-        model, *fresh_points(simulation, model.about.seed), simulation.exact
-    )
-
-
-def fresh_points(simulation: Simulation, seed: int) -> tuple[Array, Array]:
-    """Joints (n, dof) and true positions (n, 2) of the 10,000 points that test a seed's models."""
-    rng = np.random.default_rng(TrainingOptions(seed=seed).stream("evaluation"))
-    q = simulation.draw(_SAMPLES, rng)
-    return q, simulation.true(q, rng)
+    answered = np.isfinite(model.forward(q)).all(axis=1)
+    return np.asarray(np.linalg.norm(logarithm(residual[answered]), axis=1))
 
 
 def simulation_of(model: Model) -> Simulation | None:

@@ -1,8 +1,4 @@
-"""Learning: what a training is asked for, and the maps and links that samples get.
-
-Without a body a log's held-out blocks choose between a lattice, a sheet that folds over a few paths
-which cross in the workspace, and a gas.  A lattice can follow a stream.
-"""
+"""Learning: what a training is asked for, and the maps and links that samples get."""
 
 from __future__ import annotations
 
@@ -25,6 +21,7 @@ from ..maps.lattice import Size, shape_of
 from ..maps.links import wiring_of
 from ..maps.som import SOM
 from ..samples.samples import Samples
+from .settings import LEARNING
 
 Progress = Callable[[float, str, float], None]
 """Called with the share of the work done, the stage, and the current error (or NaN)."""
@@ -34,18 +31,6 @@ LATTICE = "vdsom:residual"
 
 UNFOLD = "give a larger `size`, more `epochs` or samples, or `rule='batch'`"
 """What to do about a map that did not spread over its samples."""
-
-_COLLAPSED = 1e-9  # mean distance of joined nodes in the unit box
-_SIDE = 70  # nodes along each axis of a plane lattice, as in the paper's best table
-_ROWS_PER_NODE = 5
-# fewest nodes along a side, without a body, which imagines samples where a log has no rows, and
-# with one: its links have to propose starts for every branch
-_LEAST_SIDE = (4, 20)
-# contiguous blocks, of which every third is held out in turn
-_BLOCKS = 10
-_PARTS = 3
-_BETTER = 0.9  # of the lattice's error: what a gas has to reach
-
 
 _STREAMS = {"motor": 0, "sensory": 1, "imagined": 2, "bounds": 3, "evaluation": 4}
 """Independent random streams of one seed."""
@@ -154,10 +139,10 @@ def associate(
     residual : (n,), how wrong the smooth part is around each sample; the default varying density
         puts nodes there
     """
-    seen = Scale.of_data(x)
+    box = Scale.of_data(x)
+    v = box.to_unit(x)
     shapes = options.shapes
     network = options.map or LATTICE
-    v = seen.to_unit(x)
     in_order = kind_of(network) == "som"
     motor_som, sensory_som = (
         SOM(
@@ -171,24 +156,25 @@ def associate(
         for shape, name in zip(shapes, ("motor", "sensory"), strict=True)
     )
 
-    def tell(done: float, error: float) -> None:
+    def report(done: float, error: float) -> None:
         if progress is not None:
             progress(done, "maps", error)
 
     if options.rule == "online" and in_order:
         # The links that eq. 5 has made on the way lag behind the maps (30x30 nodes, five passes of
         # 20,000 samples: `activity` 9.2 mm); kept are those at which it comes to rest (2.9 mm).
-        pair = motor_som.developed((u, v), (scale, seen), shapes, tell)
+        pair = motor_som.developed((u, v), (scale, box), shapes, report)
         motor = pair.motor
         sensory = pair.sensory
     else:
         # steps of a few samples hold the interpreter's lock: two threads would fight for it
-        motor, sensory = (side_by_side if in_order else in_turn)(
+        run = side_by_side if in_order else in_turn
+        motor, sensory = run(
             lambda: motor_som.fit(scale.from_unit(u), scale=scale, residual=residual),
-            lambda: sensory_som.fit(x, scale=seen, residual=residual, progress=tell),
+            lambda: sensory_som.fit(x, scale=box, residual=residual, progress=report),
         )
-    for name, found in (("motor", motor), ("sensory", sensory)):
-        if not found.spacing > _COLLAPSED:
+    for name, som in (("motor", motor), ("sensory", sensory)):
+        if not som.spacing > LEARNING.collapsed:
             raise OptionError(
                 f"the {name} map did not unfold: its nodes collapsed", hint=UNFOLD
             )
@@ -198,73 +184,82 @@ def associate(
 def resolved(
     samples: Samples, options: TrainingOptions
 ) -> tuple[TrainingOptions, list[str]]:
-    """The options with the lattices and the map of these samples, and what the user is told."""
-    options, notes = _with_sizes(samples, options)
+    """The options with lattices and map for these samples, and what the user is told."""
+    notes: list[str] = []
+    dof = samples.dof
+    width = samples.x.shape[1]
+    size = _shape(options.size, "size")
+    motor = _shape(options.motor_size, "motor_size")
+    sensory = _shape(options.sensory_size, "sensory_size")
+    if (
+        size is None
+        and motor is None
+        and sensory is None
+        and samples.simulation is None
+    ):
+        side = _side_for_rows(len(samples), options.body)
+        notes = [
+            f"lattices of {side}x{side} nodes for {len(samples):,} rows, `size` chooses others"
+        ]
+        size = (side, side)
+    size = size or (LEARNING.side, LEARNING.side)
+    plane = size if len(size) == 2 else (LEARNING.side, LEARNING.side)
+    # as many nodes in a lattice of the joints' dimension, and in one of the space
+    if motor is None:
+        motor = _of_dimension(dof, size) if len(size) == 2 and dof in (1, 3) else size
+    if sensory is None:
+        sensory = _of_dimension(3, plane) if width == 3 else plane
+    for name, shape, most in (("motor", motor, dof), ("sensory", sensory, width)):
+        if len(shape) > most:
+            words = f"{name} size {'x'.join(map(str, shape))}: expected at most {most} numbers"
+            raise OptionError(f"{words}, one for each axis", parameter=f"{name}_size")
+    options = replace(options, motor_size=motor, sensory_size=sensory)
     if options.map:
         return options, notes
-    plain = (options.rule, options.epochs, options.sigma, options.body)
-    alone = samples.simulation is None and plain == ("batch", None, None, "none")
-    share = _gas_over_lattice(samples, options) if alone else 1.0
-    if share >= _BETTER:
-        return replace(options, map=LATTICE), notes
-    told = f"maps without a lattice (gas), which have {share:.2f} of a VDSOM's error"
-    notes.append(f"{told} on held-out blocks of the log; `map` chooses another")
-    return replace(options, map="gas"), notes
+    by_default = (options.rule, options.epochs, options.sigma) == ("batch", None, None)
+    if samples.simulation is None and options.body == "none" and by_default:
+        share = _gas_over_lattice(samples, options)
+        if share < LEARNING.better:
+            notes.append(
+                f"maps without a lattice (gas), which have {share:.2f} of a VDSOM's error on "
+                "held-out blocks of the log; `map` chooses another"
+            )
+            return replace(options, map="gas"), notes
+    return replace(options, map=LATTICE), notes
 
 
 def _gas_over_lattice(samples: Samples, options: TrainingOptions) -> float:
-    """Error of a gas on held-out blocks of a log over that of a lattice, readout ``linear``."""
-    folds = np.array_split(np.arange(len(samples)), _BLOCKS)
+    """Error of a gas on held-out blocks of a log over that of a lattice, readout ``linear``.
+
+    A lattice folds over a few paths which cross in the workspace; but a gas follows no stream.
+    """
+    folds = np.array_split(np.arange(len(samples)), LEARNING.blocks)
     scale = unit_box(samples)
     u = scale.to_unit(samples.q)
     x = samples.x
-    error = dict.fromkeys(("gas", LATTICE), 0.0)
+    error = {"gas": 0.0, LATTICE: 0.0}
     # each row is held out once: of an uneven log a third of the blocks alone, most of them from
     # where it dwells, had the gas at 0.86, all of them at 0.95 of the lattice's error
-    for first in range(_PARTS):
-        held = np.concatenate(folds[first::_PARTS])
-        seen = np.setdiff1d(np.arange(len(samples)), held, assume_unique=True)
-        for name in error:
-            pair = associate(scale, u[seen], x[seen], replace(options, map=name))
-            error[name] += float(
-                np.linalg.norm(pair.linear.value(u[held]) - x[held], axis=1).sum()
-            )
+    for first in range(LEARNING.parts):
+        held_out = np.concatenate(folds[first :: LEARNING.parts])
+        learned = np.setdiff1d(np.arange(len(samples)), held_out, assume_unique=True)
+        for network in error:
+            tried = replace(options, map=network)
+            pair = associate(scale, u[learned], x[learned], tried)
+            miss = pair.linear.value(u[held_out]) - x[held_out]
+            error[network] += float(np.linalg.norm(miss, axis=1).sum())
     return error["gas"] / max(error[LATTICE], 1e-300)
 
 
-def _with_sizes(
-    samples: Samples, options: TrainingOptions
-) -> tuple[TrainingOptions, list[str]]:
-    """The options with both lattices, and what the user is told."""
-    notes = list[str]()
-    dof = samples.dof
-    width = samples.x.shape[1]
-    sizes = {
-        name: getattr(options, name) for name in ("size", "motor_size", "sensory_size")
-    }
-    given, motor, sensory = (
-        None if size is None else shape_of(size, name) for name, size in sizes.items()
-    )
-    if set(sizes.values()) == {None} and samples.simulation is None:
-        rows = len(samples)
-        least = _LEAST_SIDE[options.body != "none"]
-        side = min(_SIDE, max(least, round(math.sqrt(rows / _ROWS_PER_NODE))))
-        notes = [
-            f"lattices of {side}x{side} nodes for {rows:,} rows, `size` chooses others"
-        ]
-        given = (side, side)
-    given = given or (_SIDE, _SIDE)
-    plane = given if len(given) == 2 else (_SIDE, _SIDE)
-    # as many nodes in a lattice of the joints' dimension, and in one of the space
-    motor = motor or (
-        _of_dimension(dof, given) if len(given) == 2 and dof in (1, 3) else given
-    )
-    sensory = sensory or (_of_dimension(3, plane) if width == 3 else plane)
-    for name, shape, most in (("motor", motor, dof), ("sensory", sensory, width)):
-        if len(shape) > most:
-            told = f"{name} size {'x'.join(map(str, shape))}: expected at most {most} numbers"
-            raise OptionError(f"{told}, one for each axis", parameter=f"{name}_size")
-    return replace(options, motor_size=motor, sensory_size=sensory), notes
+def _shape(size: Size | None, name: str) -> tuple[int, ...] | None:
+    return None if size is None else shape_of(size, name)
+
+
+def _side_for_rows(rows: int, body: str) -> int:
+    """Nodes along each side of a lattice for so many rows of a log."""
+    least = LEARNING.least_side if body == "none" else LEARNING.least_side_of_body
+    side = round(math.sqrt(rows / LEARNING.rows_per_node))
+    return min(LEARNING.side, max(least, side))
 
 
 def _of_dimension(dim: int, nodes: tuple[int, ...]) -> tuple[int, ...]:

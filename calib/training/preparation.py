@@ -4,34 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
+from ..body.belief import Body, Second
 from ..common.arrays import Array
 from ..errors import LogError, OptionError
-from ..samples.joint_values import directions
 from ..samples.moved import moved_words
-from ..samples.repeats import at_poses, reading_noise
+from ..samples.repeatability import at_poses, noise_beside_poses
 from ..samples.samples import Samples
 from ..samples.wrong_rows import screen
-from .bounds import play_of, play_words
 from .learn import TrainingOptions
+from .play import play_of, play_words, without_play
+from .settings import PLAY
 from .smooth import SmoothPart, find_smooth_part, find_smooth_parts
 from .sound_rows import fit_sound_rows
 from .touched import fit_sockets
+
+_Noisy = TypeVar("_Noisy", Body, Second)
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """What is learned from: sound rows of one sensor, in time, and the body under the maps."""
 
-    samples: Samples
+    samples: Samples  # a row for each pose
     rows_given: int  # rows of the log before any was left out
     notes: tuple[str, ...]
     part: SmoothPart | None = None
-    play: Array | None = (
-        None  # (dof,), half the play of each joint, which the samples are freed of
-    )
+    # (dof,), half the play of each joint, which the samples are freed of
+    play: Array | None = None
     readings: Samples | None = None  # of the same poses, each as often as it was read
 
 
@@ -52,12 +55,17 @@ def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
     def fit(rows: Samples) -> SmoothPart:
         return find_smooth_part(at_poses(rows), view=options.view, seed=options.seed)
 
-    samples, part, more = fit_sound_rows(samples, fit)
-    notes += more
-    play = play_of(samples, part)
-    if play is not None:
-        samples = without_play(samples, play)
+    samples, part, sound_notes = fit_sound_rows(samples, fit)
+    notes += sound_notes
+    play = None
+    for _ in range(PLAY.rounds):  # curves and frame have taken a part of it before
+        more = play_of(at_poses(samples), part)
+        if more is None:
+            break
+        samples = without_play(samples, more)
         part = fit(samples)
+        play = more if play is None else play + more
+    if play is not None:
         notes.append(play_words(samples, play))
     if samples.simulation is None:
         notes += moved_words(samples, part.fit.body.predict(samples.q))
@@ -73,52 +81,50 @@ def prepare_several(
     alone = {name: prepare(samples, options) for name, samples in logs.items()}
     plays = [prepared.play for prepared in alone.values() if prepared.play is not None]
     play = np.mean(plays, axis=0) if plays else None
-    sound: dict[str, Samples] = {}
+    readings: dict[str, Samples] = {}
     for name, prepared in alone.items():
         samples = prepared.readings or prepared.samples
         if play is not None:  # the arm's, whichever sensors have shown it
             shown = np.zeros_like(play) if prepared.play is None else prepared.play
             samples = without_play(samples, play - shown)
-        sound[name] = samples
-    at_rest = {name: at_poses(samples) for name, samples in sound.items()}
-    parts = find_smooth_parts(at_rest, view=options.view, seed=options.seed)
+        readings[name] = samples
+    poses = {name: at_poses(samples) for name, samples in readings.items()}
+    parts = find_smooth_parts(poses, view=options.view, seed=options.seed)
     together: dict[str, Prepared] = {}
     for name, prepared in alone.items():
-        part = _of_single_readings(parts[name], sound[name])
-        fit_alone = prepared.part
-        notes = [
-            note
-            for note in prepared.notes
-            if fit_alone and note not in fit_alone.fit.notes
-        ]
-        notes += part.fit.notes
+        part = _of_single_readings(parts[name], readings[name])
+        notes_of_fit = prepared.part.fit.notes if prepared.part else ()
+        notes = [note for note in prepared.notes if note not in notes_of_fit]
         together[name] = replace(
-            prepared, samples=at_rest[name], part=part, play=play, notes=tuple(notes)
+            prepared,
+            samples=poses[name],
+            part=part,
+            play=play,
+            notes=(*notes, *part.fit.notes),
         )
     return together
 
 
 def _of_single_readings(part: SmoothPart, samples: Samples) -> SmoothPart:
     """The smooth part with the noise of single readings, where it was fitted to medians of them."""
-    repeat, hidden = reading_noise(samples)
-    if not hidden or samples.simulation is not None:
+    if samples.simulation is not None:
         return part
-    body = part.fit.body
-    noise = body.noise.copy()
-    axes = slice(samples.x.shape[1])
-    noise[axes] = np.hypot(noise[axes], hidden)
-    body = replace(body, noise=noise, repeat=repeat)
+    repeat, hidden = noise_beside_poses(samples)
+    if not hidden:
+        return part
+    width = samples.x.shape[1]
+    body = replace(_noisier(part.fit.body, hidden, width), repeat=repeat)
     if body.second is not None:
-        second_noise = body.second.noise.copy()
-        second_noise[axes] = np.hypot(second_noise[axes], hidden)
-        body = replace(body, second=replace(body.second, noise=second_noise))
+        body = replace(body, second=_noisier(body.second, hidden, width))
     fit = replace(part.fit, body=body)
     return replace(part, fit=fit, smooth=replace(part.smooth, body=body))
 
 
-def without_play(samples: Samples, play: Array) -> Samples:
-    """Return the samples with the joints where they stood, rather than what they read."""
-    return replace(samples, q=samples.q - play * directions(samples.q))
+def _noisier(belief: _Noisy, hidden: float, width: int) -> _Noisy:
+    """A belief with more noise of each coordinate [unit]."""
+    noise = belief.noise.copy()
+    noise[:width] = np.hypot(noise[:width], hidden)
+    return replace(belief, noise=noise)
 
 
 def logs_by_sensor(

@@ -17,15 +17,8 @@ from ..maps.model_selection import misfit
 from ..maps.predictor import BodyInBox
 from ..samples.samples import Samples
 from .learn import TrainingOptions, unit_box
+from .settings import LEARNING
 from .template import Template
-
-NO_ARM = 0.02
-"""Share of the extent: a body that is further off explains nothing."""
-
-_LEARNED_ROWS = (
-    50_000  # rows of a log that the smooth part and the local models rest on
-)
-_IMAGINED = 5  # samples for each motor node
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,52 +40,55 @@ class SmoothPart:
         return float(np.linalg.norm(self.fit.held_out, axis=1).mean())
 
 
-def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> SmoothPart:
-    """Fit the body of the samples; `view` says what the sensor measures."""
-    rows = _learned_rows(samples)
-    template = Template.of(samples, rows, view)
-    found = fit(template.structure, [template.rows], seed=seed)
-    return _smooth_part(samples, rows, template, found)
-
-
 def find_smooth_parts(
     logs: Mapping[str, Samples], *, view: str = "auto", seed: int
 ) -> dict[str, SmoothPart]:
-    """Fit one body to what several sensors saw of one arm; it is told as each of them sees it.
+    """Fit one body to what each sensor saw of one arm; it is told as each of them sees it.
 
     logs : samples of each sensor by its name, of the same joints; the first one's drawing counts
+    view : what the sensors measure
     """
     rows = {name: _learned_rows(samples) for name, samples in logs.items()}
     templates = {name: Template.of(logs[name], rows[name], view) for name in logs}
-    fits = fit_sensors(
-        {name: template.structure for name, template in templates.items()},
-        {name: template.rows for name, template in templates.items()},
-        seed=seed,
-    )
+    if len(logs) == 1:
+        fits = {
+            name: fit(template.structure, [template.rows], seed=seed)
+            for name, template in templates.items()
+        }
+    else:
+        fits = fit_sensors(
+            {name: template.structure for name, template in templates.items()},
+            {name: template.rows for name, template in templates.items()},
+            seed=seed,
+        )
     return {
         name: _smooth_part(logs[name], rows[name], templates[name], fits[name])
         for name in logs
     }
 
 
+def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> SmoothPart:
+    """Fit the body of the samples of one sensor."""
+    return find_smooth_parts({"": samples}, view=view, seed=seed)[""]
+
+
 def _learned_rows(samples: Samples) -> Index:
-    return np.arange(0, len(samples), -(-len(samples) // _LEARNED_ROWS))
+    return np.arange(0, len(samples), -(-len(samples) // LEARNING.most_rows))
 
 
 def _smooth_part(
-    samples: Samples, rows: Index, template: Template, found: BodyFit
+    samples: Samples, rows: Index, template: Template, fit: BodyFit
 ) -> SmoothPart:
     """The body of a fit, with notes on what its rows cannot tell."""
     q = samples.q[rows]
-    x = samples.x[rows]
+    view = fit.body.structure.view
     travel = samples.upper - samples.lower
     notes = [
         *warnings_of(q, samples.joint_names, samples.revolute, travel),
-        *found.notes,
+        *fit.notes,
     ]
-    view = found.body.structure.view
     if is_camera(view):
-        notes += doubtful_depth(found.body, q)
+        notes += doubtful_depth(fit.body, q)
     if view == "base target":
         notes.append(
             "the orientations are of a target that is turned against the tip: its turn cannot be "
@@ -100,27 +96,32 @@ def _smooth_part(
         )
     notes += template.notes
     if template.rows.z.shape[1] == 6:
-        found = found.of_positions()
-    part = SmoothPart.of(samples, replace(found, notes=tuple(notes)), rows)
-    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
-    if part.error <= NO_ARM * extent or samples.simulation is not None:
-        return part
-    planar = "planar " if x.shape[1] == 2 and samples.arm is None else ""
-    notes.append(
-        f"no {planar}arm explains the positions: held-out rows are missed by "
-        f"{100 * part.error / extent:.2g} % of their extent; check that `joints` names all that "
-        "moved, base to tip, that each row's joints and position are of one moment, and give the "
-        "URDF of an arm in space; maps and links alone learn what is no arm: `body='none'`"
-    )
-    return replace(part, fit=replace(part.fit, notes=tuple(notes)))
+        fit = fit.of_positions()
+    part = SmoothPart.of(samples, fit, rows)
+    extent = _extent(samples, rows)
+    if samples.simulation is None and part.error > LEARNING.no_arm * extent:
+        planar = "planar " if samples.x.shape[1] == 2 and samples.arm is None else ""
+        notes.append(
+            f"no {planar}arm explains the positions: held-out rows are missed by "
+            f"{100 * part.error / extent:.2g} % of their extent; check that `joints` names all "
+            "that moved, base to tip, that each row's joints and position are of one moment, and "
+            "give the URDF of an arm in space; maps and links alone learn what is no arm: "
+            "`body='none'`"
+        )
+    return replace(part, fit=replace(fit, notes=tuple(notes)))
+
+
+def _extent(samples: Samples, rows: Index) -> float:
+    """Diagonal of the workspace [unit]."""
+    return float(np.linalg.norm(np.ptp(samples.x[rows], axis=0)))
 
 
 def wrong_around(part: SmoothPart, samples: Samples, u: Array) -> Array | None:
     """How wrong (k,) the body is around points `u` (k, dof) of the unit box, None within noise."""
-    q = samples.q[part.rows]
-    extent = float(np.linalg.norm(np.ptp(samples.x[part.rows], axis=0)))
     scale = part.smooth.scale
-    return misfit(scale, scale.to_unit(q), part.fit.held_out, extent, u)
+    learned = scale.to_unit(samples.q[part.rows])
+    extent = _extent(samples, part.rows)
+    return misfit(scale, learned, part.fit.held_out, extent, u)
 
 
 def to_learn(
@@ -139,10 +140,11 @@ def to_learn(
     if part is None:
         return u, x, None
     # a log may leave parts of the joints' range out, a simulation only has too few samples
-    if samples.simulation is None or len(samples) < math.prod(options.shapes[0]):
-        every = -(-len(u) // _LEARNED_ROWS)
+    nodes = math.prod(options.shapes[0])
+    if samples.simulation is None or len(samples) < nodes:
+        every = -(-len(u) // LEARNING.most_rows)
         rng = np.random.default_rng(options.stream("imagined"))
-        drawn = rng.random((_IMAGINED * math.prod(options.shapes[0]), u.shape[1]))
+        drawn = rng.random((LEARNING.imagined * nodes, u.shape[1]))
         u = np.concatenate([u[::every], drawn])
         x = np.concatenate([x[::every], part.smooth.value(drawn)])
     return u, x, wrong_around(part, samples, u)

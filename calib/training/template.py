@@ -12,7 +12,7 @@ from ..arm.rotations import logarithm, matrix_of
 from ..body.drawing import PlanarDrawing
 from ..body.planar import planar_structure
 from ..body.rows import Rows
-from ..body.spatial import SpatialStructure, structure_of, unknown_structure
+from ..body.spatial import structure_of, unknown_structure
 from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array, Index
@@ -21,7 +21,12 @@ from ..common.scale import METRES
 from ..errors import OptionError
 from ..samples.samples import Samples
 
-_VIEWS = ("auto", "base", "rigid", "similarity")  # of positions in space
+_VIEWS: tuple[str, ...] = (
+    "auto",
+    "base",
+    "rigid",
+    "similarity",
+)  # of positions in space
 _POSED = {
     "rigid": "pose",
     "base": "base pose",
@@ -51,9 +56,11 @@ def _in_space(samples: Samples, view: str) -> bool:
     """Whether samples are of an arm in space; OptionError if `view` is not one of such samples."""
     pixels = samples.camera is not None and isinstance(samples.arm, SpatialArm)
     positions = not pixels and samples.x.shape[1] == 3
-    kinds: tuple[str, ...] = _VIEWS
+    kinds = _VIEWS
     if not positions:
-        kinds = tuple(v for v in VIEWS if v == "auto" or is_camera(v) == pixels)
+        kinds = tuple(
+            kind for kind in VIEWS if kind == "auto" or is_camera(kind) == pixels
+        )
     if view not in kinds:
         message = f"view {view!r}: expected one of {', '.join(kinds)} for these samples"
         raise OptionError(message, parameter="view", value=view)
@@ -85,47 +92,51 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
     q = samples.q[rows]
     x = samples.x[rows]
     arm = samples.arm
-    camera = samples.camera
-    extent = _extent(x)
-    if camera is not None and isinstance(arm, SpatialArm) and x.shape[1] == 2:
-        lens = camera.lens
-        sd = camera.lens_sd
+    if not isinstance(arm, SpatialArm):
+        unknown = unknown_structure(
+            samples.joint_names,
+            samples.revolute,
+            _extent(x),
+            samples.unit,
+            METRES.get(samples.unit, 1.0),
+            samples.simulation is not None,
+        )
+        note = "orientations are used together with the robot's URDF: give `robot`"
+        return Template(unknown, Rows(q, x), _unless_positions(samples, note))
+    if samples.camera is not None and x.shape[1] == 2:
+        lens = samples.camera.lens
+        sd = samples.camera.lens_sd
         pinhole = structure_of(
-            arm, "pinhole", unit="px", extent=extent, lens=lens, lens_sd=sd
+            arm, "pinhole", unit="px", extent=_extent(x), lens=lens, lens_sd=sd
         )
         return Template(pinhole, Rows(q, x))
-    metre = METRES.get(samples.unit, 1.0)
-    simulated = samples.simulation is not None
-    structure: SpatialStructure
-    noise = None
-    if isinstance(arm, SpatialArm) and not simulated:
-        if view == "auto":
-            view = "rigid" if samples.unit in METRES else "similarity"
-        structure = structure_of(
-            arm, view, unit=samples.unit, metre=metre, extent=extent
-        )
-        if samples.orientation is not None and view in _POSED:
-            poses = np.hstack([x, logarithm(matrix_of(samples.orientation[rows]))])
-            return Template(structure.with_view(_POSED[view]), Rows(q, poses))
-        unused = f"orientations are not used with the view {view!r}"
-    elif isinstance(
-        arm, SpatialArm
-    ):  # the drawing is where the search begins, and no prior
-        structure = structure_of(
-            arm, "base", unit=samples.unit, metre=metre, extent=extent
-        )
+    if view == "auto":
+        view = "rigid" if samples.unit in METRES else "similarity"
+    if samples.simulation is not None:
+        view = "base"
+    structure = structure_of(
+        arm,
+        view,
+        unit=samples.unit,
+        metre=METRES.get(samples.unit, 1.0),
+        extent=_extent(x),
+    )
+    if samples.simulation is not None:
+        # the drawing is where the search begins, and no prior
         structure = replace(structure, informed=False, simulated=True)
-        noise = samples.simulation.noise or None if samples.simulation else None
-        unused = "orientations are not used of a simulation"
-    else:
-        names = samples.joint_names
-        turns = samples.revolute
-        structure = unknown_structure(
-            names, turns, extent, samples.unit, metre, simulated
-        )
-        unused = "orientations are used together with the robot's URDF: give `robot`"
-    notes = () if samples.orientation is None else (unused,)
-    return Template(structure, Rows(q, x, noise=noise), notes)
+        measured = Rows(q, x, noise=samples.simulation.noise or None)
+        note = "orientations are not used of a simulation"
+        return Template(structure, measured, _unless_positions(samples, note))
+    if samples.orientation is not None and view in _POSED:
+        poses = np.hstack([x, logarithm(matrix_of(samples.orientation[rows]))])
+        return Template(structure.with_view(_POSED[view]), Rows(q, poses))
+    note = f"orientations are not used with the view {view!r}"
+    return Template(structure, Rows(q, x), _unless_positions(samples, note))
+
+
+def _unless_positions(samples: Samples, note: str) -> tuple[str, ...]:
+    """A note on orientations, where there are any."""
+    return () if samples.orientation is None else (note,)
 
 
 def _extent(x: Array) -> float:

@@ -22,26 +22,11 @@ from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.sockets import Touches
 from ..samples.wrong_rows import row_numbers
-from .smooth import NO_ARM, SmoothPart
+from .settings import LEARNING, TOUCHING
+from .smooth import SmoothPart
 
 NOT_LEARNED = "no row of the log lies within what the model has learned: measure others"
 
-_MOST = 0.25  # share of rows that may be wrong
-_ATTEMPTS = 3  # fits, each without the rows that strayed from the one before
-_FEW = 12  # touches that tell an arm in space at least
-_FEW_OF_ONE = 4  # of them in one socket
-_IN_SOCKET = (
-    5.0  # times the usual scatter, within which a stray row was in another socket
-)
-_ALIKE = (
-    0.05  # joints that moved less in each socket [rad or m] tell nothing of the arm
-)
-# What may have changed since, and by how much: a servo put on anew, a bent tip, origins [rad or m]
-_FREED = {"offset": np.radians(2.0), "tool": 5e-3, "placement": 2e-3}
-_NATS = 5.0  # of evidence for a change
-_CLEARLY = 3.0  # sds by which two sizes of an arm have to differ
-_MOST_DOUBT = 0.05  # relative; no drawing is further from its arm's size
-_GAUGE = 1e-6  # [m or rad] of what no touch tells, and of what a belief holds for exact
 _BASE = (
     "no touch tells where the base stands and how it is turned about the first axis: both stay as "
     "drawn and are left out of intervals"
@@ -57,10 +42,36 @@ class Sockets:
     """An arm that was fitted to its touches."""
 
     fit: BodyFit
-    points: Array  # (p, 3) [m], where the sockets are
+    touch: Touches
+    places: Array  # (p, 3) [m], where the sockets are
     used: Mask  # (n,), rows that are in theirs
     tip: Array  # (n, 3) [m], where the arm has its tip
     scatter: float  # [m], median distance of tips from their sockets
+
+    def of_doubtful_size(self, sd: float) -> Sockets:
+        """The fit of an arm whose size is known to a relative `sd` alone."""
+        return replace(self, fit=replace(self.fit, body=with_size(self.fit.body, sd)))
+
+    @property
+    def ratios(self) -> Array:
+        """Stated distances over fitted ones, and the sd of each, (k, 2)."""
+        ratios = []
+        for fact in self.touch.distances:
+            fitted = float(np.linalg.norm(np.subtract(*self.places[list(fact.points)])))
+            if np.isfinite(fitted) and fitted > 0:
+                doubt = np.hypot(fact.tolerance, self.scatter)
+                ratios.append(((fact.value or 0.0) / fitted, doubt / fitted))
+        return np.reshape(ratios, (-1, 2))
+
+    @property
+    def sizes_disagree(self) -> bool:
+        """Whether stated distances stretch the arm beyond its drawing, or are not met at all."""
+        ratios = self.ratios
+        if not len(ratios):
+            return False
+        stretched = abs(size_of(self.fit.body) - 1.0) > TOUCHING.clearly * DRAWN_SIZE
+        missed = np.abs(ratios[:, 0] - 1.0) > TOUCHING.clearly * ratios[:, 1]
+        return bool(stretched or missed.any())
 
 
 def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[str]]:
@@ -76,44 +87,37 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
     if not isinstance(arm, SpatialArm):
         raise LogError("touches need the robot in space that made them: give its URDF")
     _refuse_alike(samples, touch)
-    touched = touch.number >= 0
-    base_is_measured = not touched.all()
+    base_is_measured = not touch.touched.all()
     structure = structure_of(arm, "rigid" if base_is_measured else "base")
     sockets = _fit_sound_touches(samples, touch, structure, seed)
-    sizes: list[str] = []
-    if not base_is_measured and _sizes_disagree(sockets, touch):
-        drawn = replace(
-            touch, known=tuple(fact for fact in touch.known if fact.value is None)
-        )
-        by_drawing = _fit_sound_touches(samples, drawn, structure, seed)
-        words, doubt = _sizes(by_drawing, touch)
-        if words:
-            sizes = [words]
-            sockets = by_drawing
-        if words and doubt <= _MOST_DOUBT:
-            sockets = _of_doubtful_size(sockets, doubt / 1.96)
-    sized = base_is_measured or any(fact.value is not None for fact in touch.known)
-    if not sized:
-        sockets = _of_doubtful_size(sockets, DRAWN_SIZE)
-    fit = sockets.fit
-    points = sockets.points
-    used = sockets.used
-    tip = sockets.tip
-    scatter = sockets.scatter
-    if scatter > NO_ARM * arm.chain.reach:
+    notes: list[str] = []
+    if not base_is_measured:
+        if sockets.sizes_disagree:
+            planes = [fact for fact in touch.facts if fact.value is None]
+            undistanced = replace(touch, facts=tuple(planes))
+            by_drawing = _fit_sound_touches(samples, undistanced, structure, seed)
+            words, doubt = _size_words(replace(by_drawing, touch=touch))
+            if words:
+                notes.append(words)
+                sockets = by_drawing
+                if doubt <= TOUCHING.most_doubt:
+                    sockets = sockets.of_doubtful_size(doubt / 1.96)
+        if not touch.distances:
+            sockets = sockets.of_doubtful_size(DRAWN_SIZE)
+    if sockets.scatter > LEARNING.no_arm * arm.chain.reach:
         raise LogError(
-            f"no arm explains the touches: the tips scatter by {1e3 * scatter:.3g} mm about their "
-            "sockets (median); check the joints' order and unit, the tip, and the points' names"
+            f"no arm explains the touches: the tips scatter by {1e3 * sockets.scatter:.3g} mm "
+            "about their sockets (median); check the joints' order and unit, the tip, and the "
+            "points' names"
         )
-    notes = sizes + _stray_words(
-        samples, touch, np.flatnonzero(~used), tip, points, scatter
-    )
+    notes += _stray_words(samples, sockets)
     if not base_is_measured:
         notes.append(_BASE)
-        if not sized:
+        if not touch.distances:
             notes.append(_SIZE)
-    samples = replace(samples, x=_placed(samples, touch, points)).take(used)
-    return samples, SmoothPart.of(samples, fit, np.arange(len(samples))), notes
+    placed = replace(samples, x=touch.placed(samples.x, sockets.places))
+    samples = placed.take(sockets.used)
+    return samples, SmoothPart.of(samples, sockets.fit, np.arange(len(samples))), notes
 
 
 def _fit_sound_touches(
@@ -121,100 +125,69 @@ def _fit_sound_touches(
 ) -> Sockets:
     """Fit arm and sockets to the rows that are in theirs."""
     used = np.ones(len(samples), dtype=bool)
-    points = np.full((len(touch.sockets), 3), np.nan)
-    for attempt in range(_ATTEMPTS):
-        number, known, sockets = touch.take(used).renumbered()
-        fit, points[sockets] = fit_touches(
+    places = np.full((len(touch.sockets), 3), np.nan)
+    for attempt in range(1, TOUCHING.attempts + 1):
+        number, facts, sockets = touch.take(used).renumbered()
+        fit, places[sockets] = fit_touches(
             structure,
             samples.q[used],
             number,
-            known,
+            facts,
             lower=samples.lower,
             upper=samples.upper,
             x=samples.x[used],
             seed=seed,
         )
         tip = fit.body.predict(samples.q)
-        distance = np.linalg.norm(tip - points[touch.number], axis=1)
+        distance = np.linalg.norm(tip - places[touch.number], axis=1)
         sound = ~touch.strays(distance)
         # the rows of the fit are those that are returned: what strays from the last one stays
-        if (
-            (sound == used).all()
-            or sound.mean() < 1 - _MOST
-            or attempt == _ATTEMPTS - 1
-        ):
+        too_many = sound.mean() < 1 - TOUCHING.most
+        if (sound == used).all() or too_many or attempt == TOUCHING.attempts:
             break
         used = sound
-    scatter = float(np.median(distance[used & (touch.number >= 0)]))
-    return Sockets(fit, points, used, tip, scatter)
+    scatter = float(np.median(distance[used & touch.touched]))
+    return Sockets(fit, touch, places, used, tip, scatter)
 
 
-def _of_doubtful_size(sockets: Sockets, sd: float) -> Sockets:
-    """Return the fit of an arm whose size is known to a relative `sd` alone."""
-    return replace(
-        sockets, fit=replace(sockets.fit, body=with_size(sockets.fit.body, sd))
-    )
-
-
-def _ratios(sockets: Sockets, touch: Touches) -> Array:
-    """Return stated distances of sockets over fitted ones, and the sd of each, (k, 2)."""
-    ratios = []
-    for fact in touch.known:
-        if fact.value is None:
-            continue
-        ends = sockets.points[list(fact.points)]
-        fitted = float(np.linalg.norm(ends[0] - ends[1]))
-        if np.isfinite(fitted) and fitted > 0:
-            doubt = np.hypot(fact.tolerance, sockets.scatter)
-            ratios.append((fact.value / fitted, doubt / fitted))
-    return np.reshape(ratios, (-1, 2))
-
-
-def _sizes_disagree(sockets: Sockets, touch: Touches) -> bool:
-    """Whether stated distances stretch the arm beyond its drawing, or are not met at all."""
-    ratios = _ratios(sockets, touch)
-    if not len(ratios):
-        return False
-    stretched = abs(size_of(sockets.fit.body) - 1.0) > _CLEARLY * DRAWN_SIZE
-    missed = np.abs(ratios[:, 0] - 1.0) > _CLEARLY * ratios[:, 1]
-    return bool(stretched or missed.any())
-
-
-def _sizes(by_drawing: Sockets, touch: Touches) -> tuple[str, float]:
+def _size_words(by_drawing: Sockets) -> tuple[str, float]:
     """Return what drawing and stated distances say of the arm's size, and how far they are apart.
 
     The words are empty where both may be true.
     """
-    ratios = _ratios(by_drawing, touch)
+    touch = by_drawing.touch
+    ratios = by_drawing.ratios
     weights = ratios[:, 1] ** -2.0
     ratio = float(ratios[:, 0] @ weights / weights.sum())
     sd = float(weights.sum() ** -0.5)
     apart = abs(ratio - 1.0)
-    if apart <= _CLEARLY * float(np.hypot(sd, DRAWN_SIZE)):
+    doubt = float(np.hypot(sd, DRAWN_SIZE))
+    if apart <= TOUCHING.clearly * doubt:
         return "", 0.0
-    fact = next(fact for fact in touch.known if fact.value is not None)
+    fact = touch.distances[0]
     value = fact.value or 0.0
     drawn = value / ratio
-    names = " and ".join(" ".join(touch.sockets[k]).strip() for k in fact.points)
     widened = "bounds contain both"
-    if apart > _MOST_DOUBT:
+    if apart > TOUCHING.most_doubt:
         widened = "no drawing is so far off, so the distance is left out"
     words = (
-        f"the size of the arm: {names} are said to be {1e3 * value:.4g} mm apart, by the drawing's "
-        f"size they are {1e3 * drawn:.4g} +- {1.96e3 * drawn * np.hypot(sd, DRAWN_SIZE):.2g} mm: "
-        f"one of the two is wrong by {100 * apart:.2g} %; the drawing's is taken, and {widened}"
+        f"the size of the arm: {' and '.join(map(touch.name, fact.points))} are said to be "
+        f"{1e3 * value:.4g} mm apart, by the drawing's size they are {1e3 * drawn:.4g} +- "
+        f"{1.96e3 * drawn * doubt:.2g} mm: one of the two is wrong by {100 * apart:.2g} %; the "
+        f"drawing's is taken, and {widened}"
     )
     return words, apart
 
 
 def _refuse_alike(samples: Samples, touch: Touches) -> None:
     """Refuse touches that are too few or too much alike to tell anything of the arm."""
-    sockets, counts = np.unique(touch.number[touch.number >= 0], return_counts=True)
+    sockets, counts = np.unique(touch.number[touch.touched], return_counts=True)
     spans = [
         np.ptp(samples.q[touch.number == socket], axis=0).max() for socket in sockets
     ]
-    alike = max(spans, default=0.0) < _ALIKE
-    if alike or counts.sum() < _FEW or counts.max() < _FEW_OF_ONE:
+    alike = max(spans, default=0.0) < TOUCHING.alike
+    few = counts.sum() < TOUCHING.few or counts.max() < TOUCHING.few_of_one
+    if alike or few:
         raise LogError(
             f"{counts.sum()} touches of {len(sockets)} sockets"
             f"{', all alike,' if alike else ''} tell nothing of the arm: expected 20 postures and "
@@ -222,25 +195,20 @@ def _refuse_alike(samples: Samples, touch: Touches) -> None:
         )
 
 
-def _stray_words(
-    samples: Samples,
-    touch: Touches,
-    strays: Index,
-    tip: Array,
-    points: Array,
-    scatter: float,
-) -> list[str]:
+def _stray_words(samples: Samples, sockets: Sockets) -> list[str]:
     """Name the rows that were in no socket of theirs, and the socket that one of them was in."""
+    strays = np.flatnonzero(~sockets.used)
     if not len(strays):
         return []
     rows = row_numbers(samples, strays)
     notes = [f"{len(strays)} rows were in no socket of theirs and are left out: {rows}"]
-    distance = np.linalg.norm(tip[strays, None] - points, axis=2)
+    distance = np.linalg.norm(sockets.tip[strays, None] - sockets.places, axis=2)
     stray, socket = np.unravel_index(np.nanargmin(distance), distance.shape)
-    if distance[stray, socket] <= max(_IN_SOCKET * scatter, 1e-9):
+    if distance[stray, socket] <= max(TOUCHING.in_socket * sockets.scatter, 1e-9):
         row = row_numbers(samples, strays[[stray]])
-        name = " ".join(touch.sockets[socket]).strip()
-        notes.append(f"{row} was in the socket {name!r}: a wrong name?")
+        notes.append(
+            f"{row} was in the socket {sockets.touch.name(int(socket))!r}: a wrong name?"
+        )
     return notes
 
 
@@ -252,56 +220,54 @@ def in_sockets(
     Rows that are in no socket of theirs are left out.
     """
     tip = model.forward(samples.q)
-    known = np.flatnonzero(np.isfinite(tip).all(axis=1))
-    some = touch.take(known)
-    known = known[~some.strays(some.about_medians(tip[known]))]
-    samples = samples.take(known)
-    touch = touch.take(known)
-    tip = tip[known]
-    touched = touch.number >= 0
-    means = touch.means(tip)
+    answered = np.flatnonzero(np.isfinite(tip).all(axis=1))
+    strays = touch.take(answered).strays(
+        touch.take(answered).about_medians(tip[answered])
+    )
+    rows = answered[~strays]
+    samples = samples.take(rows)
+    touch = touch.take(rows)
+    tip = tip[rows]
+    touched = touch.touched
     if not touched.any():
         raise LogError(NOT_LEARNED)
+    means = touch.means(tip)
     off = np.linalg.norm(tip - means[touch.number], axis=1)
-    points = [
-        {
-            "setup": setup,
-            "point": point,
-            "rows": int(own.sum()),
-            "scatter": float(off[own].mean()),
-        }
-        for k, (setup, point) in enumerate(touch.sockets)
-        if (own := touch.number == k).any()
-    ]
-    stated = [
-        (each, means[list(each.points)])
-        for each in touch.known
-        if each.value is not None
-    ]
-    distances = [
-        {
-            "points": [list(touch.sockets[k]) for k in each.points],
-            "stated": each.value,
-            "predicted": float(np.linalg.norm(ends[0] - ends[1])),
-        }
-        for each, ends in stated
-        if np.isfinite(ends).all()
-    ]
-    samples = replace(samples, x=_placed(samples, touch, means))
+    points = []
+    for number in np.unique(touch.number[touched]):
+        setup, point = touch.sockets[number]
+        scatter = off[touch.number == number]
+        points.append(
+            {
+                "setup": setup,
+                "point": point,
+                "rows": len(scatter),
+                "scatter": float(scatter.mean()),
+            }
+        )
+    distances = []
+    for fact in touch.distances:
+        predicted = float(np.linalg.norm(np.subtract(*means[list(fact.points)])))
+        if np.isfinite(predicted):
+            ends = [list(touch.sockets[number]) for number in fact.points]
+            distances.append(
+                {"points": ends, "stated": fact.value, "predicted": predicted}
+            )
     off = off[touched]
     bound = model.expected_error(samples.q[touched])
-    size = {
-        "mean": off.mean(),
-        "rms": np.sqrt((off**2).mean()),
-        "p95": np.quantile(off, 0.95),
+    sizes = {
+        "mean": float(off.mean()),
+        "rms": float(np.sqrt((off**2).mean())),
+        "p95": float(np.quantile(off, 0.95)),
+        "max": float(off.max()),
+        "covered": float(np.mean(off <= bound)),
     }
-    size |= {"max": off.max(), "covered": np.mean(off <= bound)}
-    scatter = {name: float(value) for name, value in size.items()}
-    return samples, {"scatter": scatter, "points": points, "distances": distances}
+    samples = replace(samples, x=touch.placed(samples.x, means))
+    return samples, {"scatter": sizes, "points": points, "distances": distances}
 
 
 def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
-    """A log of touches with its sockets as positions of a model, and what is told of them.
+    """A log of touches with its sockets as positions of a model, and notes.
 
     They are found with the model's belief as prior, as it is and with what may have changed: where
     the evidence speaks clearly for a change they are where the changed arm has them.
@@ -312,58 +278,54 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     count = len(log)
     assert touch is not None  # noqa: S101 - a log of touches
     structure = None if body is None else body.structure
-    if (
-        body is None
-        or not isinstance(structure, SpatialStructure)
-        or structure.outputs != 3
-    ):
+    if not isinstance(structure, SpatialStructure) or structure.outputs != 3:
         raise LogError(
             "the log holds touches: expected a model of an arm in space with a body"
         )
+    assert body is not None  # noqa: S101 - it has the structure
     log, _ = in_sockets(model, log, touch)  # where the model has them
-    gone = f"{count - len(log)} touches in no socket of theirs are left out"
     touch = log.touch or touch
+    notes = []
+    if len(log) < count:
+        notes.append(f"{count - len(log)} touches in no socket of theirs are left out")
     q = model.about.joints_of(log)
     noise = float(body.noise[0]) / structure.metre
-    number, known, own = touch.renumbered()
+    number, facts, sockets = touch.renumbered()
     rows = [
-        replace(each, floor=0.5 * noise, noise=noise)
-        for each in touching(structure, q, number, known, log.x)
+        replace(measured, floor=0.5 * noise, noise=noise)
+        for measured in touching(structure, q, number, facts, log.x)
     ]
     seen = together(structure, rows)
     belief = restated(body, seen)
+    tip = structure.pose(q, body.beta)[0]
     point = seen.groups["point"]
-    at = belief.active
     beta = belief.beta.copy()
+    beta[point] = np.ravel([tip[number == k].mean(axis=0) for k in range(len(sockets))])
+    active = belief.active
     variance = np.zeros((seen.size, seen.size))
-    base = structure.pose(q, body.beta)[0]
-    beta[point] = np.ravel([base[number == k].mean(axis=0) for k in range(len(own))])
-    variance[np.ix_(at, at)] = body.kappa**2 * belief.covariance + _GAUGE**2 * np.eye(
-        len(at)
-    )
+    gauge = TOUCHING.gauge**2 * np.eye(len(active))
+    variance[np.ix_(active, active)] = body.kappa**2 * belief.covariance + gauge
     variance[point, point] = structure.chain.reach**2
-    fits = []
-    for freed in ({}, _FREED):
-        for group, sd in freed.items():
-            variance[seen.groups[group], seen.groups[group]] += sd**2
-        free = np.flatnonzero(np.diag(variance))
-        sd = np.sqrt(np.diag(variance))
-        prior = Prior(
-            beta, sd, known=np.asarray(np.linalg.inv(variance[np.ix_(free, free)]))
-        )
-        fits.append(Fit(seen, rows, beta, prior, nu=STUDENT).maximise(steps=8))
-    same, other = fits
-    if other.evidence - same.evidence > _NATS * other.autocorrelation:
-        places = np.full((len(touch.sockets), 3), np.nan)
+    same = _fit_around(seen, rows, beta, variance)
+    for group in ("offset", "tool", "placement"):
+        indices = seen.groups[group]
+        variance[indices, indices] += getattr(TOUCHING, group) ** 2
+    changed = _fit_around(seen, rows, beta, variance)
+    if changed.evidence - same.evidence > TOUCHING.nats * changed.autocorrelation:
         sensor = structure.sensor(
-            restated(replace(belief, beta=other.beta), structure).beta
+            restated(replace(belief, beta=changed.beta), structure).beta
         )
-        at_sockets = other.beta[point].reshape(-1, 3)
-        places[own] = sensor.scale * at_sockets @ sensor.rotation.T + sensor.shift
-        log = replace(log, x=_placed(log, touch, places))
-    return replace(log, touch=None), [gone] * (len(log) < count)
+        places = np.full((len(touch.sockets), 3), np.nan)
+        at_sockets = changed.beta[point].reshape(-1, 3)
+        places[sockets] = sensor.scale * at_sockets @ sensor.rotation.T + sensor.shift
+        log = replace(log, x=touch.placed(log.x, places))
+    return replace(log, touch=None), notes
 
 
-def _placed(samples: Samples, touch: Touches, places: Array) -> Array:
-    """Positions (n, 3): the place of each row's socket, or what a sensor measured."""
-    return np.where(touch.number[:, None] >= 0, places[touch.number], samples.x)
+def _fit_around(seen: Any, rows: list[Any], beta: Array, variance: Array) -> Fit:
+    """The fit of touches with a prior of some variance (d, d) around parameters (d,)."""
+    sd = np.sqrt(np.diag(variance))
+    free: Index = np.flatnonzero(sd)
+    precision = np.asarray(np.linalg.inv(variance[np.ix_(free, free)]))
+    prior = Prior(beta, sd, known=precision)
+    return Fit(seen, rows, beta, prior, nu=STUDENT).maximise(steps=8)

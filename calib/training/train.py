@@ -1,10 +1,14 @@
-"""Training: from samples to a calibrated model."""
+"""Training: from samples to a calibrated model.
+
+In a straight line: sound rows and the body that they tell (`prepare`), the maps, the local models,
+the held-out errors and the bounds, the facts that travel with the model.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -24,20 +28,17 @@ from ..model.baseline import Baseline, Seen, learn_baseline
 from ..model.model import Model
 from ..samples.samples import Samples
 from .bounds import node_bounds, simulated_bounds
-from .evaluate import (
+from .learn import Progress, TrainingOptions, associate, resolved, unit_box
+from .preparation import Prepared, logs_by_sensor, prepare, prepare_several
+from .residuals import (
     Residuals,
     answered_within,
     fresh_residuals,
     held_out_residuals,
     summarise,
 )
-from .learn import Progress, TrainingOptions, associate, resolved, unit_box
-from .preparation import Prepared, logs_by_sensor, prepare, prepare_several
+from .settings import LEARNING, TESTING
 from .smooth import to_learn
-
-_UNLIMITED = 1e6  # [rad] of a joint that turns without end
-_LEAST_ROWS = 10  # fewest poses that anything can be learned and checked from
-_TESTED = 20_000  # rows of a log that errors are measured on; more would tell no more
 
 
 def train(
@@ -127,15 +128,15 @@ def _refuse_few(samples: Samples) -> None:
             f"samples {samples!r:.40}: expected what `calib.read_log` returns"
         )
     poses = samples.poses
-    if poses >= _LEAST_ROWS:
+    if samples.touch is not None or poses >= LEARNING.fewest_poses:
         return
-    verb = "is" if poses == 1 else "are"
     plural = "" if poses == 1 else "s"
-    if poses == len(samples):
-        told = f"{poses} sample{plural} {verb}"
-    else:
-        told = f"{len(samples)} samples of {poses} pose{plural} are"
-    raise LogError(f"{told} too few to learn from: give at least {_LEAST_ROWS}")
+    words = f"{poses} sample{plural} {'are' if plural else 'is'}"
+    if poses < len(samples):
+        words = f"{len(samples)} samples of {poses} pose{plural} are"
+    raise LogError(
+        f"{words} too few to learn from: give at least {LEARNING.fewest_poses}"
+    )
 
 
 def _learned(prepared: Prepared, options: TrainingOptions, clock: _Clock) -> Model:
@@ -148,28 +149,26 @@ def _learned(prepared: Prepared, options: TrainingOptions, clock: _Clock) -> Mod
     scale = unit_box(samples)
     mapped_u, mapped_x, wrong = to_learn(samples, part, options)
 
-    def tell(done: float, stage: str, error: float) -> None:
+    def report(done: float, stage: str, error: float) -> None:
         clock.progress(0.1 + 0.6 * done, stage, error)
 
-    association = associate(scale, mapped_u, mapped_x, options, wrong, tell)
+    association = associate(scale, mapped_u, mapped_x, options, wrong, report)
 
     clock.begin(0.7, "local models")
-    motor = association.motor
     u = scale.to_unit(samples.q)
     model = _without_bounds(prepared, options, association, u)
     held_out = None
     if part is not None:
-        learned_u = u[part.rows]
         learned_x = samples.x[part.rows]
         predictor, held_out = select(
-            motor, learned_u, learned_x, part.smooth, part.fit.held_out
+            model.motor, u[part.rows], learned_x, part.smooth, part.fit.held_out
         )
         model = replace(model, local=predictor.models, body=part.fit.body)
 
     clock.begin(0.8, "evaluation")
-    model, tested, baseline_u, baseline_x = _with_bounds(
-        model, prepared, held_out, options
-    )
+    bounded = _with_bounds(model, prepared, held_out, options)
+    model = bounded.model
+    tested = bounded.tested
     within = answered_within(model, tested)
     if prepared.play is not None:
         model = replace(model, approach=Approach(prepared.play))
@@ -183,7 +182,7 @@ def _learned(prepared: Prepared, options: TrainingOptions, clock: _Clock) -> Mod
         left_out=tested.left_out + prepared.rows_given - len(samples),
         notes=(*size_notes, *prepared.notes),
     )
-    baseline = _baseline(model, prepared, association, baseline_u, baseline_x)
+    baseline = _baseline(model, prepared, bounded)
     rows = _remembered_rows(prepared, held_out)
     clock.begin(1.0, "done")
     return replace(
@@ -196,48 +195,55 @@ def _without_bounds(
 ) -> Model:
     """A model of maps and links alone, whose bounds are not known yet."""
     motor = association.motor
-    nothing = np.zeros(motor.size)
+    unknown = np.zeros(motor.size)
     visited = np.zeros(motor.size, dtype=bool)
     visited[motor.nearest(u)[1][:, 0]] = True
     about = _about(prepared.samples, options)
-    return Model(about, association, NO_MODELS, nothing, nothing, visited, None)
+    return Model(about, association, NO_MODELS, unknown, unknown, visited, None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Bounded:
+    """A model with its bounds, and what it was tested on."""
+
+    model: Model
+    tested: Residuals  # that its errors are told from
+    u: Array  # (k, dof), joints in the unit box that were not learned
+    x: Array  # (k, m), positions there
 
 
 def _with_bounds(
     model: Model, prepared: Prepared, held_out: Array | None, options: TrainingOptions
-) -> tuple[Model, Residuals, Array, Array]:
-    """The model with its bounds, and the residuals that its errors are told from.
-
-    Also joints (k, dof) in the unit box and positions (k, m) that were not learned.
-    """
+) -> _Bounded:
+    """Bound a model by fresh samples of its simulation, or by blocks of rows held out."""
     simulation = prepared.samples.simulation
     if simulation is not None:
         seed = options.stream("bounds")
-        (reading, u, x), tested = side_by_side(
+        bounds, tested = side_by_side(
             lambda: simulated_bounds(model, simulation, prepared.play, seed),
             lambda: fresh_residuals(model, simulation),
         )
-        return replace(model, bounds=reading, model_bounds=reading), tested, u, x
-    # by blocks of the log's rows that were held out
+        model = replace(model, bounds=bounds.nodes, model_bounds=bounds.nodes)
+        return _Bounded(model, tested, bounds.u, bounds.x)
     tested = held_out_residuals(
         model, prepared.samples, prepared.part, held_out, options
     )
     u = model.motor.scale.to_unit(tested.q)
     reading, position = node_bounds(model, u, tested.errors[model.default_readout])
-    return replace(model, bounds=reading, model_bounds=position), tested, u, tested.x
+    model = replace(model, bounds=reading, model_bounds=position)
+    return _Bounded(model, tested, u, tested.x)
 
 
-def _baseline(
-    model: Model, prepared: Prepared, association: Association, u: Array, x: Array
-) -> Baseline:
+def _baseline(model: Model, prepared: Prepared, bounded: _Bounded) -> Baseline:
     """What an undisturbed arm's distortions look like."""
     samples = prepared.samples
-    some = slice(None, None, max(1, len(samples) // _TESTED))
-    predicted = model.predictor.value(model.motor.scale.to_unit(samples.q[some]))
+    some = slice(None, None, max(1, len(samples) // TESTING.baseline))
+    scale = model.motor.scale
+    predicted = model.predictor.value(scale.to_unit(samples.q[some]))
     miss = np.linalg.norm(predicted - samples.x[some], axis=1)
-    baseline = learn_baseline(association, u, x, miss)
+    baseline = learn_baseline(model.association, bounded.u, bounded.x, miss)
     if prepared.part is None and samples.simulation is None:
-        baseline = replace(baseline, seen=Seen.of(model.motor.scale, u))
+        baseline = replace(baseline, seen=Seen.of(scale, bounded.u))
     return baseline
 
 
@@ -256,7 +262,7 @@ def _limits(samples: Samples, arm: Arm) -> Array:
     """What each joint (dof, 2) [rad or m] may be asked for: of whole turns what the arm says."""
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     learned = np.column_stack([samples.lower, samples.upper])
-    turns = np.clip(arm.travel, -_UNLIMITED, _UNLIMITED)
+    turns = np.clip(arm.travel, -LEARNING.unlimited, LEARNING.unlimited)
     return np.where(scale.periodic[:, None], turns, learned)
 
 
@@ -264,7 +270,6 @@ def _about(samples: Samples, options: TrainingOptions) -> About:
     """What is known before anything is learned; errors and notes are added later."""
     arm = samples.arm
     simulation = samples.simulation
-    source = samples.source
     plane = samples.plane or getattr(arm, "plane", None)
     axes = None
     if plane is not None:
@@ -272,10 +277,9 @@ def _about(samples: Samples, options: TrainingOptions) -> About:
             name: tuple(getattr(plane, name).tolist()) for name in ("origin", "x", "y")
         }
     how = options.to_json()
-    if (
-        source.get("source") == "board"
-    ):  # later pictures are read with its board and lens
-        how["board"] = dict(source)
+    if samples.source.get("source") == "board":
+        # later pictures are read with its board and lens
+        how["board"] = dict(samples.source)
     return About(
         robot=arm.name if arm else "",
         tip=arm.tip if arm else "",
@@ -296,7 +300,7 @@ def _about(samples: Samples, options: TrainingOptions) -> About:
         columns=samples.columns,
         degrees=samples.degrees,
         picture=None if samples.camera is None else samples.camera.size,
-        frame=str(source.get("frame", "")),
+        frame=str(samples.source.get("frame", "")),
         sensor=samples.sensor,
         limits=None if arm is None else _limits(samples, arm),
     )

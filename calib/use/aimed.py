@@ -6,9 +6,9 @@ a plan chooses from.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -28,31 +28,50 @@ from ..model.model import Model
 from ..recording.board import Board
 from .pose_space import PoseSpace
 
-Told = Callable[[Array], Array]
-"""Directions (m, p, k) in which postures (m, dof) tell, in units of noise and of the prior."""
-
-# postures that are led, and those of them to choose from
-_DRAWN = 3000
-_KEPT = 400
+_DRAWN = 3000  # postures that are led
+_MOST = 400  # of them to choose from
 _NEAR = 1e-6  # [m] within which a posture is at its point
 _PLAY = 1e-4  # [m] of a socket
-_WIDE = 10.0  # [m or rad] of what is not known at all
-# of a common camera [px]
-_LENS = (900.0, 640.0, 360.0, 0.0)
-_PICTURE = (1280.0, 720.0)
-_PIXEL = 0.2  # [px] of a corner
-# share of the picture that the board fills, and that stays free
-_FILLED = 0.25
-_EDGE = 0.05
-# the camera's tilt and distance, of the first one
-_TILTED = np.radians(45.0)
-_NEARER = (0.7, 1.4)
-# a camera that stands elsewhere and points elsewhere than said [m, rad], and the board's tilt; so
-# many cameras, and the share of them that must see the board
-_ASIDE = np.array([[0.04], [0.13], [0.1]])
-_LIKELY = 32
-_SURE = 0.95
+_UNKNOWN = 10.0  # [m or rad], prior sd of what is not known at all
+
+
+_LENS = (
+    900.0,
+    640.0,
+    360.0,
+    0.0,
+)  # of a common camera: focal length, centre [px], curvature
+_PICTURE = (1280.0, 720.0)  # its [px]
+_NOISE = 0.2  # of a corner [px]
+_FILLED = 0.25  # share of the picture's width that a board fills
+_TILT = float(np.radians(45.0))  # most of the camera's tilt about the board [rad]
 _UPRIGHT = 0.5  # least cosine between the line of sight and the board's normal
+
+
+@dataclass(frozen=True)
+class Around:
+    """Where a camera stands about a board.
+
+    One that may be 4 cm and 8 deg from where it is assumed saw 73 % of the boards of poses that
+    were aimed as those of a known one are, and sees 92 to 99 % so.
+    """
+
+    distance: tuple[float, float]  # of the one at which the board fills its share
+    aside: float  # sd of the angle at which it is aimed beside the board [rad]
+    edge: float  # share of the picture that stays free at its edges
+
+
+KNOWN = Around(distance=(0.7, 1.4), aside=0.1, edge=0.05)
+ASSUMED = Around(distance=(1.0, 1.8), aside=0.05, edge=0.33)
+
+
+@dataclass(frozen=True, eq=False)
+class Aimed:
+    """Postures to choose from."""
+
+    q: Array  # (m, dof) [rad or m]
+    # (m, p, k), directions in which each tells, in units of the noise and of the prior
+    directions: Array
 
 
 @dataclass(frozen=True)
@@ -62,33 +81,25 @@ class _Aim:
     structure: SpatialStructure
     beta: Array
     scale: Scale
+    count: int
+    size: float = 1.0
 
-    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
-        """Readings (n, m) and their derivatives by the unit coordinates (n, m, dof)."""
-        seen, slope = self.structure.predict_and_slope(
-            self.scale.from_unit(u), self.beta
-        )
-        return seen, slope * self.scale.span
-
-    def gap(self, target: Array, value: Array) -> Array:
-        """Residuals (n, m)."""
-        return self.structure.residual(target, value)
-
-    def spare(self, target: Array, dof: int) -> bool:
-        """Whether there are more joints than numbers in a target."""
-        return bool(dof > target.shape[1])
+    def residual(self, u: Array, target: Array) -> tuple[Array, Array]:
+        """Residuals (n, m) and their derivatives by the unit coordinates (n, m, dof)."""
+        q = self.scale.from_unit(u)
+        value, slope = self.structure.predict_and_slope(q, self.beta)
+        return self.structure.residual(target, value), slope * self.scale.span
 
 
 def _led(
     structure: SpatialStructure, beta: Array, q: Array, target: Array, space: PoseSpace
 ) -> tuple[Array, Array]:
     """Joints (n, dof) led to targets (n, m) within their limits, and how far they are off (n,)."""
-    scale = Scale(
-        space.lower, space.upper - space.lower, np.zeros(structure.dof, dtype=bool)
-    )
-    newton = Newton(_Aim(structure, beta, scale), scale, extent=1.0)
-    u, off = newton.refine(scale.to_unit(q), target, 0.1 * _NEAR)
-    return scale.from_unit(u), off
+    turning = np.zeros(structure.dof, dtype=bool)
+    scale = Scale(space.lower, space.upper - space.lower, turning)
+    newton = Newton(_Aim(structure, beta, scale, target.shape[1]), scale)
+    u, distance = newton.refine(scale.to_unit(q), target, 0.1 * _NEAR)
+    return scale.from_unit(u), distance
 
 
 def at_point(
@@ -96,11 +107,10 @@ def at_point(
     space: PoseSpace,
     point: Sequence[float],
     rng: np.random.Generator,
-) -> tuple[Array, Told]:
-    """Postures (m, dof) whose tip is at a point (3,) of the arm's base frame [m], as varied as can.
+) -> Aimed:
+    """Return postures whose tip is at a point (3,) of the arm's base frame [m].
 
-    Returns also what they tell; where the point is, is not known.
-    Raises OptionError if none is found.
+    Where the point is, is not known.  Raises OptionError if none is found.
     """
     body = None if isinstance(source, Arm) else source.body
     if isinstance(source, SpatialArm):
@@ -108,7 +118,7 @@ def at_point(
         prior = structure.prior(("tool", "placement", "offset"))
         beta = structure.neutral()
         active = prior.active
-        root = np.diag(np.minimum(prior.sd[prior.active], _WIDE))
+        root = np.diag(np.minimum(prior.sd[active], _UNKNOWN))
     elif body is not None and isinstance(body.structure, SpatialStructure):
         structure = body.structure.with_view("base")
         beta = body.beta
@@ -120,20 +130,84 @@ def at_point(
         )
     target = number_rows(np.ravel(point), ("x", "y", "z"), "touch", OptionError)[0][0]
     start = rng.uniform(space.lower, space.upper, (_DRAWN, structure.dof))
-    q, off = _led(structure, beta, start, np.tile(target, (_DRAWN, 1)), space)
-    q = q[off < _NEAR][:_KEPT]
+    q, distance = _led(structure, beta, start, np.tile(target, (_DRAWN, 1)), space)
+    q = q[distance < _NEAR][:_MOST]
     if not len(q):
         raise OptionError(
             f"touch {', '.join(f'{value:g}' for value in target)}: no posture within the limits "
             "reaches this point of the base frame [m]; give another"
         )
+    tip = structure.linearise(q, beta, active)[1] @ root
+    place = np.broadcast_to(_UNKNOWN * np.eye(3), (len(q), 3, 3))
+    return Aimed(q, np.concatenate([tip, place], axis=2) / _PLAY)
 
-    def told(q: Array) -> Array:
-        tip = structure.linearise(q, beta, active)[1] @ root
-        place = np.broadcast_to(_WIDE * np.eye(3), (len(q), 3, 3))
-        return np.concatenate([tip, place], axis=2) / _PLAY
 
-    return q, told
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A camera and a board, one of them in the hand; the pose of that one is the reading."""
+
+    structure: SpatialStructure
+    beta: Array  # (d,)
+    size: Array  # (2,), of the board [m]
+    in_hand: bool  # whether the camera is
+    picture: Array  # (2,) [px]
+    around: Around  # where the camera may stand
+
+    @property
+    def distance(self) -> float:
+        """From the board to the camera in whose picture it fills its share [m]."""
+        focal = self.beta[self.structure.groups["lens"]][0]
+        return float(focal * self.size.max() / (_FILLED * self.picture[0]))
+
+    @property
+    def camera(self) -> SpatialStructure:
+        """The same chain, whose readings are pixels of corners."""
+        pose = cast(InSpace, self.structure.measurement)
+        reading = Beside((Corners(pose, self.in_hand), pose))
+        return self.structure.with_view("pose", unit="px", reading=reading)
+
+    def corners(self, q: Array) -> Array:
+        """Rows (4 n, dof + 3) of the board's outer corners at each posture (n, dof)."""
+        signs = np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
+        corners = np.column_stack([0.5 * self.size * signs, np.zeros(4)])
+        return np.column_stack([np.repeat(q, 4, axis=0), np.tile(corners, (len(q), 1))])
+
+    def sees(self, q: Array) -> Array:
+        """Whether all of the board is in the picture, and not too slanted, (n,)."""
+        pixels = self.camera.predict(self.corners(q), self.beta).reshape(-1, 4, 2)
+        margin = self.around.edge * self.picture
+        inside = (pixels > margin) & (pixels < self.picture - margin)
+        turn = exponential(self.structure.predict(q, self.beta)[:, 3:])
+        upright = turn[:, 2, 2] > _UPRIGHT
+        return np.asarray(upright & inside.all(axis=(1, 2)))
+
+    def readings(self, rng: np.random.Generator) -> Array:
+        """Readings (n, 6) of cameras about the board: tilted, rolled, nearer, aimed beside it."""
+        tilt = _TILT * np.sqrt(rng.random(_DRAWN))
+        side = rng.uniform(-np.pi, np.pi, _DRAWN)
+        leaning = np.stack(
+            [tilt * np.cos(side), tilt * np.sin(side), 0.0 * tilt], axis=1
+        )
+        turn = exponential(leaning)
+        away = self.distance * rng.uniform(*self.around.distance, _DRAWN)
+        shift = -away[:, None] * turn[:, :, 2]
+        aside = rng.normal(0.0, self.around.aside, (_DRAWN, 2))
+        turn = turn @ exponential(np.column_stack([aside, rng.uniform(-2, 2, _DRAWN)]))
+        if not self.in_hand:  # the same seen from the camera
+            turn = np.swapaxes(turn, 1, 2)
+            shift = -np.einsum("nij,nj->ni", turn, shift)
+        return np.concatenate([shift, logarithm(turn)], axis=1)
+
+    def directions(self, q: Array) -> Array:
+        """Directions (n, 8, k) in which pictures tell of camera, board and arm."""
+        camera = self.camera
+        free = ("view.rotation", "view.shift", "tool", "tool.rotation")
+        prior = camera.prior((*free, "lens", "placement", "offset"))
+        sd = np.minimum(prior.sd, _UNKNOWN)
+        lens = camera.groups["lens"]
+        sd[lens] = prior.sd[lens]  # pixels of a lens have wide priors
+        slope = camera.linearise(self.corners(q), self.beta, prior.active)[1]
+        return slope.reshape(len(q), 8, -1) * sd[prior.active] / _NOISE
 
 
 def in_sight(
@@ -143,159 +217,80 @@ def in_sight(
     eye: str,
     start: Array | None,
     rng: np.random.Generator,
-) -> tuple[Array, Told]:
-    """Postures (m, dof) in which a camera sees all of a board, from many sides.
+) -> Aimed:
+    """Return postures in which a camera sees all of a board, from many sides.
 
     Of a model of pictures of a board, camera and board are known.  Of an arm the camera in the hand
     looks along the tip's z axis, or the board's print faces along it, and at the posture `start`
-    (dof,) it sees the board in the middle of its picture; all that more or less, see `_likely`.
-    Returns also what they tell of what is in the hand.
+    (dof,) it sees the board in the middle of its picture; all that more or less.
     Raises OptionError if fewer than three are found.
     """
-    made: Any = None if isinstance(source, Arm) else source.about.options.get("board")
-    spec: Any = board
-    lens = _LENS
-    picture = np.array(_PICTURE)
-    in_hand = eye == "hand"
-    if made is not None and isinstance(source, Model) and source.body is not None:
-        known: Any = source.body.structure
-        spec = made["board"]
-        picture = np.array(made["size"])
-        in_hand = made["eye"] == "hand"
-        structure = known.with_view("pose")
-        likely = [_encoded(source.body, made)]
-        lens = likely[0][structure.groups["lens"]]
-    elif not isinstance(source, SpatialArm):
+    if isinstance(source, SpatialArm):
+        if isinstance(board, bool) or start is None:
+            raise OptionError(
+                "handeye: expected the board and `start`, joint values at which the camera sees it "
+                "in the middle of its picture"
+            )
+        scene = _assumed(
+            source, np.array(Board.parse(board).size), eye == "hand", start
+        )
+    elif (
+        isinstance(source, Model)
+        and source.body is not None
+        and "board" in source.about.options
+    ):
+        scene = _known(source.body, source.about.options["board"])
+    else:
         raise OptionError(
             "handeye: expected a robot that moves in space, or a model that `calib handeye -o` made"
         )
-    elif isinstance(board, bool) or start is None:
-        raise OptionError(
-            "handeye: expected the board and `start`, joint values at which the camera sees it "
-            "in the middle of its picture"
-        )
-    size = np.array(Board.parse(spec).size)
-    away = (
-        lens[0] * size.max() / (_FILLED * picture[0])
-    )  # so far the board fills its share
-    if isinstance(source, SpatialArm):
-        structure = structure_of(source, "pose", lens=_LENS)
-        likely = _likely(structure, np.array(start), in_hand, away, rng)
-    beta = likely[0]
-    groups = structure.groups
-    # the camera about the board: tilted to any side, rolled, nearer and further, aimed beside it
-    tilt = _TILTED * np.sqrt(rng.random(_DRAWN))
-    side = rng.uniform(-np.pi, np.pi, _DRAWN)
-    turn = exponential(
-        np.stack([tilt * np.cos(side), tilt * np.sin(side), 0 * tilt], axis=1)
-    )
-    shift = -(away * rng.uniform(*_NEARER, _DRAWN))[:, None] * turn[:, :, 2]
-    roll = np.column_stack(
-        [rng.normal(0, 0.1, (_DRAWN, 2)), rng.uniform(-2, 2, _DRAWN)]
-    )
-    turn = turn @ exponential(roll)
-    if not in_hand:  # the same seen from the camera
-        turn = np.swapaxes(turn, 1, 2)
-        shift = -np.einsum("nij,nj->ni", turn, shift)
-    begin = rng.uniform(space.lower, space.upper, (_DRAWN, structure.dof))
+    readings = scene.readings(rng)
+    begin = rng.uniform(space.lower, space.upper, (_DRAWN, scene.structure.dof))
     if start is not None:
         begin[: _DRAWN // 2] = start
-    q, _ = _led(
-        structure, beta, begin, np.concatenate([shift, logarithm(turn)], axis=1), space
-    )
-    pose = structure.measurement
-    assert isinstance(pose, InSpace)  # noqa: S101 - a view of poses
-    reading = Beside((Corners(pose, in_hand), pose))
-    camera = structure.with_view("pose", unit="px", reading=reading)
-    corners = np.column_stack(
-        [0.5 * size * ((-1, -1), (-1, 1), (1, -1), (1, 1)), np.zeros(4)]
-    )
-
-    def rows(q: Array) -> Array:
-        return np.column_stack([np.repeat(q, 4, axis=0), np.tile(corners, (len(q), 1))])
-
-    shown = np.zeros(len(q))
-    for each in likely:
-        pixels = camera.predict(rows(q), each).reshape(-1, 4, 2)
-        upright = exponential(structure.predict(q, each)[:, 3:])[:, 2, 2] > _UPRIGHT
-        inside = (pixels > _EDGE * picture) & (pixels < (1 - _EDGE) * picture)
-        shown += upright & inside.all(axis=(1, 2))
-    q = np.unique(q[shown > _SURE * len(likely)].round(4), axis=0)
-    q = q[rng.permutation(len(q))[:_KEPT]]
+    q, _ = _led(scene.structure, scene.beta, begin, readings, space)
+    q = np.unique(q[scene.sees(q)].round(4), axis=0)
+    q = q[rng.permutation(len(q))[:_MOST]]
     if len(q) < 3:
         raise OptionError(
             f"handeye: the camera sees the board in {len(q)} of the postures about the start; "
             "give `start` where it does, further from the joints' limits"
         )
-    free = (
-        "view.rotation",
-        "view.shift",
-        "tool",
-        "tool.rotation",
-        "lens",
-        "placement",
-        "offset",
-    )
-    prior = camera.prior(free)
-    # pixels of a lens have wide priors
-    sd = np.minimum(
-        prior.sd, np.where(np.isin(np.arange(len(beta)), groups["lens"]), np.inf, _WIDE)
-    )
-
-    def told(q: Array) -> Array:
-        seen = camera.linearise(rows(q), beta, prior.active)[1].reshape(len(q), 8, -1)
-        return np.asarray(seen * sd[prior.active] / _PIXEL)
-
-    return q, told
+    return Aimed(q, scene.directions(q))
 
 
-def _likely(
-    structure: SpatialStructure,
-    start: Array,
-    in_hand: bool,
-    away: float,
-    rng: np.random.Generator,
-) -> list[Array]:
-    """Parameters of cameras that may be meant, the one that is assumed first."""
+def _assumed(arm: SpatialArm, size: Array, in_hand: bool, start: Array) -> Scene:
+    """Return the scene of an arm whose camera and board are not known yet."""
+    structure = structure_of(arm, "pose", lens=_LENS)
     groups = structure.groups
-    likely = list[Array]()
-    # the frame of a board in the hand is the tip's, half a turn about its x axis on
-    half_turn = exponential(np.array([[0.0 if in_hand else np.pi, 0.0, 0.0]]))[0]
-    for k in range(_LIKELY):
-        off = min(k, 1) * rng.standard_normal((3, 3)) * _ASIDE
-        turn, tilt = exponential(off[1:])
-        beta = structure.neutral()
-        beta[groups["tool"]], beta[groups["tool.rotation"]] = (
-            off[0],
-            logarithm(turn @ half_turn),
-        )
-        (p,), (hand,) = structure.pose(start[None], beta)
-        facing = hand @ tilt
-        beta[groups["view.rotation"]] = logarithm(facing.T)
-        beta[groups["view.shift"]] = -facing.T @ (
-            p + away * (hand if in_hand else -facing)[:, 2]
-        )
-        likely.append(beta)
-    return likely
+    beta = structure.neutral()
+    scene = Scene(structure, beta, size, in_hand, np.array(_PICTURE), ASSUMED)
+    (tip,), (hand,) = structure.pose(start[None], beta)
+    if in_hand:
+        facing = hand
+        place = tip + scene.distance * hand[:, 2]
+    else:
+        # the frame of a board in the hand is the tip's, half a turn about its x axis on
+        facing = hand @ np.diag([1.0, -1.0, -1.0])
+        beta[groups["tool.rotation"]] = (np.pi, 0.0, 0.0)
+        place = tip - scene.distance * facing[:, 2]
+    beta[groups["view.rotation"]] = logarithm(facing.T)
+    beta[groups["view.shift"]] = -facing.T @ place
+    return scene
 
 
-def _encoded(body: Body, made: dict[str, Any]) -> Array:
-    """Parameters of a body of pictures of a board, with its lens, seen by camera and board."""
+def _known(body: Body, made: dict[str, Any]) -> Scene:
+    """Return the scene of a model of pictures of a board, with its lens."""
+    structure = cast(SpatialStructure, body.structure).with_view("pose")
+    groups = structure.groups
+    size = np.array(Board.parse(made["board"]).size)
+    in_hand = made["eye"] == "hand"
+    lens = made["lens"]
     beta = body.beta.copy()
-    groups = body.structure.groups
-    glass = made["lens"]
-    beta[groups["lens"]] = (
-        np.mean(glass["focal"]),
-        *glass["centre"],
-        glass["distortion"][0],
-    )
-    if (
-        made["eye"] == "hand"
-    ):  # from the point ahead to the camera, from the corner to the middle
-        beta[groups["tool"]] -= (
-            exponential(beta[groups["tool.rotation"]]) @ made["point"]
-        )
-        beta[groups["view.shift"]] -= 0.5 * np.array(
-            [*Board.parse(made["board"]).size, 0.0]
-        )
-    return beta
+    focal = np.mean(lens["focal"])
+    beta[groups["lens"]] = (focal, *lens["centre"], lens["distortion"][0])
+    if in_hand:  # from the point ahead to the camera, from the corner to the middle
+        turn = exponential(beta[groups["tool.rotation"]])
+        beta[groups["tool"]] -= turn @ made["point"]
+        beta[groups["view.shift"]] -= 0.5 * np.array([*size, 0.0])
+    return Scene(structure, beta, size, in_hand, np.array(made["size"]), KNOWN)

@@ -25,7 +25,7 @@ from ..model.header import Header
 from ..model.model import Model
 from ..model_file.storage import to_bytes
 from .correct import usual_limit
-from .geometry import fit_geometry
+from .geometry_fit import fit_geometry
 from .urdf import corrected_urdf
 
 
@@ -184,9 +184,7 @@ def corrected_arm(model: Model, *, drawn: bool = False) -> tuple[str, dict[str, 
     Raises RobotError or OptionError where geometry does not describe the model.
     """
     geometry = fit_geometry(model, drawn=drawn)
-    offsets = {
-        name: float(np.ravel(e["value"])[0]) for name, e in geometry.offsets().items()
-    }
+    offsets = {name: float(offset.value) for name, offset in geometry.offsets().items()}
     return corrected_urdf(geometry), offsets
 
 

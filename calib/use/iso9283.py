@@ -18,9 +18,9 @@ import numpy as np
 from ..common.arrays import Array, Index
 from ..errors import CalibError, LogError
 from ..model.model import Model
-from ..samples.repeatability import visits_of
+from ..samples.poses import visits_of
 from ..samples.samples import Samples
-from .correct import nominal_positions
+from .wanted import nominal_positions
 
 POSES = 5
 """Poses that the standard asks for."""

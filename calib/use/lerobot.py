@@ -12,10 +12,15 @@ from ..common.wording import listed
 from ..errors import OptionError
 from ..model.model import Model
 from ..recording.motors import TICKS, Motors
-from .geometry import fit_geometry
+from .geometry_fit import fit_geometry
 
 _LARGEST_OFFSET = 2047  # the register `Homing_Offset` holds a sign and eleven bits
 _MOST_DOUBT = math.radians(10.0)  # a zero with a wider interval is not told
+
+RANGES_MOVE = (
+    "the ends of the motors' ranges move with their zeros: drive to them with care"
+)
+"""What whoever writes corrected zeros should be told."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,7 @@ def zeros(model: Model) -> dict[str, Zero]:
     offsets = fit_geometry(model, drawn=True).offsets()
     told = {}
     for name, entry in offsets.items():
-        zero = Zero(float(entry["value"]), float(entry["interval"]))
+        zero = Zero(float(entry.value), float(entry.interval))
         if 0.0 < zero.interval < _MOST_DOUBT:
             told[name] = zero
     return told

@@ -24,7 +24,7 @@ from ..errors import OptionError
 from ..maps.map import search_tree
 from ..samples.tables import write_table
 from .aimed import at_point, in_sight
-from .pose_space import above_plane, safe, space_of
+from .pose_space import PoseSpace, space_of, usable_postures
 
 if TYPE_CHECKING:
     import os
@@ -36,9 +36,7 @@ if TYPE_CHECKING:
 _MOST_POSES = 1000  # more are babbled, not planned
 _ORDERS = 100  # random ones, to compare with
 _NOISE = 1e-4  # [m] of a sensor that is not known yet
-_WIDEST = (
-    10.0  # [m or rad] of a prior: a wider one leaves no digits for what 200 poses tell
-)
+_WIDEST = 10.0  # [m or rad] of a prior: wider, 200 poses leave no digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,55 +165,42 @@ def plan(
     ((30, 2), True)
     """
     n = whole("n", n, 1, _MOST_POSES)
-    seed = whole("seed", seed, 0, 2**63 - 1)
+    rng = np.random.default_rng(whole("seed", seed, 0, 2**63 - 1))
     space = space_of(source, margin, ranges)
-    rng = np.random.default_rng(seed)
     begin = space.start(start)
-    names = space.joint_names
-    taken = np.zeros((0, len(space.lower)))
-    if measured is not None:
-        if sorted(measured.joint_names) != sorted(names):
-            raise OptionError(
-                f"the measured rows have the joints {', '.join(measured.joint_names)}, expected "
-                f"{', '.join(names)}"
-            )
-        taken = measured.q[:, [measured.joint_names.index(name) for name in names]]
-    if sum(given is not None for given in (touch, handeye, measured)) > 1:
+    if sum(option is not None for option in (touch, handeye, measured)) > 1:
         raise OptionError("expected one of `touch`, `handeye` and `measured`")
+    if eye not in EYES:
+        raise OptionError(f"eye {eye!r}: expected one of {', '.join(EYES)}")
+    rows = np.zeros((0, len(begin)))
+    if measured is not None:
+        rows = _joints_of(measured, space.joint_names)
+    directions: Array | None = None
     if touch is not None:
+        aimed = at_point(source, space, touch, rng)
+        q = aimed.q
+        directions = aimed.directions
         at = ", ".join(f"{value:g}" for value in np.ravel(touch))
         how = f"the tip at ({at}) m in the base frame, chosen to tell most of the arm"
-        q, told = at_point(source, space, touch, rng)
     elif handeye is not None:
-        if eye not in EYES:
-            raise OptionError(f"eye {eye!r}: expected one of {', '.join(EYES)}")
+        posture = None if start is None else begin
+        aimed = in_sight(source, space, handeye, eye, posture, rng)
+        q = aimed.q
+        directions = aimed.directions
         how = "the board in the picture from many sides, chosen to tell most of the camera"
-        where = None if start is None else begin
-        q, told = in_sight(source, space, handeye, eye, where, rng)
     else:
         q = space.candidates(rng)
-    q, notes = safe(source, q)
-    q, heights = above_plane(source, q, above)
-    notes = [*heights, *notes]
+        how = ""
+    usable, notes = usable_postures(source, q, above)
+    q = q[usable]
     if len(q) < n:
         raise OptionError(f"n {n}: {len(q)} poses were found, expected fewer to choose")
-    body = None if isinstance(source, Arm) else source.body
-    if touch is not None or handeye is not None:
-        chosen = greedy(told(q), n)
-    elif isinstance(
-        source, SpatialArm
-    ):  # never measured: the prior says what is not known
-        chosen = greedy(tells(source, q, taken), n)
-        how = "chosen to determine the arm best"
-    elif (
-        body is not None and not body.simulated
-    ):  # exact samples leave nothing to learn
-        chosen = most_telling(body, q, n, taken)
-        how = "chosen to reduce the model's uncertainty most"
+    if directions is not None:
+        chosen = greedy(directions[usable], n)
     else:
-        chosen = farthest(space.scale, q, n, taken)
-        how = "as far from each other as possible"
-    how += "" if measured is None else f", beside the {len(measured)} measured ones"
+        chosen, how = _chosen(source, space, q, n, rows)
+    if measured is not None:
+        how += f", beside the {len(measured)} measured ones"
     nodes = np.vstack([begin, q[chosen]])
     # by the span alone: the upper end of a whole turn is not its lower end to a cable
     away = (np.abs(nodes[:, None] - nodes[None]) / space.scale.span).max(axis=-1)
@@ -225,65 +210,89 @@ def plan(
     others = [
         length(away, np.append(0, 1 + rng.permutation(n))) for _ in range(_ORDERS)
     ]
+    expected_error = None
+    unit = "m"
+    if not isinstance(source, Arm):
+        expected_error = source.expected_error(way[1:])
+        unit = source.about.unit
     return Plan(
-        names,
+        space.joint_names,
         way[1:],
         source.forward(way[1:]),
-        None if isinstance(source, Arm) else source.expected_error(way[1:]),
+        expected_error,
         start=begin,
         travel=np.abs(np.diff(way, axis=0)).sum(axis=0),
         length=length(away, order),
         random_length=float(np.mean(others)),
-        unit="m" if isinstance(source, Arm) else source.about.unit,
+        unit=unit,
         why=(f"{n} poses, {how}",),
         notes=tuple(notes),
     )
 
 
-def farthest(scale: Scale, q: Array, n: int, taken: Array) -> Index:
+def _joints_of(measured: Samples, names: Sequence[str]) -> Array:
+    """Return the joints (k, dof) of measured rows, in the order of `names`."""
+    if sorted(measured.joint_names) != sorted(names):
+        raise OptionError(
+            f"the measured rows have the joints {', '.join(measured.joint_names)}, expected "
+            f"{', '.join(names)}"
+        )
+    return measured.q[:, [measured.joint_names.index(name) for name in names]]
+
+
+def _chosen(
+    source: Arm | Model, space: PoseSpace, q: Array, n: int, measured: Array
+) -> tuple[Index, str]:
+    """Return rows (n,) of postures (m, dof) that tell most beside the measured ones, and why."""
+    if isinstance(source, SpatialArm):  # never measured: the prior says what is unknown
+        chosen = greedy(tells(source, q, measured), n)
+        return chosen, "chosen to determine the arm best"
+    body = None if isinstance(source, Arm) else source.body
+    if body is not None and not body.simulated:  # exact samples leave nothing to learn
+        chosen = most_telling(body, q, n, measured)
+        return chosen, "chosen to reduce the model's uncertainty most"
+    return farthest(space.scale, q, n, measured), "as far from each other as possible"
+
+
+def farthest(scale: Scale, q: Array, n: int, measured: Array) -> Index:
     """Choose poses one by one, each as far as possible from all that were chosen before.
 
-    q, taken : (m, dof), (k, dof), what to choose from, and what there is already
-    Returns (n,), rows of `q`, in the order of choice; the first is the first row without any taken.
+    q, measured : (m, dof), (k, dof), what to choose from, and what there is already
+    Returns (n,), rows of `q`, in the order of choice; the first is the first row without any
+    measured.
     """
     u = scale.to_unit(q)
     away = np.full(len(q), np.inf)
-    if len(taken):
-        away = np.asarray(
-            search_tree(scale.to_unit(taken), scale).query(u)[0], dtype=float
-        )
+    if len(measured):
+        tree = search_tree(scale.to_unit(measured), scale)
+        away = np.asarray(tree.query(u)[0], dtype=float)
     chosen = np.empty(n, dtype=np.intp)
     for k in range(n):
-        chosen[k] = row = int(away.argmax())
+        row = int(away.argmax())
+        chosen[k] = row
         away = np.minimum(away, np.linalg.norm(scale.difference(u, u[row]), axis=1))
         away[row] = -1.0  # where points repeat, none is chosen twice
     return chosen
 
 
-def tells(arm: SpatialArm, q: Array, taken: Array) -> Array:
+def tells(arm: SpatialArm, q: Array, measured: Array) -> Array:
     """Directions (m, p, k) in which poses tell of the body, in units of noise and of the prior.
 
-    q, taken : (m, dof), (t, dof) [rad or m], poses to choose from, and those that were measured
+    q, measured : (m, dof), (t, dof) [rad or m], poses to choose from, and those that were measured
     """
     structure = structure_of(arm, "rigid")
-    free = (
-        "view.rotation",
-        "view.shift",
-        "tool",
-        "placement",
-        "offset",
-        "elastic",
-        "curve",
-    )
-    prior = structure.prior(free)
-    every = np.vstack([q, taken])
-    told = structure.linearise(every, structure.neutral(), prior.active)[1]
-    told = told * (np.minimum(prior.sd[prior.active], _WIDEST) / _NOISE)
-    told, known = told[: len(q)], told[len(q) :].reshape(-1, told.shape[2])
-    # the posterior (I + T' T)^-1 of the measured rows T is R^-T R^-1, so that told R^-T tells it
-    root = np.linalg.cholesky(np.eye(told.shape[2]) + known.T @ known)
-    flat = np.linalg.solve(root, told.reshape(-1, told.shape[2]).T)
-    return np.asarray(flat.T.reshape(told.shape))
+    frame = ("view.rotation", "view.shift", "tool")
+    prior = structure.prior((*frame, "placement", "offset", "elastic", "curve"))
+    active = prior.active
+    every = np.vstack([q, measured])
+    slope = structure.linearise(every, structure.neutral(), active)[1]
+    directions = slope * (np.minimum(prior.sd[active], _WIDEST) / _NOISE)
+    rows = directions[len(q) :].reshape(-1, len(active))
+    # the posterior (I + T' T)^-1 of the measured rows T is R^-T R^-1: the others tell of it by R^-T
+    root = np.linalg.cholesky(np.eye(len(active)) + rows.T @ rows)
+    others = directions[: len(q)]
+    flat = np.linalg.solve(root, others.reshape(-1, len(active)).T)
+    return np.asarray(flat.T.reshape(others.shape))
 
 
 def shortest_tour(away: Array) -> Index:
@@ -297,22 +306,20 @@ def shortest_tour(away: Array) -> Index:
     """
     n = len(away)
     order = np.zeros(n, dtype=np.intp)
-    left = np.arange(n) > 0
+    waiting = np.arange(n) > 0
     for k in range(1, n):
-        order[k] = np.where(left, away[order[k - 1]], np.inf).argmin()
-        left[order[k]] = False
+        order[k] = np.where(waiting, away[order[k - 1]], np.inf).argmin()
+        waiting[order[k]] = False
     gained = True
     while gained:
         gained = False
         for i in range(1, n - 1):
-            a = order[i - 1]
-            b = order[i]
+            before = order[i - 1]
+            first = order[i]
             ends = order[i + 1 :]
-            # of the ways a-b .. e-f and a-e .. b-f: d(a,b) + d(e,f) - d(a,e) - d(b,f)
-            gain = away[a, b] - away[a, ends]
-            gain[:-1] += (
-                away[ends[:-1], ends[1:]] - away[b, ends[1:]]
-            )  # the last has no successor
+            # of the ways before-first .. end-next and before-end .. first-next
+            gain = away[before, first] - away[before, ends]
+            gain[:-1] += away[ends[:-1], ends[1:]] - away[first, ends[1:]]
             j = int(gain.argmax())
             if gain[j] > 1e-12:
                 order[i : i + j + 2] = order[i : i + j + 2][::-1]

@@ -115,101 +115,95 @@ def space_of(
                 value=name,
             )
         k = names.index(name)
-        own = float(low[k]), float(high[k])
-        lower[k], upper[k] = checked_range(name, chosen, own, about.units_of_joints[k])
-    kept = np.minimum(_MARGIN, _SHARE * scale.span)
+        whole = float(low[k]), float(high[k])
+        lower[k], upper[k] = checked_range(
+            name, chosen, whole, about.units_of_joints[k]
+        )
+    margins = np.minimum(_MARGIN, _SHARE * scale.span)
     if margin is not None:
-        kept = each_joint("margin", margin, names)
+        margins = each_joint("margin", margin, names)
     for k, name in enumerate(names):
         least, most = limits[name]
-        lower[k], upper[k] = (
-            max(lower[k], least + kept[k]),
-            min(upper[k], most - kept[k]),
-        )
+        lower[k] = max(lower[k], least + margins[k])
+        upper[k] = min(upper[k], most - margins[k])
         if not lower[k] < upper[k]:
             raise OptionError(
-                f"margin {kept[k]:g}: no room is left in {name}'s range {low[k]:.6g} to "
+                f"margin {margins[k]:g}: no room is left in {name}'s range {low[k]:.6g} to "
                 f"{high[k]:.6g}; expected a smaller one"
             )
     return PoseSpace(names, lower, upper, scale)
 
 
-def safe(source: Arm | Model, q: Array) -> tuple[Array, list[str]]:
-    """The postures (n, dof) in which an arm does not hit itself and a camera sees its tip.
+def usable_postures(
+    source: Arm | Model, q: Array, height: float | None
+) -> tuple[NDArray[np.bool_], list[str]]:
+    """Whether each posture (n, dof) can be measured, (n,), and notes for the user.
 
-    Returns also what was left out and what was not looked at, in words.
+    The arm must not hit itself, a camera has to see its tip, and the arm stays above
+    z = `height` [m] of its base frame: the tip and the joints' origins, not links and tools beyond.
+    Raises OptionError if a height is given for an arm whose base frame is not known.
     """
     about = source if isinstance(source, Arm) else source.about
-    hits = None
-    wide = source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)
-    if wide and about.urdf:
-        hits = hits_itself(about.urdf, about.joint_names, about.locked, q)
+    usable = np.ones(len(q), dtype=bool)
     notes = ["obstacles and self-collision are not checked: move slowly the first time"]
+    in_space = (
+        source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)
+    )
+    hits = None
+    if in_space and about.urdf:
+        hits = hits_itself(about.urdf, about.joint_names, about.locked, q)
     if hits is not None:
-        q = q[~hits]
+        usable = ~hits
         notes = [
             f"{hits.mean():.1%} of the candidates were left out because the arm hits itself there "
             "(by the URDF's collision bodies without meshes); obstacles and the moves between "
             "poses are not checked: move slowly the first time"
         ]
-    body = None if isinstance(source, Arm) else source.body
     if (
-        body is not None
-        and not isinstance(source, Arm)
-        and is_camera(body.structure.view)
+        isinstance(source, Model)
+        and source.body
+        and is_camera(source.body.structure.view)
     ):
         chain = Space.of(source)
-        seen = chain.sees(chain.evaluate(q)[0])
-        q = q[seen]
+        in_picture = chain.sees(chain.evaluate(q)[0])
+        hidden = 1.0 - in_picture[usable].mean()
+        usable &= in_picture
         notes.append(
-            f"{1 - seen.mean():.0%} of the candidates were left out because the tip is outside of "
+            f"{hidden:.0%} of the candidates were left out because the tip is outside of "
             "the camera's picture there; that a link hides it is not checked"
         )
-    return q, notes
-
-
-def above_plane(
-    source: Arm | Model, q: Array, height: float | None
-) -> tuple[Array, list[str]]:
-    """Return the postures (n, dof) with the arm above z = `height` [m] of its base frame.
-
-    The tip and the joints' origins count, links and tools beyond them do not.  The notes tell what
-    was left out, or without a height how far down the tip goes.
-    Raises OptionError if a height is given for an arm whose base frame is not known.
-    """
     lowest = _lowest_points(source, q)
+    if height is None:
+        if lowest is not None and lowest[usable].min() < 0.0:
+            notes.insert(
+                0,
+                f"the arm goes down to z = {lowest[usable].min():.3f} m of its base frame: if a "
+                "table is there, give its height with `above`",
+            )
+        return usable, notes
     if lowest is None:
-        if height is None:
-            return q, []
         raise OptionError(
             "above: expected a robot that moves in space, or a model that knows its URDF",
             parameter="above",
             value=height,
         )
-    if height is None:
-        depth = float(lowest.min())
-        if depth >= 0.0:
-            return q, []
-        note = (
-            f"the arm goes down to z = {depth:.3f} m of its base frame: if a table is there, give "
-            "its height with `above`"
-        )
-        return q, [note]
-    allowed = lowest > height
-    note = (
-        f"{1 - allowed.mean():.0%} of the candidates were left out because the tip or a joint is "
-        f"below z = {height:g} m there; what is mounted beyond the tip needs room of its own"
+    below = 1.0 - (lowest[usable] > height).mean()
+    notes.insert(
+        0,
+        f"{below:.0%} of the candidates were left out because the tip or a joint is below "
+        f"z = {height:g} m there; what is mounted beyond the tip needs room of its own",
     )
-    return q[allowed], [note]
+    return usable & (lowest > height), notes
 
 
 def _lowest_points(source: Arm | Model, q: Array) -> Array | None:
     """Height (n,) [m] of the lowest of the tip and the joints that move; None where not known."""
-    arm: Arm | None = None
     if isinstance(source, Arm):
         arm = source
     elif source.about.urdf:
         arm = nominal_arm(source)
+    else:
+        return None
     if not isinstance(arm, SpatialArm):
         return None
     motion = arm.chain.motion(q)
@@ -256,16 +250,15 @@ def hits_itself(
     data = model.createData()
     results = pin.GeometryData(bodies)
     met = np.zeros((len(q), len(bodies.collisionPairs)), dtype=bool)
+    places = [
+        model.joints[model.getJointId(name)].idx_v for name in (*locked, *joint_names)
+    ]
     for row, values in zip(met, q, strict=True):
         # a joint without limits has cosine and sine as its configuration: `integrate` fills both
         velocity = np.zeros(model.nv)
-        for name, value in {
-            **locked,
-            **dict(zip(joint_names, values, strict=True)),
-        }.items():
-            velocity[model.joints[model.getJointId(name)].idx_v] = value
-        at = pin.integrate(model, pin.neutral(model), velocity)
-        pin.computeCollisions(model, data, bodies, results, at, False)
-        row[:] = [found.isCollision() for found in results.collisionResults]
+        velocity[places] = [*locked.values(), *values]
+        posture = pin.integrate(model, pin.neutral(model), velocity)
+        pin.computeCollisions(model, data, bodies, results, posture, False)
+        row[:] = [result.isCollision() for result in results.collisionResults]
     compared = met[:_TRIED].mean(axis=0) < _ALWAYS
     return np.asarray(met[:, compared].any(axis=1)) if compared.any() else None

@@ -5,14 +5,11 @@ Only the origins that change are rewritten; comments, other elements and the lay
 
 from __future__ import annotations
 
-import re
 import warnings
+from collections.abc import Mapping
 from contextlib import suppress
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
-from xml.parsers import expat
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -22,9 +19,10 @@ from ..arm.posture import origin_of, posture_of
 from ..arm.spatial_chain import move
 from ..arm.urdf import MJCF, Joint, Urdf, parse_xml
 from ..common.arrays import Array
-from ..common.wording import for_people, listed
+from ..common.wording import for_people, listed, quoted
 from ..errors import OptionError, RobotError
-from .mjcf import corrected_mjcf
+from .mjcf import mjcf_edits
+from .xml_text import Edit, edited, numbers, tag_text, tags_of
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -35,9 +33,7 @@ MOST_UNEXPLAINED = 0.01
 
 _CLEARLY = 3.0  # sds by which a parameter has to be off
 _TINY = 1e-12  # [m or rad]; a smaller change is rounding
-_SAME = 1e-9  # of an origin's numbers: what rounding of roll, pitch and yaw leaves
-
-_TAG = re.compile(rb"<(?:[^\"'>]|\"[^\"]*\"|'[^']*')*>")
+_SAME = 1e-9  # of an origin's numbers: what rounding of angles and quaternions leaves
 
 
 def corrected_urdf(geometry: Geometry) -> str:
@@ -59,16 +55,56 @@ def corrected_urdf(geometry: Geometry) -> str:
             hint="check the joints, the tip and the unit of the log; a log in the robot's root "
             "frame needs `view='base'`, one in a sensor's frame must not have it",
         )
-    urdf = parse_robot(geometry.arm.urdf)
-    origins = _origins(geometry, urdf)
-    path = urdf.path(geometry.arm.tip)
-    root = parse_xml(geometry.arm.urdf)
+    text = geometry.arm.urdf
+    tree = parse_robot(text)
+    origins = _origins(geometry, tree)
+    moved = {
+        name: origin
+        for name, origin in origins.items()
+        if np.abs(origin_of(_joint(tree, name)) - origin).max() > _TINY
+    }
+    root = parse_xml(text)
     if root.tag == MJCF:
-        return corrected_mjcf(geometry.arm.urdf, read_mjcf(root), origins)
-    changed = {joint.name: _changed(joint, origins[joint.name]) for joint in path}
-    text = _edited(geometry.arm.urdf, changed)
-    _read_back(text, origins)
-    return text
+        edits = mjcf_edits(text, read_mjcf(root), moved)
+    else:
+        edits = _urdf_edits(text, tree, moved)
+    corrected = edited(text, edits)
+    tree = parse_robot(corrected)
+    for name, origin in origins.items():
+        error = np.abs(origin_of(_joint(tree, name)) - origin).max()
+        if error > _SAME * max(1.0, np.abs(origin).max()):
+            raise RobotError(
+                f"joint {quoted(name)} reads back with another origin than was written"
+            )
+    return corrected
+
+
+def _joint(tree: Urdf, name: str) -> Joint:
+    joint = tree.joint(name)
+    assert joint is not None  # noqa: S101 - it is on the path to the tip
+    return joint
+
+
+def _urdf_edits(text: str, tree: Urdf, moved: Mapping[str, Array]) -> list[Edit]:
+    """Return what gives joints other origins (4, 4)."""
+    edits = []
+    tags = tags_of(text)
+    for k, tag in enumerate(tags):
+        name = tag.attributes.get("name", "")
+        if tag.path != ("robot", "joint") or name not in moved:
+            continue
+        change = _changed(_joint(tree, name), moved[name])
+        origin = None
+        for inner in tags[k + 1 :]:
+            if len(inner.path) <= len(tag.path):
+                break
+            if inner.path == ("robot", "joint", "origin"):
+                origin = inner
+        if origin is None:
+            edits.append(tag.followed_by(tag_text("origin", change)))
+        else:
+            edits.append(origin.with_attributes({**origin.attributes, **change}))
+    return edits
 
 
 def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
@@ -87,9 +123,8 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
             parameter="tip",
             value=arm.tip,
         )
-    drawn = posture_of(
-        urdf, {**arm.locked, **dict.fromkeys(geometry.places, 0.0)}
-    ).frames
+    values = {**arm.locked, **dict.fromkeys(geometry.places, 0.0)}
+    drawn = posture_of(urdf, values).frames
     offsets = structure.chain.coupling @ beta[structure.groups["offset"]]
     motion = move(structure.links(beta), offsets[:, None])
     carried = np.eye(4)
@@ -104,89 +139,34 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
         fitted[arm.tip] = _placed(motion.position[:, 0], motion.rotation[:, :, 0])
     origins = {}
     for joint in path:  # a locked joint's own motion stays behind its origin
-        lock = (
-            np.linalg.inv(drawn[joint.child]) @ drawn[joint.parent] @ origin_of(joint)
+        lock = np.linalg.solve(
+            drawn[joint.child], drawn[joint.parent] @ origin_of(joint)
         )
-        origins[joint.name] = (
-            np.linalg.inv(fitted[joint.parent]) @ fitted[joint.child] @ lock
-        )
+        origin = np.linalg.solve(fitted[joint.parent], fitted[joint.child])
+        origins[joint.name] = origin @ lock
     return origins
 
 
-def _read_back(text: str, origins: dict[str, Array]) -> None:
-    """Let a second reader, yourdfpy, find the joints' origins (4, 4) in what is to be written."""
-    import yourdfpy
-
-    try:
-        read = yourdfpy.URDF.load(
-            BytesIO(text.encode()), build_scene_graph=False
-        ).joint_map
-    except (AttributeError, KeyError, TypeError, ValueError):
-        return  # it knows fewer shapes than URDFs hold, and says so by whatever its parser raises
-    for name, origin in origins.items():
-        found = np.eye(4) if read[name].origin is None else read[name].origin
-        if np.abs(found - origin).max() > _SAME * max(1.0, np.abs(origin).max()):
-            raise RobotError(
-                f"joint {name!r}: yourdfpy reads another origin than was written"
-            )
-
-
-def _edited(text: str, origins: dict[str, dict[str, Array]]) -> str:
-    """Return a URDF's text with other "xyz" [m] and "rpy" [rad] of joints, all else as it was."""
-    data = text.encode()
-    path = list[str]()
-    found: dict[
-        str, tuple[int, dict[str, str] | None]
-    ] = {}  # of each joint, its origin's place
-    reader = expat.ParserCreate("utf-8")
-
-    def start(tag: str, given: dict[str, str]) -> None:
-        path.append(tag)
-        if path == ["robot", "joint"]:
-            found[given["name"]] = reader.CurrentByteIndex, None
-        elif path == ["robot", "joint", "origin"]:
-            found[list(found)[-1]] = reader.CurrentByteIndex, given
-
-    reader.StartElementHandler = start
-    reader.EndElementHandler = lambda _: path.pop()
-    reader.Parse(data, True)
-    for name, (place, given) in reversed(found.items()):
-        if not (values := origins.get(name)):
-            continue
-        tag = _TAG.match(data, place)
-        assert tag is not None  # noqa: S101 - expat found one here
-        new = {
-            key: " ".join(repr(v + 0.0) for v in each.tolist())
-            for key, each in values.items()
-        }
-        inside = " ".join(
-            f"{key}={quoteattr(v)}" for key, v in {**(given or {}), **new}.items()
-        )
-        end = "/>" if given is None or tag[0].endswith(b"/>") else ">"
-        begin = tag.end() if given is None else place
-        data = data[:begin] + f"<origin {inside}{end}".encode() + data[tag.end() :]
-    return data.decode()
-
-
-def _changed(joint: Joint, moved: Array) -> dict[str, Array]:
-    """Return what of a joint's origin differs from `moved` (4, 4)."""
-    change: dict[str, Array] = {}
-    if np.abs(moved[:3, 3] - joint.xyz).max() > _TINY:
-        change["xyz"] = moved[:3, 3]
-    if np.abs(moved[:3, :3] - origin_of(joint)[:3, :3]).max() > _TINY:
+def _changed(joint: Joint, moved: Array) -> dict[str, str]:
+    """Return the attributes of a joint's origin that differ from `moved` (4, 4)."""
+    change: dict[str, str] = {}
+    drawn = origin_of(joint)
+    if np.abs(moved[:3, 3] - drawn[:3, 3]).max() > _TINY:
+        change["xyz"] = numbers(moved[:3, 3])
+    if np.abs(moved[:3, :3] - drawn[:3, :3]).max() > _TINY:
         from scipy.spatial.transform import Rotation
 
-        with (
-            warnings.catch_warnings()
-        ):  # at a pitch of 90 deg SciPy sets one of the others to zero
+        # at a pitch of 90 deg SciPy sets one of the others to zero
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
-            change["rpy"] = Rotation.from_matrix(moved[:3, :3]).as_euler("xyz")
+            change["rpy"] = numbers(Rotation.from_matrix(moved[:3, :3]).as_euler("xyz"))
     return change
 
 
 def _placed(shift: Array, turn: Array) -> Array:
     frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = turn, shift
+    frame[:3, :3] = turn
+    frame[:3, 3] = shift
     return frame
 
 
@@ -196,24 +176,21 @@ def what_no_urdf_holds(model: Model) -> tuple[str, ...]:
     if body is None or body.simulated:
         return ()
     groups = body.structure.groups
+    curves = tuple(name for name in groups if name.startswith("curve"))
     kinds = {
         "bends under gravity": body.structure.bending,
-        "error curves of joints": tuple(
-            name for name in groups if name.startswith("curve")
-        ),
+        "error curves of joints": curves,
         "gears": ("gain",),
         "joints that move with a neighbour's motor": ("coupling",),
     }
     away = (body.beta - body.structure.neutral())[body.active]
     deviation = np.sqrt((body.root**2).sum(axis=1))
-    moved = set(body.active[np.abs(away) > _CLEARLY * deviation].tolist())
-    names = [
-        name
-        for name, blocks in kinds.items()
-        if any(
-            moved & set(groups[block].tolist()) for block in blocks if block in groups
-        )
-    ]
+    moved = body.active[np.abs(away) > _CLEARLY * deviation]
+    names = []
+    for name, blocks in kinds.items():
+        indices = [groups[block] for block in blocks if block in groups]
+        if indices and np.isin(np.concatenate(indices), moved).any():
+            names.append(name)
     if not names:
         return ()
     return (

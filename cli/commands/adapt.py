@@ -1,32 +1,36 @@
-"""The command `calib adapt`."""
+"""Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-from typer import Option
+from typing import Annotated
 
 from calib.common.choices import METHODS, MethodWord
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..camera import photo_of_log
-from ..output import NO, Outcome, TextTable, as_typed, fields, number, progress_bar, say
+from ..logs import Reading, log_for
+from ..output import (
+    NO,
+    Line,
+    Outcome,
+    TextTable,
+    as_typed,
+    fields,
+    number,
+    progress,
+    say,
+)
 from ..parsing import check_file
-from ..samples import Compared, log_for
+from ..pictures import photo_of_log
 from ..units import units_of
-
-if TYPE_CHECKING:
-    pass
 
 
 def adapt(
     model: opt.ModelFile,
     data: opt.NewLog,
     output: Annotated[
-        str | None,
-        Option("--output", "-o", metavar="MODEL", help="Default MODEL.adapted.calib."),
+        str | None, opt.value("--output -o", "MODEL", "Default MODEL.adapted.calib.")
     ] = None,
     method: Annotated[
         MethodWord,
@@ -46,10 +50,6 @@ def adapt(
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Re-calibrate a model from a few new samples. Exit code 3 if it does not improve."""
-    reading = Compared(
-        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
-    )
     import calib
 
     check_file(output, ())
@@ -57,67 +57,60 @@ def adapt(
     stem = Path(model).name.removesuffix(".calib").removesuffix(".adapted")
     path = output or str(Path(model).with_name(f"{stem}.adapted.calib"))
     check_file(path, ())  # before the work whose result would be lost
+    reading = Reading(columns, unit, time_offset, degrees)
     log = log_for(loaded, data, reading)
-    with progress_bar() as progress:
-        found = calib.adapt(
-            loaded, log, method=method, cause=cause, free=free, progress=progress
-        )
-    say(found.notes)
-    written = (
-        found.model is not loaded
-    )  # a better one, or the old one with a wider bound
+    result = calib.adapt(
+        loaded, log, method=method, cause=cause, free=free, progress=progress
+    )
+    say(result.notes)
+    # a better one, or the old one with a wider bound
+    written = result.model is not loaded
     if written:
-        photo_of_log(found.model, log, data).save(path)
-    about = found.model.about
+        photo_of_log(result.model, log, data).save(path)
+    about = result.model.about
     document = {
         "model": path if written else None,
         **fields(
-            found,
-            "improved samples outliers left_out correction kept coverage everywhere",
+            result,
+            "improved samples outliers left_out correction kept coverage everywhere "
+            "before after",
         ),
-        **fields(found, "before after"),
         "method": method,
-        "changed": [change.to_json() for change in found.changed],
-        "notes": [as_typed(text) for text in found.notes],
+        "changed": [change.to_json() for change in result.changed],
+        "notes": [as_typed(text) for text in result.notes],
         "unit": about.unit,
         "units": units_of(about),
     }
     factor, name = for_people(about.unit)
-    before, after = (
-        number(factor * each["mean"]) for each in (found.before, found.after)
-    )
-    left = f", {found.outliers} left out" if found.outliers else ""
-    rests = (
-        f"on rows that it did not learn from; {found.samples} samples of {data}{left}"
-    )
-    # a note told of what is unknown
-    changed = [
-        f"changed: {each.words}" for each in found.changed if each.cause != "unknown"
-    ]
-    if found.improved:
-        lines = [
-            f"{path}: {before} {name} before, {after} {name} after, {rests}",
-            *changed,
-        ]
+    before = f"{number(factor * result.before['mean'])} {name}"
+    after = f"{number(factor * result.after['mean'])} {name}"
+    rows = f"on rows that it did not learn from; {result.samples} samples of {data}"
+    if result.outliers:
+        rows += f", {result.outliers} left out"
+    if result.improved:
+        lines = [f"{path}: {before} before, {after} after, {rows}"]
+        for change in result.changed:
+            if change.cause != "unknown":  # which a note has told
+                lines.append(f"changed: {change.words}")
     else:
-        told = f"{path} predicts as {model} does, with a wider bound"
-        if not written:
-            told = f"{model} stays as it is, nothing was written"
-        lines = [f"no improvement: {told}"]
-        lines.append(f"{before} {name} as it is, {after} {name} adapted, {rests}")
-    share = f"the log measured {100 * found.coverage:.0f} % of the learned range"
-    limit = (
-        f"coverage: {share}; rows from the rest"
-        if found.coverage < 0.99
-        else "noise; more rows"
-    )
-    lines.append(f"limited by {limit} help most")
-    rows = [
-        [when, *(number(factor * error[key]) for key in ("mean", "p99", "max"))]
-        for when, error in (("before", found.before), ("after", found.after))
-    ]
-    title = f"distance to held-out rows [{name}], corrected: {found.correction}"
-    more: list[str | TextTable] = [TextTable(["", "mean", "p99", "max"], rows, title)]
-    if found.kept:
-        more.append(f"left as it was: {', '.join(found.kept)}")
-    return Outcome(document, lines, more, code=0 if found.improved else NO)
+        state = f"{model} stays as it is, nothing was written"
+        if written:
+            state = f"{path} predicts as {model} does, with a wider bound"
+        lines = [
+            f"no improvement: {state}",
+            f"{before} as it is, {after} adapted, {rows}",
+        ]
+    if result.coverage < 0.99:
+        share = f"the log measured {100 * result.coverage:.0f} % of the learned range"
+        lines.append(f"limited by coverage: {share}; rows from the rest help most")
+    else:
+        lines.append("limited by noise; more rows help most")
+    sizes = []
+    for when, error in (("before", result.before), ("after", result.after)):
+        values = [number(factor * error[key]) for key in ("mean", "p99", "max")]
+        sizes.append([when, *values])
+    title = f"distance to held-out rows [{name}], corrected: {result.correction}"
+    more: list[Line] = [TextTable(["", "mean", "p99", "max"], sizes, title)]
+    if result.kept:
+        more.append(f"left as it was: {', '.join(result.kept)}")
+    return Outcome(document, lines, more, code=0 if result.improved else NO)

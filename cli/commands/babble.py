@@ -1,32 +1,16 @@
-"""The command `calib babble`."""
+"""Write a log of simulated babbling [rad, m]."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
-
-from typer import Option
-
 from .. import options as opt
+from ..logs import Selection, babbled
 from ..output import Outcome
 from ..parsing import TABLES, check_file
-from ..samples import Babbling, Selection
-from ..samples import babbled_samples as babbled
-
-if TYPE_CHECKING:
-    pass
 
 
 def babble(
     robot: opt.RobotFile,
-    output: Annotated[
-        str,
-        Option(
-            "--output",
-            "-o",
-            metavar="LOG",
-            help="CSV, or Parquet by its name (- stdout).",
-        ),
-    ],
+    output: opt.NewTable,
     samples: opt.Number = None,
     noise: opt.Noise = None,
     change: opt.Changes = None,
@@ -41,30 +25,27 @@ def babble(
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Write a log of simulated babbling [rad, m]."""
-    selection = Selection(
-        joints=joints, tip=tip, planar=planar, lock=lock, ranges=ranges, degrees=degrees
-    )
-    babbling = Babbling(samples=samples, noise=noise, change=change)
     import calib
 
+    selection = Selection(joints, tip, planar, lock, ranges, degrees)
     check_file(output, TABLES, stream=True)
-    log = babbled(robot, selection, babbling, seed)
+    log = babbled(robot, selection, samples, noise, change, seed)
     calib.write_log(log, output)
-    turning = zip(log.joint_names, log.revolute, strict=True)
+    names = log.joint_names
+    units = ["rad" if turns else "m" for turns in log.revolute]
     document = {
         "log": output,
         "robot": log.arm.name if log.arm else None,
-        "joints": log.joint_names,
+        "joints": names,
         "samples": len(log),
         "seed": seed,
-        "noise": babbling.noise or 0.0,
-        "changes": babbling.change or [],
+        "noise": noise or 0.0,
+        "changes": change or [],
         "unit": log.unit,
         "units": {
-            "joints": {name: "rad" if turns else "m" for name, turns in turning},
+            "joints": dict(zip(names, units, strict=True)),
             "positions": log.unit,
         },
     }
-    line = f"{len(log)} rows of {', '.join([*log.joint_names, *log.axes])} [rad, m]"
+    line = f"{len(log)} rows of {', '.join([*names, *log.axes])} [rad, m]"
     return Outcome(document, [f"{output}: {line}"])

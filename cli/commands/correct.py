@@ -1,35 +1,32 @@
-"""The command `calib correct`."""
+"""Correct joint values so that the real arm reaches where the nominal arm would be.
+
+Exit code 3 if the real arm cannot reach one of these places, or if a joint would change by
+more than the limit; the other rows are written.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-from typer import Option
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from .. import options as opt
-from ..asking import Asking
-from ..output import Outcome, fields, say, sized
+from ..output import Outcome, say, sized
 from ..parsing import above_zero
 
 if TYPE_CHECKING:
-    pass
+    from calib import Corrected
+    from calib.model.about import About
 
 
 def correct(
     model: opt.ModelFile,
     limit: Annotated[
-        Any,
-        Option(
-            "--limit",
-            metavar="L",
-            parser=above_zero,
-            help="Largest change (3 x usual).",
-        ),
+        float | None,
+        opt.value("--limit", "L", "Largest change (3 x usual).", above_zero),
     ] = None,
     view: opt.LogView = "auto",
     orientation: Annotated[
         Literal["keep", "free"],
-        Option("--orientation", help="Of six joints: the tool's turn."),
+        opt.flag("--orientation", "Of six joints: the tool's turn."),
     ] = "keep",
     input_: opt.Input = None,
     columns: opt.Columns = None,
@@ -40,59 +37,73 @@ def correct(
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Correct joint values so that the real arm reaches where the nominal arm would be.
-
-    Exit code 3 if the real arm cannot reach one of these places, or if a joint would change by
-    more than the limit; the other rows are written.
-    """
-    asking = Asking(
-        input_=input_, columns=columns, output=output, unit=unit, degrees=degrees
-    )
     import numpy as np
 
     import calib
 
-    from ..answers import Query, beside
+    from ..query import Query, beside
 
-    query = Query(model, asking)
-    loaded = query.model
+    query = Query(model, input_, columns, output, unit, degrees)
     joints = query.joints
     batch, valid = query.read(joints.names)
     factors = np.array(joints.typed)
-    most: Any = None if limit is None else limit / factors
-    how: dict[str, Any] = {"view": view, "orientation": orientation}
-    found = calib.correct(loaded, batch.values[valid] / factors, limit=most, **how)
-    say(found.notes)
-    table = dict(zip(joints.names, (found.q * factors).T, strict=True))
-    table |= dict(zip(loaded.axes, found.target.T, strict=True))
-    told = fields(found, "distance expected_error reachable angle placement_error")
-    table |= {
-        name: column for name, column in told.items() if column is not None
-    }  # in space
+    result = calib.correct(
+        query.model,
+        batch.values[valid] / factors,
+        limit=None if limit is None else limit / factors,
+        view=view,
+        orientation=orientation,
+    )
+    say(result.notes)
+    table = dict(zip(joints.names, (result.q * factors).T, strict=True))
+    table |= dict(zip(query.model.axes, result.target.T, strict=True))
+    table["distance"] = result.distance
+    table["expected_error"] = result.expected_error
+    table["reachable"] = result.reachable
+    for name in ("angle", "placement_error"):  # in space
+        if getattr(result, name) is not None:
+            table[name] = getattr(result, name)
     rows = np.flatnonzero(valid) + 1
-    limits = ", ".join(joints.change(k, most) for k, most in enumerate(found.limit))
+    limits = ", ".join(joints.change(k, most) for k, most in enumerate(result.limit))
     beyond = (
         f"a joint would change by more than the limit ({limits}), no answer; if the change is "
         "right, give a larger --limit"
     )
     failures = {
         "out_of_reach": (
-            rows[~found.reachable].tolist(),
+            rows[~result.reachable].tolist(),
             "out of reach for the real arm",
         ),
-        "beyond_limit": (rows[found.exceeded].tolist(), beyond),
+        "beyond_limit": (rows[result.exceeded].tolist(), beyond),
     }
-    changes = dict[str, Any]()
+    change = _changes(query.model.about, result)
     lines = []
-    if len(size := np.abs(found.change[found.reachable])):
-        each = zip(size.mean(axis=0), size.max(axis=0), found.limit, strict=True)
-        parts = zip(joints.names, loaded.about.units_of_joints, each, strict=True)
-        for name, kind, values in parts:
-            changes[name] = dict(zip(("mean", "max", "limit"), values, strict=True))
-            lines.append(
-                f"{name} {sized(values[0], kind)} (largest {sized(values[1], kind)})"
-            )
-    answered = (found.reachable & ~found.exceeded).any() or not found.exceeded.any()
-    written = beside(batch, valid, table) if answered else None
-    line = [f"mean change: {', '.join(lines)}"] if lines else []
-    return query.answer(batch, written, failures, lines=line, change=changes or None)
+    if change:
+        units = query.model.about.units_of_joints
+        sizes = [
+            f"{name} {sized(size['mean'], unit)} (largest {sized(size['max'], unit)})"
+            for (name, size), unit in zip(change.items(), units, strict=True)
+        ]
+        lines.append(f"mean change: {', '.join(sizes)}")
+    answered = (result.reachable & ~result.exceeded).any() or not result.exceeded.any()
+    return query.answer(
+        batch,
+        beside(batch, valid, table) if answered else None,
+        failures,
+        lines=lines,
+        facts={"change": change or None},
+    )
+
+
+def _changes(about: About, result: Corrected) -> dict[str, dict[str, float]]:
+    """Return by how much each joint changes [rad or m]; nothing where no row is in reach."""
+    import numpy as np
+
+    size = np.abs(result.change[result.reachable])
+    if not len(size):
+        return {}
+    sizes = zip(size.mean(axis=0), size.max(axis=0), result.limit, strict=True)
+    return {
+        name: {"mean": float(mean), "max": float(largest), "limit": float(most)}
+        for name, (mean, largest, most) in zip(about.joint_names, sizes, strict=True)
+    }

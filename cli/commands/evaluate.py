@@ -1,32 +1,29 @@
-"""The command `calib evaluate`."""
+"""Print the errors of a model, on fresh samples or on a log; exit code 3 if its bound fails."""
 
 from __future__ import annotations
 
 import time
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
-from typer import Option
-
 from .. import options as opt
-from ..output import Outcome, fields, say, sized
+from ..logs import Reading, log_of, stated
+from ..output import Outcome, say, sized
 from ..parsing import BadOption
-from ..samples import Compared, Sockets, log_of
 from ..summary import (
     accuracy,
     advice,
     answers_back,
-    does_not_hold,
+    code_of,
+    contradicted,
     error_table,
     summary,
 )
 
 if TYPE_CHECKING:
-    from calib import Evaluation, Model, Samples
+    from calib import Evaluation
     from calib.use.iso9283 import Iso9283
 
-
 FrameWord = Literal["kept", "free"]
-FRAMES = get_args(FrameWord)
 
 
 def evaluate(
@@ -40,65 +37,74 @@ def evaluate(
     plane: opt.Planes = None,
     frame: Annotated[
         FrameWord,
-        opt.word("--frame", FRAMES, "free: the sensor's frame is found anew."),
+        opt.word(
+            "--frame", get_args(FrameWord), "free: the sensor's frame is found anew."
+        ),
     ] = "kept",
     iso: Annotated[
-        bool, Option("--iso9283", help="Accuracy and repeatability of poses, too.")
+        bool, opt.flag("--iso9283", "Accuracy and repeatability of poses, too.")
     ] = False,
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Print the errors of a model, on fresh samples or on a log."""
-    reading = Compared(
-        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
-    )
-    sockets = Sockets(distance=distance, plane=plane)
     import calib
 
     loaded = calib.load(model)
+    reading = Reading(columns, unit, time_offset, degrees)
     log = log_of(loaded, data, reading)
-    log = None if log is None else sockets.of(log)
+    log = None if log is None else stated(log, distance, plane)
     started = time.perf_counter()
     result = calib.evaluate(loaded, log, frame=frame)
     say(result.notes)
     seconds = {"total": time.perf_counter() - started}
     document = summary(loaded, model, result.errors, seconds)
-    document["evaluated"] = fields(result, "source rows left_out")
-    document["left_out"] = result.left_out
-    document["learned"] = result.learned
-    document["bound_holds"] = result.bound_holds
-    standard = _iso9283(loaded, log) if iso else None
-    if standard is not None:
-        document["iso9283"] = standard.to_json()
-        say(standard.notes)
-    missed = [] if log is None else does_not_hold(result.within, result.rows)
-    limit = missed or advice(loaded, result.errors)
+    document |= {
+        "evaluated": {
+            "source": result.source,
+            "rows": result.rows,
+            "left_out": result.left_out,
+        },
+        "left_out": result.left_out,
+        "learned": result.learned,
+        "bound_holds": result.bound_holds,
+    }
+    warnings = contradicted(loaded.about) if log is None else _missed_by(result)
+    limit = [] if warnings else [advice(loaded, result.errors)]
     if result.touch:
         document["touch"] = result.touch
-        return Outcome(document, [f"{model}: {_scatter(result)}", *limit])
+        lines = [*warnings, f"{model}: {_scatter(result)}", *limit]
+        return Outcome(document, lines, code=code_of(warnings))
     tested = f"{result.rows} {result.source}"
     lines = [
+        *warnings,
         f"{model}: {accuracy(loaded, result.errors, result.within, tested, result.left_out)}",
         answers_back(loaded, result.errors),
         *limit,
     ]
-    if standard is not None:
+    if iso:
+        from calib.use.iso9283 import iso9283
+
+        if log is None:
+            raise BadOption(
+                "--iso9283 is of a log with repeated poses: expected --data LOG too"
+            )
+        standard = iso9283(loaded, log)
+        document["iso9283"] = standard.to_json()
+        say(standard.notes)
         lines.append(_standard_line(standard))
-    return Outcome(
-        document, lines, [error_table(loaded, result.errors, f"errors on {tested}")]
-    )
+    table = error_table(loaded, result.errors, f"errors on {tested}")
+    return Outcome(document, lines, [table], code=code_of(warnings))
 
 
-def _iso9283(model: Model, log: Samples | None) -> Iso9283:
-    """Return the figures of ISO 9283 of a log that went to poses again."""
-    from calib.use.iso9283 import iso9283
-
-    if log is None:
-        raise BadOption(
-            "--iso9283 is of a log with repeated poses: expected --data LOG too"
-        )
-    return iso9283(model, log)
+def _missed_by(result: Evaluation) -> list[str]:
+    """Say in one line that the rows of a log miss a model's own bound far too often."""
+    if result.bound_holds:
+        return []
+    return [
+        f"THE BOUND DOES NOT HOLD: the model does not hold for this log, its 95 % bound covers "
+        f"{100 * result.within['covered']:.0f} % of the rows; calib check says what changed"
+    ]
 
 
 def _standard_line(standard: Iso9283) -> str:
@@ -111,12 +117,12 @@ def _standard_line(standard: Iso9283) -> str:
 
 
 def _scatter(result: Evaluation) -> str:
-    size = {name: sized(value, "m") for name, value in result.touch["scatter"].items()}
-    line = (
-        f"tips scatter about their sockets by {size['mean']}, 95 % within {size['p95']}"
-    )
+    scatter = result.touch["scatter"]
+    line = f"tips scatter about their sockets by {sized(scatter['mean'], 'm')}"
+    line += f", 95 % within {sized(scatter['p95'], 'm')}"
     line += f", in {result.rows} touches, {result.left_out} left out"
-    off = [abs(gap["predicted"] - gap["stated"]) for gap in result.touch["distances"]]
-    return line + (
-        f"; distances are off by {sized(sum(off) / len(off), 'm')}" if off else ""
-    )
+    distances = result.touch["distances"]
+    if not distances:
+        return line
+    off = [abs(gap["predicted"] - gap["stated"]) for gap in distances]
+    return f"{line}; distances are off by {sized(sum(off) / len(off), 'm')}"

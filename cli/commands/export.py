@@ -1,18 +1,12 @@
-"""The command `calib export`."""
+"""Write a model as one C99 header for controllers, or files for ROS, LeRobot and MuJoCo."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
-
-from typer import Option
+from typing import Annotated
 
 from .. import options as opt
 from ..output import Outcome, say
 from ..parsing import BadOption, check_file
-
-if TYPE_CHECKING:
-    pass
-
 
 _ENDINGS = {
     "output": (".h", ".hpp"),
@@ -26,125 +20,107 @@ _ENDINGS = {
 def export(
     model: opt.ModelFile,
     output: Annotated[
-        str | None,
-        Option("--output", "-o", metavar="FILE", help="C header; JSON of --lerobot."),
+        str | None, opt.value("--output -o", "FILE", "C header; JSON of --lerobot.")
     ] = None,
-    single: Annotated[bool, Option("--float", help="Single precision.")] = False,
+    single: Annotated[bool, opt.flag("--float", "Single precision.")] = False,
     small: Annotated[
-        bool,
-        Option("--small", help="No tables of bounds and starts, for little memory."),
+        bool, opt.flag("--small", "No tables of bounds and starts, for little memory.")
     ] = False,
     prefix: Annotated[
-        str, Option("--prefix", metavar="NAME", help="Prefix of every name in C.")
+        str, opt.value("--prefix", "NAME", "Prefix of every name in C.")
     ] = "calib_",
     camera: Annotated[
-        str | None,
-        Option("--camera", metavar="FILE.yaml", help="The lens as ROS camera_info."),
+        str | None, opt.value("--camera", "FILE.yaml", "The lens as ROS camera_info.")
     ] = None,
     transform: Annotated[
-        str | None,
-        Option("--transform", metavar="FILE.json", help="The sensor in the base."),
+        str | None, opt.value("--transform", "FILE.json", "The sensor in the base.")
     ] = None,
     lerobot: Annotated[
-        str | None,
-        Option("--lerobot", metavar="OLD.json", help="LeRobot's: -o has new zeros."),
+        str | None, opt.value("--lerobot", "OLD.json", "LeRobot's: -o has new zeros.")
     ] = None,
     ur: Annotated[
         str | None,
-        Option(
-            "--ur", metavar="FILE.yaml", help="Kinematics of a UR, as ROS reads them."
-        ),
+        opt.value("--ur", "FILE.yaml", "Kinematics of a UR, as ROS reads them."),
     ] = None,
     mjcf: Annotated[
-        str | None,
-        Option("--mjcf", metavar="FILE.xml", help="Bodies, joints, tip for MuJoCo."),
+        str | None, opt.value("--mjcf", "FILE.xml", "Bodies, joints, tip for MuJoCo.")
     ] = None,
     ros2: Annotated[
         str | None,
-        Option("--ros2", metavar="FOLDER", help="A ROS 2 package that runs the model."),
+        opt.value("--ros2", "FOLDER", "A ROS 2 package that runs the model."),
     ] = None,
     free: opt.Free = "all",
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Write a model as one C99 header for controllers, or files for ROS, LeRobot and MuJoCo."""
     import calib
     from calib.common.atomic import atomic_write
+    from calib.use import formats
+    from calib.use.lerobot import RANGES_MOVE, homed
+    from calib.use.ros2 import write_ros2_package
+    from calib.use.ur import ur_kinematics
 
-    wanted = {
+    options = {
         "output": output,
         "camera": camera,
         "transform": transform,
         "ur": ur,
         "mjcf": mjcf,
     }
-    paths = {name: path for name, path in wanted.items() if path is not None}
+    paths = {name: path for name, path in options.items() if path is not None}
     if not paths and ros2 is None:
         raise BadOption(
             "nothing to write: expected -o FILE.h, --camera, --transform, --ur or --mjcf FILE, or "
             "--ros2 FOLDER"
         )
-    endings = _ENDINGS if lerobot is None else {**_ENDINGS, "output": (".json",)}
     for name, path in paths.items():
-        check_file(path, endings[name], option=f"--{name}")
-    from calib.use import formats
-    from calib.use.lerobot import homed
-    from calib.use.ur import ur_kinematics
-
-    loaded = calib.load(model)
-    document = dict[str, Any](model=model)
-    made: dict[
-        str, tuple[str, str]
-    ] = {}  # text, and what it is; all before anything is written
+        calibration = name == "output" and lerobot is not None
+        endings = (".json",) if calibration else _ENDINGS[name]
+        check_file(path, endings, option=f"--{name}")
     if lerobot is not None and output is None:
         raise BadOption(
             "--lerobot needs -o NEW.json, where the corrected calibration goes"
         )
-    if {lerobot, ur, mjcf} != {None}:
-        corrected, document["offsets"] = formats.corrected_arm(
-            loaded, drawn=free == "offsets"
-        )
+    loaded = calib.load(model)
+    tip = loaded.about.tip
+    document: dict[str, object] = {"model": model}
+    texts: dict[str, str] = {}  # all are made before anything is written
+    words: dict[str, str] = {}
+    if lerobot or ur or mjcf:
+        corrected, offsets = formats.corrected_arm(loaded, drawn=free == "offsets")
+        document["offsets"] = offsets
         if ur is not None:
-            made["ur"] = (
-                ur_kinematics(corrected, loaded.about.tip),
-                "kinematics of a UR",
-            )
+            texts["ur"] = ur_kinematics(corrected, tip)
+            words["ur"] = "kinematics of a UR"
         if mjcf is not None:
-            made["mjcf"] = (
-                formats.mjcf_text(corrected, loaded.about.tip),
-                "bodies for MuJoCo",
-            )
+            texts["mjcf"] = formats.mjcf_text(corrected, tip)
+            words["mjcf"] = "bodies for MuJoCo"
         if lerobot is not None:
-            text, document["ticks"] = homed(lerobot, document["offsets"])
-            made["output"] = text, f"homing offsets moved by {document['ticks']} ticks"
-            say(
-                [
-                    "the ends of the motors' ranges move with their zeros: drive to them with care"
-                ]
-            )
+            texts["output"], ticks = homed(lerobot, offsets)
+            words["output"] = f"homing offsets moved by {ticks} ticks"
+            document["ticks"] = ticks
+            say([RANGES_MOVE])
     if output is not None and lerobot is None:
         text, tables = formats.c_header(
             loaded, prefix=prefix, single=single, small=small
         )
+        # names of joints may hold any letter, a C99 compiler need not take them in comments
+        texts["output"] = text.encode("ascii", "replace").decode()
         document |= {"bytes": len(text), "table_bytes": tables}
         size = f"tables of {tables / 1024:.1f} kB, {len(text) / 1e3:.0f} kB text"
-        made["output"] = text, f"{'float' if single else 'double'}, {size}"
+        words["output"] = f"{'float' if single else 'double'}, {size}"
     if camera is not None:
-        made["camera"] = formats.camera_info(loaded), "camera_info"
+        texts["camera"] = formats.camera_info(loaded)
+        words["camera"] = "camera_info"
     if transform is not None:
-        made["transform"] = formats.static_transform(loaded), "static transform"
-    for name, (text, _) in made.items():
-        # names of joints may hold any letter, a C99 compiler need not take them in comments
-        ascii_alone = name == "output" and lerobot is None
-        atomic_write(
-            paths[name], text.encode(*(("ascii", "replace") if ascii_alone else ()))
-        )
-    lines = [f"{path}: {made[name][1]}" for name, path in paths.items()]
+        texts["transform"] = formats.static_transform(loaded)
+        words["transform"] = "static transform"
+    for name, text in texts.items():
+        atomic_write(paths[name], text.encode())
+    lines = [f"{path}: {words[name]}" for name, path in paths.items()]
     if ros2 is not None:
-        from calib.use.ros2 import write_ros2_package
-
         files = write_ros2_package(loaded, ros2)
         document["ros2"] = ros2
         lines.append(f"{ros2}: a ROS 2 package of {len(files)} files")
-    return Outcome(document | paths, lines)
+    return Outcome({**document, **paths}, lines)

@@ -1,18 +1,24 @@
-"""The command `calib lerobot`."""
+"""Correct the zeros of a LeRobot arm's motors from pictures of a board.
+
+The drawing's geometry is trusted: horns that sit a few degrees off are what is found. Joints
+that are shares of their motors' ranges are read by the calibration. Exit code 3 if what was
+learned contradicts its own bound.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated
 
-from typer import Argument, Option
+from typer import Argument
 
 from calib.common.choices import EYES, Eye
 
 from .. import options as opt
-from ..output import Outcome, TextTable, fixed, number, say
+from ..logs import Selection
+from ..output import Line, Outcome, TextTable, fixed, number, say
 from ..parsing import check_file
-from ..samples import Selection
+from ..summary import code_of, contradicted
 
 
 def lerobot(
@@ -24,18 +30,13 @@ def lerobot(
     ],
     calibration: Annotated[
         str,
-        Option(
-            "--calibration",
-            metavar="FILE",
-            help="LeRobot's calibration.json of this arm.",
-        ),
+        opt.value("--calibration", "FILE", "LeRobot's calibration.json of this arm."),
     ],
     board: Annotated[
-        str, Option("--board", metavar="BOARD", help="Such as 7x5:24mm:18mm:5x5_100.")
+        str, opt.value("--board", "BOARD", "Such as 7x5:24mm:18mm:5x5_100.")
     ],
     output: Annotated[
-        str,
-        Option("--output", "-o", metavar="NEW.json", help="The corrected calibration."),
+        str, opt.value("--output -o", "NEW.json", "The corrected calibration.")
     ],
     eye: Annotated[
         Eye,
@@ -44,31 +45,24 @@ def lerobot(
         ),
     ] = "hand",
     robot: Annotated[
-        str | None,
-        Option("--robot", metavar="ROBOT", help="Default: the kind of the data set."),
+        str | None, opt.value("--robot", "ROBOT", "Default: the kind of the data set.")
     ] = None,
     camera: opt.DatasetCamera = None,
     model: Annotated[
-        str | None,
-        Option("--model", metavar="MODEL", help="Keep what was learned, too."),
+        str | None, opt.value("--model", "MODEL", "Keep what was learned, too.")
     ] = None,
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Correct the zeros of a LeRobot arm's motors from pictures of a board.
-
-    The drawing's geometry is trusted: horns that sit a few degrees off are what is found. Joints
-    that are shares of their motors' ranges are read by the calibration.
-    """
-    check_file(output, (".json",))
-    check_file(model, (".calib",), option="--model")
     import calib
     from calib.common.atomic import atomic_write
     from calib.recording.lerobot import Dataset, read_dataset
     from calib.recording.motors import Motors
-    from calib.use.lerobot import homed, zeros
+    from calib.use.lerobot import RANGES_MOVE, homed, zeros
 
+    check_file(output, (".json",))
+    check_file(model, (".calib",), option="--model")
     kind = Dataset.read(dataset).robot
     arm = Selection().load(robot or kind.split("_")[0] or None)
     motors = Motors.read(calibration)
@@ -85,12 +79,8 @@ def lerobot(
     if model is not None:
         learned.save(model)
     atomic_write(output, text.encode())
-    say(
-        [
-            "the ends of the motors' ranges move with their zeros: drive to them with care"
-        ]
-    )
-    document: dict[str, Any] = {
+    say([RANGES_MOVE])
+    document = {
         "output": output,
         "offsets": {name: zero.to_json() for name, zero in offsets.items()},
         "ticks": ticks,
@@ -101,12 +91,14 @@ def lerobot(
     rows = []
     for name, zero in offsets.items():
         old = motors.motors[name].homing_offset
-        deviation = number(math.degrees(zero.interval))
-        size = fixed(math.degrees(zero.offset), 2)
-        rows.append([name, size, deviation, str(old), str(old + ticks[name])])
+        interval = number(math.degrees(zero.interval))
+        offset = fixed(math.degrees(zero.offset), 2)
+        rows.append([name, offset, interval, str(old), str(old + ticks[name])])
     header = ["joint", "zero is off by [deg]", "+-", "homing offset was", "is"]
-    free = [name for name in arm.joint_names if name not in offsets]
     line = f"{output}: {len(offsets)} zeros corrected"
-    if free:
-        line += f"; {' and '.join(free)} stay, since no picture tells theirs"
-    return Outcome(document, [line, TextTable(header, rows, left=1)])
+    unknown = [name for name in arm.joint_names if name not in offsets]
+    if unknown:
+        line += f"; {' and '.join(unknown)} stay, since no picture tells theirs"
+    warnings = contradicted(learned.about)
+    lines: list[Line] = [*warnings, line, TextTable(header, rows)]
+    return Outcome(document, lines, code=code_of(warnings))

@@ -1,20 +1,23 @@
-"""The command `calib log`."""
+"""Turn a ROS bag, pictures or a video into a log of joints and positions.
+
+Exit code 3 if no clock offset, or more than one, fits a video to its joints.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from collections.abc import Sequence
+from typing import Annotated
 
-from typer import Argument, Option
+from typer import Argument
 
 from calib.common.choices import DICTIONARY
 from calib.common.wording import for_people
 
 from .. import options as opt
 from .. import parsing
-from ..camera import Shooting
 from ..output import Outcome, say
-from ..parsing import TABLES, BadOption, above_zero, check_file
-from ..samples import refuse
+from ..parsing import TABLES, BadOption, above_zero, check_file, refuse
+from ..pictures import Shooting
 
 
 def log(
@@ -25,44 +28,24 @@ def log(
             help="A ROS bag, a folder or files, a video; with --eye a LeRobotDataset.",
         ),
     ],
-    output: Annotated[
-        str, Option("--output", "-o", metavar="LOG", help="The log: CSV or Parquet.")
-    ],
+    output: Annotated[str, opt.value("--output -o", "LOG", "The log: CSV or Parquet.")],
     joints_topic: Annotated[
-        str | None,
-        Option("--joints-topic", metavar="TOPIC", help="JointState, if several."),
+        str | None, opt.value("--joints-topic", "TOPIC", "JointState, if several.")
     ] = None,
     tip_topic: Annotated[
-        str | None,
-        Option("--tip-topic", metavar="TOPIC", help="Points, poses, tf if several."),
+        str | None, opt.value("--tip-topic", "TOPIC", "Points, poses, tf if several.")
     ] = None,
     frames: Annotated[
-        Any,
-        Option(
-            "--frames",
-            metavar="SENSOR,TIP",
-            parser=parsing.names,
-            help="Of tf, if many.",
-        ),
+        Sequence[str] | None,
+        opt.value("--frames", "SENSOR,TIP", "Of tf, if many.", parsing.names),
     ] = None,
     joints: opt.JointNames = None,
     max_gap: Annotated[
-        float,
-        Option(
-            "--max-gap",
-            metavar="S",
-            parser=above_zero,
-            help="Between joint states [s].",
-        ),
+        float, opt.value("--max-gap", "S", "Between joint states [s].", above_zero)
     ] = 0.1,
     still: Annotated[
-        Any,
-        Option(
-            "--still",
-            metavar="V",
-            parser=above_zero,
-            help="Drop rows that move faster [rad/s].",
-        ),
+        float | None,
+        opt.value("--still", "V", "Drop rows that move faster [rad/s].", above_zero),
     ] = None,
     time_offset: opt.TimeOffset = None,
     joints_file: opt.JointsFile = None,
@@ -83,10 +66,11 @@ def log(
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Turn a ROS bag, pictures or a video into a log of joints and positions.
+    from calib.samples.logs import write_log
+    from calib.samples.roles import log_columns
 
-    Exit code 3 if no clock offset, or more than one, fits a video to its joints.
-    """
+    check_file(output, TABLES, stream=True)
+    sliding = prismatic or ()
     shooting = Shooting(
         joints_file=joints_file,
         tag=tag,
@@ -101,45 +85,59 @@ def log(
         camera=camera,
         eye=eye,
     )
-    from calib.samples.logs import write_log
-    from calib.samples.roles import log_columns
-
-    check_file(output, TABLES, stream=True)
-    slides = prismatic or ()
-    bags: dict[str, Any] = {
-        "joints_topic": joints_topic,
-        "tip_topic": tip_topic,
-        "frames": frames,
-    }
-    timed: dict[str, Any] = {
-        "max_gap": max_gap,
-        "still": still,
-        "time_offset": time_offset,
-    }
-    if shooting.taken(bag):
-        refuse(bags, "is for bags, not for pictures and videos")
-        made = shooting.record(
-            bag, output, joints, timed, degrees=degrees, prismatic=slides
+    if shooting.is_meant(bag):
+        topics = {"joints_topic": joints_topic, "tip_topic": tip_topic}
+        refuse({**topics, "frames": frames}, "is for bags, not for pictures and videos")
+        rows = shooting.record(
+            bag,
+            output,
+            joints,
+            degrees=degrees,
+            prismatic=sliding,
+            max_gap=max_gap,
+            still=still,
+            time_offset=time_offset,
         )
-        factor, shown = for_people(made.unit)
-        kinds = f"[rad, {made.unit}]"
-        noise = factor * float(made.source["noise"])
-        kinds += f", noise {noise:.2g} {shown}" if noise else ""
+        units = f"[rad, {rows.unit}]"
+        factor, shown = for_people(rows.unit)
+        noise = factor * float(rows.source["noise"])
+        if noise:
+            units += f", noise {noise:.2g} {shown}"
     else:
         from calib.recording.bags import read_bag
 
         if len(bag) > 1:
             raise BadOption(f"{len(bag)} names are for pictures: expected one bag")
-        if frames is not None and len(frames) != 2:
-            raise BadOption("--frames names two frames: expected SENSOR,TIP")
-        made = read_bag(bag[0], **bags, **timed, joints=joints)
-        say(made.notes)
-        kinds = "[rad, m, s]"
-    write_log(made, output)
-    names = made.joint_names
-    units = {name: "m" if name in slides else "rad" for name in names}
-    document = {"log": output, "joints": names, "samples": len(made), "unit": made.unit}
-    document |= made.source
-    document["units"] = {"joints": units, "positions": made.unit, "time": "s"}
-    line = f"{len(made)} rows of {', '.join(log_columns(made))} {kinds}"
-    return Outcome(document, [f"{output}: {line}"])
+        pair = None
+        if frames is not None:
+            if len(frames) != 2:
+                raise BadOption("--frames names two frames: expected SENSOR,TIP")
+            pair = (frames[0], frames[1])
+        rows = read_bag(
+            bag[0],
+            joints_topic=joints_topic,
+            tip_topic=tip_topic,
+            frames=pair,
+            joints=joints,
+            max_gap=max_gap,
+            still=still,
+            time_offset=time_offset,
+        )
+        say(rows.notes)
+        units = "[rad, m, s]"
+    write_log(rows, output)
+    names = rows.joint_names
+    document = {
+        "log": output,
+        "joints": names,
+        "samples": len(rows),
+        "unit": rows.unit,
+        **rows.source,
+        "units": {
+            "joints": {name: "m" if name in sliding else "rad" for name in names},
+            "positions": rows.unit,
+            "time": "s",
+        },
+    }
+    columns = ", ".join(log_columns(rows))
+    return Outcome(document, [f"{output}: {len(rows)} rows of {columns} {units}"])

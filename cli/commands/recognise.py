@@ -1,19 +1,16 @@
-"""The command `calib recognise`."""
+"""Tell which of some models the arm is in. Exit code 3 if it is in none."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from typer import Argument
 
 from calib.common.wording import for_people
 
 from .. import options as opt
+from ..logs import Reading, log_for
 from ..output import NO, Outcome, TextTable, number
-from ..samples import Compared, log_for
-
-if TYPE_CHECKING:
-    pass
 
 
 def recognise(
@@ -29,26 +26,23 @@ def recognise(
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Tell which of some models the arm is in. Exit code 3 if it is in none."""
-    reading = Compared(
-        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
-    )
     import calib
 
     loaded = [calib.load(path) for path in models]
+    reading = Reading(columns, unit, time_offset, degrees)
     log = log_for(loaded[0], data, reading)
-    found = calib.recognise(loaded, log)
-    name = None if found.index is None else models[found.index]
-    fits = [{"model": models[fit.index], **fit.to_json()} for fit in found.fits]
+    result = calib.recognise(loaded, log)
+    name = None if result.index is None else models[result.index]
+    fits = [{"model": models[fit.index], **fit.to_json()} for fit in result.fits]
     factor, shown = for_people(loaded[0].about.unit)
-    rows = [
-        [models[f.index], number(f.score), number(factor * f.distance), "fits" * f.fits]
-        for f in found.fits
-    ]
+    rows = []
+    for fit in result.fits:
+        sizes = number(fit.score), number(factor * fit.distance)
+        rows.append([models[fit.index], *sizes, "fits" if fit.fits else ""])
     header = ["model", "score", f"median distance [{shown}]", ""]
-    table = TextTable(header, rows, f"{found.samples} samples of {data}")
+    table = TextTable(header, rows, f"{result.samples} samples of {data}")
     return Outcome(
-        {"model": name, "samples": found.samples, "fits": fits},
+        {"model": name, "samples": result.samples, "fits": fits},
         [f"{name} fits" if name else "none of the models fits", table],
         code=0 if name else NO,
     )

@@ -1,28 +1,29 @@
-"""The command `calib report`."""
+"""Write how accurate a calibration is, what is off, where and why, as one page.
+
+Exit code 3, with the page written, if the model's own rows contradict its bound.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
 
-from typer import Option
-
 from .. import options as opt
-from ..camera import Drawn
-from ..output import Outcome, progress_bar
+from ..logs import Reading
+from ..output import Outcome, progress
 from ..parsing import BadOption, check_file
+from ..pictures import load_drawn, size_of_page
+from ..summary import code_of, contradicted
 
 
 def report(
     model: opt.ModelFile,
     output: Annotated[
-        str | None, Option("--output", "-o", metavar="FILE.html", help="One file.")
+        str | None, opt.value("--output -o", "FILE.html", "One file.")
     ] = None,
-    png: Annotated[
-        str | None, Option("--png", metavar="DIR", help="Its figures as PNG.")
-    ] = None,
+    png: Annotated[str | None, opt.value("--png", "DIR", "Its figures as PNG.")] = None,
     figures: Annotated[
-        str | None, Option("--figures", metavar="FOLDER", help="Its figures as SVG.")
+        str | None, opt.value("--figures", "FOLDER", "Its figures as SVG.")
     ] = None,
     columns: opt.Columns = None,
     unit: opt.Unit = None,
@@ -35,31 +36,22 @@ def report(
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Write how accurate a calibration is, what is off, where and why, as one page."""
-    drawn = Drawn(
-        columns=columns,
-        unit=unit,
-        time_offset=time_offset,
-        degrees=degrees,
-        data=data,
-        photo=photo,
-        no_photo=no_photo,
-    )
+    import calib
+    from calib.common.atomic import atomic_write
+    from calib.show.report.drawing import to_file
+
     if output is None and png is None and figures is None:
         raise BadOption(
             "nothing to write: expected -o FILE.html, --figures FOLDER or --png DIR"
         )
     check_file(output, (".html", ".htm"))
-    loaded, log = drawn.load(model)
-    import calib
-    from calib.common.atomic import atomic_write
-    from calib.show.report.drawing import to_file
-
-    lines = []
+    reading = Reading(columns, unit, time_offset, degrees)
+    loaded, log = load_drawn(model, data, photo, no_photo, reading)
+    warnings = contradicted(loaded.about)
+    lines = [*warnings]
     if output is not None:
-        with progress_bar() as progress:
-            lines.append(calib.report(loaded, output, log, progress=progress))
-        lines.append(_page(output))
+        lines.append(calib.report(loaded, output, log, progress=progress))
+        lines.append(size_of_page(output))
     for kind, folder in (("png", png), ("svg", figures)):
         if folder is None:
             continue
@@ -68,8 +60,5 @@ def report(
             path = Path(folder) / f"{name}.{kind}"
             atomic_write(path, to_file(figure, kind))
             lines.append(str(path))
-    return Outcome({"output": output, "png": png, "figures": figures}, lines)
-
-
-def _page(path: str) -> str:
-    return f"{path}: {Path(path).stat().st_size / 1e6:.2f} MB, open it in a browser"
+    document = {"output": output, "png": png, "figures": figures}
+    return Outcome(document, lines, code=code_of(warnings))

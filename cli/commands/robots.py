@@ -1,22 +1,14 @@
-"""The command `calib robots`."""
+"""List the bundled robots."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 from .. import options as opt
 from ..output import Outcome, TextTable, fields
 
-if TYPE_CHECKING:
-    pass
-
 
 def robots(
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
+    as_json: opt.Json = False, verbose: opt.Verbose = False, quiet: opt.Quiet = False
 ) -> Outcome:
-    """List the bundled robots."""
     import calib
 
     entries = calib.list_robots()

@@ -1,80 +1,29 @@
-"""The command `calib sweep`."""
+"""Train with every combination of options on all cores, and compare the errors.
+
+A training that fails is reported in one line and gives exit code 1; the others continue.
+"""
 
 from __future__ import annotations
 
 import glob
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Argument
 
 from calib.common.choices import MAPS, READOUTS, RULES, ReadoutWord
 from calib.common.wording import for_people
 
 from .. import options as opt
 from .. import parsing
-from ..output import Outcome, TextTable, fields, note, number, progress_bar, say
+from ..logs import Reading, Selection, check_sources, measured
+from ..output import Outcome, TextTable, fields, note, number, progress, say
 from ..parsing import TABLES, BadOption, check_file, several, whole
-from ..samples import Logged, Selection, check_sources, measured_samples
 
 if TYPE_CHECKING:
-    pass
-
+    from calib.sweeps import Source, Sweep
 
 _SHOWN = ("forward_mean", "forward_max", "inverse_mean", "inverse_max")
-
-
-# values to try, with commas between them
-Sizes = Annotated[
-    Sequence[int | tuple[int, ...]] | None,
-    Option(
-        "--size",
-        metavar="N|NxN|NxNxN,..",
-        parser=several(parsing.lattice_sides),
-        help=opt.SIZE,
-    ),
-]
-Maps = Annotated[
-    Sequence[str] | None,
-    Option(
-        "--map", metavar="NAME,..", parser=several(parsing.one_of(MAPS)), help=opt.MAP
-    ),
-]
-Rules = Annotated[
-    Sequence[str] | None,
-    Option(
-        "--rule",
-        metavar="batch|online,..",
-        parser=several(parsing.one_of(RULES)),
-        help="Rules.",
-    ),
-]
-Epochs = Annotated[
-    Sequence[int] | None,
-    Option("--epochs", metavar="N,..", parser=several(parsing.count), help=opt.EPOCHS),
-]
-Schedules = Annotated[
-    Sequence[parsing.RadiusSchedule] | None,
-    Option(
-        "--sigma", metavar="START:END,..", parser=several(parsing.sigma), help=opt.SIGMA
-    ),
-]
-Numbers = Annotated[
-    Sequence[int] | None,
-    Option(
-        "--samples",
-        "-n",
-        metavar="N,..",
-        parser=several(parsing.count),
-        help=opt.SAMPLES,
-    ),
-]
-Noises = Annotated[
-    Sequence[float] | None,
-    Option(
-        "--noise", metavar="S,..", parser=several(parsing.not_negative), help=opt.NOISE
-    ),
-]
 
 
 def sweep(
@@ -82,35 +31,49 @@ def sweep(
         list[str] | None, Argument(metavar="ROBOT...", help="URDFs, names.")
     ] = None,
     data: Annotated[
-        list[str] | None,
-        Option("--data", metavar="LOG", help="Logs or patterns; repeatable."),
+        list[str] | None, opt.value("--data", "LOG", "Logs or patterns; repeatable.")
     ] = None,
     output: Annotated[
-        str | None,
-        Option("--output", "-o", metavar="FILE", help="CSV or Parquet (- stdout)."),
+        str | None, opt.value("--output -o", "FILE", "CSV or Parquet (- stdout).")
     ] = None,
-    size: Sizes = None,
-    map: Maps = None,  # noqa: A002
-    rule: Rules = None,
-    epochs: Epochs = None,
-    sigma: Schedules = None,
-    samples: Numbers = None,
-    noise: Noises = None,
+    size: Annotated[
+        Sequence[int | tuple[int, ...]] | None,
+        opt.value("--size", "N|NxN|NxNxN,..", opt.SIZE, several(parsing.lattice_sides)),
+    ] = None,
+    map: Annotated[  # noqa: A002
+        Sequence[str] | None,
+        opt.value("--map", "NAME,..", opt.MAP, several(parsing.one_of(MAPS))),
+    ] = None,
+    rule: Annotated[
+        Sequence[str] | None,
+        opt.value(
+            "--rule", "batch|online,..", "Rules.", several(parsing.one_of(RULES))
+        ),
+    ] = None,
+    epochs: Annotated[
+        Sequence[int] | None,
+        opt.value("--epochs", "N,..", opt.EPOCHS, several(parsing.count)),
+    ] = None,
+    sigma: Annotated[
+        Sequence[parsing.RadiusSchedule] | None,
+        opt.value("--sigma", "START:END,..", opt.SIGMA, several(parsing.sigma)),
+    ] = None,
+    samples: Annotated[
+        Sequence[int] | None,
+        opt.value("--samples -n", "N,..", opt.SAMPLES, several(parsing.count)),
+    ] = None,
+    noise: Annotated[
+        Sequence[float] | None,
+        opt.value("--noise", "S,..", opt.NOISE, several(parsing.not_negative)),
+    ] = None,
     seeds: Annotated[
-        int,
-        Option("--seeds", metavar="K", parser=whole(1, 1000), help="Seeds 0 to K - 1."),
+        int, opt.value("--seeds", "K", "Seeds 0 to K - 1.", whole(1, 1000))
     ] = 1,
     jobs: Annotated[
-        int | None,
-        Option("--jobs", metavar="N", parser=whole(1, 1000), help="Runs at once."),
+        int | None, opt.value("--jobs", "N", "Runs at once.", whole(1, 1000))
     ] = None,
     readout: Annotated[
-        ReadoutWord,
-        opt.word(
-            "--readout",
-            READOUTS,
-            "Of the printed table.",
-        ),
+        ReadoutWord, opt.word("--readout", READOUTS, "Of the printed table.")
     ] = "local",
     joints: opt.JointNames = None,
     tip: opt.Tip = None,
@@ -126,87 +89,67 @@ def sweep(
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Train with every combination of options on all cores, and compare the errors.
-
-    A training that fails is reported in one line and gives exit code 1; the others continue.
-    """
-    selection = Selection(
-        joints=joints, tip=tip, planar=planar, lock=lock, ranges=ranges, degrees=degrees
-    )
-    logged = Logged(
-        columns=columns, unit=unit, time_offset=time_offset, prismatic=prismatic
-    )
     from calib.samples.tables import write_table
     from calib.sweeps import sweep as run
 
-    grid = {
-        "size": size,
-        "map": map,
-        "rule": rule,
-        "epochs": epochs,
-        "sigma": sigma,
-        "samples": samples,
-        "noise": noise,
-    }
-    tried = {name: list(values) for name, values in grid.items() if values is not None}
-    simulated = {name: tried.get(name) for name in ("samples", "noise")}
-    check_sources(robots or (), bool(data), simulated, vars(logged))
-    if data and len(robots or ()) > 1:
-        raise BadOption(
-            f"--data with {len(robots or ())} robots: expected one ROBOT or none"
-        )
+    selection = Selection(joints, tip, planar, lock, ranges, degrees)
+    reading = Reading(columns, unit, time_offset, prismatic=prismatic)
+    simulated = {"samples": samples, "noise": noise}
+    robots = robots or []
+    check_sources(robots, bool(data), simulated, vars(reading))
+    if data and len(robots) > 1:
+        raise BadOption(f"--data with {len(robots)} robots: expected one ROBOT or none")
     check_file(output, TABLES, stream=True)
-    robot = robots[0] if robots else None
-    # a file may be called log[1].csv: what matches nothing is a name
-    logs = [path for text in data or () for path in sorted(glob.glob(text)) or [text]]  # noqa: PTH207
-    sources: dict[str, Any] = (
-        {  # logs are read here: a worker cannot say what was assumed of one
-            path: measured_samples(robot, selection, path, logged) for path in logs
-        }
-        or {name: selection.load(name) for name in robots or ()}
-    )
-    with progress_bar() as progress:
-        runs = run(sources, tried, seeds=seeds, jobs=jobs, progress=progress)
-    for row in runs.rows:
-        say(row.notes)
-    for row in runs.failed:
-        note(f"error: {row.source}, {dict(row.options)}, seed {row.seed}: {row.error}")
-    table_of_runs = runs.columns()
-    failed = len(runs.failed)
+    sources: dict[str, Source] = {}
+    for text in data or ():  # logs are read here: a worker cannot say its notes
+        # a file may be called log[1].csv: what matches nothing is a name
+        for path in sorted(glob.glob(text)) or [text]:  # noqa: PTH207
+            robot = robots[0] if robots else None
+            sources[path] = measured(robot, selection, path, reading)
+    if not data:
+        sources = {name: selection.load(name) for name in robots}
+    options = {"size": size, "map": map, "rule": rule, "epochs": epochs, "sigma": sigma}
+    grid = {
+        name: list(values)
+        for name, values in {**options, **simulated}.items()
+        if values is not None
+    }
+    result = run(sources, grid, seeds=seeds, jobs=jobs, progress=progress)
+    for trial in result.rows:
+        say(trial.notes)
+    for trial in result.failed:
+        name = f"{trial.source}, {dict(trial.options)}, seed {trial.seed}"
+        note(f"error: {name}: {trial.error}")
     if output is not None:
-        write_table(output, table_of_runs)
-    header = [
-        "source",
-        *tried,
-        "seed",
-        "forward",
-        "max",
-        "inverse",
-        "max",
-        "unit",
-        "seconds",
-    ]
-    cells = []
-    for k, row in enumerate(runs.rows):
-        factor, shown = for_people(row.unit or "m")
-        errors = [
-            number(table_of_runs[f"{readout}_{kind}"][k] * factor) for kind in _SHOWN
-        ]
-        options = [str(table_of_runs[name][k]) for name in ("source", *tried, "seed")]
-        cells.append([*options, *errors, shown, number(row.seconds)])
-    title = f"{readout} readout: mean and largest error of the tip"
-    summary = (
-        f"{f'{output}: ' if output else ''}{len(runs.rows)} trainings, {failed} failed"
-    )
+        write_table(output, result.columns())
+    failed = len(result.failed)
+    summary = f"{len(result.rows)} trainings, {failed} failed"
+    if output is not None:
+        summary = f"{output}: {summary}"
     document = {
         "output": output,
-        "trainings": len(runs.rows),
+        "trainings": len(result.rows),
         "failed": failed,
         "units": {"errors": "unit of the row", "seconds": "s"},
         "rows": [
-            fields(r, "source options seed unit errors seconds error")
-            for r in runs.rows
+            fields(trial, "source options seed unit errors seconds error")
+            for trial in result.rows
         ],
     }
-    table = TextTable(header, cells, title, left=2 + len(tried))
+    table = _table(result, list(grid), readout)
     return Outcome(document, [table, summary], code=1 if failed else 0)
+
+
+def _table(result: Sweep, options: list[str], readout: str) -> TextTable:
+    columns = result.columns()
+    names = ["source", *options, "seed"]
+    rows = []
+    for k, trial in enumerate(result.rows):
+        factor, shown = for_people(trial.unit or "m")
+        values = [columns[f"{readout}_{kind}"][k] for kind in _SHOWN]
+        errors = [number(value * factor) for value in values]
+        words = [str(columns[name][k]) for name in names]
+        rows.append([*words, *errors, shown, number(trial.seconds)])
+    header = [*names, "forward", "max", "inverse", "max", "unit", "seconds"]
+    title = f"{readout} readout: mean and largest error of the tip"
+    return TextTable(header, rows, title, left=len(names))

@@ -1,10 +1,10 @@
-"""The command `calib tag`."""
+"""Write a tag for the arm's tip, or a board for the desk, to print at its true size (SVG)."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Argument
 
 from calib.common.choices import DICTIONARY
 
@@ -14,14 +14,12 @@ from ..parsing import BadOption, check_file, whole
 
 
 def tag(
-    output: Annotated[
-        str, Option("--output", "-o", metavar="FILE.svg", help="The page to print.")
-    ],
+    output: Annotated[str, opt.value("--output -o", "FILE.svg", "The page to print.")],
     number: Annotated[
         int | None, Argument(metavar="ID", parser=whole(0), help="Number of the tag.")
     ] = None,
     size: Annotated[
-        str, Option("--size", metavar="40mm", help="Side of the black square.")
+        str, opt.value("--size", "40mm", "Side of the black square.")
     ] = "40mm",
     dictionary: opt.Dictionary = DICTIONARY,
     board: opt.BoardSpec = None,
@@ -29,17 +27,17 @@ def tag(
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Write a tag for the arm's tip, or a board for the desk, to print at its true size (SVG)."""
     from calib.common.atomic import atomic_write
-    from calib.recording.board import parse_board, parse_length, print_board, print_tag
+    from calib.recording.board import parse_board, parse_length
+    from calib.recording.printing import print_board, print_tag
 
     if (number is None) == (board is None):
         raise BadOption("expected the ID of a tag, or --board, and not both")
     check_file(output, (".svg",), stream=True)
     if board is not None:
-        made = parse_board(board)
-        page = print_board(made)
-        width, height = (1e3 * side for side in made.size)
+        pattern = parse_board(board)
+        page = print_board(pattern)
+        width, height = (1e3 * side for side in pattern.size)
         what = f"a board of {width:g} x {height:g} mm"
     else:
         side = parse_length(size, "`size`")

@@ -1,4 +1,7 @@
-"""The command `calib train`."""
+"""Learn a model from simulated babbling or from a measured log.
+
+Exit code 3, with the model written, if its own fresh or held-out rows contradict its bound.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +11,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Argument
 
 from .. import options as opt
-from ..camera import photo_of_log, with_photo
-from ..output import NO, Outcome, progress_bar, say
+from ..logs import Reading, Selection, babbled, check_sources, measured, stated
+from ..output import Outcome, progress, say
 from ..parsing import BadOption, check_file
-from ..samples import Babbling, Logged, Selection, Sockets, check_sources
-from ..samples import babbled_samples as babbled
-from ..samples import measured_by_sensors as measured
+from ..pictures import photo_of_log, with_photo
 from ..summary import (
     accuracy,
     advice,
+    code_of,
     contradicted,
     error_table,
     found_by_body,
@@ -27,7 +29,7 @@ from ..summary import (
 )
 
 if TYPE_CHECKING:
-    from calib import Model, Samples
+    from calib import Samples
 
 
 def train(
@@ -37,13 +39,10 @@ def train(
     ] = None,
     data: opt.DataOfSensors = None,
     output: Annotated[
-        str | None,
-        Option(
-            "--output", "-o", metavar="MODEL", help="Default ROBOT.calib, LOG.calib."
-        ),
+        str | None, opt.value("--output -o", "MODEL", "Default ROBOT.calib, LOG.calib.")
     ] = None,
     force: Annotated[
-        bool, Option("--force", help="Replace a model of another robot.")
+        bool, opt.flag("--force", "Replace a model of another robot.")
     ] = False,
     joints: opt.JointNames = None,
     tip: opt.Tip = None,
@@ -72,60 +71,38 @@ def train(
     distance: opt.Distances = None,
     plane: opt.Planes = None,
     lens: Annotated[
-        str | None,
-        Option("--lens", metavar="lens.json", help="Of a camera in space (fitted)."),
+        str | None, opt.value("--lens", "lens.json", "Of a camera in space (fitted).")
     ] = None,
-    no_rows: Annotated[
-        bool, Option("--no-rows", help="Keep no rows of the log.")
-    ] = False,
+    no_rows: Annotated[bool, opt.flag("--no-rows", "Keep no rows of the log.")] = False,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Learn a model from simulated babbling or from a measured log.
-
-    Exit code 3, with the model written, if its own fresh or held-out rows contradict its bound.
-    """
-    selection = Selection(
-        joints=joints,
-        tip=tip,
-        planar=planar,
-        lock=lock,
-        ranges=ranges,
-        degrees=degrees,
-        gravity=gravity,
-    )
-    babbling = Babbling(samples=samples, noise=noise, change=change)
-    logged = Logged(
-        columns=columns, unit=unit, time_offset=time_offset, prismatic=prismatic
-    )
-    sockets = Sockets(distance=distance, plane=plane)
     import calib
 
-    of_logs = {
-        **vars(logged),
-        **vars(sockets),
-        "gravity": gravity,
-        "lens": lens,
-        "photo": photo,
-    }
-    check_sources([robot] if robot else [], bool(data), vars(babbling), of_logs)
+    selection = Selection(joints, tip, planar, lock, ranges, degrees, gravity)
+    reading = Reading(columns, unit, time_offset, prismatic=prismatic)
+    simulated = {"samples": samples, "noise": noise, "change": change}
+    of_touches = {"distance": distance, "plane": plane}
+    of_cameras = {"gravity": gravity, "lens": lens, "photo": photo}
+    of_logs = {**vars(reading), **of_touches, **of_cameras}
+    check_sources([robot] if robot else [], bool(data), simulated, of_logs)
     if photo is not None and no_photo:
         raise BadOption("--photo and --no-photo are given: expected one of them")
     check_file(output, ())
-    if not data:
-        logs = [babbled(robot, selection, babbling, seed)]
+    if data:
+        from calib.samples.sensors import sources_by_sensor
+
+        logs = []
+        for sensor, source in sources_by_sensor(data).items():
+            log = measured(robot, selection, source, reading, seed, lens, sensor)
+            logs.append(stated(log, distance, plane))
     else:
-        logs = [
-            sockets.of(log)
-            for log in measured(robot, selection, data, logged, seed, lens)
-        ]
+        logs = [babbled(robot, selection, samples, noise, change, seed)]
     log = logs[0]
-    origin = robot or (data or ["robot"])[0]
-    safe = re.sub(r"[^\w.+-]+", "_", Path(origin).stem).lstrip(".")
-    path = output or ("log.calib" if origin == "-" else f"{safe or 'robot'}.calib")
+    path = output or _default_path(robot or (data or [""])[0])
     check_file(path, ())
     if output is None and not force:
         _check_same_origin(path, log)
@@ -133,9 +110,9 @@ def train(
     how = calib.TrainingOptions(
         *sizes, map, rule, epochs, sigma, body=body, view=view, seed=seed
     )
-    with progress_bar() as progress:
-        model = calib.train(logs if len(logs) > 1 else log, how, progress=progress)
-    say(model.about.notes)
+    model = calib.train(logs if len(logs) > 1 else log, how, progress=progress)
+    about = model.about
+    say(about.notes)
     if no_rows:
         model = replace(model, rows=None)
     if photo is not None:
@@ -143,33 +120,41 @@ def train(
     elif data and not no_photo:
         model = photo_of_log(model, log, data[0])
     model.save(path)
-    about = model.about
-    simulated = about.source == "simulation"
-    stated = log.source.get("noise") if log.source.get("unit") == about.unit else None
-    what = "fresh exact samples" if simulated else "rows held out in blocks of the log"
-    learned = f"{about.samples} {'samples' if simulated else 'rows'}"
+    rows = "rows held out in blocks of the log"
+    learned = f"{about.samples} rows"
+    if about.source == "simulation":
+        rows = "fresh exact samples"
+        learned = f"{about.samples} samples"
+    warnings = []
+    accuracies = []
+    for name in model.sensors:
+        seen = model.by(name).about
+        warnings += contradicted(seen)
+        tested = f"{seen.tested} {rows}"
+        line = accuracy(model.by(name), seen.errors, seen.within, tested, seen.left_out)
+        accuracies.append(f"{name}: {line}" if name else line)
+    noise_of_log = log.source.get("noise")
+    if log.source.get("unit") != about.unit:
+        noise_of_log = None
     cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
-    sensors = [model.by(name) for name in model.sensors]
-    warnings = [line for seen in sensors for line in contradicted(seen.about)]
     lines = [
         *warnings,
-        *(_accuracy_of_sensor(seen, what) for seen in sensors),
+        *accuracies,
         *found_by_body(model),
-        *advice(model, about.errors, stated),
+        advice(model, about.errors, noise_of_log),
         f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}",
     ]
-    table = error_table(model, about.errors, f"errors on {what}")
+    table = error_table(model, about.errors, f"errors on {rows}")
     document = summary(model, path, about.errors, model.seconds)
-    return Outcome(document, lines, [table], code=NO if warnings else 0)
+    return Outcome(document, lines, [table], code=code_of(warnings))
 
 
-def _accuracy_of_sensor(model: Model, what: str) -> str:
-    """Return in one line how accurate a model is, as one of its sensors sees the arm."""
-    about = model.about
-    line = accuracy(
-        model, about.errors, about.within, f"{about.tested} {what}", about.left_out
-    )
-    return f"{about.sensor}: {line}" if about.sensor else line
+def _default_path(origin: str) -> str:
+    """Return the file of a model of a robot or a log, in the current folder."""
+    if origin == "-":
+        return "log.calib"
+    safe = re.sub(r"[^\w.+-]+", "_", Path(origin).stem).lstrip(".")
+    return f"{safe or 'robot'}.calib"
 
 
 def _check_same_origin(path: str, log: Samples) -> None:
@@ -180,18 +165,16 @@ def _check_same_origin(path: str, log: Samples) -> None:
 
     if not Path(path).exists():
         return
-    with suppress(
-        calib.CalibError
-    ):  # what cannot be read is no model of this robot either
+    # what cannot be read is no model of this robot either
+    with suppress(calib.CalibError):
         old = calib.load(path)
-        urdf = log.arm.urdf if log.arm else ""
         about = old.about
-        same = (about.urdf, about.joint_names) == (urdf, log.joint_names)
-        same &= (log.simulation is None) == (about.source == "log")
+        same = about.urdf == (log.arm.urdf if log.arm else "")
+        same &= about.joint_names == log.joint_names
+        same &= (about.source == "simulation") == (log.simulation is not None)
         if old.rows is not None and len(old.rows):  # the first tells logs apart
-            same &= np.array_equal(
-                [*old.rows.q[0], *old.rows.x[0]], [*log.q[0], *log.x[0]]
-            )
+            same &= np.array_equal(old.rows.q[0], log.q[0])
+            same &= np.array_equal(old.rows.x[0], log.x[0])
         if same:
             return
     raise calib.OptionError(

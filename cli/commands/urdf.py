@@ -1,10 +1,12 @@
-"""The command `calib urdf`."""
+"""Write a copy of the URDF with the joint offsets and link placements that fit the model best.
+
+Only the numbers that change are rewritten. Exit code 3 if offsets and placements do not
+describe the model; then nothing is written.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
-
-from typer import Option
 
 from calib.common.wording import for_people
 
@@ -20,30 +22,24 @@ if TYPE_CHECKING:
 def urdf(
     model: opt.ModelFile,
     output: Annotated[
-        str, Option("--output", "-o", metavar="URDF", help="The corrected description.")
+        str, opt.value("--output -o", "URDF", "The corrected description.")
     ],
     view: opt.LogView = "auto",
-    cause: opt.FrameOrJoints = "sensor",
     move_base: Annotated[
-        bool, Option("--move-base", help="Fit the first joint's place.")
+        bool, opt.flag("--move-base", "Fit the first joint's place.")
     ] = False,
     move_tip: Annotated[
-        bool, Option("--move-tip", help="The tip is sensed, no probe.")
+        bool, opt.flag("--move-tip", "The tip is sensed, no probe.")
     ] = False,
     free: opt.Free = "all",
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Write a copy of the URDF with the joint offsets and link placements that fit the model best.
-
-    Only the numbers that change are rewritten. Exit code 3 if offsets and placements do not
-    describe the model; then nothing is written.
-    """
     import calib
     from calib.common.atomic import atomic_write
-    from calib.use.frames import frame_notes
-    from calib.use.geometry import fit_geometry
+    from calib.use.frames import FRAME_IS_FITTED
+    from calib.use.geometry_fit import fit_geometry
     from calib.use.urdf import (
         MOST_UNEXPLAINED,
         check_output,
@@ -57,7 +53,6 @@ def urdf(
     geometry = fit_geometry(
         loaded,
         view=view,
-        cause=cause,
         move_base=move_base,
         move_tip=move_tip,
         drawn=free == "offsets",
@@ -65,24 +60,25 @@ def urdf(
     explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
     if explained:
         atomic_write(output, corrected_urdf(geometry).encode())
+    unit = geometry.unit
     document = {
         "urdf": output if explained else None,
         **geometry.to_json(),
-        "unit": geometry.unit,
-        "units": {**units_of(loaded.about), "positions": geometry.unit},
+        "unit": unit,
+        "units": units_of(loaded.about, unit),
     }
     if geometry.free:
-        say(frame_notes(loaded, cause))
+        say([FRAME_IS_FITTED])
     say(what_no_urdf_holds(loaded))
     share = 100.0 * geometry.residual / geometry.reach
-    rms = f"{sized(geometry.residual, geometry.unit)} rms ({share:.3g} % of the reach)"
+    rms = f"{sized(geometry.residual, unit)} rms ({share:.3g} % of the reach)"
     if not explained:
         note(
             f"offsets and placements leave {rms} unexplained, more than {MOST_UNEXPLAINED:.0%}: "
             "nothing was written; check the joints, the tip and the unit of the log, and --view"
         )
         return Outcome(document, [_table(geometry)], code=NO)
-    before = sized(geometry.before, geometry.unit)
+    before = sized(geometry.before, unit)
     line = f"{output}: residual {rms}, with the nominal URDF {before}"
     return Outcome(document, [line, _table(geometry)])
 
@@ -93,34 +89,28 @@ def _table(geometry: Geometry) -> TextTable:
     parameters = geometry.to_json()
     arm = geometry.arm
     changes = [
-        (name, "offset", kind, parameters["offsets"][name])
-        for name, kind in zip(arm.joint_names, arm.units_of_joints, strict=True)
+        (name, "offset", unit, parameters["offsets"][name])
+        for name, unit in zip(arm.joint_names, arm.units_of_joints, strict=True)
     ]
-    ways = parameters.get("moved", {})
-    changes += [
-        (name, "far end of its link, along {}", "m", change)
-        for name, change in ways.items()
-    ]
+    for name, change in parameters.get("moved", {}).items():
+        changes.append((name, "far end of its link, along {}", "m", change))
     places = dict(parameters.get("places", {}))
     if "tip" in parameters:
         written = "" if parameters["tip"]["written"] else ", not written"
         places[f"sensed point{written}"] = parameters["tip"]
     for name, change in places.items():
-        changes += [(name, "origin along {}", "m", change["shift"])]
-        changes += [(name, "origin about {}", "rad", change["turn"])]
+        changes.append((name, "origin along {}", "m", change["shift"]))
+        changes.append((name, "origin about {}", "rad", change["turn"]))
     if "base" in parameters:
         changes.append(("base", "along {}", "m", parameters["base"]))
     rows = []
     for name, what, kind, change in changes:
         factor, unit = for_people(kind)
-        values = np.ravel(change["value"])
-        widths = np.ravel(change["interval"])
-        for axis, value, width in zip(
-            "xyz", values.tolist(), widths.tolist(), strict=False
-        ):
-            if width:  # what was fitted
-                shown = fixed(factor * value, 4), number(factor * width)
+        values = factor * np.ravel(change["value"])
+        intervals = factor * np.ravel(change["interval"])
+        for axis, value, interval in zip("xyz", values, intervals, strict=False):
+            if interval:  # what was fitted
+                shown = fixed(float(value), 4), number(float(interval))
                 rows.append([name, what.format(axis), unit, *shown])
-    return TextTable(
-        ["joint", "change of", "unit", "value", "+-"], rows, "against the URDF", 3
-    )
+    header = ["joint", "change of", "unit", "value", "+-"]
+    return TextTable(header, rows, "against the URDF", left=3)

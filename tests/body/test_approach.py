@@ -9,7 +9,7 @@ from drifting import arm
 
 import calib
 from calib.body.approach import learn_play
-from calib.samples.joint_values import directions
+from calib.samples.motion import directions
 
 PLAY = 0.01
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import calib
 from calib.model.space import Space
 from calib.samples.samples import Samples
-from calib.use.geometry import fit_geometry
+from calib.use.geometry_fit import fit_geometry
 
 NOISE = 2e-4
 FRAME = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

@@ -48,7 +48,7 @@ def test_noise_tells_sensor_and_return_apart(lab, run):
 
 def test_iso_9283_is_as_delivered_and_as_corrected(lab, run):
     done = run("evaluate", lab / "m.calib", "--data", lab / "cycles.csv", "--iso9283", "--json")
-    assert done.code == 0, done.err
+    assert done.code == 3, done.err  # the bound does not hold for these readings
     standard = done.document["iso9283"]
     assert (standard["poses"], standard["cycles"]) == (5, 30)
     # the elbow turns the forearm, 0.25 m to the tip

@@ -15,13 +15,11 @@ from rendering import Camera, Desk, board, board_shots, tag
 from calib.errors import OptionError
 from calib.recording.board import (
     Board,
-    BoardFinder,
     Chessboard,
     parse_board,
-    print_board,
-    print_tag,
 )
 from calib.recording.lens import Lens, calibrate_lens, load_lens
+from calib.recording.printing import print_board, print_tag
 from calib.recording.tags import TagFinder, find_dictionary, tag_cells
 
 SMALL = Camera(size=(640, 480), focal=600.0)
@@ -99,7 +97,7 @@ def test_board_corners_are_where_the_renderer_puts_them():
     for place, count in (((0.3, 0.0, 0.0, 0.4), 24), ((0.2, -0.2, 0.0, -0.4), 13)):
         sticker = board(7, 5, 0.024, 0.018, place)
         desk = Desk(still=(sticker,))
-        found = BoardFinder(BOARD).find(desk.picture([2.5, 0.3, 0.3], rng))
+        found = BOARD.find(desk.picture([2.5, 0.3, 0.3], rng))
         truth = desk.camera.project(on_board(sticker, BOARD.corners()))
         assert len(found) == count
         miss = np.array([found[n] - truth[n] for n in found])
@@ -128,7 +126,7 @@ def test_a_lens_is_calibrated_from_pictures_of_a_board():
     rng = np.random.default_rng(6)
     desk = Desk(Camera(size=(640, 360), focal=550.0))
     pictures, _ = board_shots(desk, board(7, 5, 0.024, 0.018, (0, 0, 0, 0)), 8, rng)
-    finder = BoardFinder(BOARD)
+    finder = BOARD
     lens, notes = calibrate_lens([finder.find(p) for p in pictures], BOARD, desk.camera.size)
     assert notes == ()
     assert lens.rms < 0.09
@@ -188,7 +186,7 @@ def test_a_printed_tag_has_its_true_size_and_is_found():
 @pytest.mark.parametrize("text", ["6x4:20mm:14mm:4x4_50"])
 def test_a_printed_board_is_found_at_its_true_size(text):
     made = Board.parse(text)
-    found = BoardFinder(made).find(rasterised(print_board(made), 6))
+    found = made.find(rasterised(print_board(made), 6))
     assert len(found) == (made.columns - 1) * (made.rows - 1)
     corners = made.corners()
     scale = 6000.0

@@ -3,20 +3,19 @@
 import numpy as np
 
 from calib import Samples
-from calib.samples.motion import Motion
 
 Q = np.array([[0.0, 1.0], [0.5, 1.0], [0.5, 0.2], [0.0, 1.0], [0.0, 1.0 + 1e-9]])
 SAMPLES = Samples(Q, np.arange(10.0).reshape(5, 2), ("one", "two"))
 
 
 def test_each_joint_came_from_the_side_of_its_last_motion():
-    side = Motion.of(SAMPLES).side
+    side = SAMPLES.motion.side
     assert side[:, 0].tolist() == [0, 1, 1, -1, -1]
     assert side[:, 1].tolist() == [0, 0, -1, 1, 1]
 
 
 def test_rows_that_are_picked_keep_their_side():
-    motion = Motion.of(SAMPLES).take([3, 1])
+    motion = SAMPLES.motion.take([3, 1])
     assert motion.side[:, 0].tolist() == [-1, 1]
     assert (motion.q == Q[[3, 1]]).all()
 

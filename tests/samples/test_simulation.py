@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from calib.errors import OptionError
-from calib.samples.simulation import Simulation, parse_changes
+from calib.samples.changes import parse_changes
+from calib.samples.simulation import Simulation
 
 L1, L2 = 0.30, 0.25
 

@@ -181,8 +181,8 @@ def test_what_a_log_of_touches_hardly_tells_is_a_note(log, tmp_path):
 @pytest.mark.parametrize("text", ["A,B", "A,B=50", "A=50mm", "A,B=-5mm", "A,B=5mm+-x"])
 def test_distances_are_read_as_typed_or_refused(text):
     touches = Touches(np.zeros(1, int), (("", "A"), ("", "B")))
-    assert touches.stated(["A,B=50mm+-0.196mm"]).known[0].tolerance == pytest.approx(1e-4)
-    assert touches.stated(["A,B=5 cm"]).known[0].value == pytest.approx(0.05)
+    assert touches.stated(["A,B=50mm+-0.196mm"]).facts[0].tolerance == pytest.approx(1e-4)
+    assert touches.stated(["A,B=5 cm"]).facts[0].value == pytest.approx(0.05)
     with pytest.raises(OptionError, match="50mm"):
         touches.stated([text])
 

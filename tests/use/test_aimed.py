@@ -39,7 +39,7 @@ def test_the_tip_is_at_the_point_in_postures_that_tell_more_than_random_ones(arm
     from calib.use.aimed import at_point
     from calib.use.pose_space import space_of
 
-    q = at_point(arm, space_of(arm), point, np.random.default_rng(0))[0]
+    q = at_point(arm, space_of(arm), point, np.random.default_rng(0)).q
     assert told(found.q) > max(told(q[k : k + 12]) for k in range(0, 360, 12))
 
 

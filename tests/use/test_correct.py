@@ -16,7 +16,7 @@ from calib.body.spatial import structure_of
 from calib.errors import OptionError, QueryError
 from calib.model.nominal import nominal_behind
 from calib.use.correct import correct
-from calib.use.geometry import fit_geometry
+from calib.use.geometry_fit import fit_geometry
 
 Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
 
@@ -187,12 +187,11 @@ def test_a_free_frame_hides_the_first_joints_offset_until_the_cause_is_said():
     assert np.abs(correct(turned, Q).change).max() < 1e-4
     assert any("cause='joints'" in note for note in correct(turned, Q).notes)
     np.testing.assert_allclose(correct(offset, Q).change[:, 0], -0.02, atol=2e-4)
-    for model_, cause in ((turned, "joints"), (offset, "joints"), (turned, "sensor")):
-        geometry = fit_geometry(model_, cause=cause)
-        first = next(iter(geometry.offsets().values()))
-        assert first["value"] == pytest.approx(0.02 * (cause == "joints"), abs=5e-4)
+    for model_, size in ((turned, 0.0), (offset, 0.02)):
+        geometry = fit_geometry(model_)
+        assert geometry.offsets()["shoulder"].value == pytest.approx(size, abs=5e-4)
         # what the prior holds to 1 mm is no more open than a few of them
-        assert geometry.ends[1].max() < 0.05
+        assert max(end.interval.max() for end in geometry.ends) < 0.05
 
 
 def test_six_joints_keep_the_tools_orientation():

@@ -12,7 +12,8 @@ import calib
 from calib.arm.loading import arm_from_urdf, load_arm
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, RobotError
-from calib.use.geometry import Geometry, fit_geometry, fit_in_space
+from calib.use.geometry import Geometry
+from calib.use.geometry_fit import Freedom, Points, fit_geometry, fit_in_space
 from calib.use.urdf import corrected_urdf, what_no_urdf_holds
 
 LOCKED = MIXED.replace('name="lift"', 'name="held"')
@@ -24,7 +25,7 @@ def moved_somehow(arm, *, move_tip=True):
     beta = structure.neutral()
     for group in ("tool", "tool.rotation", "placement", "offset"):
         beta[structure.groups[group]] = rng.normal(0, 0.05, len(structure.groups[group]))
-    zero = np.zeros(structure.size)
+    zero = np.zeros((structure.size, structure.size))
     return Geometry(arm, structure, beta, zero, False, move_tip, 0.0, 0.0, 1.0)
 
 
@@ -64,7 +65,7 @@ def test_a_fit_beats_the_drawing_and_holds_the_first_joint(tmp_path, run):
     assert geometry.residual < 0.5 * geometry.before
     structure = geometry.structure
     assert not geometry.beta[structure.shifts[0]].any()
-    assert geometry.sd[structure.shifts[1]].all()
+    assert geometry.origins[1][0].interval.all()
     model.save(tmp_path / "m.calib")
     done = run("urdf", tmp_path / "m.calib", "-o", tmp_path / "c.urdf", "--json")
     assert done.code == 0
@@ -98,9 +99,11 @@ def test_in_simulation_the_tip_is_no_probe_and_offsets_are_written(move_tip, lea
     beta[structure.groups["offset"][2]] = 0.03
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (100, 3))
     geometry = fit_in_space(
-        arm, None, q, structure.predict(q, beta), unit="m", free=False, probe=False,
-        move_base=False, move_tip=move_tip,
-    )  # fmt: skip
+        arm,
+        None,
+        Points(q, structure.predict(q, beta)),
+        Freedom(frame=False, tip=move_tip),
+    )
     again = arm_from_urdf(corrected_urdf(geometry))
     assert np.abs(again.forward(q) - structure.predict(q, beta)).max() < least
     assert geometry.before > 1e-3
@@ -109,12 +112,10 @@ def test_in_simulation_the_tip_is_no_probe_and_offsets_are_written(move_tip, lea
 
 def test_pixels_tell_offsets():
     geometry = fit_geometry(in_pixels())
-    offsets = geometry.beta[geometry.structure.groups["offset"]]
     assert geometry.unit == "px"
     assert geometry.residual < 0.6 < 2.0 < geometry.before
-    # an offset and a turn of the joint's origin about its axis are one
-    turned = geometry.beta[geometry.structure.turns] * geometry.structure.chain.axes
-    assert (offsets + turned.sum(axis=1))[1:] == pytest.approx([0.03, -0.02], abs=3e-3)
+    offsets = [float(offset.value) for offset in geometry.offsets().values()]
+    assert offsets[1:] == pytest.approx([0.03, -0.02], abs=3e-3)
 
 
 def test_poses_turn_the_wrist_too():

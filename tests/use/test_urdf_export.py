@@ -10,13 +10,14 @@ import calib
 from calib.arm.loading import arm_from_urdf
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, RobotError
-from calib.use.geometry import Geometry, InPlane, fit_geometry, fit_in_plane
+from calib.use.geometry import Geometry
+from calib.use.geometry_fit import Freedom, InPlane, Points, fit_geometry, fit_in_plane
 from calib.use.urdf import corrected_urdf
 
 
 def exported(tmp_path, adapted):
     path = tmp_path / "corrected.urdf"
-    path.write_text(corrected_urdf(fit_geometry(adapted, cause="joints")))
+    path.write_text(corrected_urdf(fit_geometry(adapted)))
     return calib.load_arm(path)
 
 
@@ -30,7 +31,7 @@ def exported(tmp_path, adapted):
 )
 def test_kinematics_of_the_changed_arm(tmp_path, changes):
     samples = log(*changes, n=100, noise=0.0)
-    corrected = exported(tmp_path, calib.adapt(model(), samples).model)
+    corrected = exported(tmp_path, calib.adapt(model(), samples, cause="joints").model)
     q = np.random.default_rng(0).uniform(arm().lower, arm().upper, (200, 2))
     assert np.abs(corrected.forward(q) - samples.simulation.exact(q)).max() < 1e-5
     assert np.abs(arm().forward(q) - samples.simulation.exact(q)).max() > 5e-3
@@ -41,10 +42,10 @@ def test_offsets_and_lengths_come_out_apart():
         model(), log("elbow.length=+4%", "elbow.offset=0.02", n=100, noise=0.0)
     ).model
     geometry = fit_geometry(adapted)
-    offsets = [each["value"] for each in geometry.offsets().values()]
+    offsets = [offset.value for offset in geometry.offsets().values()]
     assert offsets == pytest.approx([0.0, 0.02], abs=1e-4)
-    assert geometry.ends[0][2] == pytest.approx([0.01, 0.0], abs=1e-4)
-    assert geometry.ends[0][0] == pytest.approx([0.0, 0.0], abs=1e-4)
+    assert geometry.ends[2].value == pytest.approx([0.01, 0.0], abs=1e-4)
+    assert geometry.ends[0].value == pytest.approx([0.0, 0.0], abs=1e-4)
     assert geometry.residual < 1e-5
 
 
@@ -52,7 +53,7 @@ def test_a_sensor_that_moved_is_not_put_into_the_urdf():
     geometry = fit_geometry(
         calib.adapt(model(), log("sensor.rotate=0.1", "sensor.shift=0.1,0", n=100, noise=0.0)).model
     )
-    assert all(abs(each["value"]) < 1e-5 for each in geometry.offsets().values())
+    assert all(abs(offset.value) < 1e-5 for offset in geometry.offsets().values())
 
 
 def test_intervals_hold_where_joints_have_waves():
@@ -63,9 +64,8 @@ def test_intervals_hold_where_joints_have_waves():
         q = rng.uniform(nominal.lower, nominal.upper, (30, 2))
         seen = nominal.forward(q + 1e-3 * np.sin(2 * q + rng.uniform(0, 6.0, 2)))
         seen += 1e-4 * rng.standard_normal(seen.shape)
-        fit = fit_in_plane(nominal, q, seen, "m", free=True)
-        moved, half = fit.ends
-        covered += list(np.abs(moved[1:, 0]) < half[1:, 0])
+        fit = fit_in_plane(nominal, Points(q, seen), Freedom(frame=True))
+        covered += [abs(end.value[0]) < end.interval[0] for end in fit.ends[1:]]
     assert np.mean(covered) >= 0.9  # as noise alone the waves left 0.3
 
 
@@ -89,7 +89,7 @@ def test_a_diff_shows_the_changed_attributes_alone():
     )
     nominal = replace(arm(), urdf=text)
     structure = structure_of(nominal, kind=InPlane)
-    beta, zero = structure.neutral(), np.zeros(structure.size)
+    beta, zero = structure.neutral(), np.zeros((structure.size, structure.size))
     beta[structure.groups["offset"][1]] = 0.02
     beta[structure.shifts[1]] = 0.003, 0.0, 0.0
     geometry = Geometry(nominal, structure, beta, zero, False, True, 0.0, 0.0, 0.5)
@@ -141,8 +141,8 @@ def test_the_users_own_file_is_never_written_over(tmp_path, run):
 
 def test_the_base_stays_unless_it_is_freed():
     shifted = calib.adapt(model(), log("elbow.offset=0.01", n=100, noise=0.0)).model
-    assert not fit_geometry(shifted).ends[0][0].any()
-    assert fit_geometry(shifted, move_base=True).ends[1][0].all()
+    assert not fit_geometry(shifted).ends[0].value.any()
+    assert fit_geometry(shifted, move_base=True).ends[0].interval.all()
     measured = calib.train(replace(log(n=300), simulation=None, arm=arm()), size=10)
     with pytest.raises(OptionError, match="view='base'"):
         fit_geometry(measured, move_base=True)

@@ -1,23 +1,21 @@
-"""The command `calib query forward`."""
+"""Position of the tip for joint values; exit code 3 outside of what was learned."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument
 
 from ... import options as opt
 from ... import parsing
-from ...asking import Asking
 from ...output import NO, Outcome, TextTable, fixed, note
 
 if TYPE_CHECKING:
     from calib.common.arrays import Array
 
-    from ...answers import Query
+    from ...query import Query
 
-
-CONTEXT_SETTINGS = {"ignore_unknown_options": True}  # -0.1 is a number, not an option
+NUMBERS = True
 
 
 def forward(
@@ -37,84 +35,84 @@ def forward(
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Position of the tip for joint values; exit code 3 outside of what was learned."""
-    asking = Asking(
-        input_=input_, columns=columns, output=output, unit=unit, degrees=degrees
-    )
     import numpy as np
 
-    from ...answers import TURN, Query, beside, say_size
+    from ...query import TURN, Query, note_size
 
-    query = Query(model, asking, frame, values or ())
+    query = Query(model, input_, columns, output, unit, degrees, frame, values)
     joints = query.joints
-    about = query.model.about
-    if asking.input_ is not None:
-        from calib.errors import QueryError
-        from calib.samples.joint_values import check_joint_values
-
-        batch, valid = query.read(joints.names)
-        q = batch.values / np.array(joints.typed)
-        ranges = (about.joint_names, about.lower, about.upper, about.revolute)
-        check_joint_values(q, *ranges, degrees=asking.degrees, error=QueryError)
-        answers = beside(batch, valid, _told(query, q[valid], readout))
-        unknown = np.flatnonzero(valid & np.isnan(answers["x"])) + 1
-        failures = {"out_of_reach": (unknown.tolist(), "outside of what was learned")}
-        return query.answer(batch, answers, failures)
-    one = joints.one_each("Q1 Q2", values or ()) or []
-    told: dict[str, Any] = {
-        name: column[0].item()
-        for name, column in _told(query, np.array([one]), readout).items()
-    }
-    parts = {"position": query.axes, "quaternion": TURN if "qw" in told else ()}
-    quantities = {
-        name: [told.pop(axis) for axis in axes] for name, axes in parts.items() if axes
-    }
-    document = query.document(one, **quantities, **told) | query.meaning
-    if (outside := query.model.outside(one)) is not None:
-        note(f"no answer: {joints.beyond(query.model, one) or outside}")
+    if input_ is not None:
+        return _table(query, readout)
+    q = np.array([joints.one_each("Q1 Q2", values or ())])
+    answers = _answers(query, q, readout)
+    document = query.document(q[0].tolist(), {})
+    position = np.stack([answers.pop(axis) for axis in query.axes], axis=1)
+    document["position"] = position[0]
+    lines: list[str | TextTable] = []
+    if "qw" in answers:
+        turn = [float(answers.pop(name)[0]) for name in TURN]
+        document["quaternion"] = turn
+        lines.append("quaternion " + " ".join(fixed(value, 6) for value in turn))
+    document |= {name: column[0] for name, column in answers.items()}
+    document |= query.meaning
+    outside = joints.beyond(query.model, q[0].tolist()) or query.model.outside(q[0])
+    if outside is not None:
+        note(f"no answer: {outside}")
         return Outcome(document, code=NO)
-    lines: list[str | TextTable] = [query.table([document], query.bounds)]
-    if "quaternion" in document:
-        lines.append(
-            "quaternion " + " ".join(fixed(v, 6) for v in document["quaternion"])
-        )
-    say_size(told)
-    alone = " ".join(fixed(v * query.positions.factor, 4) for v in document["position"])
+    bounds = {name: answers[name] for name in query.bounds}
+    lines.insert(0, query.table(q, position, bounds))
+    note_size(answers)
+    factor = query.positions.factor
+    alone = " ".join(fixed(value * factor, 4) for value in position[0].tolist())
     return Outcome(document, lines, result=[alone])
 
 
-def _told(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
-    """Return what is told of joints (n, dof), by column of a table."""
+def _table(query: Query, readout: str | None) -> Outcome:
+    """Answer every row of a table."""
     import numpy as np
 
+    from calib.errors import QueryError
+    from calib.samples.joint_values import check_joint_values
+
+    from ...query import beside
+
+    about = query.model.about
+    batch, valid = query.read(query.joints.names)
+    q = batch.values / np.array(query.joints.typed)
+    ranges = (about.joint_names, about.lower, about.upper, about.revolute)
+    check_joint_values(q, *ranges, degrees=query.degrees, error=QueryError)
+    answers = beside(batch, valid, _answers(query, q[valid], readout))
+    unanswered = valid & np.isnan(np.asarray(answers["x"]))
+    rows = (np.flatnonzero(unanswered) + 1).tolist()
+    failures = {"out_of_reach": (rows, "outside of what was learned")}
+    return query.answer(batch, answers, failures)
+
+
+def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
+    """Return position, orientation and bounds at joints (n, dof), by column of a table."""
+    import numpy as np
+
+    from calib.body.belief import knows_orientation
     from calib.model.prediction import predict
+    from calib.model.space import Space
     from calib.samples.motion import Motion
 
-    from ...answers import BOUNDS, TURN, up_to_scale
+    from ...query import BOUNDS, TURN, up_to_scale
 
     model = query.model
     if query.frame == "base":
-        from calib.model.space import Space
-
         space = Space.of(model)
-        position, turns = space.forward(q)
-        bound = space.bound(q)
-        bounds = {**up_to_scale(model, q), **dict.fromkeys(BOUNDS, bound)}
-        known = np.isfinite(position[:, 0])
-        told = dict(zip("xyz", position.T, strict=True)) | dict(
-            zip(TURN, turns.T, strict=True)
-        )
-        return told | {
-            name: np.where(known, value, np.nan) for name, value in bounds.items()
-        }
-    x = model.forward(q, readout)
-    told = dict(zip(model.axes, x.T, strict=True))
-    if len(model.axes) == 3:
-        from calib.body.belief import knows_orientation
-
-        if knows_orientation(model.body):
-            told |= dict(zip(TURN, model.pose(q)[1].T, strict=True))
+        position, turn = space.forward(q)
+        answers = dict(zip((*"xyz", *TURN), [*position.T, *turn.T], strict=True))
+        bounds = {**up_to_scale(model, q), **dict.fromkeys(BOUNDS, space.bound(q))}
+        answered = np.isfinite(position[:, 0])
+        for name, bound in bounds.items():
+            answers[name] = np.where(answered, bound, np.nan)
+        return answers
+    answers = dict(zip(model.axes, model.forward(q, readout).T, strict=True))
+    if len(model.axes) == 3 and knows_orientation(model.body):
+        answers |= dict(zip(TURN, model.pose(q)[1].T, strict=True))
     prediction = predict(model, Motion(q))
     apart = prediction.apart(readout or model.default_readout)
-    with_distance = (prediction.bound + apart, prediction.true_bound + apart)
-    return told | dict(zip(BOUNDS, with_distance, strict=True))
+    bounds_of_maps = (prediction.bound + apart, prediction.true_bound + apart)
+    return answers | dict(zip(BOUNDS, bounds_of_maps, strict=True))

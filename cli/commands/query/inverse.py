@@ -1,83 +1,72 @@
-"""The command `calib query inverse`."""
+"""Joint values that bring the tip to a position; exit code 3 if it is out of reach."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
-from typer import Argument, Option
+from typer import Argument
 
 from ... import options as opt
-from ...asking import Asking
+from ... import parsing
 from ...output import NO, Outcome, note
-from ...parsing import BadOption, height, number, parser, reals
+from ...parsing import BadOption
 
 if TYPE_CHECKING:
-    from ...answers import Query
+    from numpy.typing import NDArray
 
+    from calib.common.arrays import Array
 
+    from ...query import Query
+
+NUMBERS = True
 _FAR = 10.0  # extents of the workspace: so far off, positions in mm were typed as m
 
 
-_turn = parser(
-    "4 numbers of length 1, qx,qy,qz,qw",
-    reals,
-    lambda q: len(q) == 4 and abs(math.hypot(*q) - 1.0) <= 0.01,
-)
+class Search(NamedTuple):
+    """Which answers are looked for."""
 
-
-_angles = parser(
-    "3 numbers: roll, pitch and yaw", reals, lambda angles: len(angles) == 3
-)
-
-
-CONTEXT_SETTINGS = {"ignore_unknown_options": True}  # -0.1 is a number, not an option
+    near: Array | None  # (dof,) or (n, dof) [rad or m]
+    turn: Array | None  # (4,) or (n, 4), orientation that is wanted
+    readout: str | None
+    every: bool  # whether all branches are wanted
+    keep: bool  # whether the tool shall keep its orientation at `near`
+    free: str | None  # axis of the tool about which it may turn
 
 
 def inverse(
     model: opt.ModelFile,
     target: Annotated[
         list[float] | None,
-        Argument(metavar="X Y [Z]", parser=number, help="A position."),
+        Argument(metavar="X Y [Z]", parser=parsing.number, help="A position."),
     ] = None,
     near: Annotated[
-        Any,
-        Option(
-            "--near", metavar="Q1,Q2", parser=reals, help="The branch nearest to these."
-        ),
+        parsing.Numbers | None,
+        opt.value("--near", "Q1,Q2", "The branch nearest to these.", parsing.reals),
     ] = None,
-    every: Annotated[bool, Option("--all", help="Answer with every branch.")] = False,
+    every: Annotated[bool, opt.flag("--all", "Answer with every branch.")] = False,
     readout: opt.ReadoutKind = None,
     frame: opt.InFrame = "sensor",
     quaternion: Annotated[
-        Any,
-        Option(
-            "--quaternion", metavar="QX,QY,QZ,QW", parser=_turn, help="Orientation."
-        ),
+        parsing.Numbers | None,
+        opt.value("--quaternion", "QX,QY,QZ,QW", "Orientation.", parsing.quaternion),
     ] = None,
     rpy: Annotated[
-        Any,
-        Option(
-            "--rpy",
-            metavar="R,P,Y",
-            parser=_angles,
-            help="Roll, pitch, yaw as in a URDF.",
-        ),
+        parsing.Numbers | None,
+        opt.value("--rpy", "R,P,Y", "Roll, pitch, yaw as in a URDF.", parsing.angles),
     ] = None,
     keep: Annotated[
-        bool, Option("--keep-orientation", help="Turn the tool little from --near.")
+        bool, opt.flag("--keep-orientation", "Turn the tool little from --near.")
     ] = False,
     free: Annotated[
         Literal["x", "y", "z"] | None,
-        Option("--free", help="Of a pose: the tool may turn about."),
+        opt.flag("--free", "Of a pose: the tool may turn about."),
     ] = None,
     on: Annotated[
-        Any,
-        Option(
-            "--on",
-            metavar="z=H",
-            parser=height,
-            help="The pixel X Y lies on this plane [m].",
+        parsing.JointValue | None,
+        opt.value(
+            "--on", "z=H", "The pixel X Y lies on this plane [m].", parsing.height
         ),
     ] = None,
     input_: opt.Input = None,
@@ -89,216 +78,221 @@ def inverse(
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    """Joint values that bring the tip to a position; exit code 3 if it is out of reach."""
-    asking = Asking(
-        input_=input_, columns=columns, output=output, unit=unit, degrees=degrees
-    )
     import numpy as np
 
-    from ...answers import Query
+    from ...query import Query
 
-    turned = quaternion is not None or rpy is not None
-    other = turned or keep or on is not None
-    for wrong, told in (
-        (
-            every and readout,
-            "--all answers by the default readout: expected no --readout",
-        ),
-        (
-            other and asking.input_,
-            "--input has a column for each number: expected no other target",
-        ),
-        (
-            keep and (turned or near is None),
-            "--keep-orientation: expected --near beside it alone",
-        ),
-        (
-            free and not (turned or asking.input_),
-            "--free: expected --quaternion or --rpy beside it",
-        ),
-        (quaternion and rpy, "--quaternion and --rpy are given: expected one of them"),
-    ):
-        if wrong:
-            raise BadOption(told)
-    query = Query(model, asking, "base" if on is not None else frame, target or ())
+    posed = quaternion is not None or rpy is not None
+    if every and readout:
+        raise BadOption("--all answers by the default readout: expected no --readout")
+    if input_ and (posed or keep or on):
+        raise BadOption(
+            "--input has a column for each number: expected no other target"
+        )
+    if keep and (posed or near is None):
+        raise BadOption("--keep-orientation: expected --near beside it alone")
+    if free and not (posed or input_):
+        raise BadOption("--free: expected --quaternion or --rpy beside it")
+    if quaternion and rpy:
+        raise BadOption("--quaternion and --rpy are given: expected one of them")
+    query = Query(
+        model, input_, columns, output, unit, degrees, "base" if on else frame, target
+    )
     anchor = query.joints.one_each("--near", near)
-    if anchor is not None and (beyond := query.joints.beyond(query.model, anchor)):
-        raise BadOption(f"--near {beyond}")
-    how = {
-        "near": anchor,
-        "readout": readout,
-        "every": every,
-        "keep": keep,
-        "free": free,
-    }
-    if asking.input_ is not None:
-        return _batch(query, query.frame == "base" or keep, how)
-    typed = target or []
-    wanted = query.axes if on is None else ("u", "v")
-    if len(typed) != len(wanted):
-        expected = f"expected {len(wanted)}, one each for {', '.join(wanted)}"
-        raise BadOption(f"{len(typed)} coordinates: {expected}")
-    x = typed if on is not None else [value / query.positions.typed for value in typed]
-    document: dict[str, Any] = {"target": x}
-    in_space = query.frame == "base" or turned or keep
-    if in_space:
-        document["frame"] = query.frame
-    if on is not None:
-        from calib.model.space import Space
-
-        x = Space.of(query.model).pixels_on_plane(typed, on[1])[0].tolist()
-        place = ", ".join(f"{1e3 * value:.2f}" for value in x)
-        note(f"the pixel shows ({place}) mm of the base frame")
-        document["on_plane"] = {"z": on[1], "position": x, "unit": "m"}
+    if anchor is not None:
+        beyond = query.joints.beyond(query.model, anchor)
+        if beyond is not None:
+            raise BadOption(f"--near {beyond}")
     turn = None
-    if quaternion is not None:  # typed numbers are rounded
+    if quaternion is not None:
         turn = np.array(quaternion) / math.hypot(*quaternion)
     elif rpy is not None:
         from calib.samples.roles import from_angles
 
-        turn = from_angles(
-            np.array([rpy]) * (math.radians(1.0) if asking.degrees else 1.0)
-        )[0]
-    if turn is not None:
-        document["quaternion"] = turn
-    # in space all branches are looked for, so that the nearest is found
-    found = _solve(query, [x], turn, in_space, {**how, "every": every or in_space})
-    whose = f" of readout '{readout}'" * bool(readout)
-    axis = None if free is None else "xyz".index(free)
-    return _single(query, x, found, document, every, whose, axis)
-
-
-def _solve(
-    query: Query, x: Any, turn: Any, in_space: bool, how: dict[str, Any]
-) -> dict[str, Any]:
-    """Return what is told of each answer to targets (n, m), by name, and the "target" it is of."""
-    import numpy as np
-
-    model = query.model
-    near = how["near"]
-    readout = how["readout"]
-    every = how["every"]
-    if in_space:
-        from calib.errors import QueryError
-        from calib.model.poses import solve_poses
-        from calib.model.space import Space
-
-        from ...answers import up_to_scale
-
-        if readout is not None:
-            raise BadOption("--readout is for positions in the sensor's frame alone")
-        if query.frame != "base" and Space.of(model).camera:
-            raise QueryError(
-                "a pixel alone is no position in space; give --on z=H or --in base"
-            )
-        ways = {"every": every, "keep": how["keep"], "free": how["free"]}
-        found = solve_poses(model, x, turn, near, frame=query.frame, **ways)._asdict()
-        return found | (up_to_scale(model, found["q"]) if query.frame == "base" else {})
-    if not every:
-        return {"target": np.arange(len(x)), **model.solve(x, near, readout)._asdict()}
-    each = model.solve_all(x)
-    target = np.repeat(np.arange(len(each)), [len(answer.q) for answer in each])
-    parts = zip(each[0]._fields, zip(*each, strict=True), strict=True)
-    found = {"target": target} | {name: np.concatenate(part) for name, part in parts}
-    if near is not None:  # those near the anchor first
-        scale = model.motor.scale
-        at = np.atleast_2d(near)[target if np.ndim(near) > 1 else [0]]
-        gap = scale.difference(scale.to_unit(found["q"]), scale.to_unit(at))
-        order = np.lexsort((np.linalg.norm(gap, axis=1), target))
-        found = {name: part[order] for name, part in found.items()}
-    return found
+        angles = np.array([rpy])
+        turn = from_angles(np.radians(angles) if degrees else angles)[0]
+    search = Search(
+        None if anchor is None else np.array(anchor), turn, readout, every, keep, free
+    )
+    if input_ is not None:
+        return _table(query, search)
+    return _single(query, search, target or (), None if on is None else on.value)
 
 
 def _single(
-    query: Query,
-    x: list[float],
-    found: dict[str, Any],
-    document: dict[str, Any],
-    every: bool,
-    whose: str,
-    axis: int | None,
+    query: Query, search: Search, typed: Sequence[float], height: float | None
 ) -> Outcome:
-    """Tell the answers to one question; what `document` has begins what is told of it."""
+    """Answer one question, which may be a pixel on a plane of that height [m]."""
+    import numpy as np
+
+    from calib.model.space import Space
+
+    from ...query import note_size
+
     model = query.model
     joints = query.joints
-    posed = "quaternion" in document
-    del found["target"]
-    q = found.pop("q")
-    reachable = bool(found.pop("reachable").any())
-    rows = zip(q, *found.values(), strict=True)
-    solutions = [
-        query.document(one, **dict(zip(found, row, strict=True))) for one, *row in rows
+    base = query.frame == "base"
+    posed = search.turn is not None
+    axes = query.axes if height is None else ("u", "v")
+    if len(typed) != len(axes):
+        hint = ""
+        if len(typed) == 3 and model.about.unit == "px":
+            hint = "; --in base takes x, y, z of the robot's root frame"
+        expected = f"expected {len(axes)}, one each for {', '.join(axes)}{hint}"
+        raise BadOption(f"{len(typed)} coordinates: {expected}")
+    x = np.array(typed)
+    if height is None:
+        x = x / query.positions.typed
+    document: dict[str, object] = {"target": x}
+    in_space = base or posed or search.keep
+    if in_space:
+        document["frame"] = query.frame
+    if height is not None:
+        x = Space.of(model).pixels_on_plane(typed, height)[0]
+        place = ", ".join(f"{1e3 * value:.2f}" for value in x.tolist())
+        note(f"the pixel shows ({place}) mm of the base frame")
+        document["on_plane"] = {"z": height, "position": x, "unit": "m"}
+    if posed:
+        document["quaternion"] = search.turn
+    # in space all branches are looked for, so that the nearest is found
+    wide = search._replace(every=search.every or in_space)
+    answers = _answers(query, x[None], wide)
+    q = answers["q"] if search.every else answers["q"][:1]
+    quantities = {n: c for n, c in answers.items() if n not in ("target", "q")}
+    reachable = bool(quantities.pop("reachable").any())
+    document["reachable"] = reachable
+    document["solutions"] = [
+        query.document(one, {name: column[k] for name, column in quantities.items()})
+        for k, one in enumerate(q.tolist())
     ]
-    solutions = solutions if every else solutions[:1]
-    document |= {"reachable": reachable, "solutions": solutions}
-    if "frame" in document:
-        from calib.model.space import Space
-
-        from ...answers import say_size
-
-        space = Space.of(model)
-        say = query.frame == "base"
-        free: Any = space.free(q[0], posed=posed, axis=axis)[:9] if reachable else []
-        document["free"] = [dict(zip(joints.names, row, strict=True)) for row in free]
-        if say:
-            say_size(solutions[0])
-        if say and not space.sees(x).all():
+    if in_space:
+        free: list[dict[str, float]] = []
+        if reachable:
+            axis = None if search.free is None else "xyz".index(search.free)
+            ways = Space.of(model).free(q[0], posed=posed, axis=axis)[:9].tolist()
+            free = [dict(zip(joints.names, way, strict=True)) for way in ways]
+        document["free"] = free
+    if base:
+        note_size(answers)
+        if not Space.of(model).sees(x).all():
             note("the camera's picture does not show the target")
     document |= query.meaning
     shown = ["distance", *(["turned"] if posed else []), *query.bounds]
     missed = f"nearest attainable {'pose' if posed else 'point'}"
-    table = query.table(solutions, shown, "" if reachable else missed)
+    table = query.table(
+        q,
+        quantities["position"][: len(q)],
+        {name: quantities[name][: len(q)] for name in shown},
+        "" if reachable else missed,
+    )
     if reachable:
-        alone = [
-            " ".join(joints.cells(list(each["joints"].values()))) for each in solutions
-        ]
+        alone = [" ".join(joints.cells(row)) for row in q.tolist()]
         return Outcome(document, [table], result=alone)
-    away = float(found["distance"].min())
+    away = float(quantities["distance"].min())
     hint = ""
     if query.positions.shown == "mm" and away > _FAR * model.sensory.scale.span.max():
         hint = "; positions are typed in m, or give --unit mm"
-    told = query.positions.said(away)
+    words = query.positions.words(away)
     if posed:
-        told += f" and {math.degrees(float(found['turned'][0])):.3g} deg"
-    note(f"out of reach{whose}: the {missed} is {told} away{hint}")
+        words += f" and {math.degrees(float(quantities['turned'][0])):.3g} deg"
+    readout = f" of readout '{search.readout}'" if search.readout else ""
+    note(f"out of reach{readout}: the {missed} is {words} away{hint}")
     return Outcome(document, [table], result=(), code=NO)
 
 
-def _batch(query: Query, in_space: bool, how: dict[str, Any]) -> Outcome:
+def _table(query: Query, search: Search) -> Outcome:
     """Answer a table; columns near_JOINT choose the branch, qx to qw ask for an orientation."""
     import numpy as np
 
-    from ...answers import TURN, beside
+    from ...query import TURN, beside
 
-    joints = query.joints
+    names = query.joints.names
     axes = query.axes
-    nearby = [f"near_{name}" for name in joints.names]
+    nearby = [f"near_{name}" for name in names]
     # fewer than six joints reach almost no pose that is given: its columns go along unread
-    least = 6 if how["free"] is None else 5
-    turns = TURN if len(joints.names) >= least and len(axes) == 3 else ()
+    least = 6 if search.free is None else 5
+    turns = TURN if len(names) >= least and len(axes) == 3 else ()
     batch, valid = query.read(axes, (nearby, turns))
-    given = dict(zip(batch.names, batch.values[valid].T, strict=True))
-    posed = bool(turns) and "qw" in given
-    turn = np.stack([given[name] for name in TURN], axis=1) if posed else None
-    if nearby[0] in given:
-        near = np.stack([given[name] for name in nearby], axis=1) / joints.typed
-        how = {**how, "near": near}
-    found = _solve(
-        query, batch.values[valid, : len(axes)], turn, in_space or posed, how
-    )
+    by_name = dict(zip(batch.names, batch.values[valid].T, strict=True))
+    posed = bool(turns) and "qw" in by_name
+    if posed:
+        turn = np.stack([by_name[name] for name in TURN], axis=1)
+        search = search._replace(turn=turn)
+    if nearby[0] in by_name:
+        near = np.stack([by_name[name] for name in nearby], axis=1)
+        search = search._replace(near=near / query.joints.typed)
+    answers = _answers(query, batch.values[valid, : len(axes)], search)
     # with every branch a target has several answers
-    rows = np.flatnonzero(valid)[found.pop("target")]
-    reachable = found["reachable"]
-    q = found.pop("q")
-    q = np.where(reachable[:, None], q * joints.typed, np.nan)
-    for name in ("position", "quaternion", *([] if posed else ["turned"])):
-        found.pop(name, None)
+    rows = np.flatnonzero(valid)[answers.pop("target")]
+    reachable = answers["reachable"]
+    q = answers.pop("q") * query.joints.typed
+    q[~reachable] = np.nan
+    for name in ("position", "quaternion"):
+        answers.pop(name, None)
+    if not posed:
+        answers.pop("turned", None)
+    added = {**dict(zip(names, q.T, strict=True)), **answers}
+    missed = (np.unique(rows[~reachable]) + 1).tolist()
+    failures = {"out_of_reach": (missed, "out of reach")}
+    if not search.every:
+        return query.answer(batch, beside(batch, valid, added), failures)
     # rows without numbers stand where they stood, between the answers of the others
     index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
-    added = dict(zip(joints.names, q.T, strict=True)) | found
-    every = how["every"]
-    columns = beside(batch.take(index) if every else batch, valid[index], added)
-    columns |= {"row": index + 1} if every else {}
-    missed = np.unique(rows[~reachable] + 1).tolist()
-    failures = {"out_of_reach": (missed, "out of reach")}
-    return query.answer(batch, columns, failures)
+    columns = beside(batch.take(index), valid[index], added)
+    return query.answer(batch, {**columns, "row": index + 1}, failures)
+
+
+def _answers(query: Query, x: Array, search: Search) -> dict[str, NDArray[Any]]:
+    """Return the answers to targets (n, m), by quantity, and the "target" that each is of."""
+    import numpy as np
+
+    model = query.model
+    near = search.near
+    if query.frame == "base" or search.turn is not None or search.keep:
+        return _answers_in_space(query, x, search)
+    if not search.every:
+        answer = model.solve(x, near, search.readout)._asdict()
+        return {"target": np.arange(len(x)), **answer}
+    branches = model.solve_all(x)
+    target = np.repeat(np.arange(len(x)), [len(answer.q) for answer in branches])
+    answers: dict[str, NDArray[Any]] = {"target": target}
+    for name, *parts in zip(branches[0]._fields, *branches, strict=True):
+        answers[name] = np.concatenate(parts)
+    if near is None:
+        return answers
+    scale = model.motor.scale
+    wish = np.atleast_2d(near)[target if near.ndim > 1 else [0]]
+    gap = scale.difference(scale.to_unit(answers["q"]), scale.to_unit(wish))
+    order = np.lexsort((np.linalg.norm(gap, axis=1), target))  # the nearest first
+    return {name: column[order] for name, column in answers.items()}
+
+
+def _answers_in_space(
+    query: Query, x: Array, search: Search
+) -> dict[str, NDArray[Any]]:
+    """Return the answers to positions (n, 3) of an arm in space, or to poses."""
+    from calib.errors import QueryError
+    from calib.model.poses import solve_poses
+    from calib.model.space import Space
+
+    from ...query import up_to_scale
+
+    if search.readout is not None:
+        raise BadOption("--readout is for positions in the sensor's frame alone")
+    if query.frame != "base" and Space.of(query.model).camera:
+        raise QueryError(
+            "a pixel alone is no position in space; give --on z=H or --in base"
+        )
+    answers = solve_poses(
+        query.model,
+        x,
+        search.turn,
+        search.near,
+        frame=query.frame,
+        every=search.every,
+        keep=search.keep,
+        free=search.free,
+    )._asdict()
+    if query.frame == "base":
+        answers |= up_to_scale(query.model, answers["q"])
+    return answers

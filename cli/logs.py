@@ -1,15 +1,15 @@
-"""Samples: what a command learns from, babbled or measured, as its options say."""
+"""Logs: what a command learns from or compares, babbled or measured, as its options say."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .output import say
-from .parsing import BadOption, JointRange, JointValue
-from .units import in_si, kinds_of_joints
+from .parsing import BadOption, JointRange, JointValue, refuse
+from .units import in_si, joints_that_turn
 
 if TYPE_CHECKING:
     from calib import Samples
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from calib.model.model import Model
     from calib.samples.tables import Source
 
-_SAMPLES = 20_000  # that are babbled where nobody says how many
+_FOR_LOGS = "applies to a log: expected --data LOG too"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Selection:
     """Which part of a robot, as typed."""
 
@@ -30,7 +30,7 @@ class Selection:
     lock: Sequence[JointValue] | None = None
     ranges: Sequence[JointRange] | None = None
     degrees: bool = False
-    gravity: tuple[float, ...] | None = None
+    gravity: Sequence[float] | None = None
 
     def load(
         self,
@@ -38,20 +38,18 @@ class Selection:
         locked: Mapping[str, float] | None = None,
         columns: Collection[str] | None = None,
     ) -> Arm:
-        """Load the arm; `held` are further locked joints [rad or m], `columns` those of a log."""
+        """Load the arm; `locked` are further joints [rad or m], `columns` those of a log."""
         import calib
 
         if robot is None:
             raise BadOption("ROBOT is missing: expected a URDF file or a bundled robot")
-        # which joints turn is wanted before the arm is loaded, and the file read twice only then
-        turns = (
-            kinds_of_joints(robot)
-            if self.degrees and (self.lock or self.ranges)
-            else {}
-        )
+        turns: dict[str, bool] = {}
+        # which joints turn is wanted before the arm is loaded: the file is read twice
+        if self.degrees and (self.lock or self.ranges):
+            turns = joints_that_turn(robot)
         return calib.load_arm(
             robot,
-            list(self.joints) if self.joints else None,
+            self.joints,
             self.tip,
             lock={**(locked or {}), **in_si("--lock", self.lock, turns, self.degrees)},
             ranges=in_si("--range", self.ranges, turns, self.degrees),
@@ -61,55 +59,15 @@ class Selection:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Babbling:
-    """How an arm babbles in simulation, as typed."""
-
-    samples: int | None = None
-    noise: float | None = None
-    change: Sequence[str] | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Reading:
-    """How a log is read, as typed; with a model what is None is as in the log it was made from."""
+    """How a log is read, as typed; beside a model what is None is as in the model's own log."""
 
     columns: Mapping[str, str] | None = None
     unit: str | None = None
     time_offset: float | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Logged(Reading):
-    """How a log is read that a model is made from."""
-
-    prismatic: Sequence[str] | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Compared(Reading):
-    """How a log is read that stands beside a model."""
-
     degrees: bool | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Sockets:
-    """What is known of the points that a log's rows touched, as typed."""
-
-    distance: Sequence[str] | None = None
-    plane: Sequence[str] | None = None
-
-    def of(self, log: Samples) -> Samples:
-        """The log with what was typed."""
-        if log.touch is None:
-            refuse(
-                vars(self), "is of touched points: expected a log with a column `point`"
-            )
-            return log
-        return replace(
-            log, touch=log.touch.stated(self.distance or (), self.plane or ())
-        )
+    prismatic: Sequence[str] | None = None
 
 
 def check_sources(
@@ -124,42 +82,43 @@ def check_sources(
     if logged:
         refuse(simulated, "applies to simulated babbling, which --data replaces")
     else:
-        refuse(of_logs, "applies to a log: expected --data LOG too")
+        refuse(of_logs, _FOR_LOGS)
     if robots and of_logs["prismatic"] is not None:
         raise BadOption(
             "--prismatic applies to a log without ROBOT; ROBOT defines its joints"
         )
 
 
-def babbled_samples(
-    robot: str | None, selection: Selection, babbling: Babbling, seed: int
+def babbled(
+    robot: str | None,
+    selection: Selection,
+    samples: int | None,
+    noise: float | None,
+    change: Sequence[str] | None,
+    seed: int,
 ) -> Samples:
     """Babble in simulation, and say what was assumed."""
     import calib
     from calib.errors import OptionError
-    from calib.samples.simulation import parse_changes
+    from calib.samples.changes import parse_changes
 
     arm = selection.load(robot)
     say(arm.notes)
-    turning = [
-        name for name, turns in zip(arm.joint_names, arm.revolute, strict=True) if turns
-    ]
+    joints = zip(arm.joint_names, arm.revolute, strict=True)
+    turning = [name for name, turns in joints if turns and selection.degrees]
     try:
-        changes = parse_changes(
-            babbling.change or (), degrees=turning * selection.degrees
-        )
+        changes = parse_changes(change or (), degrees=turning)
     except OptionError as error:
         raise BadOption(f"--{error}") from None
-    n = babbling.samples or _SAMPLES
-    noise = babbling.noise or 0.0
-    return calib.babble(arm, n, seed=seed, noise=noise, changes=changes)
+    n = 20_000 if samples is None else samples
+    return calib.babble(arm, n, seed=seed, noise=noise or 0.0, changes=changes)
 
 
-def measured_samples(
+def measured(
     robot: str | None,
     selection: Selection,
     path: str | Source,
-    logged: Logged,
+    reading: Reading,
     seed: int = 0,
     lens: str | None = None,
     sensor: str = "",
@@ -168,16 +127,17 @@ def measured_samples(
     import calib
     from calib.samples.tables import open_source
 
-    arm = None
-    glass = None
-    turns = {
-        name: name not in (logged.prismatic or ()) for name in selection.joints or ()
-    }
     source = open_source(path)  # once: it may be a pipe
+    sliding = reading.prismatic or ()
+    arm = None
+    joints = selection.joints
+    turns = {name: name not in sliding for name in joints or ()}
     if robot is not None:
-        arm = _arm_of_log(robot, selection, source, logged.columns or {})
+        arm = _arm_of_log(robot, selection, source, reading.columns or {})
         say(arm.notes)
+        joints = None
         turns = dict(zip(arm.joint_names, arm.revolute, strict=True))
+    glass = None
     if lens is not None:
         from calib.recording.lens import load_lens
 
@@ -185,39 +145,21 @@ def measured_samples(
     log = calib.read_log(
         source,
         arm,
-        joints=list(selection.joints) if selection.joints and arm is None else None,
-        columns=logged.columns,
+        joints=joints,
+        columns=reading.columns,
         degrees=selection.degrees,
-        unit=logged.unit,
+        unit=reading.unit,
         ranges=in_si("--range", selection.ranges, turns, selection.degrees),
-        prismatic=logged.prismatic or (),
+        prismatic=sliding,
         seed=seed,
         lens=glass,
-        time_offset=logged.time_offset,
+        time_offset=reading.time_offset,
     )
     if sensor:
-        log = replace(log, sensor=sensor)
         say(f"{sensor}: {note}" for note in log.notes)
-    else:
-        say(log.notes)
+        return replace(log, sensor=sensor)
+    say(log.notes)
     return log
-
-
-def measured_by_sensors(
-    robot: str | None,
-    selection: Selection,
-    paths: Sequence[str],
-    logged: Logged,
-    seed: int = 0,
-    lens: str | None = None,
-) -> list[Samples]:
-    """Read the log of each sensor, a file each or by a column `sensor`; see `measured_samples`."""
-    from calib.samples.sensors import sources_by_sensor
-
-    return [
-        measured_samples(robot, selection, source, logged, seed, lens, sensor)
-        for sensor, source in sources_by_sensor(paths).items()
-    ]
 
 
 def _arm_of_log(
@@ -230,33 +172,34 @@ def _arm_of_log(
     arm = selection.load(robot, columns=header)
     # its locked joints turn the last link of a planar arm about its joint, as an offset does
     if selection.tip is None and arm.outputs == 2 and arm.locked:
-        say(
-            [
-                f"positions are taken as those of {arm.tip}; "
-                "`tip` names the frame that was measured"
-            ]
-        )
-    others = {*arm.locked} - {joint for joint, _ in selection.lock or ()}
-    turns = kinds_of_joints(robot) if others else {}
+        tip = f"positions are taken as those of {arm.tip}"
+        say([f"{tip}; `tip` names the frame that was measured"])
+    typed = {part.joint for part in selection.lock or ()}
+    others = [name for name in arm.locked if name not in typed]
+    turns = joints_that_turn(robot) if others else {}
     locked, notes = locked_from_log(
         source,
-        [name for name in arm.locked if name in others],
+        others,
         columns=columns,
         degrees=selection.degrees,
-        prismatic=[n for n in others if not turns.get(n, True)],
+        prismatic=[name for name in others if not turns.get(name, True)],
     )
     say(notes)
     return selection.load(robot, locked, header) if locked else arm
 
 
-def refuse(typed: Mapping[str, object], why: str) -> None:
-    """Refuse the first of some options that was given; None is not given."""
-    for name, value in typed.items():
-        if value is not None:
-            raise BadOption(f"--{name.replace('_', '-')} {why}")
+def stated(
+    log: Samples, distance: Sequence[str] | None, plane: Sequence[str] | None
+) -> Samples:
+    """Return a log with what was typed of the points that its rows touched."""
+    if log.touch is None:
+        why = "is of touched points: expected a log with a column `point`"
+        refuse({"distance": distance, "plane": plane}, why)
+        return log
+    return replace(log, touch=log.touch.stated(distance or (), plane or ()))
 
 
-def log_for(model: Model, path: str, reading: Compared) -> Samples:
+def log_for(model: Model, path: str, reading: Reading) -> Samples:
     """Read a log of a model's joints, in the model's unit where that is known."""
     import calib
     from calib.common.scale import METRES
@@ -265,47 +208,44 @@ def log_for(model: Model, path: str, reading: Compared) -> Samples:
     from calib.samples.tables import open_source
 
     source = open_source(path)  # once: it may be a pipe
-    sensor = sensor_of_log(model, source)
+    sensor = _sensor_of_log(model, source)
     model = model.by(sensor)
     about = model.about
-    unit = reading.unit or source.unit
+    unit = reading.unit or source.unit or about.unit
     # pixels and metres have no factor between them, and the plane of a camera model is another
-    if unit is not None and (unit == "px") != (about.unit == "px"):
+    if (unit == "px") != (about.unit == "px"):
         raise LogError(
             f"{path} is in {unit}, the model in {about.unit}",
             hint="record it with the same reference as the model's log, or train a model of it",
         )
     degrees = about.degrees if reading.degrees is None else reading.degrees
+    joints = zip(about.joint_names, about.revolute, strict=True)
     log = calib.read_log(
         source,
-        joints=list(about.joint_names),
+        joints=about.joint_names,
         columns=reading.columns,
         time_offset=reading.time_offset,
         usual=about.columns,
         outputs=len(model.axes),
         degrees=degrees,
-        unit=unit or about.unit,
-        prismatic=[
-            n for n, t in zip(about.joint_names, about.revolute, strict=True) if not t
-        ],
+        unit=unit,
+        prismatic=[name for name, turns in joints if not turns],
     )
     if sensor:
         log = replace(log, sensor=sensor)
     say(log.notes)
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(log.q, *ranges, degrees=degrees, label=path)
-    if unit is not None and unit != about.unit and {unit, about.unit} <= set(METRES):
-        factor = METRES[about.unit] / METRES[unit]
-        say([f"positions converted from {unit} to {about.unit}"])
-        # that noise is a length too, in the unit of the log that states it
-        shared = {"noise_of_reference": log.shared * factor}
-        log = replace(
-            log, x=log.x * factor, unit=about.unit, source={**log.source, **shared}
-        )
-    return log
+    if unit == about.unit or not {unit, about.unit} <= set(METRES):
+        return log
+    factor = METRES[about.unit] / METRES[unit]
+    say([f"positions converted from {unit} to {about.unit}"])
+    # that noise is a length too, in the unit of the log that states it
+    facts = {**log.source, "noise_of_reference": log.shared * factor}
+    return replace(log, x=log.x * factor, unit=about.unit, source=facts)
 
 
-def sensor_of_log(model: Model, source: Source) -> str:
+def _sensor_of_log(model: Model, source: Source) -> str:
     """Name the sensor of a log among a model's: by its column `sensor`, or the file's name.
 
     It is the first one's where neither says another.
@@ -316,24 +256,23 @@ def sensor_of_log(model: Model, source: Source) -> str:
     if len(model.sensors) == 1:
         return ""
     names = names_of_sensors(source) or (Path(source.label).stem,)
-    measured = [name for name in names if name in model.sensors]
-    if len(measured) > 1:
+    sensors = [name for name in names if name in model.sensors]
+    if len(sensors) > 1:
         raise LogError(
-            f"{source.label} has rows of {', '.join(measured)}: expected a log of one sensor",
+            f"{source.label} has rows of {', '.join(sensors)}: expected a log of one sensor",
             hint="write the rows of each sensor to a file of its own",
         )
-    return measured[0] if measured else model.sensors[0]
+    return [*sensors, model.sensors[0]][0]
 
 
-def log_of(model: Model, path: str | None, reading: Compared) -> Samples | None:
+def log_of(model: Model, path: str | None, reading: Reading) -> Samples | None:
     """Read a log to look at, with a note where it does not fit the model; None for none."""
     import numpy as np
 
     from calib.samples.diagnosis import spread, unit_hint
 
     if path is None:
-        typed = {field.name: getattr(reading, field.name) for field in fields(Compared)}
-        refuse(typed, "applies to a log: expected --data LOG too")
+        refuse(vars(reading), _FOR_LOGS)
         return None
     log = log_for(model, path, reading)
     predicted = model.forward(log.q)

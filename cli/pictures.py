@@ -7,16 +7,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from calib.common.choices import DICTIONARY, PICTURES, VIDEOS, Eye
 
+from .logs import Reading, log_of
 from .output import say
 from .parsing import BadOption
-from .samples import Compared, log_of
 
 if TYPE_CHECKING:
     from calib.model.model import Model
+    from calib.recording.lens import Lens
     from calib.recording.setting import Setup
     from calib.samples.samples import Samples
 
@@ -38,14 +39,14 @@ class Shooting:
     camera: str | None = None
     eye: Eye | None = None
 
-    def taken(self, names: Sequence[str]) -> bool:
+    def is_meant(self, names: Sequence[str]) -> bool:
         """Whether names are of pictures or a video, or what only these have was typed."""
-        kinds = VIDEOS + PICTURES
-        marks = set("*?[")
-        seen = any(
-            Path(name).suffix.lower() in kinds or marks & {*name} for name in names
+        if self != Shooting():
+            return True
+        return any(
+            name.lower().endswith(VIDEOS + PICTURES) or set("*?[") & set(name)
+            for name in names
         )
-        return seen or self != Shooting()
 
     def setting(self, output: str) -> Setup:
         """Make the setting; a lens that is calibrated is written beside the log."""
@@ -57,26 +58,25 @@ class Shooting:
         if self.tag is None or self.joints_file is None:
             missing = "--tag ID" if self.tag is None else "--joints-file FILE"
             raise BadOption(f"{missing} is missing: pictures and videos need both")
-        board = Board.parse(self.board) if self.board is not None else None
+        board = None if self.board is None else Board.parse(self.board)
         lens = None
         if self.lens is not None:
             folder = Path() if output == "-" else Path(output).parent
-            lens, said = load_lens(self.lens, board, folder / "lens.json")
-            say(said)
-        if lens is not None and self.tags_at is not None:
+            lens, notes = load_lens(self.lens, board, folder / "lens.json")
+            say(notes)
+        size = self.tag_size
+        height = self.tag_height or "0mm"
+        marks = None if self.tags_at is None else MarkLayout.read(self.tags_at)
+        if lens is not None and marks is not None:
             board = None  # it served the lens alone
         return Setup(
             tag=self.tag,
             dictionary=self.dictionary,
             board=board,
-            tags_at=MarkLayout.read(self.tags_at) if self.tags_at is not None else None,
+            tags_at=marks,
             lens=lens,
-            tag_size=parse_length(self.tag_size, "`tag_size`")
-            if self.tag_size
-            else None,
-            tag_height=parse_length(
-                self.tag_height or "0mm", "`tag_height`", signed=True
-            ),
+            tag_size=None if size is None else parse_length(size, "`tag_size`"),
+            tag_height=parse_length(height, "`tag_height`", signed=True),
             pose=self.pose,
         )
 
@@ -85,8 +85,12 @@ class Shooting:
         sources: Sequence[str],
         output: str,
         joints: Sequence[str] | None,
-        timed: Mapping[str, Any],
-        **of_joints: Any,
+        *,
+        degrees: bool,
+        prismatic: Sequence[str],
+        max_gap: float,
+        still: float | None,
+        time_offset: float | None,
     ) -> Samples:
         """Make a log of pictures or a video, and draw what was seen if that is wanted."""
         first = Path(sources[0])
@@ -96,7 +100,7 @@ class Shooting:
             raise BadOption(
                 f"{len(sources)} names: expected one video or dataset, or pictures"
             )
-        if not film and {timed["still"], timed["time_offset"]} != {None}:
+        if not film and (still is not None or time_offset is not None):
             raise BadOption(
                 "--still and --time-offset are for videos and bags, not pictures"
             )
@@ -109,7 +113,8 @@ class Shooting:
                 self.joints_file,
                 self.camera,
                 joints,
-                **of_joints,
+                degrees=degrees,
+                prismatic=prismatic,
             )
         from calib.recording.joint_table import read_joints
         from calib.recording.photo import read_photo, write_seen
@@ -117,24 +122,33 @@ class Shooting:
         from calib.recording.tag_logs import log_pictures, log_video
 
         setting = self.setting(output)
-        table = read_joints(str(self.joints_file), joints, **of_joints)
+        table = read_joints(
+            str(self.joints_file), joints, degrees=degrees, prismatic=prismatic
+        )
         path = first
         if film:
-            turns = [name not in of_joints["prismatic"] for name in table.names]
-            made = log_video(first, table, setting, revolute=turns, **timed)
+            log = log_video(
+                first,
+                table,
+                setting,
+                revolute=[name not in prismatic for name in table.names],
+                max_gap=max_gap,
+                still=still,
+                time_offset=time_offset,
+            )
         else:
-            made = log_pictures(source, table, setting)
-            named = {each.name: each for each in list_pictures(source)}
-            path = named[made.pictures[len(made) // 2]]
-        say(made.notes)
+            log = log_pictures(source, table, setting)
+            paths = {picture.name: picture for picture in list_pictures(source)}
+            path = paths[log.pictures[len(log) // 2]]
+        say(log.notes)
         folder = Path(output).resolve().parent
         if output != "-" and path.resolve().is_relative_to(folder):
             # named in the log, so that train can draw the map over it
             name = path.resolve().relative_to(folder).as_posix()
-            made = replace(made, source={**made.source, "photo": name})
-        if self.picture is not None and made.pixels is not None:
-            write_seen(self.picture, read_photo(path), setting, made.pixels)
-        return made
+            log = replace(log, source={**log.source, "photo": name})
+        if self.picture is not None and log.pixels is not None:
+            write_seen(self.picture, read_photo(path), setting, log.pixels)
+        return log
 
 
 def need_joints(source: str, joints_file: str | None) -> None:
@@ -151,11 +165,13 @@ def record_board(
     source: str,
     board: str | None,
     eye: str,
-    lens: Any,
+    lens: Lens | str | None,
     joints_file: str | None,
     camera: str | None,
     joints: Sequence[str] | None,
-    **of_joints: Any,
+    *,
+    degrees: bool,
+    prismatic: Sequence[str],
 ) -> Samples:
     """Make a log of pictures of a board; `lens` is a lens, its file or its pictures, or None."""
     from calib.recording.board_pictures import find_board
@@ -166,14 +182,22 @@ def record_board(
             "--eye needs --board COLSxROWS:SQUARE:MARKER:DICT, which is seen"
         )
     need_joints(source, joints_file)
-    shots = find_board(source, joints_file, board, joints, camera=camera, **of_joints)
+    shots = find_board(
+        source,
+        joints_file,
+        board,
+        camera=camera,
+        names=joints,
+        degrees=degrees,
+        prismatic=prismatic,
+    )
     if isinstance(lens, str):
-        lens, told = load_lens(lens, shots.board)
-        say(told)
+        lens, notes = load_lens(lens, shots.board)
+        say(notes)
     lens, doubts = shots.lens(lens)
-    made = shots.log(lens, eye == "hand")
-    say([*made.notes, *doubts])
-    return made
+    log = shots.log(lens, eye == "hand")
+    say([*log.notes, *doubts])
+    return log
 
 
 @contextmanager
@@ -192,24 +216,26 @@ def log_of_pictures(
         yield source
         return
     about = model.about
-    lens = lens_of_model(model)
-    known = about.options["board"]
-    kinds = zip(about.joint_names, about.revolute, strict=True)
-    sliding = [name for name, turns in kinds if not turns]
-    made = record_board(
+    board: Mapping[str, str] | None = about.options.get("board")
+    if board is None:
+        raise BadOption(
+            "the model was not made of pictures: expected --data of a log, and no --joints-file"
+        )
+    joints = zip(about.joint_names, about.revolute, strict=True)
+    log = record_board(
         source,
-        known["board"],
-        known["eye"],
-        lens,
+        board["board"],
+        board["eye"],
+        lens_of_model(model),
         joints_file,
         camera,
         about.joint_names,
         degrees=about.degrees if degrees is None else degrees,
-        prismatic=sliding,
+        prismatic=[name for name, turns in joints if not turns],
     )
     with TemporaryDirectory() as folder:
         path = str(Path(folder) / f"{Path(source).name}.csv")
-        write_log(made, path)
+        write_log(log, path)
         yield path
 
 
@@ -217,52 +243,52 @@ def photo_of_log(model: Model, log: Samples, data: str) -> Model:
     """Return a model with the picture that its log names, if it lies beside or below the log."""
     from calib.errors import CalibError
 
-    named = log.source.get("photo")
-    if not isinstance(named, str) or data == "-":
+    name = log.source.get("photo")
+    if not isinstance(name, str) or data == "-":
         return model
     folder = Path(data).resolve().parent
     # a log may come from a stranger: it must not bring files from elsewhere into a model
     try:
-        path = (folder / named).resolve()
+        path = (folder / name).resolve()
         if not (path.is_relative_to(folder) and path.is_file()):
             return model
-        made = with_photo(model, str(path), log)
+        model = with_photo(model, str(path), log)
     except (OSError, ValueError):  # no name of a file
         return model
     except CalibError as error:
         say([f"no photo is kept in the model: {error}"])
         return model
     say([f"{path.name} is kept in the model as its photo; --no-photo leaves it out"])
-    return made
+    return model
 
 
-@dataclass(frozen=True, kw_only=True)
-class Drawn(Compared):
-    """What a model is drawn with, as typed."""
+def load_drawn(
+    path: str, data: str | None, photo: str | None, no_photo: bool, reading: Reading
+) -> tuple[Model, Samples | None]:
+    """Load a model as it is to be drawn, and a log of its own arm where one is given."""
+    import calib
 
-    data: str | None = None
-    photo: str | None = None
-    no_photo: bool = False
-
-    def load(self, path: str) -> tuple[Model, Samples | None]:
-        """Load a model as it is to be drawn, and a log of its own arm where one is given."""
-        import calib
-
-        model = calib.load(path)
-        log = log_of(model, self.data, self)
-        if self.photo is None:
-            return (replace(model, photo=None) if self.no_photo else model), log
-        model = with_photo(model, self.photo, log)
-        if not self.no_photo:
+    model = calib.load(path)
+    log = log_of(model, data, reading)
+    if no_photo and photo is None:
+        model = replace(model, photo=None)
+    if photo is not None:
+        model = with_photo(model, photo, log)
+        if not no_photo:
             model.save(path)
-            say([f"{self.photo} is kept in {path}; --no-photo leaves it out"])
-        return model, log
+            say([f"{photo} is kept in {path}; --no-photo leaves it out"])
+    return model, log
 
 
 def with_photo(model: Model, path: str, log: Samples | None) -> Model:
     """Return a model with a photo; for metres `log` says where its camera was."""
     from calib.recording.photo import take_photo
 
-    about = None if log is None else log.source
+    source = None if log is None else log.source
     unit = model.about.unit
-    return replace(model, photo=take_photo(path, model.sensory.weights, unit, about))
+    return replace(model, photo=take_photo(path, model.sensory.weights, unit, source))
+
+
+def size_of_page(path: str) -> str:
+    """Return in one line what was written for a browser."""
+    return f"{path}: {Path(path).stat().st_size / 1e6:.2f} MB, open it in a browser"

@@ -1,0 +1,338 @@
+"""Fit: unknowns and all sizes of noise from corners, by Levenberg-Marquardt and the evidence.
+
+The errors of each motion are eliminated motion by motion; sizes of noise follow MacKay (1992).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..common.arrays import Array, Index
+from .bundle import SCENE, Bundle, Corners, Sight, Unknowns
+
+STEPS = 40
+"""Steps of a fit, at most."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a fit is tuned by."""
+
+    huber: float = 4.0  # noise sd, beyond which a corner counts less
+    stiff: float = 1e6  # damping from which no step is tried any more
+    least_corner: float = 0.01  # [px], noise that corners are credited with at least
+    least_error: float = 1e-6  # [rad, m, 1], the same of the motions' errors
+    # sd of the log of a focal length; beyond, a lens was zoomed
+    most_focus: float = 0.01
+    # exponents of the steps of corners', errors' and priors' sizes: with 1 it takes twice as long
+    faster: tuple[float, float, float] = (1.0, 1.7, 2.0)
+    settled: float = 0.01  # change of the log of corners' and motions' noise
+    nearly: float = 0.1  # the same of priors and focus
+
+
+SETTINGS = Settings()
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Unknowns that share a prior sd, which the evidence finds between two limits."""
+
+    name: str
+    indices: Index
+    lowest: float
+    highest: float
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Sizes that the evidence finds."""
+
+    corner: Array  # (c,), sd of a corner of each camera [px]
+    turn: float  # sd of a motion's turn about each axis [rad]
+    shift: float  # and of its shift along each [m]
+    # (c,), sd of the log of each camera's focal length from motion to motion
+    focus: Array
+    prior: Array  # (s,), prior sd of the unknowns: infinite of frames, 0 holds one
+
+    @property
+    def error(self) -> Array:
+        """Sd (e,) of the errors of a motion."""
+        return np.array([*[self.turn] * 3, *[self.shift] * 3, *self.focus])
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known before any picture."""
+
+    mean: Array  # (s,)
+    scales: tuple[Scale, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Unknowns and noise: where a fit begins, or ends."""
+
+    unknowns: Unknowns
+    noise: Noise
+
+
+@dataclass(frozen=True, eq=False)
+class Fit(Estimate):
+    """Where a fit ends."""
+
+    covariance: Array  # (s, s)
+    freedom: float  # degrees of freedom that the noise of the motions is known with
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Sums over the corners of each motion for one camera [px^2]."""
+
+    lengths: Array  # (N,), of the residuals [px]
+    squares: float  # sum of squares, weighed by Huber
+    together: float  # the part of it along the poses of pictures
+    products: Array  # (n, s + e, s + e), of slopes by unknowns and the motion's errors
+    pulls: Array  # (n, s + e), of slopes and residuals
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A step of the free unknowns and of the motions' errors."""
+
+    unknowns: Array  # (s,)
+    errors: Array  # (n, e)
+    covariance: Array  # (s, s)
+    variances: Array  # (n, e)
+
+
+def solve(
+    bundle: Bundle,
+    prior: Prior,
+    start: Estimate,
+    steps: int = STEPS,
+    *,
+    learn: bool = True,
+) -> Fit:
+    """Fit the unknowns, and where `learn` the noise at each step.
+
+    Raises LinAlgError where the corners do not determine the unknowns.
+    """
+    size = bundle.layout.size
+    fit = Fit(start.unknowns, start.noise, np.zeros((size, size)), np.inf)
+    sums = _sums(bundle, fit)
+    damping = 1e-4
+    for count in range(steps):
+        step = _step(fit, prior, sums, damping)
+        if not np.isfinite(step.unknowns).all():
+            raise np.linalg.LinAlgError("the fit of corners and motions diverged")
+        ahead = replace(fit, unknowns=fit.unknowns.moved(step.unknowns, step.errors))
+        sums_ahead = _sums(bundle, ahead)
+        cost = _cost(ahead, prior, sums_ahead)
+        if cost > (1 + 1e-9) * _cost(fit, prior, sums):
+            if damping > SETTINGS.stiff:
+                break
+            damping = max(damping, 1e-6) * 10.0
+            continue
+        damping *= 0.1
+        before = fit.noise
+        fit = replace(ahead, covariance=step.covariance)
+        sums = sums_ahead
+        if learn:
+            fit = _learn(fit, prior, sums, bundle.cameras, step.variances)
+        if count > 4 and _is_settled(before, fit.noise):
+            break
+    return fit
+
+
+def motion_errors(bundle: Bundle, fit: Fit, rounds: int = 5) -> tuple[Array, Array]:
+    """Errors (n, 6) of motions as the corners alone tell them, and covariances (n, 6, 6).
+
+    The unknowns stay as they are; their doubt is part of the covariance.
+    """
+    size = bundle.layout.size
+    # 1 rad and 1 m say nothing beside what corners tell
+    loose = np.array([1.0] * SCENE + [*fit.noise.focus**-2.0])
+    for _ in range(rounds):
+        sums = _sums(bundle, fit)
+        products, pulls = _weighed(fit.noise, sums)
+        spread = np.linalg.inv(products[:, size:, size:] + np.diag(loose))
+        pull = pulls[:, size:] - loose * fit.unknowns.errors
+        step = np.einsum("nij,nj->ni", spread, pull)
+        fit = replace(fit, unknowns=fit.unknowns.moved(np.zeros(size), step))
+    follow = spread @ products[:, size:, :size]  # how errors follow the unknowns
+    spread = spread + follow @ fit.covariance @ np.swapaxes(follow, 1, 2)
+    return fit.unknowns.errors[:, :SCENE], spread[:, :SCENE, :SCENE]
+
+
+def _sums(bundle: Bundle, fit: Estimate) -> list[_Sums]:
+    sights = bundle.sights(fit.unknowns)
+    triples = zip(bundle.cameras, sights, fit.noise.corner, strict=True)
+    return [_camera_sums(corners, sight, sd) for corners, sight, sd in triples]
+
+
+def _camera_sums(corners: Corners, sight: Sight, sd: float) -> _Sums:
+    residuals = corners.pixels - sight.pixels
+    lengths = np.linalg.norm(residuals, axis=1)
+    root = np.sqrt(_huber(lengths, sd))
+    residuals = residuals * root[:, None]
+    slopes = sight.slopes * root[:, None, None]
+    columns = slopes.shape[2]
+    count = len(sight.chain)
+    products = np.zeros((count, columns, columns))
+    pulls = np.zeros((count, columns))
+    for number, part in enumerate(corners.parts(count)):
+        flat = slopes[part].reshape(-1, columns)
+        products[number] = flat.T @ flat
+        pulls[number] = flat.T @ residuals[part].ravel()
+    by_scene = products[:, :SCENE, :SCENE]
+    ridge = 1e-9 * np.trace(by_scene, axis1=1, axis2=2) + 1e-30
+    scene = by_scene + ridge[:, None, None] * np.eye(SCENE)
+    along = np.linalg.solve(scene, pulls[:, :SCENE, None])[:, :, 0]
+    across = np.swapaxes(sight.chain, 1, 2)
+    return _Sums(
+        lengths,
+        squares=float((residuals**2).sum()),
+        together=float((along * pulls[:, :SCENE]).sum()),
+        products=across @ products @ sight.chain,
+        pulls=(across @ pulls[:, :, None])[:, :, 0],
+    )
+
+
+def _weighed(noise: Noise, sums: Sequence[_Sums]) -> tuple[Array, Array]:
+    """Products (n, s + e, s + e) and pulls (n, s + e) of all cameras, over their noise."""
+    weights = noise.corner**-2.0
+    pairs = list(zip(weights, sums, strict=True))
+    products = sum(weight * camera.products for weight, camera in pairs)
+    pulls = sum(weight * camera.pulls for weight, camera in pairs)
+    return np.asarray(products), np.asarray(pulls)
+
+
+def _step(fit: Fit, prior: Prior, sums: Sequence[_Sums], damping: float) -> _Step:
+    """Eliminate the motions' errors and solve for the free unknowns."""
+    size = len(fit.noise.prior)
+    products, pulls = _weighed(fit.noise, sums)
+    free = np.flatnonzero(fit.noise.prior > 0.0)
+    precision = fit.noise.prior[free] ** -2.0
+    certain = fit.noise.error**-2.0
+    spread = np.linalg.inv(products[:, size:, size:] + np.diag(certain))
+    pull = pulls[:, size:] - certain * fit.unknowns.errors
+    across = products[:, free, size:]
+    gain = across @ spread
+    whole = products[:, :size, :size].sum(axis=0)[np.ix_(free, free)]
+    whole += np.diag(precision)
+    before = np.diag(whole).copy()
+    whole -= _flat(gain) @ _flat(across).T
+    target = pulls[:, free].sum(axis=0) - np.einsum("nij,nj->i", gain, pull)
+    target -= precision * (fit.unknowns.values - prior.mean)[free]
+    ruler = np.sqrt(np.maximum(np.diag(whole), 1e-12 * before))
+    normal = whole / np.outer(ruler, ruler)
+    covariance = np.linalg.pinv(normal, rcond=1e-13, hermitian=True)
+    covariance /= np.outer(ruler, ruler)
+    damped = normal + damping * np.eye(len(free))
+    step = np.zeros(size)
+    step[free] = np.linalg.solve(damped, target / ruler) / ruler
+    errors = np.einsum("nij,nj->ni", spread, pull)
+    errors -= np.einsum("nji,j->ni", gain, step[free])
+    variances = np.einsum("nii->ni", spread) + (gain * (covariance @ gain)).sum(axis=1)
+    all_covariance = np.zeros((size, size))
+    all_covariance[np.ix_(free, free)] = covariance
+    return _Step(step, errors, all_covariance, variances)
+
+
+def _flat(blocks: Array) -> Array:
+    """Blocks (n, s, e) side by side (s, n e)."""
+    return np.swapaxes(blocks, 0, 1).reshape(blocks.shape[1], -1)
+
+
+def _cost(fit: Estimate, prior: Prior, sums: Sequence[_Sums]) -> float:
+    free = fit.noise.prior > 0.0
+    away = (fit.unknowns.values - prior.mean)[free] / fit.noise.prior[free]
+    total = float((away**2).sum())
+    total += float(((fit.unknowns.errors / fit.noise.error) ** 2).sum())
+    for camera, sd in zip(sums, fit.noise.corner, strict=True):
+        weights = _huber(camera.lengths, sd)
+        total += float((weights * camera.lengths**2).sum()) / sd**2
+    return total
+
+
+def _learn(
+    fit: Fit,
+    prior: Prior,
+    sums: Sequence[_Sums],
+    cameras: Sequence[Corners],
+    variances: Array,
+) -> Fit:
+    """The fit with the noise that its residuals show.
+
+    variances : (n, e), of the motions' errors
+    """
+    noise = fit.noise
+    corner_rate, error_rate, prior_rate = SETTINGS.faster
+    squares = (fit.unknowns.errors**2).sum(axis=0)
+    # what corners tell of an error beyond its prior counts as known numbers
+    numbers = (1.0 - variances / noise.error**2).sum(axis=0)
+
+    groups = [range(3), range(3, 6)]
+    groups += [range(k, k + 1) for k in range(SCENE, len(squares))]
+    counts = [max(float(numbers[group].sum()), 0.5) for group in groups]
+    sizes = []
+    for group, count in zip(groups, counts, strict=True):
+        square = float(squares[group].sum()) / count
+        size = _grown(float(noise.error[group[0]]), square, error_rate)
+        sizes.append(max(size, SETTINGS.least_error))
+    turn, shift, *focus = sizes
+    freedom = counts[0] + counts[1]
+    corner = []
+    fitted = (freedom + int((noise.prior > 0.0).sum())) / len(sums)
+    for camera, corners, sd in zip(sums, cameras, noise.corner, strict=True):
+        count = 2 * len(camera.lengths)
+        directions = SCENE * len(np.unique(corners.motion))
+        white = camera.squares / max(count - fitted, 0.2 * count)
+        # errors of a picture's corners hang together: what is left of them in its pose counts
+        open_directions = max(directions - freedom - 12, 0.1 * directions)
+        square = max(white, camera.together / open_directions)
+        corner.append(max(_grown(sd, square, corner_rate), SETTINGS.least_corner))
+    prior_sd = noise.prior.copy()
+    away = (fit.unknowns.values - prior.mean) ** 2
+    spread = np.diag(fit.covariance)
+    for scale in prior.scales:
+        some = scale.indices[prior_sd[scale.indices] > 0.0]
+        if not len(some):
+            continue
+        sd = float(prior_sd[some[0]])
+        number = max(float((1.0 - spread[some] / sd**2).sum()), 0.05)
+        grown = _grown(sd, float(away[some].sum()) / number, prior_rate)
+        prior_sd[some] = np.clip(grown, scale.lowest, scale.highest)
+    learned = Noise(
+        corner=np.array(corner),
+        turn=turn,
+        shift=shift,
+        focus=np.minimum(focus, SETTINGS.most_focus),
+        prior=prior_sd,
+    )
+    return replace(fit, noise=learned, freedom=freedom)
+
+
+def _grown(sd: float, square: float, rate: float) -> float:
+    """A size that a square draws to itself, by a factor of at most e^rate."""
+    change = 0.5 * np.log(max(square, 1e-300) / sd**2)
+    return sd * float(np.exp(rate * np.clip(change, -1.0, 1.0)))
+
+
+def _is_settled(before: Noise, after: Noise) -> bool:
+    """Whether no size changes much."""
+    is_sized = (before.prior > 0.0) & np.isfinite(before.prior)
+    changes = np.log(after.prior[is_sized] / before.prior[is_sized])
+    slow = np.concatenate([changes, np.log(after.focus / before.focus)])
+    motions = np.array([after.turn / before.turn, after.shift / before.shift])
+    fast = np.concatenate([np.log(after.corner / before.corner), np.log(motions)])
+    is_fast_settled = np.abs(fast).max() < SETTINGS.settled
+    return bool(is_fast_settled and np.abs(slow).max(initial=0.0) < SETTINGS.nearly)
+
+
+def _huber(lengths: Array, sd: float) -> Array:
+    """Weights (N,) of residuals of lengths (N,) [px]."""
+    return np.asarray(np.minimum(1.0, SETTINGS.huber * sd / np.maximum(lengths, 1e-12)))

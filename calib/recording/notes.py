@@ -1,0 +1,205 @@
+"""Notes: what has to be known beside the places, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..common.arrays import Mask
+from ..common.wording import listed
+from .fit import Fit
+from .joint_motions import JointMotions
+from .problem import Setting, turning
+from .rig import HandEye
+
+
+@dataclass(frozen=True)
+class Limits:
+    """From where on something is told."""
+
+    turn: float = float(np.radians(7.5))  # least spread of the hand's turns [rad]
+    open: float = 0.01  # of an interval [m], beyond which a direction is open
+    size: float = 4e-3  # of a board's size
+    focal: float = 2e-3  # of the focal length of a lens that was given
+    focus: float = 1e-3  # sd of the focal length from picture to picture
+    repeats: tuple[float, float] = (1e-4, 3.5e-4)  # of joints [m, rad]
+    # of joint origins, that no drawing is off by [m, rad]
+    drawing: tuple[float, float] = (5e-3, float(np.radians(1.0)))
+    near: float = 0.3  # from the flange, where something may be in the hand [m]
+
+
+LIMITS = Limits()
+
+
+def limit_of(setting: Setting, rig: HandEye, agreeing: Mask) -> str:
+    """What limits the accuracy, and what would help most."""
+    turns, _ = turning(rig.flange[agreeing])
+    wrist = "the hand"
+    if setting.arm is not None:
+        wrist = listed(setting.arm.joint_names[-2:])
+    add = f"add pictures with {wrist} turned by 30 deg and more, each way"
+    if turns[1] < LIMITS.turn:
+        return f"few turns of the wrist (by {np.degrees(turns[1]):.1f} deg about one axis); {add}"
+    focal = rig.lens["focal_95"] / rig.lens["focal"]
+    if focal > 0.01:
+        return (
+            f"the lens (its focal length is known to {100 * focal:.1f} %); add pictures with the "
+            "board tilted, nearer and further away, or give a lens"
+        )
+    shift = 1e3 * rig.repeatability["position"]
+    turn = np.degrees(rig.repeatability["rotation"])
+    if shift > 0.02 or turn > 5e-3:
+        return (
+            f"the arm's repeatability ({shift:.2g} mm and {turn:.2g} deg in each pose); "
+            f"{add}, or let the arm stand still for each"
+        )
+    off = rig.reprojection["mean"]
+    if off > 0.5:
+        return f"blur (corners miss by {off:.2g} px); let the arm stand still for each"
+    hand = 1e3 * max(rig.hand["position_95_up_to_gauge"])
+    return f"the arm's own errors (hand known to {hand:.1f} mm); {add}"
+
+
+def notes_of(
+    setting: Setting, fit: Fit, rig: HandEye, agreeing: Mask
+) -> tuple[str, ...]:
+    """All that has to be known."""
+    notes: list[str] = []
+    for view in setting.views:
+        notes += [*view.shots.notes, *view.doubts]
+    notes += _convention(setting)
+    notes += _contradicting(setting, rig, agreeing)
+    notes += _open(rig, agreeing)
+    notes += _size(setting, rig)
+    notes += _lenses(setting, fit)
+    notes += _nearness(rig) if setting.arm is None else _arm(setting, fit, rig)
+    return tuple(notes)
+
+
+def _convention(setting: Setting) -> Iterator[str]:
+    if setting.choice is None:
+        return
+    convention = setting.choice.convention
+    yield (
+        f"poses are read as {setting.choice.reading.words}, lengths in {convention['unit']}; the "
+        f"next reading fits {convention['ratio']:.3g} times worse"
+    )
+    if setting.choice.ties:
+        yield f"not told apart from it: {'; '.join(setting.choice.ties)}"
+
+
+def _contradicting(setting: Setting, rig: HandEye, agreeing: Mask) -> Iterator[str]:
+    names = rig.left_out
+    if not names:
+        return
+    is_end = len(names) > 1 and not agreeing[-len(names) :].any()
+    where = f"from {names[0]} on" if is_end else "in them"
+    motions = "poses" if setting.arm is None else "joints"
+    yield (
+        f"{len(names)} pictures contradict the others and are left out ({listed(names)}): {where} "
+        f"camera or board was moved, the camera refocused or zoomed, or the {motions} are not "
+        "theirs"
+    )
+
+
+def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
+    """A direction that the motions hardly tell, and two poses that would."""
+    squares, directions = np.linalg.eigh(rig.covariance[3:6, 3:6])
+    off = 1.96 * float(np.sqrt(max(squares[-1], 0.0)))
+    if off < LIMITS.open:
+        return
+    turns, axes = turning(rig.flange[agreeing])
+    along, second, third = (
+        ", ".join(f"{value:+.2f}" for value in axis)
+        for axis in (directions[:, -1], axes[1], axes[2])
+    )
+    yield (
+        f"what is in the hand is open along ({along}) of the flange, to ± {1e3 * off:.2g} mm: the "
+        f"hand turns by {np.degrees(turns[0]):.2g} deg about one axis, by "
+        f"{np.degrees(turns[1]):.2g} and {np.degrees(turns[2]):.2g} about the others. Two poses "
+        f"more tell it: turned by 30 deg about ({second}) and about ({third}) of the flange"
+    )
+
+
+def _size(setting: Setting, rig: HandEye) -> Iterator[str]:
+    stated = rig.square["said"]
+    measured = rig.square["measured"]
+    low, high = rig.square["interval"]
+    if abs(measured / stated - 1.0) < LIMITS.size or low < stated < high:
+        return
+    source = "the flange's motions" if setting.arm is None else "the drawn arm's size"
+    yield (
+        f"the board's squares measure {1e3 * measured:.4g} mm (95 %: {1e3 * low:.4g} to "
+        f"{1e3 * high:.4g}) by {source}, {1e3 * stated:.4g} mm as said: the measured size is used; "
+        "measure the print, and give its size in `board`"
+    )
+
+
+def _lenses(setting: Setting, fit: Fit) -> Iterator[str]:
+    layout = setting.problem.bundle.layout
+    for number, view in enumerate(setting.views):
+        focus = float(fit.noise.focus[number])
+        if focus > LIMITS.focus:
+            yield (
+                f"{view.name}: the focal length changes by {100 * focus:.2g} % from picture to "
+                "picture: switch the camera's autofocus off and take the pictures again; the "
+                "intervals are wider for it"
+            )
+        if view.given is None:
+            continue
+        focal = fit.unknowns.values[layout.lens(number)[:2]].mean()
+        given = float(view.given.focal.mean())
+        off = focal / given - 1.0
+        if abs(off) > LIMITS.focal:
+            yield (
+                f"the lens that was given has a focal length of {given:.1f} px, the pictures say "
+                f"{focal:.1f} ({100 * off:+.2g} %): it is of another camera, or the camera "
+                "refocused or zoomed; what the pictures say is used"
+            )
+
+
+def _nearness(rig: HandEye) -> Iterator[str]:
+    """Doubt an eye of which what is in the hand is further off than what stands still."""
+    hand = float(np.linalg.norm(rig.hand["position"]))
+    base = float(np.linalg.norm(rig.base["position"]))
+    if hand > max(base, LIMITS.near):
+        other = "base" if rig.eye == "hand" else "hand"
+        yield (
+            f"with eye {rig.eye} what is in the hand is {hand:.2g} m from the flange, what stands "
+            f"still {base:.2g} m from the base: is it `eye={other!r}`? Poses alone do not tell"
+        )
+
+
+def _arm(setting: Setting, fit: Fit, rig: HandEye) -> Iterator[str]:
+    """How good the arm is, whether it is this one, and what no picture tells of joints."""
+    arm = setting.arm
+    motions = setting.problem.bundle.motions
+    assert arm is not None  # noqa: S101 - called with joints alone
+    assert isinstance(motions, JointMotions)  # noqa: S101
+    shift = rig.repeatability["position"]
+    turn = rig.repeatability["rotation"]
+    if shift > LIMITS.repeats[0] or turn > LIMITS.repeats[1]:
+        yield (
+            f"the arm repeats to {np.degrees(turn):.2g} deg and {1e3 * shift:.2g} mm (sd of a pose "
+            "beyond what zeros and geometry explain): play, or joints that were read while it "
+            "moved"
+        )
+    values = fit.unknowns.values[setting.problem.bundle.layout.arm_values]
+    name, shifted, turned = motions.largest_move(values)
+    if shifted > LIMITS.drawing[0] or turned > LIMITS.drawing[1]:
+        yield (
+            f"the chain has to move by {1e3 * shifted:.2g} mm and {np.degrees(turned):.2g} deg at "
+            f"{name}, more than a drawing is off by: is this the drawing of another robot?"
+        )
+    first = arm.joint_names[0]
+    last = arm.joint_names[-1]
+    about = np.degrees(max(rig.hand["rotation_95"]))
+    along = 1e3 * max(rig.hand["position_95"])
+    yield (
+        f"no picture tells a turn about {first} and a shift along it from where the base stands, "
+        f"nor a turn about {last} and a shift along it from what is in the hand: both joints count "
+        f"as their encoders say. Of a tip that the true {last} carries, the place in the hand is "
+        f"sure to {about:.2g} deg and {along:.2g} mm"
+    )

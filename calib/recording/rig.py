@@ -1,0 +1,167 @@
+"""Rig: where cameras and boards are, with intervals, as JSON and as lines for people."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TypedDict
+
+import numpy as np
+
+from ..body.belief import Body
+from ..common.arrays import Array
+from ..samples.samples import Samples
+from .conventions import Convention
+
+Place = dict[str, list[float]]
+"""A place as JSON: position [m], quaternion, and half-widths of 95 % intervals [m, rad]."""
+
+
+class LensFacts(TypedDict):
+    """A lens as JSON, with half-widths of 95 % intervals."""
+
+    focal: float  # [px]
+    centre: list[float]
+    k1: float
+    focal_95: float
+    known: bool
+    matrix: list[list[float]]
+    distortion: list[float]  # k1, k2, p1, p2, k3
+    parameters_95: list[float]  # of focal lengths, centre and distortion
+    size: list[int]
+
+
+class Square(TypedDict):
+    """The side of a square, or a tag, as stated and as measured [m]."""
+
+    said: float
+    measured: float
+    interval: list[float]
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPlace:
+    """One of several cameras."""
+
+    name: str
+    eye: str
+    place: Place  # in the hand, or in the base
+    lens: LensFacts
+    from_first: Place | None = None  # in the frame of the first camera of its eye
+
+    def to_json(self) -> dict[str, object]:
+        """What `calib handeye --json` prints of it."""
+        where = "hand" if self.eye == "hand" else "base"
+        document: dict[str, object] = {"name": self.name, "eye": self.eye}
+        document |= {where: self.place, "lens": self.lens}
+        if self.from_first is not None:
+            document["from_first"] = self.from_first
+        return document
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """A picture that the fit did not see, with its corners [px]."""
+
+    name: str
+    camera: int
+    jpeg: bytes
+    corners: Array  # (m, 2), as they are
+    predicted: Array  # (m, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class HandEye:
+    """Where cameras and a board are.
+
+    Places are of the camera's optical frame (x right, y down, z ahead) or the board's: position
+    [m], quaternion (qx, qy, qz, qw) and half-widths of their 95 % intervals, (3,) [m] and
+    (3,) [rad], with what no picture tells and without it.
+    """
+
+    eye: str  # "hand": the first camera is in the hand and the board stands still; or "base"
+    pictures: int
+    used: int  # motions that the fit rests on
+    hand: Place  # what is in the hand, in the tip's or the flange's frame
+    base: Place  # what stands still, in the base's
+    reprojection: dict[str, float]  # mean and largest distance of corners [px]
+    lens: LensFacts  # of the first camera
+    limited_by: str  # what limits the accuracy, and what would help most
+    notes: tuple[str, ...]
+    repeatability: dict[
+        str, float
+    ]  # sd of the arm's poses: position [m], rotation [rad]
+    square: Square
+    board: dict[str, object]  # its text, and its corners as fitted, in its frame [m]
+    held_out: dict[str, float]  # rms and median of pictures predicted by others [px]
+    left_out: tuple[str, ...]  # names of pictures
+    cameras: tuple[CameraPlace, ...]
+    convention: Convention | None  # what the poses mean
+    frames: tuple[str, str]  # names of the arm's base and of what carries
+    names: tuple[str, ...]  # (n,), of the motions' pictures
+    flange: Array  # (n, 4, 4), what carries in the base at each motion [m]
+    misses: Array  # (n,) [px], rms of the corners at each motion, by a fit without it
+    covariance: Array  # (12, 12), of turn and shift of the hand's and the base's frame
+    photo: Photo | None = None
+    poses: Samples | None = None  # of joints: the pictures as `calib log --eye` writes
+    body: Body | None = None
+
+    @property
+    def carried(self) -> str:
+        """What is in the hand."""
+        return "camera" if self.eye == "hand" else "board"
+
+    @property
+    def standing(self) -> str:
+        """What stands still."""
+        return "board" if self.eye == "hand" else "camera"
+
+    def to_json(self) -> dict[str, object]:
+        """What `calib handeye --json` prints."""
+        own = {"frames", "names", "flange", "misses", "covariance"}
+        own |= {"photo", "poses", "body"}
+        document = {
+            field.name: getattr(self, field.name)
+            for field in fields(self)
+            if field.name not in own
+        }
+        document["cameras"] = [camera.to_json() for camera in self.cameras]
+        for name in ("notes", "left_out"):
+            document[name] = list(document[name])
+        if self.convention is None:
+            del document["convention"]
+        return document
+
+    def lines(self) -> list[str]:
+        """The answer for people."""
+        base, tip = self.frames
+        lines = [
+            _line(f"{self.carried} in the frame of {tip}", self.hand),
+            _line(f"{self.standing} in the frame of {base}", self.base),
+        ]
+        for camera in self.cameras[1:]:
+            parent = tip if camera.eye == "hand" else base
+            lines.append(_line(f"{camera.name} in the frame of {parent}", camera.place))
+            if camera.from_first is not None:
+                words = f"{camera.name} in the first camera's frame"
+                lines.append(_line(words, camera.from_first))
+        shift = 1e3 * self.repeatability["position"]
+        turn = np.degrees(self.repeatability["rotation"])
+        lines += [
+            f"pictures that the fit did not see are predicted to {self.held_out['rms']:.2g} px; "
+            f"corners to {self.reprojection['mean']:.2g} px (largest "
+            f"{self.reprojection['max']:.2g}); {self.used} of {self.pictures} pictures",
+            f"this arm repeats to {shift:.2g} mm and {turn:.2g} deg",
+            f"lens: focal length {self.lens['focal']:.1f} ± {self.lens['focal_95']:.2g} px",
+            f"limited by {self.limited_by}",
+        ]
+        return lines
+
+
+def _line(what: str, place: Place) -> str:
+    """A place for people."""
+    halves = place["position_95_up_to_gauge"]
+    pairs = zip(place["position"], halves, strict=True)
+    at = ", ".join(f"{1e3 * value:.2f} ± {1e3 * half:.2g}" for value, half in pairs)
+    quaternion = ", ".join(f"{value:.5f}" for value in place["quaternion"])
+    turn = np.degrees(max(place["rotation_95_up_to_gauge"]))
+    return f"{what}: ({at}) mm, quaternion ({quaternion}) ± {turn:.2g} deg"

@@ -1,0 +1,78 @@
+"""View: the pictures of one camera, its lens and the board before it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..common.arrays import Array, Index, Mask
+from ..errors import LogError
+from .board_pictures import BoardPictures
+from .bundle import Corners
+from .lens import Lens
+from .lens_files import UNSTATED
+from .reference import turns_and_shifts
+from .rigid import rigid
+from .start import BoardPoses
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The pictures of one camera."""
+
+    name: str
+    shots: BoardPictures
+    in_hand: bool
+    given: Lens | None  # by the user
+    lens: Lens  # where the fit begins
+    poses: Array  # (p, 4, 4), the board before the camera, by each picture alone [m]
+    rows: Index  # (p,), of the joints or poses
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def boards(self) -> BoardPoses:
+        """The board before the camera."""
+        points = self.shots.board.points()
+        x, y, _ = np.stack([points.min(axis=0), points.max(axis=0)], axis=1)
+        ends = np.array([[left, top, 0.0] for left in x for top in y])
+        return BoardPoses(self.poses, ends, self.shots.board.half_turn, self.in_hand)
+
+    def turned(self, others: Mask) -> View:
+        """The view with the board of some pictures numbered from its other end."""
+        half = self.shots.board.half_turn
+        if half is None or not others.any():
+            return self
+        poses = np.where(others[:, None, None], self.poses @ half, self.poses)
+        return replace(self, shots=self.shots.turned(others), poses=poses)
+
+    def corners(self, rows: Index) -> Corners:
+        """The corners, in the order of the motions at some rows."""
+        places = np.searchsorted(rows, self.rows)
+        order = np.argsort(places, kind="stable")
+        points = self.shots.points
+        pixels = [np.array([*self.shots.corners[k].values()]) for k in order]
+        return Corners(
+            points=np.concatenate([points[k] for k in order]),
+            pixels=np.concatenate(pixels),
+            motion=np.repeat(places[order], [len(part) for part in pixels]),
+            in_hand=self.in_hand,
+            outline=self.shots.board.points(),
+        )
+
+
+def view_of(name: str, shots: BoardPictures, in_hand: bool, given: Lens | None) -> View:
+    """The view, its lens calibrated by its own pictures where none is given."""
+    if given is not None and tuple(given.size) == UNSTATED:
+        given = replace(given, size=shots.size)
+    if given is not None and tuple(given.size) != tuple(shots.size):
+        raise LogError(
+            "the lens is of pictures of {}x{}, these are {}x{}: expected the lens of this camera "
+            "at this size; leave `lens` out to have it fitted".format(
+                *given.size, *shots.size
+            )
+        )
+    lens, doubts = shots.lens(given)
+    poses = rigid(*turns_and_shifts(shots.poses(lens)))
+    rows = np.arange(len(poses)) if shots.rows is None else shots.rows
+    return View(name, shots, in_hand, given, lens, poses, rows, doubts)

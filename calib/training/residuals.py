@@ -1,0 +1,214 @@
+"""Residuals: errors of every readout in both directions, row by row, and their sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..common.arrays import Array
+from ..common.choices import MAP_READOUTS
+from ..common.parallel import side_by_side
+from ..errors import LogError
+from ..model.answers import unit_joints
+from ..model.model import Model
+from ..model.prediction import predict
+from ..samples.motion import Motion
+from ..samples.samples import Samples
+from ..samples.simulation import Simulation
+from .learn import TrainingOptions, associate
+from .settings import TESTING
+from .smooth import SmoothPart, to_learn
+from .touched import NOT_LEARNED
+
+Sizes = dict[str, float]
+"""Mean, largest and 99th percentile of some errors, as "mean", "max" and "p99"."""
+
+ErrorTable = dict[str, dict[str, dict[str, Sizes]]]
+"""Sizes by readout, direction ("forward" or "inverse") and coordinate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What was predicted less what is true, row by row."""
+
+    q: Array  # (n, dof), joints that training never saw
+    x: Array  # (n, m), positions there
+    # of each readout: predicted less true positions (n, m) [unit], answered less true joints
+    # (n, dof) [rad or m], distance (n,) [unit] from each target to where the answer really leads
+    forward: dict[str, Array]
+    inverse: dict[str, Array]
+    distance: dict[str, Array]
+    joint_names: tuple[str, ...]
+    left_out: int = 0  # rows that lie outside of what was learned
+    turned: Array | None = None  # (n,) [rad], errors of the body's orientation
+    # (n, dof), from which side joints came, where that is known
+    side: Array | None = None
+
+    @property
+    def errors(self) -> dict[str, Array]:
+        """Distance between predicted and true position, (n,) per readout."""
+        return {
+            readout: np.linalg.norm(error, axis=1)
+            for readout, error in self.forward.items()
+        }
+
+
+def _residuals(
+    model: Model,
+    q: Array,
+    x: Array,
+    forward: dict[str, Array],
+    answers: dict[str, Array],
+    truth: Callable[[Array], Array] | None = None,
+) -> Residuals:
+    """Residuals of predictions less positions and of answers (n, dof) in the unit box.
+
+    `truth` is the true kinematics; without it (a log) the learned map tells how far the
+    answered joints lead from the recorded ones.
+    """
+    scale = model.motor.scale
+    value = model.predictor.value
+    u = scale.to_unit(q)
+    targets = value(u) if truth is None else x
+    inverse = {}
+    distance = {}
+    for readout, answer in answers.items():
+        inverse[readout] = scale.difference(answer, u) * scale.span
+        reached = value(answer) if truth is None else truth(scale.from_unit(answer))
+        distance[readout] = np.linalg.norm(reached - targets, axis=1)
+    return Residuals(q, x, forward, inverse, distance, model.about.joint_names)
+
+
+def evaluate_residuals(
+    model: Model,
+    q: Array,
+    x: Array,
+    truth: Callable[[Array], Array] | None = None,
+    side: Array | None = None,
+) -> Residuals:
+    """Residuals of all readouts in both directions, of the answer nearest to the true joints.
+
+    side : (n, dof), from which side the joints came, where that is known
+    """
+    scale = model.motor.scale
+    answered = model.covers(q)
+    if not answered.any():
+        raise LogError(NOT_LEARNED)
+    motion = Motion(q, side).take(answered)
+    x = x[answered]
+    prediction = predict(model, motion)
+    near = model.solver.newton.clip(scale.to_unit(motion.q))
+    # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
+    forward, answers = side_by_side(
+        lambda: {readout: prediction.read(readout) - x for readout in model.readouts},
+        lambda: unit_joints(model, x, near, model.readouts),
+    )
+    residuals = _residuals(model, motion.q, x, forward, answers, truth)
+    left_out = int(np.count_nonzero(~answered))
+    return replace(residuals, left_out=left_out, side=motion.side)
+
+
+def held_out_residuals(
+    model: Model,
+    samples: Samples,
+    part: SmoothPart | None,
+    held_out: Array | None,
+    options: TrainingOptions,
+) -> Residuals:
+    """Residuals of all readouts on rows of a log that were held out in contiguous blocks.
+
+    `held_out` is what the default readout leaves over of the rows of `part` that it has not seen.
+    """
+    n = len(samples)
+    scale = model.motor.scale
+    clip = model.solver.newton.clip
+    forward: dict[str, Array] = {}
+    rows = np.arange(0, n, max(1, n // TESTING.maps))
+    turned = None
+    if part is not None and held_out is not None:
+        some = slice(None, None, max(1, len(held_out) // TESTING.body))
+        rows = part.rows[some]
+        forward["local"] = -held_out[some]
+        if "body" in model.readouts:
+            forward["body"] = -part.fit.held_out[some]
+        if part.fit.turned is not None:
+            turned = part.fit.turned[some]
+    q = samples.q[rows]
+    x = samples.x[rows]
+    here = model.predictor.value(scale.to_unit(q))
+    near = clip(scale.to_unit(q))
+    # a target that a held-out prediction misses is answered by joints that the map leads there
+    answers = {
+        readout: unit_joints(model, here - error, near, ("local",))["local"]
+        for readout, error in forward.items()
+    }
+    for readout in MAP_READOUTS:
+        forward[readout] = np.empty_like(x)
+        answers[readout] = np.empty_like(q)
+    folds = np.array_split(np.arange(n), TESTING.folds)
+    for half in (0, 1):
+        tested = np.isin(rows, np.concatenate(folds[half::2]))
+        learned = np.sort(np.concatenate(folds[1 - half :: 2]))
+        learned_u, learned_x, wrong = to_learn(samples, part, options, learned)
+        pair = associate(scale, learned_u, learned_x, options, wrong)
+        targets = pair.sensory.scale.to_unit(x[tested])
+        inverses = pair.inverses(targets, near[tested])
+        for readout in MAP_READOUTS:
+            forward[readout][tested] = pair.predict(q[tested], readout) - x[tested]
+            answers[readout][tested] = clip(inverses[readout])
+    return replace(_residuals(model, q, x, forward, answers), turned=turned)
+
+
+def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
+    """Residuals on 10,000 true positions of the simulated arm that training never saw."""
+    q, x = fresh_points(simulation, model.about.seed)
+    return evaluate_residuals(model, q, x, simulation.exact)
+
+
+def fresh_points(simulation: Simulation, seed: int) -> tuple[Array, Array]:
+    """Joints (n, dof) and true positions (n, 2) of the 10,000 points that test a seed's models."""
+    rng = np.random.default_rng(TrainingOptions(seed=seed).stream("evaluation"))
+    q = simulation.draw(TESTING.fresh, rng)
+    return q, simulation.true(q, rng)
+
+
+def summarise(residuals: Residuals) -> ErrorTable:
+    """Mean, largest and 99th percentile of the absolute errors, per readout and direction."""
+    table: ErrorTable = {}
+    for readout, gap in residuals.forward.items():
+        forward = dict(zip("xyz", gap.T, strict=False))
+        forward["distance"] = np.linalg.norm(gap, axis=1)
+        if residuals.turned is not None and readout in ("local", "body"):
+            forward["orientation"] = residuals.turned
+        answers = residuals.inverse[readout].T
+        inverse = dict(zip(residuals.joint_names, answers, strict=True))
+        inverse["distance"] = residuals.distance[readout]
+        table[readout] = {
+            "forward": _all_sizes(forward),
+            "inverse": _all_sizes(inverse),
+        }
+    return table
+
+
+def _all_sizes(errors: dict[str, Array]) -> dict[str, Sizes]:
+    return {name: error_sizes(error) for name, error in errors.items()}
+
+
+def error_sizes(error: Array) -> Sizes:
+    """Mean, largest and 99th percentile of the absolute errors (n,)."""
+    size = np.abs(error)
+    return {
+        "mean": float(size.mean()),
+        "max": float(size.max()),
+        "p99": float(np.quantile(size, 0.99)),
+    }
+
+
+def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
+    """What 95 % of a model's answers are within [unit], and what share within its own bound."""
+    errors = residuals.errors[model.default_readout]
+    bound = predict(model, Motion(residuals.q, residuals.side)).bound
+    covered = np.mean(errors <= bound + 1e-12)  # of an exact arm both are rounding
+    return {"p95": float(np.quantile(errors, 0.95)), "covered": float(covered)}

@@ -1,0 +1,111 @@
+"""Numbers that were chosen for training and evaluating, each with its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Learning:
+    """What a model is learned from."""
+
+    fewest_poses: int = 10  # that anything can be learned and checked from
+    most_rows: int = 50_000  # of a log that the body and the local models rest on
+    imagined: int = 5  # samples of a body for each motor node
+    # nodes along each axis of a plane lattice, as in the paper's best table
+    side: int = 70
+    rows_per_node: int = 5  # of a log
+    # fewest nodes along a side, without a body, which imagines samples where a log has no rows, and
+    # with one: its links have to propose starts for every branch
+    least_side: int = 4
+    least_side_of_body: int = 20
+    # contiguous blocks of a log without a body, of which every third is held out in turn, and what
+    # share of a lattice's error there a gas has to reach
+    blocks: int = 10
+    parts: int = 3
+    better: float = 0.9
+    collapsed: float = 1e-9  # mean distance of joined nodes in the unit box
+    # share of the extent: a body that is further off explains nothing
+    no_arm: float = 0.02
+    unlimited: float = 1e6  # [rad] of a joint that turns without end
+
+
+@dataclass(frozen=True)
+class Testing:
+    """Rows that errors are measured on: more would tell no more."""
+
+    fresh: int = 10_000  # exact points of a simulation
+    maps: int = 5_000  # rows that maps are tested on
+    body: int = 1_000  # rows that a body is tested on, whose inverses are sought
+    # maps are tested on blocks that those of every other block did not show
+    folds: int = 20
+    # rows that an undisturbed arm's distortions are learned from
+    baseline: int = 20_000
+    fewest: int = 10  # rows that were not learned, from which on errors are told
+    placed: int = 10  # rows that tell where a frame is
+    nearer: float = 0.5  # of the median error: a frame that moved explains so much
+    # exact samples that the bounds of a simulation are learned from
+    drawn: int = 12_000
+    # share of the extent: what an answer in double precision is sure of at best
+    rounding: float = 4e-15
+
+
+@dataclass(frozen=True)
+class Play:
+    """What backlash is learned from."""
+
+    fewest: int = 20  # rows
+    most: int = 5_000
+    rounds: int = 3
+    trend: int = 7  # degree of what a joint's value tells of its direction
+
+
+@dataclass(frozen=True)
+class LateClock:
+    """The search for a delay."""
+
+    rounds: int = 3  # after which a delay is as sure as it gets
+    steps: int = 8  # of a delay and the parameters beside it, from one fit
+    rows: int = 4_000  # neighbouring rows that a delay rests on
+    settled: float = 0.05  # sds that the last step moves at most
+
+
+@dataclass(frozen=True)
+class OtherOrder:
+    """Whether joints without a robot are in another order."""
+
+    rows: int = 150  # that orders are compared by
+    noises: float = 30.0  # the stated noise of a log: such errors are no calibration's
+
+
+@dataclass(frozen=True)
+class Touching:
+    """What arms and sockets are fitted to."""
+
+    most: float = 0.25  # share of rows that may be wrong
+    attempts: int = 3  # fits, each without the rows that strayed from the one before
+    few: int = 12  # touches that tell an arm in space at least
+    few_of_one: int = 4  # of them in one socket
+    # times the usual scatter, within which a stray was in another socket
+    in_socket: float = 5.0
+    # [rad or m], joints that moved less in each socket tell nothing
+    alike: float = 0.05
+    clearly: float = 3.0  # sds by which two sizes of an arm have to differ
+    most_doubt: float = 0.05  # relative; no drawing is further from its arm's size
+    # [m or rad] of what no touch tells, and what a belief holds for exact
+    gauge: float = 1e-6
+    nats: float = 5.0  # of evidence for a change
+    # what may have changed since, by how much: a servo put on anew, a bent tip, origins [rad or m]
+    offset: float = float(np.radians(2.0))
+    tool: float = 5e-3
+    placement: float = 2e-3
+
+
+LEARNING = Learning()
+TESTING = Testing()
+PLAY = Play()
+LATE_CLOCK = LateClock()
+OTHER_ORDER = OtherOrder()
+TOUCHING = Touching()

@@ -1,0 +1,384 @@
+"""Fitting the nominal chain to what a model learned.
+
+A planar arm is a chain before a sensor that looks straight at its plane; the prior holds what that
+cannot see.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arm.arm import PlanarArm, SpatialArm
+from ..arm.rotations import logarithm, similarity
+from ..body.belief import Body, knows_orientation
+from ..body.fit import Fit
+from ..body.normal import Factor, with_prior
+from ..body.parameters import Indices, Prior
+from ..body.rows import Rows
+from ..body.settings import FREE, SHIFT, STUDENT, UNTOLD
+from ..body.spatial import SpatialStructure, structure_of
+from ..body.starts import frame
+from ..common.arrays import Array
+from ..common.scale import METRES
+from ..errors import OptionError
+from ..model.alignment import Alignment
+from ..model.model import Model
+from ..model.nominal import nominal_arm, nominal_in_plane, visited_joints
+from .frames import frame_is_free, frames, is_simulated
+from .geometry import Geometry
+
+_NODES = 500  # of a model without rows, at which it is asked
+_ROWS = 2_000
+_FLOOR = 1e-7  # of the extent: a residual below is rounding
+_OFFSET = math.radians(
+    10.0
+)  # prior sd of a planar arm's offsets: servos are put on to that
+_ALONG = 5.0 * SHIFT  # [m], prior sd of a planar arm's places, but for turns of a link
+_FLAT = 100.0  # [rad or 1], prior sd of a planar sensor's angle and scale
+
+
+class InPlane(SpatialStructure):
+    """A planar arm before a sensor that looks straight at its plane: two of three coordinates."""
+
+    outputs = 2
+    blocks = (2,)
+    camera = False
+
+    def predict(self, q: Array, beta: Array) -> Array:
+        """Outputs (n, 2) at joint values (n, dof)."""
+        return super().predict(q, beta)[:, :2]
+
+    def linearise(
+        self, q: Array, beta: Array, active: Indices | None = None
+    ) -> tuple[Array, Array]:
+        """Outputs (n, 2) and their derivative (n, 2, k) by the parameters `active`."""
+        x, slope = super().linearise(q, beta, active)
+        return x[:, :2], slope[:, :2]
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Positions of a tip at joint values."""
+
+    q: Array  # (n, dof) [rad or m]
+    x: Array  # (n, m) [unit]
+    unit: str = "m"
+    error: float = 0.0  # least sd of their mean along an axis [unit]
+
+    @property
+    def extent(self) -> float:
+        """Root mean square distance from their middle [unit]."""
+        return _rms(self.x - self.x.mean(axis=0))
+
+    @classmethod
+    def of(cls, model: Model) -> Points:
+        """Return a model's rows, or its answers at visited nodes.
+
+        The model's error at nodes is that of the rows that it learned, which may be larger than
+        the residual.
+        """
+        rows = model.rows
+        unit = model.about.unit
+        if rows is not None and not model.history:
+            some = slice(None, None, -(-len(rows) // _ROWS))
+            return cls(rows.q[some], rows.x[some], unit)
+        q = visited_joints(model, _NODES)
+        x = model.forward(q)
+        valid = np.isfinite(x).all(axis=1)
+        noise = float(np.nanmedian(model.bounds)) / 2.45  # sd along an axis
+        error = noise * math.sqrt(len(q) / max(model.about.samples, 10))
+        return cls(q[valid], x[valid], unit, error)
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """What is fitted beside the joints' offsets."""
+
+    frame: bool  # the sensor's frame; the first joint is nominal then
+    origins: bool = True  # joint origins and lengths; else the drawing's are true
+    base: bool = False  # the first joint's place
+    tip: bool = False  # of an arm in space the tip, where the sensed point is
+    probe: bool = False  # where on the last link of an arm in space the sensed point is
+
+
+def fit_geometry(
+    model: Model,
+    *,
+    view: str = "auto",
+    move_base: bool = False,
+    move_tip: bool = False,
+    drawn: bool = False,
+) -> Geometry:
+    """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
+
+    Unknown are the joints' offsets and places and the tip's (of an arm in space six numbers for
+    each joint origin), and with a free frame the sensor's place and, for other units than m, its
+    scale.  The prior settles what the data cannot tell apart, such as an offset and a turned link;
+    the intervals hold that freedom.
+
+    model : it must have a URDF
+    view : {"auto", "base"}, "base" says that a log's positions are in the root link's frame
+    move_base : whether the first joint's place is fitted too; only in a known frame
+    move_tip : whether the sensed point of a spatial arm is the tip itself and belongs to the
+        geometry; else it is a probe or tag that was put on, and the tip stays where the URDF has it
+    drawn : whether the drawing's lengths and axes are true, so that joints' zeros alone are fitted,
+        beside the sensor's frame and the probe
+    """
+    arm = nominal_arm(model)
+    free = frame_is_free(model, view)
+    points = Points.of(model)
+    if move_base and free:
+        raise OptionError(
+            "the base cannot be told from the sensor's frame",
+            hint="say that the log is in the robot's root frame with `view='base'`",
+            parameter="view",
+        )
+    if not free and points.unit != "m":
+        raise OptionError(
+            f"the model's positions are in {points.unit!r}, a URDF's are in m",
+            hint="adapt it with a log in m (or `unit='mm'`)",
+            parameter="unit",
+            value=points.unit,
+        )
+    points = replace(points, x=_before_adaptations(model, points.x))
+    freedom = Freedom(free, not drawn, move_base, move_tip, not is_simulated(model))
+    if isinstance(arm, SpatialArm):
+        return fit_in_space(arm, model.body, points, freedom)
+    if free and points.unit == "m" and model.history and model.body is not None:
+        # the sensor is where the body knows it to be but for what adaptations found: fitted
+        # again, its frame would take what they found of the first joint
+        structure, beta = nominal_in_plane(model)
+        x = _before_adaptations(model, structure.predict(points.q, beta))
+        to_base = Alignment.between(arm.forward(points.q), x).inverse()
+        points = replace(points, x=to_base.apply(points.x))
+        freedom = replace(freedom, frame=False)
+    return fit_in_plane(arm, points, freedom)
+
+
+def _before_adaptations(model: Model, x: Array) -> Array:
+    """Positions (n, m) in the sensor's frame as it was before adaptations found it moved."""
+    for alignment in reversed(frames(model)):
+        x = alignment.inverse().apply(x)
+    return x
+
+
+def fit_in_space(
+    arm: SpatialArm, body: Body | None, points: Points, freedom: Freedom
+) -> Geometry:
+    """Fit an arm in space; the prior and the view are those of a body, where there is one."""
+    structure, known, z = _seen_in_space(arm, body, points, freedom)
+    groups = structure.groups
+    tool = groups["tool"]
+    start = structure.neutral()
+    if known is not None:
+        start = known
+    elif freedom.probe:
+        start = frame(structure, points.q, z)
+    nominal_prior = structure.prior(structure.frame_groups)
+    if not freedom.probe:
+        nominal_prior = _held(nominal_prior, tool)
+    nominal = start
+    if len(nominal_prior.active):
+        nominal = _maximum(structure, points, z, start, nominal_prior).beta
+    free_groups = [*structure.frame_groups, "offset"]
+    if freedom.origins:
+        free_groups.append("placement")
+    prior = structure.prior(free_groups)
+    still: list[Indices] = []
+    if not freedom.probe:  # a simulation's point is the tip, as sure as any other place
+        prior.sd[tool] = SHIFT
+        if not freedom.tip:
+            still.append(tool)
+    if not freedom.base:
+        still += [structure.shifts[0], structure.turns[0]]
+    if still:
+        prior = _held(prior, np.concatenate(still))
+    fit = _maximum(structure, points, z, nominal, prior)
+    metre = 1.0 if structure.camera else structure.metre
+    positions = z[:, : structure.blocks[0]]
+    covariance = _covariance(fit)
+    last = groups["offset"][-1]
+    untold = np.sqrt(covariance[last, last]) >= UNTOLD * fit.scales["offset"]
+    if freedom.probe and arm.revolute[-1] and untold:
+        # nothing tells the last joint's offset apart from the probe's place
+        covariance[last] = covariance[:, last] = 0.0
+        covariance[last, last] = (np.pi / 1.96) ** 2
+    return Geometry(
+        arm,
+        structure,
+        fit.beta,
+        covariance,
+        free=freedom.frame,
+        move_tip=freedom.tip,
+        residual=_unexplained(fit, fit.beta) / metre,
+        before=_unexplained(fit, nominal) / metre,
+        reach=_reach(positions) / metre,
+    )
+
+
+def _seen_in_space(
+    arm: SpatialArm, body: Body | None, points: Points, freedom: Freedom
+) -> tuple[SpatialStructure, Array | None, Array]:
+    """Return the chain behind its sensor, parameters that are known, and readings (n, m)."""
+    own = None if body is None else body.structure
+    if body is None or not isinstance(own, SpatialStructure) or not own.informed:
+        view = "base"
+        if freedom.frame:
+            view = "rigid" if points.unit in METRES else "similarity"
+        metre = METRES.get(points.unit, 1.0)
+        structure = structure_of(
+            arm, view, unit=points.unit, metre=metre, extent=points.extent
+        )
+        return structure, None, points.x
+    if not freedom.frame:
+        structure = replace(own, view="base")
+    elif knows_orientation(body):
+        # orientations tell turns of the tool and of the wrist that positions leave open
+        structure = replace(own, view="pose")
+        turns = structure.predict(points.q, body.beta)[:, points.x.shape[1] :]
+        return structure, body.beta, np.hstack([points.x, turns])
+    else:
+        structure = replace(own, view="rigid" if own.view == "pose" else own.view)
+    known = body.beta if own.view == structure.view else None
+    return structure, known, points.x
+
+
+def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
+    """Fit a planar arm, whose sensor turns about the plane's normal alone."""
+    x = points.x
+    structure = structure_of(arm, unit=points.unit, extent=points.extent, kind=InPlane)
+    groups = structure.groups
+    tips = arm.chain.poses(points.q)[0]
+    turn = arm.plane.basis
+    shift = -arm.plane.basis @ arm.plane.origin
+    scale = 1.0
+    scaled = freedom.frame and points.unit != "m"
+    if freedom.frame:  # a sensor that sees the plane from behind is turned half round
+        seen = np.column_stack([x, np.zeros(len(x))])
+        turn, shift, scale = similarity(tips, seen)
+        if not scaled:
+            shift = seen.mean(axis=0) - turn @ tips.mean(axis=0)
+            scale = 1.0
+    start = structure.neutral()
+    start[groups["view.rotation"]] = logarithm(turn)
+    start[groups["view.shift"]] = shift
+    start[groups["view.scale"]] = np.log(scale)
+    ends = np.vstack([structure.shifts[1:], groups["tool"]])
+    sd = np.zeros(structure.size)
+    sd[groups["offset"]] = np.where(structure.revolute, _OFFSET, _ALONG)
+    if freedom.origins:
+        sd[ends] = _ALONG
+    if freedom.frame:  # the first joint's offset and a turn of the frame are one
+        sd[groups["offset"][0]] = 0.0
+        sd[groups["view.rotation"][2]] = _FLAT
+        sd[groups["view.shift"][:2]] = FREE * structure.extent
+    if scaled:
+        sd[groups["view.scale"]] = _FLAT
+    if freedom.base:
+        sd[structure.shifts[0]] = FREE * structure.chain.reach
+    precision = _precision(arm, ends, sd) if freedom.origins else None
+    fit = _maximum(structure, points, x, start, Prior(start, sd, known=precision))
+    nominal = fit.beta.copy()
+    for group in ("offset", "placement", "tool"):
+        nominal[groups[group]] = 0.0
+    metre = structure.sensor(fit.beta).scale
+    return Geometry(
+        arm,
+        structure,
+        fit.beta,
+        _covariance(fit),
+        free=freedom.frame,
+        move_tip=True,
+        residual=_unexplained(fit, fit.beta) / metre,
+        before=_unexplained(fit, nominal) / metre,
+        reach=_reach(tips),
+    )
+
+
+def _precision(arm: PlanarArm, ends: Indices, sd: Array) -> Array:
+    """Prior precision (k, k); links' `ends` (dof, 3) are narrow across, where an offset turns."""
+    active = np.flatnonzero(sd)
+    chain = arm.chain
+    precision = np.diag(sd[active] ** -2)
+    links = np.diff(np.vstack([chain.points, chain.tip]), axis=0)
+    for k in np.flatnonzero(arm.revolute):
+        across = np.cross(arm.plane.normal, links[k])
+        length = float(np.linalg.norm(across))
+        if length > SHIFT:
+            if k + 1 == arm.dof:
+                across = across @ chain.rotation
+            end = np.searchsorted(active, ends[k])
+            narrower = (SHIFT**-2 - _ALONG**-2) / length**2
+            precision[np.ix_(end, end)] += narrower * np.outer(across, across)
+    return precision
+
+
+def _held(prior: Prior, still: Indices) -> Prior:
+    """Return the prior that holds parameters `still` at their means."""
+    sd = prior.sd.copy()
+    sd[still] = 0.0
+    hypers = []
+    for hyper in prior.hypers:
+        moves = ~np.isin(hyper.indices, still)
+        if moves.any():
+            indices = hyper.indices[moves]
+            hypers.append(hyper._replace(indices=indices, shape=hyper.shape[moves]))
+    return Prior(prior.mean, sd, tuple(hypers))
+
+
+def _maximum(
+    structure: SpatialStructure, points: Points, z: Array, start: Array, prior: Prior
+) -> Fit:
+    """Return the fit of readings `z` (n, m) at its most probable parameters."""
+    floor = np.maximum(_FLOOR * structure.extents, points.error)
+    fit = Fit(structure, [Rows(points.q, z, floor=floor)], start, prior, nu=STUDENT)
+    return fit.maximise(steps=15, tolerance=1e-3)
+
+
+def _covariance(fit: Fit) -> Array:
+    """Covariance (d, d) of a fit's parameters, with what no URDF can say.
+
+    Gears, loads and curves c that it leaves out bend it by ``P X' W Xc c`` (Schmidt's "consider"
+    covariance): as noise alone, waves of 1 mrad left 1 of 4 displacements within its interval.
+    """
+    structure = fit.structure
+    active = fit.active
+    other_sd = structure.prior(("gain", "elastic", "curve")).sd
+    other_sd[active] = 0.0
+    others = np.flatnonzero(other_sd)
+    both = np.concatenate([active, others])
+    inner = slice(len(active))
+    outer = slice(len(active), None)
+    root = (np.sqrt(fit.weight) / fit.noise).ravel()
+    x = structure.linearise(fit.parts[0].q, fit.beta, both)[1].reshape(len(root), -1)
+    x = x * root[:, None]
+    gram = x.T @ x
+    precision = fit.information_share * gram
+    precision[inner, inner] = with_prior(precision[inner, inner], fit.sd, fit.known)
+    precision[outer, outer] += np.diag(other_sd[others] ** -2.0)
+    spread = Factor(precision).inverse()[outer, outer]
+    pull = fit.information_share * (x.T @ (root * fit.residual.ravel()))[outer]
+    mean = spread @ pull
+    bent = Factor(fit.precision).solve(gram[inner, outer])
+    covariance = np.zeros((structure.size, structure.size))
+    covariance[np.ix_(active, active)] = (
+        fit.covariance + bent @ (spread + np.outer(mean, mean)) @ bent.T
+    )
+    return covariance
+
+
+def _unexplained(fit: Fit, beta: Array) -> float:
+    """Root mean square distance that parameters leave unexplained [unit]."""
+    positions = slice(fit.structure.blocks[0])
+    return _rms(fit.parts[0].residual_at(beta)[:, positions])
+
+
+def _rms(rows: Array) -> float:
+    return float(np.sqrt((rows**2).sum(axis=1).mean()))
+
+
+def _reach(x: Array) -> float:
+    return float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())

@@ -1,0 +1,176 @@
+"""Where the nominal arm would be, which a correction brings the real one to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..body.planar import PlanarStructure
+from ..common.arrays import Array, frozen
+from ..common.rows import checked_rows
+from ..common.scale import TURN
+from ..model.alignment import Alignment
+from ..model.answers import anchor, joints_and_reach
+from ..model.model import Model
+from ..model.nominal import (
+    moves_in_space,
+    nominal_arm,
+    nominal_behind,
+    nominal_in_plane,
+)
+from ..model.space import REACHED, Space
+from ..samples.joint_values import wrap
+from .frames import FRAME_IS_FITTED, frame_is_free, frames, is_simulated
+from .geometry_fit import fit_geometry
+
+_POSED = 6  # joints from which on a tool's orientation can be kept
+_TURNED = 1e-4  # [rad], a turn of the frame that is worth a word
+
+_MOVED = (
+    "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
+    "first joint looks the same: if the sensor stayed, say so to the adaptation, `cause='joints'`"
+)
+_POSITIONS = (
+    "positions alone are corrected; the tool's orientation follows from the smallest change of the "
+    "joints"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """Where the nominal arm would be, in the sensor's frame."""
+
+    model: Model
+    free: bool  # whether the sensor's frame was fitted
+    predict: Callable[[Array], Array]  # positions (n, m) of joint values (n, dof)
+    moves: tuple[Alignment, ...] = ()  # of the frame, after `predict`
+    keeps_turn: bool = True  # whether a tool's orientation is kept where the arm can
+    drawn: Array | None = None  # (d,), of a body in space the nominal arm's parameters
+    # where more than what the sensor reads has to be met: the tool's pose, or before a camera,
+    # whose pixel does not say how far away the tip is, its place
+    space: Space | None = None
+
+    @classmethod
+    def of(cls, model: Model, view: str = "auto") -> Wanted:
+        """Find it, once for a model: a controller corrects row by row."""
+        key = f"wanted {view}"
+        if key not in model.remembered:
+            model.remembered[key] = _wanted(model, view)
+        wanted: Wanted = model.remembered[key]
+        return wanted
+
+    @property
+    def posed(self) -> bool:
+        """Whether the tool's orientation is kept."""
+        if self.space is None or not self.keeps_turn:
+            return False
+        return len(self.model.about.lower) >= _POSED
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed."""
+        notes: list[str] = []
+        if self.free:
+            notes.append(FRAME_IS_FITTED)
+        if moves_in_space(self.model) and not self.posed:
+            notes.append(_POSITIONS)
+        if any(abs(frame.angle) > _TURNED for frame in frames(self.model)):
+            notes.append(_MOVED)
+        return tuple(notes)
+
+    def target(self, q: Array) -> Array:
+        """Positions (n, m) [unit] of joint values (n, dof) on any turn."""
+        x = self.predict(self._in_range(q))
+        for alignment in self.moves:
+            x = alignment.apply(x)
+        return x
+
+    def pose(self, q: Array) -> tuple[Array, Array]:
+        """Place (n, 3) and orientation (n, 3, 3) of the nominal tool in the base frame."""
+        assert self.space is not None  # noqa: S101
+        structure: Any = self.space.body.structure
+        nominal = nominal_behind(structure, self.space.body.beta)
+        place, turn = structure.pose(q, nominal)
+        return place, turn
+
+    def solve(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Joints (n, dof), on the turn that `q` is on, and whether they reach, (n,).
+
+        Of six joints or more a row is reached where its orientation is, too: beside a singularity
+        the tool is not tilted without a word.
+        """
+        model = self.model
+        about = model.about
+        near = self._in_range(q)
+        target = self.target(q)
+        placed = np.ones(len(near), dtype=bool)
+        if self.space is not None:
+            place, turn = self.pose(near)
+            near, distance = self.space.beside(
+                place, turn if self.posed else None, near
+            )
+            placed = distance <= REACHED * self.space.length
+        near = np.clip(near, about.lower, about.upper)
+        if model.default_readout == "local":
+            start = anchor(model, near, len(near))
+            nearest, reachable = joints_and_reach(model, target, start)
+        else:
+            answer = model.solve(target, near)
+            nearest = answer.q
+            reachable = answer.reachable
+        turns = TURN * np.round((q - nearest) / TURN)
+        return nearest + np.where(about.revolute, turns, 0.0), reachable & placed
+
+    def _in_range(self, q: Array) -> Array:
+        """Joint values (n, dof) with those that turn moved by whole turns into their range."""
+        about = self.model.about
+        near = q.copy()
+        for k in np.flatnonzero(about.revolute):
+            near[:, k] = wrap(q[:, k], float(about.lower[k]), float(about.upper[k]))
+        return near
+
+
+def _wanted(model: Model, view: str) -> Wanted:
+    free = frame_is_free(model, view)
+    moves = tuple(frames(model))
+    body = model.body
+    own: Any = None if body is None else body.structure
+    if isinstance(own, PlanarStructure):
+        structure, nominal = nominal_in_plane(model, based=not free)
+        predict = partial(structure.predict, beta=frozen(nominal))
+        if free:  # the body knows the sensor's frame as it is after all adaptations
+            moves = ()
+        return Wanted(model, free, predict, moves)
+    in_space = moves_in_space(model)
+    if not in_space or is_simulated(model):
+        frame = None
+        if free and not in_space:
+            frame = fit_geometry(model, view=view).frame
+        if frame is not None:
+            moves = (frame, *moves)
+        return Wanted(model, free, nominal_arm(model).forward, moves)
+    if body is not None and own.informed and (free or own.view == "base"):
+        drawn = frozen(nominal_behind(own, body.beta))
+        predict = partial(own.predict, beta=drawn)
+        wanted = Wanted(model, free, predict, drawn=drawn)
+        if own.dof >= _POSED or own.camera:
+            wanted = replace(wanted, space=Space.of(model))
+        return wanted
+    geometry = fit_geometry(model, view=view)
+    nominal = frozen(nominal_behind(geometry.structure, geometry.beta))
+    return Wanted(model, free, partial(geometry.structure.predict, beta=nominal), moves)
+
+
+def nominal_positions(model: Model, q: ArrayLike) -> Array:
+    """Return where the drawing says that joints (n, dof) lead, (n, m) [unit].
+
+    It is told in the sensor's frame.
+    Raises OptionError or RobotError if the model knows no URDF.
+    """
+    rows, _ = checked_rows(q, model.about.joint_names, "joint values")
+    return Wanted.of(model).target(rows)
