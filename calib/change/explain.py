@@ -60,9 +60,8 @@ class Explanation:
     evidence: float  # logarithm of the tempered evidence [nats]
     noise: float  # noise of the log, in `Reference.sizes`
     temper: float  # rows that count for one
-    residual: (
-        Array  # (n, m) [unit], measured less predicted outputs of the rows compared
-    )
+    # (n, m) [unit], measured less predicted outputs of the rows compared
+    residual: Array
 
     @property
     def groups(self) -> tuple[str, ...]:

@@ -28,9 +28,8 @@ from .causes import FRAME, Cause, indices_of, is_sensors
 from .settings import LEAST_OWN
 
 _FAR = 0.05  # misfit, of the extents, from which another frame is looked for
-_BETTER = (
-    0.5  # misfit by which a mirror, another sense or a locked joint must be better
-)
+# misfit by which a mirror, another sense or a locked joint must be better
+_BETTER = 0.5
 _SCALES = (0.5, 2.0)  # beyond these the positions are in another unit
 _ROWS = 200
 _LEAST = 1e-4  # noise that is always allowed, of the extents
@@ -48,9 +47,8 @@ class Reference:
     # a mirror, joints that turn the other way or no more, another unit: what is no matter of
     # degree; where there is one only hypotheses with a free frame make sense
     causes: tuple[Cause, ...] = ()
-    scale: float = (
-        1.0  # size of positions over what it was; 1 where they are in the old unit
-    )
+    # size of positions over what it was; 1 where they are in the old unit
+    scale: float = 1.0
     # (g,), parameters of the view whose old posterior does not count any more
     forgotten: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 

@@ -37,9 +37,8 @@ _LARGEST = 1e8  # statistic beyond which no size of a change is computed
 _LASTING = 10  # rows over which noise may last
 
 _NOTHING = 1e-12  # of the largest precision: less is rounding
-_LEAST_SHARE = (
-    0.1  # of a joint's rows that come from either side, or nothing tells its play
-)
+# of a joint's rows that come from either side, or nothing tells its play
+_LEAST_SHARE = 0.1
 # of the squared residuals: what explains less does not pay in `calib.body.approach` either
 _LEAST_EXPLAINED = 0.06
 
@@ -74,12 +73,10 @@ class Tested:
     groups: tuple[GroupTest, ...]
     noise: float  # [unit], standard deviation per axis of what no group explains
     usual: float  # [unit], what the belief expected
-    noisy: NoisyJoint | None = (
-        None  # a joint whose encoder is noisy, its noise [rad or m]
-    )
-    noisier: bool = (
-        False  # whether the scatter is larger than usual, and that is no chance
-    )
+    # a joint whose encoder is noisy, its noise [rad or m]
+    noisy: NoisyJoint | None = None
+    # whether the scatter is larger than usual, and that is no chance
+    noisier: bool = False
 
     @property
     def score(self) -> float:
