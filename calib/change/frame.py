@@ -24,7 +24,7 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
-from .hypotheses import FRAME, Cause, indices_of, is_sensors
+from .causes import FRAME, Cause, indices_of, is_sensors
 from .settings import LEAST_OWN
 
 _FAR = 0.05  # misfit, of the extents, from which another frame is looked for

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..change.follow import Step, follow
 from ..common.arrays import Array
 from ..maps.vdsom import zeta
+from ..stream.follow import Step, follow
 from ..training.train import train
 from .setting import Setting
 from .tables import Cells, Result, Table
