@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..body.sensor import SensorPose
+from ..body.sensor_pose import SensorPose
 from ..body.spatial import SpatialStructure
 from ..body.views import is_camera
 from ..common.arrays import Array
