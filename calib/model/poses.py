@@ -117,6 +117,16 @@ def solve_poses(
     )
 
 
+def pose_in_sensor(
+    model: Parts, position: ArrayLike, quaternion: ArrayLike
+) -> tuple[Array, Array]:
+    """A pose (3,), (4,) of the base frame in the sensor's."""
+    place, _ = checked_rows(position, ("x", "y", "z"), "positions")
+    turn = _rotations(quaternion, len(place))
+    place, turn = Space.of(model).to_sensor(place, turn)
+    return place[0], quaternion_of(turn)[0]
+
+
 def free_axis(name: str | None) -> int | None:
     """Index of the tip's axis about which its turn is left open."""
     if name is None:
