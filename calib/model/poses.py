@@ -32,9 +32,8 @@ class PoseAnswers(NamedTuple):
     # (k, 3), (k, 4), where they put the tip, in the frame of the question
     position: Array
     quaternion: Array
-    distance: (
-        Array  # (k,), from the position wanted [m, or the sensor's unit in its frame]
-    )
+    # (k,), from the position wanted [m, or the sensor's unit in its frame]
+    distance: Array
     turned: Array  # (k,) [rad], from the orientation wanted; 0 where none was
     # (k,), 95 % bounds as of `Answer`; both on the true position in the base frame
     expected_error: Array
