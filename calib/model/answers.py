@@ -69,17 +69,20 @@ def unit_joints(
     model: Parts, x: Array, near: Array, readouts: Sequence[str]
 ) -> dict[str, Array]:
     """Joints of the unit box (n, dof) that answer targets (n, m), by readout."""
-    seen = in_sight(model, x)
-    own = ("local", model.default_readout)
-    found = {r: model.solver.solve(seen, near)[0] for r in readouts if r in own}
-    if "body" in readouts:
-        found["body"] = model.body_solver.solve(seen, near)[0]
-    linked = [r for r in readouts if r not in found]
-    if linked:
-        v = model.sensory.scale.to_unit(seen)
-        answered = model.association.inverses(v, near)
-        found |= {r: model.solver.newton.clip(answered[r]) for r in linked}
-    return found
+    target = in_sight(model, x)
+    joints: dict[str, Array] = {}
+    for readout in readouts:
+        if readout in ("local", model.default_readout):
+            joints[readout] = model.solver.solve(target, near)[0]
+        elif readout == "body":
+            joints[readout] = model.body_solver.solve(target, near)[0]
+    if set(readouts) - set(joints):
+        v = model.sensory.scale.to_unit(target)
+        linked = model.association.inverses(v, near)
+        for readout in readouts:
+            if readout not in joints:
+                joints[readout] = model.solver.newton.clip(linked[readout])
+    return joints
 
 
 def inverse(model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool) -> Array:
@@ -97,7 +100,9 @@ def inverse(model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool) ->
         lost = (sure == 0) | (sure == NOTHING) if nearest else sure == 0
         rest = np.flatnonzero(lost)
     if len(rest):
-        joints, within = joints_and_reach(model, x[rest], wish[rest], told=not nearest)
+        joints, within = joints_and_reach(
+            model, x[rest], wish[rest], bounded=not nearest
+        )
         joints[~within] = np.nan
         q[rest] = on_turn(model, joints, there[rest])
     return q
@@ -110,13 +115,13 @@ def solve(model: Parts, x: Array, near: ArrayLike | None) -> Answer:
 
 
 def joints_and_reach(
-    model: Parts, x: Array, near: Array, *, told: bool = True
+    model: Parts, x: Array, near: Array, *, bounded: bool = True
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Nearest joint values (n, dof), and whether they reach the target (n,) if that is `told`."""
+    """Nearest joint values (n, dof), and whether they reach the target (n,) if `bounded`."""
     u, distance = model.solver.solve(in_sight(model, x), near)
     within = np.ones(len(u), dtype=bool)
     far = np.flatnonzero(distance > _REACHED * model.solver.extent)
-    if len(far) and told:  # only the expected error can still call these reachable
+    if len(far) and bounded:  # only the expected error can still call these reachable
         within[far] = distance[far] <= _within_reach(model, model.bound_at(u[far]))
     return model.motor.scale.from_unit(u), within
 
@@ -145,10 +150,10 @@ def answer(model: Parts, u: Array, x: Array, position: Array | None = None) -> A
             np.hypot(*gap.T) if x.shape[1] == 2 else np.sqrt((gap**2).sum(axis=1))
         )
     # steps over a forged model's numbers may overflow; where joints are no numbers, none is within
-    known = np.nan_to_num(u, posinf=0.0, neginf=0.0)
-    bound = model.bound_at(known)
+    finite = np.nan_to_num(u, posinf=0.0, neginf=0.0)
+    bound = model.bound_at(finite)
     same = model.model_bounds is model.bounds
-    error = bound if same else model.bound_at(known, "model_bounds")
+    error = bound if same else model.bound_at(finite, "model_bounds")
     within = distance <= _within_reach(model, bound)
     return Answer(
         model.motor.scale.from_unit(u), position, distance, bound, error, within
@@ -201,14 +206,14 @@ def servo_step(
             f"gain {gain!r}: expected a share of the way, above 0 and up to 1"
         )
     joints, single = checked_rows(q, model.about.joint_names, "q")
-    seen = rows_for(measured, model.axes, "measured position", len(joints))
+    place = rows_for(measured, model.axes, "measured position", len(joints))
     wanted = rows_for(target, model.axes, "target", len(joints))
     scale = model.motor.scale
     newton = model.solver.newton
     u = newton.clip(scale.to_unit(joints))
     slope = newton.task.residual(u, wanted)[1]
     calm = np.full(len(u), _CALM)
-    step = newton.move(u, gain * (wanted - seen), slope, calm)
+    step = newton.move(u, gain * (wanted - place), slope, calm)
     step = shortened(capped(step, SEARCH.longest), _LONGEST)
     result = scale.from_unit(newton.clip(u + step))
     return result[0] if single else result
