@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import product
-from typing import Any, ClassVar, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,20 @@ Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
 _BELIEFS = 8  # whose constants are remembered
 
 S = TypeVar("S", bound="Structure")
+
+
+class BendingLoads(Protocol):
+    """Loads that bend joints: ``load_e = gravity . lever_e(q)``."""
+
+    @property
+    def joints(self) -> Indices:
+        """The joints (e,) that they bend."""
+
+    def levers(self, q: Array) -> Array:
+        """Levers (e, g, n) at joint values (n, dof)."""
+
+    def slopes(self, q: Array, gravity: Array) -> Array:
+        """Derivatives (e, dof, n) of the loads by the joint values."""
 
 
 class Fixed(NamedTuple):
@@ -224,9 +238,9 @@ class Structure:
         raise NotImplementedError
 
     @property
-    def bending(self) -> tuple[str, ...]:
-        """Blocks of elasticity: a parameter for each load."""
-        return ("elastic",)
+    def loads(self) -> Mapping[str, BendingLoads]:
+        """What bends the joints, by the block of elasticity that has a parameter for each."""
+        raise NotImplementedError
 
     @property
     def tilts(self) -> Mapping[str, Array]:
@@ -236,14 +250,6 @@ class Structure:
     def gravity_at(self, beta: Array) -> Array:  # noqa: ARG002
         """What (g,) loads are of their levers, at parameters (d,)."""
         return np.ones(1)
-
-    def levers(self, block: str, q: Array) -> tuple[Array, Indices]:
-        """Levers (e, g, n) of the loads of a block of elasticity, and the joints (e,) they bend."""
-        raise NotImplementedError
-
-    def load_slopes(self, block: str, q: Array, gravity: Array) -> Array:
-        """Derivatives (e, dof, n) of the loads by the joint values."""
-        raise NotImplementedError
 
     # Parameters.
 
@@ -355,9 +361,9 @@ class Structure:
         fixed = self.fixed(beta)
         out = np.zeros((len(self.chain_names), len(q)))
         for block, elastic in fixed.elastic.items():
-            levers, joints = self._levers(block, q)
-            bends = elastic[:, None] * loads_of(levers, fixed.gravity)
-            for joint, bend in zip(joints.tolist(), bends, strict=True):
+            bends = elastic[:, None] * loads_of(self._levers(block, q), fixed.gravity)
+            joints = self.loads[block].joints.tolist()
+            for joint, bend in zip(joints, bends, strict=True):
                 out[joint] += bend
         return out
 
@@ -379,7 +385,7 @@ class Structure:
         return {}
 
     @cached_property
-    def _last_levers(self) -> dict[str, tuple[Array, tuple[Array, Indices]]]:
+    def _last_levers(self) -> dict[str, tuple[Array, Array]]:
         """The last rows of each block of elasticity, and their levers."""
         return {}
 
@@ -402,7 +408,7 @@ class Structure:
             bent=bent,
             curves=curves,
             coupling=coupling[:, None] if coupling.any() else None,
-            elastic={name: blocks[name] for name in self.bending if blocks[name].any()},
+            elastic={name: blocks[name] for name in self.loads if blocks[name].any()},
             gravity=self.gravity_at(beta),
             links=self.links(beta),
             blocks=blocks,
@@ -421,11 +427,11 @@ class Structure:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
         return chained
 
-    def _levers(self, block: str, q: Array) -> tuple[Array, Indices]:
-        """Levers of rows, remembered: a fit asks for the same again."""
+    def _levers(self, block: str, q: Array) -> Array:
+        """Levers (e, g, n) of rows, remembered: a fit asks for the same again."""
         rows, levers = self._last_levers.get(block, (None, None))
         if levers is None or rows is not q:
-            levers = self.levers(block, q[:, : self.dof])
+            levers = self.loads[block].levers(q[:, : self.dof])
             self._last_levers[block] = (q, levers)
         return levers
 
@@ -499,10 +505,10 @@ class Structure:
         led = self.led(chained)
 
         def by_loads(block: str) -> Array:
-            levers, bent = self._levers(block, q)
-            return np.asarray(chained[bent] * loads_of(levers, fixed.gravity)[:, None])
+            loads = loads_of(self._levers(block, q), fixed.gravity)
+            return np.asarray(chained[self.loads[block].joints] * loads[:, None])
 
-        for block in self.bending:
+        for block in self.loads:
             yield groups[block], partial(by_loads, block)
         for block, ways in self.tilts.items():
             yield groups[block], partial(self._by_gravity, q, fixed, chained, ways)
@@ -533,20 +539,20 @@ class Structure:
         if fixed.coupling is not None:
             moved[:-1] += led[1:] * fixed.coupling[:, None]
         for block, elastic in fixed.elastic.items():
-            slopes = self.load_slopes(block, joints, fixed.gravity)
-            bent = self._levers(block, q)[1]
-            slopes = elastic[:, None, None] * slopes
-            moved += np.einsum("emn,ekn->kmn", chained[bent], slopes)
+            loads = self.loads[block]
+            slopes = elastic[:, None, None] * loads.slopes(joints, fixed.gravity)
+            moved += np.einsum("emn,ekn->kmn", chained[loads.joints], slopes)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))
 
     def _by_gravity(self, q: Array, fixed: Fixed, chained: Array, ways: Array) -> Array:
         """How outputs move (t, m, n) as gravity moves along `ways` (t, g)."""
         moved = np.zeros((len(ways), *chained.shape[1:]))
         for block, elastic in fixed.elastic.items():
-            levers, bent = self._levers(block, q)
+            levers = self._levers(block, q)
+            bent = chained[self.loads[block].joints]
             for way, out in zip(ways, moved, strict=True):
                 bends = elastic[:, None] * loads_of(levers, way)
-                out += (chained[bent] * bends[:, None]).sum(axis=0)
+                out += (bent * bends[:, None]).sum(axis=0)
         return moved
 
     def slope(self, q: Array, beta: Array) -> Array:

@@ -35,7 +35,7 @@ class Sag:
         """That of an arm in space at parameters (d,); None where the drawing has no loads."""
         blocks = [
             name
-            for name in structure.bending
+            for name in structure.loads
             if name == "elastic" or beta[structure.groups[name]].any()
         ]
         if not len(structure.groups["elastic"]):
