@@ -18,11 +18,12 @@ from .covariance import as_kept
 from .fit import Fit
 from .gate import Passed, leave_blocks_out, pass_gate
 from .gravity import other_direction
+from .layout import joined
 from .parameters import Prior
 from .rows import Rows
 from .settings import FIT, LOG_FLOOR, SIMULATED_FLOOR, STUDENT
 from .starts import Start, best_starts, with_other_sensors
-from .structure import Structure, joined
+from .structure import Structure
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def fit(
     """Fit a structure to what one sensor or several saw of its chain.
 
     structure : the chain and its priors; signs and mirror are found, and without a drawing the
-        chain.  Of several sensors it is what `rows.together` or `structure.joined` makes of it.
+        chain.  Of several sensors it is what `rows.together` or `layout.joined` makes of it.
     rows : of each sensor; the first one's are what the belief predicts
     begin : (d,), parameters to begin with; by default they are found from the first sensor's rows
     seed : chooses the rows of the gate where there are many

@@ -15,10 +15,11 @@ from ..common.scale import METRES
 from ..errors import OptionError
 from .curves import curve_shape
 from .drawing import Complex, LinearChain, PlanarDrawing, sides
+from .layout import Ladder
 from .parameters import Block, Hyper, Indices
 from .sensors import InPlane
 from .settings import FIT, PRIOR, SHIFT, START, TURN
-from .structure import Ladder, Moving, Structure
+from .structure import Moving, Structure
 from .views import PLANAR, ArmSize, Moved
 
 

@@ -18,10 +18,11 @@ from ..arm.gravity import GRAVITY, Loads
 from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_shape
+from .layout import Ladder
 from .parameters import Block, Hyper, Indices
 from .sensors import InSpace, Lens
 from .settings import FIT, PRIOR, SHIFT, TURN
-from .structure import Ladder, Moving, Structure
+from .structure import Moving, Structure
 from .views import ArmSize, Measurement, compose
 
 
