@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boards import Rig
+from flange_worlds import World
 from models import in_pixels, in_space, log, trained
 from PIL import Image
 from scenes import data_of, objects, page_of, project, seen_by_two, tracks, unpacked
@@ -29,9 +30,10 @@ from calib.model.about import Photo
 from calib.recording.board import Board
 from calib.recording.board_pictures import BoardPictures
 from calib.recording.lens import Lens
+from calib.recording.rig import Photo as Shown
 from calib.show.placement import place_model, seen_by_sensor
 from calib.show.robot import Robot
-from calib.show.setup import things_of
+from calib.show.setup import things_of, things_of_rig
 
 MAPS = ["Sensory map", "Motor map", "Hebbian links"]
 LAYERS = ["Arm", *MAPS, "Reach", "Target path", "Reached path"]
@@ -203,6 +205,34 @@ def test_a_photo_is_seen_from_where_it_was_taken():
     photo = objects(data)["Photo/picture"]
     assert len(unpacked(photo["uv"], "<f4")) == 2 * len(photo["points"])
     assert {"photo"} == set(calib.figures(model, names=["photo"]))
+
+
+@pytest.mark.parametrize("in_hand", [True, False])
+def test_a_rig_is_drawn_where_it_is_and_reported_with_its_pictures(in_hand, tmp_path, run):
+    world = World(1, in_hand)
+    rig = world.solve()
+    things = {thing.name: thing for thing in things_of_rig(rig)}
+    camera, board = things["camera"], things["board"]
+    assert (camera.carried, board.carried) == (in_hand, not in_hand)
+    np.testing.assert_allclose(camera.frame, world.camera, atol=5e-3)
+    np.testing.assert_allclose(board.frame, world.placed, atol=5e-3)
+    jpeg = io.BytesIO()
+    Image.new("L", (640, 360)).save(jpeg, "jpeg")
+    corners = np.array([[100.0, 100.0], [500.0, 400.0]])
+    shown = Shown("a.png", 0, jpeg.getvalue(), corners, corners + 0.5)
+    rig = replace(rig, photo=shown)
+    assert set(calib.figures(rig)) == {"setup", "misses", "corners"}
+    path, page = tmp_path / "rig.calib", tmp_path / "page.html"
+    rig.save(path)
+    done = run("report", path, "-o", page)
+    assert done.code == 0, done.err
+    assert done.out.startswith(f"{'Camera' if in_hand else 'Board'} in the frame of flange: (")
+    text = page.read_text(encoding="utf-8")
+    assert {"setup", "misses", "corners"} <= set(re.findall(r'figure id="(\w+)"', text))
+    assert run("preview", path, "--html", page).code == 0
+    data = data_of(page.read_text(encoding="utf-8"))
+    np.testing.assert_allclose(tracks(data)["Arm/flange"], rig.flange, atol=1e-6)
+    assert run("report", path, "-o", page, "--data", "x.csv").code == 2
 
 
 def test_a_picture_stands_where_its_camera_sees_it():

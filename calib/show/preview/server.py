@@ -7,7 +7,7 @@ import os
 import secrets
 import threading
 import webbrowser
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,11 @@ from ...common.rows import checked_rows
 from ...common.wording import for_people, length_in_words
 from ...errors import CalibError, OptionError
 from ...model.model import Model
+from ...recording.rig import HandEye
 from ...samples.samples import Samples
 from ..settings import SETTINGS
+from .page import page_of
+from .rig_scene import data_of_rig
 from .scene import Scene
 
 _ADDRESS = "127.0.0.1"  # no other computer can reach it
@@ -34,7 +37,7 @@ _NONSENSE = (
 
 
 def preview(
-    model: Model,
+    model: Model | HandEye,
     path: str | os.PathLike[str] | None = None,
     log: Samples | None = None,
     *,
@@ -46,7 +49,7 @@ def preview(
 
     Parameters
     ----------
-    model : Model
+    model : Model or HandEye
     path : path-like, optional
         Write the page, which needs no network, into this file instead of showing it.
     log : Samples, optional
@@ -74,11 +77,18 @@ def preview(
     """
     if live and path is not None:
         raise OptionError("`live` needs a running preview: expected it without a file")
-    scene = Scene(model, log)
-    page = scene.html(live=live).encode("utf-8")
+    scene = None
+    notes: list[str] = []
+    if isinstance(model, HandEye):
+        data = data_of_rig(model)
+    else:
+        scene = Scene(model, log)
+        data = scene.data
+        notes = scene.notes
+    page = page_of(data, live=live).encode("utf-8")
     if path is not None:
         atomic_write(path, page)
-        return Preview(Path(path).absolute().as_uri(), scene)
+        return Preview(Path(path).absolute().as_uri(), notes)
     try:
         server = _Server((_ADDRESS, port), _Handler)
     except (OSError, OverflowError) as error:
@@ -92,7 +102,7 @@ def preview(
     server.scene = scene if live else None
     threading.Thread(target=server.serve_forever, args=(0.2,), daemon=True).start()
     shown = Preview(
-        f"http://{_ADDRESS}:{server.server_address[1]}{server.place}", scene, server
+        f"http://{_ADDRESS}:{server.server_address[1]}{server.place}", notes, server
     )
     if browse:
         webbrowser.open(shown.url)
@@ -102,9 +112,11 @@ def preview(
 class Preview:
     """A page that is shown: `url`, where it is, and `notes`, what the user should be told."""
 
-    def __init__(self, url: str, scene: Scene, server: _Server | None = None) -> None:
+    def __init__(
+        self, url: str, notes: Sequence[str], server: _Server | None = None
+    ) -> None:
         self.url = url
-        self.notes = tuple(scene.notes)
+        self.notes = tuple(notes)
         self._server = server
 
     def close(self) -> None:
