@@ -31,7 +31,7 @@ def report(model, given=None) -> str:
 @pytest.fixture
 def unrendered(monkeypatch):
     """Leave out the rendering, which takes most of a report's time: for tests of its words."""
-    monkeypatch.setattr("calib.show.report.page.to_svg", lambda *_: "<svg></svg>")
+    monkeypatch.setattr("calib.show.report.html.to_svg", lambda *_: "<svg></svg>")
 
 
 @pytest.fixture(autouse=True)
