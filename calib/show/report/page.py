@@ -55,6 +55,7 @@ CAPTIONS: dict[Draw, str] = {
 FIGURES = {draw.__name__: draw for draw in CAPTIONS}
 _WHERE = (arm.where, arm.coverage, arm.arrows, maps.photo)
 _WHY = (arm.joints, arm.order, arm.trust, arm.sockets)
+_OF_ARM = (arm.coverage, arm.joints)  # drawn for the first of several sensors alone
 _MAPS = (maps.lattices, maps.u_matrices)
 
 
@@ -121,7 +122,7 @@ def report(
         },
         first=first,
         sections=sections,
-        facts=facts(model),
+        facts=facts(model) | words.sensors(studies),
         notes=model.about.notes,
     )
     return verdict
@@ -202,6 +203,8 @@ def _figures(study: Study, draws: Sequence[Draw]) -> str:
     """Figures as HTML; "" for those that have nothing to show."""
     parts = []
     for draw in draws:
+        if study.suffix and draw in _OF_ARM:
+            continue
         caption = CAPTIONS[draw]
         if draw is arm.accuracy and study.model.about.sensor:
             caption = f"{study.model.about.sensor}: {caption}"
