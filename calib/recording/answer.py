@@ -11,7 +11,7 @@ import numpy as np
 from ..arm.rotations import cross_matrix, quaternion_of
 from ..body.belief import Body
 from ..body.corners import held_of
-from ..body.sensor import SensorPose
+from ..body.sensor_pose import SensorPose
 from ..common.arrays import Array, Mask
 from ..samples.samples import Samples
 from .agreement import agreed, held_out
@@ -23,7 +23,6 @@ from .notes import limit_of, notes_of
 from .pictures import opencv
 from .problem import Setting
 from .rig import CameraPlace, HandEye, LensFacts, Photo, Place, Square
-from .rig_file import document_of
 from .rigid import inverse
 
 
@@ -80,7 +79,7 @@ def answer(setting: Setting, frames: tuple[str, str]) -> HandEye:
     )
     rig = replace(rig, limited_by=limit_of(setting, rig, agreeing))
     rig = replace(rig, notes=notes_of(setting, fit, rig, agreeing))
-    return replace(rig, poses=solved.log(document_of(rig)))
+    return replace(rig, poses=solved.log(rig.document()))
 
 
 @dataclass(frozen=True, eq=False)

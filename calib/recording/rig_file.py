@@ -11,37 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from ..common.atomic import atomic_write
 from ..errors import ModelError
 from ..model.model import Model
-from ..model_file.container import check_sum, pack, unpack
-from .rig import CameraPlace, HandEye, Photo
-
-KIND = "rig"
-VERSION = 1
-ARRAYS = ("flange", "misses", "covariance")
-TUPLES = ("notes", "left_out", "names", "frames")
-
-
-def document_of(rig: HandEye) -> dict[str, Any]:
-    """All of a rig but its log and its body, as plain values."""
-    document: dict[str, Any] = {**rig.to_json(), "convention": rig.convention}
-    document |= {name: getattr(rig, name).tolist() for name in ARRAYS}
-    document |= {name: list(getattr(rig, name)) for name in TUPLES}
-    document["photo"] = None
-    if rig.photo is not None:
-        document["photo"] = {
-            "name": rig.photo.name,
-            "camera": rig.photo.camera,
-            "jpeg": base64.b64encode(rig.photo.jpeg).decode(),
-            "corners": rig.photo.corners.tolist(),
-            "predicted": rig.photo.predicted.tolist(),
-        }
-    return document
+from ..model_file.container import check_sum, unpack
+from .rig import ARRAYS, KIND, TUPLES, VERSION, CameraPlace, HandEye, Photo
 
 
 def rig_of(document: Mapping[str, Any]) -> HandEye:
-    """The rig that `document_of` told.
+    """The rig that `HandEye.document` told.
 
     Raises KeyError, TypeError, ValueError if it is none.
     """
@@ -70,13 +47,6 @@ def _camera(document: Mapping[str, Any]) -> CameraPlace:
     place = document["hand" if eye == "hand" else "base"]
     return CameraPlace(
         document["name"], eye, place, document["lens"], document.get("from_first")
-    )
-
-
-def save_rig(rig: HandEye, path: str | os.PathLike[str]) -> None:
-    """Write a rig as one file: the same rig gives the same bytes."""
-    atomic_write(
-        path, pack({"kind": KIND, "format": VERSION, KIND: document_of(rig)}, {})
     )
 
 

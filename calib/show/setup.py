@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arm.rotations import matrix_of
-from ..body.sensor import SensorPose
+from ..body.sensor_pose import SensorPose
 from ..body.spatial import SpatialStructure
 from ..body.views import is_camera
 from ..common.arrays import Array

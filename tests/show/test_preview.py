@@ -22,7 +22,7 @@ from scenes import data_of, objects, page_of, project, seen_by_two, tracks, unpa
 
 import calib
 from calib.arm.loading import arm_from_urdf
-from calib.body.sensor import SensorPose
+from calib.body.sensor_pose import SensorPose
 from calib.model.about import Photo
 from calib.recording.board import Board
 from calib.recording.board_pictures import BoardPictures
