@@ -72,8 +72,9 @@ def load_rig(path: str | os.PathLike[str]) -> HandEye:
     if header.get("kind") != KIND or header.get("format") != VERSION:
         raise ModelError(f"{name}: no rig: expected what calib handeye -o writes")
     check_sum(header, tensors, name)
+    document: Any = header[KIND]
     try:
-        return rig_of(header[KIND])
+        return rig_of(document)
     except (LookupError, TypeError, ValueError) as error:
         raise ModelError(f"{name}: not complete ({error})") from error
 
