@@ -200,7 +200,9 @@ def _planar(structure: Any, beta: Array) -> KernelArm:
     )
     flex = np.zeros((2, dof, dof))
     for (i, k), pair in zip(
-        structure.pairs, beta[groups["elastic"]].reshape(-1, 2), strict=True
+        structure.loads["elastic"].pairs,
+        beta[groups["elastic"]].reshape(-1, 2),
+        strict=True,
     ):
         flex[:, i, k] = pair
     sensor = structure.sensor(beta)

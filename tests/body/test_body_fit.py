@@ -210,7 +210,7 @@ def test_exact_simulated_worlds_are_found_by_the_member_that_holds_them(name):
 
 
 def with_slide(q):
-    p = np.exp(1j * q[:, 0]) * (0.2 + 0.2 * q[:, 1] * np.exp(0.3j))
+    p = np.exp(1j * q[:, 0]) * (0.2 + q[:, 1] * np.exp(0.3j))
     return seen(p + 0.15 * np.exp(1j * (q[:, 0] + q[:, 2])))
 
 
