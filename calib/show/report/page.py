@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from ...common.atomic import atomic_write
 from ...common.choices import READOUTS
 from ...common.wording import quoted, suggestion
-from ...errors import OptionError
+from ...errors import OptionError, require
 from ...maps.association import Association
 from ...maps.map import Map
 from ...model.facts import facts
@@ -86,6 +86,7 @@ def report(
     >>> calib.report(model, path)
     'The tip is predicted to ...'
     """
+    require("model", model, Model)
     studies = studies_of(model, log)
     study = next((one for one in studies if one.log is not None), studies[0])
     with settings():
