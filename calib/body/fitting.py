@@ -127,7 +127,7 @@ def _fitted(
     passed = max(candidates, key=lambda candidate: candidate.fit.evidence)
     whole = _over_all_rows(passed.fit, rows)
     second = None
-    if not structure.simulated:
+    if not structure.simulated and not structure.zeros_alone:
         second = _second(passed, chain, some)
     root = as_kept(whole.covariance)
     first, *others = [

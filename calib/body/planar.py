@@ -87,6 +87,8 @@ class PlanarStructure(Structure):
     centre: tuple[float, float]  # mean position [unit]; origin of the lens
     nominal: PlanarDrawing | None  # prior geometry, in metres
     simulated: bool  # whether the rows are samples of a simulation
+    # whether the geometry is as drawn, and only joints' zeros and the sensor are not
+    zeros_alone: bool = False
     sensor_name: str = ""
     place: int = 0
     beside: tuple[ViewpointInPlane, ...] = ()
@@ -134,7 +136,7 @@ class PlanarStructure(Structure):
 
     def undrawn(self) -> PlanarStructure | None:
         """The structure without its drawing, None where the sensor's frame is the drawing's."""
-        if self.nominal is None or self.view == "base":
+        if self.nominal is None or self.view == "base" or self.zeros_alone:
             return None
         return replace(self, nominal=None)
 
@@ -311,6 +313,8 @@ class PlanarStructure(Structure):
         others = self.measurement.free
         joints = ("length", "offset", "gain")
         frame = (*self.seen_as.groups, *others)
+        if self.zeros_alone:
+            return (("frame", frame or ("offset",)), ("chain", (*frame, "offset")))
         few = (*PLANAR["similarity"].groups, *others, *joints)
         chain = (*frame, *joints)
         ladder = (

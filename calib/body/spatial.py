@@ -68,6 +68,8 @@ class SpatialStructure(Structure):
     reading: Measurement | None = (
         None  # what is measured, where its view's name does not say all
     )
+    # whether the geometry is as drawn, and only joints' zeros, sensor and tool are not
+    zeros_alone: bool = False
     sensor_name: str = ""
     place: int = 0
     beside: tuple[ViewpointInSpace, ...] = ()
@@ -350,6 +352,8 @@ class SpatialStructure(Structure):
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
         frame = self.frame_groups
+        if self.zeros_alone:
+            return (("frame", frame), ("chain", (*frame, "offset")))
         drawn = self.informed
         chain = (*frame, "placement", *(("offset",) if drawn else ()))
         bent = (*chain, "elastic", "gravity") if drawn else chain
