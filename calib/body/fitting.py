@@ -33,9 +33,8 @@ class BodyFit:
     # (n, m), residuals of the sensor's contiguous blocks of rows predicted from the others
     held_out: Array
     notes: tuple[str, ...] = ()  # what the rows cannot tell
-    turned: Array | None = (
-        None  # (n,), held-out errors of orientation, where they were measured
-    )
+    # (n,), held-out errors of orientation, where they were measured
+    turned: Array | None = None
     beside: tuple[BodyFit, ...] = ()  # the same body as further sensors see it
 
     def of_positions(self) -> BodyFit:

@@ -44,9 +44,8 @@ class SpatialStructure(Structure):
     kind = "spatial"
     gate_rows = 1200  # each has three outputs and hundreds of parameters
     wide = (200.0, 1e-3)
-    few_rows = (
-        SHARED_ROWS  # they tell how large its curves are altogether, if not where
-    )
+    # they tell how large its curves are altogether, if not where
+    few_rows = SHARED_ROWS
     # the nominal chain [m]: of a URDF, or what `spatial_starts` found without one
     chain: SpatialChain
     # active joints (dof), and all joints of the chain (m) with mimic joints
@@ -65,9 +64,8 @@ class SpatialStructure(Structure):
     informed: bool = True
     gravity: tuple[float, float, float] = GRAVITY  # (3,) [m/s2], in the root frame
     simulated: bool = False  # whether the rows are samples of a simulation
-    reading: Measurement | None = (
-        None  # what is measured, where its view's name does not say all
-    )
+    # what is measured, where its view's name does not say all
+    reading: Measurement | None = None
     # whether the geometry is as drawn, and only joints' zeros, sensor and tool are not
     zeros_alone: bool = False
     sensor_name: str = ""

@@ -75,9 +75,8 @@ class Structure:
     unit: str  # unit of positions
     extent: float  # size of the workspace along an output [unit]
     simulated: bool  # whether the rows are samples of a simulation
-    zeros_alone: (
-        bool  # whether the geometry is as drawn, and only joints' zeros are not
-    )
+    # whether the geometry is as drawn, and only joints' zeros are not
+    zeros_alone: bool
     # of several sensors, see `calib.body.sensors`: the name and the place of the one that it sees
     # as, and the others in their order
     sensor_name: str
