@@ -37,7 +37,7 @@ POSTURES = (5, 8, 12, 20, 30)
 def tool_alone(arm: calib.PlanarArm, log: Samples) -> np.ndarray:
     """Parameters of the drawing, of which the tool alone was fitted to the touches."""
     base, number = structure_of(arm, "base"), log.touch.renumbered()[0]
-    rows = [replace(touching(base, log.q, number, (), log.x)[0], floor=1e-4)]
+    rows = [replace(touching(log.q, number, (), log.x)[0], floor=1e-4)]
     seen = together(base, rows)
     fit = Fit(seen, rows, seen.neutral(), seen.prior(("tool", "point")), nu=6.0).maximise(steps=20)
     out = base.neutral()

@@ -146,10 +146,9 @@ def sweep(
         for row in _side_by_side(tasks, jobs):
             rows.append(row)
             if progress is not None:
-                told = f"{len(rows)} of {count} trainings"
-                progress(
-                    len(rows) / count, told, row.distance("local", "forward", "mean")
-                )
+                error = row.distance("local", "forward", "mean")
+                words = f"{len(rows)} of {count} trainings"
+                progress(len(rows) / count, words, error)
     return Sweep(tuple(rows))
 
 

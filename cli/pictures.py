@@ -216,7 +216,11 @@ def log_of_pictures(
         yield source
         return
     about = model.about
-    board: Mapping[str, str] = about.options["board"]
+    board: Mapping[str, str] | None = about.options.get("board")
+    if board is None:
+        raise BadOption(
+            "the model was not made of pictures: expected --data of a log, and no --joints-file"
+        )
     joints = zip(about.joint_names, about.revolute, strict=True)
     log = record_board(
         source,

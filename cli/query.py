@@ -51,14 +51,13 @@ class Query:
     def __init__(
         self,
         path: str,
-        *,
-        values: Sequence[float] | None = None,
-        frame: str = "sensor",
         input_: str | None,
         columns: Mapping[str, str] | None,
         output: str | None,
         unit: str | None,
         degrees: bool,
+        frame: str = "sensor",
+        values: Sequence[float] | None = None,
     ) -> None:
         if input_ is None:
             why = "is for many queries: expected --input FILE too"

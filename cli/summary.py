@@ -88,7 +88,7 @@ def _view_of(model: Model) -> dict[str, object]:
     if body is None:
         return {"kind": None}
     from calib.body.belief import knows_orientation
-    from calib.body.sensor import SensorPose
+    from calib.body.sensor_pose import SensorPose
     from calib.body.views import is_camera
 
     kind = "pose" if knows_orientation(body) else body.structure.view

@@ -1,9 +1,12 @@
 """Trained models and closed forms that several test files share; each is trained once."""
 
+import pickle
+import shutil
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from planar import chain_urdf
 
 import calib
@@ -25,6 +28,20 @@ def trained(robot: str = "two_link", n: int = 3000, size: int = 20, noise: float
     """Return a small model of a bundled robot."""
     samples = calib.babble(calib.load_arm(robot), n, seed=0, noise=noise)
     return calib.train(samples, size=size, **options)
+
+
+@cache
+def _warm(key: int, model: calib.Model) -> calib.Model:
+    fast = pickle.loads(pickle.dumps(model))
+    assert "compiled C" in fast.warm_up()
+    return fast
+
+
+def warm(model: calib.Model) -> calib.Model:
+    """Return a copy of a model whose queries compiled C answers."""
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler here")
+    return _warm(id(model), model)
 
 
 @cache

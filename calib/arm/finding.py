@@ -67,17 +67,17 @@ def find_chains(
         ([joint for joint in urdf.path(end) if joint.name in names], end)
         for end in tips
     ]
-    found = [
+    chains = [
         Chain(tuple(path), end, _reach(path, end, posture))
         for path, end in paths
         if len(path) > 1
     ]
-    found.sort(key=lambda chain: (-round(chain.reach, 6), str(chain)))
+    chains.sort(key=lambda chain: (-round(chain.reach, 6), str(chain)))
     alike = {
         chain.joints: chain
-        for chain in reversed(found)
-        if chain.reach >= (1 - _EQUAL) * found[0].reach
-        and len(chain.joints) == len(found[0].joints)
+        for chain in reversed(chains)
+        if chain.reach >= (1 - _EQUAL) * chains[0].reach
+        and len(chain.joints) == len(chains[0].joints)
     }
     return list(reversed(alike.values()))
 

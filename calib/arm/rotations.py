@@ -94,13 +94,13 @@ def similarity(
 
     Where `mirrored`, a reflection serves too, if it fits better.
     """
-    middle = a.mean(axis=0)
-    seen = b.mean(axis=0)
-    u, s, vt = np.linalg.svd((b - seen).T @ (a - middle))
+    centroid = a.mean(axis=0)
+    centre = b.mean(axis=0)
+    u, s, vt = np.linalg.svd((b - centre).T @ (a - centroid))
     sign = np.ones(len(s))
     if not mirrored:  # of the orthogonal matrices that fit, the rotation
         sign[-1] = np.sign(np.linalg.det(u @ vt)) or 1.0
     turn = (u * sign) @ vt
-    spread = float(((a - middle) ** 2).sum())
+    spread = float(((a - centroid) ** 2).sum())
     scale = max(float((s * sign).sum()) / max(spread, 1e-300), 1e-12)
-    return turn, seen - scale * turn @ middle, scale
+    return turn, centre - scale * turn @ centroid, scale

@@ -1,6 +1,6 @@
 """URDF: read, check and explain a robot description before any library sees it.
 
-Only the standard library's XML parser is used: harmless gaps do no harm, and real faults are told
+Only the standard library's XML parser is used: harmless gaps do no harm, and real faults are chosen
 in one line.
 """
 
@@ -35,6 +35,9 @@ Range = tuple[float, float]
 MJCF = "mujoco"
 """Root element of the other kind of description that is read, see `calib.arm.mjcf`."""
 
+UPRIGHT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Rows of an orientation that is the parent's."""
+
 MOVABLE = ("revolute", "continuous", "prismatic")
 
 
@@ -54,11 +57,11 @@ class Joint:
     kind: str
     parent: str
     child: str
-    xyz: Vector  # [m], its origin in the parent link's frame
-    rotation: Rows  # rows of that origin's orientation
-    axis: Vector
-    limits: Range | None
-    mimic: Mimic | None
+    xyz: Vector = (0.0, 0.0, 0.0)  # [m], its origin in the parent link's frame
+    rotation: Rows = UPRIGHT  # rows of that origin's orientation
+    axis: Vector = (1.0, 0.0, 0.0)
+    limits: Range | None = None
+    mimic: Mimic | None = None
 
     @property
     def movable(self) -> bool:
@@ -149,13 +152,14 @@ class Urdf:
             passed.append(joint.name)
         return Mimic(joint.name, scale, offset)
 
-    def values(self, told: Mapping[str, float]) -> dict[str, float]:
-        """Values [rad or m] of all movable joints: as told, as what they follow, or neutral."""
+    def values(self, chosen: Mapping[str, float]) -> dict[str, float]:
+        """Values [rad or m] of all movable joints: as chosen, as what they follow, or neutral."""
         movable = [joint for joint in self.joints if joint.movable]
         free = {
-            joint.name: float(told.get(joint.name, joint.neutral)) for joint in movable
+            joint.name: float(chosen.get(joint.name, joint.neutral))
+            for joint in movable
         }
-        follows = {joint.name: self.followed(joint, told) for joint in movable}
+        follows = {joint.name: self.followed(joint, chosen) for joint in movable}
         return {
             n: m.multiplier * free.get(m.leader, 0.0) + m.offset
             for n, m in follows.items()

@@ -108,8 +108,8 @@ def filled(package: str, name: str, **parts: str) -> str:
 
     folder = files(package)
 
-    def fill(found: re.Match[str]) -> str:
-        place = found[1]
+    def fill(match: re.Match[str]) -> str:
+        place = match[1]
         return (
             parts[place]
             if place in parts

@@ -18,7 +18,8 @@ from ..common.arrays import Array, Index
 
 #: Axes of a drawing meet, or are parallel, within this share of its length, or angle [rad].
 _EXACT = 1e-4
-_WAYS = 8
+WAYS = 8
+"""Ways of six joints to a pose by the closed form."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +31,8 @@ class ClosedForm:
     meeting: Array  # (3,) [m], where the last axes meet
     tip: Array  # (3,) [m]
     rotation: Array  # (3, 3), of the tip
-    spherical: (
-        bool  # whether the last three axes meet; else axes 2, 3 and 4 are parallel
-    )
+    # whether the last three axes meet; else axes 2, 3 and 4 are parallel
+    spherical: bool
 
     @staticmethod
     def of(chain: SpatialChain) -> ClosedForm | None:
@@ -76,7 +76,7 @@ class ClosedForm:
         else:
             q, owner = self._parallel_arm(base, turn, place, owner)
         order = np.argsort(owner, kind="stable")
-        return _wrapped(q[order]).reshape(n, _WAYS, 6)
+        return _wrapped(q[order]).reshape(n, WAYS, 6)
 
     def _arm(self, place: Array, point: Array) -> tuple[Array, Array]:
         """Angles (2n,) of joints 2 and 3 that bring a point (3,) to places (n, 3)."""

@@ -1,7 +1,7 @@
 """Settings of the search for joints: the same numbers for NumPy and for the compiled C.
 
-Lengths of joints are shares of their ranges, lengths of what is reached are shares of the extent
-of the workspace, or of the arm's length for poses.
+Lengths of joints are shares of their ranges, residuals shares of the task's size: the extent of the
+workspace, or the arm's length for poses.
 """
 
 from __future__ import annotations
@@ -14,69 +14,39 @@ class SearchSettings:
     """When a step, a solution and a branch count; measured by ``benchmarks/inverse.py``."""
 
     # Steps.
+    steps: int = 40  # of a start, at most
     longest: float = 0.25  # of a step: longer ones leave the branch of their start
-    pulled: float = 1e-4  # slides of redundant joints that are shorter end the slide
+    slow: float = 1e-9  # of the residual: a step that gains less is the last
+    # Damping, as a share of the Jacobian's power.
+    easy: float = 1e-9  # nearly Gauss-Newton: a start is close to its answer
+    easiest: float = 1e-12
+    hard: float = 1e-6  # at least, after a step that failed
+    hardest: float = 1e3  # ends a search
+    easier: float = 30.0  # factor on the damping after a step
+    # Slides of redundant joints along their self-motion.
+    slides: int = 25
+    settled: float = 1e-5  # a slide that is shorter is the last
+    slack: float = 2e-5  # a joint so close to its limit does not slide towards it
     # Solutions.
-    close: float = (
-        1e-9  # residual of a solution: a hundredth of the least noise of any sensor
-    )
+    close: float = 1e-9  # residual of a solution, a hundredth of any sensor's noise
     same: float = 1e-5  # solutions that are closer are one
     # Branches.
-    folded: float = (
-        0.1  # least singular value, of the Jacobian's squares, beside a fold
-    )
+    folded: float = 0.1  # least singular value beside a fold, of the Jacobian's squares
     beyond: float = 0.3  # the far side of a fold is looked for so far away
-    beside: float = (
-        0.005  # an answer so near to what was asked is on the nearest branch
-    )
+    probe: float = 1e-4  # step of the derivative of a singular value
+    beside: float = 0.005  # an answer so near to what was asked is the nearest
     surely: float = 0.3  # the same, of redundant joints and of poses
-    margin: float = (
-        0.1  # a start may be so much further away than the answer it leads to
-    )
-    tries: int = 48  # starts of a position, those beside known solutions not counted
-    spare_tries: int = (
-        30  # the same, of redundant joints: a third of them once there is an answer
-    )
-    # redundant joints start where this times the squared gap of the position, and the squared
-    # distance from the joints asked for, are least: of 1 to 16 the quickest, answers are as near
+    margin: float = 0.1  # a start may be so much further away than its answer
+    tries: int = 48  # starts of a position
+    spare_tries: int = 30  # of redundant joints: a third once there is an answer
+    # redundant joints start where this times the squared gap of the position, and the
+    # squared distance from the joints asked for, are least: of 1 to 16 the quickest
     pull: int = 16
-    # Poses: the branches of a UR5 at 140 poses are all found with half as many runs.
-    postures: int = (
-        4096  # of the table of starts: nearest postures are some .4 rad away
-    )
+    # Poses: a UR5's branches are nearly all reached with half as many runs.
+    postures: int = 4096  # of the table of starts: the nearest is some .4 rad away
     scanned: int = 600  # postures nearest to a pose that are looked at
     runs: int = 24  # runs without a new branch that end the search
     apart: float = 0.12  # postures closer to a solution than this lead to it
 
 
 SEARCH = SearchSettings()
-
-
-@dataclass(frozen=True)
-class StepSettings:
-    """How NumPy steps: lengths are shares of the joints' ranges."""
-
-    rounding: float = 1e-15  # of the extent: a target is met as well as numbers allow
-    most: int = 40  # steps
-    chunk: int = 4096  # rows at once: what belongs to them fits into the cache
-    # Damping, as a share of the Jacobian's power.
-    first_damping: float = 1e-9  # nearly Gauss-Newton: a start is close to its answer
-    least_damping: float = 1e-12
-    damping_after_failure: float = 1e-6  # at least
-    most_damping: float = 1e3  # ends a search
-    easier: float = 30.0  # factor on the damping after a step
-    calm: float = 1e-3  # of a single step of a servo
-    slow: float = 1e-9  # of the residual: a step that gains less is the last
-    # Slides of redundant joints along their self-motion.
-    slides: int = 25
-    settled: float = 1e-6  # a slide that is shorter is the last
-    slack: float = 2e-6  # a slide that has come so close to a limit is there
-    # Nearest points out of reach.
-    probe: float = 1e-4  # step of second derivatives
-    far: float = 0.2  # longest step
-    still: float = 1e-10  # a step that is shorter is the last
-    least_share: float = 1e-6  # of a step
-    flat: float = 1e-6  # of the largest curvature, which every direction has at least
-
-
-STEPS = StepSettings()

@@ -1,7 +1,7 @@
-"""Tasks: what joints are asked for: residuals of rows of targets, and their derivative.
+"""Tasks: what joints are asked for, as residuals of targets and their derivative.
 
-A task of the base frame or of a sensor, with an orientation or without, is the same to a search:
-it knows `value_and_slope` and `gap`.
+A position of a sensor or of the base frame, a pose, and a pose whose turn about one axis is left
+open are the same to a search: it knows `residual`, how many numbers it has, and its size.
 """
 
 from __future__ import annotations
@@ -21,14 +21,20 @@ Evaluate = Callable[[Array], tuple[Array, Array, Array]]
 
 
 class Task(Protocol):
-    """Targets are rows (n, k), residuals have m numbers."""
+    """What joints of the unit box are asked for."""
 
-    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
-        """What is reached (n, k), and how residuals shrink with unit coordinates (n, m, dof)."""
+    @property
+    def size(self) -> float:
+        """A length that residuals are compared with."""
         ...
 
-    def gap(self, target: Array, value: Array) -> Array:
-        """Residuals (n, m) between targets and what is reached."""
+    @property
+    def count(self) -> int:
+        """How many numbers a residual has, m."""
+        ...
+
+    def residual(self, u: Array, target: Array) -> tuple[Array, Array]:
+        """What is missing at joints `u` (n, dof), (n, m), and how joints close it (n, m, dof)."""
         ...
 
 
@@ -37,20 +43,23 @@ class Positions:
     """Positions (n, m) by a forward map that knows its Jacobian."""
 
     value_and_slope: Callable[[Array], tuple[Array, Array]]
+    count: int
+    size: float  # the extent of what can be reached
 
     @staticmethod
-    def in_base(evaluate: Evaluate, scale: Scale) -> Positions:
-        """Positions of a chain in its base frame [m]."""
+    def in_base(evaluate: Evaluate, scale: Scale, length: float) -> Positions:
+        """Positions [m] of a chain of some length [m] in its base frame."""
 
         def value_and_slope(u: Array) -> tuple[Array, Array]:
             place, _, slope = evaluate(scale.from_unit(u))
             return place, slope[:, :3] * scale.span
 
-        return Positions(value_and_slope)
+        return Positions(value_and_slope, 3, length)
 
-    def gap(self, target: Array, value: Array) -> Array:
-        """Residuals (n, m)."""
-        return target - value
+    def residual(self, u: Array, target: Array) -> tuple[Array, Array]:
+        """Gaps (n, m) and the Jacobian (n, m, dof)."""
+        value, slope = self.value_and_slope(u)
+        return target - value, slope
 
 
 @dataclass(frozen=True)
@@ -60,42 +69,37 @@ class Poses:
     evaluate: Evaluate
     scale: Scale
     lever: float  # [m], what a radian of turn counts as
-    free: int | None = (
-        None  # axis of the tip, 0 to 2, about which its turn is left open
-    )
+    size: float  # [m], the arm's length
+    # axis of the tip, 0 to 2, about which its turn is left open
+    free: int | None = None
+
+    @property
+    def count(self) -> int:
+        """Six numbers, five where a turn is left open."""
+        return 6 if self.free is None else 5
 
     @staticmethod
     def target(position: Array, rotation: Array) -> Array:
         """Targets (n, 12) of positions (n, 3) [m] and orientations (n, 3, 3)."""
         return np.concatenate([position, rotation.reshape(-1, 9)], axis=1)
 
-    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
-        """Poses (n, 12), and how residuals shrink with the unit coordinates (n, m, dof)."""
+    def residual(self, u: Array, target: Array) -> tuple[Array, Array]:
+        """Gaps of position and of turn, (n, 6) or (n, 5), and the Jacobian."""
         place, turn, slope = self.evaluate(self.scale.from_unit(u))
-        slope = slope * self.scale.span
-        slope[:, 3:] *= self.lever
-        if self.free is not None:
-            sides = np.swapaxes(turn, 1, 2)[:, self._sides]
-            slope = np.concatenate([slope[:, :3], sides @ slope[:, 3:]], axis=1)
-        return self.target(place, turn), slope
-
-    def gap(self, target: Array, value: Array) -> Array:
-        """Residuals (n, 6), or (n, 5): of the position, and the lever times the turn left."""
-        wanted = target[:, 3:].reshape(-1, 3, 3)
-        reached = value[:, 3:].reshape(-1, 3, 3)
+        goal = target[:, 3:].reshape(-1, 3, 3)
+        spin = slope[:, 3:]
         if self.free is None:
-            turn = logarithm(wanted @ np.swapaxes(reached, 1, 2))
+            rest = logarithm(goal @ np.swapaxes(turn, 1, 2))
         else:
-            swing = _swing(reached[:, :, self.free], wanted[:, :, self.free])
-            sides = np.swapaxes(reached, 1, 2)[:, self._sides]
-            turn = (sides @ swing[:, :, None])[:, :, 0]
-        return np.concatenate([target[:, :3] - value[:, :3], self.lever * turn], axis=1)
-
-    @property
-    def _sides(self) -> list[int]:
-        """Axes of the tip across the free one."""
-        assert self.free is not None  # noqa: S101
-        return [(self.free + 1) % 3, (self.free + 2) % 3]
+            axis = self.free
+            across = [(axis + 1) % 3, (axis + 2) % 3]
+            sides = np.swapaxes(turn, 1, 2)[:, across]
+            swing = _swing(turn[:, :, axis], goal[:, :, axis])
+            rest = (sides @ swing[:, :, None])[:, :, 0]
+            spin = sides @ spin
+        gap = np.concatenate([target[:, :3] - place, self.lever * rest], axis=1)
+        slope = np.concatenate([slope[:, :3], self.lever * spin], axis=1)
+        return gap, slope * self.scale.span
 
 
 def _swing(start: Array, goal: Array) -> Array:
@@ -104,10 +108,8 @@ def _swing(start: Array, goal: Array) -> Array:
     sine = np.linalg.norm(across, axis=1, keepdims=True)
     angle = np.arctan2(sine, (start * goal).sum(axis=1, keepdims=True))
     opposite = (sine == 0.0) & (angle > 1.0)
-    if opposite.any():
-        side = np.cross(
-            start, np.column_stack([start[:, 1], start[:, 2], -start[:, 0]])
-        )
-        across = np.where(opposite, side, across)
+    if opposite.any():  # half a turn, about any axis across
+        other = np.column_stack([start[:, 1], start[:, 2], -start[:, 0]])
+        across = np.where(opposite, np.cross(start, other), across)
         sine = np.linalg.norm(across, axis=1, keepdims=True)
     return np.asarray(across * (angle / np.where(sine > 0.0, sine, 1.0)))

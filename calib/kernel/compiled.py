@@ -1,121 +1,76 @@
-"""The compiled kernel: templates of C filled with numbers, and what a C compiler makes of them.
-
-The source is in the folder `c`: C99 that is also valid C++, without allocation and without any
-library but ``math.h``.
-"""
+"""The compiled kernel: what a C compiler makes of a model's source, and its calls."""
 
 from __future__ import annotations
 
 import ctypes
 import math
 import os
-import re
 import shlex
 import shutil
 import subprocess
 import tempfile
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..errors import OptionError
+from .source import c_source, source
 
 OFF = "CALIB_NO_CC"  # leaves the compiler alone where it is set to anything but 0
-
-_FLAGS = ("-O2", "-std=c99", "-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno")
-# where the compiler knows them: a bound of six joints takes 16 us for 41
-_QUICKLY = (
-    "-march=native",
-    *("-ftree-vectorize", "-fvect-cost-model=dynamic"),
-    *("-fno-inline-small-functions", "-fno-tree-pre"),
-)
-_PATIENT = 10  # niceness of a compiler that another thread than the main one calls
-_MOST = 120.0  # s that a compiler may take
-_MOST_JOINTS = 16
-# where in a thread's buffer stand what is asked beside joints, `_PART` numbers each, and what
-# answers, as in ``c/calls.h``
-_ASKED = 16
-_PART = 4
-_FOUND = 32
-_SIZE = 128
-NOTHING = 3  # flag of a position that nothing reaches
-_SHARED_ROWS = (
-    1000  # rows from which two threads answer: one takes a millisecond or more for them
-)
-_MOST_WAYS = 32  # ways of a pose: six joints have 16 at most
-_MOST_BRANCHES = 8  # ways of a position without spare joints
-
-_CHOICE = re.compile(
-    r"^#if @(\w+)@\n((?:(?!#if @|#endif\n|#else\n).*\n)*)(?:#else\n((?:(?!#if @|#endif\n).*\n)*))?"
-    r"#endif\n",
-    re.MULTILINE,
-)
-_NUMBER = re.compile(r"[-\d.][-+.e\d]*")
-_BRACES = str.maketrans("[]", "{}")
-_FUNCTIONS = re.compile(r"\b(cos|sin|sqrt|floor|fabs|atan2|pow)\(")
+#: Flags of an answer: no other is nearer; nothing reaches the position.
+CERTAIN, NOTHING = (1, 3)
 
 
-def source(*names: str) -> str:
-    """Files of the C source, one after another."""
-    folder = files(__package__) / "c"
-    return "".join((folder / f"{name}.h").read_text(encoding="ascii") for name in names)
+@dataclass(frozen=True)
+class Compiler:
+    """How the source is compiled."""
 
-
-def c_source(text: str, words: Mapping[str, object], prefix: str, single: bool) -> str:
-    """C source with words such as ``@dof@`` and ``#if @word@`` filled in, and names' prefix."""
-    while "#if @" in text:  # the innermost first
-        text = _CHOICE.sub(
-            lambda found: (found[2] if words[found[1]] else found[3]) or "", text
-        )
-    filled = {
-        name: c_number(value, single) if isinstance(value, float) else str(value)
-        for name, value in words.items()
-    }
-    text = re.sub(r"@(\w+)@", lambda found: filled[found[1]], text)
-    text = _FUNCTIONS.sub(r"\1f(", text) if single else text
-    return text.replace("calib_", prefix).replace("CALIB_", prefix.upper())
-
-
-def c_number(value: float, single: bool) -> str:
-    """A C constant that reads back as the same number; infinities as what no value exceeds."""
-    return braces(np.asarray(value, dtype=float), single)
-
-
-def table(name: str, values: NDArray[Any], single: bool, floats: bool = False) -> str:
-    """A constant array of C of any shape, braces round each row; `floats` in any header."""
-    if not values.size:
-        values = np.zeros([max(size, 1) for size in values.shape], dtype=values.dtype)
-    whole = values.dtype.kind == "i"
-    text = (
-        str(values.tolist()).translate(_BRACES)
-        if whole
-        else braces(values, single or floats)
+    flags: tuple[str, ...] = (
+        *("-O2", "-std=c99", "-fPIC", "-shared", "-fvisibility=hidden"),
+        *("-ffp-contract=off", "-fno-math-errno"),
     )
-    kind = "int" if whole else "float" if floats else "calib_real"
-    return f"static const {kind} {name}{''.join(f'[{n}]' for n in values.shape)} = {text};\n"
+    # where the compiler knows them: a bound of six joints takes 16 us for 41
+    quick: tuple[str, ...] = (
+        *("-march=native", "-ftree-vectorize", "-fvect-cost-model=dynamic"),
+        *("-fno-inline-small-functions", "-fno-tree-pre"),
+    )
+    patience: int = 10  # niceness beside another thread, where a control loop may run
+    most: float = 120.0  # [s] that it may take
+    joints: int = 16  # most joints of an arm
 
 
-def braces(values: Array, single: bool) -> str:
-    """Numbers in the braces of a C constant, row by row."""
-    numbers = np.clip(np.nan_to_num(values, nan=3e38), -3e38, 3e38)
-    text = str(numbers.tolist())
-    if single:  # nine digits tell any two floats apart
-        text = _NUMBER.sub(lambda found: _nine_digits(found[0]), text)
-    return text.replace("], [", "],\n[").translate(_BRACES)
+COMPILER = Compiler()
 
 
-def _nine_digits(text: str) -> str:
-    text = f"{np.float32(text):.9g}"
-    # a C literal needs a point or an exponent
-    return (text if any(c in text for c in ".e") else text + ".0") + "f"
+@dataclass(frozen=True)
+class Layout:
+    """Where the parts of a single query stand in its buffer, as in ``c/calls.h``."""
+
+    asked: int = 16  # what is asked beside joints
+    part: int = 4  # numbers of each part of it
+    answer: int = 32
+    size: int = 128
+
+
+LAYOUT = Layout()
+
+
+@dataclass(frozen=True)
+class Rows:
+    """How many answers of a row have room, and from how many rows on threads share them."""
+
+    ways: int = 32  # of a pose: six joints have 16 at most
+    branches: int = 8  # of a position without spare joints
+    shared: int = 1000  # one thread takes a millisecond or more for them
+
+
+ROWS = Rows()
 
 
 @dataclass(frozen=True)
@@ -134,13 +89,13 @@ class Compiled:
 
     def __init__(
         self,
-        library: ctypes.CDLL,
+        path: Path,
         folder: tempfile.TemporaryDirectory[str],
         dof: int,
         outputs: int,
     ) -> None:
         self._folder = folder  # is removed with the library
-        self._library = library
+        self._library = ctypes.CDLL(str(path))
         self._local = threading.local()
         self._dof = dof
         self._outputs = outputs
@@ -156,17 +111,14 @@ class Compiled:
             "inverse_pose": ((3, 4), (dof,)),
             "correct": ((), (1, dof)),
         }
-        if hasattr(library, "prepare"):
-            library.prepare()
+        self.poses = self.has("pose")  # whether it knows poses in space
+        if self.poses:
+            self._library.called_table.restype = ctypes.c_void_p
+            self._table = ctypes.c_void_p(self._library.called_table())
 
     def has(self, name: str) -> bool:
         """Whether it answers a kind of single query."""
         return hasattr(self._library, f"called_{name}")
-
-    @property
-    def poses(self) -> bool:
-        """Whether it knows poses in space."""
-        return hasattr(self._library, "rows_poses")
 
     def ask(
         self, name: str, joints: ArrayLike, *arguments: ArrayLike
@@ -192,7 +144,7 @@ class Compiled:
         except (TypeError, ValueError):
             return None
         sure = buffers.call(buffers.address)
-        if sure != 1:
+        if sure != CERTAIN:
             parts = (buffers.joints, *buffers.arguments)
             if not all(math.isfinite(sum(part)) for part in parts):
                 return None
@@ -218,13 +170,14 @@ class Compiled:
         call.argtypes = (ctypes.c_void_p,)
         call.restype = ctypes.c_int
         sizes, shape = self._shapes[name]
-        whole = np.zeros(_SIZE)
-        begins = range(_ASKED, _FOUND, _PART)
-        parts = tuple(
-            whole[a : a + size] for a, size in zip(begins, sizes, strict=False)
-        )
-        answer = whole[_FOUND : _FOUND + math.prod(shape)].reshape(shape)
-        return Buffers(call, int(whole.ctypes.data), whole[: self._dof], parts, answer)
+        whole = np.zeros(LAYOUT.size)
+        parts = []
+        for k, size in enumerate(sizes):
+            begin = LAYOUT.asked + k * LAYOUT.part
+            parts.append(whole[begin : begin + size])
+        answer = whole[LAYOUT.answer : LAYOUT.answer + math.prod(shape)].reshape(shape)
+        address = int(whole.ctypes.data)
+        return Buffers(call, address, whole[: self._dof], tuple(parts), answer)
 
     def forward(self, q: Array) -> tuple[Array, Array]:
         """Positions (n, m) of joints (n, dof), and which are answers (n,)."""
@@ -243,78 +196,88 @@ class Compiled:
 
     def inverse_all(self, x: Array) -> tuple[Array, Array]:
         """All ways (n, most, dof) to positions (n, m), and how many there are (n,)."""
-        q = np.empty((len(x), _MOST_BRANCHES, self._dof))
-        return q, self._rows("inverse_all", len(x), x, _MOST_BRANCHES, q)
+        q = np.empty((len(x), ROWS.branches, self._dof))
+        return q, self._rows("inverse_all", len(x), x, ROWS.branches, q)
 
     def inverse_poses(
-        self, p: Array, rotation: Array, near: Array, free: int = -1, *, far: bool
+        self, p: Array, rotation: Array, near: Array, free: int | None
     ) -> tuple[Array, Array]:
         """Joints (n, dof) of poses (n, 3), (n, 3, 3) of the sensor's frame, and how sure (n,).
 
-        The turn about an axis of the tip, `free` 0 to 2, may be left open.  `far` looks for ways
-        far from `near`, too.
+        The turn about an axis of the tip, `free` 0 to 2, may be left open.
         """
-        n = len(p)
-        q = np.empty((n, self._dof))
-        sure = self._rows("poses", n, p, rotation, free, near, q)
-        unsure = np.flatnonzero(sure != 1)
-        if far and len(unsure):
-            others = q[unsure]
-            flags = sure[unsure]
-            rows = (p[unsure], rotation[unsure], free, near[unsure], others)
-            self._rows("poses_far", len(unsure), *rows, flags=flags)
-            q[unsure] = others
-            sure[unsure] = flags
-        return q, sure
+        q = np.empty((len(p), self._dof))
+        return q, self._rows("poses", len(p), p, rotation, _axis(free), near, q)
+
+    def inverse_poses_far(
+        self,
+        p: Array,
+        rotation: Array,
+        near: Array,
+        free: int | None,
+        starts: Array,
+        q: Array,
+        sure: Array,
+    ) -> tuple[Array, Array]:
+        """The same where `inverse_poses` is not sure of its `q`, from starts (n, k, dof), too.
+
+        NaN is no start; without any (k = 0) a table of postures has them.
+        """
+        q = q.copy()
+        sure = sure.copy()
+        arguments = (p, rotation, _axis(free), starts.shape[1], starts, self._table)
+        return q, self._rows("poses_far", len(p), *arguments, near, q, flags=sure)
 
     def inverse_poses_all(
-        self, p: Array, rotation: Array, starts: Array, free: int = -1
-    ) -> tuple[Array, Array]:
-        """All ways (n, most, dof) to poses of the sensor's frame, and how many there are (n,).
-
-        From starts (n, k, dof), NaN where there is none; without any (k = 0) from a table.
-        """
-        n = len(p)
-        q = np.empty((n, _MOST_WAYS, self._dof))
-        arguments = (p, rotation, free, starts.shape[1], starts, _MOST_WAYS, q)
-        return q, self._rows("poses_all", n, *arguments)
+        self, p: Array, rotation: Array, starts: Array, free: int | None
+    ) -> list[Array]:
+        """All ways (k, dof) to each pose (n, 3), (n, 3, 3) of the sensor's frame, from starts."""
+        q = np.empty((len(p), ROWS.ways, self._dof))
+        arguments = (p, rotation, _axis(free), starts.shape[1], starts, self._table)
+        count = self._rows("poses_all", len(p), *arguments, ROWS.ways, q)
+        return [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
 
     def _rows(
-        self, name: str, n: int, *arguments: Array | int, flags: Array | None = None
+        self,
+        name: str,
+        n: int,
+        *arguments: Array | int | ctypes.c_void_p,
+        flags: Array | None = None,
     ) -> Array:
         """Call a function for n rows, by two threads where there are two cores; its flags (n,)."""
-        call = getattr(self._library, f"rows_{name}")
-        if flags is None:
-            flags = np.zeros(n, dtype=np.int8)
+        call = getattr(self._library, f"calib_{name}_many")
+        flags = np.zeros(n, dtype=np.int8) if flags is None else flags
         arrays = []
         passed: list[object] = []
-        for argument in (*arguments, flags):
-            if isinstance(argument, int):
-                passed.append(ctypes.c_int(argument))
-                continue
-            if argument.flags.c_contiguous and argument.dtype in (np.float64, np.int8):
-                array = argument
-            else:
+        for argument in arguments:
+            if isinstance(argument, np.ndarray):
                 array = np.ascontiguousarray(argument, dtype=float)
-            arrays.append(array)  # alive while the call runs
-            passed.append(ctypes.c_void_p(array.ctypes.data))
-        edges = [0, n]
-        if n >= _SHARED_ROWS and (os.cpu_count() or 1) > 1:
-            edges = [0, n // 2, n]
+                arrays.append(array)  # alive while the call runs
+                passed.append(ctypes.c_void_p(array.ctypes.data))
+            elif isinstance(argument, int):
+                passed.append(ctypes.c_int(argument))
+            else:
+                passed.append(argument)
+        passed.append(ctypes.c_void_p(flags.ctypes.data))
 
         def answer(first: int, last: int) -> None:
             call(ctypes.c_long(first), ctypes.c_long(last), *passed)
 
-        if len(edges) == 2:
+        if n < ROWS.shared or os.cpu_count() == 1:
             answer(0, n)
         else:
             with ThreadPoolExecutor(2) as pool:
-                list(pool.map(answer, edges[:-1], edges[1:]))
+                list(pool.map(answer, (0, n // 2), (n // 2, n)))
         return flags
 
 
+def _axis(free: int | None) -> int:
+    """A free axis as the C source has it."""
+    return -1 if free is None else free
+
+
 def compile_source(
-    text: str, words: dict[str, object], dof: int, outputs: int
+    text: str, words: Mapping[str, object], dof: int, outputs: int
 ) -> Compiled:
     """The library that the C compiler (``$CC``, else ``cc``) makes of a header's text.
 
@@ -326,36 +289,39 @@ def compile_source(
     command = shlex.split(os.environ.get("CC", "")) or ["cc"]
     if not shutil.which(command[0]):
         raise OptionError("no C compiler was found")
-    if dof > _MOST_JOINTS:
-        raise OptionError(f"more than {_MOST_JOINTS} joints")
+    if dof > COMPILER.joints:
+        raise OptionError(f"more than {COMPILER.joints} joints")
     # a folder of this user alone, removed with the object or at exit
     folder = tempfile.TemporaryDirectory(prefix="calib-")
-    made = Path(folder.name) / "kernel.c"
     path = Path(folder.name) / "kernel.so"
     calls = c_source(source("calls"), words, "calib_", single=False)
-    made.write_text(text + calls, encoding="ascii")
-    if threading.current_thread() is not threading.main_thread() and shutil.which(
-        "nice"
-    ):
-        command = [
-            "nice",
-            "-n",
-            str(_PATIENT),
-            *command,
-        ]  # a control loop may run beside it
-    end = ("-o", str(path), str(made), "-lm")
+    exported = '#define CALIB_API __attribute__((visibility("default")))\n'
+    path.with_suffix(".c").write_text(exported + text + calls, encoding="ascii")
+    beside = threading.current_thread() is not threading.main_thread()
+    if beside and shutil.which("nice"):
+        command = ["nice", "-n", str(COMPILER.patience), *command]
+    files = ("-o", str(path), str(path.with_suffix(".c")), "-lm")
+    complaint = ""
+    for flags in ((*COMPILER.flags, *COMPILER.quick), COMPILER.flags):
+        complaint = _complaint([*command, *flags, *files])
+        if not complaint:
+            return Compiled(path, folder, dof, outputs)
+    raise OptionError(f"{command[-1]} failed: {complaint}")
+
+
+def _complaint(command: Sequence[str]) -> str:
+    """What a compiler says where it fails; nothing where it does not."""
     try:
-        for flags in ((*_FLAGS, *_QUICKLY), _FLAGS):
-            done = subprocess.run(  # noqa: S603
-                [*command, *flags, *end],
-                capture_output=True,
-                timeout=_MOST,
-                stdin=subprocess.DEVNULL,
-                check=False,
-            )
-            if done.returncode == 0:
-                return Compiled(ctypes.CDLL(str(path)), folder, dof, outputs)
+        done = subprocess.run(  # noqa: S603
+            command,
+            capture_output=True,
+            timeout=COMPILER.most,
+            stdin=subprocess.DEVNULL,
+            check=False,
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise OptionError(f"{command[0]} failed: {type(error).__name__}") from error
-    said = " ".join(done.stderr.decode(errors="replace").split())[:120]
-    raise OptionError(f"{command[-1]} failed: {said}")
+    if done.returncode == 0:
+        return ""
+    lines = done.stderr.decode(errors="replace").split()
+    return " ".join(lines)[:120] or "without a word"

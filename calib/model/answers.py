@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..errors import QueryError
-from ..inverse.newton import shortened
+from ..inverse.newton import capped, shortened
+from ..inverse.settings import SEARCH
 from ..inverse.tracking import follow_targets
 from ..kernel.compiled import NOTHING
 from .parts import Parts
@@ -22,6 +23,7 @@ from .turns import on_turn, unwound
 _REACHED = 1e-9  # share of the workspace's extent that always counts as reached
 SURE = 1e-2  # of the extent: a larger expected error does not make a target reachable
 _IN_SIGHT = 1e6  # extents of the workspace
+_CALM = 1e-3  # damping of a step of a servo, as a share of the Jacobian's power
 _LONGEST = 0.1  # of the joints' range: no step of a servo is longer
 _STEP = 0.01  # of the workspace's extent, of a path where no step is given
 _MOST = 1_000_000  # rows of a path
@@ -76,7 +78,7 @@ def unit_joints(
     if linked:
         v = model.sensory.scale.to_unit(seen)
         answered = model.association.inverses(v, near)
-        found |= {r: model.solver.clip(answered[r]) for r in linked}
+        found |= {r: model.solver.newton.clip(answered[r]) for r in linked}
     return found
 
 
@@ -204,7 +206,10 @@ def servo_step(
     scale = model.motor.scale
     newton = model.solver.newton
     u = newton.clip(scale.to_unit(joints))
-    step = shortened(newton.rate(u, gain * (wanted - seen)), _LONGEST)
+    slope = newton.task.residual(u, wanted)[1]
+    calm = np.full(len(u), _CALM)
+    step = newton.move(u, gain * (wanted - seen), slope, calm)
+    step = shortened(capped(step, SEARCH.longest), _LONGEST)
     result = scale.from_unit(newton.clip(u + step))
     return result[0] if single else result
 

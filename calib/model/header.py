@@ -18,16 +18,9 @@ from ..common.rows import thinned
 from ..errors import CalibError, OptionError
 from ..inverse.settings import SEARCH
 from ..kernel.arm import KernelArm
-from ..kernel.compiled import (
-    Compiled,
-    braces,
-    c_number,
-    c_source,
-    compile_source,
-    source,
-    table,
-)
+from ..kernel.compiled import Compiled, compile_source
 from ..kernel.posterior import CompactPosterior
+from ..kernel.source import braces, c_number, c_source, source, table
 from ..maps.local_models import FULL, SILENT, blend_size, exponents
 from ..samples.roles import ROUNDING
 from .answers import SURE
@@ -107,10 +100,9 @@ class StartTable:
         cells = np.full(dimensions, side)
         step = scale.span / side
         corners = np.indices((side,) * dimensions).reshape(dimensions, -1).T
-        starts, _ = model.solver.starts.of(scale.lower + (corners + 0.5) * step)
-        exists = np.isfinite(starts[..., 0])
-        u = starts[exists]
-        first = np.append(0, np.cumsum(exists.sum(axis=1)))
+        middles = scale.lower + (corners + 0.5) * step
+        cell, u = model.solver.search.starts.of(middles)
+        first = np.append(0, np.cumsum(np.bincount(cell, minlength=len(middles))))
         value = model.predictor.value(u)
         return StartTable(
             model.motor.scale.from_unit(u), value, cells, scale.lower, step, first
@@ -173,9 +165,8 @@ class Header:
     nominal: KernelArm | None
     correcting: int  # kind of the task that `calib_correct` solves, see task.h
     limit: Array  # (dof,) [rad or m], largest correction that is trusted
-    small: bool = (
-        False  # whether the body alone is written, without tables of bounds and starts
-    )
+    # whether the body alone is written, without tables of bounds and starts
+    small: bool = False
 
     @staticmethod
     def of(model: Parts, *, small: bool = False) -> Header:
@@ -266,6 +257,7 @@ class Header:
             "silent": SILENT,
             "full": float(FULL),
             "terms": models.coefficients.shape[1] if self.local else 1,
+            "slides_slack": SEARCH.slack,
             "slack": -float(ROUNDED),
             "extent": float(model.solver.extent),
             "lever": _length(arm),

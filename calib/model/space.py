@@ -5,41 +5,38 @@ Positions in the sensor's frame are answered by the model itself, see `calib.Mod
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arm.arm import SpatialArm
 from ..arm.loading import arm_from_urdf
 from ..arm.rotations import quaternion_of
 from ..body.belief import Body, Second
-from ..body.sensor import sensor_of, without_gauge, without_sensor
+from ..body.sensor_pose import sensor_of, without_gauge, without_sensor
 from ..body.spatial import structure_of
 from ..body.views import is_camera, pixels
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.rows import checked_rows
 from ..common.scale import Scale
 from ..errors import QueryError
-from ..inverse.closed_form import ClosedForm
+from ..inverse.closed_form import WAYS, ClosedForm
+from ..inverse.families import free_directions
 from ..inverse.newton import Newton
-from ..inverse.pose import TOLERANCE, Joints, refined_ways, searched_ways
+from ..inverse.postures import DrawnPostures, Postures
+from ..inverse.search import Search, Starts, rank_within
 from ..inverse.settings import SEARCH
-from ..inverse.solver import free_directions
-from ..inverse.starts import drawn, twins
-from ..inverse.task import Poses, Positions
+from ..inverse.task import Poses, Positions, Task
+from ..kernel.compiled import CERTAIN
 from .parts import Parts
 
-_STEPS = 40  # of a search whose residual stays
 #: A pose or a position counts as reached within this share of the arm's length.
 REACHED = 1e-6
-_STARTS = 64  # joints from which what was missed is tried again
 _LENS = 30  # iterations of a lens turned round
-_FAMILIES = 4  # ways of redundant joints to a pose that are told
-_ASIDE = 0.1  # [rad] by which the drawing's joints may lie beyond the limits
+_FAMILIES = 4  # ways of redundant joints to a pose that are answered
 
 _Belief = TypeVar("_Belief", Body, Second)
 
@@ -170,7 +167,7 @@ class Space:
             )
         return np.asarray(eye + depth[:, None] * rays)
 
-    def sees(self, position: ArrayLike) -> NDArray[np.bool_]:
+    def sees(self, position: ArrayLike) -> Mask:
         """Whether a camera's picture shows points (n, 3) of the base frame, (n,)."""
         own: Any = self.model.body
         points = np.atleast_2d(np.asarray(position, dtype=float))
@@ -191,12 +188,14 @@ class Space:
     # Joints for places and poses.
 
     def beside(self, p: Array, r: Array | None, near: Array) -> tuple[Array, Array]:
-        """Joints (n, dof) beside `near` for places (n, 3), or poses with `r`, and what is left."""
-        newton, target = (
-            (self._placing, p) if r is None else (self._posing, Poses.target(p, r))
-        )
-        u, left = newton.refine(self._unit(near), target, 1e-3 * TOLERANCE)
-        return self._scale.from_unit(u), left
+        """Joints (n, dof) beside `near` for places (n, 3), or poses with `r`, and what is missing.
+
+        Of a pose a radian of turn counts as the arm's length.
+        """
+        search = self.search(posed=r is not None)
+        target = p if r is None else Poses.target(p, r)
+        u, miss = search.newton.refine(self._unit(near), target)
+        return self._scale.from_unit(u), miss
 
     def at_positions(self, p: Array, near: Array, *, keep: bool = False) -> Array:
         """Joints (n, dof) nearest to `near` (n, dof) for positions (n, 3) of the base frame [m].
@@ -204,18 +203,19 @@ class Space:
         Out of reach those whose tip comes nearest.  `keep` holds the orientation that the tip has
         at `near` as far as the joints allow.
         """
-        newton = self._placing
+        search = self.search(posed=False)
         wish = self._unit(near)
-        if keep:  # positions weigh a thousand times as much as the turn
-            held = Poses(self.evaluate, self._scale, 1e-3 * self.length)
-            turns = self.evaluate(self._scale.from_unit(wish))[1]
-            first = replace(newton, task=held)
-            u, _ = first.refine(wish, held.target(p, turns), steps=4 * _STEPS)
-            u, distance = newton.refine(u, p)
-        else:
-            u, distance = newton.settle(wish, p, wish)
-        self._again(newton, u, distance, p, wish)
-        return self._scale.from_unit(u)
+        if keep:
+            wish = self._turned_least(p, wish)
+        return self._scale.from_unit(search.nearest(p, wish)[0])
+
+    def _turned_least(self, p: Array, u: Array) -> Array:
+        """Joints for positions (n, 3), turned as little as possible from where joints `u` are."""
+        # positions weigh a thousand times as much as the turn
+        task = Poses(self.evaluate, self._scale, 1e-3 * self.length, self.length)
+        target = Poses.target(p, self.evaluate(self._scale.from_unit(u))[1])
+        newton = Newton(task, self._scale)
+        return newton.refine(u, target, steps=4 * SEARCH.steps)[0]
 
     def at_poses(
         self, p: Array, r: Array, near: Array, free: int | None = None
@@ -225,47 +225,26 @@ class Space:
         Where none reaches a pose, those that come nearest.  A turn about an axis of the tip, `free`
         0 to 2, may be left open.
         """
+        search = self.search(posed=True, free=free)
+        target = Poses.target(p, r)
+        q = near.copy()
+        rest = np.arange(len(p))
         kernel = self.model.kernel
         if kernel is not None and kernel.poses:
-            closed = self._closed is not None and free is None
-            rows = (*self.to_sensor(p, r), near)
-            q, sure = kernel.inverse_poses(*rows, _axis(free), far=not closed)
-            rest = np.flatnonzero(sure != 1)
-            if not closed:
-                rest = np.flatnonzero(sure == 0)
-        else:
-            newton, target, wish = self._asked(p, r, near, free)
-            u, left = newton.refine(wish, target, 1e-3 * TOLERANCE)
-            row, across = twins(newton, u)
-            if len(row):
-                found = newton.refine(across, target[row], 1e-3 * TOLERANCE)
-                newton.take_better(u, left, wish, row, *found)
-            q = self._scale.from_unit(u)
-            away = np.linalg.norm(self._scale.difference(u, wish), axis=1)
-            spare = wish.shape[1] > _residuals(free)
-            unsure = (away > SEARCH.surely) | spare
-            rest = np.flatnonzero((left > TOLERANCE * self.length) | unsure)
+            place, turn = self.to_sensor(p, r)
+            q, sure = kernel.inverse_poses(place, turn, near, free)
+            unsure = np.flatnonzero(sure != CERTAIN)
+            if len(unsure):
+                starts = self._kernel_starts(search, target[unsure])
+                q[unsure], sure[unsure] = kernel.inverse_poses_far(
+                    *(place[unsure], turn[unsure], near[unsure], free),
+                    *(starts, q[unsure], sure[unsure]),
+                )
+            rest = np.flatnonzero(sure == 0)
         if len(rest):
-            q[rest] = self._far_poses(p[rest], r[rest], near[rest], free, q[rest])
+            u = search.nearest(target[rest], self._unit(near[rest]))[0]
+            q[rest] = self._scale.from_unit(u)
         return q
-
-    def _far_poses(
-        self, p: Array, r: Array, near: Array, free: int | None, beside: Array
-    ) -> Array:
-        """The nearest of all ways to poses; `beside` (n, dof) where they lead to none."""
-        newton, target, wish = self._asked(p, r, near, free)
-        ways = self._ways(p, r, near, free)
-        owner = np.repeat(np.arange(len(p)), [len(rows) for rows in ways])
-        u = self._unit(np.where(np.isfinite(beside), beside, near))
-        left = np.linalg.norm(
-            newton.task.gap(target, newton.task.value_and_slope(u)[0]), axis=1
-        )
-        if len(owner):
-            v = self._scale.to_unit(np.concatenate(ways))
-            v, left_there = newton.settle(v, target[owner], wish[owner])
-            newton.take_better(u, left, wish, owner, v, left_there)
-        self._again(newton, u, left, target, wish)
-        return self._scale.from_unit(u)
 
     def branches(
         self, p: Array, r: Array, near: Array, free: int | None = None
@@ -275,122 +254,78 @@ class Space:
         Where none reaches a pose, those that come nearest; of the infinitely many of redundant
         joints some that are near to `near` (n, dof).
         """
-        newton, target, wish = self._asked(p, r, near, free)
-        spare = wish.shape[1] > _residuals(free)
-        answers = []
-        for i, rows in enumerate(self._ways(p, r, near, free)):
+        search = self.search(posed=True, free=free)
+        target = Poses.target(p, r)
+        newton = search.newton
+        kernel = self.model.kernel
+        if kernel is not None and kernel.poses and not newton.redundant:
+            starts = self._kernel_starts(search, target)
+            ways = kernel.inverse_poses_all(*self.to_sensor(p, r), starts, free)
+        else:
+            owner, u, _ = search.every(target)
+            edges = np.searchsorted(owner, np.arange(1, len(p)))
+            ways = np.split(self._scale.from_unit(u), edges)
+        answers: list[Array] = []
+        for rows, goal, wish in zip(ways, target, self._unit(near), strict=True):
+            if not len(rows):
+                rows = search.nearest(goal[None], wish[None])[0]
+                answers.append(self._scale.from_unit(rows))
+                continue
             u = self._scale.to_unit(rows)
-            away = np.linalg.norm(self._scale.difference(u, wish[i]), axis=1)
-            order = np.argsort(away, kind="stable")
-            if spare:
-                order = order[:_FAMILIES]
-                target_i = np.repeat(target[i : i + 1], len(order), axis=0)
-                wish_i = np.repeat(wish[i : i + 1], len(order), axis=0)
-                u[order] = newton.settle(u[order], target_i, wish_i)[0]
-            answers.append(self._scale.from_unit(u[order]))
-        lost = np.array(
-            [i for i, rows in enumerate(answers) if not len(rows)], dtype=np.intp
-        )
-        if len(lost):
-            u, left = newton.refine(wish[lost], target[lost], 1e-3 * TOLERANCE)
-            self._again(newton, u, left, target[lost], wish[lost])
-            for i, q in zip(lost.tolist(), self._scale.from_unit(u), strict=True):
-                answers[i] = q[None]
+            u = u[np.argsort(newton.away(u, wish), kind="stable")]
+            if newton.redundant:
+                u = u[:_FAMILIES]
+                goals = np.tile(goal, (len(u), 1))
+                u = newton.settle(u, goals, np.tile(wish, (len(u), 1)))[0]
+            answers.append(self._scale.from_unit(u))
         return answers
 
-    def _ways(self, p: Array, r: Array, near: Array, free: int | None) -> list[Array]:
-        """Joints (k, dof) of every way to poses, none where nothing reaches them."""
-        starts = np.zeros((len(p), 0, near.shape[1]))
-        closed = self._closed is not None and free is None
-        if closed:
-            starts = self._closed_starts(p, r)
-        spare = near.shape[1] > _residuals(free)
-        kernel = self.model.kernel
-        if kernel is not None and kernel.poses and not spare:
-            q, count = kernel.inverse_poses_all(
-                *self.to_sensor(p, r), starts, _axis(free)
-            )
-            return [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
-        newton, target, _ = self._asked(p, r, near, free)
-        if closed:
-            owner, u = refined_ways(
-                newton, target, self._scale.to_unit(starts), self.length
-            )
-            q = self._scale.from_unit(u)
-            edges = np.searchsorted(owner, np.arange(len(p) + 1)).tolist()
-            return [q[a:b] for a, b in itertools.pairwise(edges)]
-        arm = (self.evaluate, target, self._ranges, self.length)
-        return searched_ways(*arm, free=free, starts=near)
+    def search(self, *, posed: bool, free: int | None = None) -> Search:
+        """The search for places (n, 3), or for poses (n, 12) of the base frame."""
+        key = posed, free
+        if key not in self._searches:
+            task: Task = Positions.in_base(self.evaluate, self._scale, self.length)
+            if posed:
+                task = Poses(self.evaluate, self._scale, self.length, self.length, free)
+            starts = self._starts(posed=posed, free=free)
+            newton = Newton(task, self._scale)
+            self._searches[key] = Search(newton, starts, SEARCH.surely)
+        return self._searches[key]
 
-    def _closed_starts(self, p: Array, r: Array) -> Array:
+    @cached_property
+    def _searches(self) -> dict[tuple[bool, int | None], Search]:
+        return {}
+
+    def _starts(self, *, posed: bool, free: int | None) -> Starts:
+        """Starts of the drawing's closed form where that answers, else a table's."""
+        structure: Any = self.body.structure
+        closed = ClosedForm.of(structure.chain)
+        if posed and free is None and closed is not None:
+            gain = self.body.beta[structure.groups["gain"]]
+            offset = self.body.beta[structure.groups["offset"]]
+            return DrawnPostures(closed, self._scale, gain, offset)
+        columns: tuple[int, ...] = (0, 1, 2)
+        if posed and free is None:
+            columns = tuple(range(12))
+        elif free is not None:
+            columns = (0, 1, 2, *range(3 + free, 12, 3))
+        return Postures(self.evaluate, self._scale, self.length, columns)
+
+    def _kernel_starts(self, search: Search, target: Array) -> Array:
         """Starts (n, 8, 6) of poses by the drawing's closed form; NaN beyond the limits."""
-        assert self._closed is not None  # noqa: S101
-        structure: Any = self.body.structure
-        groups = structure.groups
-        beta = self.body.beta
-        values = self._closed.joints(p, r)
-        q = (values - beta[groups["offset"]]) / beta[groups["gain"]]
-        q, inside = self._ranges.within(q, _ASIDE)
-        return np.where(inside[..., None], q, np.nan)
-
-    def _asked(
-        self, p: Array, r: Array, near: Array, free: int | None
-    ) -> tuple[Newton, Array, Array]:
-        """The search of poses, its targets (n, 12) and what is wished for (n, dof)."""
-        newton = self._posing
-        if free is not None:
-            task = Poses(self.evaluate, self._scale, self.length, free)
-            newton = Newton(task, self._scale, self.length)
-        return newton, Poses.target(p, r), self._unit(near)
-
-    @cached_property
-    def _closed(self) -> ClosedForm | None:
-        """The closed form of the drawing, where it has one."""
-        structure: Any = self.body.structure
-        return ClosedForm.of(structure.chain)
-
-    @cached_property
-    def _ranges(self) -> Joints:
-        about = self.model.about
-        return Joints(about.lower, about.upper, about.revolute)
-
-    def _again(
-        self, newton: Newton, u: Array, left: Array, target: Array, wish: Array
-    ) -> None:
-        """Answers that missed their target, tried from all over the ranges; in place."""
-        owner = np.repeat(np.flatnonzero(left > REACHED * self.length), _STARTS)
-        if len(owner):
-            tried = np.tile(drawn(_STARTS, u.shape[1]), (len(owner) // _STARTS, 1))
-            found = newton.settle(tried, target[owner], wish[owner])
-            newton.take_better(u, left, wish, owner, *found)
+        if not isinstance(search.starts, DrawnPostures):
+            return np.zeros((len(target), 0, len(self._scale.span)))
+        owner, u = search.starts.of(target)
+        starts = np.full((len(target), WAYS, u.shape[1]), np.nan)
+        starts[owner, rank_within(owner)] = self._scale.from_unit(u)
+        return starts
 
     def _unit(self, q: Array) -> Array:
-        return self._placing.clip(self._scale.to_unit(q))
+        return self.search(posed=False).newton.clip(self._scale.to_unit(q))
 
     @property
     def _scale(self) -> Scale:
         return self.model.motor.scale
-
-    @cached_property
-    def _placing(self) -> Newton:
-        task = Positions.in_base(self.evaluate, self._scale)
-        return Newton(task, self._scale, self.length)
-
-    @cached_property
-    def _posing(self) -> Newton:
-        return Newton(
-            Poses(self.evaluate, self._scale, self.length), self._scale, self.length
-        )
-
-
-def _residuals(free: int | None) -> int:
-    """Number of residuals of a pose."""
-    return 6 if free is None else 5
-
-
-def _axis(free: int | None) -> int:
-    """A free axis as the C source has it."""
-    return -1 if free is None else free
 
 
 def _undistorted(seen: Array, lens: Array) -> Array:

@@ -99,7 +99,7 @@ def evaluate_residuals(
     motion = Motion(q, side).take(answered)
     x = x[answered]
     prediction = predict(model, motion)
-    near = model.solver.clip(scale.to_unit(motion.q))
+    near = model.solver.newton.clip(scale.to_unit(motion.q))
     # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
     forward, answers = side_by_side(
         lambda: {readout: prediction.read(readout) - x for readout in model.readouts},
@@ -123,7 +123,7 @@ def held_out_residuals(
     """
     n = len(samples)
     scale = model.motor.scale
-    clip = model.solver.clip
+    clip = model.solver.newton.clip
     forward: dict[str, Array] = {}
     rows = np.arange(0, n, max(1, n // TESTING.maps))
     turned = None

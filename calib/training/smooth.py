@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.fitting import BodyFit, fit, fit_sensors
-from ..body.sensor import doubtful_depth
-from ..body.telling import warnings_of
+from ..body.body_fit import BodyFit, fit, fit_sensors
+from ..body.row_notes import warnings_of
+from ..body.sensor_pose import doubtful_depth
 from ..body.views import is_camera
 from ..common.arrays import Array, Index
 from ..maps.model_selection import misfit

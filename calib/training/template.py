@@ -63,7 +63,7 @@ class Template:
                 parameter="free",
                 value=options.free,
             )
-        structure = replace(template.structure, zeros_alone=True)  # type: ignore[type-var]
+        structure = template.structure.changed(zeros_alone=True)
         return replace(template, structure=structure)
 
 

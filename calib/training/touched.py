@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..arm.arm import SpatialArm
+from ..body.body_fit import BodyFit
 from ..body.fit import Fit
-from ..body.fitting import BodyFit
 from ..body.parameters import Prior
 from ..body.rows import together
 from ..body.settings import STUDENT
@@ -298,7 +298,7 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     number, facts, sockets = touch.renumbered()
     rows = [
         replace(measured, floor=0.5 * noise, noise=noise)
-        for measured in touching(structure, q, number, facts, log.x)
+        for measured in touching(q, number, facts, log.x)
     ]
     seen = together(structure, rows)
     belief = restated(body, seen)

@@ -16,9 +16,7 @@ from ..arm.arm import Arm, SpatialArm
 from ..arm.rotations import exponential, logarithm
 from ..body.belief import Body
 from ..body.corners import Corners
-from ..body.rows import Beside
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.views import InSpace
 from ..common.arrays import Array
 from ..common.rows import number_rows
 from ..common.scale import Scale
@@ -81,20 +79,14 @@ class _Aim:
     structure: SpatialStructure
     beta: Array
     scale: Scale
+    count: int
+    size: float = 1.0
 
-    def value_and_slope(self, u: Array) -> tuple[Array, Array]:
-        """Readings (n, m) and their derivatives by the unit coordinates (n, m, dof)."""
+    def residual(self, u: Array, target: Array) -> tuple[Array, Array]:
+        """Residuals (n, m) and their derivatives by the unit coordinates (n, m, dof)."""
         q = self.scale.from_unit(u)
         value, slope = self.structure.predict_and_slope(q, self.beta)
-        return value, slope * self.scale.span
-
-    def gap(self, target: Array, value: Array) -> Array:
-        """Residuals (n, m)."""
-        return self.structure.residual(target, value)
-
-    def spare(self, target: Array, dof: int) -> bool:
-        """Whether there are more joints than numbers in a target."""
-        return bool(dof > target.shape[1])
+        return self.structure.residual(target, value), slope * self.scale.span
 
 
 def _led(
@@ -103,7 +95,7 @@ def _led(
     """Joints (n, dof) led to targets (n, m) within their limits, and how far they are off (n,)."""
     turning = np.zeros(structure.dof, dtype=bool)
     scale = Scale(space.lower, space.upper - space.lower, turning)
-    newton = Newton(_Aim(structure, beta, scale), scale, extent=1.0)
+    newton = Newton(_Aim(structure, beta, scale, target.shape[1]), scale)
     u, distance = newton.refine(scale.to_unit(q), target, 0.1 * _NEAR)
     return scale.from_unit(u), distance
 
@@ -168,9 +160,9 @@ class Scene:
     @property
     def camera(self) -> SpatialStructure:
         """The same chain, whose readings are pixels of corners."""
-        pose = cast(InSpace, self.structure.measurement)
-        reading = Beside((Corners(pose, self.in_hand), pose))
-        return self.structure.with_view("pose", unit="px", reading=reading)
+        corners = Corners(self.structure.viewpoint, self.in_hand)
+        pixels = self.structure.with_view("pose", unit="px")
+        return pixels.changed(others=(corners,), place=1)
 
     def corners(self, q: Array) -> Array:
         """Rows (4 n, dof + 3) of the board's outer corners at each posture (n, dof)."""

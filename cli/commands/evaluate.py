@@ -55,9 +55,7 @@ def evaluate(
     from ..query import model_in
 
     loaded = model_in(model, sensor)
-    reading = Reading(
-        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
-    )
+    reading = Reading(columns, unit, time_offset, degrees)
     log = log_of(loaded, data, reading)
     if log is not None:
         log = stated(log, distance, plane)

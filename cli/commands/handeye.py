@@ -108,7 +108,7 @@ def handeye(
             raise BadOption(
                 f"{len(names)} names: expected ROBOT PICTURES, or PICTURES with --poses-file"
             )
-        selection = Selection(joints=joints, tip=tip, lock=lock, degrees=degrees)
+        selection = Selection(joints, tip, lock=lock, degrees=degrees)
         arm = selection.load(names[0])
         need_joints(pictures, joints_file)
     glass = None

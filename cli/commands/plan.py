@@ -95,26 +95,19 @@ def plan(
         source = model
         facts = model.about
         if data is not None:
-            reading = Reading(columns=columns, degrees=degrees or None)
+            reading = Reading(columns, degrees=degrees or None)
             rows = log_for(model, data, reading)
         # an arm was loaded with its ranges, which it may need where it states no limits
         turns = dict(zip(facts.joint_names, facts.revolute, strict=True))
         within = in_si("--range", ranges, turns, degrees)
     else:
-        selection = Selection(
-            joints=joints,
-            tip=tip,
-            planar=planar,
-            lock=lock,
-            ranges=ranges,
-            degrees=degrees,
-        )
+        selection = Selection(joints, tip, planar, lock, ranges, degrees)
         arm = selection.load(robot)
         say(arm.notes)
         source = arm
         facts = arm
         if data is not None:
-            rows = measured(robot, selection, data, Reading(columns=columns))
+            rows = measured(robot, selection, data, Reading(columns))
     shown = JointFormat(facts, degrees)
     result = calib.plan(
         source,

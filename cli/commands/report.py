@@ -45,9 +45,7 @@ def report(
             "nothing to write: expected -o FILE.html, --figures FOLDER or --png DIR"
         )
     check_file(output, (".html", ".htm"))
-    reading = Reading(
-        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
-    )
+    reading = Reading(columns, unit, time_offset, degrees)
     loaded, log = load_drawn(model, data, photo, no_photo, reading)
     warnings = contradicted(loaded.about)
     lines = [*warnings]

@@ -14,14 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument
 
 from .. import options as opt
-from ..logs import (
-    Reading,
-    Selection,
-    babbled,
-    check_sources,
-    measured_by_sensors,
-    stated,
-)
+from ..logs import Reading, Selection, babbled, check_sources, measured, stated
 from ..output import Outcome, progress, say
 from ..parsing import BadOption, check_file
 from ..pictures import photo_of_log, with_photo
@@ -90,18 +83,8 @@ def train(
 ) -> Outcome:
     import calib
 
-    selection = Selection(
-        joints=joints,
-        tip=tip,
-        planar=planar,
-        lock=lock,
-        ranges=ranges,
-        degrees=degrees,
-        gravity=gravity,
-    )
-    reading = Reading(
-        columns=columns, unit=unit, time_offset=time_offset, prismatic=prismatic
-    )
+    selection = Selection(joints, tip, planar, lock, ranges, degrees, gravity)
+    reading = Reading(columns, unit, time_offset, prismatic=prismatic)
     simulated = {"samples": samples, "noise": noise, "change": change}
     of_touches = {"distance": distance, "plane": plane}
     of_cameras = {"gravity": gravity, "lens": lens, "photo": photo}
@@ -111,8 +94,12 @@ def train(
         raise BadOption("--photo and --no-photo are given: expected one of them")
     check_file(output, ())
     if data:
-        logs = measured_by_sensors(robot, selection, data, reading, seed, lens)
-        logs = [stated(log, distance, plane) for log in logs]
+        from calib.samples.sensors import sources_by_sensor
+
+        logs = []
+        for sensor, source in sources_by_sensor(data).items():
+            log = measured(robot, selection, source, reading, seed, lens, sensor)
+            logs.append(stated(log, distance, plane))
     else:
         logs = [babbled(robot, selection, samples, noise, change, seed)]
     log = logs[0]
@@ -120,14 +107,13 @@ def train(
     check_file(path, ())
     if output is None and not force:
         _check_same_origin(path, log)
+    sizes = (size, motor_size, sensory_size)
     how = calib.TrainingOptions(
-        size=size,
-        motor_size=motor_size,
-        sensory_size=sensory_size,
-        map=map,
-        rule=rule,
-        epochs=epochs,
-        sigma=sigma,
+        *sizes,
+        map,
+        rule,
+        epochs,
+        sigma,
         body=body,
         view=view,
         free=free,

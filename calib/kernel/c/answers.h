@@ -101,3 +101,19 @@ static inline void calib_quaternion(const calib_real R[9], calib_real q[4]) {
   size = q[3] < 0 ? -sqrt(size) : sqrt(size);
   for (i = 0; i < 4; ++i) q[i] /= size;
 }
+
+/* The rotation of a quaternion x, y, z, w of any length. */
+static inline void calib_matrix(const calib_real q[4], calib_real R[9]) {
+  const calib_real x = q[0], y = q[1], z = q[2], w = q[3];
+  const calib_real s = 2 / (x * x + y * y + z * z + w * w);
+  R[0] = 1 - s * (y * y + z * z);
+  R[1] = s * (x * y - z * w);
+  R[2] = s * (x * z + y * w);
+  R[3] = s * (x * y + z * w);
+  R[4] = 1 - s * (x * x + z * z);
+  R[5] = s * (y * z - x * w);
+  R[6] = s * (x * z - y * w);
+  R[7] = s * (y * z + x * w);
+  R[8] = 1 - s * (x * x + y * y);
+}
+

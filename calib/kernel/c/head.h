@@ -19,7 +19,7 @@ typedef @real@ calib_real;
 enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_NODES = @nodes@, CALIB_NEAR = @near@,
   CALIB_HARMONICS = @harmonics@, CALIB_CHAIN = @chain@, CALIB_STARTS = @starts@,
-  CALIB_STEPS = 40, CALIB_TRIES = @tries@, CALIB_POSTURES = @postures@,
+  CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_TRIES = @tries@, CALIB_POSTURES = @postures@,
   CALIB_SCANNED = @scanned@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@, CALIB_POINTS = @points@
 };
 

@@ -64,10 +64,11 @@ static inline void calib_clipped(calib_real q[CALIB_DOF]) {
 static inline int calib_move(int n, const calib_real *J, const calib_real *r,
                              const calib_real q[CALIB_DOF], const calib_real *wish,
                              calib_real damping, calib_real move[CALIB_DOF]) {
+  const calib_real slack = wish ? @slides_slack@ : 0;
   calib_real own[6 * CALIB_DOF], lacking[6], y[6];
   int i, k, pass, held = 0, again;
   for (i = 0; i < n * CALIB_DOF; ++i) own[i] = J[i];
-  for (pass = 0; pass < 3; ++pass) {
+  for (pass = 0; pass < CALIB_DOF; ++pass) {
     for (i = 0; i < n; ++i) {
       lacking[i] = r[i];
       for (k = 0; wish && k < CALIB_DOF; ++k) lacking[i] -= own[i * CALIB_DOF + k] * wish[k];
@@ -78,7 +79,7 @@ static inline int calib_move(int n, const calib_real *J, const calib_real *r,
       move[k] = wish && !(held >> k & 1) ? wish[k] : 0;
       for (i = 0; i < n; ++i) move[k] += own[i * CALIB_DOF + k] * y[i];
       if (calib_periodic[k] || held >> k & 1) continue;
-      if (!((u <= 0 && move[k] < 0) || (u >= 1 && move[k] > 0))) continue;
+      if (!((u <= slack && move[k] < 0) || (u >= 1 - slack && move[k] > 0))) continue;
       again = 1;
       held |= 1 << k;
       for (i = 0; i < n; ++i) own[i * CALIB_DOF + k] = 0;
@@ -97,46 +98,130 @@ static inline int calib_beside(const calib_real q[CALIB_DOF], const calib_real *
   return 0;
 }
 
-/* Joints from a start (in q) to a task by damped Newton steps; with more joints than residuals
- * those nearest to `near`.  Returns whether they are there; `left` is what is left.  A start that
- * leads to one of `count` known ways is given up where a step ends beside it. */
+/* What joints miss of a task, and its derivative there. */
+typedef struct {
+  calib_real r[6], J[6 * CALIB_DOF], left;
+} calib_gap;
+
+static inline void calib_gap_at(const calib_task *task, const calib_real q[CALIB_DOF],
+                                calib_gap *gap) {
+  gap->left = calib_left(task, q, gap->r, gap->J);
+}
+
+static inline void calib_copy(const calib_real from[CALIB_DOF], calib_real to[CALIB_DOF]) {
+  int k;
+  for (k = 0; k < CALIB_DOF; ++k) to[k] = from[k];
+}
+
+/* Joints a move on, of which none goes further than `longest`, within their limits. */
+static inline void calib_moved(const calib_real q[CALIB_DOF], const calib_real move[CALIB_DOF],
+                               calib_real longest, calib_real out[CALIB_DOF]) {
+  calib_real largest = longest;
+  int k;
+  for (k = 0; k < CALIB_DOF; ++k)
+    if (fabs(move[k]) > largest) largest = fabs(move[k]);
+  for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + calib_span[k] * move[k] * longest / largest;
+  calib_clipped(out);
+}
+
+/* Joints from a start (in q) to a task by damped Newton steps; `gap` is what they miss at the end.
+ * Given up where a step ends beside one of `count` known ways: returns 0, else 1. */
+static inline int calib_newton(const calib_task *task, const calib_real *known, int count,
+                               int steps, calib_real enough, calib_real q[CALIB_DOF],
+                               calib_gap *gap) {
+  const int n = calib_rows(task);
+  const calib_real size = calib_size(task);
+  calib_real move[CALIB_DOF], trial[CALIB_DOF], damping = @calm@;
+  calib_gap next;
+  int step;
+  calib_clipped(q);
+  calib_gap_at(task, q, gap);
+  for (step = 0; step < steps && gap->left > enough * size; ++step) {
+    if (!calib_move(n, gap->J, gap->r, q, 0, damping, move)) return 0;
+    calib_moved(q, move, @longest@, trial);
+    if (calib_beside(trial, known, count, @margin@ / 4)) return 0;
+    calib_gap_at(task, trial, &next);
+    if (next.left < gap->left) {
+      const int stalled = !(next.left < gap->left * (1 - @slow@));
+      calib_copy(trial, q);
+      *gap = next;
+      damping = damping > @easier@ * @calm@ ? damping / @easier@ : @calm@;
+      if (stalled) break;
+    } else {
+      if (gap->left <= @close@ * size) break;
+      damping = damping * @easier@ > @hard@ ? damping * @easier@ : @hard@;
+      if (!(damping < @hardest@)) break;
+    }
+  }
+  return 1;
+}
+
+/* What of the way to `near` leaves the task as it is; returns its length. */
+static inline calib_real calib_pull(const calib_task *task, const calib_real near[CALIB_DOF],
+                                    const calib_real q[CALIB_DOF], const calib_gap *gap,
+                                    calib_real pull[CALIB_DOF]) {
+  const calib_real none[6] = {0, 0, 0, 0, 0, 0};
+  calib_real wish[CALIB_DOF], squared = 0;
+  int k;
+  calib_apart(near, q, wish);
+  if (!calib_move(calib_rows(task), gap->J, none, q, wish, @calm@, pull)) return 0;
+  for (k = 0; k < CALIB_DOF; ++k) squared += pull[k] * pull[k];
+  return sqrt(squared);
+}
+
+/* Redundant joints slide along their self-motion towards `near`; a slide that comes no closer is
+ * undone.  The length of a slide follows from the last one (Barzilai and Borwein 1988).  Given up
+ * beside one of `count` known ways: returns 0, else 1. */
+static inline int calib_slide(const calib_task *task, const calib_real near[CALIB_DOF],
+                              const calib_real *known, int count, calib_real q[CALIB_DOF],
+                              calib_gap *gap) {
+  const calib_real close = @close@ * calib_size(task);
+  calib_real pull[CALIB_DOF], after[CALIB_DOF], trial[CALIB_DOF], way[CALIB_DOF], share = 1;
+  calib_real length = calib_pull(task, near, q, gap, pull);
+  calib_gap next;
+  int n, k;
+  for (n = 0; n < CALIB_SLIDES && share * length > @settled@; ++n) {
+    calib_real along = 0, squared = 0, factor = share;
+    if (share * length > @longest@) factor = @longest@ / length;
+    for (k = 0; k < CALIB_DOF; ++k) way[k] = factor * pull[k];
+    calib_moved(q, way, 1, trial);
+    if (!calib_newton(task, 0, 0, CALIB_STEPS, @close@, trial, &next) || next.left > close ||
+        !(calib_apart(trial, near, 0) < calib_apart(q, near, 0))) {
+      share /= 4;
+      continue;
+    }
+    length = calib_pull(task, near, trial, &next, after);
+    calib_apart(trial, q, way);
+    for (k = 0; k < CALIB_DOF; ++k) {
+      along += way[k] * (pull[k] - after[k]);
+      squared += way[k] * way[k];
+    }
+    share = along > 0 ? squared / along : (calib_real)1.5;
+    share = share < (calib_real)0.1 ? (calib_real)0.1 : share > 3 ? 3 : share;
+    calib_copy(trial, q);
+    calib_copy(after, pull);
+    *gap = next;
+    if (calib_beside(q, known, count, @margin@ / 4)) return 0;
+  }
+  return 1;
+}
+
+/* Joints from a start (in q) to a task; with more joints than residuals those nearest to `near`.
+ * Returns whether they are there; `left` is what is left.  A start that leads to one of `count`
+ * known ways is given up. */
 static inline int calib_reach(const calib_task *task, const calib_real near[CALIB_DOF],
                               const calib_real *known, int count, int steps,
                               calib_real q[CALIB_DOF], calib_real *left) {
-  const int n = calib_rows(task);
-  const calib_real size = calib_size(task), close = @close@ * size;
-  calib_real r[2][6], J[2][6 * CALIB_DOF], wish[CALIB_DOF], move[CALIB_DOF], trial[CALIB_DOF];
-  calib_real damping = @calm@, now, longest;
-  int k, step, here = 0, pulled = CALIB_DOF > n, most = pulled ? 2 * steps : steps;
-  calib_clipped(q);
-  *left = calib_left(task, q, r[0], J[0]);
-  for (step = 0; step < most && (pulled || *left > @enough@ * size); ++step) {
-    if (step == steps) pulled = 0; /* anywhere on the target, then */
-    if (pulled) calib_apart(near, q, wish);
-    if (!calib_move(n, J[here], r[here], q, pulled ? wish : 0, damping, move)) return 0;
-    for (longest = 0, k = 0; k < CALIB_DOF; ++k)
-      if (fabs(move[k]) > longest) longest = fabs(move[k]);
-    for (k = 0; k < CALIB_DOF; ++k)
-      trial[k] = q[k] + calib_span[k] * move[k] * (longest > @longest@ ? @longest@ / longest : 1);
-    calib_clipped(trial);
-    if (!pulled && calib_beside(trial, known, count, @margin@ / 4)) return 0;
-    now = calib_left(task, trial, r[1 - here], J[1 - here]);
-    if (pulled && longest < @pulled@ && now <= *left) pulled = 0;
-    if (now < *left || (pulled && now <= close)) {
-      const int stalled = !(now < *left * (1 - (calib_real)1e-9)) && !pulled;
-      for (k = 0; k < CALIB_DOF; ++k) q[k] = trial[k];
-      *left = now;
-      here = 1 - here;
-      damping = damping > 30 * @calm@ ? damping / 30 : @calm@;
-      if (stalled) break;
-    } else {
-      if (*left <= close && (!pulled || damping > 1)) break;
-      damping = damping * 30 > (calib_real)1e-6 ? damping * 30 : (calib_real)1e-6;
-      if (!(damping < 1000) && !pulled) break;
-      if (!(damping < 1000)) pulled = 0, damping = @calm@;
-    }
+  const int spare = CALIB_DOF > calib_rows(task);
+  const calib_real close = @close@ * calib_size(task);
+  calib_gap gap;
+  int good = calib_newton(task, known, count, steps, spare ? @close@ : @enough@, q, &gap);
+  if (good && spare && gap.left <= close) {
+    good = calib_slide(task, near, known, count, q, &gap) &&
+           calib_newton(task, 0, 0, steps, @enough@, q, &gap);
   }
-  return *left <= close;
+  *left = gap.left;
+  return good && gap.left <= close;
 }
 
 /* Where the joints may stand on the other side of a nearby fold: as far beyond it as q is before
@@ -185,7 +270,7 @@ static inline int calib_twin(const calib_task *task, const calib_real q[CALIB_DO
  * the cells beside; without cells those that are near to it and to joints.  Returns how many;
  * those from `likely` on, all over the table, are for what the first lead to nowhere. */
 static inline int calib_starting(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
-                                 int row[CALIB_TRIES], int *likely) {
+                                 short row[CALIB_TRIES], int *likely) {
 #if @gridded@
   int cell[CALIB_OUT], found = 0, around = 1, i, n, ring;
   (void)near;
@@ -205,11 +290,11 @@ static inline int calib_starting(const calib_real x[CALIB_OUT], const calib_real
       }
       if (outside || beside != ring) continue;
       for (i = calib_cell[place]; i < calib_cell[place + 1] && found < CALIB_TRIES; ++i)
-        row[found++] = i;
+        row[found++] = (short)i;
     }
   *likely = found;
   for (i = 0; i < CALIB_STARTS && found < CALIB_TRIES; i += 1 + CALIB_STARTS / CALIB_TRIES)
-    row[found++] = i;
+    row[found++] = (short)i;
   return found;
 #else
   calib_real far[CALIB_TRIES];
@@ -229,7 +314,7 @@ static inline int calib_starting(const calib_real x[CALIB_OUT], const calib_real
       row[k] = row[k - 1];
     }
     far[k] = d;
-    row[k] = n;
+    row[k] = (short)n;
   }
   *likely = found < CALIB_TRIES / 3 ? found : CALIB_TRIES / 3;
   return found;
@@ -249,55 +334,123 @@ static inline void calib_on_turn(const calib_real near[CALIB_DOF], calib_real q[
   }
 }
 
-/* Joints nearest to `near` that do a task; x is the position by which starts are chosen.  1 where
- * no other way is nearer, 2 where one might be, 0 where none was found: then `nearest` comes
- * closest of what was tried, and `left` is left (NaN where `near` is no joints). */
-static inline int calib_search(const calib_task *task, const calib_real x[CALIB_OUT],
-                               const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF],
-                               calib_real nearest[CALIB_DOF], calib_real *left) {
-  const int spare = CALIB_DOF > calib_rows(task);
-  const int sure = task->kind == CALIB_POSITION && !spare;
-  calib_real from[CALIB_DOF], trial[CALIB_DOF], away, best = 0, now;
-  int row[CALIB_TRIES], i, k, count = CALIB_TRIES, likely = CALIB_TRIES, found = 0;
-  *left = calib_not_a_number();
-  for (k = 0; k < CALIB_DOF; ++k) q[k] = calib_not_a_number();
+/* Starts of a search: rows of a table of joints, in an order. */
+typedef struct {
+  const calib_real *q; /* joints, one after another; no numbers are no start */
+  const short *row;    /* the order; 0 where it is that of the table */
+  int count, likely;   /* those after the likely ones are for what these lead to nowhere */
+  int runs;            /* so many runs without a new way end a search */
+  calib_real apart;    /* starts closer to a known way lead to it */
+} calib_starts;
+
+static inline const calib_real *calib_start(const calib_starts *starts, int n) {
+  return starts->q + (starts->row ? starts->row[n] : n) * CALIB_DOF;
+}
+
+/* Starts of a position near joints, from the table; `row` is room for their order. */
+static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
+                                                 const calib_real near[CALIB_DOF],
+                                                 short row[CALIB_TRIES]) {
+  calib_starts starts = {calib_start_q[0], row, 0, 0, CALIB_TRIES, @margin@ / 2};
+  starts.count = calib_starting(x, near, row, &starts.likely);
+  return starts;
+}
+
+/* The best way to a task so far: joints that do it, or that come nearest to it. */
+typedef struct {
+  int met;
+  calib_real q[CALIB_DOF], away;       /* nearest to the joints asked for, and how near */
+  calib_real nearest[CALIB_DOF], left; /* of what misses the task the best, and what is left */
+} calib_best;
+
+/* Replaces a way by what a start leads to, if that is nearer. */
+static inline void calib_try(const calib_task *task, const calib_real from[CALIB_DOF], int known,
+                             const calib_real start[CALIB_DOF], calib_best *way) {
+  calib_real trial[CALIB_DOF], left, away;
+  calib_copy(start, trial);
+  if (!calib_reach(task, from, way->q, known, CALIB_STEPS, trial, &left)) {
+    if (way->met || way->left <= left) return;
+    way->left = left;
+    calib_copy(trial, way->nearest);
+    return;
+  }
+  away = calib_apart(trial, from, 0);
+  if (way->met && !(away < way->away)) return;
+  way->met = 1;
+  way->away = away;
+  calib_copy(trial, way->q);
+}
+
+/* Whether no other way can be nearer. */
+static inline int calib_sure(const calib_task *task, const calib_best *way) {
+  const int single = task->kind == CALIB_POSITION && CALIB_DOF == CALIB_OUT;
+  return way->met && way->away <= (single ? @beside@ : @surely@);
+}
+
+/* The way that `from` leads to, or what lies across a fold beside it. */
+static inline void calib_try_near(const calib_task *task, const calib_real from[CALIB_DOF],
+                                  calib_best *way) {
+  calib_real twin[CALIB_DOF];
+  way->met = 0;
+  way->left = calib_not_a_number();
+  calib_try(task, from, 0, from, way);
+  if (way->met && CALIB_DOF <= calib_rows(task) && way->away > @beside@ &&
+      calib_twin(task, way->q, twin))
+    calib_try(task, from, 0, twin, way);
+}
+
+/* The same of starts, but for those that can lead to no nearer one. */
+static inline void calib_try_starts(const calib_task *task, const calib_real from[CALIB_DOF],
+                                    const calib_starts *starts, calib_best *way) {
+  int n, runs = 0;
+  for (n = 0; n < starts->count && runs < starts->runs; ++n) {
+    const calib_real *start = calib_start(starts, n);
+    if (n >= starts->likely && way->met) return;
+    if (!(start[0] - start[0] == 0)) continue;
+    if (way->met && (calib_apart(start, from, 0) > way->away + @margin@ ||
+                     calib_apart(start, way->q, 0) < starts->apart))
+      continue;
+    ++runs;
+    calib_try(task, from, way->met, start, way);
+  }
+}
+
+/* `near` within its limits; 0 where it is no joints. */
+static inline int calib_from(const calib_real near[CALIB_DOF], calib_real from[CALIB_DOF]) {
+  int k;
   for (k = 0; k < CALIB_DOF; ++k) {
     const calib_real u = (near[k] - calib_lower[k]) / calib_span[k];
-    if (!(u - u == 0) || (!calib_periodic[k] && !(u >= -1 && u <= 2))) return 0; /* no joints */
-    from[k] = trial[k] = near[k];
+    if (!(u - u == 0) || (!calib_periodic[k] && !(u >= -1 && u <= 2))) return 0;
   }
+  calib_copy(near, from);
   calib_clipped(from);
-  for (i = -1; i < count; ++i) { /* from `near`, then from the table */
-    if (i == 0 && !(count = calib_starting(x, from, row, &likely))) break;
-    if (i >= likely && (found || !sure)) break;
-    if (i >= 0) {
-      const calib_real *start = calib_start_q[row[i]];
-      away = calib_apart(start, from, 0);
-      if (found && (away > best + @margin@ || calib_apart(start, q, 0) < @margin@ / 2)) continue;
-      for (k = 0; k < CALIB_DOF; ++k) trial[k] = start[k];
-    }
-    if (!calib_reach(task, from, q, found, CALIB_STEPS, trial, &now)) {
-      if (found || *left <= now) continue;
-      *left = now;
-      for (k = 0; k < CALIB_DOF; ++k) nearest[k] = trial[k];
-      continue;
-    }
-    away = calib_apart(trial, from, 0);
-    if (found && !(away < best)) continue;
-    found = 1;
-    best = away;
-    for (k = 0; k < CALIB_DOF; ++k) q[k] = trial[k];
-    if (i >= 0) continue;
-    if (!spare && best > @beside@ && calib_twin(task, q, trial) &&
-        calib_reach(task, from, 0, 0, CALIB_STEPS, trial, &now) && (away = calib_apart(trial, from, 0)) < best) {
-      best = away;
-      for (k = 0; k < CALIB_DOF; ++k) q[k] = trial[k];
-    }
-    if (best <= (sure ? @beside@ : @surely@)) break;
+  return 1;
+}
+
+/* Joints nearest to `near` that do a task; x is the position by which starts are chosen.  1 where
+ * no other way is nearer, 2 where one might be, 0 where none was found: `way` has what comes
+ * closest then. */
+static inline int calib_search(const calib_task *task, const calib_real x[CALIB_OUT],
+                               const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF],
+                               calib_best *way) {
+  const int single = task->kind == CALIB_POSITION && CALIB_DOF == CALIB_OUT;
+  calib_real from[CALIB_DOF];
+  short row[CALIB_TRIES];
+  int k;
+  for (k = 0; k < CALIB_DOF; ++k) q[k] = calib_not_a_number();
+  way->met = 0;
+  way->left = calib_not_a_number();
+  if (!calib_from(near, from)) return 0;
+  calib_try_near(task, from, way);
+  if (!calib_sure(task, way)) {
+    calib_starts starts = calib_position_starts(x, from, row);
+    if (!single) starts.count = starts.likely;
+    calib_try_starts(task, from, &starts, way);
   }
-  if (!found) return 0;
+  if (!way->met) return 0;
+  calib_copy(way->q, q);
   calib_on_turn(near, q);
-  return sure || best <= @surely@ ? 1 : 2;
+  return single || calib_sure(task, way) ? 1 : 2;
 }
 
 /* Adds what a start leads to, and what lies across a fold beside it, to `count` ways to do a task,
@@ -305,32 +458,49 @@ static inline int calib_search(const calib_task *task, const calib_real x[CALIB_
 static inline int calib_add_way(const calib_task *task, const calib_real start[CALIB_DOF],
                                 int steps, int most, calib_real q[][CALIB_DOF], int count) {
   calib_real trial[CALIB_DOF], left;
-  int k, first = count, fold;
-  for (k = 0; k < CALIB_DOF; ++k) trial[k] = start[k];
+  int first = count, fold;
+  calib_copy(start, trial);
   for (fold = 0; fold < 2 && count < most; ++fold) {
     if (fold && (count == first || CALIB_DOF > calib_rows(task) ||
                  !calib_twin(task, q[first], trial)))
       break;
     if (!calib_reach(task, start, q[0], fold ? 0 : count, steps, trial, &left)) break;
     if (calib_beside(trial, q[0], count, @same@)) break;
-    for (k = 0; k < CALIB_DOF; ++k) q[count][k] = trial[k];
-    ++count;
+    calib_copy(trial, q[count++]);
   }
   return count;
+}
+
+/* All ways to a task that starts lead to, at most `most`; returns how many. */
+static inline int calib_every(const calib_task *task, const calib_starts *starts, int steps,
+                              int most, calib_real q[][CALIB_DOF]) {
+  int n, runs = 0, count = 0;
+  for (n = 0; n < starts->count && runs < starts->runs && count < most; ++n) {
+    const calib_real *start = calib_start(starts, n);
+    const int before = count;
+    if (n >= starts->likely && count) break;
+    if (!(start[0] - start[0] == 0) || calib_beside(start, q[0], count, starts->apart)) continue;
+    count = calib_add_way(task, start, steps, most, q, count);
+    runs = count > before ? 0 : runs + 1;
+  }
+  return count;
+}
+
+static inline void calib_position_task(const calib_real x[CALIB_OUT], calib_task *task) {
+  int i;
+  task->kind = CALIB_POSITION;
+  for (i = 0; i < CALIB_OUT; ++i) task->x[i] = x[i];
 }
 
 /* All ways to a position that the table of starts leads to, at most `most`; returns how many. */
 static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
                                     calib_real q[][CALIB_DOF]) {
   calib_task task;
-  int row[CALIB_TRIES], i, count, likely, found = 0;
-  task.kind = CALIB_POSITION;
-  for (i = 0; i < CALIB_OUT; ++i) task.x[i] = x[i];
-  count = calib_starting(x, calib_start_q[0], row, &likely);
-  for (i = 0; i < (found ? likely : count) && found < most; ++i)
-    if (!calib_beside(calib_start_q[row[i]], q[0], found, @margin@))
-      found = calib_add_way(&task, calib_start_q[row[i]], CALIB_STEPS, most, q, found);
-  return found;
+  short row[CALIB_TRIES];
+  calib_starts starts = calib_position_starts(x, calib_start_q[0], row);
+  starts.apart = @margin@;
+  calib_position_task(x, &task);
+  return calib_every(&task, &starts, CALIB_STEPS, most, q);
 }
 
 /* Joints that bring the tip to a position: of several ways the one nearest to `near`, in shares of
@@ -338,25 +508,24 @@ static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
 static inline int calib_inverse(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
                                 calib_real q[CALIB_DOF]) {
   calib_task task;
-  calib_real nearest[CALIB_DOF], left;
-  int i;
-  task.kind = CALIB_POSITION;
-  for (i = 0; i < CALIB_OUT; ++i) task.x[i] = x[i];
-  return calib_search(&task, x, near, q, nearest, &left);
+  calib_best way;
+  calib_position_task(x, &task);
+  return calib_search(&task, x, near, q, &way);
 }
+
 /* As calib_inverse, and 3 where nothing reaches the position. */
 static inline int calib_answer(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
                                calib_real q[CALIB_DOF]) {
   calib_task task;
-  calib_real best[CALIB_DOF], left, bound, most = @sure@ * @extent@;
-  int i, found;
-  task.kind = CALIB_POSITION;
-  for (i = 0; i < CALIB_OUT; ++i) task.x[i] = x[i];
-  found = calib_search(&task, x, near, q, best, &left);
-  if (found || !(left - left == 0)) return found;
+  calib_best way;
+  calib_real bound, most = @sure@ * @extent@;
+  int found;
+  calib_position_task(x, &task);
+  found = calib_search(&task, x, near, q, &way);
+  if (found || !(way.left - way.left == 0)) return found;
   /* within the expected error it may still count as reached */
-  if (calib_expected_error(best, &bound) && bound < most) most = bound;
-  return left > 2 * most ? 3 : 0;
+  if (calib_expected_error(way.nearest, &bound) && bound < most) most = bound;
+  return way.left > 2 * most ? 3 : 0;
 }
 #if @placed@
 
@@ -382,9 +551,9 @@ static inline void calib_pose_task(const calib_real x[3], const calib_real R[9],
 static inline int calib_inverse_pose(const calib_real x[3], const calib_real R[9],
                                      const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF]) {
   calib_task task;
-  calib_real nearest[CALIB_DOF], left;
+  calib_best way;
   calib_pose_task(x, R, -1, &task);
-  return calib_search(&task, x, near, q, nearest, &left);
+  return calib_search(&task, x, near, q, &way);
 }
 #endif
 
@@ -394,8 +563,7 @@ static inline calib_real calib_newton_step(const calib_real target[CALIB_OUT], c
   calib_task task;
   calib_real r[6], J[6 * CALIB_DOF], move[CALIB_DOF], left;
   int i;
-  task.kind = CALIB_POSITION;
-  for (i = 0; i < CALIB_OUT; ++i) task.x[i] = target[i];
+  calib_position_task(target, &task);
   left = calib_left(&task, q, r, J);
   if (!calib_move(CALIB_OUT, J, r, q, 0, damping, move)) return calib_not_a_number();
   for (i = 0; i < CALIB_DOF; ++i) q[i] += calib_span[i] * move[i];

@@ -7,11 +7,10 @@ import os
 import secrets
 import threading
 import webbrowser
+from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from ...common.atomic import atomic_write
 from ...common.rows import checked_rows
@@ -19,7 +18,7 @@ from ...common.wording import for_people, length_in_words
 from ...errors import CalibError, OptionError
 from ...model.model import Model
 from ...samples.samples import Samples
-from ..settings import AMOUNTS
+from ..settings import SETTINGS
 from .scene import Scene
 
 _ADDRESS = "127.0.0.1"  # no other computer can reach it
@@ -105,7 +104,7 @@ class Preview:
 
     def __init__(self, url: str, scene: Scene, server: _Server | None = None) -> None:
         self.url = url
-        self.notes = tuple(scene.data["notes"])
+        self.notes = tuple(scene.notes)
         self._server = server
 
     def close(self) -> None:
@@ -188,7 +187,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(data)
 
 
-def _answer(scene: Scene, question: dict[str, Any]) -> dict[str, Any]:
+def _answer(scene: Scene, question: Mapping[str, object]) -> dict[str, object]:
     """Answer with every branch that reaches a point of the scene.
 
     question : "at", a point of the scene; what is off the drawn plane is left out
@@ -196,36 +195,37 @@ def _answer(scene: Scene, question: dict[str, Any]) -> dict[str, Any]:
     with "joints" in the motor map's unit box, and transforms of "links".
     """
     model = scene.model
-    placement = scene.placement
-    robot = scene.robot
-    point = checked_rows(question["at"], ("x", "y", "z"), "at")[0][0]
-    # the plane's axes span two of three dimensions: least squares drops the third
-    x = (point - placement.origin) @ np.linalg.pinv(placement.axes)
     about = model.about
-    solutions = model.solve_all(x[None])[0]
+    placement = scene.placements[0]
+    point = checked_rows(question["at"], ("x", "y", "z"), "at")[0]
+    x = placement.drop(point)
+    solutions = model.solve_all(x)[0]
+    reachable = bool(solutions.reachable.any())
     lines = [f"{len(solutions.q)} ways to reach it"]
-    branches = []
-    if not solutions.reachable.any():
+    if not reachable:
         off = length_in_words(float(solutions.distance[0]), about.unit)
         lines = [f"out of reach, the nearest point is {off} away"]
-    for q, error in zip(
-        solutions.q[: AMOUNTS.branches], solutions.expected_error, strict=False
-    ):
-        joints = zip(
-            about.joint_names, q, map(for_people, about.units_of_joints), strict=True
-        )
-        lines.append(", ".join(f"{n} {f * v:.2f} {unit}" for n, v, (f, unit) in joints))
+    branches: list[dict[str, object]] = []
+    for q, error in zip(solutions.q, solutions.expected_error, strict=True):
+        if len(branches) == SETTINGS.branches:
+            break
+        values = []
+        for name, value, kind in zip(
+            about.joint_names, q, about.units_of_joints, strict=True
+        ):
+            factor, unit = for_people(kind)
+            values.append(f"{name} {factor * value:.2f} {unit}")
+        lines.append(", ".join(values))
         lines.append(f"expected error {length_in_words(float(error), about.unit)}")
-        poses = {} if robot is None else robot.poses(q)
-        branches.append(
-            {
-                "joints": model.motor.scale.to_unit(q[None])[0].tolist(),
-                "links": {name: t[0].T.ravel().tolist() for name, t in poses.items()},
-            }
-        )
+        links = {}
+        if scene.robot is not None:
+            for name, frames in scene.robot.poses(q).items():
+                links[name] = frames[0].T.ravel().tolist()
+        unit_joints = model.motor.scale.to_unit(q[None])[0]
+        branches.append({"joints": unit_joints.tolist(), "links": links})
     return {
-        "reachable": bool(solutions.reachable.any()),
+        "reachable": reachable,
         "words": "\n".join(lines),
-        "target": placement.lift(x[None])[0].tolist(),
+        "target": placement.lift(x)[0].tolist(),
         "branches": branches,
     }

@@ -1,0 +1,80 @@
+"""Source: templates of C filled with numbers.
+
+They are in the folder `c`: C99 that is also valid C++, without allocation and without any library
+but ``math.h``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+_CHOICE = re.compile(
+    r"^#if @(\w+)@\n((?:(?!#if @|#endif\n|#else\n).*\n)*)(?:#else\n((?:(?!#if @|#endif\n).*\n)*))?"
+    r"#endif\n",
+    re.MULTILINE,
+)
+_NUMBER = re.compile(r"[-\d.][-+.e\d]*")
+_BRACES = str.maketrans("[]", "{}")
+_FUNCTIONS = re.compile(r"\b(cos|sin|sqrt|floor|fabs|atan2|pow)\(")
+
+
+def source(*names: str) -> str:
+    """Files of the C source, one after another."""
+    folder = files(__package__) / "c"
+    return "".join((folder / f"{name}.h").read_text(encoding="ascii") for name in names)
+
+
+def c_source(text: str, words: Mapping[str, object], prefix: str, single: bool) -> str:
+    """C source with words such as ``@dof@`` and ``#if @word@`` filled in, and names' prefix."""
+    while "#if @" in text:  # the innermost first
+        text = _CHOICE.sub(
+            lambda found: (found[2] if words[found[1]] else found[3]) or "", text
+        )
+    filled = {
+        name: c_number(value, single) if isinstance(value, float) else str(value)
+        for name, value in words.items()
+    }
+    text = re.sub(r"@(\w+)@", lambda found: filled[found[1]], text)
+    text = _FUNCTIONS.sub(r"\1f(", text) if single else text
+    return text.replace("calib_", prefix).replace("CALIB_", prefix.upper())
+
+
+def c_number(value: float, single: bool) -> str:
+    """A C constant that reads back as the same number; infinities as what no value exceeds."""
+    return braces(np.asarray(value, dtype=float), single)
+
+
+def table(
+    name: str, values: NDArray[np.generic], single: bool, floats: bool = False
+) -> str:
+    """A constant array of C of any shape, braces round each row; `floats` in any header."""
+    if not values.size:
+        values = np.zeros([max(size, 1) for size in values.shape], dtype=values.dtype)
+    whole = values.dtype.kind == "i"
+    text = (
+        str(values.tolist()).translate(_BRACES)
+        if whole
+        else braces(values, single or floats)
+    )
+    kind = "int" if whole else "float" if floats else "calib_real"
+    return f"static const {kind} {name}{''.join(f'[{n}]' for n in values.shape)} = {text};\n"
+
+
+def braces(values: NDArray[np.generic], single: bool) -> str:
+    """Numbers in the braces of a C constant, row by row."""
+    numbers = np.clip(np.nan_to_num(np.asarray(values, float), nan=3e38), -3e38, 3e38)
+    text = str(numbers.tolist())
+    if single:  # nine digits tell any two floats apart
+        text = _NUMBER.sub(lambda found: _nine_digits(found[0]), text)
+    return text.replace("], [", "],\n[").translate(_BRACES)
+
+
+def _nine_digits(text: str) -> str:
+    text = f"{np.float32(text):.9g}"
+    # a C literal needs a point or an exponent
+    return (text if any(c in text for c in ".e") else text + ".0") + "f"
