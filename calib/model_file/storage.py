@@ -92,6 +92,11 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
     """A model of a class from the content of its file; `name` is for messages."""
     header, tensors = unpack(data, name)
     version = header.get("format")
+    if header.get("kind") == "rig":
+        raise ModelError(
+            f"{name}: a rig of flange poses, no model: calib report, calib preview and calib plan "
+            "take it"
+        )
     if version != VERSION:
         remedy = "an older program wrote it, train the model again"
         if isinstance(version, int) and version > VERSION:
