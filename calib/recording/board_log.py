@@ -18,7 +18,9 @@ from .board_pictures import held_poses
 from .lens import Lens, lens_of_model
 from .reference import find_pose
 
-_REFOCUSED = 0.02  # share by which the focal length of a camera that was not touched may differ
+_REFOCUSED = (
+    0.02  # share by which the focal length of a camera that was not touched may differ
+)
 
 
 def with_lens_of(model: Model, log: Samples) -> Samples:
@@ -65,4 +67,3 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
         source={**source, "lens": lens.to_json()},
         notes=(*log.notes, note),
     )
-

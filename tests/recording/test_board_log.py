@@ -17,9 +17,7 @@ def pictures(rig):
     names = tuple(f"{k}.png" for k in range(len(rig.q)))
     board = Board.parse("7x5:24mm:18mm:5x5_100")
     size = (1280, 720)
-    return BoardPictures(
-        board, rig.arm.joint_names, names, rig.q, found, size, len(rig.q), ()
-    )
+    return BoardPictures(board, rig.arm.joint_names, names, rig.q, found, size, len(rig.q), ())
 
 
 @pytest.mark.parametrize(("tilt", "drifted"), [(0.0, False), (0.5, True)])
