@@ -18,9 +18,8 @@ from .board_pictures import held_poses
 from .lens import Lens, lens_of_model
 from .reference import find_pose
 
-_REFOCUSED = (
-    0.02  # share by which the focal length of a camera that was not touched may differ
-)
+# share by which the focal length of a camera that was not touched may differ
+_REFOCUSED = 0.02
 
 
 def with_lens_of(model: Model, log: Samples) -> Samples:
