@@ -22,15 +22,11 @@ if TYPE_CHECKING:
     from .arm.robots import list_robots as list_robots
     from .change.adapt import Adaptation as Adaptation
     from .change.adapt import adapt as adapt
-    from .change.check import Drift as Drift
     from .change.check import Recognition as Recognition
     from .change.check import check as check
     from .change.check import recognise as recognise
-    from .change.follow import follow as follow
     from .change.judge import Verdict as Verdict
     from .change.judge import judge as judge
-    from .change.monitor import Monitor as Monitor
-    from .change.monitor import monitor as monitor
     from .errors import CalibError as CalibError
     from .errors import LogError as LogError
     from .errors import ModelError as ModelError
@@ -57,6 +53,9 @@ if TYPE_CHECKING:
     from .show.preview.server import preview as preview
     from .show.report.page import figures as figures
     from .show.report.page import report as report
+    from .stream.follow import follow as follow
+    from .stream.monitor import Monitor as Monitor
+    from .stream.monitor import monitor as monitor
     from .sweeps import Sweep as Sweep
     from .sweeps import Trial as Trial
     from .sweeps import sweep as sweep
@@ -77,10 +76,8 @@ _NAMES = {
     "arm.loading": "load_arm",
     "arm.robots": "list_robots",
     "change.adapt": "Adaptation adapt",
-    "change.check": "Drift Recognition check recognise",
-    "change.follow": "follow",
+    "change.check": "Recognition check recognise",
     "change.judge": "Verdict judge",
-    "change.monitor": "Monitor monitor",
     "errors": "CalibError LogError ModelError OptionError QueryError RobotError",
     "maps.association": "Association",
     "maps.density": "Visit",
@@ -95,6 +92,8 @@ _NAMES = {
     "samples.simulation": "Simulation",
     "show.preview.server": "Preview preview",
     "show.report.page": "figures report",
+    "stream.follow": "follow",
+    "stream.monitor": "Monitor monitor",
     "sweeps": "Sweep Trial sweep",
     "training.evaluate": "Evaluation evaluate",
     "training.learn": "TrainingOptions",

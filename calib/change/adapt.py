@@ -13,25 +13,25 @@ from ..common.arrays import Array
 from ..common.choices import METHODS
 from ..common.rows import thinned
 from ..common.wording import for_people
-from ..errors import OptionError
+from ..errors import OptionError, require
 from ..maps.model_selection import better, blocks
 from ..maps.node_bounds import learn_bounds
-from ..model.about import Rows
+from ..model.about import MeasuredRows
 from ..model.alignment import Alignment
 from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.samples import Samples
+from ..stream.follow import BLOCK, HORIZON, OnlineAdapter
 from ..training.learn import Progress
 from ..training.residuals import error_sizes, evaluate_residuals, summarise
-from .causes import frame_between
+from .causes import FRAME, GROUPS, Cause
 from .evidence import Evidence
-from .follow import BLOCK, HORIZON, OnlineAdapter
-from .hypotheses import GROUPS, Cause, Hypothesis, is_framed
 from .judge import Verdict, judge, plain_numbers
 from .rebuild import rebuilt
 from .settings import LEAST_OWN, TAIL
 from .update import Update
+from .words import frame_between
 
 # of the held-out error that the rows of an adaptation may be missed by
 _CONSISTENT = 1.2
@@ -144,6 +144,8 @@ def adapt(
     LogError
         If the log is not of this arm or too short.
     """
+    require("model", model, Model)
+    require("log", log, Samples)
     if method not in METHODS:
         raise OptionError(
             f"method {method!r} is unknown, choose one of {', '.join(METHODS)}"
@@ -188,8 +190,8 @@ def _few_shot(
     rows = verdict.rows
     model = rows.model
     before = learned.before
-    after = np.linalg.norm(learned.residual, axis=1)
-    hypothesis = learned.explanation.hypothesis if evidence.attributed else ()
+    after = learned.after
+    groups = learned.explanation.groups if evidence.attributed else ()
     # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
     loud = (
         [cause.words for cause in evidence.reference.causes]
@@ -198,7 +200,7 @@ def _few_shot(
     )
     made = _old_model(verdict, before, after, _correction(evidence, learned), *loud)
     if evidence.attributed:
-        made = replace(made, kept=_kept(evidence, hypothesis))
+        made = replace(made, kept=_kept(evidence, groups))
     if not evidence.explained and not learned.improved:
         return replace(made, notes=(*made.notes, evidence.why_not()))
     report(0.8, "maps", float("nan"))
@@ -231,9 +233,7 @@ def _few_shot(
             f"elsewhere, where the position is known to {bound:.3g} {name} (median of the bound)"
         )
         made = replace(made, notes=(*made.notes, where))
-    frame = (
-        frame_between(evidence, learned.body.beta) if is_framed(hypothesis) else None
-    )
+    frame = frame_between(evidence, learned.body.beta) if FRAME[0] in groups else None
     report(1.0, "done", made.after["mean"])
     judged = rows.logged[learned.rows]
     return _finished(verdict, made, fresh, judged, learned.residual, "few-shot", frame)
@@ -251,16 +251,15 @@ def _correction(evidence: Evidence, learned: Update) -> str:
     return why
 
 
-def _kept(evidence: Evidence, hypothesis: Hypothesis) -> tuple[str, ...]:
+def _kept(evidence: Evidence, changed: tuple[str, ...]) -> tuple[str, ...]:
     """What an adaptation leaves as it was, in words."""
-    groups = {
-        name for name, ix in evidence.reference.structure.groups.items() if len(ix)
-    }
-    groups -= {group.partition(":")[0] for group in hypothesis}
-    if len(evidence.reference.sizes) >= 3:  # a tracker has no lens
+    structure = evidence.reference.structure
+    groups = {name for name, indices in structure.groups.items() if len(indices)}
+    groups -= {*changed}
+    if structure.outputs >= 3:  # a tracker has no lens
         groups.discard("lens")
     return tuple(
-        row.kept for name, row in GROUPS.items() if name in groups and row.kept
+        group.kept for name, group in GROUPS.items() if name in groups and group.kept
     )
 
 
@@ -427,7 +426,7 @@ def _finished(
     }
     about = old.about.measured(
         samples=made.samples,
-        unit=verdict.unit_seen,
+        unit=verdict.unit,
         errors=errors,
         notes=made.notes,
         tested=len(after),
@@ -440,7 +439,7 @@ def _finished(
     )
     # a camera that was moved sees another picture
     photo = old.photo if method == "few-shot" and frame is None else None
-    kept_rows = Rows.of(rows.logged[sound], rows.x[sound])
+    kept_rows = MeasuredRows.of(rows.logged[sound], rows.x[sound])
     if len(residual) == len(kept_rows):  # of all rows that are kept
         kept_rows = replace(kept_rows, held_out=residual)
     if fresh.body is None:  # maps that followed these rows know no others

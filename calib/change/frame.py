@@ -24,13 +24,12 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
-from .hypotheses import FRAME, Cause, indices_of, is_sensors
+from .causes import FRAME, Cause, indices_of, is_sensors
 from .settings import LEAST_OWN
 
 _FAR = 0.05  # misfit, of the extents, from which another frame is looked for
-_BETTER = (
-    0.5  # misfit by which a mirror, another sense or a locked joint must be better
-)
+# misfit by which a mirror, another sense or a locked joint must be better
+_BETTER = 0.5
 _SCALES = (0.5, 2.0)  # beyond these the positions are in another unit
 _ROWS = 200
 _LEAST = 1e-4  # noise that is always allowed, of the extents
@@ -48,9 +47,8 @@ class Reference:
     # a mirror, joints that turn the other way or no more, another unit: what is no matter of
     # degree; where there is one only hypotheses with a free frame make sense
     causes: tuple[Cause, ...] = ()
-    scale: float = (
-        1.0  # size of positions over what it was; 1 where they are in the old unit
-    )
+    # size of positions over what it was; 1 where they are in the old unit
+    scale: float = 1.0
     # (g,), parameters of the view whose old posterior does not count any more
     forgotten: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
@@ -159,7 +157,7 @@ def _camera_anew(body: Body, q: Array, z: Array) -> Array:
 
     structure: Any = body.structure
     lens = tuple(body.beta[structure.groups["lens"]].tolist())
-    known = replace(structure, lens=lens, lens_sd=(0.0, 0.0, 0.0, 0.0))
+    known = structure.with_sensor(lens=lens, lens_sd=(0.0, 0.0, 0.0, 0.0))
     beta = body.beta.copy()
     free = indices_of(structure, FRAME)
     beta[free] = frame(known, q, z, body.beta)[free]
@@ -201,9 +199,12 @@ def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[Cause, 
 
 def _replaced(structure: Structure, change: dict[str, Any]) -> Structure:
     """The structure with other values of those fields that it has."""
-    own = {name: value for name, value in change.items() if name in structure.__dict__}
-    # a copy would compute again what a structure keeps of itself
-    return replace(structure, **own) if own else structure  # type: ignore[type-var]
+    fields = vars(structure.viewpoint)
+    sensor = {name: value for name, value in change.items() if name in fields}
+    if sensor:  # a copy would compute again what a structure keeps of itself
+        structure = structure.with_sensor(**sensor)
+    signs = change.get("signs")
+    return structure if signs is None else structure.changed(signs=signs)
 
 
 def _misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]:

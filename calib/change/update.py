@@ -16,11 +16,11 @@ from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..common.arrays import Array
 from ..common.rows import thinned
-from .equations import Log, own_columns, prior_columns, shared_columns
 from .evidence import Evidence
 from .explain import Explanation, weighed
 from .frame import Reference
 from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE
+from .system import Log, own_columns, prior_columns, shared_columns
 
 _ROWS = 600  # that an update takes: linear in them
 _BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
@@ -41,6 +41,11 @@ class Update:
     before: Array  # (k,), their distances from the model [unit]
     residual: Array  # (k, m), residuals of these rows where they were held out [unit]
     improved: bool  # whether they are predicted better than before
+
+    @property
+    def after(self) -> Array:
+        """Their distances from the updated belief (k,) [unit]."""
+        return np.asarray(np.linalg.norm(self.residual, axis=1))
 
 
 def update(evidence: Evidence) -> Update:
@@ -68,21 +73,23 @@ def update(evidence: Evidence) -> Update:
         if not improved:  # the tool alone
             body = evidence.prior
             held = (evidence.rows.x - evidence.rows.predicted)[rows]
-        body = evidence.tool_beside(body.structure, body.beta).of(body)
+        body = evidence.tool_beside(body.beta).of(body)
         improved = True
     return Update(body, chosen[0][1], rows, before, held, bool(improved))
 
 
 def _hypotheses_to_update_by(evidence: Evidence) -> tuple[Explanation, ...]:
     """Those of the change; where nothing is blamed those of none, which widen the bound."""
-    findings = evidence.findings
+    explanations = evidence.explanations
     if evidence.attributed:
-        return findings
-    findings = tuple(e for e in findings if not e.hypothesis) or findings
+        return explanations
+    explanations = tuple(e for e in explanations if not e.causes) or explanations
     # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere
     if evidence.score <= 1.0 and not evidence.prior.simulated:
-        findings = tuple(e for e in findings if e.waves <= CREEP) or findings
-    return findings
+        explanations = (
+            tuple(e for e in explanations if e.level.waves <= CREEP) or explanations
+        )
+    return explanations
 
 
 def _is_surer(evidence: Evidence, body: Body) -> bool:
@@ -106,7 +113,7 @@ def _mixed(
     The bound carries what the choice among the explanations, best first with weights, is unsure of.
     """
     old = reference.body
-    parts = [(share, *_posterior(reference, e, log)) for share, e in chosen]
+    parts = [(share, *_posterior(e.reference, e, log)) for share, e in chosen]
     _, beta, _, _, held = parts[0]
     active = np.unique(np.concatenate([part[2] for part in parts]))
     covariance = np.zeros((len(active), len(active)))
@@ -114,7 +121,10 @@ def _mixed(
         place = np.searchsorted(active, known)
         covariance[np.ix_(place, place)] += share * spread
         covariance += share * np.outer((other - beta)[active], (other - beta)[active])
-    own = np.sqrt(sum(share * e.factor**2 for share, e in chosen)) * reference.own_sd
+    own = (
+        np.sqrt(sum(share * e.level.residual**2 for share, e in chosen))
+        * reference.own_sd
+    )
     noise = np.sqrt(sum(share * e.noise**2 for share, e in chosen)) * reference.sizes
     second = old.second
     if second is not None:  # after the same log, under the most likely explanation
@@ -123,8 +133,8 @@ def _mixed(
         wide = replace(
             old, beta=second.beta, active=second.active, root=second.root, kappa=1.0
         )
-        there = replace(reference, body=wide, beta=reference.beta + apart)
-        e = replace(e, origin=e.origin + apart, beta=e.beta + apart)
+        there = replace(e.reference, body=wide, beta=e.reference.beta + apart)
+        e = replace(e, beta=e.beta + apart)
         wider, known, spread, _ = _posterior(there, e, log)
         second = Second(wider, known, root_of(spread), np.maximum(noise, second.noise))
     body = replace(
@@ -151,8 +161,8 @@ def _posterior(
     """
     structure = reference.structure
     weight = 1.0 / (np.sqrt(e.temper) * e.noise * reference.sizes)
-    active, prior = prior_columns(reference, e.waves, freed=e.sd)
-    smooth = own_columns(reference, log, e.factor)
+    active, prior = prior_columns(reference, e.level.waves, freed=e.sd)
+    smooth = own_columns(reference, log, e.level.residual)
 
     def whitened(columns: Array) -> Array:
         return np.asarray((columns * weight[:, None]).reshape(log.z.size, -1))
@@ -180,7 +190,7 @@ def _posterior(
 
     beta = e.beta
     ways = prior @ _told(columns_of(prior), _TOLD)
-    start = np.linalg.lstsq(ways, (beta - e.origin)[active], rcond=1e-12)[0]
+    start = np.linalg.lstsq(ways, (beta - reference.beta)[active], rcond=1e-12)[0]
     normals = np.asarray(start, dtype=np.float64)
     y, own, cost = seen(beta, normals)
     for _ in range(_STEPS):

@@ -258,14 +258,14 @@ def _seen_in_space(
         )
         return structure, None, points.x
     if not freedom.frame:
-        structure = replace(own, view="base")
+        structure = own.with_view("base")
     elif knows_orientation(body):
         # orientations tell turns of the tool and of the wrist that positions leave open
-        structure = replace(own, view="pose")
+        structure = own.with_view("pose")
         turns = structure.predict(points.q, body.beta)[:, points.x.shape[1] :]
         return structure, body.beta, np.hstack([points.x, turns])
     else:
-        structure = replace(own, view="rigid" if own.view == "pose" else own.view)
+        structure = own.with_view("rigid" if own.view == "pose" else own.view)
     known = body.beta if own.view == structure.view else None
     return structure, known, points.x
 

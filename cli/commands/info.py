@@ -8,7 +8,15 @@ from calib.common.wording import printable
 
 from .. import options as opt
 from ..output import Line, Outcome, as_typed, sized
-from ..summary import accuracy, advice, code_of, contradicted, error_table, summary
+from ..summary import (
+    accuracy,
+    accuracy_of_sensor,
+    advice,
+    code_of,
+    contradicted,
+    error_table,
+    summary,
+)
 
 
 def info(
@@ -66,5 +74,6 @@ def info(
     tested = f"{about.tested} rows"
     line = accuracy(loaded, about.errors, about.within, tested, about.left_out)
     lines += ["", f"accuracy: {line}", advice(loaded, about.errors)]
+    lines += [accuracy_of_sensor(loaded.by(name)) for name in loaded.sensors[1:]]
     table = error_table(loaded, about.errors, "errors when it was made")
     return Outcome(document, lines, [table], code=code_of(warnings))

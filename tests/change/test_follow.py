@@ -9,8 +9,8 @@ from models import trained
 
 import calib
 from calib.change import adapt as adapting
-from calib.change.follow import BLOCK, OnlineAdapter, follow
 from calib.maps.model_selection import blocks
+from calib.stream.follow import BLOCK, OnlineAdapter, follow
 
 
 @pytest.fixture(autouse=True)

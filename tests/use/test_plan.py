@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import calib
-from calib.body.telling import greedy
+from calib.body.information import greedy
 from calib.common.scale import TURN, Scale
 from calib.errors import OptionError
 from calib.use.plan import farthest, length, shortest_tour, tells

@@ -7,7 +7,7 @@ from models import in_pixels, trained
 from scipy.stats import qmc
 
 import calib
-from calib.body.telling import greedy
+from calib.body.information import greedy
 from calib.use.plan import farthest, tells
 from calib.use.pose_space import hits_itself, space_of
 

@@ -96,14 +96,7 @@ def inverse(
     if quaternion and rpy:
         raise BadOption("--quaternion and --rpy are given: expected one of them")
     query = Query(
-        model,
-        values=target,
-        frame="base" if on else frame,
-        input_=input_,
-        columns=columns,
-        output=output,
-        unit=unit,
-        degrees=degrees,
+        model, input_, columns, output, unit, degrees, "base" if on else frame, target
     )
     anchor = query.joints.one_each("--near", near)
     if anchor is not None:

@@ -13,15 +13,15 @@ from ..body.settings import SIMULATED_FLOOR
 from ..common.arrays import Array
 from ..errors import ModelError, QueryError
 from ..model.model import Model
-from .equations import affine_columns
-from .score import groups_of
-from .settings import FALSE_ALARM, NUISANCE
 
 _WARM = 20  # samples before the first judgement
 _DIRECTIONS = 8  # strongest displacements; further ones are nearly sums of these
 _COLLINEAR = 1e-3  # directions that are so much weaker than the strongest are left out
 _CHANCE = 3.0  # standard errors from which an autocorrelation is none of chance
 _MOST_ALIKE = 0.99  # autocorrelation from sample to sample that is counted at most
+_FALSE_ALARM = 1e-6  # share of calm samples that may be alarms
+# Times its own bound of 95 % that a model may be off for a while, as where an arm dwells
+_NUISANCE = 1.5
 _CLIP = 8.0  # a residual counts for at most so many times the usual one
 
 
@@ -76,7 +76,9 @@ class Monitor:
         self._model = model
         self._expected = model.baseline.sensory
         if model.body is not None:
-            self._every = np.unique(np.concatenate([*groups_of(model.body).values()]))
+            groups = model.body.structure.groups.items()
+            every = [ix for name, ix in groups if not name.startswith("curve")]
+            self._every = np.unique(np.concatenate(every)).astype(np.intp)
         self._combined = _orthonormal(self._moves(np.clip(model.motor.units, 0.0, 1.0)))
         axes = model.sensory.scale.span.size
         p = self._combined.shape[1]
@@ -86,7 +88,7 @@ class Monitor:
         self._least = SIMULATED_FLOOR * float(np.linalg.norm(model.sensory.scale.span))
         # by numbers of independent samples: what chance explains of noise, in its variances
         free = np.maximum(axes * np.arange(int(2.0 * window) + 2.0) - p, 1.0)
-        self._chance = p * np.asarray(fdtri(p, free, 1.0 - FALSE_ALARM**2))
+        self._chance = p * np.asarray(fdtri(p, free, 1.0 - _FALSE_ALARM))
         # sums that fade: products; samples, squared weights, zeta over the usual, squared bounds
         self._moments = np.zeros((p + 1, p + 1))
         self._sums = np.zeros(4)
@@ -163,7 +165,7 @@ class Monitor:
             * float(self._chance[int(independent)])
             / independent
         )
-        own = NUISANCE**2 * bound / weight + self._least**2
+        own = _NUISANCE**2 * bound / weight + self._least**2
         score = math.sqrt(explained / (chance + own)) if seen >= _WARM else 0.0
         drifted = score > 1.0
         return State(
@@ -198,6 +200,14 @@ class Monitor:
 def monitor(model: Model) -> Monitor:
     """A monitor for a stream of samples: ``monitor.update(q, x)`` after each."""
     return Monitor(model)
+
+
+def affine_columns(x: Array, outputs: int | None = None) -> Array:
+    """Displacements (n, m, (1 + p) m) of positions (n, p) by an affine map of their frame."""
+    n = len(x)
+    m = outputs or x.shape[1]
+    bent = np.concatenate([np.ones((n, 1)), x], axis=1)
+    return np.asarray(np.einsum("nk,ij->nikj", bent, np.eye(m)).reshape(n, m, -1))
 
 
 def _orthonormal(moves: Array) -> Array:

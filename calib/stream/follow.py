@@ -18,7 +18,7 @@ from ..maps.links import without_weak
 from ..maps.map import Map
 from ..maps.vdsom import VDSOM, Layer, Rates
 from ..model.model import Model
-from .rebuild import settled_model
+from .settle import settled_model
 
 HORIZON = 10_000
 """Samples over which a re-formed map settles: half of what training takes."""
