@@ -90,8 +90,10 @@ def export(
     texts: dict[str, str] = {}  # all are made before anything is written
     words: dict[str, str] = {}
     if lerobot or ur or mjcf:
-        corrected, offsets = formats.corrected_arm(loaded, drawn=free == "offsets")
-        document["offsets"] = offsets
+        corrected, zeros = formats.corrected_arm(loaded, drawn=free == "offsets")
+        offsets = {name: float(zero.value) for name, zero in zeros.items()}
+        widths = {name: float(zero.interval) for name, zero in zeros.items()}
+        document |= {"offsets": offsets, "intervals": widths}
         if ur is not None:
             texts["ur"] = ur_kinematics(corrected, tip)
             words["ur"] = "kinematics of a UR"
