@@ -29,7 +29,6 @@ _BETTER = 1.0  # nats by which one more cause must better the evidence
 _ROUNDS = 3  # in which the system is set up at the best explanation
 _FITTED = 8  # explanations of a round that are fitted to convergence at most
 _STEPS = 12  # of Gauss-Newton at most
-_AVERAGED = 6  # explanations at most
 _NOTHING_LEFT = 1e-2  # twice the nats by which a step must better the fit
 
 
@@ -305,23 +304,15 @@ def is_changed(explanations: Sequence[Explanation]) -> bool:
     return not nothing or explanations[0].evidence > max(nothing) + MARGIN
 
 
-def weighed(some: Sequence[Explanation]) -> list[tuple[float, Explanation]]:
-    """The explanations that count with their posterior weights, that to update by first.
-
-    It is the best, with the least residual of the log's own that the evidence hardly tells from it.
-    """
-    best = some[0]
-    some = [each for each in some if each.evidence > best.evidence - MARGIN][:_AVERAGED]
-    weight = np.exp(np.array([each.evidence for each in some]) - best.evidence)
-    weight /= weight.sum()
+def least_residual(explanations: Sequence[Explanation]) -> Explanation:
+    """The best, with the least residual of the log's own that the evidence hardly tells from it."""
+    best = explanations[0]
     alike = [
         each
-        for each in some
+        for each in explanations
         if each.causes == best.causes and each.evidence > best.evidence - NATS
     ]
-    first = min(alike, key=lambda each: OWN.index(each.level))
-    chosen = list(zip(weight.tolist(), some, strict=True))
-    return sorted(chosen, key=lambda pair: pair[1] is not first)
+    return min(alike, key=lambda each: OWN.index(each.level))
 
 
 def simplest(explanations: Sequence[Explanation]) -> Explanation:
