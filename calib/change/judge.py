@@ -40,6 +40,7 @@ from .rows import LogRows, rows_of
 from .settings import BEYOND, FALSE_ALARM, OUTLIER
 from .significance import (
     BoundTest,
+    FreeNoise,
     GroupTest,
     Tested,
     bound_test,
@@ -287,11 +288,15 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     data = Log(rows.q[sound], z[sound], float(np.sqrt(2.0)) * rows.shared)
 
     # Is anything wrong, and could these rows say so?
-    play = find_play(_system(reference, data), rows.side[sound])
+    before = reference if reference.new else Reference(body, body.beta)
+    system = _system(before, data)
+    noise = FreeNoise(system)
+    play = find_play(system, noise, rows.side[sound])
     if play is not None:
         data = replace(data, q=data.q - play.half * rows.side[sound])
-    before = reference if reference.new else Reference(body, body.beta)
-    tests = group_tests(_system(before, data), rows.probes)
+        system = _system(before, data)
+        noise = FreeNoise(system)
+    tests = group_tests(system, noise, rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
     bound = bound_test(rows, sound, limit, shared_variance(reference, data), tests)
     score = max(tests.score, bound.test.score)
