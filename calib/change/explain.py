@@ -97,6 +97,7 @@ class Search:
         reference = system.reference
         structure = reference.structure
         self.system = system
+        self._informations: dict[Level, Information] = {}
         self.temper = max(reference.body.kappa, 1.0) ** 2
         groups = tuple(
             dict.fromkeys(structure.labels[k].group for k in system.indices.tolist())
@@ -112,21 +113,18 @@ class Search:
         free = {name: indices[self.sd[indices] > 0.0] for name, indices in sets.items()}
         return {name: indices for name, indices in free.items() if len(indices)}
 
-    def informations(self, levels: Sequence[Level]) -> dict[Level, Information]:
-        """Return what the rows tell at each level of the log's own residual."""
-        sd = self.sd[self.system.indices]
-        return {
-            level: Information(self.system, level, sd, self.temper) for level in levels
-        }
+    def _information(self, level: Level) -> Information:
+        """What the rows tell at a level of the log's own residual."""
+        if level not in self._informations:
+            sd = self.sd[self.system.indices]
+            self._informations[level] = Information(self.system, level, sd)
+        return self._informations[level]
 
     def candidates(self) -> list[Candidate]:
         """Return nothing, sets that belong together, and causes added one by one."""
-        informations = self.informations(OWN)
-        found: dict[tuple[str, ...], list[Candidate]] = {
-            (): self._by_level((), (), informations)
-        }
+        found: dict[tuple[str, ...], list[Candidate]] = {(): self._by_level((), ())}
         for name, indices in self.sets.items():
-            found[(name,)] = self._by_level((name,), (indices,), informations)
+            found[(name,)] = self._by_level((name,), (indices,))
         beam: list[tuple[str, ...]] = [()]
         best = found[()][0].evidence
         for _ in range(_CAUSES):
@@ -136,7 +134,7 @@ class Search:
                     key = tuple(sorted({*causes, name}))
                     if len(key) > len(causes) and key not in longer:
                         parts = [self.singles[cause] for cause in key]
-                        longer[key] = self._by_level(key, parts, informations)
+                        longer[key] = self._by_level(key, parts)
             beam = sorted(longer, key=lambda key: -longer[key][0].evidence)[:_BEAM]
             found.update(longer)
             if not beam or longer[beam[0]][0].evidence < best + _BETTER:
@@ -147,27 +145,27 @@ class Search:
 
     def unchanged(self) -> list[Candidate]:
         """Return the sizes of the log's own residual alone."""
-        return self._by_level((), (), self.informations(OWN))
+        return self._by_level((), ())
 
     def richest(self) -> Explanation:
         """Fit all causes at once."""
         parts = tuple(self.singles.values())
-        (candidate,) = self._by_level(("all",), parts, self.informations(OWN[:1]))
+        (candidate,) = self._by_level(("all",), parts, OWN[:1])
         return self.fitted(candidate)
 
     def _by_level(
         self,
         causes: tuple[str, ...],
         parts: Iterable[Indices],
-        informations: dict[Level, Information],
+        levels: Sequence[Level] = OWN,
     ) -> list[Candidate]:
         """Return one set of causes at each level, the best first."""
         indices = np.unique(np.concatenate([self.start, *parts])).astype(np.intp)
         places = np.searchsorted(self.system.indices, indices)
         cost = self.cost * len(causes)
         candidates = []
-        for level, information in informations.items():
-            value, step = information.evidence(places)
+        for level in levels:
+            value, step = self._information(level).evidence(places, self.temper)
             step = step * self.sd[indices]
             candidates.append(
                 Candidate(causes, level, indices, step, value - cost, cost)
@@ -265,6 +263,7 @@ class Search:
             if last is not None and best.causes == last.causes:
                 break
             self.system = self.system.again(best.beta)
+            self._informations = {}
         return list(fits.values())
 
 
