@@ -40,7 +40,6 @@ from .rows import LogRows, rows_of
 from .settings import BEYOND, FALSE_ALARM, OUTLIER
 from .significance import (
     BoundTest,
-    FreeNoise,
     GroupTest,
     Tested,
     bound_test,
@@ -282,21 +281,16 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     prior = as_drawn(body) if cause == "offsets" else as_built(body)
     reference = reference_of(prior, rows.q, rows.x - rows.added, rows.unit)
     z = rows.x - _added_in_frame(rows, reference)
-    sound = sound_rows(
-        reference, rows.q, z, freedom(prior, tuple(body.structure.groups), cause)
-    )
+    groups = [group for group in body.structure.groups if not group.startswith("curve")]
+    sound = sound_rows(reference, rows.q, z, freedom(prior, tuple(groups), cause))
     data = Log(rows.q[sound], z[sound], float(np.sqrt(2.0)) * rows.shared)
 
     # Is anything wrong, and could these rows say so?
-    before = reference if reference.new else Reference(body, body.beta)
-    system = _system(before, data)
-    noise = FreeNoise(system)
-    play = find_play(system, noise, rows.side[sound])
+    play = find_play(_system(reference, data), rows.side[sound])
     if play is not None:
         data = replace(data, q=data.q - play.half * rows.side[sound])
-        system = _system(before, data)
-        noise = FreeNoise(system)
-    tests = group_tests(system, noise, rows.probes)
+    before = reference if reference.new else Reference(body, body.beta)
+    tests = group_tests(_system(before, data), rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
     bound = bound_test(rows, sound, limit, shared_variance(reference, data), tests)
     score = max(tests.score, bound.test.score)

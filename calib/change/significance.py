@@ -284,16 +284,15 @@ class FTests:
         )
 
 
-def group_tests(system: System, free: FreeNoise, probes: Array) -> Tested:
+def group_tests(system: System, probes: Array) -> Tested:
     """Test every group against the belief as the model knows it.
 
-    free : the noise where everything may have changed
     probes : (p, dof), joints all over the learned range
     """
     reference = system.reference
     structure = reference.structure
     groups = groups_of(structure)
-    noise, noisier = _with_noisy_joint(system, free)
+    noise, noisier = _with_noisy_joint(system, FreeNoise(system))
     tests = FTests(system, noise, len(groups) + 2)
     power, pull = tests.information(system.columns)
     moves = structure.linearise(probes, system.at, system.indices)[1]
@@ -323,7 +322,7 @@ def group_tests(system: System, free: FreeNoise, probes: Array) -> Tested:
     )
 
 
-def find_play(system: System, noise: FreeNoise, side: Array) -> Play | None:
+def find_play(system: System, side: Array) -> Play | None:
     """Find the joint whose play explains most beside all that may have changed; None for chance.
 
     A joint stands by half its play from where it stands coming from the other side: one more
@@ -336,6 +335,9 @@ def find_play(system: System, noise: FreeNoise, side: Array) -> Play | None:
     side = side[thinned(len(side), len(system.log.q))]
     shares = [(side > 0).mean(axis=0), (side < 0).mean(axis=0)]
     joints = np.flatnonzero(np.min(shares, axis=0) > _LEAST_SHARE)
+    if not len(joints):
+        return None
+    noise = FreeNoise(system)
     reference = system.reference
     slope = reference.structure.slope(system.log.q, reference.beta)[..., joints]
     columns = noise.unknown.whiten(-slope * side[:, None, joints])
