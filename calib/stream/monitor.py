@@ -38,9 +38,8 @@ class State(NamedTuple):
     drifted: bool  # whether a signal is above its threshold now
     score: float  # largest value over threshold; 0 while there are too few samples
     zeta: float  # distortion of the sensory map (eq. 9) over what is expected there
-    links: (
-        float  # [unit], root mean square of the systematic part of the recent residuals
-    )
+    # [unit], root mean square of the systematic part of the recent residuals
+    links: float
     noise: float  # [unit], standard deviation per axis of the rest
     fired: tuple[str, ...]  # ``("links",)`` where the residuals are systematic
 
