@@ -121,7 +121,9 @@ def _fit(
     candidates = [pass_gate(start, chain, some, nu) for start in starts]
     passed = max(candidates, key=lambda candidate: candidate.fit.evidence)
     whole = _over_all_rows(passed.fit, rows)
-    wide = None if structure.simulated else _wide_fit(passed, chain, some)
+    wide = None
+    if not structure.simulated and not structure.zeros_alone:
+        wide = _wide_fit(passed, chain, some)
     body = _body_of(passed, whole, wide)
     fits = [_seen_by(k, body, whole, wide, rows[k]) for k in range(len(rows))]
     direction = other_direction(passed, some)

@@ -69,6 +69,8 @@ class PlanarStructure(Structure):
     simulated: bool  # whether the rows are samples of a simulation
     sensors: tuple[InPlane, ...]
     place: int = 0
+    # whether the geometry is as drawn, and only joints' zeros and the sensor are not
+    zeros_alone: bool = False
     others = ()
 
     @property
@@ -129,7 +131,7 @@ class PlanarStructure(Structure):
 
     def undrawn(self) -> PlanarStructure | None:
         """The structure without its drawing, None where the sensor's frame is the drawing's."""
-        if self.nominal is None or self.view == "base":
+        if self.nominal is None or self.view == "base" or self.zeros_alone:
             return None
         return self.changed(nominal=None)
 
@@ -263,6 +265,8 @@ class PlanarStructure(Structure):
         others = self.other_groups
         joints = ("length", "offset", "gain")
         frame = (*self.viewpoint.seen_as.groups, *others)
+        if self.zeros_alone:
+            return (("frame", frame or ("offset",)), ("chain", (*frame, "offset")))
         few = (*PLANAR["similarity"].groups, *others, *joints)
         chain = (*frame, *joints)
         ladder = (

@@ -47,6 +47,8 @@ class SpatialStructure(Structure):
     informed: bool = True
     gravity: tuple[float, float, float] = GRAVITY  # (3,) [m/s2], in the root frame
     simulated: bool = False  # whether the rows are samples of a simulation
+    # whether the geometry is as drawn, and only joints' zeros and the sensor are not
+    zeros_alone: bool = False
     others: tuple[Measurement, ...] = field(default=(), metadata={"kept": False})
 
     @property
@@ -304,6 +306,8 @@ class SpatialStructure(Structure):
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
         frame = self.frame_groups
+        if self.zeros_alone:
+            return (("frame", frame), ("chain", (*frame, "offset")))
         drawn = self.informed
         chain = (*frame, "placement", *(("offset",) if drawn else ()))
         bent = (*chain, "elastic", "gravity") if drawn else chain

@@ -74,6 +74,8 @@ class Structure:
     chain_names: tuple[str, ...]  # names of all joints (c,) of the chain
     revolute: tuple[bool, ...]  # which joints turn; the others slide
     simulated: bool  # whether the rows are samples of a simulation
+    # whether the geometry is as drawn, and only joints' zeros are not
+    zeros_alone: bool
     sensors: tuple[Sensor, ...]  # all that see the arm
     others: tuple[Measurement, ...]  # what else is measured of it: touches, corners
     place: int  # which of both it sees as

@@ -13,7 +13,7 @@ from ..common.arrays import Array
 from ..common.choices import METHODS
 from ..common.rows import thinned
 from ..common.wording import for_people
-from ..errors import OptionError
+from ..errors import OptionError, require
 from ..maps.model_selection import better, blocks
 from ..maps.node_bounds import learn_bounds
 from ..model.about import MeasuredRows
@@ -144,6 +144,8 @@ def adapt(
     LogError
         If the log is not of this arm or too short.
     """
+    require("model", model, Model)
+    require("log", log, Samples)
     if method not in METHODS:
         raise OptionError(
             f"method {method!r} is unknown, choose one of {', '.join(METHODS)}"

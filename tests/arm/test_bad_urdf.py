@@ -7,7 +7,7 @@ import pytest
 from calib.arm.description import parse_robot
 from calib.arm.loading import arm_from_urdf, load_arm
 from calib.arm.robots import resolve_robot
-from calib.arm.urdf import MAX_BYTES, read_urdf
+from calib.arm.urdf import LIMITS, read_urdf
 from calib.errors import RobotError
 
 GOOD = read_urdf(resolve_robot("two_link"))
@@ -97,7 +97,7 @@ def test_files_that_cannot_be_read(tmp_path):
     latin.write_bytes(GOOD.replace("base", "bäse").encode("latin-1"))
     empty.write_text(" \n")
     with huge.open("wb") as file:
-        file.truncate(MAX_BYTES + 1)  # a hole, not 50 MB of disk
+        file.truncate(LIMITS.size + 1)  # a hole, not 50 MB of disk
     cases = {
         latin: "not UTF-8",
         hidden: "not UTF-8",

@@ -14,7 +14,7 @@ from pathlib import Path
 from ...common.atomic import atomic_write
 from ...common.rows import checked_rows
 from ...common.wording import for_people, length_in_words
-from ...errors import CalibError, OptionError
+from ...errors import CalibError, OptionError, require
 from ...model.model import Model
 from ...recording.rig import HandEye
 from ...samples.samples import Samples
@@ -66,6 +66,7 @@ def preview(
     ...     shown.url.startswith("http://127.0.0.1:")
     True
     """
+    require("model", model, Model)
     if live and path is not None:
         raise OptionError("`live` needs a running preview: expected it without a file")
     scene = None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ...common.choices import READOUTS
 from ...common.wording import quoted, suggestion
-from ...errors import OptionError
+from ...errors import OptionError, require
 from ...maps.association import Association
 from ...maps.map import Map
 from ...model.facts import facts
@@ -89,6 +89,7 @@ def report(
     """
     if isinstance(model, HandEye):
         return report_rig(model, path)
+    require("model", model, Model)
     studies = studies_of(model, log)
     rig = rig_of_model(model)
     study = next((one for one in studies if one.log is not None), studies[0])
