@@ -19,6 +19,7 @@ from calib.samples.tables import Batch, read_batch, write_table
 
 from .output import NO, Outcome, TextTable, fixed, note, say
 from .parsing import TABLES, BadOption, check_file, refuse
+from .summary import contradicted
 from .units import JointFormat, PositionFormat, units_of
 
 BOUNDS = ("expected_error", "model_error")
@@ -75,6 +76,7 @@ class Query:
         self._columns = columns or {}
         self._output = output
         about = self.model.about
+        say(contradicted(about))
         base = frame == "base"
         self.joints = JointFormat(about, degrees)
         self.positions = PositionFormat(about, frame, unit)
