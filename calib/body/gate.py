@@ -15,13 +15,12 @@ import numpy as np
 
 from ..common.arrays import Array
 from .covariance import radius_95
-from .fit import BLOCKS, Fit
+from .fit import Fit
 from .parameters import Indices
 from .rows import Part, Rows
-from .settings import LEAST_ROWS_OF_A_QUANTILE, NATS, OUTLIER, SETTLED, UNKNOWN_KAPPA
+from .settings import FIT, NATS
 from .starts import Start
 
-_WORK = 5e5  # rows times parameters beyond which only some rows get a predicted spread
 _PARTITIONS = (0, 2, 5, 10)
 
 
@@ -58,7 +57,7 @@ class HeldOut:
         single = _quantiles(np.split(self.ratios[max(self.ratios)], self.edges[1:-1]))
         if len(single) > 1:
             most.append(float(np.mean(single) + np.std(single)))
-        return max(most) if most else UNKNOWN_KAPPA
+        return max(most) if most else FIT.unknown_kappa
 
     def tau(self, part: Part) -> Array:
         """Residual sd (m,) of the body itself: held-out errors beyond the noise."""
@@ -81,7 +80,7 @@ def _quantiles(parts: Sequence[Array]) -> list[float]:
     quantiles: list[float] = []
     for part in parts:
         finite = part[np.isfinite(part)]
-        if len(finite) > LEAST_ROWS_OF_A_QUANTILE:
+        if len(finite) > FIT.least_rows_of_a_quantile:
             quantiles.append(float(np.quantile(finite, 0.95)))
     return quantiles
 
@@ -96,7 +95,7 @@ def leave_blocks_out(
     part = fit.parts[sensor]
     edges = part.edges
     n = len(part.z)
-    every = max(1, round(n * len(fit.active) / _WORK))
+    every = max(1, round(n * len(fit.active) / FIT.spread_work))
 
     residual = np.full_like(part.residual, np.nan)
     derivatives: list[Array] = []
@@ -131,7 +130,7 @@ def leave_blocks_out(
                 ratios[count][rows] = length / radius_95(spread)
                 if last - first == 1:
                     score[rows] = _negative_log_density(length, spread)
-        ratios[count][part.weight[:, 0] <= OUTLIER] = np.nan
+        ratios[count][part.weight[:, 0] <= FIT.outlier] = np.nan
     return HeldOut(residual, score, edges, ratios)
 
 
@@ -206,7 +205,7 @@ def pass_gate(
         if exact:  # exact rows may be far along a curved valley, such as that of a lens
             member.settle(60)
             return member.maximise(steps=20, tolerance=1e-3)
-        return member.maximise(steps=10, tolerance=SETTLED)
+        return member.maximise(steps=10, tolerance=FIT.settled)
 
     def is_exact(member: Fit) -> bool:
         return exact and bool((member.noise <= 1.5 * member.parts[0].floor).all())
@@ -238,7 +237,7 @@ def pass_gate(
                     name = member_name
                     free = groups
                     member = alone
-            held_out = leave_blocks_out(member, (BLOCKS,))
+            held_out = leave_blocks_out(member, (FIT.blocks,))
         except np.linalg.LinAlgError:
             continue
         evidences[name] = member.evidence

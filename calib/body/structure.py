@@ -1,4 +1,4 @@
-"""What a body's structure is: a chain, a measurement, and their parameters.
+"""Structure: a chain, the sensors that see it, and the parameters of both.
 
 The fit, the gate, the bound, ``check`` and ``adapt`` know a body only through `Structure`::
 
@@ -13,25 +13,30 @@ A vector of parameters ``beta`` (d,) always has the full layout: a block that a 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
+from dataclasses import replace
+from functools import cached_property, partial
 from itertools import product
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 
 from ..arm.spatial_chain import Motion, move
 from ..common.arrays import Array
+from ..errors import OptionError
 from .curves import HARMONICS, curve_slope, curve_value, waves_of
 from .parameters import Block, Gaussian, Hyper, Indices, Label, Prior
-from .sensors import Viewpoint
-from .views import Measurement, Moved, Placed, Sight, ViewKind, compose
+from .sensors import Sensor
+from .views import ArmSize, Measurement, Moved, Placed, Scene, Sight, compose
 
 Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
 
-
 Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
 """Parameters of a chain's geometry, and how the tip moves with each of them."""
+
+_BELIEFS = 8  # whose constants are remembered
+
+S = TypeVar("S", bound="Structure")
 
 
 class Fixed(NamedTuple):
@@ -41,15 +46,13 @@ class Fixed(NamedTuple):
     offset: Array  # (dof, 1) [rad or m]
     bent: list[int]  # joints that have an error curve
     curves: Array  # (k, 96) [rad]
-    coupling: (
-        Array | None
-    )  # (dof - 1, 1), None where no joint moves with its neighbour's motor
+    # (dof - 1, 1), None where no joint moves with its neighbour's motor
+    coupling: Array | None
     elastic: Mapping[str, Array]  # (e,) of each block by which joints bend, if they do
     gravity: Array  # (g,), what a load is of its levers
     links: Any  # of the chain
-    own: Mapping[
-        str, Any
-    ]  # all parameters, by block, and what follows from the sensor's
+    blocks: Mapping[str, Array]  # all parameters
+    placed: Placed  # the sensor
 
 
 class Structure:
@@ -59,9 +62,8 @@ class Structure:
     values are in rad or m as they are logged; positions in the structure's own unit.
     """
 
-    kind: ClassVar[
-        str
-    ]  # ``"planar"`` or ``"spatial"``: how a model file finds the class again
+    # ``"planar"`` or ``"spatial"``: how a model file finds the class again
+    kind: ClassVar[str]
     # rows that the gate and the evidence use; the rest enters the final step
     gate_rows: ClassVar[int]
     # wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad]
@@ -71,25 +73,50 @@ class Structure:
     joint_names: tuple[str, ...]  # names of the joints, base to tip
     chain_names: tuple[str, ...]  # names of all joints (c,) of the chain
     revolute: tuple[bool, ...]  # which joints turn; the others slide
-    view: str  # one of :data:`calib.body.views.PLANAR` or `SPATIAL`
-    unit: str  # unit of positions
-    extent: float  # size of the workspace along an output [unit]
     simulated: bool  # whether the rows are samples of a simulation
-    # of several sensors, see `calib.body.sensors`: the name and the place of the one that it sees
-    # as, and the others in their order
-    sensor_name: str
-    place: int
-    beside: tuple[Viewpoint, ...]
+    # whether the geometry is as drawn, and only joints' zeros are not
+    zeros_alone: bool
+    sensors: tuple[Sensor, ...]  # all that see the arm
+    others: tuple[Measurement, ...]  # what else is measured of it: touches, corners
+    place: int  # which of both it sees as
 
     @property
     def dof(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
 
+    # What it is seen by.
+
     @property
-    def seen_as(self) -> ViewKind:
-        """The kind of its sensor."""
-        raise NotImplementedError
+    def viewpoint(self) -> Sensor:
+        """The sensor that it sees as, or beside which it measures something else."""
+        beside = self.place >= len(self.sensors)
+        return self.sensors[0 if beside else self.place]
+
+    @property
+    def measurement(self) -> Measurement:
+        """What it sees as."""
+        return (*self.sensors, *self.others)[self.place]
+
+    @property
+    def view(self) -> str:
+        """Name of its sensor's view, one of :data:`calib.body.views.PLANAR` or `SPATIAL`."""
+        return self.viewpoint.view
+
+    @property
+    def unit(self) -> str:
+        """Unit of positions."""
+        return self.viewpoint.unit
+
+    @property
+    def metre(self) -> float:
+        """Units of positions in one metre."""
+        return self.viewpoint.metre
+
+    @property
+    def extent(self) -> float:
+        """Size of the workspace along an output [unit]."""
+        return self.viewpoint.extent
 
     @property
     def outputs(self) -> int:
@@ -106,16 +133,62 @@ class Structure:
         """Size (m,) of the workspace along the outputs [unit]; 1 rad for rotations."""
         return np.where(np.arange(self.outputs) < 3, self.extent, 1.0)
 
+    @property
+    def tool(self) -> Hyper | None:
+        """What is known of the tool; one sensor that measures lengths is enough to tell it."""
+        for other in self.others:
+            if other.tool is not None:
+                return other.tool
+        tools = [sensor.tool for sensor in self.sensors]
+        return None if None in tools else tools[0]
+
+    @property
+    def other_groups(self) -> tuple[str, ...]:
+        """Blocks of further sensors and measurements that every member of the gate fits."""
+        groups: list[str] = []
+        for place, sensor in enumerate(self.sensors):
+            prefix = "" if sensor is self.viewpoint else f"{sensor.name}."
+            if prefix:
+                groups += [prefix + block for block in sensor.frame]
+            if place and sensor.marked:
+                groups.append(f"{prefix}marker")
+        for other in self.others:
+            groups += other.free
+        return tuple(groups)
+
+    def changed(self, **fields: Any) -> Self:
+        """Return the structure with other values of its fields."""
+        return replace(self, **fields)  # type: ignore[type-var]
+
+    def with_sensor(self, **fields: Any) -> Self:
+        """Return the structure with other values of its sensor's fields: view, unit, ..."""
+        sensors = list(self.sensors)
+        sensors[sensors.index(self.viewpoint)] = replace(self.viewpoint, **fields)
+        return self.changed(sensors=tuple(sensors))
+
+    def as_seen_by(self, sensor: str | Measurement | None) -> Self:
+        """Return the structure as one of its sensors, by name, or of its measurements sees it.
+
+        None is the only sensor.
+        """
+        place = self.place
+        if isinstance(sensor, str):
+            names = [sight.name for sight in self.sensors]
+            if sensor not in names:
+                choices = ", ".join(names)
+                raise OptionError(f"sensor {sensor!r}: expected one of {choices}")
+            place = names.index(sensor)
+        elif sensor is not None:
+            place = len(self.sensors) + self.others.index(sensor)
+        elif self.others:
+            place = 0
+        return self if place == self.place else self.changed(place=place)
+
     # What the kinds of chains give.
 
     @property
-    def viewpoint(self) -> Viewpoint:
-        """What it says of the sensor that it sees as."""
-        raise NotImplementedError
-
-    @cached_property
-    def measurement(self) -> Measurement:
-        """What its sensor measures."""
+    def arm_size(self) -> ArmSize:
+        """What the prior of a sensor rests on."""
         raise NotImplementedError
 
     @property
@@ -178,8 +251,18 @@ class Structure:
 
     @cached_property
     def layout(self) -> tuple[Block, ...]:
-        """The blocks of the sensor, the geometry and the joints."""
-        return (*self.measurement.parameters(), *self.geometry())
+        """The blocks of the sensors, the geometry and the joints."""
+        arm = self.arm_size
+        blocks: list[Block] = []
+        for place, sensor in enumerate(self.sensors):
+            for block in sensor.named_parameters(arm, further=place > 0):
+                if sensor is self.viewpoint:
+                    blocks.append(block)
+                else:
+                    blocks.append(replace(block, name=f"{sensor.name}.{block.name}"))
+        for other in self.others:
+            blocks += other.parameters(arm)
+        return (*blocks, *self.geometry())
 
     @cached_property
     def labels(self) -> tuple[Label, ...]:
@@ -191,9 +274,13 @@ class Structure:
     @cached_property
     def groups(self) -> Mapping[str, Indices]:
         """Indices of the parameters of each block, by its name."""
-        ends = np.cumsum([len(block.parts) for block in self.layout])
-        pairs = zip(self.layout, ends, strict=True)
-        return {each.name: np.arange(end - len(each.parts), end) for each, end in pairs}
+        groups: dict[str, Indices] = {}
+        start = 0
+        for block in self.layout:
+            end = start + len(block.parts)
+            groups[block.name] = np.arange(start, end)
+            start = end
+        return groups
 
     @property
     def size(self) -> int:
@@ -210,19 +297,19 @@ class Structure:
     def prior(self, free: Sequence[str]) -> Prior:
         """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
         sd = np.zeros(self.size)
-        hypers = []
+        hypers: list[Hyper] = []
         for block in self.layout:
-            if block.name in free or (
-                "curve" in free and block.name.startswith("curve.")
-            ):
-                own = self.groups[block.name]
-                sd[own] = block.sd
-                for each in block.scales:
-                    at = own if each.indices is None else own[each.indices]
-                    shape = np.ones(len(at)) if each.shape is None else each.shape
-                    sd[at] = each.scale * np.sqrt(shape)
-                    if len(at):
-                        hypers.append(each._replace(indices=at, shape=shape))
+            is_curve = block.name.startswith("curve.") and "curve" in free
+            if block.name not in free and not is_curve:
+                continue
+            indices = self.groups[block.name]
+            sd[indices] = block.sd
+            for hyper in block.scales:
+                some = indices[hyper.indices]
+                shape = np.broadcast_to(hyper.shape, some.shape)
+                sd[some] = hyper.scale * np.sqrt(shape)
+                if len(some):
+                    hypers.append(hyper._replace(indices=some, shape=shape))
         return Prior(self.neutral(), sd, tuple(hypers))
 
     def of_joints(self, what: str, *units: str) -> tuple[tuple[str, str, str], ...]:
@@ -233,17 +320,20 @@ class Structure:
 
     def curves(self, rms: float, pseudo: float, shape: Array) -> Iterator[Block]:
         """Blocks of the joints' error curves, of an rms [rad] that the evidence moves."""
-        for k, (name, turns) in enumerate(
+        rms_of_wave = rms / np.sqrt(2 * HARMONICS)
+        waves = [*product(("cos", "sin"), range(1, HARMONICS + 1))]
+        for k, (joint, turns) in enumerate(
             zip(self.joint_names, self.revolute, strict=True)
         ):
-            waves = product(("cos", "sin"), range(1, HARMONICS + 1 if turns else 1))
+            name = f"curve.{k}"
+            if not turns:
+                yield Block(name, ())
+                continue
             parts = tuple(
-                (name, f"{name}.curve {wave} {order}", "rad") for wave, order in waves
+                (joint, f"{joint}.curve {wave} {order}", "rad") for wave, order in waves
             )
-            scale = Hyper(
-                f"curve.{k}", rms / np.sqrt(2 * HARMONICS), pseudo=pseudo, shape=shape
-            )
-            yield Block(f"curve.{k}", parts, scales=(scale,) if turns else ())
+            scale = Hyper(name, rms_of_wave, pseudo=pseudo, shape=shape)
+            yield Block(name, parts, scales=(scale,))
 
     # Predictions.
 
@@ -251,14 +341,13 @@ class Structure:
         """True values (c, n) of the chain's joints at logged values (n, dof) [rad or m]."""
         fixed = self.fixed(beta)
         logged = np.ascontiguousarray(q.T[: self.dof])
-        own = logged * fixed.gain + fixed.offset
+        values = logged * fixed.gain + fixed.offset
         if fixed.coupling is not None:
-            own[1:] += fixed.coupling * logged[:-1]
-        if (
-            fixed.bent
-        ):  # all at once: of one row each operation costs as much as of a hundred
-            own[fixed.bent] += curve_value(logged[fixed.bent], fixed.curves)
-        values = self.coupled(own)
+            values[1:] += fixed.coupling * logged[:-1]
+        if fixed.bent:
+            # all at once: of one row each operation costs as much as of a hundred
+            values[fixed.bent] += curve_value(logged[fixed.bent], fixed.curves)
+        values = self.coupled(values)
         if fixed.elastic:
             values += self.bends(q, beta)
         return values
@@ -275,64 +364,71 @@ class Structure:
         return out
 
     def fixed(self, beta: Array) -> Fixed:
-        """What follows from parameters (d,) alone, kept: those of a body are read-only."""
+        """What follows from parameters (d,) alone, remembered: a body's are read-only."""
         key = None if beta.flags.writeable else id(beta)
-        last = self._kept.get(key)
-        if last is None or not (
-            last[0] is beta if key else np.array_equal(last[0], beta)
-        ):
-            if len(self._kept) > 8:  # beliefs
-                self._kept.clear()
-            own = beta if key else beta.copy()
-            last = self._kept[key] = (own, self._fixed(own))
-        found: Fixed = last[1]
-        return found
+        last, fixed = self._fixed.get(key, (None, None))
+        same = last is beta if key else last is not None and np.array_equal(last, beta)
+        if fixed is None or not same:
+            if len(self._fixed) > _BELIEFS:
+                self._fixed.clear()
+            fixed = self._fixed_at(beta)
+            self._fixed[key] = (beta if key else beta.copy(), fixed)
+        return fixed
 
     @cached_property
-    def _kept(self) -> dict[Any, tuple[Array, Any]]:
-        """What follows from parameters, by their id, and from the last rows."""
+    def _fixed(self) -> dict[int | None, tuple[Array, Fixed]]:
+        """What follows from parameters, by their id; of those that may change under None."""
+        return {}
+
+    @cached_property
+    def _last_levers(self) -> dict[str, tuple[Array, tuple[Array, Indices]]]:
+        """The last rows of each block of elasticity, and their levers."""
         return {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is pickled: not what is kept."""
-        return {name: own for name, own in vars(self).items() if name != "_kept"}
+        """What is pickled: not what is remembered."""
+        forgotten = ("_fixed", "_last_levers")
+        return {
+            name: value for name, value in vars(self).items() if name not in forgotten
+        }
 
-    def _fixed(self, beta: Array) -> Fixed:
-        own = {name: beta[indices] for name, indices in self.groups.items()}
-        bent = [k for k in range(self.dof) if own[f"curve.{k}"].any()]
-        curves = np.reshape([own[f"curve.{k}"] for k in bent], (-1, 2 * HARMONICS))
-        gain = own["gain"] * self.directions
-        coupling = own.get("coupling", np.zeros(0))
+    def _fixed_at(self, beta: Array) -> Fixed:
+        blocks = {name: beta[indices] for name, indices in self.groups.items()}
+        bent = [k for k in range(self.dof) if blocks[f"curve.{k}"].any()]
+        curves = np.reshape([blocks[f"curve.{k}"] for k in bent], (-1, 2 * HARMONICS))
+        gain = blocks["gain"] * self.directions
+        coupling = blocks.get("coupling", np.zeros(0))
         return Fixed(
             gain=gain[:, None],
             offset=self.offsets(beta)[:, None],
             bent=bent,
             curves=curves,
             coupling=coupling[:, None] if coupling.any() else None,
-            elastic={block: own[block] for block in self.bending if own[block].any()},
+            elastic={name: blocks[name] for name in self.bending if blocks[name].any()},
             gravity=self.gravity_at(beta),
             links=self.links(beta),
-            own={**own, "placed": self.measurement.placed(own)},
+            blocks=blocks,
+            placed=self.viewpoint.place(blocks),
         )
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,)."""
         return beta[self.groups["offset"]]
 
-    def coupled(self, own: Array) -> Array:
+    def coupled(self, values: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
-        return own
+        return values
 
     def led(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
         return chained
 
     def _levers(self, block: str, q: Array) -> tuple[Array, Indices]:
-        """Levers of rows, kept: a fit asks for the same again."""
-        last = self._kept.get(block)
-        if last is None or last[0] is not q:
-            last = self._kept[block] = (q, self.levers(block, q[:, : self.dof]))
-        levers: tuple[Array, Indices] = last[1]
+        """Levers of rows, remembered: a fit asks for the same again."""
+        rows, levers = self._last_levers.get(block, (None, None))
+        if levers is None or rows is not q:
+            levers = self.levers(block, q[:, : self.dof])
+            self._last_levers[block] = (q, levers)
         return levers
 
     def move(self, values: Array, beta: Array) -> Motion:
@@ -345,14 +441,13 @@ class Structure:
         Further columns than the joints' are what a row tells the measurement.
         """
         motion = self.move(self.joint_values(q, beta), beta)
-        return motion, self.measurement.look(
-            self.fixed(beta).own, motion, q[:, self.dof :]
-        )
+        fixed = self.fixed(beta)
+        scene = Scene(fixed.blocks, fixed.placed, motion, q[:, self.dof :])
+        return motion, self.measurement.look(scene)
 
     def sensor(self, beta: Array) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
-        placed: Placed = self.fixed(beta).own["placed"]
-        return placed
+        return self.fixed(beta).placed
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
@@ -382,54 +477,45 @@ class Structure:
         motion, sight = self.seen(q, beta)
         n, outputs = sight.values.shape
         active = np.arange(self.size) if active is None else active
-        groups = self.groups
-        place = np.full(self.size, -1)
-        place[active] = np.arange(len(active))
+        column = np.full(self.size, -1)
+        column[active] = np.arange(len(active))
         out = np.zeros((n, outputs, len(active)))
+        for indices, columns in self._columns(q, beta, motion, sight):
+            columns_out = column[indices.ravel()]
+            wanted = columns_out >= 0
+            if wanted.any():
+                moved = columns().reshape(len(columns_out), outputs, n)
+                out[:, :, columns_out[wanted]] = moved[wanted].transpose(2, 1, 0)
+        return sight.values, out
 
-        def put(indices: Indices, columns: Callable[[], Array]) -> None:
-            """Set the columns (..., outputs, n) of parameters, if one of them is asked for."""
-            stands = place[indices.ravel()]
-            asked = stands >= 0
-            if asked.any():
-                found = columns().reshape(len(stands), outputs, n)
-                out[:, :, stands[asked]] = found[asked].transpose(2, 1, 0)
-
-        for name, own in sight.columns():
-            put(groups[name], own)
+    def _columns(
+        self, q: Array, beta: Array, motion: Motion, sight: Sight
+    ) -> Iterator[tuple[Indices, Callable[[], Array]]]:
+        """Parameters, and how outputs (..., m, n) move with them."""
+        groups = self.groups
+        fixed = self.fixed(beta)
         joints = q[:, : self.dof]
+        for name, columns in sight.columns():
+            yield groups[name], columns
         chained = sight.push(*motion.joints())
         led = self.led(chained)
-
-        fixed = self.fixed(beta)
 
         def by_loads(block: str) -> Array:
             levers, bent = self._levers(block, q)
             return np.asarray(chained[bent] * loads_of(levers, fixed.gravity)[:, None])
 
         for block in self.bending:
-            put(groups[block], lambda block=block: by_loads(block))  # type: ignore[misc]
-        for group, ways in self.tilts.items():
-            put(
-                groups[group],
-                lambda ways=ways: self._by_gravity(  # type: ignore[misc]
-                    q, fixed, chained, ways
-                ),
-            )
+            yield groups[block], partial(by_loads, block)
+        for block, ways in self.tilts.items():
+            yield groups[block], partial(self._by_gravity, q, fixed, chained, ways)
         if "coupling" in groups:
-            put(groups["coupling"], lambda: led[1:] * joints.T[:-1, None])
-        put(groups["offset"], lambda: led)
-        put(groups["gain"], lambda: led * (joints * self.directions).T[:, None])
+            yield groups["coupling"], lambda: led[1:] * joints.T[:-1, None]
+        yield groups["offset"], lambda: led
+        yield groups["gain"], lambda: led * (joints * self.directions).T[:, None]
         for indices, moved in self.moving(motion):
-            put(indices, lambda moved=moved: sight.push(*moved()))  # type: ignore[misc]
-        for k, q_k in enumerate(joints.T):
-            put(
-                groups[f"curve.{k}"],
-                lambda k=k, q_k=q_k: (  # type: ignore[misc]
-                    waves_of(q_k)[:, None] * led[k]
-                ),
-            )
-        return sight.values, out
+            yield indices, partial(_pushed, sight, moved)
+        for k in range(self.dof):
+            yield groups[f"curve.{k}"], partial(_waved, joints[:, k], led[k])
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
@@ -449,10 +535,9 @@ class Structure:
         if fixed.coupling is not None:
             moved[:-1] += led[1:] * fixed.coupling[:, None]
         for block, elastic in fixed.elastic.items():
-            slopes = elastic[:, None, None] * self.load_slopes(
-                block, joints, fixed.gravity
-            )
+            slopes = self.load_slopes(block, joints, fixed.gravity)
             bent = self._levers(block, q)[1]
+            slopes = elastic[:, None, None] * slopes
             moved += np.einsum("emn,ekn->kmn", chained[bent], slopes)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))
 
@@ -469,6 +554,28 @@ class Structure:
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""
         return self.predict_and_slope(q, beta)[1]
+
+
+def joined(structures: Mapping[str, S]) -> S:
+    """Return the first structure with the sensors of all, which are of one chain, by name."""
+    first, *further = structures.values()
+    if any(type(structure) is not type(first) for structure in further):
+        raise OptionError("one sensor sees a planar arm, another one an arm in space")
+    sensors = tuple(
+        replace(structure.viewpoint, name=name)
+        for name, structure in structures.items()
+    )
+    return first.changed(sensors=sensors)
+
+
+def _pushed(sight: Sight, moved: Callable[[], Moved]) -> Array:
+    """How outputs (..., m, n) move with the tip."""
+    return sight.push(*moved())
+
+
+def _waved(q: Array, led: Array) -> Array:
+    """How outputs (96, m, n) move with the waves of a joint (n,) that leads them (m, n)."""
+    return waves_of(q)[:, None] * led
 
 
 def loads_of(levers: Array, gravity: Array) -> Array:

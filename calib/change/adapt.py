@@ -12,10 +12,10 @@ from ..common.arrays import Array
 from ..common.choices import METHODS
 from ..common.rows import thinned
 from ..common.wording import for_people
-from ..errors import OptionError
+from ..errors import OptionError, require
 from ..maps.model_selection import better, blocks
 from ..maps.node_bounds import learn_bounds
-from ..model.about import Rows
+from ..model.about import MeasuredRows
 from ..model.alignment import Alignment
 from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
@@ -144,6 +144,8 @@ def adapt(
     LogError
         If the log is not of this arm or too short.
     """
+    require("model", model, Model)
+    require("log", log, Samples)
     if method not in METHODS:
         raise OptionError(
             f"method {method!r} is unknown, choose one of {', '.join(METHODS)}"
@@ -427,7 +429,7 @@ def _finished(
     baseline = learn_baseline(
         fresh.association, points, fresh.predictor.value(points), after
     )
-    kept_rows = Rows.of(rows.logged[verdict.sound], rows.x[verdict.sound])
+    kept_rows = MeasuredRows.of(rows.logged[verdict.sound], rows.x[verdict.sound])
     if len(residual) == len(kept_rows):  # of all rows that are kept
         kept_rows = replace(kept_rows, held_out=residual)
     if fresh.body is None:  # maps that followed these rows know no others

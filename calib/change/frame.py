@@ -150,7 +150,7 @@ def _camera_anew(body: Body, q: Array, z: Array) -> Array:
 
     structure: Any = body.structure
     lens = tuple(body.beta[structure.groups["lens"]].tolist())
-    known = replace(structure, lens=lens, lens_sd=(0.0, 0.0, 0.0, 0.0))
+    known = structure.with_sensor(lens=lens, lens_sd=(0.0, 0.0, 0.0, 0.0))
     beta = body.beta.copy()
     free = indices_of(structure, FRAME)
     beta[free] = frame(known, q, z, body.beta)[free]
@@ -211,8 +211,12 @@ def _variants(body: Body) -> Iterator[_Variant]:
 
 def _replaced(structure: Structure, **change: Any) -> Structure:
     """The structure with other values of those fields that it has."""
-    own = {name: value for name, value in change.items() if hasattr(structure, name)}
-    return replace(structure, **own)  # type: ignore[type-var]
+    fields = vars(structure.viewpoint)
+    sensor = {name: value for name, value in change.items() if name in fields}
+    if sensor:
+        structure = structure.with_sensor(**sensor)
+    signs = change.get("signs")
+    return structure if signs is None else structure.changed(signs=signs)
 
 
 def _fit_of(variant: _Variant, p: Array, z: Array, scaled: bool, extent: float) -> _Fit:

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..common.parallel import one_blas_thread
-from ..errors import ModelError
+from ..errors import ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
 from .causes import (
@@ -262,6 +262,8 @@ def judge(
     >>> [cause.cause for cause in calib.judge(model, log).causes]
     ['offset:elbow']
     """
+    require("model", model, Model)
+    require("log", log, Samples)
     check_cause(cause)
     check_free(free)
     if free == "offsets":

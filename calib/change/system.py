@@ -14,10 +14,10 @@ import numpy as np
 
 from ..body.covariance import root_of
 from ..body.fit import Fit
+from ..body.information import lengths_of, matern
 from ..body.parameters import Indices, Prior
 from ..body.rows import Rows
 from ..body.settings import SIMULATED_FLOOR, STUDENT
-from ..body.telling import lengths_of, matern
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from ..stream.monitor import affine_columns

@@ -129,7 +129,7 @@ class Photo:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows(ReadOnly):
+class MeasuredRows(ReadOnly):
     """Measured rows."""
 
     q: Annotated[Array, Shape("rows", "dof")]  # [rad or m], joint values
@@ -141,8 +141,8 @@ class Rows(ReadOnly):
         return len(self.q)
 
     @staticmethod
-    def of(q: Array, x: Array, held_out: Array | None = None) -> Rows:
+    def of(q: Array, x: Array, held_out: Array | None = None) -> MeasuredRows:
         """At most 5,000 of the rows of a log, evenly spread over it."""
         every = -(-len(q) // MOST_ROWS)
         errors = None if held_out is None else held_out[::every].copy()
-        return Rows(q[::every].copy(), x[::every].copy(), errors)
+        return MeasuredRows(q[::every].copy(), x[::every].copy(), errors)

@@ -6,8 +6,6 @@ compensates is in the arm and never in the sensor's frame.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..arm.arm import PlanarArm, SpatialArm
@@ -38,9 +36,9 @@ def nominal_in_plane(
     nominal = body.structure.nominal
     if nominal is None:
         nominal = PlanarDrawing.of(nominal_arm(model))
-    structure = replace(body.structure, nominal=nominal, signs=nominal.signs)
+    structure = body.structure.changed(nominal=nominal, signs=nominal.signs)
     if based:
-        structure = replace(structure, view="base", mirror=nominal.mirror)
+        structure = structure.with_sensor(view="base", mirror=nominal.mirror)
         return structure, structure.neutral()
     return structure, nominal_behind(structure, body.beta)
 

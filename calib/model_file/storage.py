@@ -26,7 +26,7 @@ from ..model.parts import Parts
 from .container import check_sum, pack, unpack
 from .fields import Kinds, Tensors, read, write
 
-VERSION = 7  # of the format, as ``docs/format.md`` describes it
+VERSION = 8  # of the format, as ``docs/format.md`` describes it
 KINDS: Kinds = {Structure: (PlanarStructure, SpatialStructure)}
 _TINY = 1e-300  # the least number above zero
 _WIDEST = 1e9  # range of a joint [rad or m]
@@ -92,6 +92,11 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
     """A model of a class from the content of its file; `name` is for messages."""
     header, tensors = unpack(data, name)
     version = header.get("format")
+    if header.get("kind") == "rig":
+        raise ModelError(
+            f"{name}: a rig of flange poses, no model: calib report, calib preview and calib plan "
+            "take it"
+        )
     if version != VERSION:
         remedy = "an older program wrote it, train the model again"
         if isinstance(version, int) and version > VERSION:
@@ -101,9 +106,10 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
         )
     check_sum(header, tensors, name)
     try:
-        for copy in header.get("shared", ()):
+        shared = header["shared"]
+        for copy in shared if isinstance(shared, list) else ():
             tensors[copy] = tensors[_in_first(copy)]
-        model: _M = read(kind, header, tensors, KINDS)
+        model = read(kind, header, tensors, KINDS)
         _check(model)
         for other in model.others:
             _check(other)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arm.rotations import similarity
-from ..body.sensor import SensorPose
+from ..body.sensor_pose import SensorPose
 from ..body.spatial import SpatialStructure
 from ..body.views import Placed, is_camera
 from ..common.arrays import Array

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..body.fitting import fit
+from ..body.body_fit import fit
 from ..body.rows import Rows as Measured
 from ..common.arrays import Array
 from ..errors import CalibError
@@ -17,7 +17,7 @@ from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.model_selection import blocks, select
 from ..maps.predictor import BodyInBox
-from ..model.about import Rows
+from ..model.about import MeasuredRows
 from ..model.model import Model
 from ..training.bounds import node_bounds
 
@@ -86,7 +86,7 @@ def settled_model(
         local=NO_MODELS if predictor is None else predictor.models,
         body=None if found is None else found.body,
         visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
-        rows=Rows.of(scale.from_unit(u), x) if model.rows is not None else None,
+        rows=MeasuredRows.of(scale.from_unit(u), x) if model.rows is not None else None,
     )
     reading, position = node_bounds(made, u[rows], errors)
     true = model.about.bound_of == "true position"

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from calib.body import fitting
+from calib.body import body_fit
 from calib.body.drawing import PlanarDrawing
 from calib.body.planar import planar_structure
+from calib.body.row_notes import warnings_of
 from calib.body.rows import Rows
-from calib.body.telling import warnings_of
 
 LENGTHS = np.array([0.3, 0.25, 0.15])
 
@@ -28,7 +28,7 @@ def rows(n, dof, seed=0, reach=1.5):
 
 def fit(q, z, **options):
     names = [f"j{i}" for i in range(q.shape[1])]
-    return fitting.fit(planar_structure(z, names, [True] * len(names), **options), [Rows(q, z)])
+    return body_fit.fit(planar_structure(z, names, [True] * len(names), **options), [Rows(q, z)])
 
 
 @pytest.mark.parametrize("dof", [1, 2, 3])
@@ -53,7 +53,7 @@ def test_a_slide_is_found_to_rounding():
         return seen(p + 0.15 * np.exp(1j * (q[:, 0] + q[:, 2])))
 
     structure = planar_structure(arm(q), "abc", (True, False, True), simulated=True)
-    fitted = fitting.fit(structure, [Rows(q, arm(q))])
+    fitted = body_fit.fit(structure, [Rows(q, arm(q))])
     ask = rows(50, 3, seed=4)
     assert np.abs(fitted.body.predict(ask) - arm(ask)).max() < 1e-12
 

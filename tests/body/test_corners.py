@@ -14,22 +14,6 @@ from calib.recording.board_pictures import BoardPictures
 from calib.recording.lens import Lens
 
 
-@pytest.mark.parametrize("in_hand", [True, False])
-def test_pixels_are_differentiated_rightly(in_hand):
-    rig = Rig(in_hand, pictures=3)
-    rows = np.column_stack([rig.q[rig.rows], rig.corners])[::7]
-    active = np.flatnonzero(np.arange(rig.truth.size) < rig.truth.groups["curve.0"][0])
-    active = np.setdiff1d(active, rig.truth.groups["view.scale"])
-    _, slope = rig.truth.linearise(rows, rig.beta, active)
-    for k, index in enumerate(active):
-        step = np.zeros(rig.truth.size)
-        step[index] = 1e-6
-        ahead, back = (
-            rig.truth.predict(rows, rig.truth.retract(rig.beta, sign * step)) for sign in (1, -1)
-        )
-        assert np.allclose(slope[:, :, k], (ahead - back) / 2e-6, rtol=1e-5, atol=1e-3), index
-
-
 def board_of(rig):
     """The rig's corners as if they were found in pictures, and its lens where that is known."""
     found = tuple(dict(enumerate(rig.seen[rig.rows == k])) for k in range(len(rig.q)))
@@ -49,8 +33,7 @@ def solved(rig):
     return calib.handeye(rig.arm, shots, eye=eye, lens=lens)
 
 
-@pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize("in_hand", [True, False])
+@pytest.mark.parametrize(("in_hand", "known"), [(True, False), (False, True)])
 def test_camera_and_board_are_found_with_an_arm_that_is_off(in_hand, known):
     rig = Rig(in_hand, seed=3, known=known)
     found = solved(rig)

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.resources import files
-from importlib.util import find_spec
 from itertools import pairwise
-from pathlib import Path
-from string import Template
 from typing import NamedTuple
 
 import numpy as np
@@ -102,26 +97,6 @@ class Scene:
             notes.insert(0, "no URDF came with this model: the arm itself is not drawn")
         return list(dict.fromkeys(notes))
 
-    def html(self, *, live: bool = False) -> str:
-        """Return the page; `live` where a server answers inverse queries."""
-        package = find_spec(
-            "meshcat"
-        )  # not imported, which takes a quarter of a second
-        assert package is not None  # noqa: S101 - it is required
-        viewer = Path(str(package.origin)).parent / "viewer" / "dist" / "main.min.js"
-        data = json.dumps(
-            {**self.data, "live": live}, separators=(",", ":"), allow_nan=False
-        )
-        folder = files(__package__)
-        page = Template((folder / "page.html").read_text(encoding="utf-8"))
-        return page.substitute(
-            style=(folder / "page.css").read_text(encoding="utf-8"),
-            script=(folder / "page.js").read_text(encoding="utf-8"),
-            viewer=viewer.read_text(encoding="utf-8"),
-            # a name that holds a closing tag must not end the script
-            data=data.replace("<", "\\u003c"),
-        )
-
     @cached_property
     def data(self) -> dict[str, object]:
         """Plain data for the page: what is drawn, legend, labels, links, camera and notes."""
@@ -162,7 +137,7 @@ class Scene:
             self._draw_photo(canvas, -1.7 * front)
         if self.robot is not None:
             _draw_robot(canvas, self.robot, poses, 0.02 * size)
-            _draw_things(canvas, things, self.robot.links[-1])
+            draw_things(canvas, things, self.robot.links[-1])
         draw_maps(canvas, model, placement, panel, scale, size)
         # dots of the whole reach would hide rows, a camera and its board
         alone = not planar and not self.measured
@@ -335,8 +310,8 @@ def _draw_robot(
             canvas.place(path, bone)
 
 
-def _draw_things(canvas: Canvas, things: list[Thing], tip: str) -> None:
-    """Draw camera, board, sockets, frames; what is carried moves along with the tip's link."""
+def draw_things(canvas: Canvas, things: list[Thing], tip: str) -> None:
+    """Draw camera, board, sockets, frames; what is carried moves along with the link `tip`."""
     if not things:
         return
     kinds = dict.fromkeys(thing.kind for thing in things)

@@ -1,4 +1,4 @@
-"""Telling: what rows cannot tell of an arm, and which poses would tell most beside them.
+"""Information: which poses would tell most of an arm beside those that were measured.
 
 Poses are chosen by the gain of information, the logarithm of the predicted covariance over the
 noise (D-optimal; maximum entropy sampling, Shewry and Wynn 1987).  The residual that the body
@@ -7,8 +7,7 @@ leaves over keeps them apart from each other and from those that were measured.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from itertools import combinations
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,70 +18,6 @@ from .belief import Body
 
 _SMOOTH = 0.5  # length [rad] over which the residual of a log is alike (Matern 5/2)
 _MEASURED = 300  # measured rows that the residual is compared with, evenly spread
-_STILL = 1e-6  # [rad or m], motion of a joint that is constant
-_LITTLE = float(np.radians(1.0))  # [rad], motion of a joint that tells little
-_SHARE = 1e-3  # of the largest spread: joint directions that never moved
-_CELLS = 24  # along each span, that tell a path from an area
-_AREA_ROWS = 300  # rows from which they do
-
-
-def warnings_of(
-    q: Array,
-    joint_names: Sequence[str],
-    revolute: Sequence[bool],
-    travel: Array | None = None,
-) -> tuple[str, ...]:
-    """Short sentences on what rows cannot tell of an arm; empty where they can.
-
-    q : (n, dof), joint values [rad or m]
-    joint_names, revolute : names of the joints; which of them turn
-    travel : (dof,), joint ranges; a joint that moved through less than a tenth of its is named
-    """
-    span = np.ptp(q, axis=0)
-    ranges = np.full(q.shape[1], np.inf) if travel is None else travel
-    notes: list[str] = []
-    for name, turns, moved, most in zip(
-        joint_names, revolute, span, ranges, strict=True
-    ):
-        if moved < _STILL:
-            notes.append(
-                f"{name} never moves: the rows cannot tell its length, offset or sign"
-            )
-        elif turns and moved < _LITTLE:
-            notes.append(f"{name} moves by {np.degrees(moved):.2g} deg only")
-        elif np.isfinite(most) and moved < 0.1 * most:
-            notes.append(
-                f"{name} moves through {100 * moved / most:.2g} % of its range only"
-            )
-    moving = np.flatnonzero(span >= _STILL)
-    if len(moving) > 1:
-        names = [joint_names[k] for k in moving.tolist()]
-        notes += _coupled(
-            (q[:, moving] - q[:, moving].min(axis=0)) / span[moving], names
-        )
-    if len(q) < 3 * q.shape[1] + 2:
-        notes.append(f"{len(q)} rows are few for {q.shape[1]} joints")
-    return tuple(notes)
-
-
-def _coupled(share: Array, names: Sequence[str]) -> list[str]:
-    """Say where joints move together; `share` (n, k) is how far each is through its span."""
-    values = np.linalg.svd(share - share.mean(axis=0), compute_uv=False)
-    rank = int((values > _SHARE * values[0]).sum())
-    if rank < len(names):
-        return [
-            f"{', '.join(names)} move together along {rank} of {len(names)} directions: the rows "
-            "cannot tell them apart"
-        ]
-    cells = np.minimum((share * _CELLS).astype(int), _CELLS - 1).T
-    visited = max(len(np.unique(a * _CELLS + b)) for a, b in combinations(cells, 2))
-    if (
-        len(share) >= _AREA_ROWS and visited < 7 * _CELLS
-    ):  # no more than a few curves would
-        return [
-            "the joints move along a path, not over an area: beside it the bound is wide"
-        ]
-    return []
 
 
 def matern(q: Array, other: Array, lengths: Array) -> Array:
@@ -114,22 +49,19 @@ def most_telling(body: Body, q: Array, n: int, measured: Array) -> NDArray[np.in
     p = body.structure.blocks[0]
     noise = body.noise[:p]
     _, x = body.structure.linearise(q, body.beta, body.active)
-    directions = (
-        x[:, :p] @ body.root * (body.kappa / noise[:, None])
-    )  # (k, p, parameters)
+    # (k, p, parameters)
+    directions = x[:, :p] @ body.root * (body.kappa / noise[:, None])
     variance = np.diag((body.tau[:p] / noise) ** 2)
     lengths = lengths_of(body, q)
     rows = measured[thinned(len(measured), _MEASURED)]
-    alike = matern(rows, rows, lengths) + np.eye(len(rows)) / max(
-        float(variance.max()), 1e-12
-    )
-    seen = np.linalg.solve(
-        np.linalg.cholesky(alike), matern(rows, q, lengths)
-    ).T  # (k, l)
-    unexplained = np.maximum(1.0 - (seen**2).sum(axis=1), 0.0)
+    nugget = np.eye(len(rows)) / max(float(variance.max()), 1e-12)
+    root = np.linalg.cholesky(matern(rows, rows, lengths) + nugget)
+    explained = np.linalg.solve(root, matern(rows, q, lengths)).T  # (k, l)
+    unexplained = np.maximum(1.0 - (explained**2).sum(axis=1), 0.0)
 
     def common(best: int) -> Array:
-        alike = matern(q, q[best : best + 1], lengths)[:, 0] - seen @ seen[best]
+        alike = matern(q, q[best : best + 1], lengths)[:, 0]
+        alike = alike - explained @ explained[best]
         return np.asarray(alike[:, None, None] * variance)
 
     return greedy(directions, n, unexplained[:, None, None] * variance, common)

@@ -22,10 +22,12 @@ from .structure import OfStructure, Structure
 _SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
 """Groups of parameters that are the sensor's."""
 
-_UNSURE = 0.1  # a camera whose distance is less sure than this share of it was shown too little
-_ALIKE = (
-    0.05  # a gauge is one where parameters move the tip as it does, but for this share
-)
+_UNSURE = 0.1
+"""A camera whose distance is less sure than this share of it was shown too little."""
+
+_ALIKE = 0.05
+"""A gauge is one where parameters move the tip as it does, but for this share."""
+
 _POSES = 60
 
 
