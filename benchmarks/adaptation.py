@@ -22,7 +22,7 @@ from honest_real import JOINTS, nominal_urdf
 from tables import table
 
 import calib
-from calib.change.follow import follow
+from calib.stream.follow import follow
 
 Array = Any
 

@@ -12,13 +12,12 @@ picture tells.
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 
 import numpy as np
 
 import calib
 from calib.arm.rotations import exponential, logarithm, similarity
-from calib.body.fitting import BodyFit, fit, fit_sensors
+from calib.body.body_fit import BodyFit, fit, fit_sensors
 from calib.body.rows import Rows
 from calib.body.spatial import SpatialStructure, structure_of
 from calib.common.arrays import Array
@@ -67,7 +66,7 @@ def trackers(rng: np.random.Generator) -> tuple[float, float]:
         if name == "left":
             expected = structure.predict(fresh, beta)
         extent = float(np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()))
-        structures[name] = replace(structure, extent=extent)
+        structures[name] = structure.with_sensor(extent=extent)
         rows[name] = Rows(q, seen + rng.normal(0.0, TRACKER_NOISE, seen.shape))
     alone = fit(structures["left"], [rows["left"]])
     both = fit_sensors(structures, rows)["left"]
@@ -94,7 +93,7 @@ def cameras(rng: np.random.Generator) -> tuple[float, float, float]:
         beta[structure.groups["view.shift"]] = (0.0, 0.3, 1.6)
         q, pixels = in_picture(structure, beta, arm.lower, arm.upper, rng)
         extent = float(np.sqrt(((pixels - pixels.mean(axis=0)) ** 2).sum(axis=1).mean()))
-        structures[name] = replace(structure, extent=extent)
+        structures[name] = structure.with_sensor(extent=extent)
         rows[name] = Rows(q, pixels + rng.normal(0.0, CAMERA_NOISE, pixels.shape))
     errors = [fit(structures[name], [rows[name]]) for name in structures]
     errors.append(fit_sensors(structures, rows)["left"])

@@ -25,6 +25,7 @@ from calib.body.rows import together
 from calib.body.spatial import structure_of
 from calib.body.touch import touching
 from calib.samples.samples import Samples
+from calib.training.learn import TrainingOptions
 from calib.training.touched import fit_sockets
 
 ARMS = {"panda_1": "panda", "kuka_14": "iiwa14", "dinova_1": "gen3lite"}
@@ -36,7 +37,7 @@ POSTURES = (5, 8, 12, 20, 30)
 def tool_alone(arm: calib.PlanarArm, log: Samples) -> np.ndarray:
     """Parameters of the drawing, of which the tool alone was fitted to the touches."""
     base, number = structure_of(arm, "base"), log.touch.renumbered()[0]
-    rows = [replace(touching(base, log.q, number, (), log.x)[0], floor=1e-4)]
+    rows = [replace(touching(log.q, number, (), log.x)[0], floor=1e-4)]
     seen = together(base, rows)
     fit = Fit(seen, rows, seen.neutral(), seen.prior(("tool", "point")), nu=6.0).maximise(steps=20)
     out = base.neutral()
@@ -97,7 +98,7 @@ def load(folder: Path, name: str) -> tuple[calib.PlanarArm, Samples, list[np.nda
 
 def learned(log: Samples) -> object:
     """The belief that touches give."""
-    return fit_sockets(log, 0)[1].fit.body
+    return fit_sockets(log, TrainingOptions())[1].fit.body
 
 
 def places(folder: Path) -> None:

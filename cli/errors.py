@@ -11,7 +11,7 @@ from calib.common.wording import one_line
 from calib.errors import CalibError
 
 from .output import NO, as_typed, note, option_of, print_json, silence
-from .parsing import BadOption, BadValue
+from .parsing import BadOption
 
 FAILED = 1
 USAGE = 2
@@ -88,7 +88,7 @@ def _usage_error(error: typer.TyperException) -> ErrorReport:
     if context is not None:
         message += f" (see {context.command_path} --help)"
     report = ErrorReport("UsageError", _in_one_line(message))
-    if isinstance(error, BadOption | BadValue):
+    if isinstance(error, BadOption):
         return ErrorReport(
             report.type, report.message, parameter=error.option, value=error.value
         )

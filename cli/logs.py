@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _FOR_LOGS = "applies to a log: expected --data LOG too"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Selection:
     """Which part of a robot, as typed."""
 
@@ -59,7 +59,7 @@ class Selection:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Reading:
     """How a log is read, as typed; beside a model what is None is as in the model's own log."""
 
@@ -162,23 +162,6 @@ def measured(
     return log
 
 
-def measured_by_sensors(
-    robot: str | None,
-    selection: Selection,
-    paths: Sequence[str],
-    reading: Reading,
-    seed: int = 0,
-    lens: str | None = None,
-) -> list[Samples]:
-    """Read the log of each sensor, a file each or by a column `sensor`; see `measured`."""
-    from calib.samples.sensors import sources_by_sensor
-
-    return [
-        measured(robot, selection, source, reading, seed, lens, sensor)
-        for sensor, source in sources_by_sensor(paths).items()
-    ]
-
-
 def _arm_of_log(
     robot: str, selection: Selection, source: Source, columns: Mapping[str, str]
 ) -> Arm:
@@ -250,6 +233,10 @@ def log_for(model: Model, path: str, reading: Reading) -> Samples:
     )
     if sensor:
         log = replace(log, sensor=sensor)
+    if "board" in about.options:
+        from calib.recording.board_log import with_lens_of
+
+        log = with_lens_of(model, log)
     say(log.notes)
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(log.q, *ranges, degrees=degrees, label=path)

@@ -51,33 +51,20 @@ class RadiusSchedule(NamedTuple):
 
 
 class BadOption(typer.BadParameter):
-    """A command line that no command understands; its message is one line."""
+    """Wrong usage, told in one line."""
 
     def __init__(
         self, message: str, option: str | None = None, value: str | None = None
     ) -> None:
         super().__init__(message)
-        self.option = option
+        self._option = option
         self.value = value
-
-    def format_message(self) -> str:
-        """Return the message without Typer's preface."""
-        return self.message
-
-
-class BadValue(typer.BadParameter):
-    """A value that an option cannot have."""
-
-    def __init__(self, value: str, expected: str) -> None:
-        super().__init__(expected)
-        self.value = value
-        self.expected = expected
 
     @property
-    def option(self) -> str:
-        """The option of the value, as Typer knows it."""
+    def option(self) -> str | None:
+        """The option of a value, as Typer knows it where a parser refused the value."""
         if self.param is None:
-            return "value"
+            return self._option
         longest = max(self.param.opts, key=len)
         if longest.startswith("-"):
             return longest
@@ -85,12 +72,14 @@ class BadValue(typer.BadParameter):
 
     def format_message(self) -> str:
         """Return the option, the value and what was expected."""
-        return f"{self.option} {quoted(self.value)}: expected {self.expected}"
+        if self.value is None:
+            return self.message
+        return f"{self.option or 'value'} {quoted(self.value)}: {self.message}"
 
 
-def bad_option(option: str, value: str, expected: str) -> BadOption:
-    """Return the error for a value that an option cannot have beside the others."""
-    return BadOption(f"{option} {quoted(value)}: expected {expected}", option, value)
+def bad_value(text: str, expected: str, option: str | None = None) -> BadOption:
+    """Return the error for a value that an option cannot have."""
+    return BadOption(f"expected {expected}", option, text)
 
 
 def parser(
@@ -104,9 +93,9 @@ def parser(
         try:
             value = read(text)
         except (OverflowError, ValueError):  # no float holds some whole numbers
-            raise BadValue(text, expected) from None
+            raise bad_value(text, expected) from None
         if not accepts(value):
-            raise BadValue(text, expected)
+            raise bad_value(text, expected)
         return value
 
     return parse
@@ -144,7 +133,7 @@ def one_of(choices: Sequence[str]) -> Parser[str]:
 
     def parse(text: str) -> str:
         if text not in choices:
-            raise BadValue(text, f"a name that there is: {suggestion(text, choices)}")
+            raise bad_value(text, f"a name that there is: {suggestion(text, choices)}")
         return text
 
     return parse
@@ -156,7 +145,7 @@ def several(parse_one: Parser[_T]) -> Parser[tuple[_T, ...]]:
     def parse(text: str) -> tuple[_T, ...]:
         values = tuple(parse_one(part.strip()) for part in text.split(","))
         if len(set(values)) < len(values):
-            raise BadValue(text, "each value once")
+            raise bad_value(text, "each value once")
         return values
 
     return parse
@@ -169,7 +158,7 @@ def column_names(text: str) -> Mapping[str, str]:
     try:
         return parse_columns(text)
     except OptionError as error:
-        raise BadOption(f"--{error}", "--columns", text) from None
+        raise BadOption(f"--{error}", "--columns") from None
 
 
 def _split_name(text: str) -> tuple[str, str]:
@@ -280,8 +269,8 @@ def check_file(
         return
     if path == "-":
         if not stream:
-            raise bad_option(option, path, "a file name")
+            raise bad_value(path, "a file name", option)
         return
     if endings and Path(path).suffix and not path.lower().endswith(endings):
-        raise bad_option(option, path, f"a name that ends in {' or '.join(endings)}")
+        raise bad_value(path, f"a name that ends in {' or '.join(endings)}", option)
     check_writable(path)

@@ -88,7 +88,7 @@ def _view_of(model: Model) -> dict[str, object]:
     if body is None:
         return {"kind": None}
     from calib.body.belief import knows_orientation
-    from calib.body.sensor import SensorPose
+    from calib.body.sensor_pose import SensorPose
     from calib.body.views import is_camera
 
     kind = "pose" if knows_orientation(body) else body.structure.view
@@ -134,6 +134,17 @@ def accuracy(
     if left_out:
         line += f"; {left_out} left out, wrong or outside of what was learned"
     return line
+
+
+def accuracy_of_sensor(model: Model) -> str:
+    """Return in one line how far predictions of a sensor were off when its model was made."""
+    about = model.about
+    rows = "rows held out in blocks of the log"
+    if about.source == "simulation":
+        rows = "fresh exact samples"
+    tested = f"{about.tested} {rows}"
+    line = accuracy(model, about.errors, about.within, tested, about.left_out)
+    return f"{about.sensor}: {line}" if about.sensor else line
 
 
 def answers_back(model: Model, errors: Errors) -> str:

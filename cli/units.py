@@ -10,7 +10,7 @@ from calib.common.wording import for_people, unit_of_joint
 from calib.model.facts import learned_range
 
 from .output import fixed, sized
-from .parsing import BadOption, bad_option
+from .parsing import BadOption, bad_value
 
 if TYPE_CHECKING:
     from calib.arm.arm import Arm
@@ -43,7 +43,7 @@ class PositionFormat:
             if unit not in fitting:
                 units = ", ".join(fitting)
                 expected = f"a unit that positions in {self.unit} have: {units}"
-                raise bad_option("--unit", unit, expected)
+                raise bad_value(unit, expected, "--unit")
             self.typed = fitting[unit] / fitting[self.unit]
             self.factor = self.typed
             self.shown = unit
@@ -91,7 +91,7 @@ class JointFormat:
         if len(typed) != len(self.names):
             shown = ",".join(f"{value:g}" for value in typed)
             expected = f"{len(self.names)} values, one each for {', '.join(self.names)}"
-            raise bad_option(option, shown, expected)
+            raise bad_value(shown, expected, option)
         return [value / factor for value, factor in zip(typed, self.typed, strict=True)]
 
     def beyond(self, model: Model, q: Sequence[float]) -> str | None:

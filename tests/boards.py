@@ -1,13 +1,12 @@
 """Arms that see a board, or hold one before a camera, whose truth is known."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 import calib
 from calib.arm.rotations import exponential, logarithm
 from calib.body.corners import Corners
-from calib.body.rows import Beside
 from calib.body.spatial import structure_of
 
 BOARD = np.array([[0.024 * i, 0.024 * j, 0.0] for j in range(1, 5) for i in range(1, 7)])
@@ -51,8 +50,8 @@ class Rig:
         lower, upper = np.maximum(arm.lower, -3), np.minimum(arm.upper, 3)
         self.start = lower + rng.uniform(0.35, 0.65, (1, arm.dof)) * (upper - lower)
         self._place(rng, self.start)
-        reading = Beside((Corners(s.measurement, self.in_hand), s.measurement))
-        self.truth = replace(s, unit="px", reading=reading)
+        corners = Corners(s.viewpoint, self.in_hand)
+        self.truth = s.with_sensor(unit="px").changed(others=(corners,), place=1)
         self.look(self._poses(rng, lower, upper), rng)
 
     def look(self, q, rng) -> None:

@@ -94,8 +94,8 @@ def _console(log: str) -> list[str]:
     return [line for line in lines if not any(word in line for word in NOISE)]
 
 
-OVERLAPS = """
-const words = "svg text, h1, h2, p, dt, dd, td, th, figcaption, span";
+MEASURE = """
+const words = "svg text, h1, h2, p, dt, dd, td, th, figcaption, #calib-labels span";
 const texts = [...document.querySelectorAll(words)]
   .filter((node) => node.getClientRects().length && node.textContent.trim());
 const boxes = texts.map((node) => node.getBoundingClientRect());
@@ -103,46 +103,69 @@ const found = [];
 boxes.forEach((a, i) => boxes.slice(i + 1).forEach((b, k) => {
   const other = texts[i + 1 + k];
   if (texts[i].contains(other) || other.contains(texts[i])) return;
+  if (texts[i].closest("aside") || other.closest("aside")) return;
   const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
   const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
   if (wide > 1 && high > 3) found.push(`${texts[i].textContent} | ${other.textContent}`);
 }));
-const bottom = (css) => Math.max(...[...document.querySelectorAll(css)]
+const bottom = (css) => Math.max(0, ...[...document.querySelectorAll(css)]
   .map((node) => node.getBoundingClientRect().bottom));
 const report = {
+  name: window.name,
   overlaps: found,
   sideways: document.documentElement.scrollWidth - window.innerWidth,
   bottoms: [bottom(".lead"), bottom("dl.first"), bottom("#accuracy svg"), bottom("#causes svg")],
   texts: texts.length,
+  exponents: texts.map((node) => node.textContent).filter((text) => /\\de[-+]?\\d/.test(text)),
+  labels: document.querySelectorAll("#calib-labels span").length,
 };
 parent.postMessage(JSON.stringify(report), "*");
 """
 """What of a page's words overlaps, how far it scrolls sideways, where parts end [px]."""
 
-FRAME = """<script>onmessage = (event) => { document.body.textContent = event.data; }</script>
-<body><iframe src="inner.html" style="width:%dpx;height:%dpx"></iframe></body>"""
+START = """<script>onload = () => {
+  document.querySelectorAll("#calib-layers input").forEach((box) => box.checked || box.click());
+  setTimeout(() => { %s }, 1500);
+};</script></body>"""
+
+OUTER = """<script>onmessage = (event) => {
+  const line = document.createElement("pre");
+  line.textContent = event.data;
+  document.body.append(line);
+}</script><body>%s</body>"""
 
 
-def measured_page(page: Path, folder: Path, size: tuple[int, int]) -> dict:
-    """Lay a page without scripts out at a width, and return what `OVERLAPS` measures.
+def measured_pages(
+    pages: dict[str, Path], folder: Path, sizes: list[tuple[int, int]]
+) -> dict[tuple[str, tuple[int, int]], dict]:
+    """Lay pages out at some sizes, and return what `MEASURE` says of each, by name and size.
 
-    It stands in a frame: a window of Chromium is never as narrow as a telephone.
+    They stand in frames: a window of Chromium is never as narrow as a telephone.
     """
-    text = page.read_text(encoding="utf-8")
-    text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", text)
-    script = f"<script>onload = () => {{ {OVERLAPS} }}</script></body>"
-    inner = folder / "inner.html"
-    inner.write_text(text.replace("</body>", script), encoding="utf-8")
+    frames = []
+    for name, page in pages.items():
+        text = page.read_text(encoding="utf-8")
+        text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", text)
+        inner = folder / f"inner-{page.name}"
+        inner.write_text(text.replace("</body>", START % MEASURE), encoding="utf-8")
+        for width, height in sizes:
+            style = f"width:{width}px;height:{height}px"
+            label = f"{name} {width} {height}"
+            frames.append(f'<iframe name="{label}" src="{inner.name}" style="{style}"></iframe>')
     outer = folder / "outer.html"
-    outer.write_text(FRAME % size)
+    outer.write_text(OUTER % "".join(frames), encoding="utf-8")
     browser = command(folder, size=(1400, 1000))
     done = subprocess.run(
-        [*browser, "--virtual-time-budget=3000", "--dump-dom", outer.resolve().as_uri()],
+        [*browser, "--virtual-time-budget=8000", "--dump-dom", outer.resolve().as_uri()],
         capture_output=True,
         text=True,
         check=False,
         timeout=180,
     )
-    found = re.search(r"<body>(\{.*\})</body>", done.stdout, re.DOTALL)
-    assert found, done.stdout[-500:] + done.stderr[-500:]
-    return json.loads(html.unescape(found[1]))
+    measures = {}
+    for line in re.findall(r"<pre>(\{.*?\})</pre>", done.stdout, re.DOTALL):
+        measure = json.loads(html.unescape(line))
+        name, width, height = measure["name"].rsplit(" ", 2)
+        measures[name, (int(width), int(height))] = measure
+    assert len(measures) == len(frames), done.stdout[-500:] + done.stderr[-500:]
+    return measures

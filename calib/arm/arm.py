@@ -19,7 +19,7 @@ from .gravity import GRAVITY
 from .plane import Plane
 from .rotations import quaternion_of
 from .spatial_chain import SpatialChain
-from .urdf import MAX_TRAVEL, Range
+from .urdf import LIMITS, Range
 
 _A = TypeVar("_A", bound="Arm")
 
@@ -29,9 +29,8 @@ _MIN_LENGTH = 1e-9
 _CACHED = 2_048  # rows whose intermediate arrays stay in the processor's cache
 
 
-_ROUNDING = (
-    1e-3  # [rad or m] over one turn or a limit (3.1416, 1.5708) is clipped in silence
-)
+# [rad or m] over one turn or a limit (3.1416, 1.5708) is clipped in silence
+_ROUNDING = 1e-3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -110,8 +109,8 @@ class Arm:
             positions, matrices = self.chain.poses(rows)
             return np.hstack([positions, quaternion_of(matrices)])
 
-        found = self._by_rows(q, together)
-        return found[..., :3], found[..., 3:]
+        pose = self._by_rows(q, together)
+        return pose[..., :3], pose[..., 3:]
 
     @property
     def link_lengths(self) -> dict[str, float]:
@@ -127,7 +126,7 @@ class Arm:
         k = self._index(joint, "length")
         link = self._links()[k]
         chain = self.chain
-        own = self._own
+        places = self._active
         old = float(np.linalg.norm(link))
         if old < _MIN_LENGTH or not 0.0 <= length < math.inf:
             raise OptionError(
@@ -137,7 +136,7 @@ class Arm:
         shift = (length / old - 1.0) * link
         points = chain.points.copy()
         centres = chain.centres.copy()
-        beyond = own[k + 1] if k + 1 < self.dof else chain.joints
+        beyond = places[k + 1] if k + 1 < self.dof else chain.joints
         points[beyond:] += shift
         centres[beyond:] += shift
         chain = replace(chain, points=points, centres=centres, tip=chain.tip + shift)
@@ -195,17 +194,17 @@ class Arm:
     def _links(self) -> Array:
         """Vectors (dof, 3) [m] from each active joint to the next, the last to the tip, at zero."""
         return np.diff(
-            np.vstack([self.chain.points[self._own], self.chain.tip]), axis=0
+            np.vstack([self.chain.points[self._active], self.chain.tip]), axis=0
         )
 
     @property
-    def _own(self) -> list[int]:
+    def _active(self) -> list[int]:
         """Chain joints that are the active ones themselves, not their followers."""
-        own: list[int] = []
+        places: list[int] = []
         for unit in np.eye(self.dof):
             same = (self.chain.coupling == unit).all(axis=1) & (self.chain.bias == 0)
-            own.append(int(np.flatnonzero(same)[0]))
-        return own
+            places.append(int(np.flatnonzero(same)[0]))
+        return places
 
     def _by_rows(self, q: ArrayLike, compute: Callable[[Array], Array]) -> Array:
         """Compute something of joint values, some rows at a time; of one vector its only row."""
@@ -285,7 +284,7 @@ def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
     """
     lower, upper = (float(end) for end in chosen)
     within = limits[0] - _ROUNDING <= lower < upper <= limits[1] + _ROUNDING
-    most = math.inf if unit == "rad" else MAX_TRAVEL
+    most = math.inf if unit == "rad" else LIMITS.travel
     if not (within and math.isfinite(upper - lower) and upper - lower <= most):
         raise OptionError(
             f"`ranges={{{name!r}: ({lower:g}, {upper:g})}}`: expected two finite numbers, lower "

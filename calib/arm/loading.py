@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm
 from .description import parse_robot
 from .finding import (
-    MOST_JOINTS,
+    FINDING,
     TIP_NAMES,
     Chain,
     check_tip,
@@ -127,71 +127,61 @@ def arm_from_urdf(
     urdf = parse_robot(text, name)
     lock = dict(lock or {})
     ranges = dict(ranges or {})
-    for held, value in lock.items():
+    for joint_name, value in lock.items():
+        unit = _movable(urdf, joint_name, "lock").unit
         if not np.isfinite(value):
-            unit = _movable(urdf, held, "lock").unit
             raise OptionError(
-                f"`lock` of {quoted(held)} is {value}: expected a finite number [{unit}]",
+                f"`lock` of {quoted(joint_name)} is {value}: expected a finite number [{unit}]",
                 parameter="lock",
                 value=value,
             )
-        _movable(urdf, held, "lock")
-    wanted = None if tip is None else _find_link(urdf, tip)
+    link = None if tip is None else _find_link(urdf, tip)
     posture = posture_of(urdf, lock)
-    own = [j for j in urdf.joints if j.movable and not j.mimic and j.name not in lock]
+    # joints that move on their own
+    free = [j for j in urdf.joints if j.movable and not j.mimic and j.name not in lock]
     if joints is None:
-        logged = {joint.name for joint in own} if columns is None else set(columns)
-        usable = [joint for joint in own if joint.name in ranges or not joint.stuck]
-        free = [joint for joint in usable if joint.name in logged]
-        best, notes = _found(
-            urdf, posture, free, wanted, planar=planar, logged=columns is not None
-        )
-        path = {joint.name for joint in urdf.path(best.tip)}
-        if idle := [joint.name for joint in own if joint.name in path - logged]:
-            notes.append(
-                f"locked because the log has no columns for them: {listed(idle)}"
-            )
+        usable = [joint for joint in free if joint.name in ranges or not joint.stuck]
+        chain, notes = _furthest(urdf, posture, usable, link, planar, columns)
+        notes += _idle_notes(urdf, chain, free, columns)
     else:
-        named = (
-            re.split(r"\s*,\s*", joints.strip()) if isinstance(joints, str) else joints
-        )
-        best = _named(urdf, posture, named, wanted, own)
+        if isinstance(joints, str):
+            joints = re.split(r"\s*,\s*", joints.strip())
+        chain = _named(urdf, posture, joints, link, free)
         notes = []
-    active = best.joints
-    tip = best.tip
-    if wanted is None and not tip.lower().endswith(TIP_NAMES):
+    tip = chain.tip
+    if link is None and not tip.lower().endswith(TIP_NAMES):
         notes.append(f"tip {quoted(tip)} was chosen (`tip` changes it)")
+    active = chain.joints
     names = [joint.name for joint in active]
-    following = dict[str, Mimic]()
-    for joint in urdf.path(tip):
-        if joint.movable and (mimic := urdf.followed(joint, lock)).leader in names:
-            following[joint.name] = mimic
-    copies = [name for name in following if name not in names]
+    following = _followers(urdf, tip, names, lock)
     posture = posture_of(urdf, {**lock, **dict.fromkeys(following, 0.0)})
     normal = plane_normal(active, posture, wanted=planar)
+    copies = [name for name in following if name not in names]
     if copies and planar:
         raise RobotError(
             f"joint {quoted(copies[0])} mimics the active {quoted(following[copies[0]].leader)} on "
             "the way to the tip: expected no such joint in a planar arm; choose others"
         )
-    normal = None if copies else normal
-    if normal is None and len(active) > MOST_JOINTS:
+    if copies:
+        normal = None
+    if normal is not None:
+        check_tip(active[-1], tip, posture)
+    elif len(active) > FINDING.most_joints:
         raise OptionError(
-            f"`joints` names {len(active)} joints, expected 2 to {MOST_JOINTS}",
+            f"`joints` names {len(active)} joints, expected 2 to {FINDING.most_joints}",
             hint="lock the others",
             parameter="joints",
         )
-    if normal is not None:
-        check_tip(active[-1], tip, posture)
-    others = [joint for joint in active if joint.name not in ranges]
-    _check_limits(others)
+    limited = [joint for joint in active if joint.name not in ranges]
+    _check_limits(limited)
     values = urdf.values(lock)
-    stay = {
-        j.name: values[j.name]
-        for j in urdf.path(tip)
-        if j.movable and j.name not in following
+    locked = {
+        joint.name: values[joint.name]
+        for joint in urdf.path(tip)
+        if joint.movable and joint.name not in following
     }
-    notes = [*urdf.notes, *notes, *_lock_notes(urdf, stay, lock)]
+    notes = [*urdf.notes, *notes, *_lock_notes(urdf, locked, lock)]
+    travel = tuple(joint.travel for joint in active)
     parts: dict[str, Any] = {
         "name": urdf.name,
         "joint_names": tuple(names),
@@ -199,56 +189,73 @@ def arm_from_urdf(
         "upper": np.zeros(len(active)),
         "revolute": tuple(joint.revolute for joint in active),
         "tip": tip,
-        "locked": stay,
+        "locked": locked,
         "urdf": text,
         "notes": tuple(map(one_line, notes)),
-        "limits": tuple(joint.travel for joint in active),
-        "travel": tuple(joint.travel for joint in active),
+        "limits": travel,
+        "travel": travel,
         "chain": folded(urdf, following, names, tip, posture, weighed=normal is None),
     }
-    arm: PlanarArm | SpatialArm = (
-        SpatialArm(**parts)
-        if normal is None
-        else PlanarArm(plane=plane_of(normal, posture.place(tip)), **parts)
-    )
-    return arm.with_range({**ranges, **{joint.name: joint.travel for joint in others}})
+    arm: PlanarArm | SpatialArm
+    if normal is None:
+        arm = SpatialArm(**parts)
+    else:
+        arm = PlanarArm(plane=plane_of(normal, posture.place(tip)), **parts)
+    return arm.with_range({**ranges, **{joint.name: joint.travel for joint in limited}})
 
 
-def _found(
+def _followers(
+    urdf: Urdf, tip: str, names: Sequence[str], lock: Mapping[str, float]
+) -> dict[str, Mimic]:
+    """Return what each joint on the way to a tip follows, of those that active ones move."""
+    followers: dict[str, Mimic] = {}
+    for joint in urdf.path(tip):
+        mimic = urdf.followed(joint, lock)
+        if joint.movable and mimic.leader in names:
+            followers[joint.name] = mimic
+    return followers
+
+
+def _idle_notes(
+    urdf: Urdf, chain: Chain, free: Sequence[Joint], columns: Collection[str] | None
+) -> list[str]:
+    """Say which joints on the way to the tip are locked since a log has no columns for them."""
+    if columns is None:
+        return []
+    path = urdf.path(chain.tip)
+    idle = [j.name for j in free if j in path and j.name not in columns]
+    if not idle:
+        return []
+    return [f"locked because the log has no columns for them: {listed(idle)}"]
+
+
+def _furthest(
     urdf: Urdf,
     posture: Posture,
-    free: Sequence[Joint],
+    usable: Sequence[Joint],
     tip: str | None,
-    *,
     planar: bool,
-    logged: bool,
+    columns: Collection[str] | None,
 ) -> tuple[Chain, list[str]]:
     """Return the arm for users who named no joints, and notes."""
+    logged = columns is not None
+    free = [j for j in usable if columns is None or j.name in columns]
     chains = find_chains(urdf, posture, free, tip)
     if not chains:
-        stuck = [joint for joint in urdf.joints if joint.stuck and joint not in free]
-        if len(free) + len(stuck) > 1:
-            _check_limits(stuck)
-        hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
-        movable = listed(joint.name for joint in urdf.joints if joint.movable)
-        raise RobotError(
-            f"no arm{f' to {quoted(tip)}' if tip else ''}: it needs two joints in one chain; of "
-            f"the movable joints {movable} these are free: {listed(j.name for j in free)}",
-            hint=hint if logged else "name other `joints`, `tip` or `lock`",
-        )
+        _raise_no_arm(urdf, free, tip, logged=logged)
     parts = [planar_part(chain, posture) for chain in chains]
     flat = planar or plane_normal(chains[0].joints, posture) is not None
     if flat:
         chains = [part or chain for part, chain in zip(parts, chains, strict=True)]
     else:
         chains = [
-            replace(chain, joints=chain.joints[-MOST_JOINTS:]) for chain in chains
+            replace(chain, joints=chain.joints[-FINDING.most_joints :])
+            for chain in chains
         ]
     best = chains[0]
     others = "; ".join(map(str, chains[1:]))
-    if (
-        others and logged
-    ):  # a log was measured on one of them only; in simulation the first serves
+    # a log was measured on one of them only; in simulation the first serves
+    if others and logged:
         raise RobotError(
             f"the robot has {len(chains)} arms of one reach, choose one: {best}; {others}"
         )
@@ -260,32 +267,48 @@ def _found(
     return best, notes
 
 
+def _raise_no_arm(
+    urdf: Urdf, free: Sequence[Joint], tip: str | None, *, logged: bool
+) -> NoReturn:
+    stuck = [joint for joint in urdf.joints if joint.stuck and joint not in free]
+    if len(free) + len(stuck) > 1:
+        _check_limits(stuck)
+    hint = "name other `joints`, `tip` or `lock`"
+    if logged:
+        hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
+    movable = listed(joint.name for joint in urdf.joints if joint.movable)
+    raise RobotError(
+        f"no arm{f' to {quoted(tip)}' if tip else ''}: it needs two joints in one chain; of "
+        f"the movable joints {movable} these are free: {listed(j.name for j in free)}",
+        hint=hint,
+    )
+
+
 def _named(
     urdf: Urdf,
     posture: Posture,
     names: Sequence[str],
     tip: str | None,
-    own: Sequence[Joint],
+    free: Sequence[Joint],
 ) -> Chain:
-    """Return the arm of the joints that a user named, all of them `own` ones, with no leader."""
-    asked = [_movable(urdf, name, "joints") for name in names]
-    if tip is None and asked:
-        tip = find_tip(
-            urdf, max(asked, key=lambda joint: len(urdf.path(joint.child))).child
-        )
-    path = {joint.name for joint in urdf.path(tip or "")}
-    free = [joint.name for joint in own if joint.name in path]
-    chains = find_chains(
-        urdf, posture, [joint for joint in asked if joint.name in free], tip
+    """Return the arm of the joints that a user named, all of them `free` ones."""
+    joints = [_movable(urdf, name, "joints") for name in names]
+    if tip is None and joints:
+        last = max(joints, key=lambda joint: len(urdf.path(joint.child)))
+        tip = find_tip(urdf, last.child)
+    path = urdf.path(tip or "")
+    moving = [joint for joint in free if joint in path]
+    active = [joint for joint in joints if joint in moving]
+    chains = find_chains(urdf, posture, active, tip)
+    if chains and sorted(j.name for j in chains[0].joints) == sorted(names):
+        return chains[0]
+    raise OptionError(
+        f"`joints` are {listed(map(quoted, names))}: expected two or more of those that move "
+        f"the tip {quoted(tip or '')} on their own, each once: "
+        f"{listed(quoted(joint.name) for joint in moving)}",
+        parameter="joints",
+        value=list(names),
     )
-    if not chains or sorted(joint.name for joint in chains[0].joints) != sorted(names):
-        raise OptionError(
-            f"`joints` are {listed(map(quoted, names))}: expected two or more of those that move "
-            f"the tip {quoted(tip or '')} on their own, each once: {listed(map(quoted, free))}",
-            parameter="joints",
-            value=list(names),
-        )
-    return chains[0]
 
 
 def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
@@ -326,19 +349,19 @@ def _check_limits(joints: Sequence[Joint]) -> None:
 
 
 def _lock_notes(
-    urdf: Urdf, held: Mapping[str, float], lock: Mapping[str, float]
+    urdf: Urdf, locked: Mapping[str, float], lock: Mapping[str, float]
 ) -> list[str]:
     """Say which joints are held where, and where that is not what zero or limits say."""
     notes: list[str] = []
     for joint in [joint for joint in urdf.joints if joint.name in lock]:
         (lower, upper), value = joint.travel, lock[joint.name]
-        if joint.name in held and not lower <= value <= upper:
+        if joint.name in locked and not lower <= value <= upper:
             notes.append(
                 f"`lock={{{joint.name!r}: {value:g}}}` lies outside the joint's limits "
                 f"{lower:g}:{upper:g} [{joint.unit}]"
             )
     if neutral_ones := [
-        f"{name}={held[name]:.4g}" for name in held if name not in lock
+        f"{name}={value:.4g}" for name, value in locked.items() if name not in lock
     ]:
         notes.append(
             f"locked at neutral: {listed(neutral_ones, 8)} (`lock` changes it)"

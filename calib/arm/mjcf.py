@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
@@ -29,6 +30,7 @@ WORLD = "world"
 _ORIENTATIONS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
 _REFUSED = ("include", "attach", "replicate", "composite", "flexcomp")
 _ZERO = (0.0, 0.0, 0.0)
+_AXES = np.eye(3)
 
 Attributes = Mapping[str, str]
 
@@ -47,14 +49,21 @@ class Mjcf:
     """A model as a tree of links, and where its text places each joint."""
 
     tree: Urdf
-    places: Mapping[
-        str, Placed
-    ]  # by the names of joints; not of a body's further joints
+    # by the names of joints; not of a body's further joints
+    places: Mapping[str, Placed]
 
 
-@dataclass
+class Element(NamedTuple):
+    """An element of a body."""
+
+    node: ET.Element
+    frame: Array  # (4, 4), around it, in the body's frame
+    inherited: str  # class of its defaults
+
+
+@dataclass(frozen=True)
 class _Reader:
-    """What has been read of a model."""
+    """The settings of a model, and what has been read of it."""
 
     numbers: Mapping[ET.Element, int]  # of all elements
     classes: Mapping[str, Mapping[str, Attributes]]  # defaults by class and tag
@@ -66,9 +75,10 @@ class _Reader:
     masses: dict[str, tuple[float, Vector]] = field(default_factory=dict)
     places: dict[str, Placed] = field(default_factory=dict)
 
-    def attributes(self, node: ET.Element, inherited: str) -> dict[str, str]:
+    def attributes(self, element: Element) -> dict[str, str]:
         """Attributes of an element, those of its class among them."""
-        name = node.get("class", inherited)
+        node = element.node
+        name = node.get("class", element.inherited)
         if name not in self.classes:
             raise RobotError(
                 f"<{node.tag}> has the class {quoted(name)}, which does not exist"
@@ -81,107 +91,114 @@ class _Reader:
 
     def frame(self, attributes: Attributes, where: str) -> Array:
         """Transform (4, 4) of an element in the frame around it."""
-        out = np.eye(4)
-        out[:3, :3] = self._orientation(attributes, where)
-        out[:3, 3] = _vector(attributes, "pos", _ZERO, where)
-        return out
+        place = _vector(attributes, "pos", _ZERO, where)
+        return _transform(self._orientation(attributes, where), place)
 
     def _orientation(self, attributes: Attributes, where: str) -> Array:
         """Rotation (3, 3) in any of the forms that MJCF has."""
         forms = [form for form in _ORIENTATIONS if form in attributes]
         if not forms:
-            return np.eye(3)
+            return _AXES
         if len(forms) > 1:
             raise RobotError(
                 f"{where} has {' and '.join(forms)}: expected one orientation"
             )
         form = forms[0]
-        size = _ORIENTATIONS[form]
-        values = np.array(_vector(attributes, form, (math.nan,) * size, where))
+        nothing = (math.nan,) * _ORIENTATIONS[form]
+        values = np.array(_vector(attributes, form, nothing, where))
         if form == "euler":
             return self._of_euler(values)
-        if not np.linalg.norm(values[:3] if form != "quat" else values) > 0:
+        direction = values if form == "quat" else values[:3]
+        length = np.linalg.norm(direction)
+        if not length > 0:
             raise RobotError(
                 f"{where}: {form} is {quoted(attributes[form])}, expected a direction"
             )
+        direction = direction / length
         if form == "quat":
-            return matrix_of(np.roll(values, -1))
+            return matrix_of(np.roll(direction, -1))
         if form == "axisangle":
-            axis = values[:3] / np.linalg.norm(values[:3])
-            return exponential(self.angle(float(values[3])) * axis)
+            return exponential(self.angle(float(values[3])) * direction)
         if form == "zaxis":
-            return _with_z(values / np.linalg.norm(values))
-        x = values[:3] / np.linalg.norm(values[:3])
-        y = values[3:] - (values[3:] @ x) * x
+            return _with_z(direction)
+        y = values[3:] - (values[3:] @ direction) * direction
         y = y / np.linalg.norm(y)
-        return np.column_stack([x, y, np.cross(x, y)])
+        return np.column_stack([direction, y, np.cross(direction, y)])
 
     def _of_euler(self, angles: Array) -> Array:
         """Rotation (3, 3) of Euler angles; capital letters are turns about fixed axes."""
-        rotation = np.eye(3)
+        rotation = _AXES
         for letter, value in zip(self.sequence, angles.tolist(), strict=True):
-            turn = exponential(
-                self.angle(value) * np.eye(3)["xyz".index(letter.lower())]
-            )
+            axis = _AXES["xyz".index(letter.lower())]
+            turn = exponential(self.angle(value) * axis)
             rotation = rotation @ turn if letter.islower() else turn @ rotation
         return rotation
 
-    def add_body(
-        self, node: ET.Element, parent: str, around: Array, inherited: str
-    ) -> None:
+    def elements(
+        self, node: ET.Element, inherited: str, around: Array
+    ) -> Iterator[Element]:
+        """Yield the elements of a body, those in frames within it too."""
+        for child in node:
+            if child.tag == "frame":
+                frame = around @ self.frame(child.attrib, "a frame")
+                name = child.get("childclass", inherited)
+                yield from self.elements(child, name, frame)
+            else:
+                yield Element(child, around, inherited)
+
+    def add_contents(self, inside: list[Element], link: str) -> None:
+        """Add the sites and bodies on a link."""
+        for element in inside:
+            node = element.node
+            name = node.get("name", "")
+            if node.tag == "body":
+                self._add_body(element, link)
+            elif node.tag == "site" and name:
+                site = self._new_link(name, "site")
+                frame = self.frame(self.attributes(element), f"site {quoted(site)}")
+                joint = f"{site}:site"
+                self._add_fixed(joint, link, site, element.frame @ frame)
+                self._place(joint, element, np.eye(4))
+
+    def _add_body(self, element: Element, parent: str) -> None:
         """Add a body with its joints, sites and bodies."""
-        inherited = node.get("childclass", inherited)
-        name = self._new_link(node.get("name") or f"body_{self.numbers[node]}", "body")
+        node, around, inherited = element
+        number = self.numbers[node]
+        name = self._new_link(node.get("name") or f"body_{number}", "body")
         where = f"body {quoted(name)}"
-        start = around @ self.frame(node.attrib, where)
         inertial = node.find("inertial")
         if inertial is not None:
             (mass,) = _vector(inertial.attrib, "mass", (0.0,), where)
             if mass > 0:
                 self.masses[name] = mass, _vector(inertial.attrib, "pos", _ZERO, where)
+        origin = around @ self.frame(node.attrib, where)
+        inherited = node.get("childclass", inherited)
+        inside = list(self.elements(node, inherited, np.eye(4)))
+        moving = [part for part in inside if part.node.tag == "joint"]
         link = parent
-        origin = start
-        after = np.eye(4)
-        inside = list(_unframed(node, self, inherited))
-        moving = [
-            (child, frame, of) for child, frame, of in inside if child.tag == "joint"
-        ]
-        for number, (child, frame, of) in enumerate(moving):
-            attributes = self.attributes(child, of)
-            joint_name = attributes.get("name") or f"joint_{self.numbers[child]}"
-            end, back = self._pivot(attributes, frame, joint_name)
-            last = number == len(moving) - 1
-            whole = last and not back[:3, 3].any()
-            beyond = name if whole else self._new_link(f"{name}:{joint_name}", "link")
-            self._add_joint(joint_name, link, beyond, origin @ end, attributes, frame)
-            if number == 0:
-                self.places[joint_name] = Placed(
-                    self.numbers[node], around, after @ end
-                )
-            link = beyond
+        for part in moving:
+            attributes = self.attributes(part)
+            number = self.numbers[part.node]
+            joint = self._joint(attributes, part.frame, f"joint_{number}")
+            pivot, back = self._pivot(attributes, part.frame, joint)
+            whole = part is moving[-1] and not back[:3, 3].any()
+            child = name if whole else self._new_link(f"{name}:{joint.name}", "link")
+            place = _origin(origin @ pivot)
+            self.joints.append(replace(joint, parent=link, child=child, **place))
+            if part is moving[0]:
+                self._place(joint.name, element, pivot)
+            link = child
             origin = back
         if link != name:
-            self._add_fixed(f"{name}:frame", link, name, origin)
+            joint_name = f"{name}:frame"
+            self._add_fixed(joint_name, link, name, origin)
             if not moving:
-                self.places[f"{name}:frame"] = Placed(self.numbers[node], around, after)
+                self._place(joint_name, element, np.eye(4))
         self.add_contents(inside, name)
 
-    def add_contents(
-        self, inside: list[tuple[ET.Element, Array, str]], link: str
-    ) -> None:
-        """Add the sites and bodies on a link."""
-        for child, frame, of in inside:
-            if child.tag == "body":
-                self.add_body(child, link, frame, of)
-            elif child.tag == "site" and child.get("name"):
-                site = self._new_link(child.get("name", ""), "site")
-                placed = frame @ self.frame(
-                    self.attributes(child, of), f"site {quoted(site)}"
-                )
-                self._add_fixed(f"{site}:site", link, site, placed)
-                self.places[f"{site}:site"] = Placed(
-                    self.numbers[child], frame, np.eye(4)
-                )
+    def _place(self, joint: str, element: Element, after: Array) -> None:
+        number = self.numbers[element.node]
+        self.places[joint] = Placed(number, element.frame, after)
 
     def _new_link(self, name: str, kind: str) -> str:
         if name in self.links:  # MuJoCo lets a site have a body's name
@@ -193,47 +210,9 @@ class _Reader:
         self.links.append(name)
         return name
 
-    def _pivot(
-        self, attributes: Attributes, frame: Array, name: str
-    ) -> tuple[Array, Array]:
-        """From a body's frame to that of a joint at zero, and from there on back to the body's."""
-        where = f"joint {quoted(name)}"
-        place = np.eye(4)
-        place[:3, 3] = (
-            frame[:3, :3] @ _vector(attributes, "pos", _ZERO, where) + frame[:3, 3]
-        )
-        back = np.eye(4)
-        back[:3, 3] = -place[:3, 3]
-        (reference,) = _vector(attributes, "ref", (0.0,), where)
-        axis = self._axis(attributes, frame, where)
-        if attributes.get("type", "hinge") == "slide":
-            place[:3, 3] -= reference * axis
-        else:
-            place[:3, :3] = exponential(-self.angle(reference) * axis)
-        return place, back
-
-    @staticmethod
-    def _axis(attributes: Attributes, frame: Array, where: str) -> Array:
-        """Unit axis (3,) of a joint in its body's frame."""
-        axis = frame[:3, :3] @ np.array(
-            _vector(attributes, "axis", (0.0, 0.0, 1.0), where)
-        )
-        length = float(np.linalg.norm(axis))
-        if not length > 0:
-            raise RobotError(
-                f"{where} has the axis 0 0 0: give a direction such as 0 0 1"
-            )
-        return np.asarray(axis / length)
-
-    def _add_joint(
-        self,
-        name: str,
-        parent: str,
-        child: str,
-        origin: Array,
-        attributes: Attributes,
-        frame: Array,
-    ) -> None:
+    def _joint(self, attributes: Attributes, frame: Array, default: str) -> Joint:
+        """Return a joint of a body, in the body's frame, that joins no links yet."""
+        name = attributes.get("name") or default
         where = f"joint {quoted(name)}"
         kind = attributes.get("type", "hinge")
         if kind not in ("hinge", "slide"):
@@ -242,44 +221,45 @@ class _Reader:
             )
         if any(joint.name == name for joint in self.joints):
             raise RobotError(f"two joints are named {quoted(name)}: rename one of them")
-        limits = None
+        axis = frame[:3, :3] @ _vector(attributes, "axis", (0.0, 0.0, 1.0), where)
+        length = float(np.linalg.norm(axis))
+        if not length > 0:
+            raise RobotError(
+                f"{where} has the axis 0 0 0: give a direction such as 0 0 1"
+            )
         limited = attributes.get("limited", "auto")
-        if limited == "true" or (
-            limited == "auto" and self.autolimits and "range" in attributes
-        ):
-            low, high = _vector(attributes, "range", (0.0, 0.0), where)
-            limits = (
-                (self.angle(low), self.angle(high)) if kind == "hinge" else (low, high)
-            )
+        if limited == "auto" and self.autolimits and "range" in attributes:
+            limited = "true"
+        limits = None
+        if limited == "true":
+            limits = _vector(attributes, "range", (0.0, 0.0), where)
+            if kind == "hinge":
+                limits = tuple(map(self.angle, limits))
         turning = "continuous" if limits is None else "revolute"
-        self.joints.append(
-            Joint(
-                name=name,
-                kind=turning if kind == "hinge" else "prismatic",
-                parent=parent,
-                child=child,
-                xyz=tuple(origin[:3, 3].tolist()),
-                rotation=_rows(origin),
-                axis=tuple(self._axis(attributes, frame, where).tolist()),
-                limits=limits,
-                mimic=None,
-            )
+        return Joint(
+            name,
+            kind=turning if kind == "hinge" else "prismatic",
+            parent="",
+            child="",
+            axis=tuple((axis / length).tolist()),
+            limits=None if limits is None else (limits[0], limits[1]),
         )
 
+    def _pivot(
+        self, attributes: Attributes, frame: Array, joint: Joint
+    ) -> tuple[Array, Array]:
+        """From a body's frame to that of a joint at zero, and from there on back to the body's."""
+        where = f"joint {quoted(joint.name)}"
+        place = frame[:3, :3] @ _vector(attributes, "pos", _ZERO, where) + frame[:3, 3]
+        (reference,) = _vector(attributes, "ref", (0.0,), where)
+        back = _transform(_AXES, -place)
+        axis = np.array(joint.axis)
+        if joint.kind == "prismatic":
+            return _transform(_AXES, place - reference * axis), back
+        return _transform(exponential(-self.angle(reference) * axis), place), back
+
     def _add_fixed(self, name: str, parent: str, child: str, origin: Array) -> None:
-        xyz = tuple(origin[:3, 3].tolist())
-        joint = Joint(
-            name,
-            "fixed",
-            parent,
-            child,
-            xyz,
-            _rows(origin),
-            (1.0, 0.0, 0.0),
-            None,
-            None,
-        )
-        self.joints.append(joint)
+        self.joints.append(Joint(name, "fixed", parent, child, **_origin(origin)))
 
 
 def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
@@ -289,19 +269,7 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
     Raises RobotError: what is wrong or not supported, by name, and what to do.
     """
     for node in root.iter():
-        if node.tag in _REFUSED:
-            said = node.get("file") or node.get("name") or node.get("model") or ""
-            raise RobotError(
-                f"the MJCF has <{node.tag}> {quoted(said)}: expected one file that is written out, "
-                "as `mujoco.mj_saveLastXML` writes it"
-            )
-        ball = node.tag == "joint" and node.get("type") in ("free", "ball")
-        if node.tag == "freejoint" or ball:
-            kind = node.get("type", "free")
-            raise RobotError(
-                f"joint {quoted(node.get('name', ''))} is a {kind} joint: expected an arm of "
-                "hinges and slides; remove the joint, or the body that it moves"
-            )
+        _check_supported(node)
     compiler: dict[str, str] = {}
     for node in root.findall("compiler"):
         compiler.update(node.attrib)
@@ -322,15 +290,31 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
         autolimits=compiler.get("autolimits", "true") == "true",
     )
     for world in root.findall("worldbody"):
-        reader.add_contents(list(_unframed(world, reader, "main")), WORLD)
+        reader.add_contents(list(reader.elements(world, "main", np.eye(4))), WORLD)
     if len(reader.links) == 1:
         raise RobotError(
             "the MJCF has no bodies: expected a robot with bodies and joints"
         )
-    joints = tuple(reader.joints)
     title = root.get("model", "").strip() or name
-    tree = Urdf(title, WORLD, tuple(reader.links), joints, (), dict(reader.masses))
+    joints = tuple(reader.joints)
+    tree = Urdf(title, WORLD, tuple(reader.links), joints, (), reader.masses)
     return Mjcf(tree, reader.places)
+
+
+def _check_supported(node: ET.Element) -> None:
+    """Refuse an element that stands for others, or a joint of several values."""
+    if node.tag in _REFUSED:
+        name = node.get("file") or node.get("name") or node.get("model") or ""
+        raise RobotError(
+            f"the MJCF has <{node.tag}> {quoted(name)}: expected one file that is written out, "
+            "as `mujoco.mj_saveLastXML` writes it"
+        )
+    kind = node.get("type", "hinge") if node.tag == "joint" else node.tag
+    if kind in ("free", "ball", "freejoint"):
+        raise RobotError(
+            f"joint {quoted(node.get('name', ''))} is a {kind.removesuffix('joint')} joint: "
+            "expected an arm of hinges and slides; remove the joint, or the body that it moves"
+        )
 
 
 def _classes(root: ET.Element) -> dict[str, dict[str, Attributes]]:
@@ -338,35 +322,17 @@ def _classes(root: ET.Element) -> dict[str, dict[str, Attributes]]:
     classes: dict[str, dict[str, Attributes]] = {"main": {}}
 
     def add(node: ET.Element, name: str, around: Mapping[str, Attributes]) -> None:
-        known = {**around, **classes.get(name, {})}
+        defaults = {**around, **classes.get(name, {})}
         for child in node:
             if child.tag != "default":
-                known[child.tag] = {**known.get(child.tag, {}), **child.attrib}
-        classes[name] = known
+                defaults[child.tag] = {**defaults.get(child.tag, {}), **child.attrib}
+        classes[name] = defaults
         for child in node.findall("default"):
-            add(child, child.get("class", ""), known)
+            add(child, child.get("class", ""), defaults)
 
     for node in root.findall("default"):
         add(node, node.get("class", "main"), {})
     return classes
-
-
-def _unframed(
-    node: ET.Element, reader: _Reader, inherited: str
-) -> Iterator[tuple[ET.Element, Array, str]]:
-    """Elements of a body, in frames within it too: each with its frame (4, 4) and its class."""
-
-    def within(
-        node: ET.Element, frame: Array, inherited: str
-    ) -> Iterator[tuple[ET.Element, Array, str]]:
-        for child in node:
-            if child.tag == "frame":
-                placed = frame @ reader.frame(child.attrib, "a frame")
-                yield from within(child, placed, child.get("childclass", inherited))
-            else:
-                yield child, frame, inherited
-
-    yield from within(node, np.eye(4), inherited)
 
 
 def _vector(attributes: Attributes, key: str, default: Vector, where: str) -> Vector:
@@ -387,11 +353,26 @@ def _with_z(axis: Array) -> Array:
     about = np.array([-axis[1], axis[0], 0.0])
     sine = float(np.linalg.norm(about))
     if sine < 1e-10:
-        return np.eye(3) if axis[2] > 0 else np.diag([1.0, -1.0, -1.0])
+        return _AXES if axis[2] > 0 else np.diag([1.0, -1.0, -1.0])
     return exponential(math.atan2(sine, float(axis[2])) / sine * about)
 
 
-def _rows(origin: Array) -> Rows:
-    """Rows of the orientation of a transform (4, 4)."""
-    first, second, third = (tuple(row) for row in origin[:3, :3].tolist())
-    return first, second, third
+def _transform(rotation: Array, place: Array | Vector) -> Array:
+    """Transform (4, 4) of a rotation (3, 3) and a place (3,)."""
+    transform = np.eye(4)
+    transform[:3, :3] = rotation
+    transform[:3, 3] = place
+    return transform
+
+
+class Origin(TypedDict):
+    """Where a joint stands in its parent link."""
+
+    xyz: Vector
+    rotation: Rows
+
+
+def _origin(frame: Array) -> Origin:
+    """Return the place and the rows of the orientation of a transform (4, 4)."""
+    first, second, third = (tuple(row) for row in frame[:3, :3].tolist())
+    return {"xyz": tuple(frame[:3, 3].tolist()), "rotation": (first, second, third)}

@@ -36,13 +36,10 @@ class Plane:
     def __post_init__(self) -> None:
         """Check the shapes and the axes, and freeze the arrays."""
         own_floats(self, "origin", "x", "y")
-        known = all(
+        finite = all(
             v.shape == (3,) and np.isfinite(v).all() for v in vars(self).values()
         )
-        if (
-            not known
-            or np.abs(self.basis[:2] @ self.basis[:2].T - np.eye(2)).max() > 1e-6
-        ):
+        if not finite or np.abs(self.basis @ self.basis.T - np.eye(3)).max() > 1e-6:
             raise RobotError(
                 f"a plane of origin {self.origin} and axes {self.x}, {self.y}: expected three "
                 "finite numbers each, and orthonormal axes"
@@ -102,13 +99,13 @@ def fit_plane(points: ArrayLike) -> tuple[Plane, float]:
     Returns the plane and rms [m], root mean square distance of the points from the plane
     """
     p = np.asarray(points, dtype=float)
-    known = p.ndim == 2 and p.shape[1] == 3 and len(p) > 2 and np.isfinite(p).all()
-    if known:
+    spans = p.ndim == 2 and p.shape[1] == 3 and len(p) > 2 and np.isfinite(p).all()
+    if spans:
         centroid = p.mean(axis=0)
         # SVD of the centred points, not their normal equations: those lose half the digits
         _, spread, directions = np.linalg.svd(p - centroid, full_matrices=False)
-        known = spread[1] > _MIN_SPREAD * max(spread[0], np.finfo(float).tiny)
-    if not known:
+        spans = spread[1] > _MIN_SPREAD * max(spread[0], np.finfo(float).tiny)
+    if not spans:
         raise LogError(
             "a plane needs at least 3 finite positions of shape (n, 3) that do not lie on one "
             f"line, got shape {p.shape}: add rows"

@@ -28,13 +28,13 @@ class Posture:
         return np.asarray(self.frames[joint.child][:3, :3] @ _direction(joint))
 
 
-def posture_of(urdf: Urdf, told: Mapping[str, float]) -> Posture:
+def posture_of(urdf: Urdf, chosen: Mapping[str, float]) -> Posture:
     """Return the posture at joint values [rad or m]; others follow one, or are neutral.
 
     They are products of the joints' transforms; Pinocchio, which has no wheel for Windows, is not
     needed.
     """
-    values = urdf.values(told)
+    values = urdf.values(chosen)
     frames = {urdf.root: np.eye(4)}
     # a URDF may list a joint before the one that carries it
     for joint in sorted(urdf.joints, key=lambda joint: len(urdf.path(joint.child))):
@@ -83,7 +83,7 @@ def folded(
 
     moving : what each joint that moves the tip follows, base to tip; an active one itself
     posture : with the moving joints at zero
-    weighed : whether the masses that it carries are told
+    weighed : whether the masses that it carries are chosen
     """
     joints = [joint for joint in urdf.path(tip) if joint.name in moving]
     coupling = np.zeros((len(joints), len(active)))
@@ -121,6 +121,6 @@ def _carried(
     if not masses.any():
         return np.zeros(0), np.zeros((0, 3))
     centres = np.array([posture.place(joint.child) for joint in joints])
-    held = masses > 0
-    centres[held] = moments[held] / masses[held, None]
+    heavy = masses > 0
+    centres[heavy] = moments[heavy] / masses[heavy, None]
     return masses, centres

@@ -41,8 +41,8 @@ def list_robots() -> tuple[RobotEntry, ...]:
         text = read_urdf(path)
         urdf = read_urdf_tree(parse_xml(text), path.stem)
         joints = tuple(joint.name for joint in urdf.joints if joint.movable)
-        found = _DESCRIPTION.search(text)
-        description = " ".join(found[1].split()) if found else ""
+        comment = _DESCRIPTION.search(text)
+        description = " ".join(comment[1].split()) if comment else ""
         entries.append(RobotEntry(path.stem, joints, len(joints), description, path))
     return tuple(entries)
 

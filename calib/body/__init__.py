@@ -1,4 +1,4 @@
 """The body: what an arm and its sensor must obey, as one Gaussian belief over its parameters.
 
-`fitting.fit` finds it from rows; `belief.Body` answers: positions, slopes, bounds, words.
+`body_fit.fit` finds it from rows; `belief.Body` answers: positions, slopes, bounds, words.
 """

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from ..common.arrays import TRIANGLE, Array, Own, Shape
 from .covariance import radius_95, spread_of
 from .parameters import Gaussian, Indices
-from .sensor import SensorPose
+from .sensor_pose import SensorPose
 from .settings import SHARED, UNTOLD
 from .structure import OfStructure, Structure
 from .views import is_camera
@@ -135,6 +135,16 @@ class Body(OfStructure):
             spread = spread_of(x[:, part], self.second.root) + unexplained
             bound = np.maximum(bound, apart + radius_95(spread))
         return np.asarray(bound)
+
+    def changed(
+        self, fields_of: Callable[[Gaussian], Mapping[str, Array | Indices]]
+    ) -> Body:
+        """Return the body with other fields of both its fits."""
+        second = self.second
+        if second is not None:
+            second = replace(second, **fields_of(second))  # type: ignore[arg-type]
+        fields: Mapping[str, Any] = fields_of(self)
+        return replace(self, second=second, **fields)
 
     @property
     def deviations(self) -> Array:

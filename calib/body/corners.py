@@ -11,19 +11,21 @@ with a corner c in the board's frame and s in the camera's.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..arm.rotations import cross_matrix, exponential, logarithm
-from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .belief import Body
-from .sensor import SensorPose
+from .sensor_pose import SensorPose
+from .sensors import InSpace
 from .settings import FINER
-from .views import Columns, InSpace, Measurement, pixels
+from .spatial import SpatialStructure
+from .views import Columns, Measurement, Picture, Scene, Sight, pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,26 +39,26 @@ class Corners(Measurement):
     curves = False  # of 20 pictures they explained a board that had been moved by 5 cm
     within = FINER
 
-    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Corner:
+    def look(self, scene: Scene) -> _Corner:
         """See a corner in each row."""
-        seen = self.pose.look(own, motion, also)
-        shift = seen.values[:, :3]
-        turn = exponential(seen.values[:, 3:])
+        pose = self.pose.look(scene)
+        shift = pose.values[:, :3]
+        turn = exponential(pose.values[:, 3:])
         # columns of the derivative of s by the pose's shift and turn, both in the sensor's axes
         if self.in_hand:
             back = np.swapaxes(turn, 1, 2)
-            arm = also - shift
+            arm = scene.also - shift
             point = np.einsum("nij,nj->ni", back, arm)
             by = np.concatenate([-back, back @ cross_matrix(arm)], axis=2)
         else:
-            arm = np.einsum("nij,nj->ni", turn, also)
+            arm = np.einsum("nij,nj->ni", turn, scene.also)
             point = arm + shift
-            by = np.concatenate(
-                [np.broadcast_to(np.eye(3), turn.shape), -cross_matrix(arm)], axis=2
-            )
-        camera = pixels(own["lens"], point.T)
+            still = np.broadcast_to(np.eye(3), turn.shape)
+            by = np.concatenate([still, -cross_matrix(arm)], axis=2)
+        camera = pixels(scene.blocks["lens"], point.T)
         slope = np.asarray(camera.slope).transpose(2, 0, 1)
-        return _Corner(camera.values, seen, camera, (slope @ by).transpose(1, 2, 0))
+        by_pose = (slope @ by).transpose(1, 2, 0)
+        return _Corner(camera.values, pose, camera, by_pose)
 
 
 @dataclass(frozen=True)
@@ -64,74 +66,81 @@ class _Corner:
     """Pixels of a corner at n rows."""
 
     values: Array  # (n, 2)
-    pose: Any  # what is in the hand, as a pose
-    camera: Any  # the pinhole's view
+    pose: Sight  # of what is in the hand
+    camera: Picture
     slope: Array  # (2, 6, n), derivative of pixels by the pose
 
     def push(self, velocity: Array, angular: Any = 0.0) -> Array:
         """How outputs (..., 2, n) move when the hand does."""
-        return self._seen(self.pose.push(velocity, angular))
+        return self._pixels(self.pose.push(velocity, angular))
 
     def columns(self) -> Columns:
         """The derivative by each of the sensor's own blocks."""
-        for name, own in self.pose.columns():
-            yield name, lambda own=own: self._seen(own())  # type: ignore[misc]
+        for name, moved in self.pose.columns():
+            yield name, partial(self._by, moved)
         yield "lens", self.camera.refocused
 
-    def _seen(self, moved: Array) -> Array:
+    def _by(self, moved: Callable[[], Array]) -> Array:
+        return self._pixels(moved())
+
+    def _pixels(self, moved: Array) -> Array:
+        """How pixels move with the pose."""
         return np.asarray((self.slope * moved[..., None, :, :]).sum(axis=-2))
 
 
 def held_of(body: Body) -> SensorPose:
-    """What is in the hand, in the tip's frame, as a belief of its poses knows it.
+    """Return what is in the hand, in the tip's frame, as a belief of its poses knows it.
 
     The last joint counts as its encoder says: what is in the hand turned about that joint's axis,
     and the joint's offset the other way, give the same pictures; so does a shift along it.  What
     is told leaves that out; the other intervals are those of a joint with an offset of its own.
     """
-    structure: Any = body.structure
+    structure = body.structure
+    assert isinstance(structure, SpatialStructure)  # noqa: S101 - poses are in space
     groups = structure.groups
-    revolute = structure.revolute[-1]
+    turns = structure.revolute[-1]
     last = structure.chain_names.index(structure.joint_names[-1])
-    (at,), (frame,) = structure.with_view("base").pose(
-        np.zeros((1, structure.dof)), structure.neutral()
-    )
-    own = structure.chain.axes[last]
+    base = structure.with_view("base")
+    zero = np.zeros((1, structure.dof))
+    (tip,), (frame,) = base.pose(zero, structure.neutral())
+    axis = structure.chain.axes[last]
+    axis_in_tip = frame.T @ axis
+    origin = frame.T @ (structure.chain.points[last] - tip)
     shift = structure.shifts[last]
     turn = structure.turns[last]
-    axis = frame.T @ own
-    origin = frame.T @ (structure.chain.points[last] - at)
+    offset = groups["offset"][-1]
+    tool = groups["tool"]
+    tool_turn = groups["tool.rotation"]
 
     def places(beta: Array) -> tuple[Array, Array]:
         """Position and turn, and those of a last joint whose own deviation goes to the hand."""
-        position = beta[groups["tool"]]
-        hand = exponential(beta[groups["tool.rotation"]])
-        slid = own @ beta[shift]
-        turned = own @ beta[turn]
-        offset = beta[groups["offset"][-1]]
-        back = exponential((turned + revolute * offset) * axis)
-        moved = (
-            origin
-            + back @ (position - origin)
-            + (slid + (not revolute) * offset) * axis
-        )
+        position = beta[tool]
+        hand = exponential(beta[tool_turn])
+        turned = axis @ beta[turn] + turns * beta[offset]
+        slid = axis @ beta[shift] + (not turns) * beta[offset]
+        back = exponential(turned * axis_in_tip)
+        moved = origin + back @ (position - origin) + slid * axis_in_tip
         return np.stack([position, moved]), np.stack([hand, back @ hand])
 
     points, hands = places(body.beta)
-    free = np.concatenate(
-        [groups["tool"], groups["tool.rotation"], shift, turn, groups["offset"][-1:]]
-    )
-    free = np.intersect1d(free, body.active)
+    blocks = [tool, tool_turn, shift, turn, [offset]]
+    free = np.intersect1d(np.concatenate(blocks), body.active)
     slopes = []
     for index in free:
-        ahead, turned = places(
-            structure.retract(body.beta, 1e-6 * np.eye(structure.size)[index])
-        )
+        step = np.zeros(structure.size)
+        step[index] = 1e-6
+        ahead, turned = places(structure.retract(body.beta, step))
         by_turn = logarithm(turned @ np.swapaxes(hands, 1, 2))
         slopes.append(np.concatenate([ahead - points, by_turn], axis=1) / 1e-6)
     root = body.root[np.searchsorted(body.active, free)]
     sd = np.sqrt((np.einsum("kpi,kr->pir", np.array(slopes), root) ** 2).sum(axis=2))
-    (any_sd, any_turn), (told, told_turn) = sd.reshape(2, 2, 3)
     return SensorPose(
-        points[1], hands[1], any_sd, any_turn, told, told_turn, told[2], None
+        position=points[1],
+        rotation=hands[1],
+        position_sd=sd[0, :3],
+        turn_sd=sd[0, 3:],
+        told_sd=sd[1, :3],
+        told_turn_sd=sd[1, 3:],
+        depth_sd=float(sd[1, 2]),
+        first=None,
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..common.arrays import Array
-from .settings import CURVE_FLOOR, WIDTH
+from .settings import PRIOR
 
 HARMONICS = 48
 ORDERS = np.arange(1, HARMONICS + 1)
@@ -22,8 +22,8 @@ def curve_shape(*more: float) -> Array:
 
     `more` are the widths [waves a turn] of further Gaussians beside that of `WIDTH`.
     """
-    widths = np.array([WIDTH, *more])[:, None]
-    shape = np.exp(-((ORDERS / widths) ** 2) / 2).sum(axis=0) + CURVE_FLOOR
+    widths = np.array([PRIOR.width, *more])[:, None]
+    shape = np.exp(-((ORDERS / widths) ** 2) / 2).sum(axis=0) + PRIOR.curve_floor
     return np.tile(shape / shape.mean(), 2)
 
 

@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from ..arm.arm import Arm, PlanarArm
 from ..common.arrays import Array
 from ..errors import OptionError
+from .settings import START
 
 Complex = NDArray[np.complex128]
 
-_ALIKE = 3e-5
-"""Share of the largest spread below which columns are one."""
 
 _PARALLEL = 1e-6
 """Share of the reach by which a planar drawing may be off the arm that it is of."""
@@ -159,7 +158,7 @@ class LinearChain:
         columns = np.column_stack([waves, np.ones(len(q))])
         scale = np.sqrt(np.mean(np.abs(columns) ** 2, axis=0)) + 1e-300
         # a joint that hardly moves makes columns alike: they share what they cannot tell apart
-        links = np.linalg.lstsq(columns / scale, tip, rcond=_ALIKE)[0] / scale
+        links = np.linalg.lstsq(columns / scale, tip, rcond=START.one_column)[0] / scale
         drawing = _drawing_of(links[:-1], complex(links[-1]), signs, mirror, revolute)
         return LinearChain(drawing, np.abs(links[:-1]), np.abs(columns @ links - tip))
 

@@ -12,10 +12,8 @@ from .covariance import autocorrelation_time
 from .normal import Factor, with_prior
 from .parameters import Hyper, Indices, Prior
 from .rows import Part, Rows
+from .settings import FIT
 from .structure import Structure
-
-BLOCKS = 10
-"""Contiguous blocks of rows whose information is kept apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +53,10 @@ class Fit:
     grams: Array  # (b, k, k)
     moments: Array  # (b, k)
     precision: Array  # (k, k), weighted information and prior
-    gradient: (
-        Array  # (k,), of the log posterior: not quite zero where the steps ended early
-    )
-    autocorrelation: (
-        float  # integrated time of the residuals [rows]; 1 for Gaussian noise
-    )
+    # (k,), of the log posterior: not quite zero where the steps ended early
+    gradient: Array
+    # integrated time of the residuals [rows]; 1 for Gaussian noise
+    autocorrelation: float
     evidence: float  # Laplace approximation of the logarithm of the evidence
 
     def __init__(
@@ -89,8 +85,8 @@ class Fit:
             if (index >= 0).all():
                 self.hypers.append((hyper, index))
         self.scales = {hyper.name: float(hyper.scale) for hyper, _ in self.hypers}
-        blocks = min(BLOCKS, len(rows[0]))
-        self.parts = [Part(structure, each, self.beta, nu, blocks) for each in rows]
+        blocks = min(FIT.blocks, len(rows[0]))
+        self.parts = [Part(structure, some, self.beta, nu, blocks) for some in rows]
 
     @property
     def residual(self) -> Array:
@@ -110,8 +106,8 @@ class Fit:
     def beginning(self, rows: Sequence[Rows], prior: Prior) -> Fit:
         """A fit of rows of the same sensors under another prior, from what was found on."""
         noisy = [
-            replace(each, noise=part.noise)
-            for each, part in zip(rows, self.parts, strict=True)
+            replace(some, noise=part.noise)
+            for some, part in zip(rows, self.parts, strict=True)
         ]
         return Fit(self.structure, noisy, self.beta, prior, nu=self.nu)
 

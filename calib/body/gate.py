@@ -15,13 +15,13 @@ import numpy as np
 
 from ..common.arrays import Array
 from .covariance import radius_95
-from .fit import BLOCKS, Fit
+from .fit import Fit
 from .parameters import Indices
 from .rows import Part, Rows
-from .settings import LEAST_ROWS_OF_A_QUANTILE, NATS, OUTLIER, SETTLED, UNKNOWN_KAPPA
+from .settings import FIT, NATS
 from .starts import Start
+from .structure import Structure
 
-_WORK = 5e5  # rows times parameters beyond which only some rows get a predicted spread
 _PARTITIONS = (0, 2, 5, 10)
 
 
@@ -58,7 +58,7 @@ class HeldOut:
         single = _quantiles(np.split(self.ratios[max(self.ratios)], self.edges[1:-1]))
         if len(single) > 1:
             most.append(float(np.mean(single) + np.std(single)))
-        return max(most) if most else UNKNOWN_KAPPA
+        return max(most) if most else FIT.unknown_kappa
 
     def tau(self, part: Part) -> Array:
         """Residual sd (m,) of the body itself: held-out errors beyond the noise."""
@@ -81,7 +81,7 @@ def _quantiles(parts: Sequence[Array]) -> list[float]:
     quantiles: list[float] = []
     for part in parts:
         finite = part[np.isfinite(part)]
-        if len(finite) > LEAST_ROWS_OF_A_QUANTILE:
+        if len(finite) > FIT.least_rows_of_a_quantile:
             quantiles.append(float(np.quantile(finite, 0.95)))
     return quantiles
 
@@ -96,7 +96,7 @@ def leave_blocks_out(
     part = fit.parts[sensor]
     edges = part.edges
     n = len(part.z)
-    every = max(1, round(n * len(fit.active) / _WORK))
+    every = max(1, round(n * len(fit.active) / FIT.spread_work))
 
     residual = np.full_like(part.residual, np.nan)
     derivatives: list[Array] = []
@@ -131,7 +131,7 @@ def leave_blocks_out(
                 ratios[count][rows] = length / radius_95(spread)
                 if last - first == 1:
                     score[rows] = _negative_log_density(length, spread)
-        ratios[count][part.weight[:, 0] <= OUTLIER] = np.nan
+        ratios[count][part.weight[:, 0] <= FIT.outlier] = np.nan
     return HeldOut(residual, score, edges, ratios)
 
 
@@ -198,27 +198,14 @@ def pass_gate(
     nu : degrees of freedom of the Student noise; infinite for Gaussian: samples of a simulation,
         of which nothing richer is tried where they reach their least noise
     """
-    structure = start.structure
-    exact = not np.isfinite(nu)
-
-    def fit(free: tuple[str, ...], begin: Array) -> Fit:
-        member = Fit(structure, rows, begin, structure.prior(free), nu=nu)
-        if exact:  # exact rows may be far along a curved valley, such as that of a lens
-            member.settle(60)
-            return member.maximise(steps=20, tolerance=1e-3)
-        return member.maximise(steps=10, tolerance=SETTLED)
-
-    def is_exact(member: Fit) -> bool:
-        return exact and bool((member.noise <= 1.5 * member.parts[0].floor).all())
-
+    members = start.structure.members()
+    names = {frozenset(groups): name for name, groups in members}
     best: Passed | None = None
     evidences: dict[str, float] = {}
-    members = structure.members()
-    names = {frozenset(groups): name for name, groups in members}
     tried: list[set[str]] = []
     for member_name, groups in members:
-        free = groups
         name = member_name
+        free = groups
         begin = start.beta
         if best is not None:  # what has passed stays: a lens stays beneath the curves
             free = tuple(dict.fromkeys((*best.free, *groups)))
@@ -229,24 +216,45 @@ def pass_gate(
             continue
         tried.append(set(free))
         try:
-            member = fit(free, begin)
-            if is_exact(member) and set(free) != set(groups):
-                alone = fit(
-                    groups, begin
-                )  # what passed before may have been a makeshift
-                if is_exact(alone):
+            member = _member(start.structure, free, rows, begin, nu)
+            if _is_exact(member) and set(free) != set(groups):
+                # what passed before may have been a makeshift
+                alone = _member(start.structure, groups, rows, begin, nu)
+                if _is_exact(alone):
                     name = member_name
                     free = groups
                     member = alone
-            held_out = leave_blocks_out(member, (BLOCKS,))
+            held_out = leave_blocks_out(member, (FIT.blocks,))
         except np.linalg.LinAlgError:
             continue
         evidences[name] = member.evidence
         candidate = Passed(name, free, member, held_out, evidences)
         if best is None or _wins(candidate, best):
             best = candidate
-        if is_exact(member):
+        if _is_exact(member):
             break
     if best is None:
         raise np.linalg.LinAlgError("no member of the body could be fitted")
     return best
+
+
+def _member(
+    structure: Structure,
+    free: tuple[str, ...],
+    rows: Sequence[Rows],
+    begin: Array,
+    nu: float,
+) -> Fit:
+    """Return a fit of a member's blocks."""
+    member = Fit(structure, rows, begin, structure.prior(free), nu=nu)
+    if np.isfinite(nu):
+        return member.maximise(steps=10, tolerance=FIT.settled)
+    # exact rows may be far along a curved valley, such as that of a lens
+    member.settle(60)
+    return member.maximise(steps=20, tolerance=1e-3)
+
+
+def _is_exact(member: Fit) -> bool:
+    """Whether samples of a simulation reach their least noise."""
+    exact = bool((member.noise <= 1.5 * member.parts[0].floor).all())
+    return exact and not np.isfinite(member.nu)

@@ -11,11 +11,9 @@ from ..arm.gravity import standard
 from .fit import Fit
 from .gate import Passed
 from .rows import Rows
-from .settings import OTHER_GRAVITY
+from .settings import FIT
 from .spatial import SpatialStructure
 from .structure import loads_of
-
-_STEPS = 3  # linearisations of each direction, from the parameters that passed the gate
 
 
 def other_direction(passed: Passed, rows: Sequence[Rows]) -> str | None:
@@ -32,11 +30,11 @@ def other_direction(passed: Passed, rows: Sequence[Rows]) -> str | None:
         turned = replace(structure, gravity=standard(direction.tolist()))
         prior = turned.prior(members["elastic"])
         fit = Fit(turned, rows, passed.fit.beta, prior, nu=passed.fit.nu)
-        fits.append(fit.maximise(steps=_STEPS))
+        fits.append(fit.maximise(steps=FIT.gravity_steps))
     evidence = [fit.evidence for fit in fits]
     best = int(np.argmax(evidence))
     gain = (evidence[best] - evidence[drawn]) / passed.fit.autocorrelation
-    if gain < OTHER_GRAVITY:
+    if gain < FIT.other_gravity:
         return None
     upward = _gives_way(fits[best], rows[0]) < 0.0
     axis = "xyz"[best]
@@ -54,7 +52,7 @@ def _gives_way(fit: Fit, rows: Rows) -> float:
     The evidence of a direction and of its opposite is the same, and arms do not rise under a load.
     """
     structure = fit.structure
-    levers, _ = structure.levers("elastic", rows.q[:, : structure.dof])
+    levers = structure.loads["elastic"].levers(rows.q[:, : structure.dof])
     loads = loads_of(levers, structure.gravity_at(fit.beta))
     power = (loads**2).mean(axis=1)
     return float(fit.beta[structure.groups["elastic"]] @ power)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -30,20 +30,15 @@ class Hyper(NamedTuple):
     The prior variance of parameter ``indices[k]`` is ``scale**2 * shape[k]``.
     """
 
-    name: (
-        str  # name of the scale, as `Body.scales` keeps it: ``"length"``, ``"curve.0"``
-    )
-    scale: float  # where the evidence starts; also the scale of the pseudo-observations
-    within: tuple[float, float] = (
-        0.0,
-        np.inf,
-    )  # times `scale`, between which it is found
-    pseudo: float = (
-        0.0  # number of pseudo-observations at `scale` (an inverse-gamma hyperprior)
-    )
-    # the parameters, in a block those of the block (None: all of it), in a prior (g,) of all
-    indices: Any = None
-    shape: Any = None  # (g,), relative variances; None: all alike
+    name: str  # of the scale, as `Body.scales` keeps it: ``"length"``, ``"curve.0"``
+    scale: float  # where the evidence starts; also that of the pseudo-observations
+    # times `scale`, between which the evidence looks
+    within: tuple[float, float] = (0.0, np.inf)
+    # number of pseudo-observations at `scale` (an inverse-gamma hyperprior)
+    pseudo: float = 0.0
+    # the parameters, in a block those of the block, in a prior (g,) of all
+    indices: Any = slice(None)
+    shape: Any = 1.0  # (g,), relative variances
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +46,11 @@ class Block:
     """Parameters of one kind, which are freed together."""
 
     name: str
-    parts: tuple[
-        tuple[str | None, str, str], ...
-    ]  # joint, name and unit of each, as `Label`
+    # joint, name and unit of each, as `Label`
+    parts: tuple[tuple[str | None, str, str], ...]
     mean: Array | float = 0.0  # prior mean
-    sd: Array | float = (
-        0.0  # prior sd where the block is freed; 0 holds a parameter at its mean
-    )
+    # prior sd where the block is freed; 0 holds a parameter at its mean
+    sd: Array | float = 0.0
     scales: tuple[Hyper, ...] = ()  # whose sd the evidence chooses instead
 
     @staticmethod
@@ -65,14 +58,20 @@ class Block:
         name: str,
         unit: str,
         names: Sequence[str],
-        sd: Any,
-        mean: Any = 0.0,
-        scales: Any = (),
+        sd: float = 0.0,
+        mean: Array | float = 0.0,
+        scales: tuple[Hyper, ...] = (),
     ) -> Block:
-        """Parameters of no joint, in one unit."""
-        return Block(
-            name, tuple((None, each, unit) for each in names), mean, sd, scales
-        )
+        """Return parameters of no joint, in one unit."""
+        parts = tuple((None, part, unit) for part in names)
+        return Block(name, parts, mean, sd, scales)
+
+    def named(self, sensor: str) -> Block:
+        """Return the block with the name of a sensor before its parameters'."""
+        if not sensor:
+            return self
+        parts = tuple((joint, f"{sensor}.{part}", u) for joint, part, u in self.parts)
+        return replace(self, parts=parts)
 
 
 @dataclass(frozen=True)

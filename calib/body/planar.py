@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
@@ -15,25 +15,12 @@ from ..common.scale import METRES
 from ..errors import OptionError
 from .curves import curve_shape
 from .drawing import Complex, LinearChain, PlanarDrawing, sides
+from .layout import Ladder
 from .parameters import Block, Hyper, Indices
-from .sensors import NamedSensor, Several, ViewpointInPlane, viewpoints
-from .settings import (
-    CURVE_RMS,
-    CURVE_ROWS_FLAT,
-    DOUBTED,
-    ELASTIC_FLAT,
-    GAIN,
-    GUARD_LENS,
-    LONG,
-    SERVOS,
-    SHIFT,
-    TURN,
-    WIDER,
-)
-from .structure import Ladder, Moving, Structure
-from .views import PLANAR, InPlane, Measurement, Moved, ViewKind
-
-_MOST = 16  # combinations of signs and mirrors that are refined
+from .sensors import InPlane
+from .settings import FIT, PRIOR, SHIFT, START, TURN
+from .structure import Moving, Structure
+from .views import PLANAR, ArmSize, Moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +38,43 @@ class PlanarMotion:
 
     def joints(self) -> Moved:
         """How the tip moves with the value of each joint, (dof, 2, n)."""
-        # a joint turns all that comes after it about its own place
+        # a joint turns all that comes after it about its structure place
         swept = 1j * np.cumsum(self.terms[::-1], axis=0)[::-1]
         return _pairs(np.where(self.turning, swept, self.direction)), 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarLoads:
+    """Cosines and sines of the directions of the links that bend joints, as logged."""
+
+    turns: Indices  # (dof,), direction of each joint that turns, else 0
+
+    @cached_property
+    def pairs(self) -> Indices:
+        """Joints that bend, and the links (by their joints) that bend them, (p, 2)."""
+        turning = self.turns != 0
+        return np.argwhere(np.triu(np.outer(turning, turning)))
+
+    @property
+    def joints(self) -> Indices:
+        """The joints (2 p,) that they bend."""
+        return np.repeat(self.pairs[:, 0], 2)
+
+    def levers(self, q: Array) -> Array:
+        """Cosines and sines (2 p, 1, n) at joint values (n, dof)."""
+        return _pairs(self._directions(q)).reshape(2 * len(self.pairs), 1, len(q))
+
+    def slopes(self, q: Array, gravity: Array) -> Array:  # noqa: ARG002
+        """Derivatives (2 p, dof, n) of those by the joint values."""
+        before = np.arange(q.shape[1]) <= self.pairs[:, 1:]
+        turns = (before * self.turns)[:, :, None]
+        moved = _pairs(1j * turns * self._directions(q)[:, None])
+        return np.swapaxes(moved, 1, 2).reshape(2 * len(moved), q.shape[1], len(q))
+
+    def _directions(self, q: Array) -> Complex:
+        """Directions (p, n) of the links."""
+        sums = np.cumsum(q * self.turns, axis=1).T
+        return np.asarray(np.exp(1j * sums[self.pairs[:, 1]]))
 
 
 def _pairs(values: Complex) -> Array:
@@ -78,18 +99,14 @@ class PlanarStructure(Structure):
     few_rows = 0
     joint_names: tuple[str, ...]
     revolute: tuple[bool, ...]
-    view: str  # one of :data:`calib.body.views.PLANAR`
-    unit: str  # unit of positions
-    metre: float  # units per metre where the sensor's unit is a length, else 1
     signs: tuple[int, ...]  # direction of each joint against its log, +1 or -1
-    mirror: int  # -1 where the sensor sees the plane from behind
-    extent: float  # root mean square distance of the rows from their mean [unit]
-    centre: tuple[float, float]  # mean position [unit]; origin of the lens
     nominal: PlanarDrawing | None  # prior geometry, in metres
     simulated: bool  # whether the rows are samples of a simulation
-    sensor_name: str = ""
+    sensors: tuple[InPlane, ...]
     place: int = 0
-    beside: tuple[ViewpointInPlane, ...] = ()
+    # whether the geometry is as drawn, and only joints' zeros and the sensor are not
+    zeros_alone: bool = False
+    others = ()
 
     @property
     def chain_names(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -108,112 +125,83 @@ class PlanarStructure(Structure):
         return int(np.not_equal(drawn, self.signs).sum()) + (self.mirror < 0)
 
     @cached_property
-    def pairs(self) -> Indices:
-        """Joints that bend, and the links (by their joints) that bend them, (p, 2)."""
-        both = np.argwhere(np.triu(np.outer(self.revolute, self.revolute)))
-        return np.asarray(both, dtype=np.intp)
+    def loads(self) -> Mapping[str, PlanarLoads]:
+        """What bends the joints, by the block of elasticity that has a parameter for each."""
+        return {"elastic": PlanarLoads(np.multiply(self.signs, self.revolute))}
 
     @property
     def _link(self) -> tuple[float, str]:
         """What a link's length may be where no drawing says, and the unit of lengths."""
-        first = viewpoints(self)[0]
-        scaled = PLANAR[first.view].scaled
+        first = self.sensors[0]
+        scaled = first.seen_as.scaled
         unit = "1"
         if self.nominal is not None or (first.unit in METRES and not scaled):
             unit = "m"
         return 1.0 if scaled else 0.5 * first.extent / first.metre, unit
 
     @property
-    def seen_as(self) -> ViewKind:
-        """The kind of its sensor."""
-        return PLANAR[self.view]
+    def arm_size(self) -> ArmSize:
+        """What the prior of a sensor rests on."""
+        link, unit = self._link
+        drawing = self.nominal
+        if drawing is None:
+            return ArmSize(2.0 * link, unit)
+        reach = max(sum(drawing.lengths), 1e-12)
+        return ArmSize(reach, unit, drawing.rotation, drawing.shift)
+
+    @property
+    def mirror(self) -> int:
+        """-1 where its sensor sees the plane from behind, else 1."""
+        return self.viewpoint.mirror
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Mean position [unit] of its sensor's rows; origin of the lens."""
+        return self.viewpoint.centre
 
     def guard(self, block: str) -> Array | None:
         """Prior sds of the lens in the second fit: its bend alone is free."""
-        return np.array([GUARD_LENS, 0.0, 0.0]) if block == "lens" else None
+        return np.array([FIT.guard_lens, 0.0, 0.0]) if block == "lens" else None
 
     def undrawn(self) -> PlanarStructure | None:
         """The structure without its drawing, None where the sensor's frame is the drawing's."""
-        if self.nominal is None or self.view == "base":
+        if self.nominal is None or self.view == "base" or self.zeros_alone:
             return None
-        return replace(self, nominal=None)
+        return self.changed(nominal=None)
 
     @property
-    def viewpoint(self) -> ViewpointInPlane:
-        """What it says of the sensor that it sees as."""
-        return ViewpointInPlane(
-            self.sensor_name,
-            self.view,
-            self.unit,
-            self.metre,
-            self.extent,
-            self.mirror,
-            self.centre,
-        )
-
-    @cached_property
-    def measurement(self) -> Measurement:
-        """What its sensor measures."""
-        if not self.beside:
-            return self._reading_of(self.viewpoint)
-        sensors: list[NamedSensor] = []
-        for point in viewpoints(self):
-            assert isinstance(point, ViewpointInPlane)  # noqa: S101 - of a planar arm
-            reading = self._reading_of(point)
-            sensors.append(
-                NamedSensor(
-                    point.sensor_name, reading, PLANAR[point.view].groups, False
-                )
-            )
-        return Several.of(sensors, self.place)
-
-    def _reading_of(self, point: ViewpointInPlane) -> InPlane:
-        link, unit = self._link
-        drawn = self.nominal
-        reach = 2.0 * link if drawn is None else max(sum(drawn.lengths), 1e-12)
-        frame = (
-            drawn
-            if drawn is not None and point.view == "base"
-            else PlanarDrawing((), ())
-        )
-        return InPlane(
-            point.unit,
-            point.metre,
-            point.mirror,
-            point.extent,
-            point.centre,
-            unit,
-            1.0 / reach,
-            frame.rotation,
-            frame.shift,
-        )
+    def viewpoint(self) -> InPlane:
+        """The sensor that it sees as."""
+        return self.sensors[self.place]
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the chain's geometry and of its joints."""
         drawing = self.nominal
         loose = 2.0 if drawing is None else 1.0
         waves: list[tuple[str, str, str]] = []
-        for (i, j), wave in product(self.pairs, ("cos", "sin")):
+        for (i, j), wave in product(self.loads["elastic"].pairs, ("cos", "sin")):
             joint = self.joint_names[i]
             waves.append(
                 (joint, f"{joint}.elastic {wave} {self.joint_names[j]}", "rad")
             )
-        bending = Hyper("elastic", ELASTIC_FLAT * loose, pseudo=4.0)
+        bending = Hyper("elastic", PRIOR.elastic_in_plane * loose, pseudo=4.0)
         return (
             *(self._undrawn_links() if drawing is None else self._drawn_links(drawing)),
             Block("elastic", tuple(waves), scales=(bending,)),
-            *self.curves(CURVE_RMS, CURVE_ROWS_FLAT, curve_shape(LONG)),
+            *self.curves(
+                PRIOR.curve_rms, PRIOR.curve_rows_in_plane, curve_shape(PRIOR.long)
+            ),
         )
 
     def _drawn_links(self, drawing: PlanarDrawing) -> tuple[Block, ...]:
         """Lengths, offsets and gains about those of a drawing, of scales by evidence."""
-        offset = Hyper("offset", TURN, SERVOS, indices=self._offset_is_free)
+        offset = Hyper("offset", TURN, PRIOR.servos, indices=self._offset_is_free)
         return (
             self._block(
-                "length", "m", drawing.lengths, (Hyper("length", SHIFT, WIDER),)
+                "length", "m", drawing.lengths, (Hyper("length", SHIFT, PRIOR.wider),)
             ),
             self._block("offset", "rad", drawing.offsets, (offset,)),
-            self._block("gain", "1", 1.0, (Hyper("gain", GAIN, WIDER),)),
+            self._block("gain", "1", 1.0, (Hyper("gain", PRIOR.gain, PRIOR.wider),)),
         )
 
     def _undrawn_links(self) -> tuple[Block, ...]:
@@ -221,19 +209,12 @@ class PlanarStructure(Structure):
         link, unit = self._link
         turning = np.asarray(self.revolute)
         length_is_free = turning.copy()
-        if PLANAR[viewpoints(self)[0].view].scaled and turning.all():
+        if self.sensors[0].seen_as.scaled and turning.all():
             length_is_free[0] = False  # the view's scale is the first length
         return (
-            self._block(
-                "length",
-                unit,
-                link * turning,
-                sd=2.0 * link * length_is_free.astype(float),
-            ),
-            self._block(
-                "offset", "rad", 0.0, sd=10.0 * self._offset_is_free.astype(float)
-            ),
-            self._block("gain", "1", 1.0, sd=2 * GAIN),
+            self._block("length", unit, link * turning, sd=2.0 * link * length_is_free),
+            self._block("offset", "rad", 0.0, sd=10.0 * self._offset_is_free),
+            self._block("gain", "1", 1.0, sd=2 * PRIOR.gain),
         )
 
     def _block(
@@ -242,16 +223,17 @@ class PlanarStructure(Structure):
         unit: str,
         mean: ArrayLike,
         scales: tuple[Hyper, ...] = (),
-        sd: Array | float = 0.0,
+        sd: ArrayLike = 0.0,
     ) -> Block:
         """A block of one parameter for each joint."""
-        return Block(name, self.of_joints(name, unit), np.asarray(mean), sd, scales)
+        parts = self.of_joints(name, unit)
+        return Block(name, parts, np.asarray(mean), np.asarray(sd), scales)
 
     @property
     def _offset_is_free(self) -> Mask:
         """Which joints (dof,) have an offset: in a free frame the first one's is the frame's."""
         free = np.ones(self.dof, dtype=bool)
-        free[0] = any(point.view == "base" for point in viewpoints(self))
+        free[0] = any(sensor.view == "base" for sensor in self.sensors)
         return free
 
     def offsets(self, beta: Array) -> Array:
@@ -284,33 +266,15 @@ class PlanarStructure(Structure):
             lambda: (_pairs(1j * motion.terms[slides]), 0.0),
         )
 
-    def levers(self, block: str, q: Array) -> tuple[Array, Indices]:  # noqa: ARG002
-        """Cosines and sines (e, 1, n) of the links' directions, and the joints (e,) they bend."""
-        directions = _pairs(self._swung(q))
-        joints = np.repeat(self.pairs[:, 0], 2)
-        return directions.reshape(2 * len(self.pairs), 1, len(q)), joints
-
-    def load_slopes(self, block: str, q: Array, gravity: Array) -> Array:  # noqa: ARG002
-        """Derivatives (e, dof, n) of those waves by the joint values."""
-        before = np.arange(self.dof) <= self.pairs[:, 1:]
-        turns = before * np.multiply(self.signs, self.revolute)
-        moved = 1j * turns[:, :, None] * self._swung(q)[:, None]
-        return np.swapaxes(_pairs(moved), 1, 2).reshape(
-            2 * len(moved), self.dof, len(q)
-        )
-
-    def _swung(self, q: Array) -> Complex:
-        """Directions (p, n) of the links that bend joints, as logged."""
-        sums = np.cumsum(q * np.multiply(self.signs, self.revolute), axis=1).T
-        return np.asarray(np.exp(1j * sums[self.pairs[:, 1]]))
-
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
         turns = any(self.revolute)
         exact = self.simulated
-        others = self.measurement.free
+        others = self.other_groups
         joints = ("length", "offset", "gain")
-        frame = (*self.seen_as.groups, *others)
+        frame = (*self.viewpoint.seen_as.groups, *others)
+        if self.zeros_alone:
+            return (("frame", frame or ("offset",)), ("chain", (*frame, "offset")))
         few = (*PLANAR["similarity"].groups, *others, *joints)
         chain = (*frame, *joints)
         ladder = (
@@ -334,7 +298,7 @@ def planar_starts(
 ) -> list[tuple[PlanarStructure, Array]]:
     """Candidates of signs, mirror and parameters (d,), the best linear fits first.
 
-    With a nominal geometry its own signs alone, unless they do not fit or the view is not metric:
+    With a nominal geometry its signs alone, unless they do not fit or the view is not metric:
     a camera says nothing of the servos.
     """
     drawing = structure.nominal
@@ -349,66 +313,70 @@ def planar_starts(
         ways = list(product(map(tuple, flips.tolist()), mirrors))
     starts: list[tuple[PlanarStructure, float, Array]] = []
     for signs, mirror in ways:
-        turned = replace(structure, signs=signs, mirror=mirror)
+        turned = structure.changed(signs=signs).with_sensor(mirror=mirror)
         starts.append((turned, *start(turned, q, tip)))
     starts.sort(key=lambda item: item[1])
-    if drawing is not None and not structure.seen_as.scaled:
+    if drawing is not None and not structure.viewpoint.seen_as.scaled:
         as_drawn = [item for item in starts if item[0].signs == drawing.signs]
-        if as_drawn[0][1] <= DOUBTED * structure.extent:
+        if as_drawn[0][1] <= FIT.doubted * structure.extent:
             starts = as_drawn
-    return [(turned, beta) for turned, _, beta in starts[:_MOST]]
+    return [(turned, beta) for turned, _, beta in starts[: START.turned_ways]]
 
 
 def placed_in_plane(
     structure: PlanarStructure, q: Array, z: Array, beta: Array
 ) -> tuple[PlanarStructure, Array]:
-    """The side from which a further sensor sees an arm, and parameters (d,) with its own."""
+    """The side from which a further sensor sees an arm, and parameters (d,) with its structure."""
     tip: Complex = z @ np.array([1, 1j])
-    sides = [replace(structure, mirror=mirror) for mirror in (1, -1)]
+    sides = [structure.with_sensor(mirror=mirror) for mirror in (1, -1)]
     placed = [(side, *_framed(side, q, tip, beta)) for side in sides]
     side, _, best = min(placed, key=lambda item: item[1])
     return side, best
 
 
-def _placed(own: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
+def _placed(structure: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
     """Error and parameters of the drawing in the frame that fits tips (n,) best."""
-    return _framed(own, q, tip, own.neutral())
+    return _framed(structure, q, tip, structure.neutral())
 
 
 def _framed(
-    own: PlanarStructure, q: Array, tip: Complex, arm: Array
+    structure: PlanarStructure, q: Array, tip: Complex, arm: Array
 ) -> tuple[float, Array]:
     """Error and parameters of an arm (d,) in the frame that fits tips (n,) best."""
     beta = arm.copy()
-    groups = own.groups
-    if own.view != "base":
-        p = own.seen(q, beta)[0].position.T @ (1, 1j * own.mirror)
+    groups = structure.groups
+    if structure.view != "base":
+        p = structure.seen(q, beta)[0].position.T @ (1, 1j * structure.mirror)
         away = p - p.mean()
         turn = np.vdot(away, tip) / (np.vdot(away, away).real + 1e-300)
         angle = float(np.angle(turn))
         scale = 0.0
-        if own.seen_as.scaled:
-            scale = float(np.log(max(abs(turn), 1e-12) / own.metre))
-        shift = np.mean(tip - own.metre * np.exp(scale + 1j * angle) * p)
+        if structure.viewpoint.seen_as.scaled:
+            scale = float(np.log(max(abs(turn), 1e-12) / structure.metre))
+        shift = np.mean(tip - structure.metre * np.exp(scale + 1j * angle) * p)
         beta[groups["view.rotation"]] = angle
         beta[groups["view.scale"]] = scale
         beta[groups["view.shift"]] = shift.real, shift.imag
-    miss = np.abs(tip - own.predict(q, beta) @ (1, 1j))
+    miss = np.abs(tip - structure.predict(q, beta) @ (1, 1j))
     return float(np.sqrt(np.mean(miss**2))), beta
 
 
-def _linear(own: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
+def _linear(structure: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
     """Error and parameters of the chain that fits tips (n,) best."""
-    beta = own.neutral()
-    groups = own.groups
-    turning = np.asarray(own.revolute)
-    chain = LinearChain.of(q, tip, own.signs, own.mirror, own.revolute)
-    sizes = chain.sizes / own.metre
-    if own.seen_as.scaled:  # in the first length, or where joints slide in metres
+    beta = structure.neutral()
+    groups = structure.groups
+    turning = np.asarray(structure.revolute)
+    chain = LinearChain.of(
+        q, tip, structure.signs, structure.mirror, structure.revolute
+    )
+    sizes = chain.sizes / structure.metre
+    if (
+        structure.viewpoint.seen_as.scaled
+    ):  # in the first length, or where joints slide in metres
         unit = float(sizes[0])
         if not turning.all():
             unit = float(np.exp(np.log(sizes[~turning] + 1e-300).mean()))
-        unit = max(unit, 1e-9 * own.extent)
+        unit = max(unit, 1e-9 * structure.extent)
         beta[groups["view.scale"]] = np.log(unit)
         sizes = sizes / unit
     beta[groups["length"]] = np.where(turning, sizes, 0.0)
@@ -439,16 +407,18 @@ def planar_structure(
     centre = z.mean(axis=0)
     extent = float(np.sqrt(((z - centre) ** 2).sum(axis=1).mean()))
     signs = (1,) * len(joint_names) if nominal is None else nominal.signs
-    return PlanarStructure(
-        joint_names=tuple(joint_names),
-        revolute=tuple(bool(turns) for turns in revolute),
+    sensor = InPlane(
         view=view,
         unit=unit,
         metre=METRES.get(unit, 1.0),
-        signs=signs,
-        mirror=1,
         extent=max(extent, 1e-9 * (1e-3 + float(np.abs(z).max()))),
         centre=(float(centre[0]), float(centre[1])),
+    )
+    return PlanarStructure(
+        joint_names=tuple(joint_names),
+        revolute=tuple(bool(turns) for turns in revolute),
+        signs=signs,
         nominal=nominal,
         simulated=simulated,
+        sensors=(sensor,),
     )

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, TypeVar
 
 import numpy as np
 
-from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
-from .parameters import Block, Indices
-from .sensors import as_seen_by
-from .structure import Structure
-from .views import Measurement, Placed, Sight
-
-_AT_ONCE = 3000  # rows whose derivatives are held together
-_NOISE_STEPS = 12  # of the reweighting that finds a Student noise
-
-_Structure = TypeVar("_Structure", bound=Structure)
+from .parameters import Indices
+from .settings import FIT
+from .structure import S, Structure
+from .views import Measurement
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,65 +35,12 @@ class Rows:
         return replace(self, q=self.q[rows], z=self.z[rows])
 
 
-@dataclass(frozen=True, eq=False)
-class Beside(Measurement):
-    """One of several measurements of a chain, with the parameters of all."""
-
-    every: tuple[Measurement, ...]  # the chain's own last
-    at: int = 0  # which these rows are of
-
-    def __post_init__(self) -> None:
-        of_all = {
-            "outputs": self.one.outputs,
-            "noise": self.one.noise,
-            "within": self.every[0].within,
-            "floating": self.every[0].floating,
-            "curves": all(measurement.curves for measurement in self.every),
-            "tool": next((each.tool for each in self.every if each.tool), None),
-            "free": tuple(name for each in self.every[:-1] for name in each.free),
-        }
-        for name, value in of_all.items():
-            object.__setattr__(self, name, value)
-
-    @property
-    def one(self) -> Measurement:
-        """The measurement that these rows are of."""
-        return self.every[self.at]
-
-    def parameters(self) -> tuple[Block, ...]:
-        """The parameters of the chain's own sensor, then of the others."""
-        return tuple(block for each in self.every[::-1] for block in each.parameters())
-
-    def placed(self, own: Mapping[str, Array]) -> Placed:
-        """The chain's own sensor."""
-        return self.every[-1].placed(own)
-
-    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> Sight:
-        """See the chain."""
-        return self.one.look(own, motion, also)
-
-
-def together(structure: _Structure, rows: Sequence[Rows]) -> _Structure:
-    """Return the structure with the parameters of all measurements; it sees as the first does."""
-    others = tuple(each.sensor for each in rows if isinstance(each.sensor, Measurement))
-    if not others or isinstance(structure.measurement, Beside):
+def together(structure: S, rows: Sequence[Rows]) -> S:
+    """Return the structure that measures all that rows are of, as the first of them."""
+    others = tuple(some.sensor for some in rows if isinstance(some.sensor, Measurement))
+    if not others or structure.others:
         return structure
-    reading = Beside((*others, structure.measurement))
-    return view_of(replace(structure, reading=reading), rows[0])  # type: ignore[type-var]
-
-
-def view_of(structure: _Structure, rows: Rows) -> _Structure:
-    """Return the structure as the sensor of some rows sees it, with the parameters of all."""
-    sensor = rows.sensor
-    if isinstance(sensor, str):
-        return as_seen_by(structure, sensor)
-    both = structure.measurement
-    if not isinstance(both, Beside):
-        return structure
-    place = len(both.every) - 1
-    if sensor is not None:
-        place = both.every.index(sensor)
-    return replace(structure, reading=replace(both, at=place))  # type: ignore[type-var]
+    return structure.changed(others=others).as_seen_by(rows[0].sensor)
 
 
 class Part:
@@ -117,7 +57,7 @@ class Part:
     def __init__(
         self, structure: Structure, rows: Rows, beta: Array, nu: float, blocks: int
     ) -> None:
-        self.structure = view_of(structure, rows)
+        self.structure = structure.as_seen_by(rows.sensor)
         self.q = rows.q
         self.z = rows.z
         self.nu = nu
@@ -142,7 +82,7 @@ class Part:
 
     def by_blocks(self, beta: Array, active: Indices) -> Iterator[tuple[slice, Array]]:
         """Each block's rows, and the derivatives (n, m, k) of their predictions."""
-        at_once = len(self.q) <= _AT_ONCE
+        at_once = len(self.q) <= FIT.rows_at_once
         if at_once:
             whole = self.structure.linearise(self.q, beta, active)[1]
         for first, last in pairwise(self.edges.tolist()):
@@ -163,7 +103,7 @@ class Part:
             freedom = max((1 - share) * p * n, p * n / 4 + 1)
             variance = max(float(np.median(squares)) / p, lowest)
             if np.isfinite(self.nu):
-                for _ in range(_NOISE_STEPS):
+                for _ in range(FIT.noise_steps):
                     weight = (self.nu + p) / (self.nu + squares / variance)
                     variance = max(float((weight * squares).sum()) / freedom, lowest)
             else:

@@ -1,170 +1,242 @@
-"""Several sensors of one arm: each with a frame, a lens, a unit and a noise of its own.
+"""Sensors: what is said of each before its rows, its parameters, and how these place it.
 
-All share one vector of parameters and one belief.  A structure sees as one of the sensors: its own
-blocks are named as those of a single one (``view.rotation``), those of the others after them
-(``right.view.rotation``).  The order of parameters is the same, whichever it sees as.
+Several sensors of one arm share one vector of parameters and one belief.  A structure sees as one
+of them: that one's blocks are named as those of a single sensor (``view.rotation``), those of the
+others after them (``right.view.rotation``).  The order is the same, whichever it sees as.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, Protocol, TypeVar
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
 
-from ..arm.spatial_chain import Motion
+import numpy as np
+
+from ..arm.rotations import cross_matrix, exponential
 from ..common.arrays import Array
-from ..errors import OptionError
 from .parameters import Block, Hyper
-from .settings import MARKER, MARKERS
-from .views import Measurement, Placed, Sight
+from .settings import FREE, PRIOR
+from .views import (
+    PLANAR,
+    SPATIAL,
+    ArmSize,
+    By,
+    Measurement,
+    Placed,
+    Scene,
+    View,
+    ViewKind,
+)
+
+_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
+_STRETCH = np.array([[[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
+
+Lens = tuple[float, float, float, float]
+"""Focal length, centre [px] and k1 of a camera."""
 
 
 @dataclass(frozen=True)
-class Viewpoint:
-    """What a structure says of the sensor that it sees as, by the names of its fields."""
+class Sensor(Measurement):
+    """A sensor of an arm."""
 
-    sensor_name: str
+    kinds: ClassVar[Mapping[str, ViewKind]]
+    # whether a further sensor sees a marker of its own, apart from the first one's
+    marked: ClassVar[bool]
     view: str
-    unit: str
-    metre: float
-    extent: float
-
-
-class Sighted(Protocol):
-    """A structure that sees as one of several sensors."""
+    unit: str = "m"  # of positions
+    metre: float = 1.0  # units of positions in one metre; not used by a camera
+    extent: float = 1.0  # size of the workspace along an output [unit]
+    name: str = ""  # where the arm has several
 
     @property
-    def place(self) -> int:
-        """Place of the sensor among all."""
+    def seen_as(self) -> ViewKind:
+        """Return the kind of its view."""
+        return self.kinds[self.view]
 
     @property
-    def beside(self) -> tuple[Viewpoint, ...]:
-        """The others in their order."""
+    def outputs(self) -> int:  # type: ignore[override]
+        """Return how many numbers a row has."""
+        return self.seen_as.outputs
 
     @property
-    def viewpoint(self) -> Viewpoint:
-        """What it says of the sensor that it sees as."""
+    def focuses(self) -> bool:
+        """Whether the rows tell of its lens in every member of the gate."""
+        return False
 
+    @property
+    def frame(self) -> tuple[str, ...]:
+        """Return the blocks that place it, which every member of the gate fits."""
+        groups = [group for group in self.seen_as.groups if group.startswith("view.")]
+        return (*groups, "lens") if self.focuses else tuple(groups)
 
-_Structure = TypeVar("_Structure", bound=Sighted)
+    def place(self, beta: Mapping[str, Array]) -> Placed:
+        """Return the sensor at its parameters, by block."""
+        raise NotImplementedError
 
+    def look(self, scene: Scene) -> View:
+        """See the tip."""
+        motion = scene.motion
+        placed = scene.placed
+        return placed.look(motion.position, motion.rotation if placed.posed else None)
 
-@dataclass(frozen=True)
-class ViewpointInSpace(Viewpoint):
-    """The same of an arm in space."""
-
-    lens: tuple[float, float, float, float]
-    lens_sd: tuple[float, float, float, float]
-
-
-@dataclass(frozen=True)
-class ViewpointInPlane(Viewpoint):
-    """The same of a planar arm."""
-
-    mirror: int
-    centre: tuple[float, float]
-
-
-@dataclass(frozen=True, eq=False)
-class NamedSensor:
-    """One of several sensors."""
-
-    name: str
-    measurement: Measurement
-    frame: tuple[str, ...]  # blocks of its own that every member of the gate fits
-    marked: bool  # whether it sees a marker of its own, apart from the first sensor's
-
-    def blocks(self) -> tuple[Block, ...]:
-        """Its own parameters, their names after its own."""
-        own = self.measurement.parameters()
-        if self.marked:
+    def named_parameters(self, arm: ArmSize, *, further: bool) -> tuple[Block, ...]:
+        """Return its parameters with its own name before theirs."""
+        blocks = self.parameters(arm)
+        if further and self.marked:
             axes = [f"marker.{axis}" for axis in "xyz"]
-            scale = Hyper(f"{self.name}.marker", MARKER, MARKERS)
-            own = (*own, Block.of("marker", "m", axes, 0.0, scales=(scale,)))
-        return tuple(self._named(block) for block in own)
+            apart = Hyper(f"{self.name}.marker", PRIOR.marker, PRIOR.markers)
+            blocks = (*blocks, Block.of("marker", "m", axes, scales=(apart,)))
+        return tuple(block.named(self.name) for block in blocks)
 
-    def _named(self, block: Block) -> Block:
-        parts = tuple(
-            (joint, f"{self.name}.{name}", unit) for joint, name, unit in block.parts
+
+@dataclass(frozen=True)
+class InSpace(Sensor):
+    """A sensor of an arm in space: positions, poses or pixels."""
+
+    kinds = SPATIAL
+    marked = True
+    # of a camera, known or assumed, and how sure that is: 0 for a lens that is known
+    lens: Lens = (900.0, 640.0, 360.0, 0.0)
+    lens_sd: Lens = (300.0, 50.0, 50.0, 0.3)
+
+    @property
+    def camera(self) -> bool:
+        """Whether it sees pixels."""
+        return self.outputs == 2
+
+    @property
+    def focuses(self) -> bool:
+        """Whether the rows tell of its lens in every member of the gate."""
+        return self.camera and any(self.lens_sd)
+
+    @property
+    def tool(self) -> Hyper | None:  # type: ignore[override]
+        """Return what is known of the tool: a camera's tag is near the tip."""
+        return Hyper("tool", PRIOR.tag, PRIOR.wider) if self.camera else None
+
+    def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
+        """Return what the sensor has of its own; a camera stands metres away."""
+        unit, size = (arm.unit, arm.reach) if self.camera else (self.unit, self.extent)
+        turns = [f"view.rotation.{axis}" for axis in "xyz"]
+        shifts = [f"view.shift.{axis}" for axis in "xyz"]
+        lens = (
+            (None, "lens.focal", "px"),
+            (None, "lens.centre.u", "px"),
+            (None, "lens.centre.v", "px"),
+            (None, "lens.k1", "1"),
         )
-        return replace(block, parts=parts)
-
-
-@dataclass(frozen=True, eq=False)
-class Several(Measurement):
-    """The measurement of one of several sensors, with the parameters of all."""
-
-    sensors: tuple[NamedSensor, ...]
-    place: int  # of the one whose measurement it is
-    outputs: int
-    free: tuple[str, ...]
-    tool: Hyper | None
-
-    @staticmethod
-    def of(sensors: Sequence[NamedSensor], place: int) -> Several:
-        """The measurement of the sensor at a place among all."""
-        free: list[str] = []
-        for k, sensor in enumerate(sensors):
-            if k != place:
-                free += [f"{sensor.name}.{block}" for block in sensor.frame]
-            if sensor.marked:
-                free.append("marker" if k == place else f"{sensor.name}.marker")
-        tools = [sensor.measurement.tool for sensor in sensors]
-        # only where all sensors need it held, such as cameras: one that measures lengths tells it
-        tool = None if None in tools else tools[0]
-        return Several(
-            sensors=tuple(sensors),
-            place=place,
-            outputs=sensors[place].measurement.outputs,
-            free=tuple(free),
-            tool=tool,
+        return (
+            Block.of("view.rotation", "rad", turns, 100.0),
+            Block.of("view.shift", unit, shifts, FREE * size),
+            Block.of("view.scale", "1", ["view.scale"], 100.0),
+            Block("lens", lens, np.asarray(self.lens), np.asarray(self.lens_sd)),
         )
 
-    def parameters(self) -> tuple[Block, ...]:
-        """The parameters of all sensors, in their order."""
-        blocks: list[Block] = []
-        for k, sensor in enumerate(self.sensors):
-            for block in sensor.blocks():
-                name = block.name if k == self.place else f"{sensor.name}.{block.name}"
-                blocks.append(replace(block, name=name))
-        return tuple(blocks)
-
-    def placed(self, own: Mapping[str, Array]) -> Placed:
-        """The sensor at its parameters."""
-        return self.sensors[self.place].measurement.placed(own)
-
-    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> Sight:
-        """See the chain."""
-        return self.sensors[self.place].measurement.look(own, motion, also)
-
-
-def viewpoints(structure: Sighted) -> tuple[Viewpoint, ...]:
-    """All sensors of a structure in their order."""
-    place = structure.place
-    return (*structure.beside[:place], structure.viewpoint, *structure.beside[place:])
-
-
-def as_seen_by(structure: _Structure, sensor: str) -> _Structure:
-    """Return the structure as another of its sensors sees the arm."""
-    every = viewpoints(structure)
-    names = [viewpoint.sensor_name for viewpoint in every]
-    if sensor not in names:
-        raise OptionError(f"sensor {sensor!r}: expected one of {', '.join(names)}")
-    place = names.index(sensor)
-    if place == structure.place:
-        return structure
-    own = {
-        field.name: getattr(every[place], field.name) for field in fields(every[place])
-    }
-    return replace(
-        structure, **own, place=place, beside=(*every[:place], *every[place + 1 :])
-    )  # type: ignore[type-var]
+    def place(self, beta: Mapping[str, Array]) -> Placed:
+        """Return the sensor: where it stands, its scale and its lens."""
+        scale = float(np.exp(beta["view.scale"][0]))
+        if not self.camera:
+            scale *= self.metre
+        eye = np.eye(3)
+        turn = exponential(beta["view.rotation"])
+        arm = np.hstack([scale * turn, np.zeros((3, 1))])
+        by = {
+            "view.rotation": lambda: By(cross_matrix(eye) @ arm, eye),
+            "view.shift": lambda: By(eye[:, :, None] * np.eye(4)[3]),
+            "view.scale": lambda: By(arm[None]),
+        }
+        lens: Array | None = None
+        if self.camera:
+            lens = beta["lens"]
+            by["lens"] = lambda: By(np.zeros((4, 3, 4)), lens=np.eye(4))
+        return Placed(
+            matrix=np.column_stack([arm[:, :3], beta["view.shift"]]),
+            lens=lens,
+            by=by,
+            posed=self.outputs == 6,
+            rotation=turn,
+            scale=scale,
+        )
 
 
-def joined(structures: Mapping[str, _Structure]) -> _Structure:
-    """Return the first structure with the sensors of all, which are of one chain, by name."""
-    named = [replace(each, sensor_name=name) for name, each in structures.items()]  # type: ignore[type-var]
-    if len({type(structure) for structure in named}) > 1:
-        raise OptionError("one sensor sees a planar arm, another one an arm in space")
-    others = tuple(structure.viewpoint for structure in named[1:])
-    return replace(named[0], beside=others)  # type: ignore[type-var]
+@dataclass(frozen=True)
+class InPlane(Sensor):
+    """A sensor of a planar arm: two coordinates, turned, scaled, sheared, shifted, tilted, bent.
+
+    With u in extents from a lens's free centre; with k = 0 the lens does nothing::
+
+        y = A p / (1 + h.p) + t,  A = metre exp(s) R(alpha) [[1+a, b], [b, 1-a]] mirror
+        z = y + size k |u|^2 u,   u = (y - middle) / size - c
+    """
+
+    kinds = PLANAR
+    marked = False
+    mirror: int = 1  # -1 where the sensor sees the plane from behind
+    # mean position [unit], origin of the lens
+    centre: tuple[float, float] = (0.0, 0.0)
+
+    def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
+        """Return what the sensor has of its own."""
+        rotation = 0.0
+        shift = np.zeros(2)
+        if self.view == "base":
+            rotation = arm.rotation
+            shift = self.metre * np.asarray(arm.shift)
+        shifts = ["view.shift x", "view.shift y"]
+        shears = ["view.stretch", "view.shear"]
+        tilts = ["view.tilt x", "view.tilt y"]
+        lens = ["lens.radial", "lens.centre x", "lens.centre y"]
+        return (
+            Block.of("view.rotation", "rad", ["view.rotation"], 100.0, rotation),
+            Block.of("view.scale", "1", ["view.log scale"], 100.0),
+            Block.of("view.shear", "1", shears, 1.0),
+            Block.of("view.shift", self.unit, shifts, FREE * self.extent, shift),
+            Block.of("view.tilt", f"1/{arm.unit}", tilts, 1.0 / arm.reach),
+            Block.of("lens", "1", lens, 0.5),
+        )
+
+    def place(self, beta: Mapping[str, Array]) -> Placed:
+        """Return the plane as a picture, or without tilt and bend positions as they are."""
+        size = PRIOR.lens_size * self.extent
+        eye = np.eye(3)
+        radial = beta["lens"][0]
+        middle = self.centre + size * beta["lens"][1:]
+        shift = beta["view.shift"]
+        angle = beta["view.rotation"][0]
+        turn = np.array(
+            [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        )
+        turned = self.metre * np.exp(beta["view.scale"][0]) * turn
+        stretch, shear = beta["view.shear"]
+        sides = np.array([[1 + stretch, shear], [shear, 1 - stretch]])
+        flip = np.diag([1.0, self.mirror])
+        linear = turned @ sides @ flip
+        by_shear = _STRETCH @ flip
+        # the matrix is A / size and the product of (t - middle, size) / size with (h, 1)
+        start = np.append((shift - middle) / size, 1.0)
+        tilt = np.append(beta["view.tilt"], 1.0)
+        across = eye[:2, :, None] * tilt
+        # without a bend its centre is nowhere
+        by_lens = np.concatenate([np.zeros((1, 3, 3)), -across])
+        lens_order = np.diag([1.0, size, size]) @ np.eye(4)[[3, 1, 2]]
+        by = {
+            "view.rotation": lambda: By(_corner(_QUARTER_TURN @ linear[None]) / size),
+            "view.scale": lambda: By(_corner(linear[None]) / size),
+            "view.shear": lambda: By(_corner(turned @ by_shear) / size),
+            "view.shift": lambda: By(across / size),
+            "view.tilt": lambda: By(start[:, None] * eye[:2, None]),
+            "lens": lambda: By(by_lens, lens=lens_order),
+        }
+        picture = _corner(linear) / size + np.outer(start, tilt)
+        whole = Placed(picture, np.array([size, *middle, radial]), by)
+        if radial or beta["view.tilt"].any():
+            return whole
+        return Placed(np.column_stack([linear, shift]), None, by, whole=whole)
+
+
+def _corner(linear: Array) -> Array:
+    """Return matrices (..., 3, 3) of those (..., 2, 2) in their corner."""
+    out = np.zeros((*linear.shape[:-2], 3, 3))
+    out[..., :2, :2] = linear
+    return out

@@ -7,20 +7,15 @@ sockets that somebody stated; where both disagree, one of them is wrong.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TypeVar
-
 import numpy as np
 
 from ..common.arrays import Array
-from .belief import Body, Second
+from .belief import Body
 from .spatial import SpatialStructure
 
 DRAWN_SIZE = 2e-3
 """Sd of an arm's size over that of its drawing: machined links, and a frame of aluminium that is
 20 deg warmer than the drawing grows by .5 of a thousandth."""
-
-_Belief = TypeVar("_Belief", Body, Second)
 
 
 def size_of(body: Body) -> float:
@@ -33,13 +28,10 @@ def size_of(body: Body) -> float:
 
 def with_size(body: Body, sd: float) -> Body:
     """Return the belief of an arm whose size is known to a relative `sd` alone."""
-    growth = _growth(_spatial(body))
-
-    def widened(belief: _Belief) -> _Belief:
-        column = sd * growth[belief.active]
-        return replace(belief, root=np.column_stack([belief.root, column]))
-
-    return replace(widened(body), second=body.second and widened(body.second))
+    growth = sd * _growth(_spatial(body))
+    return body.changed(
+        lambda belief: {"root": np.column_stack([belief.root, growth[belief.active]])}
+    )
 
 
 def _growth(structure: SpatialStructure) -> Array:

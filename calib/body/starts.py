@@ -8,9 +8,8 @@ in every case tried.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -22,38 +21,11 @@ from .fit import Fit
 from .parameters import Prior
 from .planar import PlanarStructure, placed_in_plane, planar_starts
 from .rows import Rows
-from .sensors import as_seen_by
-from .settings import (
-    APART,
-    NO_CAMERA,
-    OTHER_ARM,
-    OTHER_TURNS,
-    RIVAL_START,
-    SIMULATED_FLOOR,
-    STUDENT,
-    TARGET,
-)
+from .settings import SIMULATED_FLOOR, START, STUDENT
 from .spatial import SpatialStructure
 from .structure import Structure
 
-_TIED = 1e-2  # nats that no evidence tells apart
-_ROWS = 400  # that the runs use at most
-_RUN_STEPS = (6, 40)  # damped steps of all runs, and of the best
-_RUNS = 8  # that are carried on
-_PROBES = 100  # joint values at which arms are compared
-_GUESSED = 60  # rows that guesses of a frame use
-_FIRST = 10  # damped steps of a guess
-_STEPS = 40  # damped steps of the best guess, and of a chain
-_LEAST = 10  # rows that tell a chain of which only the joints are known
-_ROWS_ALONE = 150  # rows that its search uses
-_TOOL = 0.1  # of the reach: tools to each side that the frame is guessed with
-_CHAINS = 24  # to begin at
-_AGREE = 4  # of them that end alike are enough
-_SAME = 0.5  # [nats] by which they are alike
-# shares of the extents: residuals of a chain that is exact, and of one that explains the rows.  A
-# hobby arm's first four ends were points, alike at .29
-_EXACT = 10 * SIMULATED_FLOOR
-_EXPLAINED = 0.05
+_FRAME = ("view.rotation", "view.shift", "view.scale", "lens")
 
 
 @dataclass(frozen=True)
@@ -65,90 +37,90 @@ class Start:
     cost: float = 0.0  # negative log posterior at the start's own noise
     noise: float = 0.0  # share of the extents that the residuals have
 
+    def run(self, q: Array, z: Array, prior: Prior, steps: int) -> Start:
+        """Return the start carried on by damped steps."""
+        rows = [Rows(q, z, floor=SIMULATED_FLOOR * self.structure.extents)]
+        fit = Fit(self.structure, rows, self.beta, prior, nu=STUDENT)
+        return Start(self.structure, *fit.settle(steps))
+
 
 def best_starts(structure: Structure, rows: Rows, free: tuple[str, ...]) -> list[Start]:
-    """The best start, and a rival that explains the rows nearly as well by another arm.
+    """Return the best start, and a rival that explains the rows nearly as well by another arm.
 
     Rows along a path can be explained by two arms, of which joint curves may prefer the wrong
     one; the gate then decides with the curves.
 
     free : groups that the runs fit; the gate's chain
     """
-    some = np.sort(np.random.default_rng(0).permutation(len(rows))[:_ROWS])
-    q = rows.q[some]
-    z = rows.z[some]
-    runs = [
-        Start(found, beta) for found, beta in candidates(structure, q, z, rows.noise)
-    ]
+    some = rows.take(
+        np.sort(np.random.default_rng(0).permutation(len(rows))[: START.rows])
+    )
+    runs = candidates(structure, some)
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
         return runs
-    for steps in _RUN_STEPS:
-        runs = [_run(run, q, z, free, steps) for run in runs]
-        runs = sorted(runs, key=lambda run: run.cost)[:_RUNS]
+    for steps in START.run_steps:
+        runs = [
+            run.run(some.q, some.z, run.structure.prior(free), steps) for run in runs
+        ]
+        runs = sorted(runs, key=lambda run: run.cost)[: START.runs]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
-    tied = [run for run in runs if not run.cost > runs[0].cost + _TIED]
+    tied = [run for run in runs if not run.cost > runs[0].cost + START.tied]
     best = min(tied, key=lambda run: run.structure.reversals)
     lower = rows.q.min(axis=0)
     span = rows.q.max(axis=0) - lower
-    probes = lower + np.random.default_rng(0).random((_PROBES, rows.q.shape[1])) * span
+    shares = np.random.default_rng(0).random((START.probes, rows.q.shape[1]))
+    probes = lower + shares * span
     there = best.structure.predict(probes, best.beta)
     for run in runs:
         apart = best.structure.residual(there, run.structure.predict(probes, run.beta))
         share = float(np.abs(apart / best.structure.extents).max())
-        is_other = share > max(APART, 20 * best.noise)
-        if is_other and run.noise <= RIVAL_START * best.noise and np.isfinite(run.cost):
+        is_other = share > max(START.apart, 20 * best.noise)
+        if is_other and run.noise <= START.rival * best.noise and np.isfinite(run.cost):
             return [best, run]
     return [best]
 
 
-def _run(start: Start, q: Array, z: Array, free: tuple[str, ...], steps: int) -> Start:
-    """A start carried on by damped steps."""
-    prior = start.structure.prior(free)
-    beta, cost, noise = settled(start.structure, q, z, start.beta, prior, steps)
-    return Start(start.structure, beta, cost, noise)
-
-
 def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
-    """A start with the further sensors placed where its arm, and their rows, say that they are."""
+    """Return a start with the further sensors placed where its arm, and their rows, say."""
     structure = start.structure
-    beta = start.beta.copy()
-    for each in rows[1:]:
-        if not isinstance(each.sensor, str):
+    beta = start.beta
+    for further in rows[1:]:
+        if not isinstance(further.sensor, str):
             continue
-        seen = as_seen_by(structure, each.sensor)
-        some = thinned(len(each), _ROWS)
+        seen = structure.as_seen_by(further.sensor)
+        some = further.take(thinned(len(further), START.rows))
         if isinstance(seen, PlanarStructure):
-            seen, beta = placed_in_plane(seen, each.q[some], each.z[some], beta)
+            seen, beta = placed_in_plane(seen, some.q, some.z, beta)
         elif isinstance(seen, SpatialStructure):
-            beta = _placed_in_space(seen, each.q[some], each.z[some], beta)
-        structure = as_seen_by(seen, structure.sensor_name)
+            beta = _placed_in_space(seen, some, beta)
+        structure = seen.as_seen_by(structure.viewpoint.name)
     return replace(start, structure=structure, beta=beta)
 
 
-def _placed_in_space(
-    structure: SpatialStructure, q: Array, z: Array, beta: Array
-) -> Array:
-    """Parameters (d,) with those of the sensor that fit its rows; the arm's and the tool's stay."""
+def _placed_in_space(structure: SpatialStructure, rows: Rows, beta: Array) -> Array:
+    """Return parameters (d,) with those of the sensor that fit its rows; the arm's stay."""
     groups = structure.groups
-    alone = frame(structure, q, z, arm=beta)
+    alone = frame(structure, rows.q, rows.z, arm=beta)
     out = beta.copy()
-    for block in ("view.rotation", "view.shift", "view.scale", "lens"):
+    for block in _FRAME:
         out[groups[block]] = alone[groups[block]]
     out[groups["marker"]] += alone[groups["tool"]] - beta[groups["tool"]]
     return out
 
 
-def candidates(
-    structure: Structure, q: Array, z: Array, noise: Array | float | None = None
-) -> Sequence[tuple[Structure, Array]]:
-    """Structures (signs, mirror, chain) with parameters (d,) to begin with, the best ones first.
+def candidates(structure: Structure, rows: Rows) -> list[Start]:
+    """Return structures (signs, mirror, chain) and parameters to begin with, the best first.
 
-    noise : of the rows [unit], where a simulation tells it
+    The noise of `rows` is that of a simulation, where it says so.
     """
+    q = rows.q
+    z = rows.z
     if isinstance(structure, PlanarStructure):
-        return planar_starts(structure, q, z)
+        return [Start(*start) for start in planar_starts(structure, q, z)]
     assert isinstance(structure, SpatialStructure)  # noqa: S101
-    least = structure.seen_as.least if structure.informed else _LEAST
+    least = (
+        structure.viewpoint.seen_as.least if structure.informed else START.least_rows
+    )
     if len(q) < least:
         raise LogError(
             f"{len(q)} rows cannot place a spatial arm in its sensor's frame: expected {least} or "
@@ -159,29 +131,23 @@ def candidates(
             "the positions are the same in every row: the sensor saw no motion"
         )
     if not structure.informed:
-        some = thinned(len(q), _ROWS_ALONE)
-        share = 0.0 if noise is None else float(np.max(noise)) / structure.extent
-        return _free_chains(structure, q[some], z[some], share)
+        some = thinned(len(q), START.chain_rows)
+        share = (
+            0.0 if rows.noise is None else float(np.max(rows.noise)) / structure.extent
+        )
+        return _chains(structure, q[some], z[some], share)
     beta = frame(structure, q, z)
     if structure.view == "base pose":
         turn = beta[structure.groups["tool.rotation"]]
-        if np.linalg.norm(turn) > TARGET:
-            return [(replace(structure, view="base target"), beta)]
-    return [(structure, beta)]
-
-
-def settled(
-    structure: Structure, q: Array, z: Array, beta: Array, prior: Prior, steps: int
-) -> tuple[Array, float, float]:
-    """Parameters, cost and noise after damped steps, see `Fit.settle`."""
-    rows = [Rows(q, z, floor=SIMULATED_FLOOR * structure.extents)]
-    return Fit(structure, rows, beta, prior, nu=STUDENT).settle(steps)
+        if np.linalg.norm(turn) > START.target:
+            structure = structure.with_view("base target")
+    return [Start(structure, beta)]
 
 
 def frame(
     structure: SpatialStructure, q: Array, z: Array, arm: Array | None = None
 ) -> Array:
-    """Parameters (d,) of an arm in the sensor frame that fits rows best.
+    """Return parameters (d,) of an arm in the sensor frame that fits rows best.
 
     `arm` (d,) are the parameters of the arm, whose sensor and tool are found anew; by default
     the nominal ones.
@@ -190,13 +156,16 @@ def frame(
     drawn = arm is None
     groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
-    some = thinned(len(q), _GUESSED)
-    runs: list[tuple[Array, float, float]] = []
-    for guess in _guesses(structure, q, z, structure.neutral() if arm is None else arm):
-        prior = Prior(guess, sd)
-        runs.append(settled(structure, q[some], z[some], guess, prior, _FIRST))
-    beta, _, _ = min(runs, key=lambda run: run[1])
-    beta = settled(structure, q, z, beta, Prior(beta, sd), _STEPS)[0]
+    some = thinned(len(q), START.guessed_rows)
+    guesses = _guesses(structure, q, z, structure.neutral() if arm is None else arm)
+    runs = [
+        Start(structure, guess).run(
+            q[some], z[some], Prior(guess, sd), START.guess_steps
+        )
+        for guess in guesses
+    ]
+    best = min(runs, key=lambda run: run.cost)
+    best = best.run(q, z, Prior(best.beta, sd), START.steps)
     if structure.camera and drawn:
         # a camera's pose and its focal length help each other
         free = [*groups, "offset"]
@@ -204,10 +173,10 @@ def frame(
             free.append("lens")
         sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0
-        beta = settled(structure, q, z, beta, Prior(beta, sd), 60)[0]
-    if drawn and not structure.seen_as.scaled:
-        _refuse_misfit(structure, q, z, beta)
-    return beta
+        best = best.run(q, z, Prior(best.beta, sd), 60)
+    if drawn and not structure.viewpoint.seen_as.scaled:
+        _refuse_misfit(structure, q, z, best.beta)
+    return best.beta
 
 
 def _refuse_misfit(
@@ -217,10 +186,10 @@ def _refuse_misfit(
     misfit = structure.residual(z, structure.predict(q, beta))
     off = float(np.median(np.linalg.norm(misfit[:, :3], axis=1)))
     size = float(np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max())
-    most = OTHER_ARM
+    most = START.other_arm
     what = "positions"
     if structure.camera:
-        most = NO_CAMERA
+        most = START.no_camera
         what = "pixels"
     if off > most * size:
         raise LogError(
@@ -230,7 +199,7 @@ def _refuse_misfit(
             "is of one moment, and whether it is this robot"
         )
     turned = float(np.median(np.linalg.norm(misfit[:, 3:], axis=1)))
-    if turned > OTHER_TURNS:
+    if turned > START.other_turns:
         raise LogError(
             f"the orientations do not turn as the joints do: {np.degrees(turned):.0f} deg are left "
             "(median); check their order, their unit, and that they are of the tip, or leave them "
@@ -240,48 +209,31 @@ def _refuse_misfit(
 
 def _guesses(
     structure: SpatialStructure, q: Array, z: Array, arm: Array
-) -> list[Array]:
-    """Rough parameters from which the sensor's place is fitted."""
+) -> Iterator[Array]:
+    """Yield rough parameters from which the sensor's place is fitted."""
     beta = arm.copy()
     neutral = structure.neutral()
-    groups = structure.groups
-    for group in (
-        "view.rotation",
-        "view.shift",
-        "view.scale",
-        "tool",
-        "tool.rotation",
-        "lens",
-    ):
-        beta[groups[group]] = neutral[groups[group]]
+    for group in (*_FRAME, "tool", "tool.rotation"):
+        indices = structure.groups[group]
+        beta[indices] = neutral[indices]
     points, rotations = structure.pose(q, beta)
     if structure.camera:
-        return _cameras(structure, points, z, beta)
-    return [
-        _with_frame(
-            structure, beta, points + rotations @ tool, rotations, z, tool, turn
-        )
-        for tool, turn in _frames(structure, points, rotations, z)
-    ]
-
-
-def _frames(
-    structure: SpatialStructure, points: Array, rotations: Array, z: Array
-) -> list[tuple[Array, Array]]:
-    """Tools (3,) and turns (3, 3) of the sensor that the frame is guessed with."""
+        yield from _cameras(structure, points, z, beta)
+        return
     nothing = np.zeros(3)
     if structure.based:
-        return [(nothing, np.eye(3))]
-    frames: list[tuple[Array, Array]] = []
-    aside = _TOOL * structure.chain.reach
+        yield _with_frame(structure, beta, points, rotations, z, nothing, np.eye(3))
+        return
+    aside = START.tool * structure.chain.reach
     for tool in (nothing, *(aside * np.eye(3)), *(-aside * np.eye(3))):
-        turn, _, _ = similarity(points + rotations @ tool, z[:, :3])
-        frames.append((tool, turn))
+        tip = points + rotations @ tool
+        turn, _, _ = similarity(tip, z[:, :3])
+        yield _with_frame(structure, beta, tip, rotations, z, tool, turn)
     if (
         structure.outputs == 6
     ):  # without it 2 of 48 mountings of long tools were not found
-        frames.append((nothing, _turn_of_poses(rotations, exponential(z[:, 3:]))))
-    return frames
+        turn = _turn_of_poses(rotations, exponential(z[:, 3:]))
+        yield _with_frame(structure, beta, points, rotations, z, nothing, turn)
 
 
 def _with_frame(
@@ -293,45 +245,42 @@ def _with_frame(
     tool: Array,
     turn: Array,
 ) -> Array:
-    """Parameters (d,) with a tool (3,) and a turn (3, 3) of the sensor, its shift and scale."""
+    """Return parameters (d,) with a tool (3,), a turn (3, 3) of the sensor, its shift and scale."""
     guess = beta.copy()
     groups = structure.groups
     guess[groups["tool"]] = tool
     guess[groups["view.rotation"]] = logarithm(turn)
-    if structure.seen_as.scaled:
+    if structure.viewpoint.seen_as.scaled:
         _, shift, factor = similarity(tip, z[:, :3])
         guess[groups["view.scale"]] = np.log(factor / structure.metre)
         guess[groups["view.shift"]] = shift
-    elif structure.based:
-        guess[groups["view.shift"]] = 0.0
-    else:
-        guess[groups["view.shift"]] = (z[:, :3] - structure.metre * tip @ turn.T).mean(
-            axis=0
-        )
-    if (
-        structure.outputs == 6
-    ):  # A' X' Z of every row, averaged and made a rotation again
+    elif not structure.based:
+        shift = (z[:, :3] - structure.metre * tip @ turn.T).mean(axis=0)
+        guess[groups["view.shift"]] = shift
+    if structure.outputs == 6:
+        # A' X' Z of every row, averaged and made a rotation again
         turns = np.swapaxes(turn @ rotations, 1, 2) @ exponential(z[:, 3:])
         guess[groups["tool.rotation"]] = logarithm(nearest_rotation(turns.sum(axis=0)))
     return guess
 
 
 def _turn_of_poses(rotations: Array, seen: Array) -> Array:
-    """Turn X (3, 3) of the sensor of orientations (n, 3, 3): Z_k = X A_k Y.
+    """Return the turn X (3, 3) of the sensor of orientations (n, 3, 3): Z_k = X A_k Y.
 
     Relative rotations of any two rows are conjugate, so that X turns the axes of A_k A_l' into
     those of Z_k Z_l' (Park and Martin 1994); rows are paired with their neighbours.
     """
     nominal, observed = (
-        logarithm(each[1:] @ np.swapaxes(each[:-1], 1, 2)) for each in (rotations, seen)
+        logarithm(turns[1:] @ np.swapaxes(turns[:-1], 1, 2))
+        for turns in (rotations, seen)
     )
     return nearest_rotation(observed.T @ nominal)
 
 
 def _cameras(
     structure: SpatialStructure, points: Array, z: Array, arm: Array
-) -> list[Array]:
-    """Cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
+) -> Iterator[Array]:
+    """Yield cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
     groups = structure.groups
     known_focal = structure.lens[0]
     principal = np.asarray(structure.lens[1:3])
@@ -345,11 +294,9 @@ def _cameras(
     two = u @ vt
     upright = np.vstack([two, np.cross(two[0], two[1])])
     tilted = exponential([0.6, 0.0, 0.0]) @ upright
-    focals = [known_focal]
-    if structure.lens_sd[0]:
-        focals += [0.7 * known_focal, 1.4 * known_focal]
-    guesses: list[Array] = []
-    for focal in focals:
+    factors = (1.0, 0.7, 1.4) if structure.lens_sd[0] else (1.0,)
+    for factor in factors:
+        focal = factor * known_focal
         depth = focal / max(float(s.mean()), 1e-9)
         centre = np.append((seen - principal) / focal, 1.0) * depth
         # an affine camera does not tell before from behind: also a start from elsewhere, tilted
@@ -358,14 +305,13 @@ def _cameras(
             guess[groups["lens"][0]] = focal
             guess[groups["view.rotation"]] = logarithm(turn)
             guess[groups["view.shift"]] = centre - turn @ middle
-            guesses.append(guess)
-    return guesses
+            yield guess
 
 
-def _free_chains(
+def _chains(
     structure: SpatialStructure, q: Array, z: Array, least: float
-) -> Sequence[tuple[Structure, Array]]:
-    """Chains that fit rows, the best first: structures at whose origins the parameters are zero.
+) -> list[Start]:
+    """Return chains that fit rows, the best first; at their origins the parameters are zero.
 
     The search begins at the structure's own chain, of a drawing where there is one, and goes on at
     random ones until one leaves no more than the noise or several that explain the rows agree.
@@ -373,40 +319,42 @@ def _free_chains(
     least : noise of the rows, a share of the extents, below which no chain is looked for
     """
     rng = np.random.default_rng(0)
-    ends: list[tuple[float, SpatialStructure]] = []
+    ends: list[Start] = []
     costs: list[float] = []  # of those that explain the rows
     begin = structure
-    for _ in range(_CHAINS):
+    for _ in range(START.chains):
         prior = begin.prior(("placement", "tool"))
-        beta, cost, noise = settled(begin, q, z, prior.mean, prior, _STEPS)
-        ends.append((cost, _absorbed(begin, beta)))
-        if noise <= max(_EXACT, least):
+        end = Start(begin, prior.mean).run(q, z, prior, START.steps)
+        there = _absorbed(begin, end.beta)
+        ends.append(replace(end, structure=there, beta=there.neutral()))
+        if end.noise <= max(START.exact, least):
             break
-        if noise <= _EXPLAINED:
-            costs.append(cost)
-        if sum(cost < min(costs) + _SAME for cost in costs) >= _AGREE:
+        if end.noise <= START.explained:
+            costs.append(end.cost)
+        if sum(cost < min(costs) + START.same for cost in costs) >= START.alike:
             break
         begin = _drawn(structure, z, rng)
-    ends.sort(key=lambda end: end[0])
-    return [(end, end.neutral()) for _, end in ends[:_AGREE]]
+    return sorted(ends, key=lambda end: end.cost)[: START.alike]
 
 
 def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
     """Return the structure whose nominal chain is where `beta` puts origins and tip."""
     still = structure.move(np.zeros((structure.chain.joints, 1)), beta)
-    axes = still.axes[..., 0] / np.linalg.norm(
-        still.axes[..., 0], axis=1, keepdims=True
+    axes = still.axes[..., 0]
+    chain = replace(
+        structure.chain,
+        axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        points=still.origins[..., 0],
+        tip=still.position[..., 0],
+        rotation=still.rotation[..., 0],
     )
-    found = {"points": still.origins, "tip": still.position, "rotation": still.rotation}
-    places: dict[str, Any] = {name: value[..., 0] for name, value in found.items()}
-    return replace(structure, chain=replace(structure.chain, axes=axes, **places))
+    return replace(structure, chain=chain)
 
 
 def _drawn(
     structure: SpatialStructure, z: Array, rng: np.random.Generator
 ) -> SpatialStructure:
     """Draw a chain: axes of any direction, links as long as the workspace suggests."""
-    chain = structure.chain
     dof = structure.dof
     axes = rng.normal(size=(dof, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
@@ -416,4 +364,5 @@ def _drawn(
     points = np.cumsum(steps, axis=0)
     points += middle - points.mean(axis=0)
     tip = points[-1] + rng.normal(0.0, link / np.sqrt(3), size=3)
-    return replace(structure, chain=replace(chain, axes=axes, points=points, tip=tip))
+    chain = replace(structure.chain, axes=axes, points=points, tip=tip)
+    return replace(structure, chain=chain)

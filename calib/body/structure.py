@@ -1,37 +1,47 @@
-"""What a body's structure is: a chain, a measurement, and their parameters.
+"""Structure: what a chain and its sensors predict at their parameters, and the derivatives.
 
 The fit, the gate, the bound, ``check`` and ``adapt`` know a body only through `Structure`::
 
     v_i = gain s q_i + offset + coupling q_(i-1) + curve_i(q_i) + sum_e elastic_e load_e(q)
 
 with loads ``load_e = gravity . lever_e(q)``.
-
-A vector of parameters ``beta`` (d,) always has the full layout: a block that a model does not use
-(a lens, the joint curves) is there with its neutral value.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
-from itertools import product
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property, partial
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from ..arm.spatial_chain import Motion, move
 from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, waves_of
-from .parameters import Block, Gaussian, Hyper, Indices, Label, Prior
-from .sensors import Viewpoint
-from .views import Measurement, Moved, Placed, Sight, ViewKind, compose
-
-Ladder = tuple[tuple[str, tuple[str, ...]], ...]
-"""The gate's members from simple to rich: a name and the blocks that it frees."""
-
+from .layout import Layout
+from .parameters import Gaussian, Indices
+from .views import Moved, Placed, Scene, Sight, compose
 
 Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
 """Parameters of a chain's geometry, and how the tip moves with each of them."""
+
+_BELIEFS = 8  # whose constants are remembered
+
+S = TypeVar("S", bound="Structure")
+
+
+class BendingLoads(Protocol):
+    """Loads that bend joints: ``load_e = gravity . lever_e(q)``."""
+
+    @property
+    def joints(self) -> Indices:
+        """The joints (e,) that they bend."""
+
+    def levers(self, q: Array) -> Array:
+        """Levers (e, g, n) at joint values (n, dof)."""
+
+    def slopes(self, q: Array, gravity: Array) -> Array:
+        """Derivatives (e, dof, n) of the loads by the joint values."""
 
 
 class Fixed(NamedTuple):
@@ -41,108 +51,28 @@ class Fixed(NamedTuple):
     offset: Array  # (dof, 1) [rad or m]
     bent: list[int]  # joints that have an error curve
     curves: Array  # (k, 96) [rad]
-    coupling: (
-        Array | None
-    )  # (dof - 1, 1), None where no joint moves with its neighbour's motor
+    # (dof - 1, 1), None where no joint moves with its neighbour's motor
+    coupling: Array | None
     elastic: Mapping[str, Array]  # (e,) of each block by which joints bend, if they do
     gravity: Array  # (g,), what a load is of its levers
     links: Any  # of the chain
-    own: Mapping[
-        str, Any
-    ]  # all parameters, by block, and what follows from the sensor's
+    blocks: Mapping[str, Array]  # all parameters
+    placed: Placed  # the sensor
 
 
-class Structure:
+class Structure(Layout):
     """A chain and what a sensor measures of it.
 
     ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain.  Joint
     values are in rad or m as they are logged; positions in the structure's own unit.
     """
 
-    kind: ClassVar[
-        str
-    ]  # ``"planar"`` or ``"spatial"``: how a model file finds the class again
-    # rows that the gate and the evidence use; the rest enters the final step
-    gate_rows: ClassVar[int]
-    # wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad]
-    wide: ClassVar[tuple[float, float]]
-    # rows below which held-out errors scale the second fit's spread
-    few_rows: ClassVar[int]
-    joint_names: tuple[str, ...]  # names of the joints, base to tip
-    chain_names: tuple[str, ...]  # names of all joints (c,) of the chain
-    revolute: tuple[bool, ...]  # which joints turn; the others slide
-    view: str  # one of :data:`calib.body.views.PLANAR` or `SPATIAL`
-    unit: str  # unit of positions
-    extent: float  # size of the workspace along an output [unit]
-    simulated: bool  # whether the rows are samples of a simulation
-    # of several sensors, see `calib.body.sensors`: the name and the place of the one that it sees
-    # as, and the others in their order
-    sensor_name: str
-    place: int
-    beside: tuple[Viewpoint, ...]
-
-    @property
-    def dof(self) -> int:
-        """Number of joints."""
-        return len(self.joint_names)
-
-    @property
-    def seen_as(self) -> ViewKind:
-        """The kind of its sensor."""
-        raise NotImplementedError
-
-    @property
-    def outputs(self) -> int:
-        """Number m of outputs: 2 in the plane or pixels, 3 in space, 6 with orientation."""
-        return self.measurement.outputs
-
-    @property
-    def blocks(self) -> tuple[int, ...]:
-        """Sizes of the outputs that share a unit and a noise: ``(2,)``, ``(3,)``, ``(3, 3)``."""
-        return (3, 3) if self.outputs == 6 else (self.outputs,)
-
-    @property
-    def extents(self) -> Array:
-        """Size (m,) of the workspace along the outputs [unit]; 1 rad for rotations."""
-        return np.where(np.arange(self.outputs) < 3, self.extent, 1.0)
-
     # What the kinds of chains give.
-
-    @property
-    def viewpoint(self) -> Viewpoint:
-        """What it says of the sensor that it sees as."""
-        raise NotImplementedError
-
-    @cached_property
-    def measurement(self) -> Measurement:
-        """What its sensor measures."""
-        raise NotImplementedError
-
-    @property
-    def reversals(self) -> int:
-        """How many joints turn against their drawing, and whether the sensor sees a mirror."""
-        return 0
 
     @property
     def directions(self) -> tuple[int, ...]:
         """How each joint (dof,) moves with its log, 1 or -1."""
         return (1,) * self.dof
-
-    def guard(self, block: str) -> Array | None:  # noqa: ARG002
-        """Prior sds of a block in the second fit, None where they are the first one's."""
-        return None
-
-    def undrawn(self) -> Structure | None:
-        """The structure without a drawing that rows may contradict, None where it needs one."""
-        return None
-
-    def geometry(self) -> Sequence[Block]:
-        """Blocks of the chain's geometry and of its joints."""
-        raise NotImplementedError
-
-    def members(self) -> Ladder:
-        """The gate's members from simple to rich."""
-        raise NotImplementedError
 
     def links(self, beta: Array) -> Any:
         """What `move` needs of the parameters."""
@@ -153,9 +83,9 @@ class Structure:
         raise NotImplementedError
 
     @property
-    def bending(self) -> tuple[str, ...]:
-        """Blocks of elasticity: a parameter for each load."""
-        return ("elastic",)
+    def loads(self) -> Mapping[str, BendingLoads]:
+        """What bends the joints, by the block of elasticity that has a parameter for each."""
+        raise NotImplementedError
 
     @property
     def tilts(self) -> Mapping[str, Array]:
@@ -166,99 +96,19 @@ class Structure:
         """What (g,) loads are of their levers, at parameters (d,)."""
         return np.ones(1)
 
-    def levers(self, block: str, q: Array) -> tuple[Array, Indices]:
-        """Levers (e, g, n) of the loads of a block of elasticity, and the joints (e,) they bend."""
-        raise NotImplementedError
-
-    def load_slopes(self, block: str, q: Array, gravity: Array) -> Array:
-        """Derivatives (e, dof, n) of the loads by the joint values."""
-        raise NotImplementedError
-
-    # Parameters.
-
-    @cached_property
-    def layout(self) -> tuple[Block, ...]:
-        """The blocks of the sensor, the geometry and the joints."""
-        return (*self.measurement.parameters(), *self.geometry())
-
-    @cached_property
-    def labels(self) -> tuple[Label, ...]:
-        """What each parameter (d,) is."""
-        return tuple(
-            Label(block.name, *part) for block in self.layout for part in block.parts
-        )
-
-    @cached_property
-    def groups(self) -> Mapping[str, Indices]:
-        """Indices of the parameters of each block, by its name."""
-        ends = np.cumsum([len(block.parts) for block in self.layout])
-        pairs = zip(self.layout, ends, strict=True)
-        return {each.name: np.arange(end - len(each.parts), end) for each, end in pairs}
-
-    @property
-    def size(self) -> int:
-        """Number d of parameters."""
-        return len(self.labels)
-
-    def neutral(self) -> Array:
-        """Parameters (d,) at the mean of the prior."""
-        out = np.empty(self.size)
-        for block in self.layout:
-            out[self.groups[block.name]] = block.mean
-        return out
-
-    def prior(self, free: Sequence[str]) -> Prior:
-        """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
-        sd = np.zeros(self.size)
-        hypers = []
-        for block in self.layout:
-            if block.name in free or (
-                "curve" in free and block.name.startswith("curve.")
-            ):
-                own = self.groups[block.name]
-                sd[own] = block.sd
-                for each in block.scales:
-                    at = own if each.indices is None else own[each.indices]
-                    shape = np.ones(len(at)) if each.shape is None else each.shape
-                    sd[at] = each.scale * np.sqrt(shape)
-                    if len(at):
-                        hypers.append(each._replace(indices=at, shape=shape))
-        return Prior(self.neutral(), sd, tuple(hypers))
-
-    def of_joints(self, what: str, *units: str) -> tuple[tuple[str, str, str], ...]:
-        """One parameter of each joint, in a unit that all share or each has."""
-        every = units * self.dof if len(units) == 1 else units
-        pairs = zip(self.joint_names, every, strict=True)
-        return tuple((name, f"{name}.{what}", unit) for name, unit in pairs)
-
-    def curves(self, rms: float, pseudo: float, shape: Array) -> Iterator[Block]:
-        """Blocks of the joints' error curves, of an rms [rad] that the evidence moves."""
-        for k, (name, turns) in enumerate(
-            zip(self.joint_names, self.revolute, strict=True)
-        ):
-            waves = product(("cos", "sin"), range(1, HARMONICS + 1 if turns else 1))
-            parts = tuple(
-                (name, f"{name}.curve {wave} {order}", "rad") for wave, order in waves
-            )
-            scale = Hyper(
-                f"curve.{k}", rms / np.sqrt(2 * HARMONICS), pseudo=pseudo, shape=shape
-            )
-            yield Block(f"curve.{k}", parts, scales=(scale,) if turns else ())
-
     # Predictions.
 
     def joint_values(self, q: Array, beta: Array) -> Array:
         """True values (c, n) of the chain's joints at logged values (n, dof) [rad or m]."""
         fixed = self.fixed(beta)
         logged = np.ascontiguousarray(q.T[: self.dof])
-        own = logged * fixed.gain + fixed.offset
+        values = logged * fixed.gain + fixed.offset
         if fixed.coupling is not None:
-            own[1:] += fixed.coupling * logged[:-1]
-        if (
-            fixed.bent
-        ):  # all at once: of one row each operation costs as much as of a hundred
-            own[fixed.bent] += curve_value(logged[fixed.bent], fixed.curves)
-        values = self.coupled(own)
+            values[1:] += fixed.coupling * logged[:-1]
+        if fixed.bent:
+            # all at once: of one row each operation costs as much as of a hundred
+            values[fixed.bent] += curve_value(logged[fixed.bent], fixed.curves)
+        values = self.coupled(values)
         if fixed.elastic:
             values += self.bends(q, beta)
         return values
@@ -268,71 +118,78 @@ class Structure:
         fixed = self.fixed(beta)
         out = np.zeros((len(self.chain_names), len(q)))
         for block, elastic in fixed.elastic.items():
-            levers, joints = self._levers(block, q)
-            bends = elastic[:, None] * loads_of(levers, fixed.gravity)
-            for joint, bend in zip(joints.tolist(), bends, strict=True):
+            bends = elastic[:, None] * loads_of(self._levers(block, q), fixed.gravity)
+            joints = self.loads[block].joints.tolist()
+            for joint, bend in zip(joints, bends, strict=True):
                 out[joint] += bend
         return out
 
     def fixed(self, beta: Array) -> Fixed:
-        """What follows from parameters (d,) alone, kept: those of a body are read-only."""
+        """What follows from parameters (d,) alone, remembered: a body's are read-only."""
         key = None if beta.flags.writeable else id(beta)
-        last = self._kept.get(key)
-        if last is None or not (
-            last[0] is beta if key else np.array_equal(last[0], beta)
-        ):
-            if len(self._kept) > 8:  # beliefs
-                self._kept.clear()
-            own = beta if key else beta.copy()
-            last = self._kept[key] = (own, self._fixed(own))
-        found: Fixed = last[1]
-        return found
+        last, fixed = self._fixed.get(key, (None, None))
+        same = last is beta if key else last is not None and np.array_equal(last, beta)
+        if fixed is None or not same:
+            if len(self._fixed) > _BELIEFS:
+                self._fixed.clear()
+            fixed = self._fixed_at(beta)
+            self._fixed[key] = (beta if key else beta.copy(), fixed)
+        return fixed
 
     @cached_property
-    def _kept(self) -> dict[Any, tuple[Array, Any]]:
-        """What follows from parameters, by their id, and from the last rows."""
+    def _fixed(self) -> dict[int | None, tuple[Array, Fixed]]:
+        """What follows from parameters, by their id; of those that may change under None."""
+        return {}
+
+    @cached_property
+    def _last_levers(self) -> dict[str, tuple[Array, Array]]:
+        """The last rows of each block of elasticity, and their levers."""
         return {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is pickled: not what is kept."""
-        return {name: own for name, own in vars(self).items() if name != "_kept"}
+        """What is pickled: not what is remembered."""
+        forgotten = ("_fixed", "_last_levers")
+        return {
+            name: value for name, value in vars(self).items() if name not in forgotten
+        }
 
-    def _fixed(self, beta: Array) -> Fixed:
-        own = {name: beta[indices] for name, indices in self.groups.items()}
-        bent = [k for k in range(self.dof) if own[f"curve.{k}"].any()]
-        curves = np.reshape([own[f"curve.{k}"] for k in bent], (-1, 2 * HARMONICS))
-        gain = own["gain"] * self.directions
-        coupling = own.get("coupling", np.zeros(0))
+    def _fixed_at(self, beta: Array) -> Fixed:
+        blocks = {name: beta[indices] for name, indices in self.groups.items()}
+        bent = [k for k in range(self.dof) if blocks[f"curve.{k}"].any()]
+        curves = np.reshape([blocks[f"curve.{k}"] for k in bent], (-1, 2 * HARMONICS))
+        gain = blocks["gain"] * self.directions
+        coupling = blocks.get("coupling", np.zeros(0))
         return Fixed(
             gain=gain[:, None],
             offset=self.offsets(beta)[:, None],
             bent=bent,
             curves=curves,
             coupling=coupling[:, None] if coupling.any() else None,
-            elastic={block: own[block] for block in self.bending if own[block].any()},
+            elastic={name: blocks[name] for name in self.loads if blocks[name].any()},
             gravity=self.gravity_at(beta),
             links=self.links(beta),
-            own={**own, "placed": self.measurement.placed(own)},
+            blocks=blocks,
+            placed=self.viewpoint.place(blocks),
         )
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,)."""
         return beta[self.groups["offset"]]
 
-    def coupled(self, own: Array) -> Array:
+    def coupled(self, values: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
-        return own
+        return values
 
     def led(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
         return chained
 
-    def _levers(self, block: str, q: Array) -> tuple[Array, Indices]:
-        """Levers of rows, kept: a fit asks for the same again."""
-        last = self._kept.get(block)
-        if last is None or last[0] is not q:
-            last = self._kept[block] = (q, self.levers(block, q[:, : self.dof]))
-        levers: tuple[Array, Indices] = last[1]
+    def _levers(self, block: str, q: Array) -> Array:
+        """Levers (e, g, n) of rows, remembered: a fit asks for the same again."""
+        rows, levers = self._last_levers.get(block, (None, None))
+        if levers is None or rows is not q:
+            levers = self.loads[block].levers(q[:, : self.dof])
+            self._last_levers[block] = (q, levers)
         return levers
 
     def move(self, values: Array, beta: Array) -> Motion:
@@ -345,14 +202,13 @@ class Structure:
         Further columns than the joints' are what a row tells the measurement.
         """
         motion = self.move(self.joint_values(q, beta), beta)
-        return motion, self.measurement.look(
-            self.fixed(beta).own, motion, q[:, self.dof :]
-        )
+        fixed = self.fixed(beta)
+        scene = Scene(fixed.blocks, fixed.placed, motion, q[:, self.dof :])
+        return motion, self.measurement.look(scene)
 
     def sensor(self, beta: Array) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
-        placed: Placed = self.fixed(beta).own["placed"]
-        return placed
+        return self.fixed(beta).placed
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
@@ -382,54 +238,45 @@ class Structure:
         motion, sight = self.seen(q, beta)
         n, outputs = sight.values.shape
         active = np.arange(self.size) if active is None else active
-        groups = self.groups
-        place = np.full(self.size, -1)
-        place[active] = np.arange(len(active))
+        column = np.full(self.size, -1)
+        column[active] = np.arange(len(active))
         out = np.zeros((n, outputs, len(active)))
+        for indices, columns in self._columns(q, beta, motion, sight):
+            columns_out = column[indices.ravel()]
+            wanted = columns_out >= 0
+            if wanted.any():
+                moved = columns().reshape(len(columns_out), outputs, n)
+                out[:, :, columns_out[wanted]] = moved[wanted].transpose(2, 1, 0)
+        return sight.values, out
 
-        def put(indices: Indices, columns: Callable[[], Array]) -> None:
-            """Set the columns (..., outputs, n) of parameters, if one of them is asked for."""
-            stands = place[indices.ravel()]
-            asked = stands >= 0
-            if asked.any():
-                found = columns().reshape(len(stands), outputs, n)
-                out[:, :, stands[asked]] = found[asked].transpose(2, 1, 0)
-
-        for name, own in sight.columns():
-            put(groups[name], own)
+    def _columns(
+        self, q: Array, beta: Array, motion: Motion, sight: Sight
+    ) -> Iterator[tuple[Indices, Callable[[], Array]]]:
+        """Parameters, and how outputs (..., m, n) move with them."""
+        groups = self.groups
+        fixed = self.fixed(beta)
         joints = q[:, : self.dof]
+        for name, columns in sight.columns():
+            yield groups[name], columns
         chained = sight.push(*motion.joints())
         led = self.led(chained)
 
-        fixed = self.fixed(beta)
-
         def by_loads(block: str) -> Array:
-            levers, bent = self._levers(block, q)
-            return np.asarray(chained[bent] * loads_of(levers, fixed.gravity)[:, None])
+            loads = loads_of(self._levers(block, q), fixed.gravity)
+            return np.asarray(chained[self.loads[block].joints] * loads[:, None])
 
-        for block in self.bending:
-            put(groups[block], lambda block=block: by_loads(block))  # type: ignore[misc]
-        for group, ways in self.tilts.items():
-            put(
-                groups[group],
-                lambda ways=ways: self._by_gravity(  # type: ignore[misc]
-                    q, fixed, chained, ways
-                ),
-            )
+        for block in self.loads:
+            yield groups[block], partial(by_loads, block)
+        for block, ways in self.tilts.items():
+            yield groups[block], partial(self._by_gravity, q, fixed, chained, ways)
         if "coupling" in groups:
-            put(groups["coupling"], lambda: led[1:] * joints.T[:-1, None])
-        put(groups["offset"], lambda: led)
-        put(groups["gain"], lambda: led * (joints * self.directions).T[:, None])
+            yield groups["coupling"], lambda: led[1:] * joints.T[:-1, None]
+        yield groups["offset"], lambda: led
+        yield groups["gain"], lambda: led * (joints * self.directions).T[:, None]
         for indices, moved in self.moving(motion):
-            put(indices, lambda moved=moved: sight.push(*moved()))  # type: ignore[misc]
-        for k, q_k in enumerate(joints.T):
-            put(
-                groups[f"curve.{k}"],
-                lambda k=k, q_k=q_k: (  # type: ignore[misc]
-                    waves_of(q_k)[:, None] * led[k]
-                ),
-            )
-        return sight.values, out
+            yield indices, partial(_pushed, sight, moved)
+        for k in range(self.dof):
+            yield groups[f"curve.{k}"], partial(_waved, joints[:, k], led[k])
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
@@ -449,26 +296,35 @@ class Structure:
         if fixed.coupling is not None:
             moved[:-1] += led[1:] * fixed.coupling[:, None]
         for block, elastic in fixed.elastic.items():
-            slopes = elastic[:, None, None] * self.load_slopes(
-                block, joints, fixed.gravity
-            )
-            bent = self._levers(block, q)[1]
-            moved += np.einsum("emn,ekn->kmn", chained[bent], slopes)
+            loads = self.loads[block]
+            slopes = elastic[:, None, None] * loads.slopes(joints, fixed.gravity)
+            moved += np.einsum("emn,ekn->kmn", chained[loads.joints], slopes)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))
 
     def _by_gravity(self, q: Array, fixed: Fixed, chained: Array, ways: Array) -> Array:
         """How outputs move (t, m, n) as gravity moves along `ways` (t, g)."""
         moved = np.zeros((len(ways), *chained.shape[1:]))
         for block, elastic in fixed.elastic.items():
-            levers, bent = self._levers(block, q)
+            levers = self._levers(block, q)
+            bent = chained[self.loads[block].joints]
             for way, out in zip(ways, moved, strict=True):
                 bends = elastic[:, None] * loads_of(levers, way)
-                out += (chained[bent] * bends[:, None]).sum(axis=0)
+                out += (bent * bends[:, None]).sum(axis=0)
         return moved
 
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""
         return self.predict_and_slope(q, beta)[1]
+
+
+def _pushed(sight: Sight, moved: Callable[[], Moved]) -> Array:
+    """How outputs (..., m, n) move with the tip."""
+    return sight.push(*moved())
+
+
+def _waved(q: Array, led: Array) -> Array:
+    """How outputs (96, m, n) move with the waves of a joint (n,) that leads them (m, n)."""
+    return waves_of(q)[:, None] * led
 
 
 def loads_of(levers: Array, gravity: Array) -> Array:

@@ -7,32 +7,27 @@ arm's base stands nor how it is turned about its first axis: both stay as drawn.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.rotations import logarithm, similarity
-from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from ..samples.sockets import Known
-from .belief import Body, Second
+from .belief import Body
+from .body_fit import BodyFit, fit
 from .covariance import as_kept
-from .fit import BLOCKS
-from .fitting import BodyFit, fit
-from .parameters import Block, Hyper, Indices
+from .parameters import Block, Gaussian, Hyper, Indices
 from .rows import Rows, together
-from .settings import FINER, FREE, SOCKET
+from .settings import FINER, FIT, FREE, PRIOR
 from .spatial import SpatialStructure
-from .views import Columns, Measurement
+from .views import ArmSize, Columns, Measurement, Scene
 
-_POSTURES = (
-    400  # all over the joints' range, of which the mean motion is that of the whole arm
-)
-
-_Belief = TypeVar("_Belief", Body, Second)
+_POSTURES = 400
+"""Postures all over the range, of which the mean motion is that of the whole arm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,26 +35,25 @@ class Touch(Measurement):
     """The tip less the socket that it is in [m]; a row also tells the socket's number."""
 
     count: int  # sockets
-    size: float  # of the arm [m]
     within: tuple[float, float] = FINER  # doubt of joint origins
 
     outputs = 3
     floating = True
     free = ("point",)
-    tool = Hyper("tool", SOCKET, (1.0, 1.0))
+    tool = Hyper("tool", PRIOR.socket, (1.0, 1.0))
 
-    def parameters(self) -> tuple[Block, ...]:
+    def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
         """The sockets."""
         names = [f"point.{k}.{axis}" for k in range(self.count) for axis in "xyz"]
-        return (Block.of("point", "m", names, FREE * self.size),)
+        return (Block.of("point", "m", names, FREE * arm.reach),)
 
-    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Told:
+    def look(self, scene: Scene) -> _Misses:
         """See the tip in its sockets."""
-        places = own["point"].reshape(-1, 3)
-        number = also[:, 0].astype(int)
+        places = scene.blocks["point"].reshape(-1, 3)
+        number = scene.also[:, 0].astype(int)
         slope = np.zeros((len(number), 3, self.count, 3))
         slope[np.arange(len(number)), :, number] = -np.eye(3)
-        return _Told(motion.position.T - places[number], slope, 1.0)
+        return _Misses(scene.motion.position.T - places[number], slope, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,24 +63,28 @@ class Stated(Measurement):
     The joints have no part in it.
     """
 
-    known: tuple[Known, ...]
+    facts: tuple[Known, ...]
 
     outputs = 1
     noise = 1.0
 
-    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> _Told:  # noqa: ARG002
+    def look(self, scene: Scene) -> _Misses:
         """See how far the sockets are off."""
-        places = own["point"].reshape(-1, 3)
-        told = [(*each.misfit(places), each.tolerance) for each in self.known]
-        values = np.concatenate([value / tolerance for value, _, tolerance in told])
-        slopes = np.concatenate([slope / tolerance for _, slope, tolerance in told])
-        which = also[:, 0].astype(int)
-        return _Told(values[which, None], slopes[which, None], 0.0)
+        places = scene.blocks["point"].reshape(-1, 3)
+        values = []
+        slopes = []
+        for fact in self.facts:
+            value, slope = fact.misfit(places)
+            values.append(value / fact.tolerance)
+            slopes.append(slope / fact.tolerance)
+        rows = scene.also[:, 0].astype(int)
+        value = np.concatenate(values)[rows, None]
+        return _Misses(value, np.concatenate(slopes)[rows], 0.0)
 
 
 @dataclass(frozen=True)
-class _Told:
-    """What n rows tell of sockets."""
+class _Misses:
+    """How far n rows are off their sockets."""
 
     values: Array  # (n, m)
     slope: Array  # (n, m, p, 3), by the sockets
@@ -98,34 +96,32 @@ class _Told:
 
     def columns(self) -> Columns:
         """The derivative by the sockets."""
-        yield (
-            "point",
-            lambda: self.slope.reshape(*self.values.shape, -1).transpose(2, 1, 0),
-        )
+        by_points = self.slope.reshape(*self.values.shape, -1).transpose(2, 1, 0)
+        yield "point", lambda: by_points
 
 
 def touching(
-    structure: SpatialStructure,
-    q: Array,
-    point: NDArray[np.intp],
-    known: Sequence[Known],
-    x: Array,
+    q: Array, point: NDArray[np.intp], known: Sequence[Known], x: Array
 ) -> list[Rows]:
-    """Touches, positions, and what is known of sockets, each a measurement; see `fit_touches`."""
+    """Return touches, positions, and what is known of sockets, each a measurement.
+
+    The parameters are those of `fit_touches`.
+    """
     touched = point >= 0
     # origins are not far off where nothing tells how large the arm is
-    sized = not touched.all() or any(each.value is not None for each in known)
-    within = FINER[0], 5.0 if sized else 1.0
-    touch = Touch(int(point.max()) + 1, structure.chain.reach, within)
-    seen = np.column_stack([q[touched], point[touched].astype(float)])
-    rows = [Rows(seen, np.zeros((len(seen), 3)), touch)]
+    sized = not touched.all() or any(fact.value is not None for fact in known)
+    touch = Touch(int(point.max()) + 1, within=(FINER[0], 5.0 if sized else 1.0))
+    number = point[touched].astype(float)
+    rows = [
+        Rows(np.column_stack([q[touched], number]), np.zeros((len(number), 3)), touch)
+    ]
     if not touched.all():
-        rows.append(Rows(q[point < 0], x[point < 0]))
+        rows.append(Rows(q[~touched], x[~touched]))
     if known:
-        facts = sum(1 if each.value is not None else len(each.points) for each in known)
-        still = np.zeros((facts, q.shape[1] + 1))
-        still[:, -1] = np.arange(facts)
-        rows.append(Rows(still, np.zeros((facts, 1)), Stated(tuple(known))))
+        count = sum(1 if fact.value is not None else len(fact.points) for fact in known)
+        still = np.zeros((count, q.shape[1] + 1))
+        still[:, -1] = np.arange(count)
+        rows.append(Rows(still, np.zeros((count, 1)), Stated(tuple(known))))
     return rows
 
 
@@ -156,10 +152,10 @@ def fit_touches(
     tip = structure.pose(q, structure.neutral())[0]
     measured = point < 0
     extent = float(np.sqrt(((tip - tip.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    rows = touching(structure, q, point, known, x)
-    seen = together(replace(structure, extent=extent), rows)
-    begin = seen.neutral()
-    groups = seen.groups
+    rows = touching(q, point, known, x)
+    whole = together(structure.with_sensor(extent=extent), rows)
+    begin = whole.neutral()
+    groups = whole.groups
     # each socket begins where the drawing says that the tip was on average
     begin[groups["point"]] = np.ravel(
         [tip[point == k].mean(axis=0) for k in range(max(point) + 1)]
@@ -168,55 +164,54 @@ def fit_touches(
         turn = similarity(tip[measured], x[measured])[0]
         begin[groups["view.rotation"]] = logarithm(turn)
         begin[groups["view.shift"]] = (x - tip @ turn.T)[measured].mean(axis=0)
-    found = fit(seen, rows, begin=begin, seed=seed)
-    points = found.body.beta[groups["point"]].reshape(-1, 3)
-    body = restated(found.body, structure)
-    held = np.empty((len(q), 3))
-    held[~measured] = _scattered(found.held_out, point[~measured])
+    of_all = fit(whole, rows, begin=begin, seed=seed)
+    points = of_all.body.beta[groups["point"]].reshape(-1, 3)
+    body = restated(of_all.body, structure)
+    held_out = np.empty((len(q), 3))
+    held_out[~measured] = _scattered(of_all.held_out, point[~measured])
     if measured.any():
-        held[measured] = found.beside[0].held_out
+        held_out[measured] = of_all.beside[0].held_out
         sensor = structure.sensor(body.beta)
         points = points @ sensor.rotation.T + sensor.shift
     else:
-        range_of = np.random.default_rng(seed).random((_POSTURES, q.shape[1]))
-        body = anchored(body, lower + range_of * (upper - lower))
-    return replace(found, body=body, held_out=held), points
+        shares = np.random.default_rng(seed).random((_POSTURES, q.shape[1]))
+        body = anchored(body, lower + shares * (upper - lower))
+    return replace(of_all, body=body, held_out=held_out), points
 
 
 def _scattered(residual: Array, point: NDArray[np.intp]) -> Array:
-    """Held-out residuals, about their own mean where a block holds most touches of a socket.
+    """Return held-out residuals, about their mean where a block has most touches of a socket.
 
     What the other blocks say of the arm does not tell where such a socket is.
     """
     out = residual.copy()
     counts = np.bincount(point)
-    for block in np.array_split(np.arange(len(point)), BLOCKS):
+    for block in np.array_split(np.arange(len(point)), FIT.blocks):
         for k in np.unique(point[block]):
-            own = block[point[block] == k]
-            if 2 * len(own) > counts[k]:
-                out[own] -= out[own].mean(axis=0)
+            rows = block[point[block] == k]
+            if 2 * len(rows) > counts[k]:
+                out[rows] -= out[rows].mean(axis=0)
     return out
 
 
 def restated(body: Body, structure: SpatialStructure) -> Body:
-    """The belief in another structure of the same arm; what that does not have is left out."""
+    """Return the belief in another structure of the same arm, without what that does not have."""
     place = {label.name: k for k, label in enumerate(structure.labels)}
     to = np.array([place.get(label.name, -1) for label in body.structure.labels])
 
-    def carried(belief: _Belief) -> _Belief:
+    def carried(belief: Gaussian) -> dict[str, Array | Indices]:
         beta = structure.neutral()
-        active = to[belief.active]
         beta[to[to >= 0]] = belief.beta[to >= 0]
-        kept = active >= 0
-        root = as_kept(belief.covariance[np.ix_(kept, kept)])
-        return replace(belief, beta=beta, active=active[kept], root=root)
+        active = to[belief.active]
+        shared = active >= 0
+        root = as_kept(belief.covariance[np.ix_(shared, shared)])
+        return {"beta": beta, "active": active[shared], "root": root}
 
-    second = body.second and carried(body.second)
-    return replace(carried(body), structure=structure, second=second)
+    return replace(body.changed(carried), structure=structure)
 
 
 def anchored(body: Body, q: Array) -> Body:
-    """The belief without what moves the arm as a whole, on average over postures `q` (n, dof).
+    """Return the belief without what moves the arm as a whole, on average over `q` (n, dof).
 
     No touch tells a motion of the whole arm: it stays as drawn, and intervals and bounds leave it
     out.  The first joint's origin moves the arm as a whole, so that it takes the opposite part.
@@ -225,12 +220,12 @@ def anchored(body: Body, q: Array) -> Body:
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone
     base: Indices = np.concatenate([structure.shifts[0], structure.turns[0]])
 
-    def without(belief: _Belief) -> _Belief:
+    def without(belief: Gaussian) -> dict[str, Array | Indices]:
         both = np.concatenate([base, belief.active])
         x = structure.linearise(q, belief.beta, both)[1].reshape(-1, len(both))
         whole = np.linalg.lstsq(x[:, :6], x[:, 6:], rcond=None)[0]
         order = np.argsort(both)
         root = np.concatenate([-whole @ belief.root, belief.root])
-        return replace(belief, active=both[order], root=root[order])
+        return {"active": both[order], "root": root[order]}
 
-    return replace(without(body), second=body.second and without(body.second))
+    return body.changed(without)

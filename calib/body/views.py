@@ -13,11 +13,11 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..arm.rotations import cross_matrix, exponential, logarithm
+from ..arm.rotations import exponential, logarithm
 from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .parameters import Block, Hyper
-from .settings import FREE, TAG, WIDER
+from .settings import PRIOR
 
 Moved = tuple[Array, Any]
 """How the tip moves: velocity (..., 3, n) [m] and angular velocity (..., 3, n) [rad], or 0."""
@@ -28,9 +28,6 @@ Columns = Iterator[tuple[str, Callable[[], Array]]]
 LEAST_DEPTH = 1e-3
 """A point nearer to the camera's plane than this [m] has no pixel; it is held there."""
 
-_LENS = 1.5  # extents at which a planar arm's lens bends by its radial parameter
-_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
-
 
 # Kinds of sensors.
 
@@ -40,9 +37,8 @@ class ViewKind:
     """A kind of sensor."""
 
     groups: tuple[str, ...] = ()  # groups of parameters that every member fits
-    outputs: int = (
-        2  # 2 positions in a plane or pixels, 3 positions in space, 6 of a pose
-    )
+    # 2 positions in a plane or pixels, 3 positions in space, 6 of a pose
+    outputs: int = 2
     least: int = 2  # fewest rows that place the sensor in front of an arm in space
 
     @property
@@ -97,40 +93,46 @@ class Sight(Protocol):
     def columns(self) -> Columns: ...  # noqa: D102
 
 
+class ArmSize(NamedTuple):
+    """What the prior of a sensor rests on: how large the arm is, and where its drawing stands."""
+
+    reach: float  # [unit]
+    unit: str  # of its lengths
+    # of a planar drawing in its plane's frame [rad, unit]
+    rotation: float = 0.0
+    shift: tuple[float, float] = (0.0, 0.0)
+
+
+class Scene(NamedTuple):
+    """What n rows show a measurement."""
+
+    blocks: Mapping[str, Array]  # all parameters, by block
+    placed: Placed  # the structure's sensor at them
+    motion: Motion  # where the chain is
+    # (n, g), what else a row tells: which point was touched, which corner was seen
+    also: Array
+
+
 class Measurement:
     """A kind of reading, with the sensor's own parameters."""
 
-    outputs: int = (
-        2  # numbers of a row: 2 in the plane or pixels, 3 in space, 6 with orientation
-    )
+    outputs: int = 2  # numbers of a row, see `ViewKind`
     curves: bool = True  # whether its rows may tell error curves of joints
-    within: tuple[float, float] = (
-        WIDER  # times the drawing's doubt that joint origins may be off
-    )
+    # times the drawing's doubt that joint origins may be off
+    within: tuple[float, float] = PRIOR.wider
     floating: bool = False  # whether it tells nothing of where the arm's base stands
-    noise: float | None = (
-        None  # sd of its outputs where that is stated; None: it is learned
-    )
-    free: tuple[
-        str, ...
-    ] = ()  # blocks that every member of the gate fits beside the view's own
+    noise: float | None = None  # sd of its outputs; None: the rows tell it
+    # blocks that every member of the gate fits beside the view's own
+    free: tuple[str, ...] = ()
     tool: Hyper | None = None  # what is known of the tool where there is a drawing
 
-    def parameters(self) -> tuple[Block, ...]:
-        """The sensor's own parameters."""
+    def parameters(self, arm: ArmSize) -> tuple[Block, ...]:  # noqa: ARG002
+        """Return the sensor's own parameters."""
         return ()
 
-    def placed(self, own: Mapping[str, Array]) -> Placed:
-        """The sensor at its parameters, by block."""
+    def look(self, scene: Scene) -> Sight:
+        """See the chain."""
         raise NotImplementedError
-
-    def look(self, own: Mapping[str, Any], motion: Motion, also: Array) -> Sight:  # noqa: ARG002
-        """See a chain with the parameters, by block; ``"placed"`` is the sensor at them.
-
-        also : (n, g), what else a row tells: which point was touched, which corner was seen
-        """
-        placed: Placed = own["placed"]
-        return placed.look(motion.position, motion.rotation if placed.posed else None)
 
 
 # A sensor at its parameters, and what it sees.
@@ -276,159 +278,3 @@ def pixels(lens: Array, point: Array) -> Picture:
 def compose(first: Array, second: Array) -> Array:
     """Rotation vectors (..., 3) of exp(first) exp(second)."""
     return np.asarray(logarithm(exponential(first) @ exponential(second)))
-
-
-@dataclass(frozen=True, eq=False)
-class InSpace(Measurement):
-    """Positions, poses or pixels of an arm in space."""
-
-    kind: str  # one of :data:`SPATIAL`
-    unit: str  # unit of positions
-    metre: float  # units of positions in one metre; not used by a camera
-    size: float  # of the workspace [unit]; a camera's that of the arm [m]
-    lens: tuple[
-        float, float, float, float
-    ]  # of a camera: focal length, centre [px] and k1
-    lens_sd: tuple[float, float, float, float]
-
-    @property
-    def outputs(self) -> int:  # type: ignore[override]
-        """Numbers of a row."""
-        return SPATIAL[self.kind].outputs
-
-    @property
-    def tool(self) -> Hyper | None:  # type: ignore[override]
-        """What is known of the tool: a camera's tag is near the tip."""
-        return Hyper("tool", TAG, WIDER) if self.camera else None
-
-    @property
-    def camera(self) -> bool:
-        """Whether it sees pixels."""
-        return is_camera(self.kind)
-
-    def parameters(self) -> tuple[Block, ...]:
-        """What the sensor has of its own."""
-        unit = "m" if self.camera else self.unit  # a camera stands metres away
-        turns = [f"view.rotation.{axis}" for axis in "xyz"]
-        shifts = [f"view.shift.{axis}" for axis in "xyz"]
-        lens = (
-            (None, "lens.focal", "px"),
-            (None, "lens.centre.u", "px"),
-            (None, "lens.centre.v", "px"),
-            (None, "lens.k1", "1"),
-        )
-        return (
-            Block.of("view.rotation", "rad", turns, 100.0),
-            Block.of("view.shift", unit, shifts, FREE * self.size),
-            Block.of("view.scale", "1", ["view.scale"], 100.0),
-            Block("lens", lens, np.asarray(self.lens), np.asarray(self.lens_sd)),
-        )
-
-    def placed(self, own: Mapping[str, Array]) -> Placed:
-        """The sensor: where it stands, its scale and its lens."""
-        scale = float(np.exp(own["view.scale"][0]))
-        if not self.camera:
-            scale *= self.metre
-        eye = np.eye(3)
-        turn = exponential(own["view.rotation"])
-        arm = np.hstack([scale * turn, np.zeros((3, 1))])
-        by = {
-            "view.rotation": lambda: By(cross_matrix(eye) @ arm, eye),
-            "view.shift": lambda: By(eye[:, :, None] * np.eye(4)[3]),
-            "view.scale": lambda: By(arm[None]),
-        }
-        lens: Array | None = None
-        if self.camera:
-            lens = own["lens"]
-            by["lens"] = lambda: By(np.zeros((4, 3, 4)), lens=np.eye(4))
-        return Placed(
-            matrix=np.column_stack([arm[:, :3], own["view.shift"]]),
-            lens=lens,
-            by=by,
-            posed=self.outputs == 6,
-            rotation=turn,
-            scale=scale,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class InPlane(Measurement):
-    """Two coordinates in the plane of an arm: turned, scaled, sheared, shifted, tilted, bent.
-
-    With u in extents from a lens's free centre; with k = 0 the lens does nothing::
-
-        y = A p / (1 + h.p) + t,  A = metre exp(s) R(alpha) [[1+a, b], [b, 1-a]] mirror
-        z = y + size k |u|^2 u,   u = (y - middle) / size - c
-    """
-
-    unit: str  # unit of positions
-    metre: float  # units of positions in one of the chain's
-    mirror: int  # -1 where the sensor sees the plane from behind
-    extent: float  # [unit]
-    centre: tuple[float, float]  # [unit], origin of the lens
-    length: str  # unit of the chain's lengths
-    tilt: float  # prior sd [1/length]
-    rotation: float  # prior means of the sensor's frame, that of its shift [length]
-    shift: tuple[float, float]
-
-    def parameters(self) -> tuple[Block, ...]:
-        """What the sensor has of its own."""
-        shifts = ["view.shift x", "view.shift y"]
-        tilts = ["view.tilt x", "view.tilt y"]
-        lens = ["lens.radial", "lens.centre x", "lens.centre y"]
-        place = self.metre * np.asarray(self.shift)
-        return (
-            Block.of("view.rotation", "rad", ["view.rotation"], 100.0, self.rotation),
-            Block.of("view.scale", "1", ["view.log scale"], 100.0),
-            Block.of("view.shear", "1", ["view.stretch", "view.shear"], 1.0),
-            Block.of("view.shift", self.unit, shifts, FREE * self.extent, place),
-            Block.of("view.tilt", f"1/{self.length}", tilts, self.tilt),
-            Block.of("lens", "1", lens, 0.5),
-        )
-
-    def placed(self, own: Mapping[str, Array]) -> Placed:
-        """The sensor: the plane as a picture, or without tilt and bend positions as they are."""
-        size = _LENS * self.extent
-        eye = np.eye(3)
-        radial = own["lens"][0]
-        middle = self.centre + size * own["lens"][1:]
-        shift = own["view.shift"]
-        angle = own["view.rotation"][0]
-        turn = np.array(
-            [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-        )
-        turned = self.metre * np.exp(own["view.scale"][0]) * turn
-        stretch, shear = own["view.shear"]
-        sides = np.array([[1 + stretch, shear], [shear, 1 - stretch]])
-        flip = np.diag([1.0, self.mirror])
-        linear = turned @ sides @ flip
-        by_shear = (
-            np.array([[[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]]) @ flip
-        )
-        # the matrix is A / size and the product of (t - middle, size) / size with (h, 1)
-        start = np.append((shift - middle) / size, 1.0)
-        tilt = np.append(own["view.tilt"], 1.0)
-        across = eye[:2, :, None] * tilt
-        # without a bend its centre is nowhere
-        by_lens = np.concatenate([np.zeros((1, 3, 3)), -across])
-        lens_order = np.diag([1.0, size, size]) @ np.eye(4)[[3, 1, 2]]
-        by = {
-            "view.rotation": lambda: By(_corner(_QUARTER_TURN @ linear[None]) / size),
-            "view.scale": lambda: By(_corner(linear[None]) / size),
-            "view.shear": lambda: By(_corner(turned @ by_shear) / size),
-            "view.shift": lambda: By(across / size),
-            "view.tilt": lambda: By(start[:, None] * eye[:2, None]),
-            "lens": lambda: By(by_lens, lens=lens_order),
-        }
-        picture = _corner(linear) / size + np.outer(start, tilt)
-        whole = Placed(picture, np.array([size, *middle, radial]), by)
-        if radial or own["view.tilt"].any():
-            return whole
-        return Placed(np.column_stack([linear, shift]), None, by, whole=whole)
-
-
-def _corner(linear: Array) -> Array:
-    """Matrices (..., 3, 3) of those (..., 2, 2) in their corner."""
-    out = np.zeros((*linear.shape[:-2], 3, 3))
-    out[..., :2, :2] = linear
-    return out

@@ -1,370 +1,373 @@
-"""Causes: what changed between a model and a log, in numbers and in words.
+"""Causes: what may have changed between a belief and a log, by how much, and in which words.
 
-What a log cannot tell apart is said with the cause that was named: a sensor that was turned about
-the first joint's axis and that joint's offset; a sensor that shows all larger and longer links.
+They know an arm only by the groups of its structure's parameters: one table serves all arms.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..body.settings import NATS
+from ..body.belief import Body
+from ..body.covariance import root_of
+from ..body.parameters import Indices
+from ..body.settings import LOG_FLOOR, SHIFT, TURN
+from ..body.structure import Structure
 from ..common.arrays import Array
-from ..common.wording import for_people
-from ..model.alignment import Alignment
-from ..model.model import Model
-from .evidence import Evidence
-from .explain import simplest
-from .hypotheses import FRAME, GROUPS, Cause, indices_of, is_sensors, parts_of
-from .play import Play
-from .score import fired
-from .settings import CREEP, NOISIER
+from ..common.choices import CAUSES
+from ..errors import OptionError
+from .settings import ANYWHERE, BUILT_CURVE, CREEP
 
-_EXACT = 1e3  # times the noise of a model: it learned from exact samples
-_SIGNIFICANT = 2.6  # standard deviations from which a parameter is said to have changed
-_ALIKE = 0.15  # share of a displacement that may differ between two words for it
-_VAGUE = math.radians(1.0)  # half an interval of a turn from which it is worth a word
-_MATTERS = 0.05  # share of the largest displacement from which a cause is named
-_WHICH = "are the same to this log: give `cause='joints'` or `cause='sensor'` if you know which"
+FRAME = ("view.rotation", "view.shift")
+"""Groups that move when the sensor is put elsewhere; always freed together."""
 
 
-def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
-    """Causes of a log, the largest first, and notes on what the log cannot tell apart.
+@dataclass(frozen=True)
+class Cause:
+    """One change that explains a log."""
 
-    Where nothing changed, more noise is the only cause there may be.
-    """
-    drifted = evidence.score > 1.0
-    about = evidence.rows.model.about
-    if drifted and not evidence.explained:
-        return (Cause("unknown", "", evidence.why_not()),), ()
-    causes: list[Cause] = []
-    notes: list[str] = []
-    if drifted:
-        causes = [*evidence.reference.causes, *_of_change(evidence)]
-        notes = _twins(evidence, causes)
-        if not causes:
-            words = "no single change of the sensor, a joint or a link explains it"
-            causes.append(Cause("unknown", "", words))
-    elif evidence.tests.noisy is not None:
-        causes.append(_noisy_joint(evidence))
-    scatter = _scatter(evidence)
-    if scatter is not None:
-        causes.append(scatter)
-    if evidence.tool.score > 1.0:
-        causes.append(_turned_tool(evidence))
-    if (board := about.options.get("board")) is not None:
-        causes = _told_once(causes, "camera" if board["eye"] == "hand" else "board")
-    return tuple(causes), (*notes, *evidence.tool.notes)
+    # ``"sensor"``, ``"offset:JOINT"``, ``"length:JOINT"``, ``"gain:JOINT"``, ``"elastic:JOINT"``,
+    # ``"curve:JOINT"``, ``"curve"`` of all joints, ``"scale"``, ``"tilt"``, ``"lens"``,
+    # ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"backlash:JOINT"``, ``"noise"``,
+    # ``"noise:JOINT"`` or ``"unknown"``
+    cause: str
+    group: str  # group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``,
+    words: str  # the same in words
+    value: float | None = None  # size of the change, None where no number tells it
+    interval: tuple[float, float] | None = None  # 95 % interval of the value
+    unit: str = ""  # unit of the value
 
+    @staticmethod
+    def measured(
+        name: str, group: str, words: str, value: float, half: float, unit: str
+    ) -> Cause:
+        """A cause with half the width of its 95 % interval."""
+        return Cause(name, group, words, value, (value - half, value + half), unit)
 
-def maps_cause(beyond: float) -> Cause:
-    """The cause where maps without a body do not fit: a share of the rows beyond their bound."""
-    return Cause(
-        "unknown",
-        "maps",
-        f"{100 * beyond:.0f} % of the rows are beyond the maps' bound",
-    )
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()
+        }
 
 
-def play_cause(play: Play, model: Model) -> Cause:
-    """A joint that has more play than the model knows, by all of it."""
-    about = model.about
-    name = about.joint_names[play.joint]
-    unit = "rad" if about.revolute[play.joint] else "m"
-    factor, shown = for_people(unit)
-    half = 2 * 1.96 * play.deviation
-    words = (
-        f"{name} has {factor * 2 * play.half:.2g} ± {factor * half:.2g} {shown} of play that the "
-        "model does not know: `calib train` learns it from a log that goes both ways"
-    )
-    return Cause.measured(
-        f"backlash:{name}", "backlash", words, 2 * play.half, half, unit
-    )
+class Group(NamedTuple):
+    """How far the parameters of a group may move (standard deviations), and its words."""
+
+    freed: float  # of one that has changed
+    creep: float = 0.0  # between two logs of an arm that has not
+    built: float = 0.0  # of an arm as it was built, from its drawing
+    kept: str = ""  # of what an adaptation leaves as it was; "" where that is not told
+    changed: str = "{name} changed by {value:+.3g} ± {half:.2g} {unit}"
+    whole: bool = False  # whether all of its parameters are one cause
 
 
-def _noisy_joint(evidence: Evidence) -> Cause:
-    """A joint whose encoder, or what it drives, is noisy."""
-    about = evidence.rows.model.about
-    assert evidence.tests.noisy is not None  # noqa: S101 - the caller looked
-    joint, sd = evidence.tests.noisy
-    unit = "rad" if about.revolute[joint] else "m"
-    factor, shown = for_people(unit)
-    name = about.joint_names[joint]
-    words = (
-        f"{name} is noisy, by {factor * sd:.2g} {shown}: its encoder, or play; no calibration "
-        "mends that"
-    )
-    return Cause(f"noise:{name}", "noise", words, sd, None, unit)
+_DEGREE = float(np.radians(1.0))
+GROUPS = {
+    # [rad], about the frame that fits the log best; of the extents
+    "view.rotation": Group(0.05, kept="the sensor's frame"),
+    "view.shift": Group(0.05),
+    "view.scale": Group(
+        0.3,
+        0,
+        0,
+        "the sensor's scale",
+        "the sensor's scale changed by {value:+.3g} %",
+        True,
+    ),
+    "view.shear": Group(
+        0.1, changed="the sensor's axes are stretched or sheared", whole=True
+    ),
+    # over the chain's length
+    "view.tilt": Group(0.3, 0, 0, "the camera's tilt", "the camera is tilted", True),
+    "lens": Group(
+        0.2, 0, 0, "the lens", "the sensor's frame is bent, as by a lens", True
+    ),
+    # of the mean length; as built [m]
+    "length": Group(
+        0.15,
+        1e-4,
+        1e-3,
+        "the links' lengths",
+        "the link of {joint} is {share}{size} {longer}",
+    ),
+    "offset": Group(
+        5 * _DEGREE,
+        0.02 * _DEGREE,
+        0.1 * _DEGREE,
+        "the joints' offsets",
+        "{joint} is off by {value:+.3g} ± {half:.2g} {unit}",
+    ),
+    "gain": Group(
+        0.03,
+        1e-4,
+        1e-3,
+        "the joints' gains",
+        "{joint} moves {value:+.3g} ± {half:.2g} % further than it says",
+    ),
+    "elastic": Group(
+        0.02,
+        2e-5,
+        1e-4,
+        "elasticity",
+        "{joint} bends under load, by up to {most:.3g} deg",
+        True,
+    ),
+    "payload": Group(
+        0.02,
+        2e-5,
+        1e-4,
+        "the payload",
+        "a payload bends {joint}, by up to {most:.3g} deg",
+        True,
+    ),
+    # over the prior of a robot
+    "placement": Group(5.0, 0.1, 1.0, "the joints' placements"),
+    "tool": Group(0.1, 1e-4, 1e-3, "the tool"),  # [m]
+    "tool.rotation": Group(0.3, 0.02 * _DEGREE, 0.1 * _DEGREE),
+    "curve": Group(  # of sizes that are given
+        0.0,
+        changed="{joint} has another error curve, by up to {most:.3g} deg",
+        whole=True,
+    ),
+}
+
+_NEVER = Group(0.0)  # of a group that is as it was, such as the coupling of joints
+
+TESTED = ("offset", "length", "gain", "placement", "tool", "elastic", "payload")
+"""Groups that are tested joint by joint."""
+
+_CAMERA = ("view.tilt", "view.shear", "view.scale")
+_GEOMETRY = ("offset", "length", "gain", "placement")
+_ARM = (*_GEOMETRY, "elastic", "tool")
+_SENSORS = {
+    "sensor": FRAME,
+    "scale": ("view.scale", *FRAME),
+    "tilt": (*_CAMERA, *FRAME),
+    "lens": ("lens", "view.scale", "view.shear", *FRAME),
+}
+"""Groups of each cause of the sensor, its own first."""
+
+_SETS = (
+    ("offset",),
+    ("length",),
+    ("gain",),
+    ("offset", "length"),
+    _GEOMETRY,
+    _ARM,
+    ("offset", *FRAME),
+    ("length", *FRAME),
+    (*_ARM, *FRAME),
+    (*_ARM, *_CAMERA, "lens", *FRAME),
+)
+"""Groups of which all parameters may have changed together."""
 
 
-def _scatter(evidence: Evidence) -> Cause | None:
-    """A scatter that is larger than usual, where that is no chance."""
-    tests = evidence.tests
-    unit_seen = evidence.unit_seen
-    noise = tests.noise
-    if evidence.attributed:  # a large change is not linear: what the best one leaves
-        size = float(evidence.reference.sizes[0])
-        noise = min(noise, evidence.findings[0].noise * size)
-    if not tests.noisier or noise <= NOISIER * tests.usual:
-        return None
-    factor, unit = for_people(unit_seen)
-    times = noise / tests.usual
-    words = f"the scatter is {factor * noise:.3g} {unit} per axis"
-    if times < _EXACT:  # of exact samples there is no usual one
-        words += f", {times:.2g} times the usual"
-    return Cause("noise", "noise", words, noise, None, unit_seen)
-
-
-def _turned_tool(evidence: Evidence) -> Cause:
-    """A tool that is turned about its own tip, as orientations tell."""
-    turn = evidence.tool.turn
-    angle = float(np.linalg.norm(turn))
-    half = 1.96 * float(np.sqrt(turn @ evidence.tool.covariance @ turn)) / angle
-    words = f"the tool is turned by {np.degrees(angle):.3g} deg (its orientation, not its place)"
-    return Cause.measured("tool", "tool.rotation", words, angle, half, "rad")
-
-
-def _told_once(causes: list[Cause], what: str) -> list[Cause]:
-    """Causes in which a camera or a board that moved in the hand stands once."""
-    moved = sorted(
-        (c for c in causes if c.group in ("tool", "tool.rotation")),
-        key=lambda c: c.unit != "rad",
-    )
-    if not moved:
-        return causes
-    factor, unit = for_people(moved[0].unit)
-    low, high = (factor * end for end in moved[0].interval or (0.0, 0.0))
-    how = (
-        "turned in its mount by"
-        if unit == "deg"
-        else "moved in its mount, what it sees by"
-    )
-    words = f"the {what} has {how} {abs(low + high) / 2:.3g} ± {(high - low) / 2:.2g} {unit}"
-    told = replace(moved[0], cause="tool", words=words)
-    return [told, *(cause for cause in causes if cause not in moved)]
-
-
-def _of_change(evidence: Evidence) -> list[Cause]:
-    """Each parameter that is clearly away from where it was, the largest effect first.
-
-    Of the simplest hypothesis, or of the most telling test where none is clearly better than none.
-    """
-    structure = evidence.reference.structure
-    old = evidence.prior.beta
-    best = simplest(evidence.findings)
-    groups = best.hypothesis
-    beta = best.beta
-    deviation = best.deviation
-    if not evidence.attributed:
-        own = ("sensor", "lens") if evidence.cause == "sensor" else ""
-        above = [
-            g.change for g in fired(evidence.tests.groups) if g.name.startswith(own)
-        ]
-        if not above or above[0] is None:
-            return []
-        indices, sizes, deviations = above[0]
-        groups = tuple(
-            dict.fromkeys(structure.labels[k].group for k in indices.tolist())
+def check_cause(cause: str | None) -> None:
+    """Refuse what nobody can know of a change."""
+    if cause is not None and cause not in CAUSES:
+        hint = f"choose one of {', '.join(CAUSES)}"
+        raise OptionError(
+            f"cause {cause!r} is unknown", hint=hint, parameter="cause", value=cause
         )
-        step = np.zeros(len(old))
-        step[indices] = sizes
-        deviation = np.zeros(len(old))
-        deviation[indices] = deviations
-        beta = structure.retract(old, step)
-    elif not groups:
-        words = "the joints have waves that the model does not know: gears, or their sensors"
-        return [Cause("curve", "curve", words)] * (best.waves > CREEP)
-    change = beta - old
-    size = np.zeros(len(old))
-    free = np.flatnonzero(deviation)
-    clear = (deviation > 0) & (np.abs(change) > _SIGNIFICANT * deviation)
-    # root mean square displacement by one of each parameter
-    moves = structure.linearise(evidence.rows.probes, beta, free)[1]
-    size[free] = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
-    effect = np.abs(change * size)
-    told = {cause.cause for cause in evidence.reference.causes}
-    causes: list[tuple[float, Cause]] = []
-    for group in groups:
-        if group in FRAME or (group == "view.scale" and "scale" in told):
-            continue
-        for _, every in parts_of(structure, group):
-            some = every[clear[every]]
-            most = float(np.abs(change[every]).max())
-            whole = GROUPS[group.partition(":")[0]].whole
-            if whole and len(some):  # by its largest one
-                some = some[[np.argmax(np.abs(change[some]))]]
-            for k in some.tolist():
-                moved = float(np.linalg.norm(effect[every if whole else [k]]))
-                causes.append(
-                    (moved, _of_parameter(evidence, k, change[k], deviation[k], most))
+
+
+def check_free(free: str) -> None:
+    """Refuse what cannot be freed by itself."""
+    if free not in ("all", "offsets"):
+        hint = "choose all or offsets"
+        raise OptionError(
+            f"free {free!r} is unknown", hint=hint, parameter="free", value=free
+        )
+
+
+def single_causes(structure: Structure, cause: str | None = None) -> dict[str, Indices]:
+    """Return the parameters of each cause that may stand alone.
+
+    cause : {"sensor", "joints", "offsets"}, if it is known that only these may have changed;
+        "offsets" are the joints' zeros and the frame
+    """
+    causes: dict[str, Indices] = {}
+    if cause == "offsets":
+        causes["sensor"] = indices_of(structure, FRAME)
+    elif cause != "joints":
+        for name, groups in _SENSORS.items():
+            if len(indices_of(structure, groups[:1])):
+                causes[name] = indices_of(structure, groups)
+    if cause != "sensor":
+        for group in ("offset",) if cause == "offsets" else TESTED:
+            for index in indices_of(structure, (group,)).tolist():
+                place = structure.labels[index].joint
+                if (
+                    group == "placement"
+                    and place == structure.joint_names[0]
+                    and cause != "joints"
+                ):
+                    continue  # the first origin's place is the sensor's frame
+                # a payload bends all joints at once
+                joint = (
+                    None
+                    if group in ("elastic", "payload")
+                    else structure.labels[index].joint
                 )
-    frame = indices_of(structure, FRAME)
-    other = not told.isdisjoint(("mirror", "scale"))
-    only = not evidence.attributed and {*groups} <= {*filter(is_sensors, groups)}
-    if FRAME[0] in groups and (other or only or clear[frame].any()):
-        moved = math.inf if other else float(np.linalg.norm(effect[frame]))
-        causes.append((moved, _moved_sensor(evidence, beta, deviation)))
-    causes.sort(key=lambda pair: -pair[0])
-    least = _MATTERS * max(
-        (moved for moved, _ in causes if math.isfinite(moved)), default=0.0
-    )
-    return [cause for moved, cause in causes if moved >= least]
+                name = f"{group}:{joint}" if joint else group
+                causes[name] = np.append(causes.get(name, np.zeros(0, np.intp)), index)
+    return causes
 
 
-def _half_width(evidence: Evidence, k: int, change: float, sd: float) -> float:
-    """Half of the 95 % interval of a parameter's change.
+def rich_sets(structure: Structure, cause: str | None = None) -> dict[str, Indices]:
+    """Return the parameters of causes that may have changed together.
 
-    It holds what the other explanations say that the evidence hardly tells from the best: rows
-    that show a sum of two changes do not show each.
+    cause : as of `single_causes`
     """
-    half = 1.96 * sd
-    if not evidence.attributed:
-        return half
-    best = evidence.findings[0].evidence
-    for other in evidence.findings:
-        if other.evidence > best - NATS:
-            apart = abs(float(other.beta[k] - evidence.prior.beta[k]) - change)
-            half = max(half, apart + 1.96 * float(other.deviation[k]))
-    return half
+    if cause == "sensor":
+        return {}
+    sets: tuple[tuple[str, ...], ...] = _SETS
+    if cause == "joints":
+        sets = tuple(groups for groups in _SETS if FRAME[0] not in groups)
+    elif cause == "offsets":
+        sets = (("offset",), ("offset", *FRAME))
+    return {"+".join(groups): indices_of(structure, groups) for groups in sets}
 
 
-def _of_parameter(
-    evidence: Evidence, k: int, change: float, sd: float, most: float
-) -> Cause:
-    """A cause that one parameter tells, by its change and that one's sd.
-
-    most : the largest change of all parameters of its group and joint
-    """
-    label = evidence.reference.structure.labels[k]
-    old = float(evidence.prior.beta[k])
-    change = float(change)
-    half = _half_width(evidence, k, change, float(sd))
-    group = "curve" if label.group.startswith("curve") else label.group
-    joint = label.joint or ""
-    factor, unit = for_people(label.unit) if label.unit != "1" else (100.0, "%")
-    size = ""
-    if unit == "mm":
-        size = f" ({factor * abs(change):.3g} ± {factor * half:.2g} mm)"
-    value = math.expm1(change) if group == "view.scale" else change
-    words = GROUPS[group].changed.format(
-        joint=joint,
-        name=label.name,
-        unit=unit,
-        half=factor * half,
-        most=math.degrees(most),
-        value=factor * value,
-        size=size,
-        share=f"{100 * abs(change / old) if old else math.nan:.3g} %",
-        longer="longer" if change > 0 else "shorter",
-    )
-    kind = group.removeprefix("view.")
-    name = f"{kind}:{joint}" if joint else kind
-    return Cause.measured(name, label.group, words, change, half, label.unit)
+def is_sensors(group: str) -> bool:
+    """Whether a group of parameters is the sensor's."""
+    return group.startswith("view.") or group == "lens"
 
 
-def _moved_sensor(evidence: Evidence, beta: Array, deviation: Array) -> Cause:
-    """The sensor's frame as one cause, its rotation as the number."""
-    turn = evidence.reference.structure.groups["view.rotation"]
-    moved = frame_between(evidence, beta)
-    half = 1.96 * float(np.linalg.norm(deviation[turn]))
-    value = moved.angle
-    if len(turn) == 1:  # with its sign, also of a mirrored one
-        value = math.remainder(
-            float(beta[turn[0]] - evidence.prior.beta[turn[0]]), 2 * math.pi
-        )
-    words = f"the sensor's frame moved: {moved.words(evidence.unit_seen)}"
-    if half > _VAGUE:
-        words += f" (the turn to ± {math.degrees(half):.2g} deg)"
-    return Cause.measured("sensor", "view.rotation", words, value, half, "rad")
-
-
-def frame_between(evidence: Evidence, beta: Array) -> Alignment:
-    """The sensor's new frame, of parameters (d,), as an affine map of the old one."""
-    structure = evidence.reference.structure
-    probes = evidence.rows.probes
-    mixed = evidence.prior.beta.copy()
-    sensors = indices_of(structure, filter(is_sensors, structure.groups))
-    mixed[sensors] = beta[sensors]
-    before = evidence.rows.body.predict(probes)
-    after = structure.predict(probes, mixed)
-    places = slice(structure.blocks[0])
-    return Alignment.between(before[:, places], after[:, places])
-
-
-def _twins(evidence: Evidence, causes: list[Cause]) -> list[str]:
-    """Add what says the same as a cause that is named; the directions that are one, in words."""
-    about = evidence.rows.model.about
-    by_name = {cause.cause: cause for cause in causes}
-    notes: list[str] = []
-    if about.revolute[0] and "mirror" not in by_name:
-        notes += _turns_of_the_base(evidence, by_name, causes)
-    if all(about.revolute) and _all_larger(evidence, by_name):
-        notes.append(
-            f"a sensor that shows all larger and links that are all longer {_WHICH}"
-        )
-    return notes if evidence.cause is None else []
-
-
-def _turns_of_the_base(
-    evidence: Evidence, by_name: dict[str, Cause], causes: list[Cause]
-) -> list[str]:
-    """An offset of the first joint beside a sensor that turned about its axis, or the reverse."""
-    name = evidence.rows.model.about.joint_names[0]
-    offset = by_name.get(f"offset:{name}")
-    sensor = by_name.get("sensor")
-    if offset is None and sensor is not None and _is_an_offset(evidence, sensor):
-        mirror = getattr(evidence.rows.body.structure, "mirror", 1)
-        value = mirror * (sensor.value or 0.0)
-        words = f"or {name} is off by {math.degrees(value):.3g} deg"
-        half = float(np.ptp(sensor.interval or (0.0,))) / 2
-        offset = Cause.measured(f"offset:{name}", "offset", words, value, half, "rad")
-        causes.append(offset)
-    elif offset is not None and sensor is None:
-        turn = math.degrees(offset.value or 0.0)
-        words = f"or the sensor turned by {turn:.3g} deg about {name}"
-        causes.append(
-            replace(offset, cause="sensor", group="view.rotation", words=words)
-        )
-    if offset is None:
-        return []
+def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
+    """Parts of a group, or of a "group:joint", each with its parameters: the joints' curves."""
+    group, _, joint = group.partition(":")
+    curves = group == "curve"
+    own = [
+        n
+        for n in structure.groups
+        if (n.startswith("curve.") if curves else n == group)
+    ]
+    labels = structure.labels
     return [
-        f"an offset of the first joint and a turn of the sensor about its axis {_WHICH}"
+        (
+            name,
+            np.array(
+                [k for k in structure.groups[name] if joint in ("", labels[k].joint)],
+                int,
+            ),
+        )
+        for name in own
     ]
 
 
-def _is_an_offset(evidence: Evidence, sensor: Cause) -> bool:
-    """Whether an offset of the first joint alone moves the tip as the frame did."""
-    body = evidence.rows.body
-    probes = evidence.rows.probes
-    structure = body.structure
-    if not evidence.attributed or "offset" not in structure.groups:
-        return False
-    frame = indices_of(structure, FRAME)
-    offset = body.beta.copy()
-    framed = body.beta.copy()
-    offset[structure.groups["offset"][0]] += getattr(structure, "mirror", 1) * (
-        sensor.value or 0.0
+def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
+    """Parameters (k,) of some groups; those that the structure does not have are left out."""
+    parts = [ix for group in groups for _, ix in parts_of(structure, group)]
+    return np.concatenate([np.zeros(0), *parts]).astype(np.intp)
+
+
+def freedom(
+    body: Body,
+    groups: tuple[str, ...],
+    cause: str | None = None,
+    forgotten: Indices | None = None,
+) -> Array:
+    """Standard deviation (d,) by which the parameters of some groups may have changed.
+
+    forgotten : parameters of a frame that was fitted to the log: a narrow prior would count rows
+        twice
+    """
+    sd = _deviations(body, groups, "freed", BUILT_CURVE, cause=cause)
+    if FRAME[1] in groups and forgotten is not None:
+        sd[np.intersect1d(indices_of(body.structure, FRAME), forgotten)] *= ANYWHERE
+    return sd
+
+
+def creep(body: Body, waves: float = CREEP) -> Array:
+    """Standard deviation (d,) by which the arm's own parameters may have crept.
+
+    waves : that of the joints' curves over their prior's; beyond `CREEP` of those too that the
+        belief leaves out
+    """
+    sd = _deviations(body, _arms(body), "creep", waves)
+    known = body.active
+    if waves > CREEP:
+        known = np.union1d(known, indices_of(body.structure, ("curve",)))
+    return np.where(np.isin(np.arange(len(sd)), known), sd, 0.0)
+
+
+def as_built(body: Body) -> Body:
+    """The belief that a changed arm starts from: of a simulation, that of an arm as it is built."""
+    structure: Any = body.structure
+    body = replace(
+        body, tau=np.maximum(body.tau, LOG_FLOOR * np.asarray(structure.extents))
     )
-    framed[frame] = evidence.findings[0].beta[frame]
-    before = structure.predict(probes, body.beta)
-    turned = structure.predict(probes, framed)
-    apart = np.linalg.norm(turned - structure.predict(probes, offset))
-    return bool(apart <= _ALIKE * np.linalg.norm(turned - before) + 1e-12)
+    if not body.simulated:
+        return body
+    sd = _deviations(body, _arms(body), "built", BUILT_CURVE, 1.0)
+    if structure.kind == "spatial":  # the first origin's place is the frame's own
+        sd[np.concatenate([structure.shifts[0], structure.turns[0]])] = 0.0
+    # What the samples left open stays correlated: along the gauge of a chain without a drawing,
+    # deviations alone, of radians, would say that nothing was learned.
+    active = np.union1d(np.flatnonzero(sd), body.active)
+    covariance = np.diag(sd[active] ** 2)
+    covariance[np.ix_(*2 * (np.searchsorted(active, body.active),))] += body.covariance
+    return replace(body, active=active, root=root_of(covariance), second=None)
 
 
-def _all_larger(evidence: Evidence, by_name: dict[str, Cause]) -> bool:
-    """Whether all links are longer by one share, or the sensor's scale says so."""
-    lengths = evidence.rows.body.structure.groups.get("length", ())
-    scale = by_name.get("scale")
-    if scale is not None and scale.interval is not None and len(lengths):
-        return True
-    shares = []
-    for name, k in zip(evidence.rows.model.about.joint_names, lengths, strict=False):
-        cause = by_name.get(f"length:{name}")
-        if cause is None or cause.interval is None:
-            return False
-        shares.append(np.array(cause.interval) / evidence.prior.beta[k])
-    return bool(shares) and bool(np.max(shares, axis=0)[0] <= np.min(shares, axis=0)[1])
+def as_drawn(body: Body) -> Body:
+    """The belief that all but the joints' zeros and the sensor's frame is as the model has it."""
+    body = as_built(body)
+    structure = body.structure
+    own = [name for name in structure.groups if name == "offset" or is_sensors(name)]
+    open_ = np.flatnonzero(np.isin(body.active, indices_of(structure, own)))
+    root = root_of(body.covariance[np.ix_(open_, open_)])
+    return replace(body, active=body.active[open_], root=root, second=None)
+
+
+def _arms(body: Body) -> tuple[str, ...]:
+    return tuple(g for g in body.structure.groups if not is_sensors(g))
+
+
+def _deviations(
+    body: Body,
+    groups: tuple[str, ...],
+    kind: str,
+    curve: float,
+    metre: float = 0.0,
+    cause: str | None = None,
+) -> Array:
+    """Standard deviation (d,) of the parameters of some groups by a column of `GROUPS`, else 0.
+
+    curve : that of the joints' curves, over their prior's
+    metre : what lengths are told in; their mean where not given
+    """
+    structure: Any = body.structure
+    sd = np.zeros(structure.size)
+    extent = float(structure.extents[0])
+    offset, lengths = (indices_of(structure, (g,)) for g in ("offset", "length"))
+    links = np.abs(body.beta[lengths]) if len(lengths) else np.ones(1)
+    # what is tilted is the chain, in its own unit: a log may be in another
+    chain = float(links.sum()) if links.any() and len(lengths) else extent
+    times = {
+        "view.shift": extent,
+        "view.tilt": 1.0 / chain,
+        "length": metre or links.mean(),
+    }
+    for name, ix in (part for group in groups for part in parts_of(structure, group)):
+        if name.startswith("curve"):
+            sd[ix] = curve * structure.prior((name,)).sd[ix]
+            continue
+        group = GROUPS.get(name, _NEVER)
+        sd[ix] = getattr(group, kind) * times.get(name, 1.0)
+        if name == "placement":
+            # A chain without a drawing has flat priors of its joint origins.  What was learned has
+            # taken their place: shares of them let origins creep by a tenth of the reach.
+            least = np.where(np.isin(ix, structure.turns), TURN, SHIFT)
+            sd[ix] *= np.minimum(structure.prior((name,)).sd[ix], least)
+    # what a free frame already says: the first joint's offset, the first length
+    if len(offset) and offset[0] not in body.active and cause != "joints":
+        sd[offset[0]] = 0.0
+    if np.isin(lengths[1:], body.active).any() and lengths[0] not in body.active:
+        sd[lengths[0]] = 0.0
+    return sd

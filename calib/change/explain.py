@@ -1,188 +1,321 @@
-"""Explaining: which hypotheses account for a log, each with its evidence.
+"""Explaining: which sets of causes account for a log, each with its evidence.
 
 It is Laplace's, with the likelihood raised to the power 1 / temper: rows that resemble their
-neighbours count for less than their number.
+neighbours count for less than their number.  Causes are added one by one, each of which pays the
+logarithm of how many there are; the best sets are fitted to convergence, and where that leads far
+the system is set up again there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..body.covariance import autocorrelation_time
 from ..body.normal import Factor
+from ..body.parameters import Indices
 from ..body.settings import NATS
 from ..common.arrays import Array
-from .equations import Equations, Log
+from .causes import FRAME, freedom, indices_of, rich_sets, single_causes
 from .frame import Reference
-from .hypotheses import FRAME, Hypothesis, freedom, hypotheses_of, is_framed
-from .settings import CREEP, MARGIN, OWN
+from .settings import CREEP, MARGIN, OWN, Level
+from .system import Information, System
 
-_ROWS = 200  # that hypotheses are compared on
+_CAUSES = 3  # that belong together at most
+_BEAM = 4  # sets of causes to which further ones are added
+_BETTER = 1.0  # nats by which one more cause must better the evidence
+_ROUNDS = 3  # in which the system is set up at the best explanation
+_FITTED = 8  # explanations of a round that are fitted to convergence at most
 _STEPS = 12  # of Gauss-Newton at most
-_AVERAGED = 6  # explanations at most
 _NOTHING_LEFT = 1e-2  # twice the nats by which a step must better the fit
 
 
-@dataclass(frozen=True)
-class Explanation:
-    """One hypothesis, as far as a log goes."""
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A set of causes in the linear system."""
 
-    hypothesis: Hypothesis
-    factor: float  # times the usual size of the log's own residual
-    waves: float  # sd of the joints' curves by which this arm may differ, over their prior's
-    origin: Array  # (d,), parameters that it starts from
+    causes: tuple[str, ...]
+    level: Level
+    indices: Indices  # parameters that are free
+    step: Array  # their change
+    evidence: float
+    cost: float  # of choosing these among all causes [nats]
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A set of causes fitted to a log."""
+
+    causes: tuple[str, ...]
+    level: Level
+    reference: Reference
+    indices: Indices  # parameters that are free
     beta: Array  # (d,), parameters of the greatest evidence
-    # (d,), posterior standard deviations of those that were free, zero elsewhere
+    # (d,), posterior standard deviations of those that are free, zero elsewhere
     deviation: Array
     sd: Array  # (d,), standard deviations by which they were free to change
     evidence: float  # logarithm of the tempered evidence [nats]
-    fit: float  # the same without what its freedom costs, which no narrower one exceeds [nats]
     noise: float  # noise of the log, in `Reference.sizes`
     temper: float  # rows that count for one
-    residual: Array  # (n, m) [unit], measured less predicted outputs of the rows that were compared
+    # (n, m) [unit], measured less predicted outputs of the rows compared
+    residual: Array
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Groups of the parameters that are free."""
+        labels = self.reference.structure.labels
+        return tuple(dict.fromkeys(labels[k].group for k in self.indices.tolist()))
 
     @property
     def unchanged(self) -> bool:
         """Whether it says that the arm and its sensor are as they were."""
-        return not self.hypothesis and (self.factor, self.waves) in OWN[:3]
+        return self.level.calm and not len(self.indices)
 
     @property
     def name(self) -> str:
         """Such as "frame, length", or what it is where nothing is freed."""
-        own = [g.removeprefix("view.") for g in self.hypothesis if g not in FRAME]
-        shape = "waves of the joints" if self.waves > CREEP else "a smooth residual"
-        return ", ".join([*["frame"] * is_framed(self.hypothesis), *own]) or shape
+        names = [
+            group.removeprefix("view.") for group in self.groups if group not in FRAME
+        ]
+        if FRAME[0] in self.groups:
+            names.insert(0, "frame")
+        shape = (
+            "waves of the joints" if self.level.waves > CREEP else "a smooth residual"
+        )
+        return ", ".join(names) or shape
+
+
+class Search:
+    """Sets of causes of a log beside a reference.
+
+    framed : whether the frame is always free, as one that no posterior tells of
+    """
+
+    def __init__(self, system: System, cause: str | None, *, framed: bool) -> None:
+        reference = system.reference
+        structure = reference.structure
+        self.system = system
+        self._informations: dict[Level, Information] = {}
+        self.temper = max(reference.body.kappa, 1.0) ** 2
+        groups = tuple(
+            dict.fromkeys(structure.labels[k].group for k in system.indices.tolist())
+        )
+        self.sd = freedom(reference.body, groups, cause, reference.forgotten)
+        self.start = indices_of(structure, FRAME if framed else ())
+        self.singles = self._free(single_causes(structure, cause))
+        self.sets = self._free(rich_sets(structure, cause))
+        self.cost = float(np.log(max(len(self.singles) + len(self.sets), 1)))
+
+    def _free(self, sets: dict[str, Indices]) -> dict[str, Indices]:
+        """Return the parameters of each that can be free; causes of none are left out."""
+        free = {name: indices[self.sd[indices] > 0.0] for name, indices in sets.items()}
+        return {name: indices for name, indices in free.items() if len(indices)}
+
+    def _information(self, level: Level) -> Information:
+        """What the rows tell at a level of the log's own residual."""
+        if level not in self._informations:
+            sd = self.sd[self.system.indices]
+            self._informations[level] = Information(self.system, level, sd)
+        return self._informations[level]
+
+    def candidates(self) -> list[Candidate]:
+        """Return nothing, sets that belong together, and causes added one by one."""
+        found: dict[tuple[str, ...], list[Candidate]] = {(): self._by_level((), ())}
+        for name, indices in self.sets.items():
+            found[(name,)] = self._by_level((name,), (indices,))
+        beam: list[tuple[str, ...]] = [()]
+        best = found[()][0].evidence
+        for _ in range(_CAUSES):
+            longer: dict[tuple[str, ...], list[Candidate]] = {}
+            for causes in beam:
+                for name in self.singles:
+                    key = tuple(sorted({*causes, name}))
+                    if len(key) > len(causes) and key not in longer:
+                        parts = [self.singles[cause] for cause in key]
+                        longer[key] = self._by_level(key, parts)
+            beam = sorted(longer, key=lambda key: -longer[key][0].evidence)[:_BEAM]
+            found.update(longer)
+            if not beam or longer[beam[0]][0].evidence < best + _BETTER:
+                break
+            best = longer[beam[0]][0].evidence
+        every = [candidate for by_level in found.values() for candidate in by_level]
+        return sorted(every, key=lambda candidate: -candidate.evidence)
+
+    def unchanged(self) -> list[Candidate]:
+        """Return the sizes of the log's own residual alone."""
+        return self._by_level((), ())
+
+    def richest(self) -> Explanation:
+        """Fit all causes at once."""
+        parts = tuple(self.singles.values())
+        (candidate,) = self._by_level(("all",), parts, OWN[:1])
+        return self.fitted(candidate)
+
+    def _by_level(
+        self,
+        causes: tuple[str, ...],
+        parts: Iterable[Indices],
+        levels: Sequence[Level] = OWN,
+    ) -> list[Candidate]:
+        """Return one set of causes at each level, the best first."""
+        indices = np.unique(np.concatenate([self.start, *parts])).astype(np.intp)
+        places = np.searchsorted(self.system.indices, indices)
+        cost = self.cost * len(causes)
+        candidates = []
+        for level in levels:
+            value, step = self._information(level).evidence(places, self.temper)
+            step = step * self.sd[indices]
+            candidates.append(
+                Candidate(causes, level, indices, step, value - cost, cost)
+            )
+        return sorted(candidates, key=lambda candidate: -candidate.evidence)
+
+    def fitted(self, candidate: Candidate) -> Explanation:
+        """Fit a set by damped Gauss-Newton steps: its noise by likelihood, its evidence."""
+        reference = self.system.reference
+        structure = reference.structure
+        log = self.system.log
+        unknown = self.system.unknown(candidate.level)
+        free = candidate.indices
+        sd = np.zeros(structure.size)
+        sd[free] = self.sd[free]
+        origin = reference.beta
+        full = np.zeros(structure.size)
+
+        def state(beta: Array, noise: float = 0.0) -> tuple[Array, Array, float, float]:
+            """Residuals, also whitened, the noise where it is not given, and the cost [nats]."""
+            with np.errstate(all="ignore"):
+                residual = structure.residual(log.z, structure.predict(log.q, beta))
+            y = unknown.whiten(residual)
+            noise = noise or unknown.most_likely_noise(y)
+            moved = (beta - origin)[free] / sd[free]
+            likelihood = float(unknown.likelihood(y, noise)[0])
+            return (
+                residual,
+                y,
+                noise,
+                0.5 * float(moved @ moved) - likelihood / self.temper,
+            )
+
+        full[free] = candidate.step
+        starts = [structure.retract(origin, full), origin]
+        beta = min(
+            starts, key=lambda start: np.nan_to_num(state(start)[-1], nan=np.inf)
+        )
+        residual, y, noise, cost = state(beta)
+        for _ in range(_STEPS):
+            columns = unknown.whiten(
+                structure.linearise(log.q, beta, free)[1] * sd[free]
+            )
+            power, pull = unknown.information(y, columns, noise)
+            factor = Factor(power / self.temper + np.eye(len(free)))
+            lead = pull / self.temper - (beta - origin)[free] / sd[free]
+            step = factor.solve(lead)
+            shares = (
+                0.3 ** np.arange(6.0) if float(lead @ step) >= _NOTHING_LEFT else ()
+            )
+            for share in shares:
+                full[free] = share * step * sd[free]
+                moved = structure.retract(beta, full)
+                if state(moved, noise)[-1] <= cost - 0.5 * _NOTHING_LEFT:
+                    break
+            else:
+                break
+            beta = moved
+            residual, y, noise, cost = state(beta)
+        deviation = np.zeros(structure.size)
+        if len(free):
+            deviation[free] = sd[free] * np.sqrt(factor.variances())
+        return Explanation(
+            causes=candidate.causes,
+            level=candidate.level,
+            reference=reference,
+            indices=free,
+            beta=beta,
+            deviation=deviation,
+            sd=sd,
+            evidence=-cost - 0.5 * factor.log_determinant() - candidate.cost,
+            noise=noise,
+            temper=self.temper,
+            residual=residual,
+        )
+
+    def explanations(self) -> list[Explanation]:
+        """Fit the best sets; set the system up again where that leads far."""
+        fits: dict[tuple[tuple[str, ...], Level], Explanation] = {}
+        best: Explanation | None = None
+        for candidate in self.unchanged():
+            fits[(candidate.causes, candidate.level)] = self.fitted(candidate)
+        for _ in range(_ROUNDS):
+            candidates = self.candidates()
+            promised = candidates[0]
+            for candidate in candidates[:_FITTED]:
+                key = (candidate.causes, candidate.level)
+                explanation = self.fitted(candidate)
+                if key not in fits or explanation.evidence > fits[key].evidence:
+                    fits[key] = explanation
+            last = best
+            best = max(fits.values(), key=lambda explanation: explanation.evidence)
+            if abs(best.evidence - promised.evidence) < MARGIN:
+                break
+            if last is not None and best.causes == last.causes:
+                break
+            self.system = self.system.again(best.beta)
+            self._informations = {}
+        return list(fits.values())
 
 
 def explain(
-    reference: Reference,
-    log: Log,
-    cause: str | None = None,
-    calm: bool = False,
-    link: str | None = None,
+    systems: Sequence[System], cause: str | None, *, calm: bool
 ) -> tuple[Explanation, ...]:
-    """All hypotheses with their evidence, best first.
+    """Return sets of causes with their evidence, the best first.
 
-    link : "placement:JOINT" that the tests name first, if they do: a link was bent or exchanged
+    systems : the log beside the belief as it was, and in the frame that fits the log best where
+        that is far
     calm : whether nothing changed: only the sizes of the log's own residual are then compared
     """
-    every = ((),) if calm else hypotheses_of(reference.structure, cause)
-    if link is not None and not calm and cause != "sensor":
-        every = (*every[:1], (link,), *every[1:])
-    *narrow, richest = (h for h in every if is_framed(h) or calm or not reference.new)
-    log = log.some(_ROWS)
-    found = list[Explanation]()
-    at = dict[Hypothesis, Array]()
-    temper = max(reference.body.kappa, 1.0) ** 2
-    for own in OWN:
-        equations = Equations(reference, log, factor=own[0], waves=own[1])
-        if not found:  # rows that err together count once
-            rich = _fitted(richest, equations, own, temper, None, cause)
-            rest = equations.rest(equations.whiten(rich.residual), rich.noise)
-            temper, at[richest] = max(temper, autocorrelation_time(rest)), rich.beta
-        # The richest first: none that frees less fits better, whatever its prior.
-        rich = _fitted(richest, equations, own, temper, at.get(richest), cause)
-        best = max((e.evidence for e in found), default=-np.inf)
-        tried = [h for h in narrow if not h or rich.fit >= best - 2 * MARGIN]
-        found += [
-            rich,
-            *(_fitted(h, equations, own, temper, at.get(h), cause) for h in tried),
-        ]
-        at = {e.hypothesis: e.beta for e in found}
-    return tuple(sorted(found, key=lambda e: -e.evidence))
-
-
-def _fitted(
-    hypothesis: Hypothesis,
-    equations: Equations,
-    own: tuple[float, float],
-    temper: float,
-    start: Array | None,
-    cause: str | None,
-) -> Explanation:
-    """Damped Gauss-Newton steps of one hypothesis, its noise by likelihood, its evidence."""
-    reference = equations.reference
-    log = equations.log
-    structure = reference.structure
-    sd = freedom(reference.body, hypothesis, cause, reference.forgotten)
-    free = np.flatnonzero(sd > 0)
-    full = np.zeros(len(sd))
-    # without a free frame the sensor is where it was
-    held = is_framed(hypothesis) or reference.new
-    origin = reference.beta if held else reference.body.beta
-    beta = origin if start is None else start
-
-    def seen(beta: Array, noise: float = 0.0) -> tuple[Array, Array, float, float]:
-        """Residuals, also whitened, the noise where it is not given, and the cost [nats]."""
-        with np.errstate(all="ignore"):
-            left = structure.residual(log.z, structure.predict(log.q, beta))
-        y = equations.whiten(left)
-        noise = noise or equations.most_likely_noise(y)
-        moved = (beta - origin)[free] / sd[free]
-        likely = float(equations.likelihood(y, noise)[0])
-        return left, y, noise, 0.5 * float(moved @ moved) - likely / temper
-
-    left, y, noise, cost = seen(beta)
-    for _ in range(_STEPS):
-        _, x = structure.linearise(log.q, beta, free)
-        power, pull = equations.information(y, equations.whiten(x * sd[free]), noise)
-        factor = Factor(power / temper + np.eye(len(free)))
-        lead = pull / temper - (beta - origin)[free] / sd[free]
-        step = factor.solve(lead)
-        shares = 0.3 ** np.arange(6.0) if float(lead @ step) >= _NOTHING_LEFT else ()
-        for share in shares:
-            full[free] = share * step * sd[free]
-            moved = structure.retract(beta, full)
-            if seen(moved, noise)[-1] <= cost - 0.5 * _NOTHING_LEFT:
-                break
+    explanations: list[Explanation] = []
+    temper = 1.0
+    for system in reversed(systems):
+        last = system is systems[-1]
+        framed = system.reference.new or (last and len(systems) > 1)
+        search = Search(system, cause, framed=framed)
+        if last:  # rows that err together count once
+            rich = search.richest()
+            unknown = system.unknown(OWN[0])
+            rest = unknown.rest(unknown.whiten(rich.residual), rich.noise)
+            temper = autocorrelation_time(rest)
+        search.temper = max(search.temper, temper)
+        if calm:
+            explanations += [
+                search.fitted(candidate) for candidate in search.unchanged()
+            ]
         else:
-            break
-        beta, (left, y, noise, cost) = moved, seen(moved)
-    deviation = np.zeros(len(beta))
-    deviation[free] = sd[free] * np.sqrt(factor.variances()) if len(free) else 0.0
-    evidence = -cost - 0.5 * factor.log_determinant()
-    return Explanation(
-        hypothesis,
-        *own,
-        origin,
-        beta,
-        deviation,
-        sd,
-        evidence,
-        -cost,
-        noise,
-        temper,
-        left,
-    )
+            explanations += search.explanations()
+    return tuple(sorted(explanations, key=lambda explanation: -explanation.evidence))
 
 
-def is_changed(found: Sequence[Explanation]) -> bool:
+def is_changed(explanations: Sequence[Explanation]) -> bool:
     """Whether something else than nothing explains the log, by the margin."""
-    nothing = [e.evidence for e in found if e.unchanged]
-    return not nothing or found[0].evidence > max(nothing) + MARGIN
+    nothing = [each.evidence for each in explanations if each.unchanged]
+    return not nothing or explanations[0].evidence > max(nothing) + MARGIN
 
 
-def weighed(some: Sequence[Explanation]) -> list[tuple[float, Explanation]]:
-    """The explanations that count with their posterior weights, that to update by first.
-
-    It is the best, with the least residual of the log's own that the evidence hardly tells from it.
-    """
-    best = some[0]
-    some = [e for e in some if e.evidence > best.evidence - MARGIN][:_AVERAGED]
-    weight = np.exp(np.array([e.evidence for e in some]) - best.evidence)
-    chosen = list(zip((weight / weight.sum()).tolist(), some, strict=True))
-
-    def alike(e: Explanation) -> bool:
-        return e.hypothesis == best.hypothesis and e.evidence > best.evidence - NATS
-
-    first = min(filter(alike, some), key=lambda e: OWN.index((e.factor, e.waves)))
-    return sorted(chosen, key=lambda pair: pair[1] is not first)
+def least_residual(explanations: Sequence[Explanation]) -> Explanation:
+    """The best, with the least residual of the log's own that the evidence hardly tells from it."""
+    best = explanations[0]
+    alike = [
+        each
+        for each in explanations
+        if each.causes == best.causes and each.evidence > best.evidence - NATS
+    ]
+    return min(alike, key=lambda each: OWN.index(each.level))
 
 
-def simplest(found: Sequence[Explanation]) -> Explanation:
+def simplest(explanations: Sequence[Explanation]) -> Explanation:
     """The one that frees least, of those that the evidence hardly tells from the best."""
-    some = [e for e in found if e.evidence > found[0].evidence - NATS]
-    return min(some, key=lambda e: (len(e.hypothesis), -e.evidence))
+    least = explanations[0].evidence - NATS
+    some = [each for each in explanations if each.evidence > least]
+    return min(some, key=lambda each: (len(each.indices), -each.evidence))

@@ -3,7 +3,7 @@
 The residuals of a log, whitened, are linear in all that may have changed and Gaussian in all that
 is not known::
 
-    y = X d + e,    e ~ N(0, K + s^2),    d ~ N(0, diag(sd^2)) of a hypothesis, else 0
+    y = X d + e,    e ~ N(0, K + s^2),    d ~ N(0, diag(sd^2)) of a cause that is freed, else 0
 
 X has a column for each parameter of the arm and its sensor; K is the model's own posterior, a
 creep, and a smooth residual of this log alone.  Tests, evidences and estimates are sub-blocks of
@@ -20,22 +20,37 @@ import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..common.parallel import one_blas_thread
-from ..errors import ModelError
+from ..errors import ModelError, require
 from ..model.model import Model
 from ..samples.samples import Samples
-from .causes import causes_of, maps_cause, play_cause
-from .equations import Log, shared_variance, sound_rows
+from .causes import (
+    Cause,
+    as_built,
+    as_drawn,
+    check_cause,
+    check_free,
+    freedom,
+    single_causes,
+)
+from .distortion import Signal, distortions
 from .evidence import Evidence
 from .explain import explain, is_changed
 from .frame import Reference, carried_offset, reference_of
-from .hypotheses import Cause, as_built, as_drawn, check_cause, check_free
-from .play import find_play
 from .rows import LogRows, rows_of
-from .score import BoundTest, Tested, bound_test, group_tests
-from .settings import BEYOND, OUTLIER
+from .settings import BEYOND, FALSE_ALARM, OUTLIER
+from .significance import (
+    BoundTest,
+    GroupTest,
+    Tested,
+    bound_test,
+    find_play,
+    fired,
+    group_tests,
+)
+from .system import Log, System, shared_variance, sound_rows
 from .update import Update, update
+from .words import causes_of, play_cause
 
-_NO_BODY = "the model has no body: its rows are compared with its bound alone"
 # Times the bound of maps: a corner's rows share the errors of a few nodes
 _SHARED_ERRORS = 2.0
 
@@ -50,20 +65,8 @@ class Verdict:
         Whether the arm or its sensor changed; None where the rows are too few to say.
     causes : tuple of Cause
         What explains the rows, the largest effect first, with intervals.
-    bound_holds : bool
-        Whether about as many rows as usual lie within the model's own 95 % bound.
-    covered : float
-        Share of the rows within that bound.
     score : float
         Largest score of a test: above 1 something changed.
-    smallest : float [unit]
-        Displacement (rms over the learned range) by the smallest change that rows could show.
-    update : Update or None
-        The belief with what the rows tell, and held-out errors before and after; None for maps
-        without a body, and where nothing changed and nothing was to be learned.
-    outliers, left_out : int
-        Rows that contradict all others; rows that are wrong, or outside of what the model
-        has learned, with these.
     notes : tuple of str
         What else the user should be told.
     rows : LogRows
@@ -74,25 +77,32 @@ class Verdict:
         Each group of parameters freed alone.
     bound : BoundTest
         The rows beyond the bound, and the chance of so many.
+    update : Update or None
+        The belief with what the rows tell, and held-out errors before and after; None for maps
+        without a body, and where nothing changed and nothing was to be learned.
     evidence : Evidence or None
         The workings; None for maps without a body.
+    tolerance : float or None [unit]
+        Size of a change that the user does not mind.
     """
 
     changed: bool | None
     causes: tuple[Cause, ...]
-    bound_holds: bool
-    covered: float
     score: float
-    smallest: float
-    update: Update | None
-    outliers: int
-    left_out: int
     notes: tuple[str, ...]
     rows: LogRows
     sound: Mask
     tests: Tested
     bound: BoundTest
+    update: Update | None = None
     evidence: Evidence | None = None
+    tolerance: float | None = None
+
+    @property
+    def drifted(self) -> bool | None:
+        """Whether something changed; None where the rows are too few, or too coarse, to say."""
+        coarse = self.tolerance is not None and self.smallest > self.tolerance
+        return None if coarse and not self.changed else self.changed
 
     @property
     def words(self) -> str:
@@ -101,16 +111,75 @@ class Verdict:
             return "drifted"
         if self.changed is None:
             return "too few rows to say"
+        if self.drifted is None:
+            return "too coarse"
         return "still calibrated" if self.bound_holds else "the bound does not hold"
 
     @property
-    def unit_seen(self) -> str:
-        """Unit of the positions; "sensor" where their scale shows that it is not the model's."""
-        return self.rows.unit if self.evidence is None else self.evidence.unit_seen
+    def explanations(self) -> tuple[str, ...]:
+        """The causes in words."""
+        return tuple(cause.words for cause in self.causes)
 
     @property
-    def improves(self) -> bool:
-        """Whether held-out rows say that the updated belief is better."""
+    def groups(self) -> tuple[GroupTest, ...]:
+        """Every group that was tested, and the bound."""
+        return (*self.tests.groups, self.bound.test)
+
+    @property
+    def fired(self) -> tuple[str, ...]:
+        """Names of the groups above their threshold, the most telling first."""
+        return tuple(group.name for group in fired(self.groups))
+
+    @property
+    def bound_holds(self) -> bool:
+        """Whether about as many rows as usual lie within the model's own 95 % bound."""
+        return self.bound.holds
+
+    @property
+    def covered(self) -> float:
+        """Share of the rows within the model's own 95 % bound."""
+        return 1.0 - self.bound.beyond
+
+    @property
+    def smallest(self) -> float:
+        """Displacement (rms over the learned range) by the smallest change to be seen [unit]."""
+        if self.evidence is None:
+            return float(np.median(self.rows.model.expected_error(self.rows.logged)))
+        return self.tests.smallest
+
+    @property
+    def samples(self) -> int:
+        """Rows that were compared."""
+        return len(self.rows)
+
+    @property
+    def outliers(self) -> int:
+        """Rows that contradict all others; they count for nothing."""
+        return self.rows.wrong + int(np.count_nonzero(~self.sound))
+
+    @property
+    def left_out(self) -> int:
+        """Rows that are wrong, or outside of what the model has learned, with the outliers."""
+        return self.outliers + self.rows.lost - self.rows.wrong
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation per axis of what is left over [unit]."""
+        return self.tests.noise
+
+    @property
+    def usual_noise(self) -> float:
+        """The same in training [unit]."""
+        return self.tests.usual
+
+    @property
+    def unit(self) -> str:
+        """Unit of the positions; "sensor" where their scale shows that it is not the model's."""
+        return self.rows.unit if self.evidence is None else self.evidence.unit
+
+    @property
+    def adapts(self) -> bool:
+        """Whether held-out rows say that `adapt` re-calibrates the model."""
         return self.update is not None and self.update.improved
 
     @property
@@ -118,13 +187,42 @@ class Verdict:
         """Mean distance of held-out rows from the model, and from the updated belief [unit]."""
         if self.update is None:
             return None
-        before = float(self.update.before.mean())
-        return before, float(np.linalg.norm(self.update.residual, axis=1).mean())
+        return float(self.update.before.mean()), float(self.update.after.mean())
+
+    @property
+    def distortion(self) -> dict[str, Signal]:
+        """How the rows lie on the maps (eq. 9): a display, no alarm."""
+        return distortions(self.rows)
 
     def __repr__(self) -> str:
         """Say the verdict, its causes and its notes, a line each."""
         head = f"Verdict: {self.words}, score {self.score:.3g} (threshold 1), {len(self.rows)} rows"
-        return "\n  ".join([head, *(cause.words for cause in self.causes), *self.notes])
+        return "\n  ".join([head, *self.explanations, *self.notes])
+
+    def to_json(self) -> dict[str, object]:
+        """What `calib check --json` prints."""
+        return {
+            "drifted": self.drifted,
+            "samples": self.samples,
+            "outliers": self.outliers,
+            "left_out": self.left_out,
+            "score": self.score,
+            "smallest": self.smallest,
+            "tolerance": self.tolerance,
+            "adapts": self.adapts,
+            "bound_holds": self.bound_holds,
+            "covered": self.covered,
+            "threshold": 1,
+            "distortion": {
+                name: signal._asdict() for name, signal in self.distortion.items()
+            },
+            "fired": list(self.fired),
+            "causes": [cause.to_json() for cause in self.causes],
+            "smallest_by_group": {group.name: group.smallest for group in self.groups},
+            "explanations": list(self.explanations),
+            "noise": {"now": self.noise, "usual": self.usual_noise},
+            "false_alarm": FALSE_ALARM,
+        }
 
 
 def judge(
@@ -164,6 +262,8 @@ def judge(
     >>> [cause.cause for cause in calib.judge(model, log).causes]
     ['offset:elbow']
     """
+    require("model", model, Model)
+    require("log", log, Samples)
     check_cause(cause)
     check_free(free)
     if free == "offsets":
@@ -183,32 +283,34 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     prior = as_drawn(body) if cause == "offsets" else as_built(body)
     reference = reference_of(prior, rows.q, rows.x - rows.added, rows.unit)
     z = rows.x - _added_in_frame(rows, reference)
-    sound = sound_rows(reference, rows.q, z, cause)
+    groups = [group for group in body.structure.groups if not group.startswith("curve")]
+    sound = sound_rows(reference, rows.q, z, freedom(prior, tuple(groups), cause))
     data = Log(rows.q[sound], z[sound], float(np.sqrt(2.0)) * rows.shared)
 
     # Is anything wrong, and could these rows say so?
-    held = reference if reference.new else Reference(body, body.beta)
-    play = find_play(reference, data, rows.side[sound])
+    play = find_play(_system(reference, data), rows.side[sound])
     if play is not None:
-        data = replace(data, q=data.q - play.half_by_joint * rows.side[sound])
-    tests = group_tests(held, data, rows.probes)
+        data = replace(data, q=data.q - play.half * rows.side[sound])
+    before = reference if reference.new else Reference(body, body.beta)
+    tests = group_tests(_system(before, data), rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
     bound = bound_test(rows, sound, limit, shared_variance(reference, data), tests)
     score = max(tests.score, bound.test.score)
     suspicious = reference.new or score > 1.0 or bound.beyond > BEYOND
 
-    # Which hypotheses explain it?
-    link = tests.bent_link(rows.model.about.joint_names)
-    findings = explain(reference, data, cause, not suspicious, link)
+    # Which causes explain it?
+    systems = [_system(reference, data)]
+    if len(reference.forgotten) and not reference.new:  # the frame may be where it was
+        systems.insert(0, _system(Reference(reference.body, body.beta), data))
+    explanations = explain(systems, cause, calm=not suspicious)
     evidence = Evidence(
-        rows, cause, prior, reference, sound, data, limit, tests, bound, findings, score
+        rows, cause, prior, reference, sound, data, tests, bound, explanations, score
     )
-    if suspicious:
-        if reference.new:
-            score = max(score, 2.0)
-        if not evidence.explained:
-            score = max(score, 1.0 + evidence.misfit)
-    better = evidence.explained and (reference.new or is_changed(findings))
+    if reference.new:
+        score = max(score, 2.0)
+    if suspicious and not evidence.explained:
+        score = max(score, 1.0 + evidence.misfit)
+    better = evidence.explained and (reference.new or is_changed(explanations))
     evidence = replace(evidence, score=score, attributed=better and score > 1.0)
 
     # The winner fitted to the rows, and held-out rows as they are and as explained.
@@ -216,7 +318,7 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     if learn or score > 1.0:
         learned = update(evidence)
     if better and score <= 1.0 and bound.beyond > BEYOND and tests.noisy is None:
-        # no test fires, but the bound fails and held-out rows are nearer to a hypothesis
+        # no test fires, but the bound fails and held-out rows are nearer to an explanation
         contradicted = replace(evidence, score=1.0 + bound.beyond, attributed=True)
         candidate = update(contradicted)
         if candidate.improved:
@@ -229,31 +331,11 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     if play is not None and evidence.explained:
         score = max(score, play.score)
         causes = (play_cause(play, rows.model), *causes)
-    bound_holds = bound.beyond <= BEYOND and bound.test.score <= 1.0
     changed: bool | None = score > 1.0
     if not changed and tests.too_few:
         changed = None
-    strays = int(np.count_nonzero(~sound))
-    if strays:
-        notes = (f"rows that contradict all others are left out: {strays}", *notes)
-    if not bound_holds:
-        notes = (bound.words(noisier=not changed), *notes)
-    return Verdict(
-        changed=changed,
-        causes=causes,
-        bound_holds=bound_holds,
-        covered=1.0 - bound.beyond,
-        score=score,
-        smallest=tests.smallest,
-        update=learned,
-        outliers=rows.wrong + strays,
-        left_out=rows.lost + strays,
-        notes=(*rows.notes, *notes),
-        rows=rows,
-        sound=sound,
-        tests=tests,
-        bound=bound,
-        evidence=evidence,
+    return _verdict(
+        rows, changed, causes, score, notes, sound, tests, bound, learned, evidence
     )
 
 
@@ -266,29 +348,43 @@ def _of_maps(rows: LogRows) -> Verdict:
     tests = Tested((), noise, noise)
     bound = bound_test(rows, sound, limit, rows.shared**2, tests)
     changed = bound.test.score > 1.0
-    bound_holds = bound.beyond <= BEYOND and not changed
-    notes = [*rows.notes, _NO_BODY]
+    causes: tuple[Cause, ...] = ()
+    if changed:
+        words = f"{100 * bound.beyond:.0f} % of the rows are beyond the maps' bound"
+        causes = (Cause("unknown", "maps", words),)
+    notes = ("the model has no body: its rows are compared with its bound alone",)
+    return _verdict(rows, changed, causes, bound.test.score, notes, sound, tests, bound)
+
+
+def _verdict(
+    rows: LogRows,
+    changed: bool | None,
+    causes: tuple[Cause, ...],
+    score: float,
+    notes: tuple[str, ...],
+    sound: Mask,
+    tests: Tested,
+    bound: BoundTest,
+    learned: Update | None = None,
+    evidence: Evidence | None = None,
+) -> Verdict:
+    """A verdict with the notes on its rows: first that the bound does not hold."""
+    first = list(rows.notes)
+    if not bound.holds:
+        first.append(bound.words(noisier=not changed))
     strays = int(np.count_nonzero(~sound))
     if strays:
-        notes.append(f"rows that contradict all others are left out: {strays}")
-    if not bound_holds:
-        notes.append(bound.words(noisier=not changed))
+        first.append(f"rows that contradict all others are left out: {strays}")
+    notes = (*first, *notes)
     return Verdict(
-        changed=changed,
-        causes=(maps_cause(bound.beyond),) if changed else (),
-        bound_holds=bound_holds,
-        covered=1.0 - bound.beyond,
-        score=bound.test.score,
-        smallest=float(np.median(rows.model.expected_error(rows.logged))),
-        update=None,
-        outliers=rows.wrong + strays,
-        left_out=rows.lost + strays,
-        notes=tuple(notes),
-        rows=rows,
-        sound=sound,
-        tests=tests,
-        bound=bound,
+        changed, causes, score, notes, rows, sound, tests, bound, learned, evidence
     )
+
+
+def _system(reference: Reference, log: Log) -> System:
+    """Return the system of all that may have changed."""
+    causes = single_causes(reference.structure).values()
+    return System(reference, log, np.unique(np.concatenate(list(causes))))
 
 
 def _added_in_frame(rows: LogRows, reference: Reference) -> Array:

@@ -19,6 +19,8 @@ from ..body.parameters import Prior
 from ..body.rows import Rows
 from ..body.settings import FREE, STUDENT
 from ..common.arrays import Array
+from .causes import Cause
+from .rows import LogRows
 from .settings import FALSE_ALARM
 
 
@@ -33,6 +35,15 @@ class TurnedTool:
     covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
     notes: tuple[str, ...] = ()  # why orientations were not compared
 
+    @property
+    def cause(self) -> Cause:
+        """A tool that is turned about its own tip."""
+        angle = float(np.linalg.norm(self.turn))
+        half = 1.96 * float(np.sqrt(self.turn @ self.covariance @ self.turn)) / angle
+        size = f"{np.degrees(angle):.3g} deg"
+        words = f"the tool is turned by {size} (its orientation, not its place)"
+        return Cause.measured("tool", "tool.rotation", words, angle, half, "rad")
+
     def of(self, body: Body) -> Body:
         """A belief with the tool turned."""
         tool = body.structure.groups["tool.rotation"]
@@ -40,52 +51,50 @@ class TurnedTool:
         delta[tool] = self.turn
         place = np.searchsorted(body.active, tool)
         covariance = body.covariance.copy()
-        covariance[place], covariance[:, place] = 0.0, 0.0
+        covariance[place] = 0.0
+        covariance[:, place] = 0.0
         covariance[np.ix_(place, place)] = self.covariance / body.kappa**2
         beta = body.structure.retract(body.beta, delta)
         return replace(body, beta=beta, root=root_of(covariance))
 
 
 def turned_tool(
-    old: Body,
-    structure: Any,
-    beta: Array,
-    q: Array,
-    x: Array,
-    orientation: Array | None,
-    *,
-    framed: bool,
+    rows: LogRows, structure: Any, beta: Array, *, framed: bool
 ) -> TurnedTool:
-    """Compare orientations (n, 4) with those that parameters (d,) predict.
+    """Compare orientations with those that parameters (d,) predict.
 
-    old : the belief of the model
     framed : whether the sensor may be turned, too: positions tell that less well
     """
     from scipy.special import chdtri
 
-    if orientation is None:
+    old = rows.body
+    if rows.orientation is None:
         return TurnedTool()
     if not knows_orientation(old):
-        told = "orientations are not compared: the model was learned without them"
-        return TurnedTool(notes=(told,))
+        why = "orientations are not compared: the model was learned without them"
+        return TurnedTool(notes=(why,))
     tool = structure.groups["tool.rotation"]
     sd = np.zeros(structure.size)
-    sd[tool], sd[structure.groups["view.rotation"]] = FREE, FREE * framed
-    poses = np.hstack([x, logarithm(matrix_of(orientation))])
+    sd[tool] = FREE
+    sd[structure.groups["view.rotation"]] = FREE * framed
+    poses = np.hstack([rows.x, logarithm(matrix_of(rows.orientation))])
     # of positions nothing is asked
-    rows = [Rows(q, poses, floor=np.repeat([FREE**2 * structure.extent, 1e-9], 3))]
-    seen = structure.with_view("pose")
-    fit = Fit(seen, rows, beta, Prior(beta, sd), nu=STUDENT).maximise()
+    floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
+    fit = Fit(
+        structure.with_view("pose"),
+        [Rows(rows.q, poses, floor=floor)],
+        beta,
+        Prior(beta, sd),
+        nu=STUDENT,
+    ).maximise()
     before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
     turn = logarithm(before.T @ after)
     place = np.searchsorted(fit.active, tool)
-    own = fit.covariance[np.ix_(place, place)]
-    held = np.searchsorted(old.active, tool)
+    covariance = fit.covariance[np.ix_(place, place)]
+    place = np.searchsorted(old.active, tool)
     # the model knows its own tool as well as it does
-    covariance = own + old.kappa**2 * old.covariance[np.ix_(held, held)]
-    score = float(turn @ np.linalg.solve(covariance, turn)) / float(
-        chdtri(3, FALSE_ALARM)
-    )
+    both = covariance + old.kappa**2 * old.covariance[np.ix_(place, place)]
+    score = float(turn @ np.linalg.solve(both, turn)) / float(chdtri(3, FALSE_ALARM))
     # what the chain leaves over differs between regions of the workspace by about its scatter
     score = min(score, float(np.linalg.norm(turn) / (np.sqrt(3) * fit.noise[-1])))
-    return TurnedTool(score, turn, own)
+    return TurnedTool(score, turn, covariance)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 # Share of undisturbed logs for which `check` may call anything changed, after Bonferroni
 FALSE_ALARM = 1e-3
 OUTLIER = 5.0  # noises from which a row contradicts all others
-TEST_ROWS = (
-    300  # of tests: their power grows with the rows, their work with the rows too
-)
 PSEUDO = 4.0  # observations that the old noise counts for
 # Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most
 JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)
@@ -31,8 +30,6 @@ REFINED = 0.85
 # 95 % quantile over median of the distances that is no noise (in the plane that of noise is 2.1):
 # a bump of 5 mm that 3 of 30 rows saw, as in tests/change/test_drawing.py
 TAIL = 3.0
-# Times its own bound of 95 % that a model may be off for a while, as where an arm dwells
-NUISANCE = 1.5
 
 CREPT = 0.25
 """Of the usual creep of an unchanged arm's parameters, what the tests allow for: the last rows of
@@ -45,10 +42,25 @@ SIMULATED_KAPPA = 1.2
 """Inflation of the bound of an arm that was only simulated: nothing has shown yet how it holds.
 Of 30 rows with waves of 2 mrad it covered 94.4 % without."""
 
+
+class Level(NamedTuple):
+    """What a log may show beyond every change, of unknown size."""
+
+    residual: float  # times the usual size of the log's smooth residual
+    waves: float  # sd of the joints' curves, over their prior's
+    calm: bool = True  # whether an arm that has not changed may show it
+
+
 # Sizes of a freed frame, a radian and an extent, beyond which it is not looked for
 ANYWHERE = 20.0
 
-OWN = ((1.0, CREEP), (4.0, CREEP), (1.0, 0.7), (16.0, CREEP), (1.0, 4.0))
+OWN = (
+    Level(1.0, CREEP),
+    Level(4.0, CREEP),
+    Level(1.0, 0.7),
+    Level(16.0, CREEP, calm=False),
+    Level(1.0, 4.0, calm=False),
+)
 """What a log may show beyond every hypothesis, of unknown size: times the usual size of the smooth
 residual, and the joints' waves over their prior.  With the least alone, waves of 2 mrad along a
 line were taken for lengths and a lens.  Each is as likely before: a prior uniform in the logarithm

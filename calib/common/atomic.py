@@ -67,8 +67,8 @@ def _told(path: str | os.PathLike[str]) -> Iterator[None]:
         raise
     except OSError as error:
         reason = f"{error.strerror or error}; choose another name or place"
-        told = _REASONS.get(error.errno or 0, reason)
-        raise CalibError(f"cannot write {os.fspath(path)!r}: {told}") from error
+        reason = _REASONS.get(error.errno or 0, reason)
+        raise CalibError(f"cannot write {os.fspath(path)!r}: {reason}") from error
 
 
 def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
@@ -86,9 +86,9 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
     target = Path(os.path.realpath(path)) if regular else Path(path)
     if not target.parent.is_dir():
         raise OSError(errno.ENOENT, f"there is no folder {str(target.parent)!r}")
-    asked = ([target.parent] if regular else []) + (
-        [Path(path)] if mode is not None else []
-    )
-    if not all(os.access(place, os.W_OK) for place in asked):
+    places = [target.parent] if regular else []
+    if mode is not None:
+        places.append(Path(path))
+    if not all(os.access(place, os.W_OK) for place in places):
         raise OSError(errno.EACCES, "it or its folder is write-protected")
     return target, mode

@@ -24,7 +24,7 @@ LARGEST = 1e15
 def number_rows(
     values: Any, names: Sequence[str], what: str, error: type[CalibError] = QueryError
 ) -> tuple[Array, bool]:
-    """Return rows of numbers, and whether they were given as a single vector.
+    """Return rows of numbers, and whether they were items as a single vector.
 
     values : (n, len(names)) or (len(names),) array-like, or named columns: Polars and pandas
         tables, mappings and structured arrays are read by name, their other columns ignored
@@ -127,9 +127,9 @@ def thinned(count: int, most: int) -> NDArray[np.intp]:
 
 def numbers(name: str, values: Any, count: int) -> list[float]:
     """Return a list of so many finite numbers, or raise ValueError; true and false are none."""
-    given = values if isinstance(values, list) else []
-    good = [v for v in given if isinstance(v, int | float) and not isinstance(v, bool)]
-    if len(good) != count or len(given) != count or not all(map(math.isfinite, good)):
+    items = values if isinstance(values, list) else []
+    good = [v for v in items if isinstance(v, int | float) and not isinstance(v, bool)]
+    if len(good) != count or len(items) != count or not all(map(math.isfinite, good)):
         raise ValueError(f"{name}: {values!r:.40} are not {count} finite numbers")
     return [float(value) for value in good]
 

@@ -74,12 +74,9 @@ class About(ReadOnly):
 
     def measured(self, **facts: Any) -> About:
         """The same facts but for these, of a model that now rests on what a sensor read."""
-        told: dict[str, Any] = {
-            "source": "log",
-            "bound_of": "sensor reading",
-            "simulation": None,
-        }
-        return replace(self, **told, **facts)
+        return replace(
+            self, source="log", bound_of="sensor reading", simulation=None, **facts
+        )
 
     def joints_of(self, log: Samples) -> Array:
         """Joint values (n, dof) of a log in the order of the model's joints.
@@ -129,7 +126,7 @@ class Photo:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows(ReadOnly):
+class MeasuredRows(ReadOnly):
     """Measured rows."""
 
     q: Annotated[Array, Shape("rows", "dof")]  # [rad or m], joint values
@@ -141,8 +138,8 @@ class Rows(ReadOnly):
         return len(self.q)
 
     @staticmethod
-    def of(q: Array, x: Array, held_out: Array | None = None) -> Rows:
+    def of(q: Array, x: Array, held_out: Array | None = None) -> MeasuredRows:
         """At most 5,000 of the rows of a log, evenly spread over it."""
         every = -(-len(q) // MOST_ROWS)
         errors = None if held_out is None else held_out[::every].copy()
-        return Rows(q[::every].copy(), x[::every].copy(), errors)
+        return MeasuredRows(q[::every].copy(), x[::every].copy(), errors)

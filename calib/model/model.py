@@ -18,26 +18,25 @@ from ..samples.motion import Motion
 from . import answers, batches
 from .answers import Answer, Path
 from .header import compiled_of
-from .parts import MOST_SHARE, Parts
+from .parts import MOST_SHARE, BoundName, Parts
 from .prediction import predict
 from .sensors import with_arm_of
 
 if TYPE_CHECKING:
     import os
 
-FUNCTIONS = (
-    *(
-        "adapt",
-        "check",
-        "correct",
-        "evaluate",
-        "figures",
-        "follow",
-        "monitor",
-        "preview",
-    ),
-    *("recognise", "report"),
-)
+FUNCTIONS = [
+    "adapt",
+    "check",
+    "correct",
+    "evaluate",
+    "figures",
+    "follow",
+    "monitor",
+    "preview",
+    "recognise",
+    "report",
+]
 """What is done with a model, rather than asked of it, is a function of the package."""
 
 _UNSURE = "the bound on the position may be too wide here: ask without strict"
@@ -135,9 +134,8 @@ class Model(Parts):
         if approach is None:
             return Motion(rows), single
         names = self.about.joint_names
-        return Motion(
-            rows, np.sign(answers.rows_for(approach, names, "approach", len(rows)))
-        ), single
+        side = np.sign(answers.rows_for(approach, names, "approach", len(rows)))
+        return Motion(rows, side), single
 
     def _single(self, kind: str, joints: ArrayLike, *others: ArrayLike) -> Array | None:
         """What the compiled C answers to one row; None where the batch has to."""
@@ -220,12 +218,10 @@ class Model(Parts):
             batches.prepare(self, "inverse", len(rows))
             q = answers.inverse(self, rows, near, nearest=nearest)
             return q[0] if single else q
-        answers_ = self.solve(x, near, readout)
-        q = (
-            answers_.q
-            if nearest
-            else np.where(answers_.reachable[:, None], answers_.q, np.nan)
-        )
+        answer = self.solve(x, near, readout)
+        q = answer.q
+        if not nearest:
+            q = np.where(answer.reachable[:, None], q, np.nan)
         return q[0] if np.ndim(x) == 1 else q
 
     def _single_inverse(
@@ -293,17 +289,7 @@ class Model(Parts):
         another one is off by its distance from the default as well.  With `approach`, see
         :meth:`forward`, it is the smaller bound for a known direction.
         """
-        if approach is None:
-            quick = self._single("bounds", q)
-            if quick is not None:
-                return quick
-        motion, single = self._motion(q, approach)
-        bound = None
-        if approach is None:
-            bound = batches.bound_rows(self, motion.q, "bounds")
-        if bound is None:
-            bound = predict(self, motion).bound
-        return bound[0] if single else bound
+        return self._bound("bounds", q, approach)
 
     def model_error(self, q: ArrayLike, *, approach: ArrayLike | None = None) -> Array:
         """95 % bound on the true position in the sensor's frame at (n, dof), (n,) [unit].
@@ -311,16 +297,22 @@ class Model(Parts):
         Without the noise of a single reading; the same as :meth:`expected_error` for a
         simulated arm.
         """
+        return self._bound("model_bounds", q, approach)
+
+    def _bound(
+        self, which: BoundName, q: ArrayLike, approach: ArrayLike | None
+    ) -> Array:
+        """Bound (n,) or a number, by what answers fastest."""
         if approach is None:
-            quick = self._single("model_bounds", q)
+            quick = self._single(which, q)
             if quick is not None:
                 return quick
         motion, single = self._motion(q, approach)
         bound = None
         if approach is None:
-            bound = batches.bound_rows(self, motion.q, "model_bounds")
+            bound = batches.bound_rows(self, motion.q, which)
         if bound is None:
-            bound = predict(self, motion).true_bound
+            bound = predict(self, motion).bound_of(which)
         return bound[0] if single else bound
 
     def outside(self, q: ArrayLike) -> str | None:
@@ -442,10 +434,9 @@ class Model(Parts):
         position = prediction.value
         space = Space.of(self)
         turns = np.full((len(motion), 4), np.nan)
-        known = prediction.answered
-        turns[known] = quaternion_of(
-            space.sensor[0] @ space.evaluate(motion.q[known])[1]
-        )
+        answered = prediction.answered
+        rotation = space.evaluate(motion.q[answered])[1]
+        turns[answered] = quaternion_of(space.sensor[0] @ rotation)
         return (position[0], turns[0]) if single else (position, turns)
 
     def servo(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
-from .about import About, Photo, Rows
+from .about import About, MeasuredRows, Photo
 from .baseline import Baseline, Seen
 from .bounds import MOST_BLENDED, PositionBound
 
@@ -31,12 +31,14 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-MOST_SHARE = (
-    0.1  # of the reach: where the bound on the position exceeds it, there is no answer
-)
+# of the reach: where the bound on the position exceeds it, there is no answer
+MOST_SHARE = 0.1
 # of a joint's range by which values beyond it are answered: an encoder at its stop reads a hair
 # beyond the limit
 ROUNDED = 1e-5
+
+BoundName = Literal["bounds", "model_bounds"]
+"""On what `about.bound_of` says, or on the true position in the sensor's frame."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,7 +58,8 @@ class Parts:
     ]  # motor nodes that training samples have visited
     # the kinematic model under the maps, with intervals
     body: Annotated[Body, Own()] | None = None
-    rows: Rows | None = None  # measured rows that are kept with the model of a log
+    # measured rows that are kept with the model of a log
+    rows: MeasuredRows | None = None
     # earlier states of this model: trained, adapted, with their errors
     history: tuple[Mapping[str, Any], ...] = ()
     baseline: Baseline | None = None  # what an undisturbed arm's distortions look like
@@ -229,7 +232,7 @@ class Parts:
         return covered
 
     def bound_at(
-        self, u: Array, which: str = "bounds", *, side_known: Mask | None = None
+        self, u: Array, which: BoundName = "bounds", *, side_known: Mask | None = None
     ) -> Array:
         """95 % bound (n,) [unit] at points of the unit box (n, dof): `bounds` or `model_bounds`.
 

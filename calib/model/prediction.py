@@ -14,7 +14,7 @@ import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..samples.motion import Motion
-from .parts import Parts
+from .parts import BoundName, Parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +64,12 @@ class Prediction:
 
         That is the sensor's reading, or the true position of a simulated arm.
         """
-        return self._bound_of("bounds")
+        return self.bound_of("bounds")
 
     @property
     def true_bound(self) -> Array:
         """95 % bound (n,) [unit] on the distance to the true position in the sensor's frame."""
-        return self._bound_of("model_bounds")
+        return self.bound_of("model_bounds")
 
     @property
     def slope(self) -> Array:
@@ -105,7 +105,8 @@ class Prediction:
         """Where the joints of the answered rows stand in the unit box, (k, dof)."""
         return self.model.motor.scale.to_unit(self.joints[self.answered])
 
-    def _bound_of(self, which: str) -> Array:
+    def bound_of(self, which: BoundName) -> Array:
+        """95 % bound (n,) [unit], see `Parts.bound_at`."""
         bound = np.full(len(self.motion), np.nan)
         if self.answered.any():
             sides = self.side_known[self.answered]

@@ -16,7 +16,7 @@ from ..arm.arm import SpatialArm
 from ..arm.loading import arm_from_urdf
 from ..arm.rotations import quaternion_of
 from ..body.belief import Body, Second
-from ..body.sensor import sensor_of, without_gauge, without_sensor
+from ..body.sensor_pose import sensor_of, without_gauge, without_sensor
 from ..body.spatial import structure_of
 from ..body.views import is_camera, pixels
 from ..common.arrays import Array, Mask

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import Any
 
 from ..errors import ModelError
 from .fields import Tensors
@@ -13,7 +12,7 @@ from .fields import Tensors
 _KEY = "calib"
 
 
-def pack(header: Mapping[str, Any], tensors: Tensors) -> bytes:
+def pack(header: Mapping[str, object], tensors: Tensors) -> bytes:
     """Content of a file: the same header and tensors give the same bytes."""
     from safetensors.numpy import save
 
@@ -21,7 +20,7 @@ def pack(header: Mapping[str, Any], tensors: Tensors) -> bytes:
     return bytes(save(tensors, metadata={_KEY: _canonical(summed)}))
 
 
-def unpack(data: bytes, name: str) -> tuple[dict[str, Any], Tensors]:
+def unpack(data: bytes, name: str) -> tuple[dict[str, object], Tensors]:
     """Split the content of a file into header and tensors; `name` is for messages."""
     from safetensors import SafetensorError
     from safetensors.numpy import load
@@ -37,7 +36,7 @@ def unpack(data: bytes, name: str) -> tuple[dict[str, Any], Tensors]:
         ) from error
 
 
-def check_sum(header: Mapping[str, Any], tensors: Tensors, name: str) -> None:
+def check_sum(header: Mapping[str, object], tensors: Tensors, name: str) -> None:
     """Refuse a file that does not match its checksum."""
     if header.get("sha256") != _checksum(tensors, header):
         raise ModelError(
@@ -45,11 +44,11 @@ def check_sum(header: Mapping[str, Any], tensors: Tensors, name: str) -> None:
         )
 
 
-def _canonical(header: Mapping[str, Any]) -> str:
+def _canonical(header: Mapping[str, object]) -> str:
     return json.dumps(header, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
-def _checksum(tensors: Tensors, header: Mapping[str, Any]) -> str:
+def _checksum(tensors: Tensors, header: Mapping[str, object]) -> str:
     """SHA-256 of all tensors and of the rest of the description."""
     digest = hashlib.sha256()
     # names, types and shapes count too: the same bytes may be read as other tensors

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache
 from types import NoneType, UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,12 @@ from ..common.arrays import TRIANGLE, Own, Shape
 from ..common.rows import LARGEST
 from ..errors import ModelError
 
-Tensors = dict[str, NDArray[Any]]
+Tensor = NDArray[np.generic]
+Tensors = dict[str, Tensor]
+T = TypeVar("T")
+Sizes = dict[str, int]
+"""Lengths of axes, by their names."""
+
 Kinds = Mapping[type, tuple[type, ...]]
 """Classes that may stand for a base class; a key `kind` tells which."""
 
@@ -30,145 +35,98 @@ _MISSING = object()  # of no type
 
 
 @dataclass(frozen=True)
-class _Hint:
+class Hint:
     """What an annotation says."""
 
-    kinds: tuple[Any, ...]  # types that a value may have
+    kinds: tuple[type, ...]  # types that a value may have
+    optional: bool
     shape: Shape | None = None  # of an array
     own: Own | None = None  # of an object with axes of its own
-    optional: bool = False
 
     @staticmethod
-    def of(kind: object) -> _Hint:
-        kinds: tuple[Any, ...] = (kind,)
-        if get_origin(kind) in (UnionType, Union):
-            kinds = tuple(one for one in get_args(kind) if one is not NoneType)
-        optional = NoneType in get_args(kind)
+    def of(annotation: object) -> Hint:
+        """Return what an annotation says."""
+        kinds: tuple[type, ...] = (annotation,)  # type: ignore[assignment]
+        if get_origin(annotation) in (UnionType, Union):
+            kinds = get_args(annotation)
+        optional = NoneType in kinds
+        kinds = tuple(kind for kind in kinds if kind is not NoneType)
         if get_origin(kinds[0]) is not Annotated:
-            return _Hint(kinds, optional=optional)
-        annotated, mark = get_args(kinds[0])
+            return Hint(kinds, optional)
+        kind, mark = get_args(kinds[0])
         if isinstance(mark, Shape):
-            return _Hint((annotated,), shape=mark, optional=optional)
-        return _Hint((annotated,), own=mark, optional=optional)
+            return Hint((kind,), optional, shape=mark)
+        return Hint((kind,), optional, own=mark)
 
     @property
-    def item(self) -> _Hint | None:
+    def item(self) -> Hint | None:
         """What each item of a tuple of objects is; None of anything else."""
         if get_origin(self.kinds[0]) is not tuple:
             return None
-        item = _Hint.of(get_args(self.kinds[0])[0])
+        item = Hint.of(get_args(self.kinds[0])[0])
         return item if is_dataclass(item.kinds[0]) else None
 
-
-def write(value: object, kind: object, kinds: Kinds) -> tuple[dict[str, Any], Tensors]:
-    """A value of a type as JSON-ready data, and its arrays by name."""
-    tensors: Tensors = {}
-
-    def data_of(value: Any, hint: _Hint, path: str) -> Any:
-        if hint.item is not None:
-            return [
-                data_of(each, hint.item, _under(path, str(k)))
-                for k, each in enumerate(value)
-            ]
-        if not is_dataclass(value):
-            return _json(value)
-        data: dict[str, Any] = {}
-        if len(_classes(hint, kinds)) > 1:
-            data["kind"] = _name(type(value))
-        for name, inner in _hints(value.__class__).items():
-            part = getattr(value, name)
-            place = _under(path, name)
-            if inner.shape is None:
-                data[name] = data_of(part, inner, place)
-            elif part is not None:
-                tensors[place] = _stored(part, inner.shape)
-        return data
-
-    return data_of(value, _Hint.of(kind), ""), tensors
+    def classes(self, kinds: Kinds) -> dict[str, type]:
+        """Return the classes that a value may be of, by name."""
+        classes = [one for kind in self.kinds for one in kinds.get(kind, (kind,))]
+        return {_name(one): one for one in classes}
 
 
-def read(kind: object, data: object, tensors: Tensors, kinds: Kinds) -> Any:
-    """The value of a type that was written; ModelError where something is wrong with it."""
-
-    def value_of(hint: _Hint, data: Any, path: str, sizes: dict[str, int]) -> Any:
-        if hint.shape is not None:
-            if path in tensors:
-                return _checked(tensors[path], hint.kinds[0], hint.shape, path, sizes)
-            if hint.optional:
-                return None
-            raise ModelError(f"array {path!r} is missing")
-        if data is None and hint.optional:
-            return None
-        item = hint.item
-        if item is not None:
-            if not isinstance(data, list):
-                raise ModelError(f"{path} is {data!r:.60}, expected a list")
-            places = [_under(path, str(k)) for k in range(len(data))]
-            return tuple(
-                value_of(item, each, place, {})
-                for each, place in zip(data, places, strict=True)
-            )
-        classes = _classes(hint, kinds)
-        if not is_dataclass(classes[0]):
-            return _plain(hint.kinds[0], data, path)
-        return object_of(classes, hint, data, path, sizes)
-
-    def object_of(
-        classes: tuple[Any, ...],
-        hint: _Hint,
-        data: Any,
-        path: str,
-        sizes: dict[str, int],
-    ) -> Any:
-        if not isinstance(data, Mapping):
-            raise ModelError(f"{path} is {data!r:.60}, expected an object")
-        chosen = classes[0]
-        if len(classes) > 1:
-            named = {_name(each): each for each in classes}
-            chosen = named.get(data.get("kind", ""))
-            if chosen is None:
-                kind = data.get("kind")
-                raise ModelError(
-                    f"{path} is of kind {kind!r:.60}, expected {list(named)}"
-                )
-        inner = sizes if hint.own is None else hint.own.inner(sizes)
-        values = {
-            name: value_of(part, data.get(name, _MISSING), _under(path, name), inner)
-            for name, part in _hints(chosen).items()
-        }
-        if hint.own is not None:
-            hint.own.outer(inner, sizes)
-        return chosen(**values)
-
-    return value_of(_Hint.of(kind), data, "", {})
+@cache
+def _hints(kind: type) -> dict[str, Hint]:
+    """Return the annotations of a dataclass's fields, but for those that no file keeps."""
+    hints = get_type_hints(kind, include_extras=True)
+    names = [part.name for part in fields(kind) if part.metadata.get("kept", True)]
+    return {name: Hint.of(hints[name]) for name in names}
 
 
-def _classes(hint: _Hint, kinds: Kinds) -> tuple[Any, ...]:
-    """Classes that a value may be of."""
-    classes: list[Any] = []
-    for kind in hint.kinds:
-        classes += kinds.get(kind, (kind,))
-    return tuple(classes)
+def _name(kind: type) -> str:
+    return str(getattr(kind, "kind", getattr(kind, "__name__", "").lower()))
 
 
 def _under(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
 
 
-def _name(kind: type) -> str:
-    return str(getattr(kind, "kind", kind.__name__.lower()))
+def write(value: object, kind: type, kinds: Kinds) -> tuple[dict[str, object], Tensors]:
+    """Return a dataclass of a type as JSON-ready data, and its arrays by name."""
+    writer = _Writer(kinds)
+    return writer.object_of(value, Hint.of(kind), ""), writer.tensors
 
 
-@cache
-def _hints(kind: Any) -> dict[str, _Hint]:
-    """What the annotations of a dataclass's fields say, but for those that no file keeps."""
-    hints = get_type_hints(kind, include_extras=True)
-    names = [field.name for field in fields(kind) if field.metadata.get("kept", True)]
-    return {name: _Hint.of(hints[name]) for name in names}
+@dataclass
+class _Writer:
+    kinds: Kinds
+    tensors: Tensors = field(default_factory=dict)
+
+    def data_of(self, value: object, hint: Hint, path: str) -> object:
+        """Return a value as plain data."""
+        if hint.item is not None and isinstance(value, tuple):
+            places = [_under(path, str(k)) for k in range(len(value))]
+            pairs = zip(value, places, strict=True)
+            return [self.object_of(one, hint.item, place) for one, place in pairs]
+        if is_dataclass(value):
+            return self.object_of(value, hint, path)
+        return _json(value)
+
+    def object_of(self, value: object, hint: Hint, path: str) -> dict[str, object]:
+        """Return an object as plain data; its arrays are tensors."""
+        data: dict[str, object] = {}
+        kind: type = type(value)
+        if len(hint.classes(self.kinds)) > 1:
+            data["kind"] = _name(kind)
+        for name, inner in _hints(kind).items():
+            part = getattr(value, name)
+            place = _under(path, name)
+            if inner.shape is None:
+                data[name] = self.data_of(part, inner, place)
+            elif part is not None:
+                self.tensors[place] = _stored(part, inner.shape)
+        return data
 
 
-def _json(value: Any) -> Any:
-    """Plain data: tuples as lists, infinite numbers and those that are none as null."""
+def _json(value: object) -> object:
+    """Return plain data: tuples as lists, infinite numbers and those that are none as null."""
     if isinstance(value, Mapping):
         return {str(key): _json(part) for key, part in value.items()}
     if isinstance(value, tuple | list):
@@ -178,8 +136,73 @@ def _json(value: Any) -> Any:
     return value
 
 
-def _plain(kind: Any, value: Any, path: str) -> Any:
-    """A tuple, a mapping, a number, a text, true or false of a type."""
+def _stored(value: Tensor | bytes, shape: Shape) -> Tensor:
+    """Return an array as a file keeps it: whole numbers in as few bytes as they need."""
+    if isinstance(value, bytes):
+        return np.frombuffer(value, np.uint8)
+    array = pack(value.astype(float)) if shape.kept == TRIANGLE else value
+    kind: np.dtype[np.generic] = shape.stored
+    if array.dtype.kind != "f":
+        kind = np.min_scalar_type(int(array.max(initial=0)))
+    return np.ascontiguousarray(array.astype(kind))
+
+
+def read(kind: type[T], data: object, tensors: Tensors, kinds: Kinds) -> T:
+    """Return the value of a type that was written; ModelError where something is wrong with it."""
+    value = _Reader(tensors, kinds).value_of(Hint.of(kind), data, "", {})
+    assert isinstance(value, kind)  # noqa: S101 - for the types
+    return value
+
+
+@dataclass
+class _Reader:
+    tensors: Tensors
+    kinds: Kinds
+
+    def value_of(self, hint: Hint, data: object, path: str, sizes: Sizes) -> object:
+        """Return the value at a place; `sizes` are those of the object that it is of."""
+        if hint.shape is not None:
+            if path in self.tensors:
+                return _checked(self.tensors[path], hint, hint.shape, path, sizes)
+            if hint.optional:
+                return None
+            raise ModelError(f"array {path!r} is missing")
+        if data is None and hint.optional:
+            return None
+        if hint.item is not None:
+            if not isinstance(data, list):
+                raise ModelError(f"{path} is {data!r:.60}, expected a list")
+            places = [_under(path, str(k)) for k in range(len(data))]
+            pairs = zip(data, places, strict=True)
+            return tuple(self.value_of(hint.item, one, at, {}) for one, at in pairs)
+        if is_dataclass(next(iter(hint.classes(self.kinds).values()))):
+            return self.object_of(hint, data, path, sizes)
+        return _plain(hint.kinds[0], data, path)
+
+    def object_of(self, hint: Hint, data: object, path: str, sizes: Sizes) -> object:
+        """Return the object at a place."""
+        if not isinstance(data, Mapping):
+            raise ModelError(f"{path} is {data!r:.60}, expected an object")
+        classes = hint.classes(self.kinds)
+        name = next(iter(classes))
+        if len(classes) > 1:
+            name = data.get("kind", "")
+        if name not in classes:
+            raise ModelError(
+                f"{path} is of kind {name!r:.60}, expected {list(classes)}"
+            )
+        inner = sizes if hint.own is None else hint.own.inner(sizes)
+        values: dict[str, object] = {}
+        for key, part in _hints(classes[name]).items():
+            value = data.get(key, _MISSING)
+            values[key] = self.value_of(part, value, _under(path, key), inner)
+        if hint.own is not None:
+            hint.own.outer(inner, sizes)
+        return classes[name](**values)
+
+
+def _plain(kind: type, value: object, path: str) -> object:
+    """Return a tuple, a mapping, a number, a text, true or false of a type."""
     origin = get_origin(kind)
     parts = get_args(kind)
     if kind is Any and value is not _MISSING:
@@ -194,41 +217,31 @@ def _plain(kind: Any, value: Any, path: str) -> Any:
             items = (parts[0],) * len(value)
         if len(items) == len(value):
             return tuple(_plain(p, v, path) for p, v in zip(items, value, strict=True))
-    fits = type(value) is kind or (kind is float and type(value) is int)
-    # nor are infinities and NaN below the largest
-    if fits and (kind not in (int, float) or abs(value) < LARGEST):
-        return kind(value)
+    if type(value) is int or type(value) is float:
+        # nor are infinities and NaN below the largest
+        if kind in (type(value), float) and abs(value) < LARGEST:
+            return kind(value)
+    elif type(value) is kind:
+        return value
     raise ModelError(f"{path} is {value!r:.60}, expected {kind}")
 
 
-def _stored(value: Any, shape: Shape) -> NDArray[Any]:
-    """An array as a file keeps it: whole numbers in as few bytes as they need."""
-    array: NDArray[Any] = (
-        np.frombuffer(value, np.uint8) if isinstance(value, bytes) else value
-    )
-    if shape.kept == TRIANGLE:
-        array = pack(array)
-    kind: Any = shape.stored
-    if array.dtype.kind != "f":
-        kind = np.min_scalar_type(int(array.max(initial=0)))
-    return np.ascontiguousarray(array.astype(kind))
-
-
 def _checked(
-    array: NDArray[Any], kind: Any, shape: Shape, path: str, sizes: dict[str, int]
-) -> Any:
-    """An array of the type and shape that its annotation says, with finite numbers."""
-    wanted = np.dtype(np.uint8 if kind is bytes else get_args(get_args(kind)[1])[0])
+    array: Tensor, hint: Hint, shape: Shape, path: str, sizes: Sizes
+) -> object:
+    """Return an array of the type and shape that its annotation says, with finite numbers."""
+    is_bytes = hint.kinds[0] is bytes
+    wanted = np.dtype(np.uint8)
+    if not is_bytes:  # NDArray[float64] is ndarray[..., dtype[float64]]
+        wanted = np.dtype(get_args(get_args(hint.kinds[0])[1])[0])
+    fits = array.dtype.kind == "u"
     if wanted.kind == "f":
-        fits = array.dtype == shape.stored and bool(
-            (np.abs(array.astype(float)) < LARGEST).all()
-        )
+        fits = array.dtype == shape.stored
+        fits = fits and bool((np.abs(array.astype(float)) < LARGEST).all())
         if fits and shape.kept == TRIANGLE:
             size = math.isqrt(2 * array.size)
-            fits = array.ndim == 1 and array.size == size * (size + 1) // 2
-            array = unpack(array, size) if fits else array
-    else:
-        fits = array.dtype.kind == "u"
+            fits = array.shape == (size * (size + 1) // 2,)
+            array = unpack(array.astype(np.float32), size) if fits else array
     axes: list[int] = []
     for axis, length in zip(shape.axes, array.shape, strict=False):
         axes.append(sizes.setdefault(axis, length) if isinstance(axis, str) else axis)
@@ -237,4 +250,4 @@ def _checked(
         raise ModelError(
             f"{path} is {array.dtype} {array.shape}, expected {expected} {axes}, finite numbers"
         )
-    return array.tobytes() if kind is bytes else array.astype(wanted, copy=False)
+    return array.tobytes() if is_bytes else array.astype(wanted, copy=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from typing import Any
 
 from ..common.atomic import atomic_write
 from .container import pack
@@ -12,7 +11,7 @@ from .fields import write
 MAPS_VERSION = 1
 
 
-def save_maps(maps: Any, path: str | os.PathLike[str]) -> None:
+def save_maps(maps: object, path: str | os.PathLike[str]) -> None:
     """Write a map or an association into one file, whole or not at all."""
     header, tensors = write(maps, type(maps), {})
     kind = type(maps).__name__.lower()

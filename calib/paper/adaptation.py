@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..change.follow import Step, follow
 from ..common.arrays import Array
 from ..maps.vdsom import zeta
+from ..stream.follow import Step, follow
 from ..training.train import train
 from .setting import Setting
 from .tables import Cells, Result, Table
@@ -92,7 +92,7 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
         name: f"{setting.joints[1]}.length={by}" for name, by in _CHANGES.items()
     }
     episodes = {name: _episode(setting, change) for name, change in changes.items()}
-    data: dict[str, Any] = {}
+    data: dict[str, object] = {}
     summary: list[Cells] = []
     curves: list[Cells] = []
     for name, e in episodes.items():

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from .setting import NETWORKS, Setting
 from .trial import SAME_SCHEDULE, activity_errors, association
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from ..maps.association import Association
     from ..maps.map import Map
 
@@ -168,7 +171,7 @@ def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     _save(figure, path)
 
 
-def _save(figure: Any, path: Path) -> None:
+def _save(figure: Figure, path: Path) -> None:
     atomic_write(path, partial(figure.savefig, format="png", dpi=160))
 
 
@@ -181,7 +184,7 @@ def _node_means(net: Map, points: Array, values: Array) -> Array:
 
 
 def _draw_lattice(
-    ax: Any, net: Map, heat: Array, factor: float, most: float, label: str
+    ax: Axes, net: Map, heat: Array, factor: float, most: float, label: str
 ) -> None:
     """Draw the edges of a map, coloured by the mean of their nodes' values, up to `most`."""
     from matplotlib import colormaps
@@ -206,7 +209,7 @@ def _draw_lattice(
     bar.outline.set_visible(False)
 
 
-def _figure(width: float, height: float) -> Any:
+def _figure(width: float, height: float) -> Figure:
     """An empty figure of this size [inch], apart from any window system."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

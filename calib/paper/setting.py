@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -15,9 +14,8 @@ from ..common.arrays import Array
 from ..errors import OptionError
 from ..samples.samples import Samples, babble
 
-_Report = Callable[
-    [float, str], None
-]  # the share of the work that is done and what is being done
+_Report = Callable[[float, str], None]
+"""Called with the share of the work that is done and what is being done."""
 
 ROBOT = "two_link"
 """Links of 0.30 and 0.25 m, shoulder 0..90 deg, elbow 15..150 deg.  The paper states
@@ -26,6 +24,10 @@ neither lengths nor ranges, and its tables do not settle them."""
 NETWORKS = ("som", "vdsom")
 
 _VALIDATION = 77  # stream of the points on which schedules are chosen
+
+
+def _no_report(_share: float, _what: str) -> None:
+    """Report nothing."""
 
 
 @dataclass(frozen=True)
@@ -38,25 +40,38 @@ class Setting:
     # each gives other samples, another start and other test points
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     quick: bool = False  # small lattices and few samples, to see that everything runs
-    report: _Report = field(default=lambda _share, _what: None)
+    report: _Report = _no_report
     robot: str = ROBOT  # a bundled robot or a URDF with two joints that turn
     named: tuple[str, ...] | None = None  # which two of its joints, where it has more
 
     @staticmethod
-    def of(seed: int = 0, *, quick: bool = False, **other: Any) -> Setting:
+    def of(
+        seed: int = 0,
+        *,
+        quick: bool = False,
+        robot: str = ROBOT,
+        named: Sequence[str] | None = None,
+        report: _Report = _no_report,
+    ) -> Setting:
         """The paper's setting, or a small one; the seeds start at `seed`.
 
         Raises OptionError if the robot has not two joints that turn in a plane.
         """
-        size: dict[str, Any] = {"seeds": tuple(range(seed, seed + 5))}
+        setting = Setting(
+            seeds=tuple(range(seed, seed + 5)),
+            report=report,
+            robot=robot,
+            named=None if named is None else tuple(named),
+        )
         if quick:
-            size = {
-                "side": 12,
-                "sides": (8, 12),
-                "samples": 1500,
-                "seeds": (seed, seed + 1),
-            }
-        setting = Setting(**size, quick=quick, **other)
+            setting = replace(
+                setting,
+                side=12,
+                sides=(8, 12),
+                samples=1500,
+                seeds=(seed, seed + 1),
+                quick=True,
+            )
         _ = setting.joints  # an arm that does not fit is told here
         return setting
 

@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from .setting import NETWORKS, Setting
 from .trial import SAME_SCHEDULE, Found, NetworkTrial, Row, Schedule, best_trial
@@ -77,7 +77,7 @@ class Table:
 class Result:
     """What an experiment found."""
 
-    data: dict[str, Any]  # for JSON, in SI units
+    data: dict[str, object]  # for JSON, in SI units
     tables: tuple[Table, ...]  # for people and for CSV files, in mm and degrees
 
 
@@ -95,21 +95,20 @@ def table1(setting: Setting) -> Result:
     setting.report(1.0, "the default varying density")
     default = NetworkTrial("vdsom:residual", Schedule(), setting.side).row(setting)
     schedules = {n: str(found[0].schedule) for n, found in searched.items()}
-    data = {
+    ratios = {
+        "best": _ratios(best["som"]["activity"], best["vdsom"]["activity"]),
+        "same_schedule": _ratios(same["som"]["activity"], same["vdsom"]["activity"]),
+        "linear": _ratios(best["som"]["linear"], best["vdsom"]["linear"]),
+        "default_linear": _ratios(best["som"]["linear"], default["linear"]),
+        "paper": _ratios(paper["som"], paper["vdsom"]),
+    }
+    data: dict[str, object] = {
         **best,
         "paper": paper,
         "same_schedule": {**same, "schedule": str(SAME_SCHEDULE)},
         "default": default,
         "schedules": schedules,
-        "ratios": {
-            "best": _ratios(best["som"]["activity"], best["vdsom"]["activity"]),
-            "same_schedule": _ratios(
-                same["som"]["activity"], same["vdsom"]["activity"]
-            ),
-            "linear": _ratios(best["som"]["linear"], best["vdsom"]["linear"]),
-            "default_linear": _ratios(best["som"]["linear"], default["linear"]),
-            "paper": _ratios(paper["som"], paper["vdsom"]),
-        },
+        "ratios": ratios,
         **_size_of(setting),
     }
     size = f"{setting.side}x{setting.side}"
@@ -124,7 +123,7 @@ def table1(setting: Setting) -> Result:
     lines["VDSOM:residual, the default"] = (default, beside["vdsom"])
     tables = [
         _comparison("table1", f"Table 1, {size} nodes, {_conditions(setting)}", lines),
-        _ratio_table(data["ratios"]),
+        _ratio_table(ratios),
         Table(
             "schedules",
             "validation error of each schedule, mean of the columns as a share of the range",
@@ -142,7 +141,7 @@ def table1(setting: Setting) -> Result:
 def table2(setting: Setting) -> Result:
     """VDSOM of three sizes, at the best schedule of the largest."""
     trial, _ = best_trial(setting, "vdsom")
-    data: dict[str, Any] = {}
+    data: dict[str, object] = {}
     lines = {}
     for k, side in enumerate(setting.sides):
         setting.report(k / len(setting.sides), f"{side}x{side}")
@@ -218,7 +217,7 @@ def _conditions(setting: Setting) -> str:
     return f"{size}, 10,000 exact test points for each"
 
 
-def _size_of(setting: Setting) -> dict[str, Any]:
+def _size_of(setting: Setting) -> dict[str, object]:
     return {
         "samples": setting.samples,
         "seeds": list(setting.seeds),
@@ -226,7 +225,9 @@ def _size_of(setting: Setting) -> dict[str, Any]:
     }
 
 
-def _printed(table: Mapping[str, Mapping[str, Printed]]) -> dict[str, Any]:
+def _printed(
+    table: Mapping[str, Mapping[str, Printed]],
+) -> dict[str, dict[str, dict[str, float]]]:
     """A table of the paper for JSON, in SI units."""
     return {
         name: {

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ..arm.rotations import cross_matrix, quaternion_of
 from ..body.belief import Body
 from ..body.corners import held_of
-from ..body.sensor import SensorPose
+from ..body.sensor_pose import SensorPose
 from ..common.arrays import Array, Mask
 from ..samples.samples import Samples
 from .agreement import agreed, held_out
@@ -19,8 +20,9 @@ from .fit import Fit
 from .joint_motions import JointMotions
 from .lens import Lens
 from .notes import limit_of, notes_of
+from .pictures import opencv
 from .problem import Setting
-from .rig import CameraPlace, HandEye, LensFacts, Place, Square
+from .rig import CameraPlace, HandEye, LensFacts, Photo, Place, Square
 from .rigid import inverse
 
 
@@ -72,11 +74,12 @@ def answer(setting: Setting, frames: tuple[str, str]) -> HandEye:
         flange=solved.flange,
         misses=misses,
         covariance=solved.both_covariance(),
-        poses=solved.log(),
+        photo=solved.photo(pixels[0]),
         body=solved.body(0),
     )
     rig = replace(rig, limited_by=limit_of(setting, rig, agreeing))
-    return replace(rig, notes=notes_of(setting, fit, rig, agreeing))
+    rig = replace(rig, notes=notes_of(setting, fit, rig, agreeing))
+    return replace(rig, poses=solved.log(rig.document()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,8 +243,20 @@ class Solved:
         bent = points + bending(points, points) @ shape[:-1]
         return np.asarray(np.exp(shape[-1]) * bent)
 
-    def log(self) -> Samples | None:
-        """The first camera's pictures as a log of poses; None without joints."""
+    def photo(self, predicted: Array) -> Photo | None:
+        """The first camera's picture with most corners; `predicted` (N, 2) are held out."""
+        view = self.setting.views[0]
+        if view.shots.largest is None:
+            return None
+        number, grey = view.shots.largest
+        corners = self.setting.problem.bundle.cameras[0]
+        rows = corners.motion == np.searchsorted(self.setting.rows, view.rows[number])
+        jpeg = opencv().imencode(".jpg", grey)[1].tobytes()
+        name = view.shots.names[number]
+        return Photo(name, 0, jpeg, corners.pixels[rows], predicted[rows])
+
+    def log(self, rig: dict[str, Any]) -> Samples | None:
+        """The first camera's pictures as a log of poses that knows the rig; None without joints."""
         arm = self.setting.arm
         if arm is None:
             return None
@@ -255,6 +270,7 @@ class Solved:
             revolute=arm.revolute,
             arm=arm,
             notes=(),
+            source={**log.source, "rig": rig},
         )
 
 

@@ -48,6 +48,7 @@ class BoardPictures:
     notes: tuple[str, ...]
     episodes: Index | None = None  # (p,), the series that each is of
     rows: Index | None = None  # (p,), the row of joints or poses that each is of
+    largest: tuple[int, Picture] | None = None  # the picture with most corners
 
     @property
     def points(self) -> list[Array]:
@@ -178,11 +179,14 @@ def find_board(
     without: dict[str, int] = {}
     looked: list[Picture] = []
     size = (0, 0)
+    largest: tuple[int, Picture] | None = None
     for number, name, grey in frames:
         corners = board.find(grey)
         size = (grey.shape[1], grey.shape[0])
         if len(corners) >= LEAST_CORNERS:
             shown.append((name, rows[number], corners))
+            if largest is None or len(corners) > len(shown[largest[0]][2]):
+                largest = (len(shown) - 1, grey)
         else:
             without[name] = len(corners)
             if len(looked) < LOOKED:
@@ -214,6 +218,7 @@ def find_board(
         notes=tuple(notes),
         episodes=None if table.episodes is None else table.episodes[places],
         rows=places,
+        largest=largest,
     )
 
 

@@ -167,6 +167,11 @@ def motion_errors(bundle: Bundle, fit: Fit, rounds: int = 5) -> tuple[Array, Arr
     return fit.unknowns.errors[:, :SCENE], spread[:, :SCENE, :SCENE]
 
 
+def information(bundle: Bundle, estimate: Estimate) -> Array:
+    """What corners tell of unknowns and errors at each motion (n, s + e, s + e)."""
+    return _weighed(estimate.noise, _sums(bundle, estimate))[0]
+
+
 def _sums(bundle: Bundle, fit: Estimate) -> list[_Sums]:
     sights = bundle.sights(fit.unknowns)
     triples = zip(bundle.cameras, sights, fit.noise.corner, strict=True)

@@ -32,12 +32,13 @@ from .rig import HandEye as HandEye
 from .view import view_of
 
 Path_ = str | os.PathLike[str]
+Pictures = Source | BoardPictures
 Eyes = str | Mapping[str, str]
 
 
 def handeye(
     arm: Arm | Path_ | None = None,
-    pictures: Source | BoardPictures | None = None,
+    pictures: Pictures | Mapping[str, Pictures] | None = None,
     joints: Path_ | JointTable | None = None,
     board: Pattern | str | None = None,
     eye: Eyes = "hand",
@@ -54,7 +55,8 @@ def handeye(
 
     arm : an arm that moves in space, as `load_arm` returns it or reads it; none with `poses`
     pictures : folder, pattern or LeRobotDataset; grey pictures (height, width) themselves; the
-        corners that they show; or a folder with a folder for each camera
+        corners that they show; of several cameras a folder with a folder for each, or any of
+        these by the cameras' names
     joints : table of joints, one row for each picture; a dataset brings them
     board : ``"10x7:22mm"``, a chessboard of 10x7 squares; ``"7x5:24mm:18mm:5x5_100"``, ChArUco;
         ``"grid:6x6:88mm:26.4mm:t36h11"``, AprilTags
@@ -116,9 +118,11 @@ def handeye(
 
 
 def _folders(
-    pictures: Source | BoardPictures,
-) -> Mapping[str, Source | BoardPictures]:
+    pictures: Pictures | Mapping[str, Pictures],
+) -> Mapping[str, Pictures]:
     """The pictures of each camera, by its name."""
+    if isinstance(pictures, Mapping):
+        return pictures
     if not isinstance(pictures, (str, os.PathLike)) or is_dataset(pictures):
         return {"camera": pictures}
     paths = sorted(Path(pictures).iterdir()) if Path(pictures).is_dir() else []

@@ -39,7 +39,7 @@ class Priors:
     printed_within: tuple[float, float] = (3e-3, 0.5)
     controller: tuple[float, float] = (3e-4, 1e-3)  # of a controller's poses [rad, m]
     joints: tuple[float, float] = (3e-5, 3e-5)  # of joints [rad, m]
-    focus: float = 1e-4  # of the focal length, from picture to picture
+    focus: float = 2e-3  # of the focal length, from picture to picture
 
 
 PRIORS = Priors()

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import base64
+import os
 from dataclasses import dataclass, fields
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 
 from ..body.belief import Body
 from ..common.arrays import Array
+from ..common.atomic import atomic_write
+from ..model_file.container import pack
 from ..samples.samples import Samples
 from .conventions import Convention
+
+KIND = "rig"
+VERSION = 1
+ARRAYS = ("flange", "misses", "covariance")
+TUPLES = ("notes", "left_out", "names", "frames")
 
 Place = dict[str, list[float]]
 """A place as JSON: position [m], quaternion, and half-widths of 95 % intervals [m, rad]."""
@@ -68,6 +77,16 @@ class Photo:
     corners: Array  # (m, 2), as they are
     predicted: Array  # (m, 2)
 
+    def document(self) -> dict[str, object]:
+        """As plain values."""
+        return {
+            "name": self.name,
+            "camera": self.camera,
+            "jpeg": base64.b64encode(self.jpeg).decode(),
+            "corners": self.corners.tolist(),
+            "predicted": self.predicted.tolist(),
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
@@ -117,8 +136,7 @@ class HandEye:
 
     def to_json(self) -> dict[str, object]:
         """What `calib handeye --json` prints."""
-        own = {"frames", "names", "flange", "misses", "covariance"}
-        own |= {"photo", "poses", "body"}
+        own = {*ARRAYS, "frames", "names", "photo", "poses", "body"}
         document = {
             field.name: getattr(self, field.name)
             for field in fields(self)
@@ -130,6 +148,21 @@ class HandEye:
         if self.convention is None:
             del document["convention"]
         return document
+
+    def document(self) -> dict[str, Any]:
+        """All but the log and the body, as plain values."""
+        document: dict[str, Any] = {**self.to_json(), "convention": self.convention}
+        document |= {name: getattr(self, name).tolist() for name in ARRAYS}
+        document |= {name: list(getattr(self, name)) for name in TUPLES}
+        document["photo"] = None
+        if self.photo is not None:
+            document["photo"] = self.photo.document()
+        return document
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write all but the log into one file: the same rig gives the same bytes."""
+        header = {"kind": KIND, "format": VERSION, KIND: self.document()}
+        atomic_write(path, pack(header, {}))
 
     def lines(self) -> list[str]:
         """The answer for people."""

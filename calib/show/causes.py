@@ -10,12 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..body.belief import Body
+from ..body.curves import waves_of
+from ..common.arrays import Array, Index
+from ..common.wording import for_people
 from ..errors import CalibError
 from ..model.model import Model
 from ..model.nominal import nominal_in_plane
-from .judged import frame_of
-from .settings import AMOUNTS, LIMITS, Z95
+from .error_scale import number
+from .settings import SETTINGS, Z95
 
 _ORDER = ("length", "offset", "gain", "elastic", "placement")
 _WORDS = {
@@ -25,7 +28,6 @@ _WORDS = {
     "shift": "origin along",
     "turn": "axis turned about",
     "elastic": "bends",
-    "curve": "error curve",
 }
 
 
@@ -38,12 +40,26 @@ class Cause:
     half: float
     unit: str  # "rad", "m", "1" or the sensor's
     effect: float  # [unit of positions], rms motion of the tip that it makes
-    certain: bool  # whether its interval excludes nothing
+
+    @property
+    def certain(self) -> bool:
+        """Whether its interval excludes nothing."""
+        return abs(self.value) > self.half
 
     @property
     def effect_half(self) -> float:
         """Half of the 95 % interval of the effect."""
         return self.effect * self.half / abs(self.value) if self.value else 0.0
+
+    @property
+    def words(self) -> str:
+        """It with its value and interval: "elbow: zero +0.56 ± 0.003 deg"."""
+        factor, unit = (100.0, "%") if self.unit == "1" else for_people(self.unit)
+        value = number(abs(factor * self.value))
+        if not self.half:
+            return f"{self.name} {value} {unit}"
+        sign = "+" if self.value > 0 else "−"
+        return f"{self.name} {sign}{value} ± {number(factor * self.half, 2)} {unit}"
 
 
 def causes_of(model: Model) -> list[Cause]:
@@ -59,68 +75,86 @@ def causes_of(model: Model) -> list[Cause]:
         except CalibError:
             return []
     away = body.beta - drawing
-    columns = _columns(model)
-    size = np.linalg.norm(columns, axis=0)
-    active = set(body.active.tolist())
-    arm = [k for name in _ORDER for k in structure.groups.get(name, ()) if k in active]
-    chosen, others = _independent(columns, arm)
+    columns = _motions_of_tip(model, body)
+    candidates = [k for name in _ORDER for k in structure.groups.get(name, ())]
+    of_arm = [k for k in candidates if k in body.active]
+    chosen = _independent(columns, of_arm)
+    others = [k for k in of_arm if k not in chosen]
     share = np.linalg.lstsq(columns[:, chosen], columns[:, others], rcond=None)[0]
     root = np.zeros((structure.size, body.root.shape[1]))
     root[body.active] = body.root
     values = away[chosen] + share @ away[others]
     halves = Z95 * np.linalg.norm(root[chosen] + share @ root[others], axis=1)
+    sizes = np.linalg.norm(columns[:, chosen], axis=0)
     causes = []
-    for k, value, half in zip(chosen, values.tolist(), halves.tolist(), strict=True):
+    for k, value, half, size in zip(chosen, values, halves, sizes, strict=True):
         label = structure.labels[k]
-        effect = float(size[k]) * abs(value)
-        name = _words(label.name, str(label.joint))
-        certain = abs(value) > half
-        causes.append(Cause(name, value, half, label.unit, effect, certain))
+        name = _in_words(label.name, str(label.joint))
+        effect = float(size * abs(value))
+        causes.append(Cause(name, float(value), float(half), label.unit, effect))
     for k, joint in enumerate(structure.joint_names):
         waves = structure.groups[f"curve.{k}"]
         if len(waves) and away[waves].any():
             effect = float(np.linalg.norm(columns[:, waves] @ away[waves]))
-            value = float(np.linalg.norm(away[waves])) / 2**0.5
-            causes.append(
-                Cause(f"{joint}: error curve, rms", value, 0.0, "rad", effect, True)
-            )
+            rms = float(np.linalg.norm(away[waves])) / 2**0.5
+            causes.append(Cause(f"{joint}: error curve, rms", rms, 0.0, "rad", effect))
     return sorted(causes, key=lambda cause: -cause.effect)
 
 
-def _columns(model: Model) -> Array:
+def frame_of(model: Model) -> Index:
+    """Indices of the parameters of a model's body that are not the arm's: sensor and tool."""
+    assert model.body is not None  # noqa: S101 - who asks has one
+    labels = model.body.structure.labels
+    frame = [
+        k
+        for k in model.body.active
+        if labels[k].group.startswith(("view.", "tool", "marker"))
+    ]
+    return np.array(frame, dtype=np.intp)
+
+
+def error_curve(body: Body, joint: int, q: Array) -> tuple[Array, Array]:
+    """Learned error curve (n,) of a joint and half of its 95 % band [rad] at values (n,)."""
+    indices = body.structure.groups[f"curve.{joint}"]
+    if not len(indices) or not np.isin(indices, body.active).all():
+        return np.zeros(len(q)), np.zeros(len(q))
+    waves = waves_of(q).T
+    root = body.root[np.searchsorted(body.active, indices)]
+    half = Z95 * np.linalg.norm(waves @ root, axis=1)
+    return np.asarray(waves @ body.beta[indices]), np.asarray(half)
+
+
+def _motions_of_tip(model: Model, body: Body) -> Array:
     """How parameters move the tip, (postures m, d), without what sensor and tool take up.
 
     The length of a column is the rms motion of the tip for one unit of its parameter.
     """
-    assert model.body is not None  # noqa: S101 - the caller has looked
-    structure = model.body.structure
-    size = AMOUNTS.postures, structure.dof
-    q = np.random.default_rng(0).uniform(model.about.lower, model.about.upper, size)
-    slope = structure.linearise(q, model.body.beta)[1][:, : structure.blocks[0]]
-    columns = slope.reshape(-1, structure.size) / AMOUNTS.postures**0.5
+    structure = body.structure
+    shape = SETTINGS.postures, structure.dof
+    q = np.random.default_rng(0).uniform(model.about.lower, model.about.upper, shape)
+    slope = structure.linearise(q, body.beta)[1][:, : structure.blocks[0]]
+    columns = slope.reshape(-1, structure.size) / SETTINGS.postures**0.5
     frame = columns[:, frame_of(model)]
     return np.asarray(columns - frame @ np.linalg.lstsq(frame, columns, rcond=1e-9)[0])
 
 
-def _independent(columns: Array, parameters: list[int]) -> tuple[list[int], list[int]]:
-    """Parameters whose columns are independent, the first ones first, and the others."""
+def _independent(columns: Array, parameters: list[int]) -> list[int]:
+    """Parameters whose columns are independent, the first ones first."""
     chosen = []
-    others = []
     basis = np.zeros((len(columns), 0))
-    most = float(np.linalg.norm(columns[:, parameters], axis=0).max(initial=0.0))
+    sizes = np.linalg.norm(columns, axis=0)
+    rounding = 1e-9 * sizes[parameters].max(initial=0.0)
     for k in parameters:
         column = columns[:, k]
         rest = column - basis @ (basis.T @ column)
         length = float(np.linalg.norm(rest))
-        if length > max(LIMITS.same * float(np.linalg.norm(column)), 1e-9 * most):
+        if length > max(SETTINGS.same * sizes[k], rounding):
             chosen.append(k)
             basis = np.column_stack([basis, rest / length])
-        else:
-            others.append(k)
-    return chosen, others
+    return chosen
 
 
-def _words(name: str, joint: str) -> str:
+def _in_words(name: str, joint: str) -> str:
     """A parameter in words: "elbow: zero", "elbow: origin along x"."""
     what, _, axis = name.removeprefix(f"{joint}.").partition(".")
     kind, _, rest = what.partition(" ")

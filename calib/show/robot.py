@@ -47,6 +47,10 @@ class Robot:
             link: np.stack([frames[link] for frames in postures]) for link in self.links
         }
 
+    def bones(self, q: ArrayLike) -> Array:
+        """Origins (links, 3) of the links at joints (dof,) [m]."""
+        return np.array([frames[0, :3, 3] for frames in self.poses(q).values()])
+
     def tips(self, q: ArrayLike) -> Array:
         """Position (n, 3) of the tip in the root's frame [m]."""
         return np.asarray(self.poses(q)[self.links[-1]][:, :3, 3])

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..arm.arm import SpatialArm
+from ..body.body_fit import BodyFit
 from ..body.fit import Fit
-from ..body.fitting import BodyFit
 from ..body.parameters import Prior
 from ..body.rows import together
 from ..body.settings import STUDENT
@@ -22,6 +22,7 @@ from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.sockets import Touches
 from ..samples.wrong_rows import row_numbers
+from .learn import TrainingOptions
 from .settings import LEARNING, TOUCHING
 from .smooth import SmoothPart
 
@@ -74,7 +75,9 @@ class Sockets:
         return bool(stretched or missed.any())
 
 
-def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[str]]:
+def fit_sockets(
+    samples: Samples, options: TrainingOptions
+) -> tuple[Samples, SmoothPart, list[str]]:
     """Fit arm and sockets; rows that are not in theirs are left out.
 
     Returns the samples with their sockets' places as positions: in the arm's base frame, or in the
@@ -89,6 +92,8 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
     _refuse_alike(samples, touch)
     base_is_measured = not touch.touched.all()
     structure = structure_of(arm, "rigid" if base_is_measured else "base")
+    structure = replace(structure, zeros_alone=options.free == "offsets")
+    seed = options.seed
     sockets = _fit_sound_touches(samples, touch, structure, seed)
     notes: list[str] = []
     if not base_is_measured:
@@ -293,7 +298,7 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     number, facts, sockets = touch.renumbered()
     rows = [
         replace(measured, floor=0.5 * noise, noise=noise)
-        for measured in touching(structure, q, number, facts, log.x)
+        for measured in touching(q, number, facts, log.x)
     ]
     seen = together(structure, rows)
     belief = restated(body, seen)

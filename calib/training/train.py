@@ -23,7 +23,7 @@ from ..errors import LogError
 from ..maps.association import Association
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
-from ..model.about import About, Rows
+from ..model.about import About, MeasuredRows
 from ..model.baseline import Baseline, Seen, learn_baseline
 from ..model.model import Model
 from ..samples.samples import Samples
@@ -247,15 +247,15 @@ def _baseline(model: Model, prepared: Prepared, bounded: _Bounded) -> Baseline:
     return baseline
 
 
-def _remembered_rows(prepared: Prepared, held_out: Array | None) -> Rows | None:
+def _remembered_rows(prepared: Prepared, held_out: Array | None) -> MeasuredRows | None:
     """Rows of a log that are kept with its model; None of a simulation."""
     samples = prepared.samples
     if samples.simulation is not None:
         return None
     if prepared.part is None:
-        return Rows.of(samples.q, samples.x)
+        return MeasuredRows.of(samples.q, samples.x)
     rows = prepared.part.rows
-    return Rows.of(samples.q[rows], samples.x[rows], held_out)
+    return MeasuredRows.of(samples.q[rows], samples.x[rows], held_out)
 
 
 def _limits(samples: Samples, arm: Arm) -> Array:

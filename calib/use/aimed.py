@@ -16,9 +16,7 @@ from ..arm.arm import Arm, SpatialArm
 from ..arm.rotations import exponential, logarithm
 from ..body.belief import Body
 from ..body.corners import Corners
-from ..body.rows import Beside
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.views import InSpace
 from ..common.arrays import Array
 from ..common.rows import number_rows
 from ..common.scale import Scale
@@ -162,9 +160,9 @@ class Scene:
     @property
     def camera(self) -> SpatialStructure:
         """The same chain, whose readings are pixels of corners."""
-        pose = cast(InSpace, self.structure.measurement)
-        reading = Beside((Corners(pose, self.in_hand), pose))
-        return self.structure.with_view("pose", unit="px", reading=reading)
+        corners = Corners(self.structure.viewpoint, self.in_hand)
+        pixels = self.structure.with_view("pose", unit="px")
+        return pixels.changed(others=(corners,), place=1)
 
     def corners(self, q: Array) -> Array:
         """Rows (4 n, dof + 3) of the board's outer corners at each posture (n, dof)."""

@@ -23,7 +23,7 @@ from ..body.spatial import SpatialStructure, structure_of
 from ..body.starts import frame
 from ..common.arrays import Array
 from ..common.scale import METRES
-from ..errors import OptionError
+from ..errors import CalibError, OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.nominal import nominal_arm, nominal_in_plane, visited_joints
@@ -158,6 +158,30 @@ def fit_geometry(
     return fit_in_plane(arm, points, freedom)
 
 
+def body_with_zeros(model: Model) -> Body | None:
+    """Return a model's body with the zeros and intervals that `calib urdf` and `export` write.
+
+    A zero is one number: the body's own share of it, beside turned origins and gears that are the
+    same to the rows, would be another.
+    """
+    body = model.body
+    if body is None or is_simulated(model) or not model.about.urdf:
+        return body
+    try:
+        offsets = fit_geometry(model).offsets()
+    except CalibError:  # no geometry is fitted to pixels of a plane in space
+        return body
+    groups = body.structure.groups
+    beta = body.beta.copy()
+    root = body.root.copy()
+    for index, offset in zip(groups["offset"], offsets.values(), strict=True):
+        rows = np.flatnonzero(body.active == index)
+        beta[index] = offset.value
+        for row in rows:
+            root[row] *= offset.interval / (1.96 * np.linalg.norm(root[row]))
+    return replace(body, beta=beta, root=root)
+
+
 def _before_adaptations(model: Model, x: Array) -> Array:
     """Positions (n, m) in the sensor's frame as it was before adaptations found it moved."""
     for alignment in reversed(frames(model)):
@@ -234,14 +258,14 @@ def _seen_in_space(
         )
         return structure, None, points.x
     if not freedom.frame:
-        structure = replace(own, view="base")
+        structure = own.with_view("base")
     elif knows_orientation(body):
         # orientations tell turns of the tool and of the wrist that positions leave open
-        structure = replace(own, view="pose")
+        structure = own.with_view("pose")
         turns = structure.predict(points.q, body.beta)[:, points.x.shape[1] :]
         return structure, body.beta, np.hstack([points.x, turns])
     else:
-        structure = replace(own, view="rigid" if own.view == "pose" else own.view)
+        structure = own.with_view("rigid" if own.view == "pose" else own.view)
     known = body.beta if own.view == structure.view else None
     return structure, known, points.x
 

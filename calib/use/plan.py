@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm, SpatialArm
+from ..body.information import greedy, most_telling
 from ..body.spatial import structure_of
-from ..body.telling import greedy, most_telling
 from ..common.arrays import Array, Index, ReadOnly
 from ..common.choices import EYES
 from ..common.rows import whole

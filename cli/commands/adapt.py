@@ -57,9 +57,7 @@ def adapt(
     stem = Path(model).name.removesuffix(".calib").removesuffix(".adapted")
     path = output or str(Path(model).with_name(f"{stem}.adapted.calib"))
     check_file(path, ())  # before the work whose result would be lost
-    reading = Reading(
-        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
-    )
+    reading = Reading(columns, unit, time_offset, degrees)
     log = log_for(loaded, data, reading)
     result = calib.adapt(
         loaded, log, method=method, cause=cause, free=free, progress=progress

@@ -27,9 +27,7 @@ def babble(
 ) -> Outcome:
     import calib
 
-    selection = Selection(
-        joints=joints, tip=tip, planar=planar, lock=lock, ranges=ranges, degrees=degrees
-    )
+    selection = Selection(joints, tip, planar, lock, ranges, degrees)
     check_file(output, TABLES, stream=True)
     log = babbled(robot, selection, samples, noise, change, seed)
     calib.write_log(log, output)

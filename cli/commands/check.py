@@ -19,7 +19,7 @@ from ..pictures import log_of_pictures
 from ..units import units_of
 
 if TYPE_CHECKING:
-    from calib import Drift, Model, Samples
+    from calib import Model, Samples, Verdict
 
 SIGNALS = {
     "motor": "motor map, zeta",
@@ -51,9 +51,7 @@ def check(
     import calib
 
     loaded = calib.load(model)
-    reading = Reading(
-        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
-    )
+    reading = Reading(columns, unit, time_offset, degrees)
     with log_of_pictures(loaded, data, joints_file, camera, degrees) as path:
         log = log_for(loaded, path, reading)
     episodes = _episodes(loaded, log, cause)
@@ -78,7 +76,7 @@ def check(
     return Outcome(document, lines, _details(drift), code=code)
 
 
-def _verdict(drift: Drift, adapt: str) -> list[str]:
+def _verdict(drift: Verdict, adapt: str) -> list[str]:
     """Say what the rows tell, what to do, and what limits the answer."""
     smallest = sized(drift.smallest, drift.unit)
     limit = (
@@ -93,7 +91,7 @@ def _verdict(drift: Drift, adapt: str) -> list[str]:
             f"what to do: {_remedy(drift, adapt)}",
             limit,
         ]
-    if drift.too_few:
+    if drift.changed is None:
         return [
             "TOO FEW ROWS TO SAY: they could not show a change of ten times the noise",
             "what to do: measure more poses, spread over the joints' ranges",
@@ -111,7 +109,7 @@ def _verdict(drift: Drift, adapt: str) -> list[str]:
     return [verdict, *drift.explanations, limit]
 
 
-def _remedy(drift: Drift, adapt: str) -> str:
+def _remedy(drift: Verdict, adapt: str) -> str:
     if not drift.adapts:
         return "calib adapt finds nothing that mends it: check the log and the arm"
     if any(cause.cause == "scale" and cause.interval is None for cause in drift.causes):
@@ -152,7 +150,7 @@ def _episodes(model: Model, log: Samples, cause: str | None) -> list[Episode]:
     return episodes
 
 
-def _details(drift: Drift) -> list[TextTable]:
+def _details(drift: Verdict) -> list[TextTable]:
     factor, unit = for_people(drift.unit)
     tests = []
     for group in sorted(drift.groups, key=lambda group: -group.score)[:_MOST]:

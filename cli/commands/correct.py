@@ -43,9 +43,7 @@ def correct(
 
     from ..query import Query, beside
 
-    query = Query(
-        model, input_=input_, columns=columns, output=output, unit=unit, degrees=degrees
-    )
+    query = Query(model, input_, columns, output, unit, degrees)
     joints = query.joints
     batch, valid = query.read(joints.names)
     factors = np.array(joints.typed)

@@ -68,7 +68,8 @@ def handeye(
         ),
     ] = None,
     output: Annotated[
-        str | None, opt.value("--output -o", "MODEL", "Learn a model, too.")
+        str | None,
+        opt.value("--output -o", "MODEL", "Keep the rig; with joints, learn a model."),
     ] = None,
     transform: Annotated[
         str | None, opt.value("--transform", "FILE", "All as static transforms.")
@@ -98,17 +99,16 @@ def handeye(
     arm = None
     pictures = names[-1]
     if poses_file is not None:
-        if len(names) != 1 or joints_file is not None or output is not None:
+        if len(names) != 1 or joints_file is not None:
             raise BadOption(
-                "--poses-file takes PICTURES alone: no ROBOT, no --joints-file, and no -o, since a "
-                "model needs joints"
+                "--poses-file takes PICTURES alone: no ROBOT, no --joints-file"
             )
     else:
         if len(names) != 2:
             raise BadOption(
                 f"{len(names)} names: expected ROBOT PICTURES, or PICTURES with --poses-file"
             )
-        selection = Selection(joints=joints, tip=tip, lock=lock, degrees=degrees)
+        selection = Selection(joints, tip, lock=lock, degrees=degrees)
         arm = selection.load(names[0])
         need_joints(pictures, joints_file)
     glass = None
@@ -130,7 +130,9 @@ def handeye(
     )
     say(rig.notes)
     warnings = []
-    if output is not None and rig.poses is not None:
+    if output is not None and rig.poses is None:
+        rig.save(output)
+    elif output is not None and rig.poses is not None:
         model = calib.train(rig.poses)
         model.save(output)
         warnings = contradicted(model.about)

@@ -44,8 +44,8 @@ def noise(
 
         joints = joint_columns(source.header)
         say([f"joints are the columns {', '.join(joints)}; --joints names others"])
-    selection = Selection(joints=joints, degrees=degrees)
-    reading = Reading(columns=columns, unit=unit, prismatic=prismatic)
+    selection = Selection(joints, degrees=degrees)
+    reading = Reading(columns, unit, prismatic=prismatic)
     result = repeatability(measured(robot, selection, source, reading))
     positions = result.unit
     document = {"log": log, **result.to_json(), "units": {"positions": positions}}

@@ -84,6 +84,11 @@ def plan(
     check_file(output, TABLES, stream=True)
     if data is None:
         refuse({"columns": columns}, "applies to a log: expected --data LOG too")
+    if handeye and is_model:
+        from calib.recording.rig_file import is_rig
+
+        if is_rig(robot):
+            return _flange_poses(robot, output, poses, seed)
     rows: Samples | None = None
     source: Arm | Model
     facts: Arm | About
@@ -95,26 +100,19 @@ def plan(
         source = model
         facts = model.about
         if data is not None:
-            reading = Reading(columns=columns, degrees=degrees or None)
+            reading = Reading(columns, degrees=degrees or None)
             rows = log_for(model, data, reading)
         # an arm was loaded with its ranges, which it may need where it states no limits
         turns = dict(zip(facts.joint_names, facts.revolute, strict=True))
         within = in_si("--range", ranges, turns, degrees)
     else:
-        selection = Selection(
-            joints=joints,
-            tip=tip,
-            planar=planar,
-            lock=lock,
-            ranges=ranges,
-            degrees=degrees,
-        )
+        selection = Selection(joints, tip, planar, lock, ranges, degrees)
         arm = selection.load(robot)
         say(arm.notes)
         source = arm
         facts = arm
         if data is not None:
-            rows = measured(robot, selection, data, Reading(columns=columns))
+            rows = measured(robot, selection, data, Reading(columns))
     shown = JointFormat(facts, degrees)
     result = calib.plan(
         source,
@@ -152,3 +150,35 @@ def plan(
     line = f"{output}: {len(result)} rows of {', '.join(table)} [{unit}, {result.unit}]"
     ways = ", ".join(shown.change(k, way) for k, way in enumerate(travel))
     return Outcome(document, [line, *result.why, f"joints travel {ways}"])
+
+
+def _flange_poses(rig: str, output: str, count: int, seed: int) -> Outcome:
+    """Write flange poses that tell most of what a rig left open."""
+    import numpy as np
+
+    from calib.arm.rotations import quaternion_of
+    from calib.recording.next_poses import next_poses
+    from calib.recording.rig_file import load_rig
+    from calib.samples.tables import write_table
+
+    flange, intervals = next_poses(load_rig(rig), count, seed)
+    numbers = np.column_stack([flange[:, :3, 3], quaternion_of(flange[:, :3, :3])])
+    names = ("x", "y", "z", "qx", "qy", "qz", "qw")
+    table = dict(zip(names, numbers.T, strict=True))
+    write_table(output, table)
+    document = {
+        "output": output,
+        "rows": count,
+        "poses": {name: column.tolist() for name, column in table.items()},
+        "position_95": intervals.tolist(),
+        "seed": seed,
+        "units": {"positions": "m"},
+    }
+    after = 1e3 * intervals[-1].max()
+    return Outcome(
+        document,
+        [
+            f"{output}: {count} flange poses with the board in view [m]; with pictures of them "
+            f"what is in the hand is known to {after:.2g} mm"
+        ],
+    )

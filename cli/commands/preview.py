@@ -41,9 +41,7 @@ def preview(
     if live and html is not None:
         raise BadOption("--live needs a running preview: expected it without --html")
     check_file(html, (".html", ".htm"), option="--html")
-    reading = Reading(
-        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
-    )
+    reading = Reading(columns, unit, time_offset, degrees)
     loaded, log = load_drawn(model, data, photo, no_photo, reading)
     browse = not no_open
     with calib.preview(loaded, html, log, live=live, port=port, browse=browse) as page:

@@ -29,9 +29,7 @@ def recognise(
     import calib
 
     loaded = [calib.load(path) for path in models]
-    reading = Reading(
-        columns=columns, unit=unit, time_offset=time_offset, degrees=degrees
-    )
+    reading = Reading(columns, unit, time_offset, degrees)
     log = log_for(loaded[0], data, reading)
     result = calib.recognise(loaded, log)
     name = None if result.index is None else models[result.index]

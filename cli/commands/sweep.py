@@ -92,12 +92,8 @@ def sweep(
     from calib.samples.tables import write_table
     from calib.sweeps import sweep as run
 
-    selection = Selection(
-        joints=joints, tip=tip, planar=planar, lock=lock, ranges=ranges, degrees=degrees
-    )
-    reading = Reading(
-        columns=columns, unit=unit, time_offset=time_offset, prismatic=prismatic
-    )
+    selection = Selection(joints, tip, planar, lock, ranges, degrees)
+    reading = Reading(columns, unit, time_offset, prismatic=prismatic)
     simulated = {"samples": samples, "noise": noise}
     robots = robots or []
     check_sources(robots, bool(data), simulated, vars(reading))

@@ -14,19 +14,12 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument
 
 from .. import options as opt
-from ..logs import (
-    Reading,
-    Selection,
-    babbled,
-    check_sources,
-    measured_by_sensors,
-    stated,
-)
+from ..logs import Reading, Selection, babbled, check_sources, measured, stated
 from ..output import Outcome, progress, say
 from ..parsing import BadOption, check_file
 from ..pictures import photo_of_log, with_photo
 from ..summary import (
-    accuracy,
+    accuracy_of_sensor,
     advice,
     code_of,
     contradicted,
@@ -64,6 +57,7 @@ def train(
     sensory_size: opt.SensorySize = None,
     body: opt.BodyKind = "auto",
     view: opt.SensorView = "auto",
+    free: opt.Free = "all",
     rule: opt.TrainingRule = "batch",
     epochs: opt.Epochs = None,
     sigma: opt.Sigma = None,
@@ -89,18 +83,8 @@ def train(
 ) -> Outcome:
     import calib
 
-    selection = Selection(
-        joints=joints,
-        tip=tip,
-        planar=planar,
-        lock=lock,
-        ranges=ranges,
-        degrees=degrees,
-        gravity=gravity,
-    )
-    reading = Reading(
-        columns=columns, unit=unit, time_offset=time_offset, prismatic=prismatic
-    )
+    selection = Selection(joints, tip, planar, lock, ranges, degrees, gravity)
+    reading = Reading(columns, unit, time_offset, prismatic=prismatic)
     simulated = {"samples": samples, "noise": noise, "change": change}
     of_touches = {"distance": distance, "plane": plane}
     of_cameras = {"gravity": gravity, "lens": lens, "photo": photo}
@@ -110,8 +94,12 @@ def train(
         raise BadOption("--photo and --no-photo are given: expected one of them")
     check_file(output, ())
     if data:
-        logs = measured_by_sensors(robot, selection, data, reading, seed, lens)
-        logs = [stated(log, distance, plane) for log in logs]
+        from calib.samples.sensors import sources_by_sensor
+
+        logs = []
+        for sensor, source in sources_by_sensor(data).items():
+            log = measured(robot, selection, source, reading, seed, lens, sensor)
+            logs.append(stated(log, distance, plane))
     else:
         logs = [babbled(robot, selection, samples, noise, change, seed)]
     log = logs[0]
@@ -119,16 +107,16 @@ def train(
     check_file(path, ())
     if output is None and not force:
         _check_same_origin(path, log)
+    sizes = (size, motor_size, sensory_size)
     how = calib.TrainingOptions(
-        size=size,
-        motor_size=motor_size,
-        sensory_size=sensory_size,
-        map=map,
-        rule=rule,
-        epochs=epochs,
-        sigma=sigma,
+        *sizes,
+        map,
+        rule,
+        epochs,
+        sigma,
         body=body,
         view=view,
+        free=free,
         seed=seed,
     )
     model = calib.train(logs if len(logs) > 1 else log, how, progress=progress)
@@ -146,21 +134,15 @@ def train(
     if about.source == "simulation":
         rows = "fresh exact samples"
         learned = f"{about.samples} samples"
-    warnings = []
-    accuracies = []
-    for name in model.sensors:
-        seen = model.by(name).about
-        warnings += contradicted(seen)
-        tested = f"{seen.tested} {rows}"
-        line = accuracy(model.by(name), seen.errors, seen.within, tested, seen.left_out)
-        accuracies.append(f"{name}: {line}" if name else line)
+    sensors = [model.by(name) for name in model.sensors]
+    warnings = [line for sensor in sensors for line in contradicted(sensor.about)]
     noise_of_log = log.source.get("noise")
     if log.source.get("unit") != about.unit:
         noise_of_log = None
     cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
     lines = [
         *warnings,
-        *accuracies,
+        *(accuracy_of_sensor(sensor) for sensor in sensors),
         *found_by_body(model),
         advice(model, about.errors, noise_of_log),
         f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}",

@@ -11,6 +11,7 @@ from calib.body.gate import leave_blocks_out
 from calib.body.parameters import Prior
 from calib.body.planar import PlanarStructure
 from calib.body.rows import Rows
+from calib.body.sensors import InPlane
 
 
 @pytest.mark.parametrize("ratio", [1.0, 0.5, 0.1, 0.0])
@@ -25,8 +26,8 @@ def known(n: int, seed: int):
     """Rows of a two-link arm whose prior and noise are exactly those of the fit."""
     generator = np.random.default_rng(seed)
     s = PlanarStructure(
-        ("a", "b"), (True, True), "rigid", "m", 1.0, (1, 1), 1, 0.4, (0.0, 0.0),
-        PlanarDrawing((0.3, 0.25), (0.0, 0.0)), False,
+        ("a", "b"), (True, True), (1, 1), PlanarDrawing((0.3, 0.25), (0.0, 0.0)), False,
+        (InPlane("rigid", extent=0.4),),
     )  # fmt: skip
     prior = s.prior(("view.rotation", "view.shift", "length", "offset", "gain"))
     sd = np.where(prior.sd > 0, np.minimum(prior.sd, 5e-3), 0.0)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from calib.body import fitting
+from calib.body import body_fit
+from calib.body.information import lengths_of, matern, most_telling
 from calib.body.planar import planar_structure
 from calib.body.rows import Rows
-from calib.body.telling import lengths_of, matern, most_telling
 
 NONE = np.zeros((0, 2))
 
@@ -19,7 +19,7 @@ def body():
     angle = np.cumsum(q, axis=1)
     x = np.stack([np.cos(angle) @ [0.3, 0.25], np.sin(angle) @ [0.3, 0.25]], axis=1)
     x += 2e-4 * rng.standard_normal(x.shape)
-    return fitting.fit(planar_structure(x, ("a", "b"), (True, True)), [Rows(q, x)]).body
+    return body_fit.fit(planar_structure(x, ("a", "b"), (True, True)), [Rows(q, x)]).body
 
 
 def information(body, q):

@@ -15,6 +15,7 @@ class Bent(Structure):
     """Outputs (u + v) q + c (u - v + b)^2: what q tells is u + v; u - v is long and curved."""
 
     size, outputs, blocks, dof, measurement = 2, 2, (2,), 1, Measurement()
+    sensors, others, place = (), (), 0
     curve, middle = 1e-3, 0.01
 
     def predict(self, q, beta):

@@ -77,7 +77,7 @@ def test_touches_beside_positions_are_one_fit_of_stacked_rows(world):
         beta[structure.groups[name]] = world.beta[world.truth.groups[name]]
     beta[structure.groups["view.rotation"]] = rng.normal(0, 1, 3)
     x = structure.predict(world.q, beta) + rng.normal(0, 0.1 * MM, (len(world.q), 3))
-    told = touching(structure, world.q, number, world.known((0, 1)), x)
+    told = touching(world.q, number, world.known((0, 1)), x)
     touches, positions, facts = told = [replace(each, noise=0.1 * MM) for each in told]
     seen = together(structure, told)
     prior = seen.prior((*seen.frame_groups, "placement", "offset"))

@@ -20,18 +20,21 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_check_adapt_check(folder, run):
-    calm = run("check", folder / "m.calib", "--data", folder / "same.csv")
-    assert calm.code == 0
-    assert "still calibrated" in calm.out
-    drifted = run("check", folder / "m.calib", "--data", folder / "new.csv")
-    assert drifted.code == 3
-    assert "the link of elbow" in drifted.out
-    done = run("adapt", folder / "m.calib", "--data", folder / "new.csv")
-    assert done.code == 0, done.err
-    assert (folder / "m.adapted.calib").exists()
-    again = run("check", folder / "m.adapted.calib", "--data", folder / "new.csv")
-    assert again.code == 0
+def test_check_adapt_check(folder, run, tmp_path):
+    model, log, out = folder / "m.calib", folder / "new.csv", tmp_path / "mine.calib"
+    drifted = run("check", model, "--data", log, "--json").document
+    assert "the link of elbow" in drifted["explanations"][0]
+    done = run("adapt", model, "--data", log, "-o", out, "--json")
+    assert (done.code, done.document["model"], done.document["improved"]) == (0, str(out), True)
+    assert done.document["after"]["mean"] < 0.2 * done.document["before"]["mean"]
+    causes = [cause for cause in drifted["causes"] if cause["cause"] != "noise"]
+    assert done.document["changed"] == causes
+    assert "the sensor's scale" in done.document["kept"]
+    assert 0.5 < done.document["coverage"] <= 1
+    assert calib.load(out).history[0]["samples"] == done.document["samples"]
+    assert run("check", out, "--data", log).code == 0
+    assert run("adapt", model, "--data", folder / "same.csv", "-o", tmp_path / "no.calib").code == 3
+    assert not (tmp_path / "no.calib").exists()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes with a name are POSIX")
@@ -46,29 +49,6 @@ def test_a_pipe_is_checked_like_the_file_with_its_episodes(folder, run, tmp_path
     thread.join(5.0)
     assert done.code == 3, done.err
     assert [part["samples"] for part in done.document["episodes"]] == [50, 50]
-
-
-def test_adapt_as_json_and_output(folder, run, tmp_path):
-    out = tmp_path / "mine.calib"
-    done = run("adapt", folder / "m.calib", "--data", folder / "new.csv", "-o", out, "--json")
-    assert done.code == 0
-    assert done.document["model"] == str(out)
-    assert done.document["improved"] is True
-    assert done.document["after"]["mean"] < 0.2 * done.document["before"]["mean"]
-    checked = run("check", folder / "m.calib", "--data", folder / "new.csv", "--json").document
-    assert done.document["changed"] == [c for c in checked["causes"] if c["cause"] != "noise"]
-    assert "the sensor's scale" in done.document["kept"]
-    assert 0.5 < done.document["coverage"] <= 1
-    assert calib.load(out).history[0]["samples"] == done.document["samples"]
-
-
-def test_no_improvement_writes_nothing(folder, run, tmp_path):
-    out = tmp_path / "o.calib"
-    done = run("adapt", folder / "m.calib", "--data", folder / "same.csv", "-o", out, "--json")
-    assert done.code == 3
-    assert done.document["improved"] is False
-    assert done.document["model"] is None
-    assert not out.exists()
 
 
 def test_a_bound_that_the_rows_contradict_is_written_wider(run, tmp_path):

@@ -8,10 +8,6 @@ import pytest
 import calib
 
 SMALL = ("--size", "10", "-n", "500")
-SUMMARY = {
-    "model", "robot", "joints", "tip", "plane", "view", "map", "rule", "size", "samples", "seed",
-    "seconds", "unit", "units", "bound_of", "bound_holds", "sensors", "left_out", "errors",
-}  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +32,6 @@ def test_train_writes_the_robots_name_and_one_document(run, tmp_path):
     done = run("train", "two_link", *SMALL, "--json")
     assert done.code == 0, done.err
     document = done.document
-    assert set(document) == SUMMARY
     assert document["model"] == "two_link.calib"
     assert [path.name for path in tmp_path.iterdir()] == ["two_link.calib"]
     assert document["joints"] == ["shoulder", "elbow"]
@@ -145,7 +140,6 @@ def test_evaluate_is_five_lines_and_every_error_with_its_unit_where_asked(run, m
 
 def test_info_tells_what_and_whence(run, model):
     done = run("info", model, "--json")
-    assert set(done.document) > SUMMARY
     assert done.document["source"] == "simulation"
     assert done.document["ranges"]["shoulder"] == pytest.approx([0.0, math.pi / 2])
     assert "urdf" not in done.document
@@ -205,16 +199,6 @@ def test_babble_writes_what_it_says(run, tmp_path):
     document = run("babble", "two_link", "-n", "20", "-o", "log.parquet", "--json").document
     assert (document["log"], document["samples"], document["unit"]) == ("log.parquet", 20, "m")
     assert len(calib.read_log("log.parquet", calib.load_arm("two_link"))) == 20
-
-
-def test_robots_lists_the_catalogue(run):
-    entries = run("robots", "--json").document
-    assert [entry["name"] for entry in entries] == [entry.name for entry in calib.list_robots()]
-    for entry in entries:
-        assert set(entry) == {"name", "joints", "dof", "description"}
-        assert entry["dof"] == len(entry["joints"])
-    lines = run("robots").out.splitlines()
-    assert len(lines) == 1 + len(entries)  # a header, then one line each
 
 
 @pytest.mark.parametrize(

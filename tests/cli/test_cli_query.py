@@ -36,15 +36,11 @@ def test_forward_agrees_with_the_closed_form(run, model):
     assert answer["model_error"] == answer["expected_error"]  # of a simulation
     assert (answer["unit"], answer["bound_of"]) == ("m", "true position")
     assert answer["units"] == UNITS
-    assert set(answer) == {
-        "joints", "position", "expected_error", "model_error", "unit", "units", "bound_of"
-    }  # fmt: skip
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_inverse_leads_to_the_target(run, model, target):
     answer = run("query", "inverse", model, *target, "--json").document
-    assert set(answer) == {"target", "reachable", "solutions", "unit", "units", "bound_of"}
     assert answer["target"] == list(target)
     assert answer["reachable"] is True
     (solution,) = answer["solutions"]

@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_maps import UNIT_BOX
 
-from calib.change.follow import matching_sigma
 from calib.maps.batch import coarse_to_fine, decay
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
 from calib.maps.settings import ONLINE
 from calib.maps.vdsom import Rates
+from calib.stream.follow import matching_sigma
 
 
 @given(st.floats(0.1, 100), st.floats(0.01, 1), st.integers(2, 200))

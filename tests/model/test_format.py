@@ -63,6 +63,7 @@ def read(data):
 def body_of(said, tensors, q):
     """Positions (n, 2) of a planar body at joint values (n, dof)."""
     told, n = said["body"]["structure"], q.shape[1]
+    sensor = told["sensors"][told["place"]]
     parts = iter(tensors["body.beta"])
 
     def take(count):
@@ -85,15 +86,15 @@ def body_of(said, tensors, q):
         angle = q[:, [i]] * order
         theta[:, i] += np.cos(angle) @ cosines + np.sin(angle) @ sines
     phi = np.cumsum(np.where(turns, theta, 0.0), axis=1)
-    w = told["metre"] if told["view"] in ("base", "rigid") else 1.0
+    w = sensor["metre"] if sensor["view"] in ("base", "rigid") else 1.0
     slid = (length + w * gain * d * q) * np.exp(1j * (phi + offset))
     p = np.where(turns, length * np.exp(1j * phi), slid).sum(axis=1)
     p = np.stack([p.real, p.imag], axis=1)
     turned = np.array([[np.cos(alpha), -np.sin(alpha)], [np.sin(alpha), np.cos(alpha)]])
-    matrix = np.exp(s) * turned @ [[1 + a, b], [b, 1 - a]] @ np.diag([1, told["mirror"]])
+    matrix = np.exp(s) * turned @ [[1 + a, b], [b, 1 - a]] @ np.diag([1, sensor["mirror"]])
     y = t + p @ matrix.T / (1 + p @ h)[:, None]
-    v = (y - told["centre"]) / (1.5 * told["extent"]) - c
-    return y + 1.5 * told["extent"] * k * (v**2).sum(axis=1, keepdims=True) * v
+    v = (y - sensor["centre"]) / (1.5 * sensor["extent"]) - c
+    return y + 1.5 * sensor["extent"] * k * (v**2).sum(axis=1, keepdims=True) * v
 
 
 @pytest.mark.parametrize("robot", ["two_link", "three_link", "polar", "log"])

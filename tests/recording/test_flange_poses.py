@@ -1,112 +1,16 @@
 """Hand-eye from a controller's flange poses: conventions, boards, cameras, what is not known."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 import pytest
+from flange_worlds import CONVENTIONS, SIZE, World, misses, motion
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib.errors import LogError, OptionError
-from calib.recording.board import parse_board
-from calib.recording.board_pictures import BoardPictures
+from calib.errors import LogError, ModelError, OptionError
 from calib.recording.flange_table import FlangeTable, read_flange_poses
 from calib.recording.lens import load_lens
-
-SIZE = (1280, 720)
-LENS = np.array([900.0, 903.0, 645.0, 352.0, -0.1, 0.05, 5e-4, -4e-4, 0.0])
-MATRIX = np.array([[900.0, 0.0, 645.0], [0.0, 903.0, 352.0], [0.0, 0.0, 1.0]])
-
-
-def motion(turn, shift):
-    """A rigid motion (4, 4)."""
-    out = np.eye(4)
-    out[:3, :3] = turn.as_matrix()
-    out[:3, 3] = shift
-    return out
-
-
-@dataclass
-class World:
-    """A camera, a board and an arm that repeats to .3 mm and .02 deg."""
-
-    seed: int = 0
-    in_hand: bool = True
-    count: int = 16
-    board: str = "10x7:22mm"
-    printed: float = 1.0  # true size over the said one
-    shift: float = 3e-4  # [m], of the arm's poses
-    turn: float = np.radians(0.02)
-    spread: float = 25.0  # of the turns [deg]
-    axes: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    second: bool = False  # whether another camera sees the same
-
-    def __post_init__(self):
-        rng = np.random.default_rng(self.seed)
-        self.pattern = parse_board(self.board)
-        points = self.pattern.points()
-        near, far = rng.normal(0.0, 0.06, 3), rng.normal(0.0, 0.6, 3)
-        one = Rotation.random(random_state=self.seed)
-        other = Rotation.random(random_state=self.seed + 1000)
-        self.camera = motion(one, near if self.in_hand else far)
-        self.placed = motion(other, far if self.in_hand else near)
-        self.apart = motion(Rotation.from_rotvec([0.0, 0.1, 0.02]), [0.08, 0.0, 0.0])
-        cameras = [self.camera]
-        if self.second:
-            cameras.append(self.camera @ self.apart)
-        self.flange = []
-        self.corners = [[] for _ in cameras]
-        while len(self.flange) < self.count:
-            vector = np.radians(self.spread) * np.array(self.axes) * rng.uniform(-1.5, 1.5, 3)
-            turn = Rotation.from_rotvec(vector)
-            place = rng.uniform([-0.12, -0.07, 0.3], [0.12, 0.07, 0.6])
-            seen = motion(turn, place - turn.apply(points.mean(axis=0)))
-            moved = self.camera @ seen @ np.linalg.inv(self.placed)
-            pictures = []
-            for camera in cameras:
-                there = np.linalg.inv(camera) @ moved @ self.placed
-                at = self.printed * points @ there[:3, :3].T + there[:3, 3]
-                pictures.append(
-                    cv2.projectPoints(at, np.zeros(3), np.zeros(3), MATRIX, LENS[4:])[0]
-                )
-            pixels = np.squeeze(pictures, axis=2) if self.second else np.squeeze(pictures)[None]
-            if (pixels < 10).any() or (pixels > np.array(SIZE) - 10).any():
-                continue
-            flange = np.linalg.inv(moved) if self.in_hand else moved
-            said = flange @ motion(Rotation.from_rotvec(rng.normal(0.0, self.turn, 3)), np.zeros(3))
-            said[:3, 3] += rng.normal(0.0, self.shift, 3)
-            self.flange.append(said)
-            for own, seen_at in zip(self.corners, pixels, strict=True):
-                own.append(seen_at + rng.normal(0.0, 0.15, seen_at.shape))
-        self.flange = np.array(self.flange)
-
-    @property
-    def eye(self):
-        return "hand" if self.in_hand else "base"
-
-    def shots(self, number=0, turned=()):
-        """The corners as if they were found in pictures, some from the board's other end."""
-        found = []
-        for k, corners in enumerate(self.corners[number]):
-            corners = corners[::-1] if k in turned else corners
-            found.append(dict(enumerate(corners)))
-        names = tuple(f"{k:02d}.png" for k in range(self.count))
-        none = np.zeros((self.count, 0))
-        return BoardPictures(self.pattern, (), names, none, tuple(found), SIZE, self.count, ())
-
-    def solve(self, table=None, turned=(), **options):
-        table = self.flange if table is None else table
-        return calib.handeye(
-            pictures=self.shots(turned=turned), poses=table, eye=self.eye, **options
-        )
-
-
-def misses(place, true):
-    """Errors of a place over its intervals (6,): shift and turn."""
-    shift = np.subtract(place["position"], true[:3, 3]) / place["position_95"]
-    turn = Rotation.from_quat(place["quaternion"]) * Rotation.from_matrix(true[:3, :3]).inv()
-    return np.abs(np.concatenate([shift, turn.as_rotvec() / place["rotation_95"]]))
+from calib.recording.rig_file import load_rig
 
 
 @pytest.mark.parametrize("in_hand", [True, False])
@@ -125,17 +29,6 @@ def test_camera_board_and_lens_are_found_with_intervals_that_hold(in_hand):
         assert abs(rig.lens["focal"] - 901.5) < 2.0 * rig.lens["focal_95"] + 0.5
         assert rig.held_out["rms"] < 3.0
     assert np.mean(inside) > 0.85
-
-
-CONVENTIONS = {
-    "xyzw": lambda turns: turns.as_quat(),
-    "wxyz": lambda turns: np.roll(turns.as_quat(), 1, axis=1),
-    "vector": lambda turns: turns.as_rotvec(degrees=True),
-    "rpy": lambda turns: turns.as_euler("xyz"),
-    "kuka": lambda turns: turns.as_euler("ZYX", degrees=True),
-    "ZYZ": lambda turns: turns.as_euler("ZYZ", degrees=True),
-    "transposed": lambda turns: np.swapaxes(turns.as_matrix(), 1, 2).reshape(-1, 9),
-}
 
 
 @pytest.mark.parametrize("rotation", list(CONVENTIONS))
@@ -208,6 +101,24 @@ def test_poses_of_the_board_alone_are_enough():
     assert rig.notes[0].startswith("poses are read as matrix by rows, flange in base")
 
 
+@pytest.mark.parametrize("in_hand", [True, False])
+def test_planned_poses_show_the_board_and_tell_what_is_promised(in_hand, tmp_path, run):
+    world = World(0, in_hand, axes=(0.5, 0.05, 1.0))
+    rig = world.solve()
+    rig.save(tmp_path / "rig.calib")
+    done = run(
+        "plan", tmp_path / "rig.calib", "--handeye", "-n", 2, "-o", tmp_path / "p.csv", "--json"
+    )
+    poses = done.document["poses"]
+    shifts = np.column_stack([poses[name] for name in "xyz"])
+    turns = Rotation.from_quat(np.column_stack([poses[f"q{name}"] for name in "xyzw"]))
+    for turn, shift in zip(turns, shifts, strict=True):
+        world.take_picture(motion(turn, shift))
+    after = np.max(world.solve().hand["position_95"])
+    assert after < 0.75 * np.max(rig.hand["position_95"])
+    assert after < 1.2 * np.max(done.document["position_95"][-1])
+
+
 def test_turns_about_one_axis_are_refused_with_what_would_tell():
     with pytest.raises(LogError, match="turns about one axis alone"):
         World(3, axes=(0.0, 0.0, 1.0)).solve()
@@ -225,7 +136,7 @@ def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):
     def find(board, grey):  # drawing the pictures takes longer than all the rest
         number = int(grey[0, 0])
         counts[number] += 1
-        return dict(enumerate(world.corners[number // 10][counts[number] - 1]))
+        return dict(enumerate(world.corners[number // 10][(counts[number] - 1) % world.count]))
 
     monkeypatch.setattr("calib.recording.board.Chessboard.find", find)
     flat = world.flange[:, :3].reshape(-1, 12)
@@ -239,6 +150,14 @@ def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):
     assert (misses(left["base"], world.camera) < 2.0).all()
     assert (misses(right["from_first"], world.apart) < 2.0).all()
     assert "static_transform_publisher" in (tmp_path / "t.txt").read_text()
+    # the same as a file
+    done = run("handeye", tmp_path / "rig", *words, "-o", tmp_path / "rig.calib", "--json")
+    rig = load_rig(tmp_path / "rig.calib")
+    assert rig.to_json() == {k: v for k, v in done.document.items() if k != "units"}
+    assert rig.photo.corners.shape == (54, 2)
+    assert np.allclose(rig.photo.corners, rig.photo.predicted, atol=10.0)
+    with pytest.raises(ModelError, match="a rig of flange poses"):
+        calib.load(tmp_path / "rig.calib")
     done = run("handeye", tmp_path / "rig", *words[:-1], "left=base,right=other")
     assert done.code == 1
     assert "right" in done.err

@@ -7,72 +7,69 @@ five times the room, more than the 3 MB that a page may have.
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...common.arrays import Array
-from ..robot import Robot
 
-LAYER = "Arm"
-_BONE = "#e0853c"
-_JOINT = "#59636e"
+Colour = NDArray[np.uint8] | str
+"""``#rrggbb``, or one for each point, (n, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
     """Layers in the order of the legend, and what is drawn in them."""
 
-    layers: list[dict[str, Any]] = field(default_factory=list)
-    objects: list[dict[str, Any]] = field(default_factory=list)
-    places: dict[str, list[float]] = field(
-        default_factory=dict
-    )  # transforms by columns, by path
-    tracks: dict[str, str] = field(
-        default_factory=dict
-    )  # transforms of the animation, by path
+    layers: list[dict[str, object]] = field(default_factory=list)
+    objects: list[dict[str, object]] = field(default_factory=list)
+    labels: list[dict[str, object]] = field(default_factory=list)
+    places: dict[str, list[float]] = field(default_factory=dict)  # by columns, by path
+    tracks: dict[str, str] = field(default_factory=dict)  # of the animation, by path
 
     def layer(self, name: str, colour: str, text: str, *, shown: bool = True) -> str:
         """Begin a layer of the legend: what is drawn on paths below its name, which is returned."""
-        self.layers.append(
-            {"name": name, "colour": colour, "text": text, "shown": shown}
-        )
+        layer = {"name": name, "colour": colour, "text": text, "shown": shown}
+        self.layers.append(layer)
         return name
+
+    def label(self, layer: str, text: str, at: Array) -> None:
+        """Write words at a point (3,), shown with a layer."""
+        self.labels.append({"layer": layer, "text": text, "at": at.tolist()})
 
     def add(
         self,
         path: str,
         kind: str,
-        colour: NDArray[np.uint8] | str,
+        colour: Colour,
         points: ArrayLike | None = None,
         index: ArrayLike | None = None,
         *,
         size: float | Sequence[float] = (),
-        **more: Any,
-    ) -> None:
-        """Draw something at a path.
+        opacity: float = 1.0,
+        order: int = 0,
+    ) -> dict[str, object]:
+        """Draw something at a path, and return it as the page will read it.
 
-        kind : "lines" between pairs (m, 2) of points, "points", an "image" between its corners
-            (4, 3), its lower left first; a "surface" of triangles; a "sphere", a "cylinder"
-            along y, or a "marker", a ball that nothing hides
-        colour : ``#rrggbb``, or one for each point, (n, 3)
+        kind : "lines" between pairs (m, 2) of points, "points", a "surface" of triangles; a
+            "sphere", a "cylinder" along y, or a "marker", a ball that nothing hides
         points : (n, 3)
         size : [m], width of points, radius of a ball; radius and length
         """
-        drawn = {"path": path, "kind": kind, "opacity": 1.0, "size": size, **more}
-        named = isinstance(colour, str)
-        drawn["colour" if named else "tints"] = (
-            colour if named else packed(colour, np.uint8)
-        )
+        drawn: dict[str, object] = {"path": path, "kind": kind, "opacity": opacity}
+        drawn |= {"size": size, "order": order}
+        if isinstance(colour, str):
+            drawn["colour"] = colour
+        else:
+            drawn["tints"] = packed(colour, np.uint8)
         if points is not None:
             drawn["points"] = packed(points, np.float32)
         if index is not None:
             drawn["index"] = packed(index, np.uint32)
         self.objects.append(drawn)
+        return drawn
 
     def place(self, path: str, transforms: Array) -> None:
         """Put what is below a path where a transform (4, 4) says, or move it through many."""
@@ -86,31 +83,3 @@ def packed(values: ArrayLike, kind: type[np.generic]) -> str:
     """Return an array as the page reads it: base64 of its bytes, the lowest first."""
     array = np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<"))
     return base64.b64encode(array.tobytes()).decode("ascii")
-
-
-def draw_robot(
-    canvas: Canvas, robot: Robot, poses: Mapping[str, Array], size: float
-) -> None:
-    """Draw links as capsules from joint to joint, moving through poses (n, 4, 4)."""
-    from scipy.spatial.transform import Rotation
-
-    radius = 0.02 * size
-    for link, following in pairwise(robot.links):
-        # in the frame of the link that carries it, so that it moves along
-        end = (np.linalg.inv(poses[link][0]) @ poses[following][0])[:3, 3]
-        length = float(np.linalg.norm(end))
-        canvas.add(f"{LAYER}/{link}/joint", "sphere", _JOINT, size=[1.25 * radius])
-        if length > 1e-3 * size:
-            bone = np.eye(4)
-            bone[:3, :3] = Rotation.align_vectors([end], [[0.0, 1.0, 0.0]])[
-                0
-            ].as_matrix()
-            bone[:3, 3] = end / 2
-            path = f"{LAYER}/{link}/bone"
-            canvas.add(path, "cylinder", _BONE, size=[radius, length])
-            canvas.place(path, bone)
-    canvas.add(
-        f"{LAYER}/{robot.links[-1]}/joint", "sphere", _JOINT, size=[1.25 * radius]
-    )
-    for link in robot.links:
-        canvas.place(f"{LAYER}/{link}", poses[link])

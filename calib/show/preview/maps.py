@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ...common.arrays import Array, Index, Mask
+from ...common.arrays import Array
 from ...common.wording import for_people
 from ...model.model import Model
-from ..error_scale import ErrorScale, colours, number
-from ..settings import AMOUNTS
-from ..workspace import drawn_edges, extent, node_errors
+from ...model.nominal import moves_in_space
+from ..error_scale import UNKNOWN, ErrorScale, colours, number
+from ..settings import SETTINGS
+from ..workspace import drawn_edges, node_errors
 from .canvas import Canvas, packed
-from .placement import Placement
 
 _LINK = "#2f9e44"
-_FRAME = "#8b97a3"
-_OFF = 0.06  # of the panel's side, from its edge to the words
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +36,10 @@ class Panel:
         corner = np.array([high[0] + 0.22 * size, middle, np.median(flat[:, 2])])
         return Panel(corner @ frame, size * frame[: min(dof, 3)])
 
-    def lift(self, u: Array) -> Array:
-        """Points (n, 3) of the scene for joints (n, dof) in their unit box."""
-        return np.asarray(
-            self.corner + np.asarray(u)[:, : len(self.edges)] @ self.edges
-        )
+    def lift(self, u: ArrayLike) -> Array:
+        """Points (..., 3) of the scene for joints (..., dof) in their unit box."""
+        shares = np.asarray(u, dtype=float)[..., : len(self.edges)]
+        return np.asarray(self.corner + shares @ self.edges)
 
     def outline(self) -> tuple[Array, NDArray[np.intp]]:
         """Corners (n, 3) and pairs of them (m, 2) that the box is drawn with."""
@@ -58,107 +52,79 @@ class Panel:
 def draw_maps(
     canvas: Canvas,
     model: Model,
-    placement: Placement,
+    places: Array,
     panel: Panel,
     scale: ErrorScale,
     size: float,
 ) -> None:
-    """Draw both maps, coloured by their errors; of arms in space they are off until asked for."""
-    flat = len(model.axes) == 2
-    few = (
-        "over the joints' ranges"
-        if len(model.about.joint_names) < 4
-        else "over three joints"
-    )
+    """Draw both maps, coloured by their errors; of arms in space they are off until asked for.
+
+    places : (nodes, 3), of the sensory map
+    """
+    shown = not moves_in_space(model)
     motor_errors, sensory_errors = node_errors(model)
-    sensory = placement.lift(model.sensory.weights)
-    motor = panel.lift(model.motor.units)
+    joints = panel.lift(model.motor.units)
     for name, part, points, text, errors in (
-        ("Sensory map", model.sensory, sensory, "where they stand", sensory_errors),
-        ("Motor map", model.motor, motor, few, motor_errors),
+        ("Sensory map", model.sensory, places, "where they stand", sensory_errors),
+        ("Motor map", model.motor, joints, "over the joints' ranges", motor_errors),
     ):
         tint = colours(scale.share(errors))
-        shape = part.lattice.shape
         edges = drawn_edges(part)
-        if len(shape) == 3:  # all edges would hide the arm, and each other
-            edges = edges[_on_middle_sheets(shape, edges)]
-            text += ", edges of the middle sheets"
-        nodes = "x".join(map(str, shape))
-        canvas.layer(name, "scale", f"{nodes} nodes {text}", shown=flat)
+        nodes = "x".join(map(str, part.lattice.shape))
+        canvas.layer(name, "scale", f"{nodes} nodes {text}", shown=shown)
         canvas.add(f"{name}/lattice", "lines", tint, points, edges)
-        apart = float(
-            np.median(np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1))
-        )
-        width = max(apart, 0.003 * size)
-        canvas.add(
-            f"{name}/nodes",
-            "points",
-            tint,
-            points,
-            size=width * (0.5 if flat else 0.12),
-        )
-    canvas.add("Motor map/range", "lines", _FRAME, *panel.outline())
+        lengths = np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1)
+        width = float(np.clip(0.5 * np.median(lengths), 0.003 * size, 0.02 * size))
+        canvas.add(f"{name}/nodes", "points", tint, points, size=width)
+    canvas.add("Motor map/range", "lines", UNKNOWN, *panel.outline())
     text = "of one node; click the sensory map for another"
-    canvas.layer("Hebbian links", _LINK, text, shown=flat)
+    canvas.layer("Hebbian links", _LINK, text, shown=shown)
+    _label_maps(canvas, model, places, panel, size)
 
 
-def _on_middle_sheets(shape: tuple[int, ...], edges: Index) -> Mask:
-    """Which edges (m, 2) of a lattice with three axes lie on one of its middle sheets, (m,)."""
-    place = np.indices(shape).reshape(3, -1).T
-    middle = place == np.array(shape) // 2
-    return np.asarray((middle[edges[:, 0]] & middle[edges[:, 1]]).any(axis=1))
-
-
-def links_of(model: Model, among: NDArray[np.intp]) -> dict[str, Any]:
-    """Strongest motor partners of each sensory node, for the page.
-
-    "each" is how many of each node, "partners" are the strongest first, the largest number where
-    there are fewer, "node" is the one of `among` whose partners spread the furthest.
-    """
-    links = model.links.T.tocsr()
-    width = min(AMOUNTS.most, max(AMOUNTS.fewest, AMOUNTS.links // links.shape[0]))
-    partners = np.full((links.shape[0], width), -1, dtype=np.int64)
-    for row, (start, end) in zip(partners, pairwise(links.indptr), strict=True):
-        best = np.argsort(-links.data[start:end], kind="stable")[:width]
-        row[: len(best)] = links.indices[start:end][best]
-    spreads = []
-    for node in among:
-        units = model.motor.units[links.indices[slice(*links.indptr[node : node + 2])]]
-        spreads.append(float(np.ptp(units, axis=0).sum()) if len(units) else 0.0)
-    return {
-        "each": width,
-        "partners": packed(partners.astype(np.uint32), np.uint32),
-        "node": int(among[np.argmax(spreads)]),
-        "link": _LINK,
-    }
-
-
-def labels(
-    model: Model, placement: Placement, panel: Panel
-) -> Iterator[tuple[str, str, Array]]:
-    """Yield layer, text and place (3,) of the names of both maps and of the joints' ranges."""
+def _label_maps(
+    canvas: Canvas, model: Model, places: Array, panel: Panel, size: float
+) -> None:
+    """Write the names of both maps, and of the joints with the ends of their ranges."""
     about = model.about
-    up = placement.frame[1]
-    points = placement.lift(model.sensory.weights)
-    size = extent(model) * float(np.linalg.norm(placement.axes[1]))
-    yield (
-        "Sensory map",
-        "sensory map",
-        points[np.argmax(points @ up)] + _OFF * size * up,
-    )
-    yield (
-        "Motor map",
-        "motor map",
-        panel.lift(np.array([[0.5, 1.0 + 1.5 * _OFF, 0.0]]))[0],
-    )
+    up = panel.edges[1 % len(panel.edges)]
+    up = up / np.linalg.norm(up)
+    top = places[np.argmax(places @ up)]
+    canvas.label("Sensory map", "sensory map", top + 0.06 * size * up)
+    canvas.label("Motor map", "motor map", panel.lift([0.5, 1.09, 0.0]))
     for axis in range(len(panel.edges)):
         factor, unit = for_people(about.units_of_joints[axis])
         low = f"{number(factor * about.lower[axis])} {unit}"
         high = f"{number(factor * about.upper[axis])} {unit}"
         for share, text in ((0.5, about.joint_names[axis]), (0.0, low), (1.0, high)):
             # the third along the other side, where no other joint's words are
-            at = np.array(
-                [-2 * _OFF, -_OFF, 0.0] if axis < 2 else [1.0 + _OFF, 0.0, 0.0]
-            )
-            at[axis] = share
-            yield "Motor map", text, panel.lift(at[None])[0]
+            place = np.array([-0.12, -0.06, 0.0] if axis < 2 else [1.06, 0.0, 0.0])
+            place[axis] = share
+            canvas.label("Motor map", text, panel.lift(place))
+
+
+def links_of(model: Model, among: NDArray[np.intp]) -> dict[str, object]:
+    """Strongest motor partners of each sensory node, for the page.
+
+    "each" is how many of each node, "partners" are the strongest first, the largest number where
+    there are fewer, "node" is the one of `among` whose partners spread the furthest.
+    """
+    links = model.links.T.tocoo()
+    order = np.lexsort((-links.data, links.row))
+    nodes = links.row[order]
+    rank = np.arange(len(nodes)) - np.searchsorted(nodes, nodes)
+    width = min(SETTINGS.links, max(6, 120_000 // links.shape[0]))
+    strong = rank < width
+    nobody = np.iinfo(np.uint32).max
+    partners = np.full((links.shape[0], width), nobody, dtype=np.uint32)
+    partners[nodes[strong], rank[strong]] = links.col[order][strong]
+    spreads = []
+    for row in partners[among]:
+        units = model.motor.units[row[row != nobody]]
+        spreads.append(float(np.ptp(units, axis=0).sum()) if len(units) else 0.0)
+    return {
+        "each": width,
+        "partners": packed(partners, np.uint32),
+        "node": int(among[np.argmax(spreads)]),
+        "link": _LINK,
+    }

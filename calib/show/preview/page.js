@@ -40,7 +40,7 @@
       geometry.setAttribute(name, new THREE.BufferAttribute(array, width, normalized));
     set("position", drawn.places ? new Float32Array(drawn.places) : floats(drawn.points), 3);
     if (drawn.tints) set("color", bytes(drawn.tints), 3, true);
-    if (drawn.image) set("uv", new Float32Array([0, 0, 1, 0, 1, 1, 0, 1]), 2);
+    if (drawn.image) set("uv", floats(drawn.uv), 2);
     if (drawn.index) {
       const whole = new Uint32Array(bytes(drawn.index).buffer);
       geometry.setIndex(new THREE.BufferAttribute(whole, 1));
@@ -115,11 +115,13 @@
     viewer.set_3d_pane_size(width, height);
     viewer.camera.setViewOffset(width, height, -covered() / 2, 0, width, height);
     if (!moved) {
-      const { target, direction, half, fov, margin } = data.camera;
+      const { target, direction, half, fov, margin, eye } = data.camera;
       const slope = Math.tan((fov * Math.PI) / 360);
       const aspect = (width - covered()) / height;
-      const distance = (margin * Math.max(half[1], half[0] / aspect)) / slope + half[2];
-      viewer.camera.fov = fov;
+      const side = margin * Math.max(half[1], half[0] / aspect);
+      // from where a photo was taken the arm is drawn over it through the lens
+      const distance = eye || side / slope + half[2];
+      viewer.camera.fov = eye ? (360 / Math.PI) * Math.atan(side / eye) : fov;
       viewer.controls.target.copy(space(target));
       viewer.camera.position.copy(space(target)).addScaledVector(space(direction), distance);
       viewer.camera.near = distance / 200;
@@ -196,8 +198,8 @@
 
   // ------------------------------------------------------------------ links of a node
   const nodes = (name) => viewer.scene_tree.find([name, "nodes", "<object>"]).object;
-  const partners = new Uint32Array(bytes(data.links.partners).buffer);
-  const each = data.links.each;
+  const partners = data.links && new Uint32Array(bytes(data.links.partners).buffer);
+  const each = data.links && data.links.each;
 
   function link(node) {
     const from = nodes("Sensory map").geometry.attributes.position;
@@ -219,7 +221,7 @@
     viewer.set_dirty();
   }
 
-  link(data.links.node);
+  if (data.links) link(data.links.node);
 
   // where the pointer is, as a ray into the scene
   function rayOf(event) {
@@ -235,7 +237,7 @@
   const canvas = renderer.domElement;
   canvas.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
   canvas.addEventListener("pointerup", (event) => {
-    if (!pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
+    if (!data.links || !pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
     const hits = rayOf(event).intersectObject(nodes("Sensory map"));
     hits.sort((a, b) => a.distanceToRay - b.distanceToRay);
     if (hits.length) link(hits[0].index);

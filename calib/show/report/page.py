@@ -3,119 +3,81 @@
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
-from importlib.resources import files
-from string import Template
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
-from ...common.atomic import atomic_write
 from ...common.choices import READOUTS
 from ...common.wording import quoted, suggestion
-from ...errors import OptionError
+from ...errors import OptionError, require
 from ...maps.association import Association
 from ...maps.map import Map
 from ...model.facts import facts
 from ...model.model import Model
+from ...recording.rig import HandEye
+from ...recording.rig_file import rig_of_model
 from ...samples.samples import Samples
-from ...training.evaluate import evaluate
 from ...training.learn import Progress
 from ..error_scale import unit_for
-from . import figures as draw
-from . import maps as draw_maps
+from ..study import Study, studies_of
+from . import figures as arm
+from . import map_figures as maps
 from . import words
-from .drawing import settings, to_svg
-from .figures import Study
+from .drawing import settings
+from .html import figure_of, filled, paragraph, write_page
+from .rig_page import figures_of_rig, pictures_of_rig, report_rig, verdict_of_rig
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_CODE = re.compile(r"`([^`]*)`")
+Draw = Callable[[Study], "Figure | None"]
+"""What draws a figure, None where there is nothing to show."""
 
-
-class Panel(NamedTuple):
-    """A figure of the report: what draws it, None where there is nothing, and how to read it."""
-
-    draw: Callable[[Study], Figure | None]
-    caption: str
-
-
-PANELS = {
-    "accuracy": Panel(
-        draw.accuracy, "How far predictions are from measured positions."
-    ),
-    "causes": Panel(
-        draw.causes,
-        "What differs from the drawing, by how much it moves the tip; lines are 95 % intervals.",
-    ),
-    "setup": Panel(
-        draw.setup, "What stands around the arm and what it carries, to scale."
-    ),
-    "where": Panel(
-        draw.where,
-        "The model's own 95 % bound on the true position; dots are rows, in the colour of their "
-        "error; crosses are rows that were left out.",
-    ),
-    "coverage": Panel(
-        draw.coverage, "Which part of each joint's range the rows covered."
-    ),
-    "photo": Panel(draw_maps.photo, "The sensory map as the camera sees the arm."),
-    "joints": Panel(
-        draw.joints,
-        "What rows say of each joint's own error (dots), the learned error curve and its band.",
-    ),
-    "order": Panel(
-        draw.order, "Drift and steps show as slopes; the line is a running median."
-    ),
-    "arrows": Panel(draw.arrows, "From the predicted position to the measured one."),
-    "trust": Panel(
-        draw.trust,
-        "A bound that holds follows the diagonal or lies above it; grey is what chance does.",
-    ),
-    "sockets": Panel(
-        draw.sockets, "Each dot is a touch: held out, only the play should be left."
-    ),
-    "lattices": Panel(
-        draw_maps.lattices, "Nodes joined to their neighbours on the lattice."
-    ),
-    "u_matrices": Panel(
-        draw_maps.u_matrices, "Ridges are folds and borders of the map."
-    ),
+CAPTIONS: dict[Draw, str] = {
+    arm.accuracy: "How far predictions are from measured positions.",
+    arm.causes: "What differs from the drawing, by how much it moves the tip; lines are 95 % "
+    "intervals.",
+    arm.setup: "What stands around the arm and what it carries, to scale.",
+    arm.where: "The model's own 95 % bound on the true position; dots are rows, in the colour "
+    "of their error; crosses are rows that were left out.",
+    arm.coverage: "Which part of each joint's range the rows covered.",
+    arm.arrows: "From the predicted position to the measured one.",
+    maps.photo: "The sensory map and the arm as the camera sees them.",
+    arm.joints: "What rows say of each joint's own error (dots), the learned error curve and "
+    "its band.",
+    arm.order: "Drift and steps show as slopes; the line is a running median.",
+    arm.trust: "A bound that holds follows the diagonal or lies above it; grey is what chance "
+    "does.",
+    arm.sockets: "Each dot is a touch: held out, only the play should be left.",
+    maps.lattices: "Nodes joined to their neighbours on the lattice.",
+    maps.u_matrices: "Ridges are folds and borders of the map.",
 }
-_FIRST = ("accuracy", "causes")
-_SECTIONS = {
-    "What is off": ("setup",),
-    "Where": ("where", "coverage", "arrows", "photo"),
-    "Why so": ("joints", "order", "trust", "sockets"),
-    "The maps": ("lattices", "u_matrices"),
-}
+FIGURES = {draw.__name__: draw for draw in CAPTIONS}
+_WHERE = (arm.where, arm.coverage, arm.arrows, maps.photo)
+_WHY = (arm.joints, arm.order, arm.trust, arm.sockets)
+_OF_ARM = (arm.coverage, arm.joints)  # drawn for the first of several sensors alone
+_MAPS = (maps.lattices, maps.u_matrices)
 
 
 def report(
-    model: Model,
+    model: Model | HandEye,
     path: str | os.PathLike[str],
     log: Samples | None = None,
     *,
     progress: Progress | None = None,
 ) -> str:
-    """Write a report of a model, figures and words, as one HTML file that needs no network.
+    """Write a report of a model into one HTML file, and return its verdict in words.
 
     Parameters
     ----------
-    model : Model
+    model : Model or HandEye
     path : path-like
-        The file, written whole or not at all.
+        The file; it needs no network to be read.
     log : Samples, optional
-        A log to judge the model by.  Without it a simulated model is judged by fresh exact
-        samples, and a model of a log by its own rows, each predicted from the others.
+        Measured samples to judge the model by.  Without them fresh samples of a simulated arm
+        are used, and of a model of a log the rows that it keeps.
     progress : callable, optional
-        Called with the share of the work done, the section and NaN.
-
-    Returns
-    -------
-    str
-        How accurate the model is, the page's first sentences.
+        Called with the share that is done, a step and NaN.
 
     Examples
     --------
@@ -125,61 +87,58 @@ def report(
     >>> calib.report(model, path)
     'The tip is predicted to ...'
     """
-    study = Study(model, log)
-    texts = {
-        "What is off": words.uncertain(study),
-        "Where": "Errors are where the arm is asked to go; outside of the field it cannot.",
-        "Why so": "What is left over, by joint, by time and by place.",
-        "The maps": "Where maps answer, or where there is no body under them.",
-    }
-    verdict = words.verdict(study)
-    sections = []
-    for k, (heading, names) in enumerate(_SECTIONS.items()):
-        if progress is not None:
-            progress((k + 1) / (len(_SECTIONS) + 1), heading, float("nan"))
-        maps = heading == "The maps"
-        if maps and not _maps_answer(model):
-            continue
-        content = _figures(study, names)
-        if maps:
-            content = _table(model, log) + content
-        if content or (heading == "What is off" and texts[heading]):
-            text = _html(texts[heading])
-            sections.append(
-                _filled("section.html", heading=heading, text=text, content=content)
-            )
-    page = _filled(
-        "page.html",
-        title=escape(model.about.robot or "An arm, learned from a log"),
-        style=_file("page.css"),
-        verdict=_html(verdict),
-        cause=_html(words.largest_cause(study)),
-        still=_html(words.still_true(study)),
-        next=_html(words.next_step(study)),
-        first=_figures(study, _FIRST),
-        sections="".join(sections),
-        facts="".join(
-            _filled("fact.html", name=escape(name), value=_html(value))
-            for name, value in facts(model).items()
-        ),
-        notes="".join(
-            _filled("note.html", note=_html(note)) for note in model.about.notes
-        ),
+    if isinstance(model, HandEye):
+        return report_rig(model, path)
+    require("model", model, Model)
+    studies = studies_of(model, log)
+    rig = rig_of_model(model)
+    study = next((one for one in studies if one.log is not None), studies[0])
+    with settings():
+        bars = _of_sensors(studies, [arm.accuracy])
+        first = "".join(bars.values()) + _figures(study, [arm.causes])
+        off = paragraph(words.uncertain(study)) + _figures(studies[0], [arm.setup])
+        sections = {"What is off": off}
+        if rig is not None:
+            pictures = pictures_of_rig(rig)
+            del pictures["setup"]
+            sections["The pictures"] = "".join(pictures.values())
+        for heading, draws in (("Where", _WHERE), ("Why so", _WHY)):
+            if progress is not None:
+                progress(len(sections) / 4, heading, float("nan"))
+            for sensor, content in _of_sensors(studies, draws).items():
+                sections[f"{heading}: {sensor}" if sensor else heading] = content
+        if model.default_readout == "linear" or model.predictor.models.degree >= 0:
+            sections["The maps"] = _table(model) + _figures(studies[0], _MAPS)
+    verdict = words.verdict(studies)
+    if rig is not None:
+        verdict = f"{verdict_of_rig(rig)} {verdict}"
+    write_page(
+        path,
+        title=model.about.robot or "An arm, learned from a log",
+        verdict=verdict,
+        answers={
+            "What is off": words.largest_cause(study),
+            "Still true?": words.still_true(study),
+            "Next": words.next_step(study),
+        },
+        first=first,
+        sections=sections,
+        facts=facts(model) | words.sensors(studies),
+        notes=model.about.notes,
     )
-    atomic_write(path, page.encode("utf-8"))
     return verdict
 
 
 def figures(
-    model: Model | Map | Association,
+    model: Model | HandEye | Map | Association,
     log: Samples | None = None,
     names: Sequence[str] | None = None,
-) -> dict[str, Any]:
+) -> dict[str, Figure]:
     """Return the figures of a model, a map or an association, in the ink of paper.
 
     Parameters
     ----------
-    model : Model, Map or Association
+    model : Model, HandEye, Map or Association
     log : Samples, optional
         A log to judge the model by, as in :func:`report`.
     names : sequence of str, optional
@@ -188,7 +147,7 @@ def figures(
     Returns
     -------
     dict of matplotlib.figure.Figure
-        By name; without those that have nothing to show, such as a photo that is not there.
+        By name; those of a second sensor are `where-2` and the like.
 
     Examples
     --------
@@ -200,85 +159,75 @@ def figures(
     ['lattices', 'u_matrices', 'links']
     """
     with settings(paper=True):
-        if not isinstance(model, Model | Map | Association):
+        if isinstance(model, HandEye | Map | Association):
+            if isinstance(model, HandEye):
+                drawn = figures_of_rig(model)
+            else:
+                drawn = maps.figures_of_maps(model)
+            return {name: drawn[name] for name in _checked(names, drawn)}
+        if not isinstance(model, Model):
             raise OptionError(
                 f"figures of {type(model).__name__}: expected a model, a map or an association",
                 hint="`calib.load(path)` reads a model",
                 parameter="model",
             )
-        if not isinstance(model, Model):
-            drawn: Mapping[str, Any] = draw_maps.figures_of_maps(model)
-            _check_names(names, drawn)
-        else:
-            _check_names(names, PANELS)
-            study = Study(model, log)
-            drawn = {name: PANELS[name].draw(study) for name in names or PANELS}
-    return {
-        name: figure
-        for name, figure in drawn.items()
-        if figure is not None and (names is None or name in names)
-    }
+        chosen = _checked(names, FIGURES)
+        drawn = {}
+        for study in studies_of(model, log):
+            for name in chosen:
+                figure = FIGURES[name](study)
+                if figure is not None:
+                    drawn[name + study.suffix] = figure
+    return drawn
 
 
-def _check_names(names: Sequence[str] | None, drawn: Mapping[str, Any]) -> None:
+def _checked(names: Sequence[str] | None, drawn: Iterable[str]) -> Sequence[str]:
+    """Names of figures, all that there are by default."""
+    there = list(drawn)
     for name in names or ():
-        if name not in drawn:
+        if name not in there:
             raise OptionError(
                 f"`names`: {quoted(name)} is no figure",
-                hint=suggestion(name, drawn),
+                hint=suggestion(name, there),
                 parameter="names",
                 value=name,
             )
+    return there if names is None else names
 
 
-def _figures(study: Study, names: Sequence[str]) -> str:
+def _of_sensors(studies: Sequence[Study], draws: Sequence[Draw]) -> dict[str, str]:
+    """Figures as HTML, by the name of the sensor."""
+    return {study.model.about.sensor: _figures(study, draws) for study in studies}
+
+
+def _figures(study: Study, draws: Sequence[Draw]) -> str:
     """Figures as HTML; "" for those that have nothing to show."""
     parts = []
-    with settings():
-        for name in names:
-            panel = PANELS[name]
-            figure = panel.draw(study)
-            if figure is not None:
-                svg = to_svg(figure, name, panel.caption)
-                parts.append(
-                    _filled("figure.html", name=name, svg=svg, caption=panel.caption)
-                )
+    for draw in draws:
+        if study.suffix and draw in _OF_ARM:
+            continue
+        caption = CAPTIONS[draw]
+        if draw is arm.accuracy and study.model.about.sensor:
+            caption = f"{study.model.about.sensor}: {caption}"
+        name = draw.__name__ + study.suffix
+        parts.append(figure_of(draw(study), name, caption))
     return "".join(parts)
 
 
-def _maps_answer(model: Model) -> bool:
-    """Whether maps have a part in the answers."""
-    return model.default_readout == "linear" or model.predictor.models.degree >= 0
-
-
-def _table(model: Model, log: Samples | None) -> str:
+def _table(model: Model) -> str:
     """Distances of all readouts, aligned at the point."""
-    errors = model.about.errors if log is None else evaluate(model, log).errors
-    readouts = [readout for readout in READOUTS if readout in errors]
-    if not readouts:
+    errors = model.about.errors
+    distances = {
+        readout: errors[readout]["forward"]["distance"]
+        for readout in READOUTS
+        if readout in errors
+    }
+    if not distances:
         return ""
-    table = {readout: errors[readout]["forward"]["distance"] for readout in readouts}
-    factor, unit = unit_for(
-        min(row["mean"] for row in table.values()), model.about.unit
-    )
+    least = min(distance["mean"] for distance in distances.values())
+    factor, unit = unit_for(least, model.about.unit)
     rows = []
-    for readout, row in table.items():
-        cells = {key: f"{factor * row[key]:,.3f}" for key in ("mean", "p99", "max")}
-        rows.append(_filled("row.html", name=readout, **cells))
-    return _filled(
-        "table.html", corner=escape(f"distance [{unit}]"), rows="".join(rows)
-    )
-
-
-def _html(text: str) -> str:
-    """A text for the page; what stands in backticks is typed."""
-    return _CODE.sub(r"<code>\1</code>", escape(text))
-
-
-def _filled(file: str, /, **parts: str) -> str:
-    """A template of this folder with its places filled."""
-    return Template(_file(file)).substitute(parts)
-
-
-def _file(name: str) -> str:
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+    for readout, distance in distances.items():
+        values = [f"{factor * distance[key]:,.3f}" for key in ("mean", "p99", "max")]
+        rows.append(f"<tr><th>{readout}</th><td>{'</td><td>'.join(values)}</td></tr>")
+    return filled("table.html", unit=escape(unit), rows="\n".join(rows))

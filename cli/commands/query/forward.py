@@ -39,16 +39,7 @@ def forward(
 
     from ...query import TURN, Query, note_size
 
-    query = Query(
-        model,
-        values=values,
-        frame=frame,
-        input_=input_,
-        columns=columns,
-        output=output,
-        unit=unit,
-        degrees=degrees,
-    )
+    query = Query(model, input_, columns, output, unit, degrees, frame, values)
     joints = query.joints
     if input_ is not None:
         return _table(query, readout)

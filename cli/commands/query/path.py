@@ -32,9 +32,7 @@ def path(
 
     from ...query import Query
 
-    query = Query(
-        model, input_=input_, columns=columns, output=output, unit=unit, degrees=degrees
-    )
+    query = Query(model, input_, columns, output, unit, degrees)
     axes = query.model.axes
     joints = query.joints
     positions = query.positions

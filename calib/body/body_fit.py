@@ -1,0 +1,259 @@
+"""The fit of a body: start, gate, final step over all rows, second fit, bound.
+
+`fit` takes any structure, which is a chain, what is measured of it, and their prior; `fit_sensors`
+takes what several sensors measured of one chain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..common.arrays import Array
+from ..samples.poses import means_of, pose_index
+from .belief import Body, Second
+from .covariance import as_kept
+from .fit import Fit
+from .gate import Passed, leave_blocks_out, pass_gate
+from .gravity import other_direction
+from .layout import joined
+from .parameters import Prior
+from .rows import Rows
+from .settings import FIT, LOG_FLOOR, SIMULATED_FLOOR, STUDENT
+from .starts import Start, best_starts, with_other_sensors
+from .structure import Structure
+
+
+@dataclass(frozen=True)
+class BodyFit:
+    """A fitted body and how well it predicts."""
+
+    body: Body
+    # (n, m), residuals of the sensor's contiguous blocks of rows predicted from the others
+    held_out: Array
+    notes: tuple[str, ...] = ()  # what the rows cannot tell
+    # (n,), held-out errors of orientation, where they were measured
+    turned: Array | None = None
+    beside: tuple[BodyFit, ...] = ()  # the same body as further sensors see it
+
+    def of_positions(self) -> BodyFit:
+        """Return a fit to poses as one of positions, with the orientations' errors beside it.
+
+        The parameters that the orientations told stay, the tool's rotation among them.
+        """
+        body = self.body
+        second = body.second
+        if second is not None:
+            second = replace(second, noise=second.noise[:3])
+        view = "base" if body.structure.view.startswith("base") else "rigid"
+        positions = replace(
+            body,
+            structure=body.structure.with_sensor(view=view),
+            noise=body.noise[:3],
+            tau=body.tau[:3],
+            residual=body.residual[:3],
+            second=second,
+        )
+        turned = np.linalg.norm(self.held_out[:, 3:], axis=1)
+        held_out = self.held_out[:, :3]
+        return replace(self, body=positions, held_out=held_out, turned=turned)
+
+
+def fit(
+    structure: Structure,
+    rows: Sequence[Rows],
+    *,
+    begin: Array | None = None,
+    seed: int = 0,
+) -> BodyFit:
+    """Fit a structure to what one sensor or several saw of its chain.
+
+    structure : the chain and its priors; signs and mirror are found, and without a drawing the
+        chain.  Of several sensors it is what `rows.together` or `layout.joined` makes of it.
+    rows : of each sensor; the first one's are what the belief predicts
+    begin : (d,), parameters to begin with; by default they are found from the first sensor's rows
+    seed : chooses the rows of the gate where there are many
+    """
+    drawn = _fit(structure, rows, begin, seed)
+    undrawn = structure.undrawn()
+    typical = np.median(np.linalg.norm(drawn.held_out, axis=1))
+    if undrawn is None or typical < FIT.doubted * structure.extent:
+        return drawn
+    free = _fit(undrawn, rows, begin, seed)
+    if not np.median(np.linalg.norm(free.held_out, axis=1)) < typical / 2:
+        return drawn
+    note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
+    return replace(free, notes=(note,))
+
+
+def fit_sensors(
+    structures: Mapping[str, Structure], rows: Mapping[str, Rows], *, seed: int = 0
+) -> dict[str, BodyFit]:
+    """Fit one chain to what several sensors saw of it: one belief, as each sensor sees it.
+
+    structures : of each sensor by its name, as it would be alone; the first one's drawing counts
+    rows : of each sensor by its name, in the same order
+    """
+    named = [replace(rows[name], sensor=name) for name in structures]
+    first = fit(joined(structures), named, seed=seed)
+    fits = (replace(first, beside=()), *first.beside)
+    return dict(zip(structures, fits, strict=True))
+
+
+def _fit(
+    structure: Structure, rows: Sequence[Rows], begin: Array | None, seed: int
+) -> BodyFit:
+    """Fit the structure; simulated samples have Gaussian weights and a lower noise floor."""
+    rows = [replace(some, floor=_least_noise(structure, some)) for some in rows]
+    nu = np.inf if structure.simulated else STUDENT
+    members = structure.members()
+    chain = dict(members).get("chain", members[0][1])
+    rng = np.random.default_rng(seed)
+    some: list[Rows] = []
+    for part in rows:  # a draw in the order of the log
+        drawn = np.sort(rng.permutation(len(part))[: structure.gate_rows])
+        some.append(part.take(drawn))
+    starts = [Start(structure, np.zeros(0) if begin is None else begin)]
+    if begin is None:
+        starts = best_starts(structure, rows[0], chain)
+        starts = [with_other_sensors(start, rows) for start in starts]
+    candidates = [pass_gate(start, chain, some, nu) for start in starts]
+    passed = max(candidates, key=lambda candidate: candidate.fit.evidence)
+    whole = _over_all_rows(passed.fit, rows)
+    wide = None
+    if not structure.simulated and not structure.zeros_alone:
+        wide = _wide_fit(passed, chain, some)
+    root = as_kept(whole.covariance)
+    fits = [_seen_by(k, passed, whole, wide, root, rows[k]) for k in range(len(rows))]
+    direction = other_direction(passed, some)
+    notes = () if direction is None else (direction,)
+    return replace(fits[0], beside=tuple(fits[1:]), notes=notes)
+
+
+def _least_noise(structure: Structure, rows: Rows) -> Array:
+    """Return the least noise (m,) [unit, rad] that rows are taken to have."""
+    share = SIMULATED_FLOOR if structure.simulated else LOG_FLOOR
+    extent = structure.as_seen_by(rows.sensor).extent
+    sizes = np.array([extent, extent, extent, 1.0, 1.0, 1.0])
+    return share * sizes[: rows.z.shape[1]]
+
+
+def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
+    """Return a fit of the gate's rows carried on over all, its scales as they are."""
+    if max(map(len, rows)) <= fit.structure.gate_rows:
+        return fit
+    sd = np.zeros(len(fit.beta))
+    sd[fit.active] = fit.sd
+    # exact rows leave nothing to learn of their noise
+    learn = bool((fit.noise > fit.parts[0].floor).any())
+    whole = fit.beginning(rows, Prior(fit.mean, sd))
+    return whole.maximise(learn=learn, steps=4, tolerance=FIT.settled)
+
+
+def _seen_by(
+    k: int, passed: Passed, whole: Fit, wide: _Wide | None, root: Array, rows: Rows
+) -> BodyFit:
+    """Return the body as the k-th sensor sees it, with its held-out errors."""
+    part = whole.parts[k]
+    structure = part.structure
+    simulated = structure.simulated
+    kappa = FIT.unknown_kappa
+    if isinstance(rows.sensor, str) or k == 0:
+        held_out = leave_blocks_out(whole, sensor=k)
+        kappa = max(1.0, held_out.ratio())
+    else:
+        held_out = leave_blocks_out(whole, (), sensor=k)
+    repeat = 0.0
+    if not simulated:
+        repeat = _repeatability(rows.q, rows.z[:, : structure.blocks[0]])
+    body = Body(
+        structure=structure,
+        beta=whole.beta,
+        active=whole.active,
+        root=root,
+        noise=part.noise,
+        kappa=kappa,
+        tau=held_out.tau(part),
+        residual=np.zeros(structure.outputs),
+        nu=whole.nu,
+        autocorrelation=whole.autocorrelation,
+        scales=passed.fit.scales,
+        rows=len(rows),
+        simulated=simulated,
+        member=passed.name,
+        second=None if wide is None else wide.second(k),
+        repeat=repeat,
+    )
+    # where the other blocks determine nothing, they predict their mean
+    unknown = rows.z - rows.z.mean(axis=0)
+    residual = held_out.residual
+    return BodyFit(body, np.where(np.isfinite(residual), residual, unknown))
+
+
+def _repeatability(q: Array, z: Array) -> float:
+    """Return the sd of readings `z` (n, p) [unit] along an axis at one pose; 0 of few repeats."""
+    pose = pose_index(q)
+    freedom = len(q) - int(pose.max()) - 1
+    if freedom < FIT.repeats:
+        return 0.0
+    squares = (z - means_of(pose, z)[pose]) ** 2
+    return float(np.sqrt(squares.sum() / (freedom * z.shape[1])))
+
+
+@dataclass(frozen=True, eq=False)
+class _Wide:
+    """A fit with a wider prior, and the root (k, k) of what the rows leave of its covariance."""
+
+    fit: Fit
+    root: Array
+
+    def second(self, sensor: int) -> Second:
+        """Return the belief as a sensor sees it."""
+        noise = self.fit.parts[sensor].noise
+        return Second(self.fit.beta, self.fit.active, self.root, noise)
+
+
+def _wide_fit(
+    passed: Passed, chain: tuple[str, ...], rows: Sequence[Rows]
+) -> _Wide | None:
+    """Return a fit of what the member left out, for the bound: the whole chain, larger curves.
+
+    Lens and elasticity too.  None where the member has them and the rows speak against curves.
+    """
+    first = passed.fit
+    structure = first.structure
+    groups = structure.groups
+    bends = "curve" in passed.free or passed.against("curves") < FIT.no_curves
+    guarded: list[str] = []
+    if len(rows[0]) >= FIT.guarded_rows:
+        blocks = ("elastic", "gravity", "lens")
+        guarded = [block for block in blocks if len(groups.get(block, ()))]
+    if not bends and {*chain, *guarded} <= set(passed.free):
+        return None
+    free = (*passed.free, *chain, *guarded, *(["curve"] if bends else []))
+    prior = structure.prior(free)
+    sd = prior.sd.copy()
+    for block in guarded:
+        guard = structure.guard(block)
+        if guard is not None:
+            sd[groups[block]] = guard
+    sd[first.active] = first.sd
+    hypers = []
+    pseudo, rms = structure.wide
+    for hyper in prior.hypers:
+        if hyper.name.startswith("curve"):
+            # held by many pseudo-observations of a large one
+            scale = rms / float(np.sqrt(len(hyper.indices)))
+            hypers.append(hyper._replace(pseudo=pseudo, scale=scale))
+        elif not np.isin(hyper.indices, first.active).any():
+            hypers.append(hyper)
+    for hyper in hypers:
+        sd[hyper.indices] = hyper.scale * np.sqrt(hyper.shape)
+    wide = first.beginning(rows, Prior(prior.mean, sd, tuple(hypers))).maximise(steps=4)
+    share = 1.0
+    if len(rows[0]) < structure.few_rows:
+        ratio = leave_blocks_out(wide).ratio()
+        share = float(np.clip(ratio, FIT.least_share, 1.0))
+    return _Wide(wide, as_kept(share**2 * wide.covariance))

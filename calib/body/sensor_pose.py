@@ -1,0 +1,212 @@
+"""Sensor: where a fitted camera or tracker stands in the arm's base frame, and how sure that is.
+
+No reading of a sensor that stands anywhere tells the base's turn about the first joint's axis nor
+its shift along it, a camera's not even the arm's size: of this gauge the prior alone speaks, so
+that what is known is also told without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..arm.rotations import cross_matrix, quaternion_of
+from ..common.arrays import Array
+from ..errors import LogError
+from .parameters import Gaussian, Indices
+from .spatial import SpatialStructure
+from .structure import OfStructure, Structure
+
+_SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
+"""Groups of parameters that are the sensor's."""
+
+_UNSURE = 0.1
+"""A camera whose distance is less sure than this share of it was shown too little."""
+
+_ALIKE = 0.05
+"""A gauge is one where parameters move the tip as it does, but for this share."""
+
+_POSES = 60
+
+
+@dataclass(frozen=True, eq=False)
+class SensorPose:
+    """A sensor in the base frame of an arm in space; the first joint's offset is zero."""
+
+    position: Array  # (3,) [m]
+    # (3, 3), its columns are the sensor's axes; a camera's are x (right), y (down) and z (ahead)
+    rotation: Array
+    # (3,) [m, rad], along and about the base's axes
+    position_sd: Array
+    turn_sd: Array
+    told_sd: Array  # (3,) [m], of the position but for what no reading tells, see `without_gauge`
+    told_turn_sd: Array  # (3,) [rad], the same of its turn
+    depth_sd: float  # [m], along the sensor's z
+    first: str | None  # the joint whose offset is zero by convention
+
+    @staticmethod
+    def of(body: OfStructure | None) -> SensorPose | None:
+        """The sensor of a body in space; None in the plane, and without a drawing of the arm."""
+        if body is None or not isinstance(body.structure, SpatialStructure):
+            return None
+        structure = body.structure
+        if not structure.informed:
+            return None
+        sensor = structure.sensor(body.beta)
+        based = structure.view == "base"
+        back = sensor.rotation.T
+        position = -back @ sensor.shift / sensor.scale
+        blocks = [
+            structure.groups[f"view.{part}"] for part in ("rotation", "shift", "scale")
+        ]
+        index = np.concatenate(blocks)
+        fitted = np.flatnonzero(np.isin(index, body.active))
+        rows = np.searchsorted(body.active, index[fitted])
+        # position = -R' t / s, and R turned by d on its left moves it by R' (d x t) / s
+        slope = np.zeros((7, 7))
+        slope[:3, :3] = -back @ cross_matrix(sensor.shift)
+        slope[:3, 3:6] = -back
+        slope[:3] /= sensor.scale
+        slope[:3, 6] = -position
+        slope[3:6, :3] = back
+        slope[6] = back[:, 2] @ slope[:3]  # along the line of sight
+
+        def deviations(root: Array) -> Array:
+            return np.asarray(np.linalg.norm(slope[:, fitted] @ root[rows], axis=1))
+
+        whole = deviations(body.root)
+        up_to_gauge = np.zeros(7)
+        if not based:
+            up_to_gauge = deviations(
+                without_gauge(structure, body, not structure.camera)
+            )
+        first: str | None = None
+        if not based and structure.revolute[0]:
+            first = structure.joint_names[0]
+        return SensorPose(
+            position=position,
+            rotation=back,
+            position_sd=whole[:3],
+            turn_sd=whole[3:6],
+            told_sd=up_to_gauge[:3],
+            told_turn_sd=up_to_gauge[3:6],
+            depth_sd=float(whole[6]),
+            first=first,
+        )
+
+    @property
+    def quaternion(self) -> Array:
+        """The rotation as qx, qy, qz, qw."""
+        return quaternion_of(self.rotation)
+
+    def to_json(self) -> dict[str, Any]:
+        """Position [m] and quaternion in the base frame with 95 % intervals, and the convention."""
+        half = 1.96 * self.position_sd
+        about = {"joint": self.first, "offset": 0.0, "interval": [-np.pi, np.pi]}
+        return {
+            "frame": "base",
+            "position": self.position.tolist(),
+            "interval": np.stack(
+                [self.position - half, self.position + half], axis=1
+            ).tolist(),
+            "quaternion": self.quaternion.tolist(),
+            "turn_95": (1.96 * self.turn_sd).tolist(),
+            "position_95_up_to_gauge": (1.96 * self.told_sd).tolist(),
+            "convention": about if self.first else None,
+        }
+
+    def words(self, what: str) -> list[str]:
+        """Lines on where it stands; `what` it is."""
+        coordinates: list[str] = []
+        for value, sd in zip(self.position, self.position_sd, strict=True):
+            coordinates.append(f"{value:.4f} ± {1.96e3 * sd:.1f} mm")
+        quaternion = ", ".join(f"{v:.5f}" for v in self.quaternion)
+        lines = [
+            f"{what} at ({', '.join(coordinates)}) in the base frame [m], turned within "
+            f"{np.degrees(1.96 * self.turn_sd.max()):.2g} deg, quaternion ({quaternion})"
+        ]
+        if self.told_sd.max() < 0.8 * self.position_sd.max():
+            size = "the arm's size, " if what == "camera" else ""
+            lines.append(
+                f"  known to {1.96e3 * self.told_sd.max():.2g} mm but for what no reading "
+                f"tells: {size}a turn about and a shift along the first joint's axis"
+            )
+        if self.first:
+            lines.append(
+                f"  its turn about {self.first} cannot be told from that joint's offset, which is "
+                "zero by convention"
+            )
+        return lines
+
+
+def doubtful_depth(body: OfStructure, q: Array) -> list[str]:
+    """Say where pictures of joint values (n, dof) hardly tell a camera's distance.
+
+    Raises LogError if the arm is behind the camera.
+    """
+    structure = body.structure
+    camera = SensorPose.of(body)
+    if camera is None or not isinstance(structure, SpatialStructure):
+        return []
+    places = structure.pose(q, body.beta)[0]
+    depth = (places - camera.position) @ camera.rotation[:, 2]
+    if depth.mean() <= 0:
+        raise LogError(
+            "the fit places the arm behind the camera: check that each row's joints and pixels "
+            "belong together"
+        )
+    if 1.96 * camera.depth_sd <= _UNSURE * depth.mean():
+        return []
+    return [
+        f"the pixels hardly determine the distance of the camera: {depth.mean():.2f} m, 95 % "
+        f"within {1.96 * camera.depth_sd:.2g} m. The tip moved {np.ptp(depth):.2g} m along the "
+        "view: add poses nearer to the camera and further from it, or give a calibrated `lens`"
+    ]
+
+
+def without_gauge(structure: SpatialStructure, belief: Gaussian, size: bool) -> Array:
+    """Root (k, r) of a belief's covariance without motions of the tip that no reading tells.
+
+    Of all parameters that readings cannot tell apart, those nearest to the belief's stand for them:
+    a change of datum (Baarda 1981, S-transformation). Without `size` an error of all lengths by
+    one factor is left out too.
+    """
+    base, beta = without_sensor(structure, belief.beta)
+    of_arm = ~np.isin(belief.active, sensor_of(structure))
+    q = np.random.default_rng(0).uniform(-2.0, 2.0, (_POSES, base.dof))
+    position, x = base.linearise(q, beta, belief.active[of_arm])
+    axis = base.chain.axes[0]
+    arm = position - base.chain.points[0]
+    motions = [np.cross(axis, arm), np.broadcast_to(axis, arm.shape)]
+    if not size:
+        motions.append(arm)
+    wanted = np.stack([motion.ravel() for motion in motions], axis=1)
+    columns = (
+        x.reshape(len(wanted), -1) @ belief.root[of_arm]
+    )  # of independent standard normals
+    ways = np.linalg.lstsq(columns, wanted, rcond=1e-9)[0]
+    residual = np.linalg.norm(columns @ ways - wanted, axis=0) / np.linalg.norm(
+        wanted, axis=0
+    )
+    ways, _ = np.linalg.qr(ways[:, residual < _ALIKE])
+    return np.asarray(belief.root - (belief.root @ ways) @ ways.T)
+
+
+def sensor_of(structure: Structure) -> Indices:
+    """Indices of the sensor's parameters."""
+    return np.concatenate([structure.groups[name] for name in _SENSOR])
+
+
+def without_sensor(
+    structure: SpatialStructure, beta: Array
+) -> tuple[SpatialStructure, Array]:
+    """The arm alone: its structure in the base frame [m], and parameters (d,)."""
+    base = structure.with_view(
+        "base", unit="m", metre=1.0, extent=structure.chain.reach
+    )
+    alone = beta.copy()
+    sensor = sensor_of(structure)
+    alone[sensor] = structure.neutral()[sensor]
+    return base, alone

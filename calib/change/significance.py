@@ -1,0 +1,430 @@
+"""Tests: which freed group of parameters explains more of a log than chance does; and the bound.
+
+The noise is that of a fit in which every group may have changed: it is unknown, and it may be that
+of one joint's encoder.  So what a group explains has the chance of an F test.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ..body.covariance import autocorrelation_time
+from ..body.parameters import Indices
+from ..body.structure import Structure
+from ..common.arrays import Array, Mask
+from ..common.rows import thinned
+from .causes import FRAME, freedom, indices_of, single_causes
+from .rows import LogRows
+from .settings import (
+    BEYOND,
+    CREPT,
+    FALSE_ALARM,
+    JOINT_NOISES,
+    LARGE,
+    NOISIER,
+    OWN,
+)
+from .system import NoisyJoint, System, Unknown, own_columns
+
+_FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
+_POWER = 0.9  # share of logs in which the smallest change that is told would be found
+_LARGEST = 1e8  # statistic beyond which no size of a change is computed
+_LASTING = 10  # rows over which noise may last
+
+_NOTHING = 1e-12  # of the largest precision: less is rounding
+# of a joint's rows that come from either side, or nothing tells its play
+_LEAST_SHARE = 0.1
+# of the squared residuals: what explains less does not pay in `calib.body.approach` either
+_LEAST_EXPLAINED = 0.06
+
+DRIFT = "drift"
+"""Name of the hypotheses that a smooth residual or waves are larger than the model told."""
+
+
+@dataclass(frozen=True)
+class GroupTest:
+    """One group of parameters, freed alone."""
+
+    name: str  # ``"sensor"``, ``"sensor scale"``, ``"length:elbow"``, ``"geometry"``, ``"drift"``
+    p_value: float  # chance of such rows where nothing changed, after Bonferroni
+    statistic: float = 0.0  # twice the gain in log likelihood
+    freedom: int = 1  # directions that the rows tell apart
+    # (p,), its parameters, how each changed, and the standard deviation of that
+    change: tuple[Indices, Array, Array] | None = None
+    # [unit], root mean square displacement, over the learned range, of the smallest change of the
+    # first parameter that these rows would show nine times in ten
+    smallest: float = 0.0
+
+    @property
+    def score(self) -> float:
+        """Logarithm of the p-value over that of `FALSE_ALARM`: above 1 it fired."""
+        return abs(math.log(max(self.p_value, 1e-300)) / math.log(FALSE_ALARM))
+
+
+@dataclass(frozen=True)
+class Tested:
+    """All groups of one log."""
+
+    groups: tuple[GroupTest, ...]
+    noise: float  # [unit], standard deviation per axis of what no group explains
+    usual: float  # [unit], what the belief expected
+    # a joint whose encoder is noisy, its noise [rad or m]
+    noisy: NoisyJoint | None = None
+    # whether the scatter is larger than usual, and that is no chance
+    noisier: bool = False
+
+    @property
+    def score(self) -> float:
+        """Largest score of a group."""
+        return max((g.score for g in self.groups), default=0.0)
+
+    @property
+    def too_few(self) -> bool:
+        """Whether the rows could not show a large change of any group."""
+        sizes = [g.smallest for g in self.groups if g.smallest > 0.0]
+        return min(sizes, default=np.inf) > LARGE * max(self.noise, self.usual)
+
+    @property
+    def smallest(self) -> float:
+        """Displacement [unit] that any single cause would have shown."""
+        return max(
+            (g.smallest for g in self.groups if g.smallest > 0.0), default=np.inf
+        )
+
+
+@dataclass(frozen=True)
+class BoundTest:
+    """The rows that are beyond the model's own 95 % bound."""
+
+    beyond: float  # share of them
+    usual: float  # median of the bounds [unit]
+    test: GroupTest  # the chance of so many by noise
+
+    @property
+    def holds(self) -> bool:
+        """Whether they are about as many as usual."""
+        return self.beyond <= BEYOND and self.test.score <= 1.0
+
+    def words(self, *, noisier: bool) -> str:
+        """The share in words; `noisier` if noise may be all there is to it."""
+        cause = "a noisier sensor or encoder, " if noisier else ""
+        return (
+            f"{100 * self.beyond:.0f} % of the rows are further from the prediction than its "
+            f"bound, where 5 % should be: {cause}the bound does not hold"
+        )
+
+
+@dataclass(frozen=True)
+class Play:
+    """A joint that has more play than the model knows."""
+
+    joint: int
+    half: Array  # (dof,), half of its play, the other joints' zero [rad or m]
+    deviation: float  # standard deviation of that
+    score: float  # above 1 it is no chance
+
+
+def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
+    """Groups above their threshold, the most telling first."""
+    above = (g for g in groups if g.score > 1.0 and g.name != DRIFT)
+    return tuple(sorted(above, key=lambda g: (-g.score, 3.0 * g.freedom - g.statistic)))
+
+
+def groups_of(structure: Structure) -> dict[str, Indices]:
+    """Return the groups that are tested: each cause alone and with the sensor, all geometry."""
+    frame = indices_of(structure, FRAME)
+    groups = {}
+    for name, indices in single_causes(structure).items():
+        groups[name] = indices
+        if not np.isin(frame, indices).all():
+            groups[f"{name} and sensor"] = np.concatenate([indices, frame])
+    geometry = ("offset", "length", "gain", "elastic", *FRAME)
+    groups["geometry"] = indices_of(structure, geometry)
+    return groups
+
+
+class FreeNoise:
+    """The noise that is most likely where everything may have changed, of one shape."""
+
+    def __init__(self, system: System, noisy: NoisyJoint | None = None) -> None:
+        reference = system.reference
+        # the unit weights of a payload would leave few rows no freedom
+        groups = [
+            group
+            for group in reference.structure.groups
+            if not group.startswith(("curve", "payload"))
+        ]
+        sd = freedom(reference.body, tuple(groups), forgotten=reference.forgotten)
+        unknown = Unknown(
+            reference, system.log, OWN[0], crept=CREPT, freed=sd, noisy=noisy
+        )
+        y = unknown.whiten(system.residual)
+        self.y = y
+        self.unknown = unknown
+        self.size = unknown.most_likely_noise(y, unknown.usual)  # in `Reference.sizes`
+        # of it and of the usual one [nats]
+        sizes = np.array([self.size, unknown.usual])
+        self.likelihood, self.usual = unknown.likelihood(y, sizes).tolist()
+        self.rest = unknown.rest(y, self.size)
+        # rows that err together count once
+        self.temper = autocorrelation_time(self.rest)
+        # directions of the rows that tell the noise
+        noise_share = self.size**2 / (self.size**2 + unknown.values)
+        self.left = (len(y) - float((1.0 - noise_share**2).sum())) / self.temper
+        self.shape = noisy
+
+
+def _with_noisy_joint(system: System, noise: FreeNoise) -> tuple[FreeNoise, bool]:
+    """Return the noise of one encoder where that is likelier, and whether its size is no chance."""
+    from scipy.special import chdtrc
+
+    reference = system.reference
+    if noise.size <= NOISIER * noise.unknown.usual or len(reference.forgotten):
+        return noise, False
+    slope = reference.structure.slope(system.log.q, reference.beta)
+    slope = slope / reference.sizes[:, None]
+    lengths = np.sqrt((slope**2).sum(axis=1).mean(axis=0))
+    joints = np.flatnonzero(lengths > 0.0).tolist()
+    # so that at the tip both are alike
+    shapes = [(k, times / lengths[k]) for k, times in product(joints, JOINT_NOISES)]
+    shaped = [FreeNoise(system, shape) for shape in shapes]
+    best = max([noise, *shaped], key=lambda each: each.likelihood)
+    gains = best.likelihood - np.array([noise.usual, noise.likelihood])
+    gains = np.maximum(2.0 * gains / noise.temper, 0.0)
+    chance = chdtrc([2, 1], gains) * (1 + len(joints))
+    noisier = bool(chance[0] < FALSE_ALARM)
+    if best.shape is not None and chance[1] < FALSE_ALARM:
+        joint, ratio = best.shape
+        finer = [FreeNoise(system, (joint, ratio * times)) for times in _FINER]
+        noise = max(finer, key=lambda each: each.likelihood)
+    return noise, noisier
+
+
+class FTests:
+    """F tests of columns, each beside what an unchanged arm may show."""
+
+    def __init__(self, system: System, noise: FreeNoise, count: int) -> None:
+        self.noise = noise
+        self.count = count  # of tests, of which one may fire by chance
+        self.unknown = Unknown(
+            system.reference, system.log, OWN[0], crept=CREPT, noisy=noise.shape
+        )
+        self.y = self.unknown.whiten(system.residual)
+
+    def information(self, columns: Array) -> tuple[Array, Array]:
+        """Return what the rows tell of columns (n, m, k): (k, k) and (k,)."""
+        return self.unknown.information(
+            self.y, self.unknown.whiten(columns), self.noise.size
+        )
+
+    def chance(self, statistic: float, freedom: float) -> float:
+        """Return the chance of a statistic, after Bonferroni."""
+        from scipy.special import fdtrc
+
+        return min(
+            1.0,
+            self.count * float(fdtrc(freedom, self.noise.left, statistic / freedom)),
+        )
+
+    def of_change(
+        self, name: str, indices: Indices, power: Array, pull: Array, moves: Array
+    ) -> GroupTest | None:
+        """Test parameters (k,) by their information; None where the rows tell nothing of them.
+
+        moves : (k,), root mean square displacement by one of each [unit]
+        """
+        from scipy.special import chndtrinc, fdtri
+
+        if name.startswith(
+            "elastic"
+        ):  # of a joint about a vertical axis no load is felt
+            order = np.argsort(-moves, kind="stable")
+            indices, moves, pull = indices[order], moves[order], pull[order]
+            power = power[np.ix_(order, order)]
+        if not power[0, 0] > 0.0:  # a tracker has no lens
+            return None
+        size = np.sqrt(np.maximum(np.diag(power), 1e-300))
+        values, vectors = np.linalg.eigh(power / size[:, None] / size)
+        clear = values > 1e-9 * values[-1]
+        values = values[clear]
+        vectors = vectors[:, clear] / size[:, None]
+        turned = vectors.T @ pull
+        freedom = len(values)
+        temper = self.noise.temper
+        statistic = float((turned**2 / values).sum()) / temper
+        deviation = np.sqrt((vectors**2 / values).sum(axis=1) * temper)
+        needed = freedom * float(
+            fdtri(freedom, self.noise.left, 1.0 - FALSE_ALARM / self.count)
+        )
+        smallest = (
+            math.inf
+        )  # with hardly a row left for the noise no change is large enough
+        if needed < _LARGEST:
+            needed = float(chndtrinc(needed, freedom, 1.0 - _POWER)) * temper
+            smallest = float(np.sqrt(needed / power[0, 0]) * moves[0])
+        change = indices, vectors @ (turned / values), deviation
+        chance = self.chance(statistic, freedom)
+        return GroupTest(name, chance, statistic, freedom, change, smallest)
+
+    def of_variance(self, columns: Array) -> GroupTest | None:
+        """Test whether columns (n, m, k) of standard normals are larger (Satterthwaite 1946)."""
+        power, pull = self.information(columns)
+        mean = float(np.trace(power))
+        if not mean > 0.0:
+            return None
+        spread = mean**2 / float((power**2).sum())
+        statistic = spread * float(pull @ pull) / mean / self.noise.temper
+        return GroupTest(
+            DRIFT, self.chance(statistic, spread), statistic, round(spread)
+        )
+
+
+def group_tests(system: System, probes: Array) -> Tested:
+    """Test every group against the belief as the model knows it.
+
+    probes : (p, dof), joints all over the learned range
+    """
+    reference = system.reference
+    structure = reference.structure
+    groups = groups_of(structure)
+    noise, noisier = _with_noisy_joint(system, FreeNoise(system))
+    tests = FTests(system, noise, len(groups) + 2)
+    power, pull = tests.information(system.columns)
+    moves = structure.linearise(probes, system.at, system.indices)[1]
+    moves = moves[:, : structure.blocks[0]]
+    moves = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
+    tested: list[GroupTest | None] = []
+    for name, indices in groups.items():
+        at = np.searchsorted(system.indices, indices)
+        tested.append(
+            tests.of_change(name, indices, power[np.ix_(at, at)], pull[at], moves[at])
+        )
+    tested.append(tests.of_variance(own_columns(reference, system.log, 1.0)))
+    # waves of the joints that are finer than the rows look like a noisy encoder
+    if reference.body.rows and noise.shape is None:
+        curves = indices_of(structure, ("curve",))
+        waves = structure.linearise(system.log.q, system.at, curves)[1]
+        tested.append(tests.of_variance(waves * structure.prior(("curve",)).sd[curves]))
+    noisy = None
+    if noise.shape is not None:
+        noisy = noise.shape[0], noise.shape[1] * noise.size
+    return Tested(
+        groups=tuple(test for test in tested if test is not None),
+        noise=noise.size * float(reference.sizes[0]),
+        usual=float(reference.body.noise[0]),
+        noisy=noisy,
+        noisier=noisier,
+    )
+
+
+def find_play(system: System, side: Array) -> Play | None:
+    """Find the joint whose play explains most beside all that may have changed; None for chance.
+
+    A joint stands by half its play from where it stands coming from the other side: one more
+    column, the slope of the readings times the side.
+
+    side : (n, dof), sign of each joint's last motion
+    """
+    from scipy.special import fdtrc
+
+    side = side[thinned(len(side), len(system.log.q))]
+    shares = [(side > 0).mean(axis=0), (side < 0).mean(axis=0)]
+    joints = np.flatnonzero(np.min(shares, axis=0) > _LEAST_SHARE)
+    if not len(joints):
+        return None
+    noise = FreeNoise(system)
+    reference = system.reference
+    slope = reference.structure.slope(system.log.q, reference.beta)[..., joints]
+    columns = noise.unknown.whiten(-slope * side[:, None, joints])
+    power, pull = noise.unknown.information(noise.y, columns, noise.size)
+    precision = np.diag(power)
+    statistics = np.zeros(len(joints))
+    for k, column in enumerate(columns.T):
+        # a joint whose play would not move what the sensor sees is no cause
+        if pull[k] <= 0.0 or precision[k] <= _NOTHING * precision.max():
+            continue
+        moved = noise.unknown.rest(column, noise.size)
+        by_row = (moved * noise.rest).sum(axis=1)
+        square = float(by_row.sum()) ** 2
+        if square < _LEAST_EXPLAINED * float((moved**2).sum() * (noise.rest**2).sum()):
+            continue
+        # an encoder that is noisy moves the tip along the same slope, to either side
+        by_chance = square / (len(by_row) * float(by_row.var()) + 1e-300)
+        statistics[k] = min(pull[k] ** 2 / precision[k] / noise.temper, by_chance)
+    if not statistics.any():
+        return None
+    best = int(np.argmax(statistics))
+    chance = len(joints) * float(
+        fdtrc(1.0, max(noise.left - 1.0, 1e-3), statistics[best])
+    )
+    test = GroupTest("backlash", min(1.0, chance))
+    if test.score <= 1.0:
+        return None
+    half = np.zeros(side.shape[1])
+    half[joints[best]] = pull[best] / precision[best]
+    deviation = float(np.sqrt(noise.temper / precision[best]))
+    return Play(int(joints[best]), half, deviation, test.score)
+
+
+def bound_test(
+    rows: LogRows, sound: Mask, limit: Array, shared: Array | float, tests: Tested
+) -> BoundTest:
+    """Count the rows beyond the 95 % bound, beside what a noisier sensor or encoder would do.
+
+    sound : (n,), rows that do not contradict all others; k of them
+    limit : (n,), the bound of each row [unit]
+    shared : (k,), variance of what all rows share [unit^2]
+    """
+    from scipy.special import bdtrc, chdtri
+
+    index = np.flatnonzero(sound)
+    away = (rows.x - rows.predicted)[index]
+    bound = limit[index]
+    usual = float(np.median(bound))
+    square = (away**2).sum(axis=1)
+    outputs = away.shape[1]
+    radius = float(
+        chdtri(outputs, 0.05)
+    )  # squared, of 95 % of a Gaussian, in deviations
+    # half of the rows of a noisier sensor are nearer than its median
+    noise = max(tests.noise**2, float(np.median(square)) / float(chdtri(outputs, 0.5)))
+    noise = max(noise - tests.usual**2, 0.0)
+    if noise and alike(index, rows.u[index], away) * radius > usual**2:
+        noise = 0.0
+    variance = np.full(len(index), noise)
+    if tests.noisy is not None:
+        joint, sd = tests.noisy
+        slope = rows.body.structure.slope(rows.q[index], rows.body.beta)[..., joint]
+        variance += sd**2 * (slope**2).sum(axis=1)
+    over = square > bound**2 + radius * (shared + variance)
+    # rows that err together count once
+    time = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
+    count = int(over.sum() / time)
+    independent = math.ceil(len(over) / time)
+    chance = float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
+    test = GroupTest("bound", chance, -2.0 * math.log(max(chance, 1e-300)))
+    return BoundTest(float(np.mean(square > bound**2 + radius * shared)), usual, test)
+
+
+def alike(rows: Indices, u: Array, residual: Array) -> float:
+    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
+    from scipy.spatial import cKDTree
+    from scipy.special import ndtri
+
+    # of so many rows at least one is no neighbour in time: noise may last over some rows
+    near = np.asarray(cKDTree(u).query(u, min(2 * _LASTING + 2, len(u)))[1])
+    later = np.abs(rows[near] - rows[:, None]) > _LASTING
+    row = np.flatnonzero(later.any(axis=1))
+    if not len(row):
+        return 0.0
+    pairs = np.stack([row, near[row, later[row].argmax(axis=1)]], axis=1)
+    first, second = np.unique(np.sort(pairs, axis=1), axis=0).T
+    product = (residual[first] * residual[second]).sum(axis=1)
+    # whatever its size, noise makes either sign as likely
+    sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
+    return float(product.mean()) / residual.shape[1] if sure else 0.0

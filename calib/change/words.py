@@ -1,0 +1,334 @@
+"""Words: what changed between a model and a log, as causes in numbers and sentences.
+
+What a log cannot tell apart is said with the cause that was named: a sensor that was turned about
+the first joint's axis and that joint's offset; a sensor that shows all larger and longer links.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..body.settings import NATS
+from ..common.arrays import Array
+from ..common.wording import for_people
+from ..model.alignment import Alignment
+from ..model.model import Model
+from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, parts_of
+from .evidence import Evidence
+from .explain import Explanation, simplest
+from .settings import CREEP, NOISIER
+from .significance import Play, fired
+
+_EXACT = 1e3  # times the noise of a model: it learned from exact samples
+_SIGNIFICANT = 2.6  # standard deviations from which a parameter is said to have changed
+_ALIKE = 0.15  # share of a displacement that may differ between two words for it
+_VAGUE = math.radians(1.0)  # half an interval of a turn from which it is worth a word
+_MATTERS = 0.05  # share of the largest displacement from which a cause is named
+_WHICH = "are the same to this log: give `cause='joints'` or `cause='sensor'` if you know which"
+
+
+def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
+    """Return the causes of a log, the largest first, and notes on what it cannot tell apart.
+
+    Where nothing changed, more noise is the only cause there may be.
+    """
+    drifted = evidence.score > 1.0
+    if drifted and not evidence.explained:
+        return (Cause("unknown", "", evidence.why_not()),), ()
+    causes: list[Cause] = []
+    notes: list[str] = []
+    if drifted:
+        causes = [*evidence.reference.causes, *_of_change(evidence)]
+        if evidence.cause is None:
+            notes = _twins(evidence, causes)
+        if not causes:
+            words = "no single change of the sensor, a joint or a link explains it"
+            causes.append(Cause("unknown", "", words))
+    elif evidence.tests.noisy is not None:
+        causes.append(_noisy_joint(evidence))
+    scatter = _scatter(evidence)
+    if scatter is not None:
+        causes.append(scatter)
+    if evidence.tool.score > 1.0:
+        causes.append(evidence.tool.cause)
+    board = evidence.rows.model.about.options.get("board")
+    if board is not None:
+        causes = _mount_once(causes, "camera" if board["eye"] == "hand" else "board")
+    return tuple(causes), (*notes, *evidence.tool.notes)
+
+
+def play_cause(play: Play, model: Model) -> Cause:
+    """A joint that has more play than the model knows, by all of it."""
+    name, unit, factor, shown = _joint(model, play.joint)
+    whole = 2.0 * float(play.half[play.joint])
+    half = 2.0 * 1.96 * play.deviation
+    words = (
+        f"{name} has {factor * whole:.2g} ± {factor * half:.2g} {shown} of play that the model "
+        "does not know: `calib train` learns it from a log that goes both ways"
+    )
+    return Cause.measured(f"backlash:{name}", "backlash", words, whole, half, unit)
+
+
+def _joint(model: Model, joint: int) -> tuple[str, str, float, str]:
+    """Name of a joint, its unit, and the factor and name of the unit that people read."""
+    unit = "rad" if model.about.revolute[joint] else "m"
+    return model.about.joint_names[joint], unit, *for_people(unit)
+
+
+def _noisy_joint(evidence: Evidence) -> Cause:
+    """A joint whose encoder, or what it drives, is noisy."""
+    assert evidence.tests.noisy is not None  # noqa: S101 - the caller looked
+    joint, sd = evidence.tests.noisy
+    name, unit, factor, shown = _joint(evidence.rows.model, joint)
+    words = (
+        f"{name} is noisy, by {factor * sd:.2g} {shown}: its encoder, or play; no calibration "
+        "mends that"
+    )
+    return Cause(f"noise:{name}", "noise", words, sd, None, unit)
+
+
+def _scatter(evidence: Evidence) -> Cause | None:
+    """A scatter that is larger than usual, where that is no chance."""
+    tests = evidence.tests
+    noise = tests.noise
+    if evidence.attributed:  # a large change is not linear: what the best one leaves
+        noise = min(
+            noise, evidence.explanations[0].noise * float(evidence.reference.sizes[0])
+        )
+    if not tests.noisier or noise <= NOISIER * tests.usual:
+        return None
+    factor, unit = for_people(evidence.unit)
+    times = noise / tests.usual
+    words = f"the scatter is {factor * noise:.3g} {unit} per axis"
+    if times < _EXACT:  # of exact samples there is no usual one
+        words += f", {times:.2g} times the usual"
+    return Cause("noise", "noise", words, noise, None, evidence.unit)
+
+
+def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
+    """Return the causes with a camera or a board that moved in the hand once, as a turn if any."""
+    moved = [cause for cause in causes if cause.group in ("tool", "tool.rotation")]
+    if not moved:
+        return causes
+    first = min(moved, key=lambda cause: cause.unit != "rad")
+    factor, unit = for_people(first.unit)
+    low, high = first.interval or (0.0, 0.0)
+    how = (
+        "turned in its mount by"
+        if unit == "deg"
+        else "moved in its mount, what it sees by"
+    )
+    size = (
+        f"{factor * abs(low + high) / 2:.3g} ± {factor * (high - low) / 2:.2g} {unit}"
+    )
+    once = replace(first, cause="tool", words=f"the {what} has {how} {size}")
+    return [once, *(cause for cause in causes if cause not in moved)]
+
+
+def _of_change(evidence: Evidence) -> list[Cause]:
+    """Return each parameter that is clearly away from where it was, the largest effect first."""
+    best: Explanation | None = simplest(evidence.explanations)
+    if not evidence.attributed:
+        best = _by_test(evidence)
+    if best is None:
+        return []
+    if not len(best.indices):
+        words = "the joints have waves that the model does not know: gears, or their sensors"
+        return [Cause("curve", "curve", words)] if best.level.waves > CREEP else []
+    structure = best.reference.structure
+    change = best.beta - evidence.prior.beta
+    clear = np.abs(change) > _SIGNIFICANT * best.deviation
+    clear &= best.deviation > 0.0
+    # root mean square displacement by the change of each parameter
+    moves = structure.linearise(evidence.rows.probes, best.beta, best.indices)[1]
+    effect = np.zeros(len(change))
+    effect[best.indices] = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
+    effect *= np.abs(change)
+    loud = {cause.cause for cause in evidence.reference.causes}
+    causes: list[tuple[float, Cause]] = []
+    for group in best.groups:
+        if group in FRAME or (group == "view.scale" and "scale" in loud):
+            continue
+        for _, indices in parts_of(structure, group):
+            some = indices[clear[indices]]
+            parts = [[k] for k in some.tolist()]
+            if GROUPS[group.partition(":")[0]].whole and len(
+                some
+            ):  # by its largest one
+                parts = [
+                    [int(some[np.argmax(np.abs(change[some]))]), *indices.tolist()]
+                ]
+            for part in parts:
+                cause = _of_parameter(
+                    evidence, best, part[0], np.abs(change[part]).max()
+                )
+                causes.append((float(np.linalg.norm(effect[part])), cause))
+    frame = indices_of(structure, FRAME)
+    elsewhere = not loud.isdisjoint(("mirror", "scale"))
+    if FRAME[0] in best.groups:
+        only = not evidence.attributed and all(
+            is_sensors(group) for group in best.groups
+        )
+        if elsewhere or only or clear[frame].any():
+            moved = math.inf if elsewhere else float(np.linalg.norm(effect[frame]))
+            causes.append((moved, _moved_sensor(evidence, best)))
+    causes.sort(key=lambda pair: -pair[0])
+    finite = [moved for moved, _ in causes if math.isfinite(moved)]
+    least = _MATTERS * max(finite, default=0.0)
+    return [cause for moved, cause in causes if moved >= least]
+
+
+def _by_test(evidence: Evidence) -> Explanation | None:
+    """Return what the most telling test says, where no explanation is clearly better than none."""
+    structure = evidence.rows.body.structure
+    for test in fired(evidence.tests.groups):
+        if test.change is None:
+            continue
+        indices, sizes, deviations = test.change
+        groups = {structure.labels[k].group for k in indices.tolist()}
+        if evidence.cause == "sensor" and not all(
+            is_sensors(group) for group in groups
+        ):
+            continue
+        step = np.zeros(structure.size)
+        step[indices] = sizes
+        deviation = np.zeros(structure.size)
+        deviation[indices] = deviations
+        beta = structure.retract(evidence.prior.beta, step)
+        first = evidence.explanations[0]
+        return replace(first, indices=indices, beta=beta, deviation=deviation)
+    return None
+
+
+def _half_width(evidence: Evidence, best: Explanation, k: int) -> float:
+    """Half of the 95 % interval of a parameter's change.
+
+    It holds what the other explanations say that the evidence hardly tells from the best: rows
+    that show a sum of two changes do not show each.
+    """
+    half = 1.96 * float(best.deviation[k])
+    if not evidence.attributed:
+        return half
+    for other in evidence.explanations:
+        if other.evidence > evidence.explanations[0].evidence - NATS:
+            apart = abs(float(other.beta[k] - best.beta[k]))
+            half = max(half, apart + 1.96 * float(other.deviation[k]))
+    return half
+
+
+def _of_parameter(evidence: Evidence, best: Explanation, k: int, most: float) -> Cause:
+    """A cause that one parameter tells.
+
+    most : the largest change of all parameters of its group and joint
+    """
+    label = best.reference.structure.labels[k]
+    old = float(evidence.prior.beta[k])
+    change = float(best.beta[k]) - old
+    half = _half_width(evidence, best, k)
+    group = "curve" if label.group.startswith("curve") else label.group
+    factor, unit = (100.0, "%") if label.unit == "1" else for_people(label.unit)
+    size = ""
+    if unit == "mm":
+        size = f" ({factor * abs(change):.3g} ± {factor * half:.2g} mm)"
+    value = math.expm1(change) if group == "view.scale" else change
+    words = GROUPS[group].changed.format(
+        joint=label.joint,
+        name=label.name,
+        unit=unit,
+        half=factor * half,
+        most=math.degrees(most),
+        value=factor * value,
+        size=size,
+        share=f"{100 * abs(change / old) if old else math.nan:.3g} %",
+        longer="longer" if change > 0 else "shorter",
+    )
+    kind = group.removeprefix("view.")
+    name = f"{kind}:{label.joint}" if label.joint else kind
+    return Cause.measured(name, label.group, words, change, half, label.unit)
+
+
+def _moved_sensor(evidence: Evidence, best: Explanation) -> Cause:
+    """The sensor's frame as one cause, its rotation as the number."""
+    turn = best.reference.structure.groups["view.rotation"]
+    moved = frame_between(evidence, best.beta)
+    half = 1.96 * float(np.linalg.norm(best.deviation[turn]))
+    value = moved.angle
+    if len(turn) == 1:  # with its sign, also of a mirrored one
+        angle = float(best.beta[turn[0]] - evidence.prior.beta[turn[0]])
+        value = math.remainder(angle, 2 * math.pi)
+    words = f"the sensor's frame moved: {moved.words(evidence.unit)}"
+    if half > _VAGUE:
+        words += f" (the turn to ± {math.degrees(half):.2g} deg)"
+    return Cause.measured("sensor", "view.rotation", words, value, half, "rad")
+
+
+def frame_between(evidence: Evidence, beta: Array) -> Alignment:
+    """The sensor's new frame, of parameters (d,), as an affine map of the old one."""
+    structure = evidence.reference.structure
+    probes = evidence.rows.probes
+    mixed = evidence.prior.beta.copy()
+    sensors = indices_of(structure, filter(is_sensors, structure.groups))
+    mixed[sensors] = beta[sensors]
+    before = evidence.rows.body.predict(probes)
+    after = structure.predict(probes, mixed)
+    places = slice(structure.blocks[0])
+    return Alignment.between(before[:, places], after[:, places])
+
+
+def _twins(evidence: Evidence, causes: list[Cause]) -> list[str]:
+    """Add what says the same as a cause that is named; return the directions that are one."""
+    about = evidence.rows.model.about
+    first = about.joint_names[0]
+    by_name = {cause.cause: cause for cause in causes}
+    offset = by_name.get(f"offset:{first}")
+    sensor = by_name.get("sensor")
+    notes: list[str] = []
+    if about.revolute[0] and "mirror" not in by_name:
+        if offset is not None and sensor is None:
+            turn = math.degrees(offset.value or 0.0)
+            words = f"or the sensor turned by {turn:.3g} deg about {first}"
+            causes.append(
+                replace(offset, cause="sensor", group="view.rotation", words=words)
+            )
+        elif offset is None and sensor is not None and _is_an_offset(evidence, sensor):
+            mirror = getattr(evidence.rows.body.structure, "mirror", 1)
+            value = mirror * (sensor.value or 0.0)
+            words = f"or {first} is off by {math.degrees(value):.3g} deg"
+            half = float(np.ptp(sensor.interval or (0.0,))) / 2
+            offset = Cause.measured(
+                f"offset:{first}", "offset", words, value, half, "rad"
+            )
+            causes.append(offset)
+        if offset is not None:
+            turned = (
+                "an offset of the first joint and a turn of the sensor about its axis"
+            )
+            notes.append(f"{turned} {_WHICH}")
+    lengths = [f"length:{name}" for name in about.joint_names]
+    links = evidence.rows.body.structure.groups.get("length", ())
+    scaled = "scale" in by_name and by_name["scale"].interval is not None and len(links)
+    if all(about.revolute) and (scaled or set(lengths) <= set(by_name)):
+        notes.append(
+            f"a sensor that shows all larger and links that are all longer {_WHICH}"
+        )
+    return notes
+
+
+def _is_an_offset(evidence: Evidence, sensor: Cause) -> bool:
+    """Whether an offset of the first joint alone moves the tip as the frame did."""
+    structure = evidence.rows.body.structure
+    if not evidence.attributed or "offset" not in structure.groups:
+        return False
+    probes = evidence.rows.probes
+    frame = indices_of(structure, FRAME)
+    turned, framed = (evidence.rows.body.beta.copy() for _ in range(2))
+    mirror = getattr(structure, "mirror", 1)
+    turned[structure.groups["offset"][0]] += mirror * (sensor.value or 0.0)
+    framed[frame] = evidence.explanations[0].beta[frame]
+    before = structure.predict(probes, evidence.rows.body.beta)
+    after = structure.predict(probes, framed)
+    apart = np.linalg.norm(after - structure.predict(probes, turned))
+    return bool(apart <= _ALIKE * np.linalg.norm(after - before) + 1e-12)

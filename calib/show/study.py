@@ -1,0 +1,209 @@
+"""Study: a model as one sensor sees its arm, with the rows, errors and causes that are shown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ..change.judge import Verdict, judge
+from ..common.arrays import Array, Mask
+from ..errors import CalibError
+from ..model.model import Model
+from ..model.nominal import nominal_arm, nominal_behind, nominal_in_plane
+from ..samples.samples import Samples
+from ..training.evaluate import learned_rows, simulation_of
+from .causes import Cause, causes_of, frame_of
+from .settings import SETTINGS
+
+
+@dataclass(frozen=True, eq=False)
+class StudiedRows:
+    """Rows that a model is judged by, in the order of their log.
+
+    Errors are measured less predicted positions, (n, m) [unit].
+    """
+
+    q: Array  # (n, dof) [rad or m]
+    x: Array  # (n, m) [unit], measured positions
+    held_out: Array  # of predictions that have not seen the row
+    learned: (
+        Array | None
+    )  # of the model, which has learned from the row; None of a new log
+    source: str  # what the rows are
+    left_out: Array | None = None  # (k, m) [unit], positions of rows that take no part
+    verdict: Verdict | None = None  # on a new log
+
+    @property
+    def distance(self) -> Array:
+        """Distance (n,) [unit] between measured and held-out predicted positions."""
+        return np.asarray(np.linalg.norm(self.held_out, axis=1))
+
+    def take(self, rows: Mask) -> StudiedRows:
+        """The rows of a mask (n,)."""
+        parts = {name: getattr(self, name)[rows] for name in ("q", "x", "held_out")}
+        learned = None if self.learned is None else self.learned[rows]
+        return replace(self, **parts, learned=learned)
+
+
+class Bar(NamedTuple):
+    """A mean error with half of its 95 % interval [unit]."""
+
+    name: str
+    mean: float
+    half: float = 0.0
+
+    @staticmethod
+    def of(name: str, errors: Array, blocks: int = 10) -> Bar:
+        """The mean distance of errors (n, m), with the spread of contiguous blocks of rows."""
+        distance = np.linalg.norm(errors, axis=1)
+        parts = np.array_split(distance, min(blocks, len(distance)))
+        means = [part.mean() for part in parts]
+        student = 2.26  # 95 % of ten blocks
+        half = student * float(np.std(means)) / max(len(means) - 1, 1) ** 0.5
+        return Bar(name, float(distance.mean()), half)
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What is shown of a model as one of its sensors sees the arm."""
+
+    model: Model
+    log: Samples | None = None
+    suffix: str = ""  # of the names of its figures
+
+    @cached_property
+    def rows(self) -> StudiedRows | None:
+        """Rows of the log, else of the training, else fresh ones of a simulation."""
+        rows = None
+        if self.log is not None:
+            rows = _rows_of_log(self.model, self.log)
+        if rows is None:
+            rows = _rows_of_training(self.model)
+        if rows is None:
+            return None
+        errors = (
+            [rows.held_out] if rows.learned is None else [rows.held_out, rows.learned]
+        )
+        answered = np.asarray(np.isfinite(np.hstack(errors)).all(axis=1))
+        return rows.take(answered) if answered.any() else None
+
+    @cached_property
+    def delivered(self) -> Array | None:
+        """Errors (n, m) [unit] of the arm as its URDF describes it."""
+        if self.rows is None:
+            return None
+        return _as_delivered(self.model, self.rows.q, self.rows.x)
+
+    @cached_property
+    def bars(self) -> list[Bar]:
+        """Mean errors as delivered, before, as calibrated, and on rows held out."""
+        if self.rows is None:
+            return []
+        bars = []
+        if self.delivered is not None:
+            bars.append(Bar.of("as delivered", self.delivered))
+        history = self.model.history
+        if history and "before" in history[-1]:
+            mean = float(history[-1]["before"]["mean"])
+            bars.append(Bar("before the change was learned", mean))
+        if self.rows.learned is not None:
+            noise = ", noise included" if self.model.about.simulation else ""
+            bars.append(Bar.of(f"as calibrated{noise}", self.rows.learned))
+        bars.append(Bar.of(f"on {self.rows.source}", self.rows.held_out))
+        return bars
+
+    @property
+    def views(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of coordinates that positions are projected on."""
+        return ((0, 1), (0, 2), (1, 2)) if len(self.model.axes) == 3 else ((0, 1),)
+
+    @cached_property
+    def causes(self) -> list[Cause]:
+        """What is off, the largest effect on the tip first."""
+        return causes_of(self.model)
+
+    @property
+    def certain(self) -> list[Cause]:
+        """Causes whose intervals exclude nothing, but for those that hardly move the tip."""
+        largest = max((cause.effect for cause in self.causes), default=0.0)
+        least = SETTINGS.small_effect * largest
+        return [
+            cause for cause in self.causes if cause.certain and cause.effect > least
+        ]
+
+
+def studies_of(model: Model, log: Samples | None = None) -> list[Study]:
+    """Return a study for each sensor; a log is that of one of them."""
+    studies = [Study(model, log)]
+    if log is not None and log.sensor not in ("", model.about.sensor):
+        studies = [Study(model)]
+    for number, name in enumerate(model.sensors[1:], 2):
+        own = log if log is not None and log.sensor == name else None
+        studies.append(Study(model.by(name), own, f"-{number}"))
+    return studies
+
+
+def _rows_of_log(model: Model, log: Samples) -> StudiedRows | None:
+    """The rows of a log with the verdict on them; None where the model learned from them."""
+    learned = learned_rows(model, log)
+    if len(log) - np.count_nonzero(learned) < SETTINGS.few_rows:
+        return None
+    new = log.take(~learned)
+    verdict = judge(model, new, learn=False)
+    rows = verdict.rows
+    sound = verdict.sound
+    shown = {row.tobytes() for row in rows.x[sound]}
+    left_out = [row for row in new.x if row.tobytes() not in shown]
+    return StudiedRows(
+        q=rows.logged[sound],
+        x=rows.x[sound],
+        held_out=(rows.x - rows.predicted)[sound],
+        learned=None,
+        source="rows of the log",
+        left_out=np.array(left_out).reshape(-1, rows.x.shape[1]),
+        verdict=verdict,
+    )
+
+
+def _rows_of_training(model: Model) -> StudiedRows | None:
+    """Fresh samples of a simulation, or the rows that are kept of a log; None without any."""
+    simulation = simulation_of(model)
+    if simulation is not None:
+        rng = np.random.default_rng(model.about.seed)
+        q = simulation.draw(SETTINGS.fresh, rng)
+        x = simulation.true(q, rng)
+        noise = simulation.noise * rng.standard_normal(x.shape)
+        missed = x - model.forward(q)
+        return StudiedRows(q, x, missed, missed + noise, "fresh exact samples")
+    if model.rows is None:
+        return None
+    learned = model.rows.x - model.forward(model.rows.q)
+    held_out = learned if model.rows.held_out is None else model.rows.held_out
+    return StudiedRows(model.rows.q, model.rows.x, held_out, learned, "rows held out")
+
+
+def _as_delivered(model: Model, q: Array, x: Array) -> Array | None:
+    """Errors (n, m) [unit] of the URDF's arm, with the frame and the tool that suit it best."""
+    about = model.about
+    body = model.body
+    try:
+        if about.simulation:
+            return np.asarray(x - nominal_arm(model).forward(q))
+        if body is None or not about.urdf:
+            return None
+        structure = body.structure
+        if structure.kind == "planar":
+            structure, beta = nominal_in_plane(model)
+        else:
+            beta = nominal_behind(structure, body.beta)
+    except CalibError:
+        return None
+    outputs = structure.blocks[0]
+    predicted, slope = structure.linearise(q, beta, frame_of(model))
+    error = x - predicted[:, :outputs]
+    columns = slope[:, :outputs].reshape(error.size, -1)
+    step = np.linalg.lstsq(columns, error.ravel(), rcond=1e-9)[0]
+    return np.asarray(error - (columns @ step).reshape(error.shape))

@@ -1,0 +1,257 @@
+"""Online adaptation, as in the paper: maps and links re-form while samples stream in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from ..common.arrays import Array, Index
+from ..common.choices import MAPS
+from ..errors import ModelError, OptionError
+from ..maps.density import gain_of
+from ..maps.lattice import Lattice
+from ..maps.links import without_weak
+from ..maps.map import Map
+from ..maps.vdsom import VDSOM, Layer, Rates
+from ..model.model import Model
+from .settle import settled_model
+
+HORIZON = 10_000
+"""Samples over which a re-formed map settles: half of what training takes."""
+
+BLOCK = 100
+"""Samples between two looks at distortion, gain and search trees."""
+
+_GLANCE = 5  # one sample in so many tells the error
+_SIGMA_END = 0.5  # neighbourhood radius once settled [nodes]
+_KEPT = 20_000  # latest samples that the local models are fitted to
+_LEAST = 10  # samples since a change that a model can rest on
+_WINDOW = 200.0  # samples that a running mean remembers
+_SETTLED = 1.2  # a re-formed map has settled within this factor of a trained one
+_FIRED = 4.0  # standard deviations of a running mean that are no chance
+
+
+@dataclass(frozen=True)
+class Step:
+    """The state after some samples of the stream."""
+
+    samples: int  # samples seen so far
+    # running means of the squared distance to the winner, in the unit box (eq. 9)
+    zeta_motor: float
+    zeta_sensory: float
+    threshold: float  # what the sensory distortion exceeds by chance next to never
+    error: float  # [unit], running mean of the error of ``activity`` before a sample was learned
+    sigma: float  # [nodes], radius of the sensory map (eq. 10), 0 before a change was noticed
+    eta: float  # learning rate of the links (eq. 12)
+    beta: float  # their forgetting factor
+    adapting: bool  # whether a change was noticed and the maps are re-forming
+
+
+def matching_sigma(network: Map, error: float) -> float:
+    """Neighbourhood radius [nodes] at which training had a quantization error (eq. 10).
+
+    network : its history tells how the error fell with sigma; the radii of its coarse lattices
+        count as the same share of the full one
+    error : root mean square distance to the winner after the change, in the unit box
+    Returns float, the radius of the whole map where the error is larger than at the start.
+    """
+    nodes, sigma, past = network.history.T[:3]
+    full = sigma * (network.lattice.size / nodes) ** (1 / len(network.lattice.shape))
+    # the error of an epoch is that of the radius before it
+    past = past[1:]
+    full = full[:-1]
+    if not len(past) or error > past.max():
+        return max(network.lattice.shape) / 2
+    # the last epoch that was as bad
+    epoch = int(np.flatnonzero(past >= error)[-1])
+    if epoch + 1 == len(past) or past[epoch] == past[epoch + 1]:
+        return float(full[epoch])
+    share = (past[epoch] - error) / (past[epoch] - past[epoch + 1])
+    return float(full[epoch] * (full[epoch + 1] / full[epoch]) ** share)
+
+
+class OnlineAdapter:
+    """A model that follows a stream of samples.
+
+    It watches until the sensory distortion (eq. 9) or the links' residual leaves what
+    training knew.  Then sigma is reset to the radius at which training had the same
+    distortion (eq. 10), eta and beta rise (eq. 12), and all three decay while the maps
+    (eq. 1 to 3) and the links (eq. 11) follow the samples.  Once they are settled it keeps
+    their last rates.
+
+    horizon : samples over which sigma decays to half a node
+    force : whether to adapt from the first sample on, and to take all samples for those of one arm
+    """
+
+    def __init__(
+        self, model: Model, horizon: int = HORIZON, *, force: bool = False
+    ) -> None:
+        if horizon < 1:
+            raise OptionError(f"horizon {horizon}: expected one or more samples")
+        if model.baseline is None:
+            raise ModelError(
+                "the model has no baseline of its distortions: train it again"
+            )
+        rule = str(model.about.options.get("map", "vdsom"))
+        layers = []
+        gain = gain_of(
+            rule if rule in MAPS else "vdsom"
+        )  # a model file keeps no function
+        for part in (model.motor, model.sensory):
+            if not isinstance(part.lattice, Lattice):
+                raise OptionError(
+                    "online adaptation resets the neighbourhood radius of a lattice (eq. 10), and "
+                    "a growing neural gas has neither: use method 'few-shot', or train with map "
+                    "'vdsom', 'som' or 'dsom'"
+                )
+            layers.append(Layer(part.units, part.lattice, part.scale, gain))
+        self._model = model
+        self._baseline = model.baseline
+        self._horizon = horizon
+        self._force = force
+        self._net = VDSOM(layers, model.association.wiring, model.links.toarray())
+        self._idle = np.zeros(
+            model.sensory.size
+        )  # what unvisited nodes should have forgotten
+        self._seen = 0
+        self._since = -1
+        self._starts = [_SIGMA_END, _SIGMA_END]
+        # running means: distortions of the motor and the sensory map, and the error
+        self._mean: Array | None = None
+        self._q: list[Array] = []
+        self._x: list[Array] = []
+
+    @property
+    def adapting(self) -> bool:
+        """Whether a change was noticed and the maps have not settled yet."""
+        return self._since >= 0 and (self._force or self._since < self._horizon)
+
+    def feed(self, q: Array, x: Array) -> Step:
+        """Take the next samples of the stream, (n, dof) and (n, 2), and learn from them."""
+        u = self._model.motor.scale.to_unit(np.asarray(q, dtype=float))
+        v = self._model.sensory.scale.to_unit(np.asarray(x, dtype=float))
+        if not len(u):
+            raise OptionError("no samples: expected one or more rows")
+        steps = [
+            self._feed(u[k : k + BLOCK], v[k : k + BLOCK])
+            for k in range(0, len(u), BLOCK)
+        ]
+        return steps[-1]
+
+    def _feed(self, u: Array, v: Array) -> Step:
+        motor, sensory = self._maps()
+        said = self._net.said(u[::_GLANCE], self._idle)
+        gap = np.linalg.norm((said - v[::_GLANCE]) * sensory.scale.span, axis=1)
+        distance, winner = sensory.nearest(v)
+        squares = (
+            (motor.nearest(u)[0] ** 2).mean(),
+            (distance[:, 0] ** 2).mean(),
+        )  # eq. 9
+        latest = np.array([*squares, gap.mean()])
+        before = latest if self._mean is None else self._mean
+        self._mean = mean = before + min(1.0, len(u) / _WINDOW) * (latest - before)
+        expected = self._expected(sensory, winner[:, 0])
+        self._seen += len(u)
+        kept = slice(None)
+        rates = (0.0, 0.0, 0.0)
+        motor_zeta, zeta, error = mean.tolist()
+        if self._since < 0 and (self._force or self._left(expected, zeta, error)):
+            self._since = 0
+            # sigma where training had the same distortion (eq. 10)
+            for k, part in enumerate((self._model.motor, self._model.sensory)):
+                after = math.sqrt(max(mean[k], latest[k]))
+                self._starts[k] = max(_SIGMA_END, matching_sigma(part, after))
+            if not self._force:  # this block may have begun before the change
+                kept = slice(0)
+        if self._since >= 0:
+            rates = self._learn(u, v, kept)
+        return Step(
+            self._seen, motor_zeta, zeta, expected, error, *rates, self.adapting
+        )
+
+    def _expected(self, sensory: Map, winner: Index) -> float:
+        """Sensory distortion that samples of some winners exceed by chance next to never."""
+        chance = _FIRED * math.sqrt(self._baseline.spread[1] / _WINDOW)
+        # distances scale with the lattice: a larger arm's nodes stand further apart
+        size = (sensory.spacing / self._model.sensory.spacing) ** 2
+        size *= (_SETTLED if self._since >= 0 else 1.0) * (1.0 + chance)
+        return float(self._baseline.sensory[winner].mean()) * size
+
+    def _left(self, expected: float, zeta: float, error: float) -> bool:
+        """Whether the distortion (eq. 9) or the links' residual left what is usual."""
+        errors = self._model.about.errors
+        usual = (
+            errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
+        )
+        left = zeta > expected or error > 2.0 * (usual + self._baseline.noise)
+        return left and self._seen >= _WINDOW / 2
+
+    def _learn(self, u: Array, v: Array, kept: slice) -> tuple[float, float, float]:
+        """Form maps and links by samples; sigma, eta and beta of the last one."""
+        t = self._since + np.arange(len(u))
+        rates = Rates.following(
+            t, self._starts, _SIGMA_END, self._horizon
+        )  # eq. 10, 12
+        self._net.show((u, v), rates)
+        # eq. 11 forgets where a_j > 0 alone; a node that no sample visits forgets at the
+        # mean pace of all, or a shortened arm would promise its old reach for ever
+        b = self._model.association.wiring.activity(self._maps()[1], v)
+        forgot = rates.eta * rates.beta @ np.asarray(b.multiply(b).sum(axis=1)).ravel()
+        self._idle += float(forgot) / b.shape[1]
+        self._idle[np.unique(b.indices)] = 0.0
+        self._since += len(u)
+        self._q.append(self._model.motor.scale.from_unit(u)[kept])
+        self._x.append(self._model.sensory.scale.from_unit(v)[kept])
+        while sum(map(len, self._x)) - len(self._x[0]) >= _KEPT:
+            del self._q[0], self._x[0]
+        return float(rates.sigma[1][-1]), float(rates.eta[-1]), float(rates.beta[-1])
+
+    def model(self, links: Literal["rest", "rule"] = "rest") -> Model:
+        """The model as it stands, with local models of the latest samples.
+
+        links : {"rest", "rule"}, "rest": those at which eq. 11 comes to rest for the samples since
+            the change: what is no longer reached is no longer promised.  "rule": those that eq. 11
+            and 12 have made so far, step by step, which lag behind the maps
+        """
+        if self._since < 0 or sum(map(len, self._x)) < _LEAST:
+            return self._model
+        own = (
+            without_weak(self._net.links * np.exp(-self._idle))
+            if links == "rule"
+            else None
+        )
+        q = np.concatenate(self._q)
+        x = np.concatenate(self._x)
+        return settled_model(self._model, *self._maps(), q, x, own)
+
+    def _maps(self) -> tuple[Map, Map]:
+        """The motor and the sensory map as they are."""
+        motor, sensory = (layer.weights for layer in self._net.layers)
+        return replace(self._model.motor, units=motor), replace(
+            self._model.sensory, units=sensory
+        )
+
+
+def follow(
+    model: Model, q: Array, x: Array, *, horizon: int = HORIZON, force: bool = False
+) -> Iterator[tuple[Step, OnlineAdapter]]:
+    """Let a model follow a stream, block by block: the paper's adaptation curves.
+
+    model : where to start
+    q, x : (n, dof), (n, 2) [unit], samples in the order in which they come
+    horizon, force : see :class:`OnlineAdapter`
+
+    Yields
+    ------
+    step : Step
+        Distortion, error and schedules after each block.
+    adapter : OnlineAdapter
+        ``adapter.model()`` is the model at that point.
+    """
+    adapter = OnlineAdapter(model, horizon, force=force)
+    for first in range(0, len(q), BLOCK):
+        yield adapter.feed(q[first : first + BLOCK], x[first : first + BLOCK]), adapter

@@ -1,0 +1,116 @@
+"""Derivatives of every structure and measurement are differences of its predictions."""
+
+import numpy as np
+import pytest
+from boards import Rig
+
+import calib
+from calib.body.layout import joined
+from calib.body.planar import PlanarStructure
+from calib.body.sensors import InPlane
+from calib.body.spatial import structure_of
+
+STEP = 1e-6
+
+
+def planar(revolute=(True, True), view="rigid", signs=(1, 1), mirror=1) -> PlanarStructure:
+    names = tuple(f"j{k}" for k in range(len(revolute)))
+    sensor = InPlane(view, extent=0.4, mirror=mirror, centre=(0.1, -0.2))
+    return PlanarStructure(names, revolute, signs, None, False, (sensor,))
+
+
+def in_plane(*case):
+    structure = planar(*case)
+    rng = np.random.default_rng(0)
+    beta = structure.prior(structure.members()[-1][1]).mean + rng.normal(0, 0.02, structure.size)
+    beta[structure.groups["length"]] = 0.3
+    beta[structure.groups["view.shift"]] = 0.5, -0.3
+    return structure, rng.uniform(-1, 1, (4, structure.dof)), beta
+
+
+def in_space(robot, view, sensors=1):
+    """An arm a little off everywhere, before a sensor that stands somewhere."""
+    arm = calib.load_arm(robot)
+    structure = structure_of(arm, view)
+    if sensors > 1:
+        structure = joined({"left": structure_of(arm, "rigid"), "right": structure})
+        structure = structure.as_seen_by("right")
+    rng, groups = np.random.default_rng(0), structure.groups
+    beta = structure.neutral() + rng.normal(0, 1e-2, structure.size)
+    beta[groups["lens"]] = (900.0, 640.0, 360.0, -0.1)
+    if view == "pinhole":
+        beta[groups["view.shift"]] = (0.1, 0.2, 3.0)
+    else:
+        beta[groups["view.rotation"]] = rng.normal(0, 1, 3)
+    return structure, rng.uniform(arm.lower, arm.upper, (5, arm.dof)), beta
+
+
+def of_corners(in_hand):
+    rig = Rig(in_hand, pictures=3)
+    return rig.truth, np.column_stack([rig.q[rig.rows], rig.corners])[::7], rig.beta
+
+
+@pytest.mark.parametrize(
+    ("world", "case"),
+    [
+        (in_plane, ((True, True), "rigid", (1, 1), 1)),
+        (in_plane, ((True, True, True), "homography", (1, -1, 1), -1)),
+        (in_plane, ((True, False, True), "affine", (1, 1, -1), 1)),
+        (in_plane, ((False, True), "homography", (1, 1), -1)),
+        *((in_space, ("spatial_three", view)) for view in ("base", "rigid", "similarity")),
+        (in_space, ("spatial_three", "pinhole")),
+        (in_space, ("spatial_three", "pinhole", 2)),
+        (in_space, ("six_axis", "pose")),
+        (of_corners, (True,)),
+        (of_corners, (False,)),
+    ],
+)
+def test_derivatives_are_differences(world, case):
+    structure, q, beta = world(*case)
+    seen, by_beta = structure.linearise(q, beta)
+    np.testing.assert_array_equal(seen, structure.predict(q, beta))
+
+    def slope(up, down):
+        return (structure.residual(up, seen) - structure.residual(down, seen)) / (2 * STEP)
+
+    def close(difference, exact):
+        np.testing.assert_allclose(
+            difference, exact, atol=1e-6 * (1 + np.abs(exact).max()), rtol=1e-6
+        )
+
+    # harmonics are many, and alike
+    few = [structure.groups[f"curve.{k}"][5:] for k in range(structure.dof)]
+    unused = structure.groups["view.scale"] if world is of_corners else []
+    for k in np.setdiff1d(np.arange(structure.size), np.concatenate([*few, unused])):
+        step = STEP * np.eye(structure.size)[k]
+        up = structure.predict(q, structure.retract(beta, step))
+        down = structure.predict(q, structure.retract(beta, -step))
+        close(slope(up, down), by_beta[:, :, k])
+    if world is of_corners:
+        return
+    by_joint = structure.slope(q, beta)
+    for k, step in enumerate(STEP * np.eye(structure.dof)):
+        up, down = structure.predict(q + step, beta), structure.predict(q - step, beta)
+        close(slope(up, down), by_joint[:, :, k])
+
+
+def test_two_links_are_the_closed_form():
+    structure = planar()
+    beta = structure.neutral()
+    beta[structure.groups["length"]] = 0.5, 0.25
+    q = np.array([[0.3, -0.7], [0.0, np.pi / 2]])
+    expected = [
+        [0.5 * np.cos(a) + 0.25 * np.cos(a + b), 0.5 * np.sin(a) + 0.25 * np.sin(a + b)]
+        for a, b in q
+    ]
+    assert np.allclose(structure.predict(q, beta), expected, atol=1e-15)
+
+
+def test_a_rotated_sensor_is_an_offset_of_the_first_joint():
+    structure, q, beta = in_plane()
+    for name in ("elastic", "view.shear", "view.tilt", "lens"):
+        beta[structure.groups[name]] = 0.0  # a rigid view
+    moved, turned = beta.copy(), beta.copy()
+    moved[structure.groups["offset"][0]] += 0.3
+    turned[structure.groups["view.rotation"]] += 0.3
+    assert np.allclose(structure.predict(q, moved), structure.predict(q, turned), atol=1e-14)

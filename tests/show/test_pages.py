@@ -1,0 +1,162 @@
+"""Pages in a real browser: what is drawn, where, and that no words overlap, in one look each."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import Sight, look, measured_pages
+from flange_worlds import World
+from models import in_space, log, measured, trained
+from scenes import data_of, objects, page_of, project, seen_by_two, tracks, unpacked
+
+import calib
+from calib.show.error_scale import STOPS
+from calib.show.preview.page import page_of as written
+
+SIZE = (900, 700)
+PANEL = 280  # pixels that the page's panel covers
+NARROW = (390, 844)
+
+
+def full() -> calib.Model:
+    return trained("two_link_full", n=3000, size=24, noise=1e-3)
+
+
+REPORTED = {
+    "simulated": full,
+    "in-space": in_space,
+    "few-rows": lambda: measured(n=30),
+    "two-sensors": seen_by_two,
+    "rig": lambda: World(2).solve(),
+    "maps-alone": lambda: trained("two_link", n=400, size=4, body="none"),
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("pages")
+
+
+@pytest.fixture(scope="module")
+def pages(folder: Path) -> dict[tuple[str, tuple[int, int]], dict]:
+    """Reports, and a preview with all its layers, as they are laid out at two sizes."""
+    paths = {"preview": folder / "preview.html"}  # first: what is out of the window is not drawn
+    calib.preview(in_space(), paths["preview"])
+    for name, model in REPORTED.items():
+        paths[name] = folder / f"{name}.html"
+        calib.report(model(), paths[name], log(60, 1e-3, seed=3) if name == "few-rows" else None)
+    return measured_pages(paths, folder, [NARROW, SIZE])
+
+
+@pytest.mark.parametrize("size", [NARROW, SIZE])
+@pytest.mark.parametrize("name", REPORTED)
+def test_a_report_answers_on_its_first_screen_without_overlaps(pages, name, size):
+    seen = pages[name, size]
+    assert seen["texts"] > 30
+    assert seen["overlaps"] == []
+    assert seen["exponents"] == []
+    assert seen["sideways"] <= 0
+    # verdict, answers, bars, and the first causes
+    lead, answers, bars, causes = seen["bottoms"]
+    assert max(lead, answers) < size[1]
+    if name not in ("two-sensors", "rig"):
+        assert bars < size[1]
+        assert causes < size[1] + 150
+
+
+@pytest.mark.parametrize("size", [NARROW, SIZE])
+def test_labels_of_a_preview_do_not_collide_with_all_layers_on(pages, size):
+    seen = pages["preview", size]
+    assert seen["labels"] > 0
+    assert seen["overlaps"] == []
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return page_of(full())
+
+
+@pytest.fixture(scope="module")
+def seen(page: str, tmp_path_factory: pytest.TempPathFactory) -> Sight:
+    folder = tmp_path_factory.mktemp("light")
+    (folder / "page.html").write_text(page, encoding="utf-8")
+    return look(folder / "page.html", folder, size=SIZE)
+
+
+def rgb(colour: str) -> np.ndarray:
+    return np.array(list(bytes.fromhex(colour[1:])))
+
+
+def near(sight: Sight, pixels: np.ndarray, wanted: np.ndarray, reach: int = 2) -> np.ndarray:
+    """Smallest colour distance (n,) to `wanted` (n, 3) within some pixels of places (n, 2)."""
+    height, width = sight.pixels.shape[:2]
+    best = np.full(len(pixels), np.inf)
+    for dx in range(-reach, reach + 1):
+        for dy in range(-reach, reach + 1):
+            x = np.clip(np.round(pixels[:, 0]).astype(int) + dx, 0, width - 1)
+            y = np.clip(np.round(pixels[:, 1]).astype(int) + dy, 0, height - 1)
+            away = np.linalg.norm(sight.pixels[y, x] - wanted, axis=1)
+            best = np.minimum(best, away)
+    return best
+
+
+@pytest.mark.parametrize("name", ["Sensory map", "Motor map"])
+def test_nodes_have_their_colours_where_they_are(page, seen, name):
+    sight, data = seen, data_of(page)
+    assert sight.console == []
+    nodes = objects(data)[f"{name}/nodes"]
+    wanted = nodes["tints"].astype(int)
+    pixels = project(data["camera"], nodes["points"], *SIZE, PANEL)
+    hit = near(sight, pixels, wanted) < 40
+    # the arm, links and paths hide some of them
+    assert hit.mean() > 0.75
+    shuffled = wanted[np.random.default_rng(0).permutation(len(wanted))]
+    assert hit.mean() > (near(sight, pixels, shuffled) < 40).mean() + 0.1
+
+
+def test_the_tip_is_on_its_ball_and_partners_of_the_linked_node_are_dots(page, seen):
+    sight, data = seen, data_of(page)
+    tip = tracks(data)["Arm/tip"][0, :3, 3]
+    expected = project(data["camera"], tip, *SIZE, PANEL)[0]
+    ball = next(o for o in data["objects"] if o["path"] == "Reached path/ball")
+    orange = np.linalg.norm(sight.pixels - rgb(ball["colour"]), axis=2) < 30
+    rows, columns = np.nonzero(orange)
+    close = np.hypot(columns - expected[0], rows - expected[1]) < 12
+    assert close.sum() > 15
+    assert np.hypot(columns[close].mean() - expected[0], rows[close].mean() - expected[1]) < 3
+    partners = unpacked(data["links"]["partners"], "<u4").reshape(-1, data["links"]["each"])
+    nodes = objects(data)["Motor map/nodes"]["points"]
+    strongest = nodes[partners[data["links"]["node"]][:3]]
+    pixels = project(data["camera"], strongest, *SIZE, PANEL)
+    assert (near(sight, pixels, np.tile(rgb(data["links"]["link"]), (3, 1)), 1) < 40).all()
+
+
+def test_a_live_page_draws_every_branch(page, tmp_path, monkeypatch):
+    data, model = data_of(page), full()
+    target = model.forward([0.6, 0.7])
+    asked = f"<script>calib.ask({[*target.tolist(), 0.0]})</script></body>"
+    monkeypatch.setattr(
+        "calib.show.preview.server.page_of",
+        lambda data, **live: written(data, **live).replace("</body>", asked),
+    )
+    with calib.preview(model, live=True, browse=False) as shown:
+        sight = look(shown.url, tmp_path, size=SIZE)
+    branches = model.inverse_all(target[None])[0]
+    assert len(branches) == 2
+    u = model.motor.scale.to_unit(branches)
+    dots = np.array(data["panel"]["corner"]) + u @ np.array(data["panel"]["edges"])
+    pixels = project(data["camera"], dots, *SIZE, PANEL)
+    wanted = np.array([rgb("#1c7ed6"), rgb("#e8590c")])
+    assert (near(sight, pixels, wanted, 1) < 40).all()
+
+
+@pytest.mark.usefixtures("pages")
+def test_a_report_in_the_dark(folder: Path, tmp_path: Path):
+    sight = look(folder / "simulated.html", tmp_path, dark=True, size=(900, 1400))
+    assert sight.console == []
+    assert sight.pixels[:, :10].max() < 60
+    # ink stands out from the ground, and the heat maps are there, from end to end
+    ink = sight.pixels.reshape(-1, 3)
+    assert ink.max() > 200
+    for colour in (STOPS[1], STOPS[-1]):
+        assert (np.linalg.norm(ink - rgb(colour), axis=1) < 20).sum() > 50
