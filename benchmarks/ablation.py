@@ -50,7 +50,7 @@ class Ground:
         """Fit the body of a case."""
         samples = case.samples
         scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
-        part = find_smooth_part(samples, seed=seed)
+        part = find_smooth_part(samples, TrainingOptions(seed=seed))
         return Ground(scale, part, wrong_around(part, samples, scale.to_unit(samples.q)))
 
 

@@ -25,6 +25,7 @@ from calib.body.rows import together
 from calib.body.spatial import structure_of
 from calib.body.touch import touching
 from calib.samples.samples import Samples
+from calib.training.learn import TrainingOptions
 from calib.training.touched import fit_sockets
 
 ARMS = {"panda_1": "panda", "kuka_14": "iiwa14", "dinova_1": "gen3lite"}
@@ -97,7 +98,7 @@ def load(folder: Path, name: str) -> tuple[calib.PlanarArm, Samples, list[np.nda
 
 def learned(log: Samples) -> object:
     """The belief that touches give."""
-    return fit_sockets(log, 0)[1].fit.body
+    return fit_sockets(log, TrainingOptions())[1].fit.body
 
 
 def places(folder: Path) -> None:

@@ -89,3 +89,12 @@ class ModelError(CalibError):
 
 class QueryError(CalibError):
     """A query that the model cannot answer: wrong shape, not finite, out of range."""
+
+
+def require(name: str, value: object, kind: type) -> None:
+    """Raise OptionError where an argument is of another type, as of two that are exchanged."""
+    if not isinstance(value, kind):
+        raise OptionError(
+            f"{name}: expected {kind.__name__}, got {type(value).__name__}",
+            parameter=name,
+        )

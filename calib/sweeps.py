@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from importlib.util import find_spec
 from typing import Any
@@ -16,6 +16,8 @@ from .common.choices import READOUTS
 from .common.parallel import keep_one_blas_thread, one_blas_thread
 from .common.wording import one_line, suggestion
 from .errors import CalibError, OptionError
+from .model.facts import Errors
+from .model.model import Model
 from .samples.samples import Samples, babble
 from .training.learn import Progress, TrainingOptions
 from .training.train import train
@@ -23,7 +25,7 @@ from .training.train import train
 Source = str | Arm | Samples
 
 _BABBLED = {"samples": "n", "noise": "noise"}  # by parameters of calib.babble
-_TRIED = (*_BABBLED, *(f.name for f in fields(TrainingOptions) if f.name != "seed"))
+_OPTIONS = {option.name for option in fields(TrainingOptions)} - {"seed"}
 _MOST = 10_000  # more trainings are more likely a slip than a wish
 
 
@@ -32,24 +34,19 @@ class Trial:
     """One training: where its samples came from, its options and seed, and what came of it."""
 
     source: str
-    options: Mapping[str, Any]
+    options: Mapping[str, object]
     seed: int
     unit: str = ""
-    errors: Mapping[str, Any] = field(
-        default_factory=dict
-    )  # as `calib evaluate --json` has them
+    errors: Errors = field(default_factory=dict)  # as `calib evaluate --json` has them
     seconds: float = math.nan
     notes: tuple[str, ...] = ()
     error: str = ""  # why it failed, in one line
 
     def distance(self, readout: str, direction: str, statistic: str) -> float:
         """Error of the tip [unit] ("forward" or "inverse", "mean", "p99" or "max"), else NaN."""
-        value = (
-            self.errors.get(readout, {})
-            .get(direction, {})
-            .get("distance", {})
-            .get(statistic)
-        )
+        if readout not in self.errors:
+            return math.nan
+        value = self.errors[readout][direction]["distance"][statistic]
         return math.nan if value is None else float(value)
 
 
@@ -70,23 +67,20 @@ class Sweep:
 
     def columns(self) -> dict[str, list[Any]]:
         """A row for each training, by columns, as they are written to a table."""
-        names = dict.fromkeys(name for row in self.rows for name in row.options)
         table: dict[str, list[Any]] = {"source": [row.source for row in self.rows]}
-        table |= {
-            name: [_typed(row.options.get(name)) for row in self.rows] for name in names
-        }
+        for name in {name: None for row in self.rows for name in row.options}:
+            table[name] = [_typed(row.options.get(name)) for row in self.rows]
         for name in ("seed", "unit", "seconds", "error"):
             table[name] = [getattr(row, name) for row in self.rows]
-        for part in itertools.product(
-            READOUTS, ("forward", "inverse"), ("mean", "p99", "max")
-        ):
+        sizes = (READOUTS, ("forward", "inverse"), ("mean", "p99", "max"))
+        for part in itertools.product(*sizes):
             table["_".join(part)] = [row.distance(*part) for row in self.rows]
         return table
 
 
 def sweep(
     sources: Source | Sequence[Source] | Mapping[str, Source],
-    grid: Mapping[str, Sequence[Any]] | None = None,
+    grid: Mapping[str, Sequence[object]] | None = None,
     *,
     seeds: int = 1,
     jobs: int | None = None,
@@ -118,29 +112,23 @@ def sweep(
     [5, 8]
     """
     grid = grid or {}
+    options = [*_BABBLED, *sorted(_OPTIONS)]
     for name, values in grid.items():
-        if name not in _TRIED:
+        if name not in options:
             raise OptionError(
-                f"grid: {name!r:.60} is unknown; {suggestion(name, _TRIED)}"
+                f"grid: {name!r:.60} is unknown; {suggestion(name, options)}"
             )
         if isinstance(values, str) or not hasattr(values, "__len__"):
             raise OptionError(f"grid: {name} {values!r:.60}: expected a list of values")
-    if not isinstance(sources, Mapping):
-        several = [sources] if isinstance(sources, str | Arm | Samples) else sources
-        pairs = [
-            (s if isinstance(s, str) else getattr(s, "name", "log"), s) for s in several
-        ]
-    else:
-        pairs = list(sources.items())
-    count = len(pairs) * seeds * math.prod(map(len, grid.values()))
+    by_name = _by_name(sources)
+    count = len(by_name) * seeds * math.prod(map(len, grid.values()))
     if not 0 < count <= _MOST:
         raise OptionError(f"{count:,} trainings: expected 1 to {_MOST:,}")
-    tasks = [
-        (Trial(name, dict(zip(grid, chosen, strict=True)), seed), source)
-        for name, source in pairs
-        for chosen in itertools.product(*grid.values())
-        for seed in range(seeds)
-    ]
+    tasks = []
+    for name, source in by_name:
+        for values in itertools.product(*grid.values()):
+            chosen = dict(zip(grid, values, strict=True))
+            tasks += [(Trial(name, chosen, seed), source) for seed in range(seeds)]
     rows: list[Trial] = []
     with one_blas_thread():
         for row in _side_by_side(tasks, jobs):
@@ -152,7 +140,23 @@ def sweep(
     return Sweep(tuple(rows))
 
 
-def _side_by_side(tasks: Sequence[tuple[Trial, Source]], jobs: int | None) -> Any:
+def _by_name(
+    sources: Source | Sequence[Source] | Mapping[str, Source],
+) -> list[tuple[str, Source]]:
+    """Return what is learned from, each with its name."""
+    if isinstance(sources, Mapping):
+        return list(sources.items())
+    if isinstance(sources, str | Arm | Samples):
+        sources = [sources]
+    return [
+        (source if isinstance(source, str) else getattr(source, "name", "log"), source)
+        for source in sources
+    ]
+
+
+def _side_by_side(
+    tasks: Sequence[tuple[Trial, Source]], jobs: int | None
+) -> Iterable[Trial]:
     if jobs == 1 or find_spec("joblib") is None:
         return map(_trained, tasks)
     import joblib
@@ -160,37 +164,39 @@ def _side_by_side(tasks: Sequence[tuple[Trial, Source]], jobs: int | None) -> An
     pool = joblib.Parallel(jobs, return_as="generator", batch_size=1)
     if jobs is None and pool.n_jobs == 1:  # no context of the user's: all cores
         pool = joblib.Parallel(-1, return_as="generator", batch_size=1)
-    return pool(joblib.delayed(_trained)(task) for task in tasks)
+    trials: Iterable[Trial] = pool(joblib.delayed(_trained)(task) for task in tasks)
+    return trials
 
 
 def _trained(task: tuple[Trial, Source]) -> Trial:
-    """Train one model, or tell why that failed; this is what a worker runs."""
+    """Train one model, or say why that failed; this is what a worker runs."""
     row, source = task
     keep_one_blas_thread()  # for good: the first of a worker's threads to end would lift it
     started = time.perf_counter()
     try:
-        options = dict(row.options)
-        babbled = {_BABBLED[n]: options.pop(n) for n in _BABBLED if n in options}
-        arm = load_arm(source) if isinstance(source, str) else source
-        if isinstance(arm, Samples) and babbled:
-            raise OptionError(
-                f"{', '.join(babbled)}: for simulated babbling, not for a log"
-            )
-        samples = (
-            arm if isinstance(arm, Samples) else babble(arm, **babbled, seed=row.seed)
-        )
-        model = train(samples, seed=row.seed, **options)
+        about = _train(row, source).about
     except Exception as error:  # one that fails is a row, whatever the reason
         kind = "" if isinstance(error, CalibError) else f"{type(error).__name__}: "
         return replace(row, error=one_line(kind + str(error)))
-    about = model.about
     seconds = time.perf_counter() - started
     return replace(
         row, unit=about.unit, errors=about.errors, seconds=seconds, notes=about.notes
     )
 
 
-def _typed(value: Any) -> Any:
+def _train(row: Trial, source: Source) -> Model:
+    options: dict[str, Any] = dict(row.options)
+    babbled = {_BABBLED[n]: options.pop(n) for n in _BABBLED if n in options}
+    if isinstance(source, Samples):
+        if babbled:
+            names = ", ".join(babbled)
+            raise OptionError(f"{names}: for simulated babbling, not for a log")
+        return train(source, seed=row.seed, **options)
+    arm = load_arm(source) if isinstance(source, str) else source
+    return train(babble(arm, **babbled, seed=row.seed), seed=row.seed, **options)
+
+
+def _typed(value: object) -> object:
     """An option's value as it is typed: `30x40`, `2:0.5`, `vdsom`, or nothing for None."""
     if isinstance(value, tuple | list):
         mark = "x" if all(isinstance(v, int) for v in value) else ":"

@@ -6,7 +6,7 @@ Each is an annotation of Typer; a parser of `parsing` reads what is typed in a f
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, TypeVar
 
 from typer import Argument, Option
 
@@ -200,8 +200,10 @@ StartJoints = Annotated[
     value("--from", "Q1,Q2", "Start near these joints.", parsing.reals),
 ]
 InFrame = Annotated[
-    choices.FrameWord,
-    word("--in", choices.FRAMES, "Of positions: sensor, or base [m]."),
+    str, value("--in", "SENSOR|base", "Whose frame positions are in (the first's).")
+]
+OfSensor = Annotated[
+    str, value("--in", "SENSOR", "Which sensor's frame counts (the first's).")
 ]
 PositionUnit = Annotated[
     str | None, value("--unit", "m|mm|..", "Of positions (default the model's).")
@@ -221,10 +223,10 @@ WhatChanged = Annotated[
     choices.CauseWord | None, word("--cause", choices.CAUSES, "What changed, if known.")
 ]
 Free = Annotated[
-    Literal["all", "offsets"],
+    choices.FreeWord,
     word(
         "--free",
-        ("all", "offsets"),
+        choices.FREED,
         "offsets: the drawing's geometry is true, the joints' zeros are not.",
     ),
 ]

@@ -18,6 +18,7 @@ from .parsing import BadOption
 if TYPE_CHECKING:
     from calib.model.model import Model
     from calib.recording.lens import Lens
+    from calib.recording.rig import HandEye
     from calib.recording.setting import Setup
     from calib.samples.samples import Samples
 
@@ -264,10 +265,15 @@ def photo_of_log(model: Model, log: Samples, data: str) -> Model:
 
 def load_drawn(
     path: str, data: str | None, photo: str | None, no_photo: bool, reading: Reading
-) -> tuple[Model, Samples | None]:
-    """Load a model as it is to be drawn, and a log of its own arm where one is given."""
+) -> tuple[Model | HandEye, Samples | None]:
+    """Load a model or a rig as it is to be drawn, and a log of its own arm where one is given."""
     import calib
+    from calib.recording.rig_file import is_rig, load_rig
 
+    if is_rig(path):
+        if data is not None or photo is not None:
+            raise BadOption("a rig has no joints: expected neither --data nor --photo")
+        return load_rig(path), None
     model = calib.load(path)
     log = log_of(model, data, reading)
     if no_photo and photo is None:

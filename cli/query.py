@@ -13,11 +13,13 @@ from numpy.typing import ArrayLike
 
 import calib
 from calib.common.arrays import Array, Mask
+from calib.common.choices import FRAMES
 from calib.common.wording import for_people
 from calib.samples.tables import Batch, read_batch, write_table
 
 from .output import NO, Outcome, TextTable, fixed, note, say
 from .parsing import TABLES, BadOption, check_file, refuse
+from .summary import contradicted
 from .units import JointFormat, PositionFormat, units_of
 
 BOUNDS = ("expected_error", "model_error")
@@ -29,6 +31,20 @@ _LENGTHS = ("x", "y", "z", "distance", *BOUNDS, UP_TO_SCALE)
 _MOST = 10  # row numbers in a message
 
 Columns = Mapping[str, ArrayLike]
+
+
+def model_in(path: str, frame: str) -> calib.Model:
+    """Load a model as one of its sensors sees the arm; as the first one in other frames."""
+    model = calib.load(path)
+    if frame in model.sensors:
+        model = model.by(frame)
+    elif frame not in FRAMES:
+        names = ", ".join(name for name in model.sensors if name)
+        raise BadOption(
+            f"--in {frame!r}: expected base or a sensor: {names or 'sensor'}"
+        )
+    say(contradicted(model.about))
+    return model
 
 
 class Query:
@@ -53,7 +69,8 @@ class Query:
                 f"--input {input_!r} and {len(values)} values: expected one"
             )
         check_file(output, TABLES, stream=True)
-        self.model = calib.load(path)
+        self.model = model_in(path, frame)
+        frame = "base" if frame == "base" else "sensor"
         self.frame = frame
         self.input = input_
         self.degrees = degrees
@@ -67,6 +84,7 @@ class Query:
         # what the numbers of an answer mean, for JSON
         self.meaning: dict[str, object] = {
             **({"frame": frame} if base else {}),
+            **({"sensor": about.sensor} if about.sensor and not base else {}),
             "unit": self.positions.unit,
             "bound_of": "true position" if base else about.bound_of,
             "units": units_of(about, self.positions.unit),

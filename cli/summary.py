@@ -136,6 +136,17 @@ def accuracy(
     return line
 
 
+def accuracy_of_sensor(model: Model) -> str:
+    """Return in one line how far predictions of a sensor were off when its model was made."""
+    about = model.about
+    rows = "rows held out in blocks of the log"
+    if about.source == "simulation":
+        rows = "fresh exact samples"
+    tested = f"{about.tested} {rows}"
+    line = accuracy(model, about.errors, about.within, tested, about.left_out)
+    return f"{about.sensor}: {line}" if about.sensor else line
+
+
 def answers_back(model: Model, errors: Errors) -> str:
     """Return in one line how far the joints of inverse queries are from the right ones."""
     about = model.about

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from ..errors import LogError, OptionError
+from ..errors import LogError, OptionError, require
 from ..model.model import Model
 from ..samples.samples import Samples
 from .judge import Verdict, judge
@@ -110,6 +110,7 @@ def recognise(models: Sequence[Model], log: Samples) -> Recognition:
     >>> calib.recognise([plain, tool], log.take(slice(30))).index
     1
     """
+    require("models", models, Sequence)
     if not len(models):
         raise OptionError("no models: give one or more, one for each state of the arm")
     fits: list[ModelFit] = []

@@ -41,10 +41,14 @@ CauseWord = Literal["sensor", "joints"]  # what a user may know of a change
 Eye = Literal["hand", "base"]  # where the camera is; the board is at the other place
 MethodWord = Literal["few-shot", "online"]  # how a model adapts
 
+FreeWord = Literal["all", "offsets"]
+"""What of a drawing may be off: all, or the joints' zeros and the sensor's frame alone."""
+
 RULES: tuple[str, ...] = get_args(RuleWord)
 READOUTS: tuple[str, ...] = get_args(ReadoutWord)
 BODIES: tuple[str, ...] = get_args(BodyWord)
 VIEWS: tuple[str, ...] = get_args(ViewWord)
+FREED: tuple[str, ...] = get_args(FreeWord)
 FRAMES: tuple[str, ...] = get_args(FrameWord)
 LOG_FRAMES: tuple[str, ...] = get_args(LogFrameWord)
 CAUSES: tuple[str, ...] = get_args(CauseWord)

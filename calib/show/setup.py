@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from ..arm.rotations import matrix_of
 from ..body.sensor_pose import SensorPose
 from ..body.spatial import SpatialStructure
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..errors import CalibError
 from ..model.model import Model
-from ..recording.board import Pattern, parse_board
+from ..recording.board import parse_board
+from ..recording.rig import HandEye, Place
 
 SENSOR = "sensor frame"
 """Name of the frame that positions are told in."""
@@ -103,10 +105,33 @@ def _hand_eye(
         camera_thing("camera", lens["size"], focal, size, camera_frame, carried=in_hand)
     ]
     try:
-        board = parse_board(str(pictures["board"]))
+        board = parse_board(str(pictures["board"])).points()
     except CalibError:  # tags need OpenCV
         return things
     return [*things, board_thing(board, board_frame, carried=not in_hand)]
+
+
+def things_of_rig(rig: HandEye) -> list[Thing]:
+    """Cameras and the board of a rig; what is carried is in the frame of the flange."""
+    reach = float(np.ptp(rig.flange[:, :3, 3], axis=0).max())
+    things = []
+    for camera in rig.cameras:
+        lens = camera.lens
+        carried = camera.eye == "hand"
+        frame = _frame_of(camera.place)
+        name = f"camera {camera.name}" if len(rig.cameras) > 1 else "camera"
+        size = lens["size"]
+        things.append(
+            camera_thing(name, size, lens["focal"], 0.3 * reach, frame, carried=carried)
+        )
+    in_hand = rig.eye == "hand"
+    frame = _frame_of(rig.base if in_hand else rig.hand)
+    board = np.array(rig.board["points"])
+    return [*things, board_thing(board, frame, carried=not in_hand)]
+
+
+def _frame_of(place: Place) -> Array:
+    return transform(matrix_of(place["quaternion"]), np.array(place["position"]))
 
 
 def camera_thing(
@@ -125,12 +150,12 @@ def camera_thing(
     return Thing(name, points, _CAMERA, frame, carried, _CAMERA_SIDES)
 
 
-def board_thing(board: Pattern, frame: Array, *, carried: bool = False) -> Thing:
-    """A board as its outline, around its corners."""
-    corners = board.points()
-    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-    sides = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
-    points = middle + sides * [*board.size, 0.0]
+def board_thing(corners: Array, frame: Array, *, carried: bool = False) -> Thing:
+    """A board as the outline of its corners (n, 3) [m]."""
+    low = corners.min(axis=0)
+    high = corners.max(axis=0)
+    sides = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    points = low + sides * (high - low)
     return Thing("board", points, _BOARD, frame, carried, _BOARD_SIDES)
 
 

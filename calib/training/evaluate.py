@@ -12,7 +12,7 @@ from ..arm.rotations import logarithm, matrix_of, similarity
 from ..body.belief import knows_orientation
 from ..common.arrays import Array, Mask
 from ..common.wording import for_people
-from ..errors import OptionError
+from ..errors import OptionError, require
 from ..model.about import holds
 from ..model.model import Model
 from ..model.space import Space
@@ -113,6 +113,7 @@ def evaluate(
     LogError
         If the joints of `samples` are not those of the model.
     """
+    require("model", model, Model)
     if frame not in EVALUATED:
         raise OptionError(f"frame {frame!r}: expected one of {', '.join(EVALUATED)}")
     if samples is None:

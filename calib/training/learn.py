@@ -11,7 +11,7 @@ import numpy as np
 from numpy.random import SeedSequence
 
 from ..common.arrays import Array
-from ..common.choices import BODIES, VIEWS
+from ..common.choices import BODIES, FREED, VIEWS
 from ..common.parallel import in_turn, side_by_side
 from ..common.scale import Scale
 from ..errors import OptionError
@@ -64,6 +64,9 @@ class TrainingOptions:
     view : {"auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"}
         What the sensor measures: ``base`` says that positions are in the robot's root frame,
         ``auto`` is rigid for lengths, a homography for pixels, a pinhole for an arm in space.
+    free : {"all", "offsets"}
+        What of a drawing may be off: with ``offsets`` its geometry is true, the joints' zeros and
+        the sensor's frame are not.
     seed : int
         The same seed gives the same model, byte for byte.
 
@@ -84,6 +87,7 @@ class TrainingOptions:
     links: str = "reciprocal"
     body: str = "auto"
     view: str = "auto"
+    free: str = "all"
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -94,6 +98,7 @@ class TrainingOptions:
         for name, value, choices in (
             ("body", self.body, BODIES),
             ("view", self.view, VIEWS),
+            ("free", self.free, FREED),
         ):
             if value not in choices:
                 raise OptionError(

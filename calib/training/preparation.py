@@ -42,7 +42,7 @@ def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
     """Leave wrong rows out, bring clocks together, and fit the body; a row a pose is left."""
     rows_given = len(samples) + samples.left_out
     if samples.touch is not None:
-        samples, part, notes = fit_sockets(samples, options.seed)
+        samples, part, notes = fit_sockets(samples, options)
         return Prepared(samples, rows_given, (*notes, *part.fit.notes), part)
     notes = []
     if samples.simulation is None:
@@ -53,7 +53,7 @@ def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
         return Prepared(at_poses(samples), rows_given, tuple(notes))
 
     def fit(rows: Samples) -> SmoothPart:
-        return find_smooth_part(at_poses(rows), view=options.view, seed=options.seed)
+        return find_smooth_part(at_poses(rows), options)
 
     samples, part, sound_notes = fit_sound_rows(samples, fit)
     notes += sound_notes
@@ -89,7 +89,7 @@ def prepare_several(
             samples = without_play(samples, play - shown)
         readings[name] = samples
     poses = {name: at_poses(samples) for name, samples in readings.items()}
-    parts = find_smooth_parts(poses, view=options.view, seed=options.seed)
+    parts = find_smooth_parts(poses, options)
     together: dict[str, Prepared] = {}
     for name, prepared in alone.items():
         part = _of_single_readings(parts[name], readings[name])

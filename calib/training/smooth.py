@@ -41,25 +41,24 @@ class SmoothPart:
 
 
 def find_smooth_parts(
-    logs: Mapping[str, Samples], *, view: str = "auto", seed: int
+    logs: Mapping[str, Samples], options: TrainingOptions
 ) -> dict[str, SmoothPart]:
     """Fit one body to what each sensor saw of one arm; it is told as each of them sees it.
 
     logs : samples of each sensor by its name, of the same joints; the first one's drawing counts
-    view : what the sensors measure
     """
     rows = {name: _learned_rows(samples) for name, samples in logs.items()}
-    templates = {name: Template.of(logs[name], rows[name], view) for name in logs}
+    templates = {name: Template.of(logs[name], rows[name], options) for name in logs}
     if len(logs) == 1:
         fits = {
-            name: fit(template.structure, [template.rows], seed=seed)
+            name: fit(template.structure, [template.rows], seed=options.seed)
             for name, template in templates.items()
         }
     else:
         fits = fit_sensors(
             {name: template.structure for name, template in templates.items()},
             {name: template.rows for name, template in templates.items()},
-            seed=seed,
+            seed=options.seed,
         )
     return {
         name: _smooth_part(logs[name], rows[name], templates[name], fits[name])
@@ -67,9 +66,9 @@ def find_smooth_parts(
     }
 
 
-def find_smooth_part(samples: Samples, *, view: str = "auto", seed: int) -> SmoothPart:
+def find_smooth_part(samples: Samples, options: TrainingOptions) -> SmoothPart:
     """Fit the body of the samples of one sensor."""
-    return find_smooth_parts({"": samples}, view=view, seed=seed)[""]
+    return find_smooth_parts({"": samples}, options)[""]
 
 
 def _learned_rows(samples: Samples) -> Index:

@@ -20,6 +20,7 @@ from ..common.choices import VIEWS
 from ..common.scale import METRES
 from ..errors import OptionError
 from ..samples.samples import Samples
+from .learn import TrainingOptions
 
 _VIEWS: tuple[str, ...] = (
     "auto",
@@ -42,14 +43,28 @@ class Template:
     notes: tuple[str, ...] = ()
 
     @staticmethod
-    def of(samples: Samples, rows: Index, view: str) -> Template:
+    def of(samples: Samples, rows: Index, options: TrainingOptions) -> Template:
         """The template of some rows of samples.
 
-        Raises OptionError if `view` is not one of such samples.
+        Raises OptionError if the view is not one of such samples, or no drawing is to be trusted.
         """
+        view = options.view
         if _in_space(samples, view):
-            return _in_space_template(samples, rows, view)
-        return _in_plane_template(samples, rows, view)
+            template = _in_space_template(samples, rows, view)
+            drawn = isinstance(samples.arm, SpatialArm)
+        else:
+            template = _in_plane_template(samples, rows, view)
+            drawn = getattr(template.structure, "nominal", None) is not None
+        if options.free == "all":
+            return template
+        if not drawn or samples.simulation is not None:
+            raise OptionError(
+                "free 'offsets' trusts the drawing of a robot: give `robot` and a measured log",
+                parameter="free",
+                value=options.free,
+            )
+        structure = template.structure.changed(zeros_alone=True)
+        return replace(template, structure=structure)
 
 
 def _in_space(samples: Samples, view: str) -> bool:

@@ -22,6 +22,7 @@ from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.sockets import Touches
 from ..samples.wrong_rows import row_numbers
+from .learn import TrainingOptions
 from .settings import LEARNING, TOUCHING
 from .smooth import SmoothPart
 
@@ -74,7 +75,9 @@ class Sockets:
         return bool(stretched or missed.any())
 
 
-def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[str]]:
+def fit_sockets(
+    samples: Samples, options: TrainingOptions
+) -> tuple[Samples, SmoothPart, list[str]]:
     """Fit arm and sockets; rows that are not in theirs are left out.
 
     Returns the samples with their sockets' places as positions: in the arm's base frame, or in the
@@ -89,6 +92,8 @@ def fit_sockets(samples: Samples, seed: int) -> tuple[Samples, SmoothPart, list[
     _refuse_alike(samples, touch)
     base_is_measured = not touch.touched.all()
     structure = structure_of(arm, "rigid" if base_is_measured else "base")
+    structure = replace(structure, zeros_alone=options.free == "offsets")
+    seed = options.seed
     sockets = _fit_sound_touches(samples, touch, structure, seed)
     notes: list[str] = []
     if not base_is_measured:

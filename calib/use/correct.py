@@ -16,7 +16,7 @@ from ..body.covariance import radius_95, spread_of
 from ..body.settings import SHARED
 from ..common.arrays import Array
 from ..common.rows import checked_rows, each_joint
-from ..errors import OptionError, QueryError
+from ..errors import OptionError, QueryError, require
 from ..model.model import Model
 from ..model.nominal import visited_joints
 from ..samples.joint_values import check_joint_values
@@ -154,6 +154,7 @@ def correct(
         "free" gives the position alone with six joints or more, too: near a singularity of the
         wrist the pose cannot be had.
     """
+    require("model", model, Model)
     if orientation not in ("keep", "free"):
         raise OptionError(f"orientation {orientation!r}: expected 'keep' or 'free'")
     usual = limit is None and view == "auto" and orientation == "keep"

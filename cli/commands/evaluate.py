@@ -11,6 +11,7 @@ from ..output import Outcome, say, sized
 from ..parsing import BadOption
 from ..summary import (
     accuracy,
+    accuracy_of_sensor,
     advice,
     answers_back,
     code_of,
@@ -41,6 +42,7 @@ def evaluate(
             "--frame", get_args(FrameWord), "free: the sensor's frame is found anew."
         ),
     ] = "kept",
+    sensor: opt.OfSensor = "sensor",
     iso: Annotated[
         bool, opt.flag("--iso9283", "Accuracy and repeatability of poses, too.")
     ] = False,
@@ -50,10 +52,14 @@ def evaluate(
 ) -> Outcome:
     import calib
 
-    loaded = calib.load(model)
+    from ..query import model_in
+
+    loaded = model_in(model, sensor)
     reading = Reading(columns, unit, time_offset, degrees)
     log = log_of(loaded, data, reading)
-    log = None if log is None else stated(log, distance, plane)
+    if log is not None:
+        log = stated(log, distance, plane)
+        loaded = loaded.by(log.sensor)
     started = time.perf_counter()
     result = calib.evaluate(loaded, log, frame=frame)
     say(result.notes)
@@ -76,10 +82,12 @@ def evaluate(
         lines = [*warnings, f"{model}: {_scatter(result)}", *limit]
         return Outcome(document, lines, code=code_of(warnings))
     tested = f"{result.rows} {result.source}"
+    others = [] if log is not None else loaded.sensors[1:]
     lines = [
         *warnings,
         f"{model}: {accuracy(loaded, result.errors, result.within, tested, result.left_out)}",
         answers_back(loaded, result.errors),
+        *(accuracy_of_sensor(loaded.by(name)) for name in others),
         *limit,
     ]
     if iso:

@@ -50,16 +50,18 @@ def export(
         opt.value("--ros2", "FOLDER", "A ROS 2 package that runs the model."),
     ] = None,
     free: opt.Free = "all",
+    sensor: opt.OfSensor = "sensor",
     as_json: opt.Json = False,
     verbose: opt.Verbose = False,
     quiet: opt.Quiet = False,
 ) -> Outcome:
-    import calib
     from calib.common.atomic import atomic_write
     from calib.use import formats
     from calib.use.lerobot import RANGES_MOVE, homed
     from calib.use.ros2 import write_ros2_package
     from calib.use.ur import ur_kinematics
+
+    from ..query import model_in
 
     options = {
         "output": output,
@@ -82,14 +84,16 @@ def export(
         raise BadOption(
             "--lerobot needs -o NEW.json, where the corrected calibration goes"
         )
-    loaded = calib.load(model)
+    loaded = model_in(model, sensor)
     tip = loaded.about.tip
     document: dict[str, object] = {"model": model}
     texts: dict[str, str] = {}  # all are made before anything is written
     words: dict[str, str] = {}
     if lerobot or ur or mjcf:
-        corrected, offsets = formats.corrected_arm(loaded, drawn=free == "offsets")
-        document["offsets"] = offsets
+        corrected, zeros = formats.corrected_arm(loaded, drawn=free == "offsets")
+        offsets = {name: float(zero.value) for name, zero in zeros.items()}
+        widths = {name: float(zero.interval) for name, zero in zeros.items()}
+        document |= {"offsets": offsets, "intervals": widths}
         if ur is not None:
             texts["ur"] = ur_kinematics(corrected, tip)
             words["ur"] = "kinematics of a UR"

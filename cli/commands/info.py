@@ -8,7 +8,15 @@ from calib.common.wording import printable
 
 from .. import options as opt
 from ..output import Line, Outcome, as_typed, sized
-from ..summary import accuracy, advice, code_of, contradicted, error_table, summary
+from ..summary import (
+    accuracy,
+    accuracy_of_sensor,
+    advice,
+    code_of,
+    contradicted,
+    error_table,
+    summary,
+)
 
 
 def info(
@@ -20,9 +28,11 @@ def info(
 ) -> Outcome:
     import calib
     from calib.model.facts import facts
+    from calib.use.geometry_fit import body_with_zeros
 
     loaded = calib.load(model)
     about = loaded.about
+    body = body_with_zeros(loaded)
     names = about.joint_names
     units = about.units_of_joints
     # play is stored as the distance from the middle
@@ -37,7 +47,7 @@ def info(
         "simulation": about.simulation,
         "options": about.options,
         "history": loaded.history,
-        "body": None if loaded.body is None else loaded.body.to_json(),
+        "body": None if body is None else body.to_json(),
         "rows": 0 if loaded.rows is None else len(loaded.rows),
         "notes": [as_typed(text) for text in about.notes],
         "backlash": play,
@@ -56,13 +66,14 @@ def info(
     warnings = contradicted(about)
     lines: list[Line] = [*warnings]
     lines += [f"{name:<{width}}  {as_typed(text)}" for name, text in words.items()]
-    if loaded.body is not None:
-        body_lines = loaded.body.describe(about.lower, about.upper)
+    if body is not None:
+        body_lines = body.describe(about.lower, about.upper)
         lines += ["", "body", *(f"  {printable(line)}" for line in body_lines)]
     if not about.errors:
         return Outcome(document, lines, code=code_of(warnings))
     tested = f"{about.tested} rows"
     line = accuracy(loaded, about.errors, about.within, tested, about.left_out)
     lines += ["", f"accuracy: {line}", advice(loaded, about.errors)]
+    lines += [accuracy_of_sensor(loaded.by(name)) for name in loaded.sensors[1:]]
     table = error_table(loaded, about.errors, "errors when it was made")
     return Outcome(document, lines, [table], code=code_of(warnings))

@@ -38,6 +38,7 @@ def report(
 ) -> Outcome:
     import calib
     from calib.common.atomic import atomic_write
+    from calib.recording.rig import HandEye
     from calib.show.report.drawing import to_file
 
     if output is None and png is None and figures is None:
@@ -47,7 +48,7 @@ def report(
     check_file(output, (".html", ".htm"))
     reading = Reading(columns, unit, time_offset, degrees)
     loaded, log = load_drawn(model, data, photo, no_photo, reading)
-    warnings = contradicted(loaded.about)
+    warnings = [] if isinstance(loaded, HandEye) else contradicted(loaded.about)
     lines = [*warnings]
     if output is not None:
         lines.append(calib.report(loaded, output, log, progress=progress))

@@ -19,7 +19,7 @@ from ..output import Outcome, progress, say
 from ..parsing import BadOption, check_file
 from ..pictures import photo_of_log, with_photo
 from ..summary import (
-    accuracy,
+    accuracy_of_sensor,
     advice,
     code_of,
     contradicted,
@@ -57,6 +57,7 @@ def train(
     sensory_size: opt.SensorySize = None,
     body: opt.BodyKind = "auto",
     view: opt.SensorView = "auto",
+    free: opt.Free = "all",
     rule: opt.TrainingRule = "batch",
     epochs: opt.Epochs = None,
     sigma: opt.Sigma = None,
@@ -108,7 +109,15 @@ def train(
         _check_same_origin(path, log)
     sizes = (size, motor_size, sensory_size)
     how = calib.TrainingOptions(
-        *sizes, map, rule, epochs, sigma, body=body, view=view, seed=seed
+        *sizes,
+        map,
+        rule,
+        epochs,
+        sigma,
+        body=body,
+        view=view,
+        free=free,
+        seed=seed,
     )
     model = calib.train(logs if len(logs) > 1 else log, how, progress=progress)
     about = model.about
@@ -125,21 +134,15 @@ def train(
     if about.source == "simulation":
         rows = "fresh exact samples"
         learned = f"{about.samples} samples"
-    warnings = []
-    accuracies = []
-    for name in model.sensors:
-        seen = model.by(name).about
-        warnings += contradicted(seen)
-        tested = f"{seen.tested} {rows}"
-        line = accuracy(model.by(name), seen.errors, seen.within, tested, seen.left_out)
-        accuracies.append(f"{name}: {line}" if name else line)
+    sensors = [model.by(name) for name in model.sensors]
+    warnings = [line for sensor in sensors for line in contradicted(sensor.about)]
     noise_of_log = log.source.get("noise")
     if log.source.get("unit") != about.unit:
         noise_of_log = None
     cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
     lines = [
         *warnings,
-        *accuracies,
+        *(accuracy_of_sensor(sensor) for sensor in sensors),
         *found_by_body(model),
         advice(model, about.errors, noise_of_log),
         f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}",

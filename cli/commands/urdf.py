@@ -13,6 +13,7 @@ from calib.common.wording import for_people
 from .. import options as opt
 from ..output import NO, Outcome, TextTable, fixed, note, number, say, sized
 from ..parsing import check_file
+from ..summary import contradicted
 from ..units import units_of
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def urdf(
 
     check_file(output, (".urdf", ".xml"))
     loaded = calib.load(model)
+    say(contradicted(loaded.about))
     check_output(output, loaded.about.urdf)
     geometry = fit_geometry(
         loaded,

@@ -1,4 +1,4 @@
-"""Readout: a trend, what local models add to it, and the bound on what is left."""
+"""Readout: a body, what local models add to it, and the bound on what is left."""
 
 from __future__ import annotations
 
@@ -7,44 +7,44 @@ from dataclasses import replace
 import numpy as np
 
 import calib
-from calib.maps.local_models import predict
 
 from .style import FAINT, FIRST, GREY, INK, SCALE, SECOND, panels, plane, save
 
 RIPPLE, TEETH = np.radians(0.4), 24.0  # of the elbow's gear: amplitude [rad], per turn
+SLICE = 0.3  # of the shoulder [rad]
 
 
 def local() -> None:
-    """An elbow whose gear ripples: the trend misses the ripple, the local models catch it."""
+    """An elbow whose gear ripples with the shoulder: the body misses it, local models do not."""
     arm = calib.load_arm("two_link")
     log = calib.babble(arm, 20_000, seed=0)
     x = _rippled(arm, log.q) + np.random.default_rng(1).normal(0, 3e-4, log.x.shape)
     model = calib.train(replace(log, x=x, simulation=None), size=40)
     elbow = np.linspace(arm.lower[1], arm.upper[1], 400)[8:-8]
-    q = np.stack([np.full(len(elbow), 0.8), elbow], axis=1)
-    u = model.motor.scale.to_unit(q)
-    trend = model.predictor.trend.value(u)
-    truth = 1e3 * (_rippled(arm, q) - trend)[:, 0]
-    added = 1e3 * predict(model.predictor.models, model.motor, u)[0][:, 0]
-    near = np.abs(log.q[:, 0] - 0.8) < 0.02
-    rest = 1e3 * (x[near] - model.predictor.trend.value(model.motor.scale.to_unit(log.q[near])))
+    q = np.stack([np.full(len(elbow), SLICE), elbow], axis=1)
+    body = model.forward(q, "body")
+    truth = 1e3 * (_rippled(arm, q) - body)[:, 0]
+    added = 1e3 * (model.forward(q) - body)[:, 0]
+    near = np.abs(log.q[:, 0] - SLICE) < 0.02
+    rest = 1e3 * (x[near] - model.forward(log.q[near], "body"))
     figure, (whole, left) = panels(2, 3.0)
     degrees = np.degrees(elbow)
-    whole.plot(degrees, 1e3 * trend[:, 0], color=INK, linewidth=1.6)
-    whole.set(xlabel="elbow [deg]", ylabel="x [mm]", title="the trend")
+    whole.plot(degrees, 1e3 * body[:, 0], color=INK, linewidth=1.6)
+    whole.set(xlabel="elbow [deg]", ylabel="x [mm]", title="the body")
     left.plot(
         np.degrees(log.q[near, 1]), rest[:, 0], ".", color=GREY, markersize=3, label="samples"
     )
     left.plot(degrees, truth, color=FIRST, linewidth=2.6, alpha=0.5, label="truth")
     left.plot(degrees, added, color=SECOND, linewidth=1.4, label="local models")
-    left.set(xlabel="elbow [deg]", ylabel="x less trend [mm]", title="what the trend leaves over")
+    left.set(xlabel="elbow [deg]", ylabel="x less body [mm]", title="what the body leaves over")
     left.legend(ncols=3, loc="upper center", handlelength=1.2, columnspacing=1.0)
     left.set_ylim(top=1.55 * max(truth.max(), rest[:, 0].max()))
     save(figure, "local")
 
 
 def _rippled(arm: calib.PlanarArm, q: np.ndarray) -> np.ndarray:
-    return arm.forward(q + RIPPLE * np.sin(TEETH * q) * (0.0, 1.0))
+    ripple = RIPPLE * np.sin(TEETH * q[:, 1]) * np.cos(2 * q[:, 0])
+    return arm.forward(q + ripple[:, None] * [0.0, 1.0])
 
 
 def bounds() -> None:

@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from calib_cli.errors import describe_error
 
+import calib
+
 URDF = Path(__file__).parents[2] / "robots" / "two_link.urdf"
 ROWS = "0.1,1.0,0.1,0.2\n0.2,1.1,0.2,0.3\n0.3,1.2,0.3,0.4\n"
 HEADER = "shoulder,elbow,x,y\n"
@@ -125,8 +127,6 @@ def test_an_interruption_behind_an_error_is_130():
 
 
 def test_library_errors_name_parameters_and_the_command_line_options(run):
-    import calib
-
     with pytest.raises(calib.RobotError) as caught:
         calib.load_arm("two_link", joints=["shoulder", "elbw"])
     assert "--" not in str(caught.value)
@@ -135,6 +135,30 @@ def test_library_errors_name_parameters_and_the_command_line_options(run):
     assert (error["type"], error["parameter"], error["value"]) == ("RobotError", "--joints", "elbw")
     assert "elbow?" in error["hint"]
     assert "`" not in error["message"]
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda model, log: calib.check(log, model),
+        lambda model, log: calib.adapt(log, model),
+        lambda model, log: calib.judge(log, model),
+        lambda model, log: calib.evaluate(log, model),
+        lambda model, log: calib.correct([0.5, 1.0], model),
+        lambda model, log: calib.recognise(log, [model]),
+        lambda model, log: calib.report("page.html", model),
+        lambda model, log: calib.preview("page.html", model),
+        lambda model, log: calib.write_log("log.csv", log),
+        lambda model, log: calib.figures((model.motor, model.sensory)),
+        lambda model, log: calib.train(log, size=5, sigma=(5,)),
+    ],
+)
+def test_arguments_of_python_that_are_exchanged_are_told_in_one_line(model, call):
+    log = calib.babble(calib.load_arm("two_link"), 20)
+    with pytest.raises(calib.OptionError) as caught:
+        call(calib.load(model), log)
+    assert "\n" not in str(caught.value)
+    assert re.search("expected|give", str(caught.value))
 
 
 def test_no_message_of_the_library_names_an_option():

@@ -96,3 +96,32 @@ def test_a_row_that_was_learned_tells_nothing_of_the_model(logs):
     assert known.learned == 40
     assert known.errors == model.about.errors
     assert calib.evaluate(model, fresh).learned == 0
+
+
+def test_a_sensor_is_asked_by_its_name(logs, run, tmp_path):
+    model = calib.train([log for log, _ in logs], size=3)
+    path = tmp_path / "two.calib"
+    model.save(path)
+    q = [0.3, 0.6, -0.9]
+
+    def position(*frame):
+        done = run("query", "forward", path, *q, *frame, "--json")
+        assert done.code == 0, done.err
+        return done.document["position"]
+
+    assert position() == position("--in", "left") == model.forward(q).tolist()
+    assert position("--in", "right") == model.by("right").forward(q).tolist()
+    assert len(position("--in", "base")) == 3
+    target = position("--in", "right")
+    back = run(
+        "query", "inverse", path, *target, "--near", "0.3,0.6,-0.9", "--in", "right", "--json"
+    )
+    np.testing.assert_allclose([*back.document["solutions"][0]["joints"].values()], q, atol=1e-6)
+    assert "left, right" in run("query", "forward", path, *q, "--in", "top").err
+    told = run("evaluate", path, "--in", "right", "--json").document
+    assert told["errors"] == model.by("right").about.errors
+    for command in ("info", "evaluate"):
+        assert "right: " in run(command, path).out
+    run("export", path, "-o", tmp_path / "first.h")
+    run("export", path, "-o", tmp_path / "right.h", "--in", "right")
+    assert (tmp_path / "first.h").read_bytes() != (tmp_path / "right.h").read_bytes()

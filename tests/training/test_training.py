@@ -248,3 +248,26 @@ def test_a_model_whose_fresh_samples_contradict_its_bound_says_so_first(run, tmp
     told = run("info", path, "--json").document
     assert told["bound_holds"] is False
     assert calib.load(path).about.bound_holds is False
+
+
+@pytest.mark.parametrize("name", ["six_axis", "two_link"])
+def test_a_drawing_that_is_trusted_leaves_zeros_and_frame(name):
+    arm = calib.load_arm(name)
+    rng = np.random.default_rng(0)
+    zeros = np.radians(rng.normal(0.0, 1.0, arm.dof))
+    zeros[0] = 0.0  # which no free frame tells from its own turn
+    q = rng.uniform(arm.lower, arm.upper, (212, arm.dof))
+    seen = arm.forward(q + zeros) + 0.3
+    noisy = seen + 1e-4 * rng.standard_normal(seen.shape)
+    log = calib.Samples(q[:12], noisy[:12], arm.joint_names, arm.lower, arm.upper, arm=arm)
+    fresh = q[12:]
+
+    def miss(free):
+        model = calib.train(log, size=4, free=free)
+        error = np.linalg.norm(model.forward(fresh) - seen[12:], axis=1)
+        assert np.mean(error <= model.model_error(fresh)) >= 0.95
+        return error.mean()
+
+    assert miss("offsets") < 0.8 * miss("all")
+    with pytest.raises(calib.OptionError, match="trusts the drawing"):
+        calib.train(replace(log, arm=None), free="offsets")

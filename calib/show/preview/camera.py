@@ -12,6 +12,13 @@ from ..placement import Placement
 _FIELD_OF_VIEW = 35.0  # degrees, from bottom to top
 
 
+def space_frame(azimuth: float = -60.0) -> Array:
+    """Rows right, up and towards the eye (3, 3) of an upright plane; `azimuth` [deg] of its eye."""
+    c = math.cos(math.radians(azimuth))
+    s = math.sin(math.radians(azimuth))
+    return np.array([[-s, c, 0.0], [0.0, 0.0, 1.0], [c, s, 0.0]])
+
+
 def frame_of_view(placement: Placement, *, downwards: bool = False) -> Array:
     """Rows right, up and towards the eye (3, 3) of the drawn plane; of a space an oblique one's.
 
@@ -19,10 +26,7 @@ def frame_of_view(placement: Placement, *, downwards: bool = False) -> Array:
     """
     width = placement.matrix.shape[1] - 1
     if width == 3:
-        azimuth = math.radians(-60.0)
-        c = math.cos(azimuth)
-        s = math.sin(azimuth)
-        return np.array([[-s, c, 0.0], [0.0, 0.0, 1.0], [c, s, 0.0]])
+        return space_frame()
     right, up = placement.lift(np.eye(2)) - placement.lift(np.zeros((1, 2)))
     right = right / np.linalg.norm(right)
     normal = np.cross(right, -up if downwards else up)

@@ -198,8 +198,8 @@
 
   // ------------------------------------------------------------------ links of a node
   const nodes = (name) => viewer.scene_tree.find([name, "nodes", "<object>"]).object;
-  const partners = new Uint32Array(bytes(data.links.partners).buffer);
-  const each = data.links.each;
+  const partners = data.links && new Uint32Array(bytes(data.links.partners).buffer);
+  const each = data.links && data.links.each;
 
   function link(node) {
     const from = nodes("Sensory map").geometry.attributes.position;
@@ -221,7 +221,7 @@
     viewer.set_dirty();
   }
 
-  link(data.links.node);
+  if (data.links) link(data.links.node);
 
   // where the pointer is, as a ray into the scene
   function rayOf(event) {
@@ -237,7 +237,7 @@
   const canvas = renderer.domElement;
   canvas.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
   canvas.addEventListener("pointerup", (event) => {
-    if (!pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
+    if (!data.links || !pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
     const hits = rayOf(event).intersectObject(nodes("Sensory map"));
     hits.sort((a, b) => a.distanceToRay - b.distanceToRay);
     if (hits.length) link(hits[0].index);

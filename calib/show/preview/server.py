@@ -7,34 +7,28 @@ import os
 import secrets
 import threading
 import webbrowser
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
 
 from ...common.atomic import atomic_write
 from ...common.rows import checked_rows
 from ...common.wording import for_people, length_in_words
-from ...errors import CalibError, OptionError
+from ...errors import CalibError, OptionError, require
 from ...model.model import Model
+from ...recording.rig import HandEye
 from ...samples.samples import Samples
 from ..settings import SETTINGS
+from .page import page_of
+from .rig_scene import data_of_rig
 from .scene import Scene
 
 _ADDRESS = "127.0.0.1"  # no other computer can reach it
-_LONGEST = 10_000  # bytes of a question
-_NONSENSE = (
-    ValueError,
-    TypeError,
-    KeyError,
-    AttributeError,
-    CalibError,
-    ArithmeticError,
-)
+_NONSENSE = (*(ValueError, TypeError, KeyError, RecursionError), CalibError)
 
 
 def preview(
-    model: Model,
+    model: Model | HandEye,
     path: str | os.PathLike[str] | None = None,
     log: Samples | None = None,
     *,
@@ -46,7 +40,7 @@ def preview(
 
     Parameters
     ----------
-    model : Model
+    model : Model or HandEye
     path : path-like, optional
         Write the page, which needs no network, into this file instead of showing it.
     log : Samples, optional
@@ -74,13 +68,21 @@ def preview(
     """
     if live and path is not None:
         raise OptionError("`live` needs a running preview: expected it without a file")
-    scene = Scene(model, log)
-    page = scene.html(live=live).encode("utf-8")
+    scene = None
+    notes: list[str] = []
+    if isinstance(model, HandEye):
+        data = data_of_rig(model)
+    else:
+        require("model", model, Model)
+        scene = Scene(model, log)
+        data = scene.data
+        notes = scene.notes
+    page = page_of(data, live=live).encode("utf-8")
     if path is not None:
         atomic_write(path, page)
-        return Preview(Path(path).absolute().as_uri(), scene)
+        return Preview(Path(path).absolute().as_uri(), notes)
     try:
-        server = _Server((_ADDRESS, port), _Handler)
+        server = _Server(port, page, scene if live else None)
     except (OSError, OverflowError) as error:
         raise OptionError(
             f"port {port} cannot be used ({getattr(error, 'strerror', None) or error})",
@@ -88,11 +90,9 @@ def preview(
             parameter="port",
             value=port,
         ) from error
-    server.page = page
-    server.scene = scene if live else None
     threading.Thread(target=server.serve_forever, args=(0.2,), daemon=True).start()
     shown = Preview(
-        f"http://{_ADDRESS}:{server.server_address[1]}{server.place}", scene, server
+        f"http://{_ADDRESS}:{server.server_address[1]}{server.place}", notes, server
     )
     if browse:
         webbrowser.open(shown.url)
@@ -102,9 +102,11 @@ def preview(
 class Preview:
     """A page that is shown: `url`, where it is, and `notes`, what the user should be told."""
 
-    def __init__(self, url: str, scene: Scene, server: _Server | None = None) -> None:
+    def __init__(
+        self, url: str, notes: Sequence[str], server: _Server | None = None
+    ) -> None:
         self.url = url
-        self.notes = tuple(scene.notes)
+        self.notes = tuple(notes)
         self._server = server
 
     def close(self) -> None:
@@ -129,15 +131,15 @@ class _Server(ThreadingHTTPServer):
 
     daemon_threads = True
     allow_reuse_address = False
-    page: bytes
-    scene: Scene | None  # whose map answers questions
 
-    def __init__(self, *how: Any) -> None:
-        super().__init__(*how)
+    def __init__(self, port: int, page: bytes, scene: Scene | None) -> None:
+        super().__init__((_ADDRESS, port), _Handler)
+        self.page = page
+        self.scene = scene  # whose map answers questions
         # a secret, so that other pages in the same browser cannot ask
         self.place = f"/{secrets.token_urlsafe(12)}/"
 
-    def handle_error(self, request: Any, client_address: Any) -> None:
+    def handle_error(self, request: object, client_address: object) -> None:
         """Stay quiet: browsers drop connections as they like."""
 
 
@@ -150,34 +152,34 @@ class _Handler(BaseHTTPRequestHandler):
         if self.path == self.server.place:
             self._send(200, "text/html; charset=utf-8", self.server.page)
         else:
-            self._send(404, "text/plain", b"not here")
+            self._send(404)
 
     def do_POST(self) -> None:
         """Answer a question of the page."""
         scene = self.server.scene
         length = self.headers.get("Content-Length", "")
-        small = length.isascii() and length.isdigit() and int(length[:9]) <= _LONGEST
+        small = length.isascii() and length.isdigit() and len(length) < 5
         if self.path != f"{self.server.place}ask" or scene is None or not small:
-            self._send(404, "text/plain", b"not here")
+            self._send(404)
             return
         try:
-            reply = _answer(scene, json.loads(self.rfile.read(int(length))))
-            text = json.dumps(reply, allow_nan=False)
+            answer = _answer(scene, json.loads(self.rfile.read(int(length))))
         except TimeoutError:
             raise
-        except (RecursionError, *_NONSENSE) as error:
+        except _NONSENSE as error:
             self._send(400, "text/plain", str(error).encode())
             return
-        self._send(200, "application/json", text.encode())
+        self._send(200, "application/json", json.dumps(answer).encode())
 
-    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002
         """Stay quiet."""
 
-    def _send(self, status: int, kind: str, data: bytes) -> None:
+    def _send(
+        self, status: int, kind: str = "text/plain", data: bytes = b"not here"
+    ) -> None:
         # against DNS rebinding: a page of another name, led here, asks in the user's browser
         if self.headers.get("Host", "").split(":")[0] not in (_ADDRESS, "localhost"):
             status = 404
-            kind = "text/plain"
             data = b"not here"
         self.send_response(status)
         self.send_header("Content-Type", kind)
@@ -195,34 +197,32 @@ def _answer(scene: Scene, question: Mapping[str, object]) -> dict[str, object]:
     with "joints" in the motor map's unit box, and transforms of "links".
     """
     model = scene.model
-    about = model.about
+    unit = model.about.unit
     placement = scene.placements[0]
-    point = checked_rows(question["at"], ("x", "y", "z"), "at")[0]
+    point, _ = checked_rows(question["at"], ("x", "y", "z"), "at")
     x = placement.drop(point)
-    solutions = model.solve_all(x)[0]
+    (solutions,) = model.solve_all(x)
     reachable = bool(solutions.reachable.any())
     lines = [f"{len(solutions.q)} ways to reach it"]
     if not reachable:
-        off = length_in_words(float(solutions.distance[0]), about.unit)
+        off = length_in_words(float(solutions.distance[0]), unit)
         lines = [f"out of reach, the nearest point is {off} away"]
-    branches: list[dict[str, object]] = []
-    for q, error in zip(solutions.q, solutions.expected_error, strict=True):
-        if len(branches) == SETTINGS.branches:
-            break
+    joints = solutions.q[: SETTINGS.branches]
+    shares = model.motor.scale.to_unit(joints)
+    poses = {} if scene.robot is None else scene.robot.poses(joints)
+    branches = []
+    for row, q in enumerate(joints):
         values = []
         for name, value, kind in zip(
-            about.joint_names, q, about.units_of_joints, strict=True
+            model.about.joint_names, q, model.about.units_of_joints, strict=True
         ):
-            factor, unit = for_people(kind)
-            values.append(f"{name} {factor * value:.2f} {unit}")
+            factor, shown = for_people(kind)
+            values.append(f"{name} {factor * value:.2f} {shown}")
         lines.append(", ".join(values))
-        lines.append(f"expected error {length_in_words(float(error), about.unit)}")
-        links = {}
-        if scene.robot is not None:
-            for name, frames in scene.robot.poses(q).items():
-                links[name] = frames[0].T.ravel().tolist()
-        unit_joints = model.motor.scale.to_unit(q[None])[0]
-        branches.append({"joints": unit_joints.tolist(), "links": links})
+        error = length_in_words(float(solutions.expected_error[row]), unit)
+        lines.append(f"expected error {error}")
+        links = {link: frames[row].T.ravel().tolist() for link, frames in poses.items()}
+        branches.append({"joints": shares[row].tolist(), "links": links})
     return {
         "reachable": reachable,
         "words": "\n".join(lines),

@@ -20,6 +20,7 @@ from .drawing import GREY, SECOND, colour_bar, draw_lattice, error_bar, panels
 from .figures import long_errors
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
@@ -32,14 +33,11 @@ def lattices(study: Study) -> Figure | None:
     errors = node_errors(model)
     scale = ErrorScale.of(np.concatenate(errors), model.about.unit, extent(model))
     figure, axes = panels([3.2, 3.7])
-    for ax, part, values in zip(
-        axes, (model.motor, model.sensory), errors, strict=True
-    ):
-        lines = draw_lattice(ax, part.units[:, :2], drawn_edges(part), values, scale)
+    parts = _parts(model.association)
+    for ax, (name, part), values in zip(axes, parts.items(), errors, strict=True):
+        points = _two_coordinates(ax, part, name)
+        lines = draw_lattice(ax, points, drawn_edges(part), values, scale)
         ax.autoscale()
-    axes[0].set(title="motor map", xlabel="first joint [range]")
-    axes[0].set_ylabel("second joint [range]")
-    axes[1].set(title="sensory map", xlabel="x [range]", ylabel="y [range]")
     error_bar(figure, lines, axes, scale, "expected error")
     return figure
 
@@ -54,7 +52,13 @@ def u_matrices(study: Study) -> Figure | None:
 def figures_of_maps(maps: Map | Association) -> dict[str, Figure]:
     """Return the figures of a map, or of two with their links, by name."""
     parts = _parts(maps)
-    drawn = {"lattices": _lattices(parts), "u_matrices": _u_matrices(parts)}
+    figure, axes = panels([3.3] * len(parts))
+    for ax, (name, part) in zip(axes, parts.items(), strict=True):
+        x, y = _two_coordinates(ax, part, name).T
+        edges = drawn_edges(part).T
+        ax.plot(x[edges], y[edges], color=GREY, linewidth=0.6, rasterized=True)
+        ax.plot(x, y, ".", color=SECOND, markersize=2, rasterized=True)
+    drawn = {"lattices": figure, "u_matrices": _u_matrices(parts)}
     if isinstance(maps, Association):
         drawn["links"] = _links(maps)
     return drawn
@@ -66,22 +70,12 @@ def _parts(maps: Map | Association) -> dict[str, Map]:
     return {"motor map": maps.motor, "sensory map": maps.sensory}
 
 
-def _lattices(parts: dict[str, Map]) -> Figure:
-    """Nodes joined to their neighbours, in the first two coordinates."""
-    figure, axes = panels([3.3] * len(parts))
-    for ax, (name, part) in zip(axes, parts.items(), strict=True):
-        x, y = _two_coordinates(part)
-        edges = drawn_edges(part).T
-        ax.plot(x[edges], y[edges], color=GREY, linewidth=0.6, rasterized=True)
-        ax.plot(x, y, ".", color=SECOND, markersize=2, rasterized=True)
-        ax.set(title=name, xlabel="first coordinate [range]", ylabel="second [range]")
-    return figure
-
-
-def _two_coordinates(part: Map) -> Array:
-    """The first two coordinates (2, nodes) of a map's nodes; of a line the second is 0."""
-    x = part.units[:, 0]
-    return np.stack([x, part.units[:, 1] if part.units.shape[1] > 1 else 0 * x])
+def _two_coordinates(ax: Axes, part: Map, name: str) -> Array:
+    """The first two coordinates (nodes, 2) of a map's nodes; of a line the second is 0."""
+    ax.set(title=name, xlabel="first coordinate [range]", ylabel="second [range]")
+    if part.units.shape[1] == 1:
+        return np.column_stack([part.units, np.zeros(part.size)])
+    return part.units[:, :2]
 
 
 def _links(maps: Association) -> Figure:
@@ -102,15 +96,13 @@ def _u_matrices(parts: dict[str, Map]) -> Figure:
         shape = part.lattice.shape
         image: ScalarMappable
         if len(shape) == 1:  # a graph: its nodes have no place but where they stand
-            x, y = _two_coordinates(part)
+            x, y = _two_coordinates(ax, part, name).T
             image = ax.scatter(x, y, 4, values, linewidths=0.0, rasterized=True)
-            ax.set(xlabel="first coordinate [range]", ylabel="second [range]")
         else:
             grid = values.reshape(*shape[:2], -1).mean(axis=-1).T
             top = np.quantile(grid, 0.995)
             image = ax.imshow(grid, vmax=top, interpolation="nearest")
-            ax.set(xlabel="first lattice axis [nodes]", ylabel="second [nodes]")
-        ax.set_title(name)
+            ax.set(title=name, xlabel="first lattice axis [nodes]", ylabel="second")
         colour_bar(figure, image, [ax], "distance to the neighbours [range]")
     return figure
 
@@ -134,8 +126,8 @@ def photo(study: Study) -> Figure | None:
     box = model.photo.box
     figure, (ax,) = panels([3.5 * len(pixels) / pixels.shape[1] + 0.9])
     # a lighter photo leaves the colours to what is drawn over it
-    lighter = np.uint8(46) + (pixels * 0.82).astype(np.uint8)
-    ax.imshow(lighter, extent=box, interpolation="antialiased", aspect="equal")
+    lighter = (46 + 0.82 * pixels).astype(np.uint8)
+    ax.imshow(lighter, extent=box, origin="upper", interpolation="antialiased")
     errors = node_errors(model)[1]
     nodes = model.sensory.weights
     edges = drawn_edges(model.sensory)
@@ -144,7 +136,12 @@ def photo(study: Study) -> Figure | None:
     reached = np.isfinite(errors[edges]).all(axis=1)
     edges = edges[reached & (long < SETTINGS.long_edge * np.median(long))]
     lines = draw_lattice(ax, nodes, edges, errors, scale)
+    robot = Robot.of(model.about)
     if study.rows is not None:
+        if robot is not None:
+            bones = seen_by_sensor(model, robot.bones(study.rows.q[0]))
+            if bones is not None:
+                ax.plot(*bones.T, "-o", color="#f59f00", lw=3, ms=4, alpha=0.8)
         x, error, times = long_errors(study.rows)
         ends = np.stack([x, x - error], axis=1)
         ax.plot(*ends.transpose(2, 1, 0), color=SECOND, linewidth=0.9)
@@ -152,11 +149,6 @@ def photo(study: Study) -> Figure | None:
         mean = length_in_words(float(study.rows.distance.mean()), model.about.unit)
         title = f"errors ({mean} on average) drawn {number(times)} times as long"
         ax.set_title(title, fontsize=8)
-        robot = Robot.of(model.about)
-        if robot is not None:
-            bones = seen_by_sensor(model, robot.bones(study.rows.q[0]))
-            if bones is not None:
-                ax.plot(*bones.T, "-o", color="#f59f00", linewidth=3, alpha=0.8)
     ax.set(xlim=box[:2], ylim=box[2:], xticks=[], yticks=[])
     error_bar(figure, lines, [ax], scale, "expected error")
     return figure

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Iterable, Sequence
 from html import escape
-from importlib.resources import files
-from string import Template
 from typing import TYPE_CHECKING
 
-from ...common.atomic import atomic_write
 from ...common.choices import READOUTS
 from ...common.wording import quoted, suggestion
-from ...errors import OptionError
+from ...errors import OptionError, require
 from ...maps.association import Association
 from ...maps.map import Map
 from ...model.facts import facts
 from ...model.model import Model
+from ...recording.rig import HandEye
+from ...recording.rig_file import rig_of_model
 from ...samples.samples import Samples
 from ...training.learn import Progress
 from ..error_scale import unit_for
@@ -25,7 +23,9 @@ from ..study import Study, studies_of
 from . import figures as arm
 from . import map_figures as maps
 from . import words
-from .drawing import settings, to_svg
+from .drawing import settings
+from .html import figure_of, filled, paragraph, write_page
+from .rig_page import figures_of_rig, pictures_of_rig, report_rig, verdict_of_rig
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,11 +55,12 @@ CAPTIONS: dict[Draw, str] = {
 FIGURES = {draw.__name__: draw for draw in CAPTIONS}
 _WHERE = (arm.where, arm.coverage, arm.arrows, maps.photo)
 _WHY = (arm.joints, arm.order, arm.trust, arm.sockets)
+_OF_ARM = (arm.coverage, arm.joints)  # drawn for the first of several sensors alone
 _MAPS = (maps.lattices, maps.u_matrices)
 
 
 def report(
-    model: Model,
+    model: Model | HandEye,
     path: str | os.PathLike[str],
     log: Samples | None = None,
     *,
@@ -69,7 +70,7 @@ def report(
 
     Parameters
     ----------
-    model : Model
+    model : Model or HandEye
     path : path-like
         The file; it needs no network to be read.
     log : Samples, optional
@@ -86,13 +87,21 @@ def report(
     >>> calib.report(model, path)
     'The tip is predicted to ...'
     """
+    if isinstance(model, HandEye):
+        return report_rig(model, path)
+    require("model", model, Model)
     studies = studies_of(model, log)
+    rig = rig_of_model(model)
     study = next((one for one in studies if one.log is not None), studies[0])
     with settings():
         bars = _of_sensors(studies, [arm.accuracy])
         first = "".join(bars.values()) + _figures(study, [arm.causes])
-        off = _paragraph(words.uncertain(study)) + _figures(studies[0], [arm.setup])
+        off = paragraph(words.uncertain(study)) + _figures(studies[0], [arm.setup])
         sections = {"What is off": off}
+        if rig is not None:
+            pictures = pictures_of_rig(rig)
+            del pictures["setup"]
+            sections["The pictures"] = "".join(pictures.values())
         for heading, draws in (("Where", _WHERE), ("Why so", _WHY)):
             if progress is not None:
                 progress(len(sections) / 4, heading, float("nan"))
@@ -101,33 +110,27 @@ def report(
         if model.default_readout == "linear" or model.predictor.models.degree >= 0:
             sections["The maps"] = _table(model) + _figures(studies[0], _MAPS)
     verdict = words.verdict(studies)
-    page = _filled(
-        "page.html",
-        title=escape(model.about.robot or "An arm, learned from a log"),
-        style=_file("page.css"),
-        verdict=_html(verdict),
-        answers=_list(
-            {
-                "What is off": words.largest_cause(study),
-                "Still true?": words.still_true(study),
-                "Next": words.next_step(study),
-            }
-        ),
+    if rig is not None:
+        verdict = f"{verdict_of_rig(rig)} {verdict}"
+    write_page(
+        path,
+        title=model.about.robot or "An arm, learned from a log",
+        verdict=verdict,
+        answers={
+            "What is off": words.largest_cause(study),
+            "Still true?": words.still_true(study),
+            "Next": words.next_step(study),
+        },
         first=first,
-        sections="".join(
-            f'<h2>{escape(heading)}</h2>\n<div class="figures">{content}</div>\n'
-            for heading, content in sections.items()
-            if content
-        ),
-        facts=_list(facts(model)),
-        notes="".join(_paragraph(f"Note: {note}") for note in model.about.notes),
+        sections=sections,
+        facts=facts(model) | words.sensors(studies),
+        notes=model.about.notes,
     )
-    atomic_write(path, page.encode("utf-8"))
     return verdict
 
 
 def figures(
-    model: Model | Map | Association,
+    model: Model | HandEye | Map | Association,
     log: Samples | None = None,
     names: Sequence[str] | None = None,
 ) -> dict[str, Figure]:
@@ -135,7 +138,7 @@ def figures(
 
     Parameters
     ----------
-    model : Model, Map or Association
+    model : Model, HandEye, Map or Association
     log : Samples, optional
         A log to judge the model by, as in :func:`report`.
     names : sequence of str, optional
@@ -156,8 +159,11 @@ def figures(
     ['lattices', 'u_matrices', 'links']
     """
     with settings(paper=True):
-        if isinstance(model, Map | Association):
-            drawn = maps.figures_of_maps(model)
+        if isinstance(model, HandEye | Map | Association):
+            if isinstance(model, HandEye):
+                drawn = figures_of_rig(model)
+            else:
+                drawn = maps.figures_of_maps(model)
             return {name: drawn[name] for name in _checked(names, drawn)}
         if not isinstance(model, Model):
             raise OptionError(
@@ -198,16 +204,13 @@ def _figures(study: Study, draws: Sequence[Draw]) -> str:
     """Figures as HTML; "" for those that have nothing to show."""
     parts = []
     for draw in draws:
-        figure = draw(study)
-        if figure is None:
+        if study.suffix and draw in _OF_ARM:
             continue
         caption = CAPTIONS[draw]
-        name = draw.__name__ + study.suffix
-        svg = to_svg(figure, name, caption)
         if draw is arm.accuracy and study.model.about.sensor:
-            caption = f"{escape(study.model.about.sensor)}: {caption}"
-        caption = f"<figcaption>{caption}</figcaption>"
-        parts.append(f'<figure id="{name}">{svg}{caption}</figure>\n')
+            caption = f"{study.model.about.sensor}: {caption}"
+        name = draw.__name__ + study.suffix
+        parts.append(figure_of(draw(study), name, caption))
     return "".join(parts)
 
 
@@ -227,31 +230,4 @@ def _table(model: Model) -> str:
     for readout, distance in distances.items():
         values = [f"{factor * distance[key]:,.3f}" for key in ("mean", "p99", "max")]
         rows.append(f"<tr><th>{readout}</th><td>{'</td><td>'.join(values)}</td></tr>")
-    return _filled("table.html", unit=escape(unit), rows="\n".join(rows))
-
-
-def _list(entries: dict[str, str]) -> str:
-    """Names and what they are."""
-    return "".join(
-        f"<dt>{escape(name)}</dt><dd>{_html(value)}</dd>\n"
-        for name, value in entries.items()
-    )
-
-
-def _paragraph(text: str) -> str:
-    """A text in soft ink, "" for none."""
-    return f'<p class="soft">{_html(text)}</p>\n' if text else ""
-
-
-def _html(text: str) -> str:
-    """A text for the page; what stands in backticks is typed."""
-    return re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text))
-
-
-def _filled(file: str, /, **parts: str) -> str:
-    """A template of this folder with its places filled."""
-    return Template(_file(file)).substitute(parts)
-
-
-def _file(name: str) -> str:
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+    return filled("table.html", unit=escape(unit), rows="\n".join(rows))

@@ -18,6 +18,7 @@ def verdict(studies: Sequence[Study]) -> str:
     sentences = []
     for study in studies:
         sentences += _changes(study)
+    sentences = list(dict.fromkeys(sentences))  # an adaptation is of all sensors
     for study in studies:
         name = study.model.about.sensor
         start = f"By {clipped(name)}: the" if len(studies) > 1 else "The"
@@ -151,3 +152,18 @@ def uncertain(study: Study) -> str:
     most = SETTINGS.names
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return f"Not told apart from nothing: {', '.join(names[:most])}{more}."
+
+
+def sensors(studies: Sequence[Study]) -> dict[str, str]:
+    """What each of several sensors is: its view, its noise and its rows."""
+    lines = {}
+    for study in studies:
+        about = study.model.about
+        body = study.model.body
+        if not about.sensor or body is None or study.rows is None:
+            continue
+        factor, unit = unit_for(float(body.noise[0]), about.unit)
+        noise = f"noise {number(factor * body.noise[0])} {unit}"
+        rows = f"{len(study.rows.q):,} rows"
+        lines[about.sensor] = f"{body.structure.view} view, {noise}, {rows}"
+    return lines

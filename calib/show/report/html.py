@@ -1,0 +1,85 @@
+"""HTML: the pieces that pages of reports are filled from."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from html import escape
+from importlib.resources import files
+from string import Template
+from typing import TYPE_CHECKING
+
+from ...common.atomic import atomic_write
+from ..error_scale import number
+from .drawing import to_svg
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def write_page(
+    path: str | os.PathLike[str],
+    *,
+    title: str,
+    verdict: str,
+    answers: Mapping[str, str],
+    first: str,
+    sections: Mapping[str, str],
+    facts: Mapping[str, str],
+    notes: tuple[str, ...],
+) -> None:
+    """Write a report: its answers and first figures, sections of figures, facts and notes."""
+    page = filled(
+        "page.html",
+        title=escape(title),
+        style=_file("page.css"),
+        verdict=text_of(verdict),
+        answers=_list(answers),
+        first=first,
+        sections="".join(
+            f'<h2>{escape(heading)}</h2>\n<div class="figures">{content}</div>\n'
+            for heading, content in sections.items()
+            if content
+        ),
+        facts=_list(facts),
+        notes="".join(paragraph(f"Note: {note}") for note in notes),
+    )
+    atomic_write(path, page.encode("utf-8"))
+
+
+def figure_of(figure: Figure | None, name: str, caption: str) -> str:
+    """A figure with its caption; "" for none."""
+    if figure is None:
+        return ""
+    svg = to_svg(figure, name, escape(caption))
+    caption = f"<figcaption>{escape(caption)}</figcaption>"
+    return f'<figure id="{name}">{svg}{caption}</figure>\n'
+
+
+def paragraph(text: str) -> str:
+    """A text in soft ink, "" for none."""
+    return f'<p class="soft">{text_of(text)}</p>\n' if text else ""
+
+
+def text_of(text: str) -> str:
+    """A text for the page; what stands in backticks is typed, no number has an exponent."""
+    text = re.sub(r"\d[\d.]*e[-+]\d+", lambda match: number(float(match[0]), 2), text)
+    return re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text))
+
+
+def filled(file: str, /, **parts: str) -> str:
+    """A template of this folder with its places filled."""
+    return Template(_file(file)).substitute(parts)
+
+
+def _list(entries: Mapping[str, str]) -> str:
+    """Names and what they are."""
+    return "".join(
+        f"<dt>{escape(name)}</dt><dd>{text_of(value)}</dd>\n"
+        for name, value in entries.items()
+    )
+
+
+def _file(name: str) -> str:
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
