@@ -233,6 +233,10 @@ def log_for(model: Model, path: str, reading: Reading) -> Samples:
     )
     if sensor:
         log = replace(log, sensor=sensor)
+    if "board" in about.options:
+        from calib.recording.board_log import with_lens_of
+
+        log = with_lens_of(model, log)
     say(log.notes)
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(log.q, *ranges, degrees=degrees, label=path)

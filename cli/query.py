@@ -19,6 +19,7 @@ from calib.samples.tables import Batch, read_batch, write_table
 
 from .output import NO, Outcome, TextTable, fixed, note, say
 from .parsing import TABLES, BadOption, check_file, refuse
+from .summary import contradicted
 from .units import JointFormat, PositionFormat, units_of
 
 BOUNDS = ("expected_error", "model_error")
@@ -36,12 +37,13 @@ def model_in(path: str, frame: str) -> calib.Model:
     """Load a model as one of its sensors sees the arm; as the first one in other frames."""
     model = calib.load(path)
     if frame in model.sensors:
-        return model.by(frame)
-    if frame not in FRAMES:
+        model = model.by(frame)
+    elif frame not in FRAMES:
         names = ", ".join(name for name in model.sensors if name)
         raise BadOption(
             f"--in {frame!r}: expected base or a sensor: {names or 'sensor'}"
         )
+    say(contradicted(model.about))
     return model
 
 

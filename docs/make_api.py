@@ -42,16 +42,9 @@ CHAPTERS = {
     ),
     "Pages": ("report", "preview", "figures", "Preview"),
     "Sweeps": ("sweep", "Sweep", "Trial"),
-    "Drift and re-calibration": ("Drift", "Monitor", "adapt", "Adaptation"),
+    "Drift and re-calibration": ("check", "Verdict", "Monitor", "adapt", "Adaptation"),
     "Maps": ("SOM", "Map", "Association", "Visit"),
-    "Errors": (
-        "CalibError",
-        "RobotError",
-        "LogError",
-        "OptionError",
-        "ModelError",
-        "QueryError",
-    ),
+    "Errors": ("CalibError", "RobotError", "LogError", "OptionError", "ModelError", "QueryError"),
 }
 _UNDERLINE = re.compile(r"^-{3,}$")
 _ROLE = re.compile(r":\w+:`~?([^`]+)`")

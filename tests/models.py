@@ -186,7 +186,7 @@ def in_plane():
     """Return a planar arm of four joints, one a slide, behind a bent lens; all is uncertain."""
     arm = arm_from_urdf(chain_urdf(4, slide=2), [f"joint_{k + 1}" for k in range(4)])
     drawn = calib.train(calib.babble(arm, 60, seed=0), size=3)
-    structure = replace(drawn.body.structure, view="homography")
+    structure = drawn.body.structure.with_sensor(view="homography")
     rng, beta = np.random.default_rng(1), drawn.body.beta.copy()
     geometry = np.concatenate([ix for name, ix in structure.groups.items() if "curve" not in name])
     beta[geometry] += rng.normal(0, 0.02, len(geometry))

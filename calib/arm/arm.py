@@ -19,7 +19,7 @@ from .gravity import GRAVITY
 from .plane import Plane
 from .rotations import quaternion_of
 from .spatial_chain import SpatialChain
-from .urdf import MAX_TRAVEL, Range
+from .urdf import LIMITS, Range
 
 _A = TypeVar("_A", bound="Arm")
 
@@ -284,7 +284,7 @@ def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
     """
     lower, upper = (float(end) for end in chosen)
     within = limits[0] - _ROUNDING <= lower < upper <= limits[1] + _ROUNDING
-    most = math.inf if unit == "rad" else MAX_TRAVEL
+    most = math.inf if unit == "rad" else LIMITS.travel
     if not (within and math.isfinite(upper - lower) and upper - lower <= most):
         raise OptionError(
             f"`ranges={{{name!r}: ({lower:g}, {upper:g})}}`: expected two finite numbers, lower "

@@ -18,20 +18,23 @@ from ..errors import RobotError
 from .posture import Posture
 from .urdf import Joint, Urdf
 
-#: More joints than this are no arm that a log could cover: those nearest to the root are held.
-MOST_JOINTS = 7
-#: So many of a planar part, and none whose link is shorter than this share of its reach.
-_MOST_IN_PLANE = 3
-_MIN_SHARE = 0.05
-#: What lies beyond a joint of a branching link is a hand if it is shorter than this share of the
-#: way from the first joint up to it.
-_HAND = 0.35
-#: Chains whose reach differs by less than this share are equals.
-_EQUAL = 0.01
-#: Two axes closer than this [rad] count as parallel (or across each other).
-_PARALLEL = 1e-4
-#: A tip nearer than this [m] to the last joint's axis is not moved by it.
-_MIN_LEVER = 1e-6
+
+@dataclass(frozen=True)
+class Finding:
+    """What makes joints an arm; shares and lengths were chosen on the robots of docs/robots.md."""
+
+    most_joints: int = 7  # that a log could cover: those nearest to the root are held
+    most_in_plane: int = 3  # joints of a planar part
+    least_share: float = 0.05  # of its reach, that the link of each joint has
+    # of the way from the first joint up to a branching link: what is shorter beyond is a hand
+    hand: float = 0.35
+    alike: float = 0.01  # share of the reach by which chains of one reach differ
+    parallel: float = 1e-4  # [rad], axes that are closer count as parallel, or across
+    least_lever: float = 1e-6  # [m], a tip nearer to the last axis is not moved by it
+
+
+FINDING = Finding()
+
 #: Usual names (their ends) of the frame that a robot's maker means by its tip.
 TIP_NAMES = (
     "tool0",
@@ -76,7 +79,7 @@ def find_chains(
     alike = {
         chain.joints: chain
         for chain in reversed(chains)
-        if chain.reach >= (1 - _EQUAL) * chains[0].reach
+        if chain.reach >= (1 - FINDING.alike) * chains[0].reach
         and len(chain.joints) == len(chains[0].joints)
     }
     return list(reversed(alike.values()))
@@ -151,8 +154,10 @@ def planar_part(chain: Chain, posture: Posture) -> Chain | None:
             levers = np.linalg.norm(links - np.outer(links @ normal, normal), axis=1)
             levers += [_slid(joint) for joint in within]
             weakest = int(np.argmin(levers))
-            small = levers[weakest] < max(_MIN_SHARE * levers.sum(), _MIN_LEVER)
-            if not small and len(within) <= _MOST_IN_PLANE:
+            small = levers[weakest] < max(
+                FINDING.least_share * levers.sum(), FINDING.least_lever
+            )
+            if not small and len(within) <= FINDING.most_in_plane:
                 parts.append(Chain(tuple(within), chain.tip, float(levers.sum())))
                 break
             within = within[:weakest] + within[weakest + 1 :]
@@ -164,7 +169,10 @@ def planar_part(chain: Chain, posture: Posture) -> Chain | None:
 def check_tip(last: Joint, tip: str, posture: Posture) -> None:
     """Refuse a tip on the axis of the last turning joint: that joint would not move it."""
     arm = posture.place(tip) - posture.place(last.child)
-    if last.revolute and np.linalg.norm(np.cross(posture.axis(last), arm)) < _MIN_LEVER:
+    if (
+        last.revolute
+        and np.linalg.norm(np.cross(posture.axis(last), arm)) < FINDING.least_lever
+    ):
         raise RobotError(
             f"joint {quoted(last.name)} does not move the tip {quoted(tip)}, which lies on its "
             "axis: leave the joint out, choose another tip, or add a tip link on a fixed joint to "
@@ -181,11 +189,13 @@ def _planes(
     crossed = [np.cross(one, other) for one, other in combinations(axes[~turning], 2)]
     sizes = [float(np.linalg.norm(normal)) for normal in crossed]
     slid = [
-        n / size for n, size in zip(crossed, sizes, strict=True) if size > _PARALLEL
+        n / size
+        for n, size in zip(crossed, sizes, strict=True)
+        if size > FINDING.parallel
     ]
     for normal in [*axes[turning], *slid]:
         off = np.linalg.norm(np.cross(axes, normal), axis=1)
-        fits = np.where(turning, off, np.abs(axes @ normal)) <= _PARALLEL
+        fits = np.where(turning, off, np.abs(axes @ normal)) <= FINDING.parallel
         yield (
             normal,
             [joint for joint, within in zip(joints, fits, strict=True) if within],
@@ -200,7 +210,7 @@ def _arm_tip(urdf: Urdf, posture: Posture, joint: Joint) -> str:
         end = find_tip(urdf, other.parent)
         if end != tip and other not in urdf.path(end):
             before = _reach(path[:k], other.parent, posture)
-            if _reach(path[k:], tip, posture) < _HAND * before:
+            if _reach(path[k:], tip, posture) < FINDING.hand * before:
                 return end
     return tip
 

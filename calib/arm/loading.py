@@ -20,7 +20,7 @@ from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm
 from .description import parse_robot
 from .finding import (
-    MOST_JOINTS,
+    FINDING,
     TIP_NAMES,
     Chain,
     check_tip,
@@ -166,9 +166,9 @@ def arm_from_urdf(
         normal = None
     if normal is not None:
         check_tip(active[-1], tip, posture)
-    elif len(active) > MOST_JOINTS:
+    elif len(active) > FINDING.most_joints:
         raise OptionError(
-            f"`joints` names {len(active)} joints, expected 2 to {MOST_JOINTS}",
+            f"`joints` names {len(active)} joints, expected 2 to {FINDING.most_joints}",
             hint="lock the others",
             parameter="joints",
         )
@@ -249,7 +249,8 @@ def _furthest(
         chains = [part or chain for part, chain in zip(parts, chains, strict=True)]
     else:
         chains = [
-            replace(chain, joints=chain.joints[-MOST_JOINTS:]) for chain in chains
+            replace(chain, joints=chain.joints[-FINDING.most_joints :])
+            for chain in chains
         ]
     best = chains[0]
     others = "; ".join(map(str, chains[1:]))

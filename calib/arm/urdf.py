@@ -19,12 +19,20 @@ from typing import NamedTuple
 from ..common.wording import listed, quoted, suggestion
 from ..errors import RobotError
 
-MAX_BYTES = 50_000_000
-MAX_JOINTS = 1_000  # links are followed by recursion
-MAX_TRAVEL = 1_000.0  # [m]; a slide that claims more states no usable limit
-_MAX_OFFSET = 1e6  # [m]; further out a double has no micrometres left
-_LONGEST_AXIS = 1e6  # its square overflows long before a double does
-_HEAVIEST = 1e5  # [kg]; heavier is a mistake in the file, not an arm's link
+
+@dataclass(frozen=True)
+class Limits:
+    """What a description may say at most; more is a mistake in the file, or an attack."""
+
+    size: int = 50_000_000  # [bytes]
+    joints: int = 1_000  # links are followed by recursion
+    travel: float = 1_000.0  # [m]; a slide that claims more states no usable limit
+    offset: float = 1e6  # [m]; further out a double has no micrometres left
+    axis: float = 1e6  # length whose square overflows long before a double does
+    mass: float = 1e5  # [kg]; heavier is no link of an arm
+
+
+LIMITS = Limits()
 
 _NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?)", re.IGNORECASE)
 
@@ -91,7 +99,7 @@ class Joint:
         if self.limits is None:
             return "it states no limits"
         lower, upper = self.limits
-        if lower < upper and (self.revolute or upper - lower <= MAX_TRAVEL):
+        if lower < upper and (self.revolute or upper - lower <= LIMITS.travel):
             return None
         return f"its limits {lower:g} to {upper:g} {self.unit} are unusable"
 
@@ -188,21 +196,21 @@ class Urdf:
 def read_urdf(path: Path) -> str:
     """Read a URDF file as text.
 
-    Raises RobotError if it is missing, a folder, empty, not UTF-8, or larger than `MAX_BYTES`.
+    Raises RobotError if it is missing, a folder, empty, not UTF-8, or larger than `LIMITS.size`.
     """
     try:
         if not path.is_file():  # some devices never end
             raise RobotError(f"{path}: is no file, expected a URDF or a bundled robot")
         with path.open("rb") as file:
-            text = file.read(MAX_BYTES + 1).decode("utf-8-sig")
+            text = file.read(LIMITS.size + 1).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise RobotError(
             f"{path}: byte {error.start} is not UTF-8: save the URDF as UTF-8 text"
         ) from None
     except (OSError, ValueError) as error:
         raise RobotError(f"{path}: cannot be read: {error}") from None
-    if not text.strip() or len(text) > MAX_BYTES:
-        size = f"{MAX_BYTES // 1_000_000} MB"
+    if not text.strip() or len(text) > LIMITS.size:
+        size = f"{LIMITS.size // 1_000_000} MB"
         raise RobotError(
             f"{path}: is empty or above {size}, expected a URDF without its meshes"
         )
@@ -223,9 +231,9 @@ def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
         raise RobotError(
             "the URDF has no links: expected a robot with links and joints"
         )
-    if len(joint_names) > MAX_JOINTS:
+    if len(joint_names) > LIMITS.joints:
         raise RobotError(
-            f"the URDF has {len(joint_names)} joints, expected at most {MAX_JOINTS}"
+            f"the URDF has {len(joint_names)} joints, expected at most {LIMITS.joints}"
         )
     joints = tuple(_read_joint(node, links, notes) for node in robot.findall("joint"))
     for joint in joints:
@@ -301,9 +309,9 @@ def _read_joint(node: ET.Element, links: Collection[str], notes: list[str]) -> J
     parent, child = (_end(node, tag, where, links) for tag in ("parent", "child"))
     xyz = _numbers(node, "origin", "xyz", (0.0, 0.0, 0.0), where)
     rpy = _numbers(node, "origin", "rpy", (0.0, 0.0, 0.0), where)
-    if (far := max(map(abs, xyz))) > _MAX_OFFSET:
+    if (far := max(map(abs, xyz))) > LIMITS.offset:
         raise RobotError(
-            f"{where}: origin xyz reaches {far:g} m, expected at most {_MAX_OFFSET:g} m: URDF "
+            f"{where}: origin xyz reaches {far:g} m, expected at most {LIMITS.offset:g} m: URDF "
             "placements are in metres"
         )
     axis: Vector = (1.0, 0.0, 0.0)
@@ -311,7 +319,7 @@ def _read_joint(node: ET.Element, links: Collection[str], notes: list[str]) -> J
         x, y, z = axis = _numbers(node, "axis", "xyz", axis, where)
         if node.find("axis[@xyz]") is None:
             notes.append(f"{where} has no <axis>: URDF's default, x, is used")
-        if not 1 / _LONGEST_AXIS <= math.hypot(*axis) <= _LONGEST_AXIS:
+        if not 1 / LIMITS.axis <= math.hypot(*axis) <= LIMITS.axis:
             raise RobotError(
                 f"{where} has the axis {x:g} {y:g} {z:g}: give a direction such as 0 0 1"
             )
@@ -393,7 +401,7 @@ def _masses(robot: ET.Element) -> Iterator[tuple[str, tuple[float, Vector]]]:
     for link in robot.findall("link"):
         with suppress(RobotError):
             (mass,) = _numbers(link, "inertial/mass", "value", (0.0,), "mass")
-            if 0 < mass < _HEAVIEST:
+            if 0 < mass < LIMITS.mass:
                 centre = _numbers(
                     link, "inertial/origin", "xyz", (0.0, 0.0, 0.0), "mass"
                 )

@@ -7,9 +7,6 @@ import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-_LONGEST = 60  # characters of a name that are shown
-_LINE = 1_500  # characters of a message
-
 INSTALL = "pip install 'calib-arm[{0}]', or in a checkout pip install '.[{0}]'"
 """How an extra is installed."""
 
@@ -27,19 +24,17 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
-def one_line(text: str) -> str:
+def one_line(text: str, most: int = 1_500) -> str:
     """Return a message as one printable line, its middle left out where that is long."""
     line = printable(text)
-    return (
-        line
-        if len(line) <= _LINE
-        else f"{line[: _LINE // 2]} ... {line[-_LINE // 3 :]}"
-    )
+    if len(line) <= most:
+        return line
+    return f"{line[: most // 2]} ... {line[-most // 3 :]}"
 
 
-def clipped(name: str) -> str:
+def clipped(name: str, most: int = 60) -> str:
     """Return a name that may be long, short enough for a line with several of them."""
-    return name if len(name) <= _LONGEST else name[: _LONGEST - 3] + "..."
+    return name if len(name) <= most else name[: most - 3] + "..."
 
 
 def quoted(name: str) -> str:

@@ -23,7 +23,7 @@ from ..body.spatial import SpatialStructure, structure_of
 from ..body.starts import frame
 from ..common.arrays import Array
 from ..common.scale import METRES
-from ..errors import OptionError
+from ..errors import CalibError, OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.nominal import nominal_arm, nominal_in_plane, visited_joints
@@ -156,6 +156,30 @@ def fit_geometry(
         points = replace(points, x=to_base.apply(points.x))
         freedom = replace(freedom, frame=False)
     return fit_in_plane(arm, points, freedom)
+
+
+def body_with_zeros(model: Model) -> Body | None:
+    """Return a model's body with the zeros and intervals that `calib urdf` and `export` write.
+
+    A zero is one number: the body's own share of it, beside turned origins and gears that are the
+    same to the rows, would be another.
+    """
+    body = model.body
+    if body is None or is_simulated(model) or not model.about.urdf:
+        return body
+    try:
+        offsets = fit_geometry(model).offsets()
+    except CalibError:  # no geometry is fitted to pixels of a plane in space
+        return body
+    groups = body.structure.groups
+    beta = body.beta.copy()
+    root = body.root.copy()
+    for index, offset in zip(groups["offset"], offsets.values(), strict=True):
+        rows = np.flatnonzero(body.active == index)
+        beta[index] = offset.value
+        for row in rows:
+            root[row] *= offset.interval / (1.96 * np.linalg.norm(root[row]))
+    return replace(body, beta=beta, root=root)
 
 
 def _before_adaptations(model: Model, x: Array) -> Array:

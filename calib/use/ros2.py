@@ -81,7 +81,10 @@ def _contents(model: Model, package: str) -> dict[str, bytes]:
     contents[f"resource/{package}"] = b""
     contents["arm.calib"] = to_bytes(model)
     contents["transforms.json"] = _transforms(model).encode()
-    contents["offsets.xacro"] = offsets_xacro(corrected_arm(model)[1]).encode()
+    offsets = {
+        name: float(zero.value) for name, zero in corrected_arm(model)[1].items()
+    }
+    contents["offsets.xacro"] = offsets_xacro(offsets).encode()
     return contents
 
 

@@ -51,9 +51,6 @@ def export(
     ] = None,
     free: opt.Free = "all",
     sensor: opt.OfSensor = "sensor",
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     from calib.common.atomic import atomic_write
     from calib.use import formats
@@ -90,8 +87,10 @@ def export(
     texts: dict[str, str] = {}  # all are made before anything is written
     words: dict[str, str] = {}
     if lerobot or ur or mjcf:
-        corrected, offsets = formats.corrected_arm(loaded, drawn=free == "offsets")
-        document["offsets"] = offsets
+        corrected, zeros = formats.corrected_arm(loaded, drawn=free == "offsets")
+        offsets = {name: float(zero.value) for name, zero in zeros.items()}
+        widths = {name: float(zero.interval) for name, zero in zeros.items()}
+        document |= {"offsets": offsets, "intervals": widths}
         if ur is not None:
             texts["ur"] = ur_kinematics(corrected, tip)
             words["ur"] = "kinematics of a UR"

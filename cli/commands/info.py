@@ -22,15 +22,14 @@ from ..summary import (
 def info(
     model: opt.ModelFile,
     degrees: opt.Degrees = False,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
     from calib.model.facts import facts
+    from calib.use.geometry_fit import body_with_zeros
 
     loaded = calib.load(model)
     about = loaded.about
+    body = body_with_zeros(loaded)
     names = about.joint_names
     units = about.units_of_joints
     # play is stored as the distance from the middle
@@ -45,7 +44,7 @@ def info(
         "simulation": about.simulation,
         "options": about.options,
         "history": loaded.history,
-        "body": None if loaded.body is None else loaded.body.to_json(),
+        "body": None if body is None else body.to_json(),
         "rows": 0 if loaded.rows is None else len(loaded.rows),
         "notes": [as_typed(text) for text in about.notes],
         "backlash": play,
@@ -64,8 +63,8 @@ def info(
     warnings = contradicted(about)
     lines: list[Line] = [*warnings]
     lines += [f"{name:<{width}}  {as_typed(text)}" for name, text in words.items()]
-    if loaded.body is not None:
-        body_lines = loaded.body.describe(about.lower, about.upper)
+    if body is not None:
+        body_lines = body.describe(about.lower, about.upper)
         lines += ["", "body", *(f"  {printable(line)}" for line in body_lines)]
     if not about.errors:
         return Outcome(document, lines, code=code_of(warnings))

@@ -13,6 +13,7 @@ from calib.common.wording import for_people
 from .. import options as opt
 from ..output import NO, Outcome, TextTable, fixed, note, number, say, sized
 from ..parsing import check_file
+from ..summary import contradicted
 from ..units import units_of
 
 if TYPE_CHECKING:
@@ -32,9 +33,6 @@ def urdf(
         bool, opt.flag("--move-tip", "The tip is sensed, no probe.")
     ] = False,
     free: opt.Free = "all",
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
     from calib.common.atomic import atomic_write
@@ -49,6 +47,7 @@ def urdf(
 
     check_file(output, (".urdf", ".xml"))
     loaded = calib.load(model)
+    say(contradicted(loaded.about))
     check_output(output, loaded.about.urdf)
     geometry = fit_geometry(
         loaded,

@@ -5,7 +5,6 @@ import pytest
 
 from calib.arm.loading import load_arm
 from calib.arm.robots import list_robots, resolve_robot
-from calib.errors import RobotError
 
 PROMISED = {
     "two_link": (("shoulder", "elbow"), [(0, 90), (15, 150)], [0.30, 0.25]),
@@ -88,22 +87,3 @@ def test_a_name_or_a_path_is_resolved(tmp_path):
     copy.write_text(entry.path.read_text())
     assert resolve_robot(str(copy)) == copy
     assert load_arm(copy).joint_names == entry.joints
-
-
-@pytest.mark.parametrize(
-    ("robot", "words"),
-    [
-        ("two_lnk", ["'two_lnk'", "did you mean two_link?"]),
-        ("robots/nowhere.urdf", ["'robots/nowhere.urdf'", "scara", "three_link"]),
-        ("x" * 5_000, ["xxx...", "polar"]),
-        ("two\nlines", [r"'two\nlines'", "polar"]),
-    ],
-)
-def test_an_unknown_robot_is_told_in_one_line(robot, words):
-    with pytest.raises(RobotError) as caught:
-        resolve_robot(robot)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert len(message) < 500
-    for word in words:
-        assert word in message

@@ -14,7 +14,7 @@ from calib.arm.gravity import GRAVITY, Loads
 from calib.arm.loading import PlanarArm, SpatialArm, arm_from_urdf, load_arm
 from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of
 from calib.arm.spatial_chain import SpatialChain
-from calib.errors import OptionError, RobotError
+from calib.errors import RobotError
 
 SPATIAL = ("spatial_three", "six_axis")
 
@@ -134,14 +134,6 @@ def test_an_arm_ends_before_its_fingers():
     )
     arm = arm_from_urdf(hand)
     assert (arm.joint_names, arm.tip) == (("one", "two", "three"), "palm")
-
-
-def test_more_than_seven_joints_are_refused_or_held():
-    joints = [joint(f"j{k}", f"l{k}", f"l{k + 1}", "0.1 0 0.05", "0 1 0") for k in range(9)]
-    text = robot(*joints)
-    assert len(arm_from_urdf(text).joint_names) == 7
-    with pytest.raises(OptionError, match="2 to 7"):
-        arm_from_urdf(text, [f"j{k}" for k in range(8)])
 
 
 def test_torques_are_pinocchios():

@@ -10,7 +10,6 @@ from calib.arm.loading import arm_from_urdf
 from calib.arm.posture import posture_of
 from calib.arm.robots import resolve_robot
 from calib.arm.urdf import read_urdf
-from calib.errors import RobotError
 
 TWO = """<robot name="two">
   <link name="a"/><link name="b"/><link name="c"/><link name="d"/>
@@ -29,11 +28,6 @@ def test_a_mimic_of_nothing_is_mended_aloud():
     (note,) = urdf.notes
     assert "'no', which does not exist" in note
     assert set(posture_of(urdf, {}).frames) == {"a", "b", "c", "d"}
-
-
-def test_an_axis_too_long_to_be_a_direction_is_refused():
-    with pytest.raises(RobotError, match=r"'j1' has the axis 0 0 -1e\+308"):
-        parse_robot(TWO.replace("0 0 1", "0 0 -1e308", 1))
 
 
 def test_a_missing_axis_is_x_as_in_pinocchio():
@@ -62,9 +56,3 @@ def test_names_that_mean_something_to_pinocchio_are_only_names(what, name):
     arm, renamed = arm_from_urdf(text), arm_from_urdf(text.replace(f'"{what}"', f'"{name}"'))
     q = random_joints(arm, 10)
     np.testing.assert_array_equal(renamed.forward(q), arm.forward(q))
-
-
-def test_a_robot_of_one_joint_is_refused_in_one_line():
-    one = TWO.replace('<joint name="j2" type="revolute">', '<joint name="j2" type="fixed">')
-    with pytest.raises(RobotError, match=r"needs two joints.*free: j1"):
-        arm_from_urdf(one)

@@ -82,10 +82,11 @@ def worst(model, desk):
     return away.mean(), away.max()
 
 
-def test_pixels_alone_make_an_arm(in_pixels):
-    mean, most = worst(in_pixels, DESK)
-    assert mean < 0.1e-3
-    assert most < 0.5e-3
+def test_pixels_alone_and_metres_of_a_board_make_an_arm(in_pixels, in_metres):
+    for model, limit in ((in_pixels, 0.1e-3), (in_metres, 0.2e-3)):
+        mean, most = worst(model, DESK)
+        assert mean < limit
+        assert most < 0.5e-3
 
 
 def test_a_bumped_camera_is_named_and_adapted_to(in_pixels):
@@ -97,12 +98,6 @@ def test_a_bumped_camera_is_named_and_adapted_to(in_pixels):
     assert drift.causes[0].cause == "sensor"
     mean, _ = worst(calib.adapt(in_pixels, log).model, desk)
     assert mean < 0.1e-3
-
-
-def test_metres_of_a_board_make_an_arm(in_metres):
-    mean, most = worst(in_metres, DESK)
-    assert mean < 0.2e-3
-    assert most < 0.5e-3
 
 
 @pytest.mark.parametrize("seed", range(2))

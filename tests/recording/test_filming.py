@@ -30,13 +30,6 @@ def test_a_video_becomes_rests(film):
     assert made.source["dropped"]["the arm moves"] > 40
 
 
-def test_a_video_becomes_slow_frames(film):
-    made = log_video(film.folder / "run.mp4", film.joints, Setup(7), time_offset=51.0, still=0.4)
-    assert len(made) > 30
-    miss = np.linalg.norm(made.x - film.scene.tip_pixels(made.q), axis=1)
-    assert np.median(miss) < 0.2
-
-
 def test_videos_that_make_no_log(film, tmp_path):
     run, joints = film.folder / "run.mp4", film.joints
     refused("tag 9 is in none of 160 frames: .* show 7", log_video, run, joints, Setup(9))
@@ -62,6 +55,8 @@ def test_a_video_that_is_cut_off_says_so(film, tmp_path):
     (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 2])
     made = log_video(tmp_path / "cut.avi", film.joints, Setup(7), time_offset=51.0, still=0.5)
     assert any("it is cut off" in note for note in made.notes)
+    miss = np.linalg.norm(made.x - film.scene.tip_pixels(made.q), axis=1)
+    assert np.median(miss) < 0.2
 
 
 def test_opencv_and_its_decoders_are_silent(film, copy, tmp_path):

@@ -33,9 +33,13 @@ REPORTED = {
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, tuple[int, int]], dict]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("pages")
+
+
+@pytest.fixture(scope="module")
+def pages(folder: Path) -> dict[tuple[str, tuple[int, int]], dict]:
     """Reports, and a preview with all its layers, as they are laid out at two sizes."""
-    folder = tmp_path_factory.mktemp("pages")
     paths = {"preview": folder / "preview.html"}  # first: what is out of the window is not drawn
     calib.preview(in_space(), paths["preview"])
     for name, model in REPORTED.items():
@@ -146,10 +150,9 @@ def test_a_live_page_draws_every_branch(page, tmp_path, monkeypatch):
     assert (near(sight, pixels, wanted, 1) < 40).all()
 
 
-def test_a_report_in_the_dark(tmp_path: Path):
-    path = tmp_path / "report.html"
-    calib.report(full(), path)
-    sight = look(path, tmp_path, dark=True, size=(900, 2600))
+@pytest.mark.usefixtures("pages")
+def test_a_report_in_the_dark(folder: Path, tmp_path: Path):
+    sight = look(folder / "simulated.html", tmp_path, dark=True, size=(900, 1400))
     assert sight.console == []
     assert sight.pixels[:, :10].max() < 60
     # ink stands out from the ground, and the heat maps are there, from end to end

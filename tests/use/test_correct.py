@@ -26,8 +26,6 @@ Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
     [
         ("elbow.length=+5%",),
         ("shoulder.offset=0.03", "elbow.offset=-0.02"),
-        ("shoulder.offset=0.02",),
-        ("tip.offset=0.01,0.02",),
         ("elbow.gear=1.02",),
     ],
 )

@@ -120,15 +120,14 @@ def questions(model, n):
 @pytest.mark.parametrize(
     ("kind", "language"),
     [
-        *((kind, "c99") for kind in ("real", "local", "three_link", "polar", *MADE)),
-        *((kind, "c++17") for kind in ("local", "six")),
+        *((kind, "c99") for kind in ("real", "local", "polar", *MADE)),
+        *((kind, "c++17") for kind in ("six",)),
     ],
 )
 def test_the_header_agrees_with_the_model(kind, language, tmp_path):
     m = model(kind)
     assert (m.predictor.models.degree >= 0) == (kind == "local")
-    # the posterior of six joints takes Python a second for 10,000 rows
-    q = questions(m, 10_000 if language == "c99" and kind != "six in pixels" else 2_000)
+    q = questions(m, 2_000)
     x, bound, slope, _ = answers(m, q, tmp_path, language)
     wanted = m.forward(q)
     assert (np.isnan(x) == np.isnan(wanted)).all()
@@ -143,7 +142,7 @@ def test_the_header_agrees_with_the_model(kind, language, tmp_path):
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", ["real", "space"])
+@pytest.mark.parametrize("kind", ["space"])
 def test_single_precision_is_close(kind, tmp_path):
     m = model(kind)
     q = questions(m, 10_000)
@@ -198,7 +197,7 @@ def test_names_start_with_the_prefix_and_the_checksum_is_told(tmp_path):
 
 def test_a_model_without_a_body_is_refused():
     arm = calib.load_arm("two_link")
-    bare = calib.train(calib.babble(arm, 400, seed=0), size=6, body="none")
+    bare = calib.train(calib.babble(arm, 100, seed=0), size=3, body="none")
     with pytest.raises(OptionError, match="body"):
         c_header(bare)
 

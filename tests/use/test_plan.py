@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 import calib
 from calib.body.information import greedy
-from calib.common.scale import TURN, Scale
+from calib.common.scale import TURN
 from calib.errors import OptionError
-from calib.use.plan import farthest, length, shortest_tour, tells
+from calib.use.plan import length, shortest_tour, tells
 
 DEGREE = math.radians(1.0)
 
 
-@pytest.mark.parametrize("robot", ["two_link", "three_link", "polar", "scara"])
+@pytest.mark.parametrize("robot", ["three_link", "polar"])
 def test_poses_keep_their_margin_and_touch_it(robot):
     arm = calib.load_arm(robot)
     plan = calib.plan(arm, 40)
@@ -46,18 +46,6 @@ def test_a_joint_without_limits_has_no_margin_and_its_ends_are_one_place(tmp_pat
     apart = np.linalg.norm(gap / (arm.upper - arm.lower), axis=2)
     # no pose is measured twice, once at each end of the turn
     assert apart[~np.eye(30, dtype=bool)].min() > 0.08
-
-
-@given(st.integers(0, 2**32), st.integers(2, 12), st.booleans())
-@settings(deadline=None, max_examples=30)
-def test_farthest_points_are_within_twice_the_best_spread(seed, n, periodic):
-    """Gonzalez 1985: the distance of the last chosen is at least what is left uncovered."""
-    points = np.random.default_rng(seed).random((60, 2))
-    scale = Scale(np.zeros(2), np.ones(2), np.array([periodic, False]))
-    chosen = points[farthest(scale, points, n, np.zeros((0, 2)))]
-    gap = np.linalg.norm(scale.difference(points[:, None], chosen[None]), axis=2)
-    apart = np.linalg.norm(scale.difference(chosen[:, None], chosen[None]), axis=2)
-    assert gap.min(axis=1).max() <= apart[~np.eye(n, dtype=bool)].min() + 1e-12
 
 
 def test_new_poses_go_where_measured_ones_are_not(arm):

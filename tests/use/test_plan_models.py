@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 from models import in_pixels, trained
-from scipy.stats import qmc
 
 import calib
 from calib.body.information import greedy
@@ -32,31 +31,6 @@ def test_a_model_of_a_log_plans_within_what_was_measured():
     plan = calib.plan(model, 10)
     np.testing.assert_allclose(plan.q.min(axis=0), log.q.min(axis=0))
     np.testing.assert_allclose(plan.q.max(axis=0), log.q.max(axis=0))
-
-
-def test_planned_poses_teach_more_than_random_ones(arm):
-    """The prediction variance of a trend of the second harmonics, to which maps are fitted."""
-
-    def harmonics(q):
-        a, b = (np.stack([np.ones(len(q)), *(f(n * v) for n in (1, 2) for f in (np.cos, np.sin))])
-                for v in q.T)  # fmt: skip
-        return np.einsum("in,jn->nij", a, b).reshape(len(q), -1)[:, :13]
-
-    place = harmonics(
-        arm.lower + (arm.upper - arm.lower) * np.random.default_rng(0).random((2000, 2))
-    )
-
-    def variance(q):
-        features = harmonics(q)
-        inverse = np.linalg.inv(features.T @ features)
-        return float(np.einsum("ni,ij,nj->n", place, inverse, place).mean())
-
-    planned = [variance(calib.plan(arm, 30, seed=s).q) for s in range(10)]
-    random = [variance(calib.babble(arm, 30, seed=s).q) for s in range(10)]
-    drawn = (qmc.Sobol(2, seed=s).random(32)[:30] for s in range(10))
-    sobol = [variance(arm.lower + (arm.upper - arm.lower) * u) for u in drawn]
-    assert max(planned) < min(random)
-    assert np.mean(planned) < 0.9 * np.mean(sobol)
 
 
 def test_the_most_telling_poses_are_those_of_the_posterior():

@@ -1,5 +1,6 @@
 """The URDF that is written of a spatial arm is the fitted geometry, and nothing else changes."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -146,3 +147,24 @@ def test_what_a_urdf_cannot_hold_is_told():
     (note,) = what_no_urdf_holds(six())
     assert "bends under gravity" in note
     assert what_no_urdf_holds(calib.train(calib.babble(load_arm("two_link"), 300), size=4)) == ()
+
+
+def test_a_zero_is_one_number_with_an_interval_that_holds(tmp_path, run):
+    """`info`, `urdf` and `export` told three: -.2 +- 1.1, -2.63 +- 1.22, and -3.0 was true."""
+    arm = load_arm("six_axis")
+    log = calib.babble(arm, 100, noise=1e-4, changes=["elbow.offset=-0.05"], seed=1)
+    log = calib.Samples(log.q, log.x, log.joint_names, log.lower, log.upper, arm=arm)
+    calib.train(log, size=4).save(tmp_path / "m.calib")
+    motors = {"homing_offset": 0, "range_min": 800, "range_max": 3200}
+    (tmp_path / "old.json").write_text(json.dumps(dict.fromkeys(arm.joint_names, motors)))
+    zero = run("urdf", tmp_path / "m.calib", "-o", tmp_path / "c.urdf", "--json")
+    zero = zero.document["offsets"]["elbow"]
+    assert abs(zero["value"] + 0.05) < zero["interval"] < 0.02
+    words = ("export", tmp_path / "m.calib", "--lerobot", tmp_path / "old.json", "--json")
+    written = run(*words, "-o", tmp_path / "new.json").document
+    assert written["offsets"]["elbow"] == pytest.approx(zero["value"])
+    assert written["intervals"]["elbow"] == pytest.approx(zero["interval"])
+    told = run("info", tmp_path / "m.calib", "--json").document["body"]["parameters"]
+    (entry,) = (part for part in told if part["name"] == "elbow.offset")
+    assert entry["value"] == pytest.approx(zero["value"])
+    assert entry["high"] - entry["value"] == pytest.approx(zero["interval"])

@@ -49,13 +49,6 @@ def test_offsets_and_lengths_come_out_apart():
     assert geometry.residual < 1e-5
 
 
-def test_a_sensor_that_moved_is_not_put_into_the_urdf():
-    geometry = fit_geometry(
-        calib.adapt(model(), log("sensor.rotate=0.1", "sensor.shift=0.1,0", n=100, noise=0.0)).model
-    )
-    assert all(abs(offset.value) < 1e-5 for offset in geometry.offsets().values())
-
-
 def test_intervals_hold_where_joints_have_waves():
     nominal = arm()
     covered = []

@@ -18,6 +18,7 @@ def verdict(studies: Sequence[Study]) -> str:
     sentences = []
     for study in studies:
         sentences += _changes(study)
+    sentences = list(dict.fromkeys(sentences))  # an adaptation is of all sensors
     for study in studies:
         name = study.model.about.sensor
         start = f"By {clipped(name)}: the" if len(studies) > 1 else "The"

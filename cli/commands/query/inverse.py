@@ -16,6 +16,7 @@ from ...parsing import BadOption
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from calib import Model
     from calib.common.arrays import Array
 
     from ...query import Query
@@ -74,9 +75,6 @@ def inverse(
     output: opt.Output = None,
     unit: opt.PositionUnit = None,
     degrees: opt.Degrees = False,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import numpy as np
 
@@ -123,81 +121,91 @@ def _single(
     query: Query, search: Search, typed: Sequence[float], height: float | None
 ) -> Outcome:
     """Answer one question, which may be a pixel on a plane of that height [m]."""
-    import numpy as np
-
     from calib.model.space import Space
 
     from ...query import note_size
 
-    model = query.model
     joints = query.joints
     base = query.frame == "base"
     posed = search.turn is not None
-    axes = query.axes if height is None else ("u", "v")
-    if len(typed) != len(axes):
-        hint = ""
-        if len(typed) == 3 and model.about.unit == "px":
-            hint = "; --in base takes x, y, z of the robot's root frame"
-        expected = f"expected {len(axes)}, one each for {', '.join(axes)}{hint}"
-        raise BadOption(f"{len(typed)} coordinates: {expected}")
-    x = np.array(typed)
-    if height is None:
-        x = x / query.positions.typed
-    document: dict[str, object] = {"target": x}
     in_space = base or posed or search.keep
+    x = _target(query, typed, height)
+    document: dict[str, object] = {"target": x}
     if in_space:
         document["frame"] = query.frame
     if height is not None:
-        x = Space.of(model).pixels_on_plane(typed, height)[0]
-        place = ", ".join(f"{1e3 * value:.2f}" for value in x.tolist())
-        note(f"the pixel shows ({place}) mm of the base frame")
+        x = _on_plane(query.model, x, height)
         document["on_plane"] = {"z": height, "position": x, "unit": "m"}
     if posed:
         document["quaternion"] = search.turn
     # in space all branches are looked for, so that the nearest is found
     wide = search._replace(every=search.every or in_space)
     answers = _answers(query, x[None], wide)
-    q = answers["q"] if search.every else answers["q"][:1]
-    quantities = {n: c for n, c in answers.items() if n not in ("target", "q")}
-    reachable = bool(quantities.pop("reachable").any())
+    count = len(answers["q"]) if search.every else 1
+    q = answers.pop("q")[:count]
+    del answers["target"]
+    reachable = bool(answers.pop("reachable").any())
     document["reachable"] = reachable
     document["solutions"] = [
-        query.document(one, {name: column[k] for name, column in quantities.items()})
+        query.document(one, {name: column[k] for name, column in answers.items()})
         for k, one in enumerate(q.tolist())
     ]
     if in_space:
-        free: list[dict[str, float]] = []
-        if reachable:
-            axis = None if search.free is None else "xyz".index(search.free)
-            ways = Space.of(model).free(q[0], posed=posed, axis=axis)[:9].tolist()
-            free = [dict(zip(joints.names, way, strict=True)) for way in ways]
-        document["free"] = free
+        axis = None if search.free is None else "xyz".index(search.free)
+        ways = Space.of(query.model).free(q[0], posed=posed, axis=axis).tolist()
+        free = [dict(zip(joints.names, way, strict=True)) for way in ways[:9]]
+        document["free"] = free if reachable else []
     if base:
         note_size(answers)
-        if not Space.of(model).sees(x).all():
+        if not Space.of(query.model).sees(x).all():
             note("the camera's picture does not show the target")
     document |= query.meaning
     shown = ["distance", *(["turned"] if posed else []), *query.bounds]
-    missed = f"nearest attainable {'pose' if posed else 'point'}"
-    table = query.table(
-        q,
-        quantities["position"][: len(q)],
-        {name: quantities[name][: len(q)] for name in shown},
-        "" if reachable else missed,
-    )
+    quantities = {name: answers[name][:count] for name in shown}
+    missed = "" if reachable else f"nearest attainable {'pose' if posed else 'point'}"
+    table = query.table(q, answers["position"][:count], quantities, missed)
     if reachable:
         alone = [" ".join(joints.cells(row)) for row in q.tolist()]
         return Outcome(document, [table], result=alone)
-    away = float(quantities["distance"].min())
-    hint = ""
-    if query.positions.shown == "mm" and away > _FAR * model.sensory.scale.span.max():
-        hint = "; positions are typed in m, or give --unit mm"
-    words = query.positions.words(away)
-    if posed:
-        words += f" and {math.degrees(float(quantities['turned'][0])):.3g} deg"
     readout = f" of readout '{search.readout}'" if search.readout else ""
-    note(f"out of reach{readout}: the {missed} is {words} away{hint}")
+    away = _away(query, answers, posed)
+    note(f"out of reach{readout}: the {missed} is {away}")
     return Outcome(document, [table], result=(), code=NO)
+
+
+def _target(query: Query, typed: Sequence[float], height: float | None) -> Array:
+    """Return what was typed, a position in the model's unit or a pixel of a plane."""
+    import numpy as np
+
+    axes = query.axes if height is None else ("u", "v")
+    if len(typed) != len(axes):
+        expected = f"expected {len(axes)}, one each for {', '.join(axes)}"
+        if len(typed) == 3 and query.model.about.unit == "px":
+            expected += "; --in base takes x, y, z of the robot's root frame"
+        raise BadOption(f"{len(typed)} coordinates: {expected}")
+    return np.array(typed) / (query.positions.typed if height is None else 1.0)
+
+
+def _on_plane(model: Model, pixel: Array, height: float) -> Array:
+    """Return the point (3,) [m] of the base frame that a pixel shows, and say it."""
+    from calib.model.space import Space
+
+    x: Array = Space.of(model).pixels_on_plane(pixel, height)[0]
+    place = ", ".join(f"{1e3 * value:.2f}" for value in x.tolist())
+    note(f"the pixel shows ({place}) mm of the base frame")
+    return x
+
+
+def _away(query: Query, answers: dict[str, NDArray[Any]], posed: bool) -> str:
+    """Say how far the nearest answer is from what was asked."""
+    distance = float(answers["distance"].min())
+    words = query.positions.words(distance)
+    if posed:
+        words += f" and {math.degrees(float(answers['turned'][0])):.3g} deg"
+    extent = float(query.model.sensory.scale.span.max())
+    if query.positions.shown == "mm" and distance > _FAR * extent:
+        return f"{words} away; positions are typed in m, or give --unit mm"
+    return f"{words} away"
 
 
 def _table(query: Query, search: Search) -> Outcome:

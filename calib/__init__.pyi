@@ -1,0 +1,54 @@
+"""The names of calib, each with the module that it is loaded from when it is first used."""
+
+from .arm.arm import PlanarArm as PlanarArm
+from .arm.loading import load_arm as load_arm
+from .arm.robots import list_robots as list_robots
+from .change.adapt import Adaptation as Adaptation
+from .change.adapt import adapt as adapt
+from .change.check import Recognition as Recognition
+from .change.check import check as check
+from .change.check import recognise as recognise
+from .change.judge import Verdict as Verdict
+from .change.judge import judge as judge
+from .errors import CalibError as CalibError
+from .errors import LogError as LogError
+from .errors import ModelError as ModelError
+from .errors import OptionError as OptionError
+from .errors import QueryError as QueryError
+from .errors import RobotError as RobotError
+from .maps.association import Association as Association
+from .maps.density import Visit as Visit
+from .maps.map import Map as Map
+from .maps.som import SOM as SOM
+from .model.answers import Answer as Answer
+from .model.answers import Path as Path
+from .model.model import Model as Model
+from .model_file.loading import load as load
+from .model_file.loading import load_maps as load_maps
+from .recording.handeye import HandEye as HandEye
+from .recording.handeye import handeye as handeye
+from .samples.logs import read_log as read_log
+from .samples.logs import write_log as write_log
+from .samples.samples import Samples as Samples
+from .samples.samples import babble as babble
+from .samples.simulation import Simulation as Simulation
+from .show.preview.server import Preview as Preview
+from .show.preview.server import preview as preview
+from .show.report.page import figures as figures
+from .show.report.page import report as report
+from .stream.follow import follow as follow
+from .stream.monitor import Monitor as Monitor
+from .stream.monitor import monitor as monitor
+from .sweeps import Sweep as Sweep
+from .sweeps import Trial as Trial
+from .sweeps import sweep as sweep
+from .training.evaluate import Evaluation as Evaluation
+from .training.evaluate import evaluate as evaluate
+from .training.learn import TrainingOptions as TrainingOptions
+from .training.train import train as train
+from .use.correct import Corrected as Corrected
+from .use.correct import correct as correct
+from .use.plan import Plan as Plan
+from .use.plan import plan as plan
+
+__version__: str

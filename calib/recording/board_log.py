@@ -1,0 +1,68 @@
+"""Logs of a board's poses, told with another lens.
+
+A pose is as good as the lens that it was found with: pictures whose lens was calibrated anew stand
+elsewhere by millimetres, although nothing has moved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..arm.rotations import matrix_of, quaternion_of
+from ..model.model import Model
+from ..samples.samples import Samples
+from .board import parse_board
+from .board_pictures import held_poses
+from .lens import Lens, lens_of_model
+from .reference import find_pose
+
+# share by which the focal length of a camera that was not touched may differ
+_REFOCUSED = 0.02
+
+
+def with_lens_of(model: Model, log: Samples) -> Samples:
+    """Return a log of the model's board as its camera's lens would have told it.
+
+    Other logs stay as they are, and so do those of a camera that was refocused.
+    """
+    made = model.about.options.get("board")
+    source = log.source
+    if not made or "lens" not in source or source.get("board") != made["board"]:
+        return log
+    lens = lens_of_model(model)
+    own = Lens.from_json(source["lens"])
+    if (own.parameters == lens.parameters).all() or log.orientation is None:
+        return log
+    growth = float(own.focal.mean() / lens.focal.mean()) - 1.0
+    if own.size != lens.size or abs(growth) > _REFOCUSED:
+        note = (
+            f"the log's camera is another than the model's, or refocused: its focal length "
+            f"differs by {growth:+.1%}"
+        )
+        return replace(log, notes=(*log.notes, note))
+    in_hand = source["eye"] == "hand"
+    point = np.array(source["point"])
+    turns = matrix_of(log.orientation)
+    shifts = log.x - turns @ point
+    board = parse_board(source["board"]).points()
+    poses = []
+    for turn, shift in zip(turns, shifts, strict=True):
+        seen = board @ turn.T + shift
+        if in_hand:  # the pose is the camera's, in the board's frame
+            seen = (board - shift) @ turn
+        pixels = own.distort(seen[:, :2] / seen[:, 2:])
+        poses.append(find_pose(lens, board, pixels))
+    turns, shifts = held_poses(poses, in_hand)
+    note = (
+        f"poses are told with the model's lens: of these pictures alone the focal length was "
+        f"{growth:+.2%} off it"
+    )
+    return replace(
+        log,
+        x=turns @ point + shifts,
+        orientation=quaternion_of(turns),
+        source={**source, "lens": lens.to_json()},
+        notes=(*log.notes, note),
+    )
