@@ -193,12 +193,12 @@ def fit_in_space(
     arm: SpatialArm, body: Body | None, points: Points, freedom: Freedom
 ) -> Geometry:
     """Fit an arm in space; the prior and the view are those of a body, where there is one."""
-    structure, known, z = _seen_in_space(arm, body, points, freedom)
+    structure, body_beta, z = _seen_in_space(arm, body, points, freedom)
     groups = structure.groups
     tool = groups["tool"]
     start = structure.neutral()
-    if known is not None:
-        start = known
+    if body_beta is not None:
+        start = body_beta
     elif freedom.probe:
         start = frame(structure, points.q, z)
     nominal_prior = structure.prior(structure.frame_groups)
@@ -247,8 +247,12 @@ def _seen_in_space(
     arm: SpatialArm, body: Body | None, points: Points, freedom: Freedom
 ) -> tuple[SpatialStructure, Array | None, Array]:
     """Return the chain behind its sensor, parameters that are known, and readings (n, m)."""
-    own = None if body is None else body.structure
-    if body is None or not isinstance(own, SpatialStructure) or not own.informed:
+    body_structure = None if body is None else body.structure
+    if (
+        body is None
+        or not isinstance(body_structure, SpatialStructure)
+        or not body_structure.informed
+    ):
         view = "base"
         if freedom.frame:
             view = "rigid" if points.unit in METRES else "similarity"
@@ -258,16 +262,18 @@ def _seen_in_space(
         )
         return structure, None, points.x
     if not freedom.frame:
-        structure = own.with_view("base")
+        structure = body_structure.with_view("base")
     elif knows_orientation(body):
         # orientations tell turns of the tool and of the wrist that positions leave open
-        structure = own.with_view("pose")
+        structure = body_structure.with_view("pose")
         turns = structure.predict(points.q, body.beta)[:, points.x.shape[1] :]
         return structure, body.beta, np.hstack([points.x, turns])
     else:
-        structure = own.with_view("rigid" if own.view == "pose" else own.view)
-    known = body.beta if own.view == structure.view else None
-    return structure, known, points.x
+        structure = body_structure.with_view(
+            "rigid" if body_structure.view == "pose" else body_structure.view
+        )
+    body_beta = body.beta if body_structure.view == structure.view else None
+    return structure, body_beta, points.x
 
 
 def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
@@ -281,10 +287,10 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
     scale = 1.0
     scaled = freedom.frame and points.unit != "m"
     if freedom.frame:  # a sensor that sees the plane from behind is turned half round
-        seen = np.column_stack([x, np.zeros(len(x))])
-        turn, shift, scale = similarity(tips, seen)
+        readings = np.column_stack([x, np.zeros(len(x))])
+        turn, shift, scale = similarity(tips, readings)
         if not scaled:
-            shift = seen.mean(axis=0) - turn @ tips.mean(axis=0)
+            shift = readings.mean(axis=0) - turn @ tips.mean(axis=0)
             scale = 1.0
     start = structure.neutral()
     start[groups["view.rotation"]] = logarithm(turn)

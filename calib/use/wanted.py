@@ -139,8 +139,8 @@ def _wanted(model: Model, view: str) -> Wanted:
     free = frame_is_free(model, view)
     moves = tuple(frames(model))
     body = model.body
-    own: Any = None if body is None else body.structure
-    if isinstance(own, PlanarStructure):
+    body_structure: Any = None if body is None else body.structure
+    if isinstance(body_structure, PlanarStructure):
         structure, nominal = nominal_in_plane(model, based=not free)
         predict = partial(structure.predict, beta=frozen(nominal))
         if free:  # the body knows the sensor's frame as it is after all adaptations
@@ -154,11 +154,15 @@ def _wanted(model: Model, view: str) -> Wanted:
         if frame is not None:
             moves = (frame, *moves)
         return Wanted(model, free, nominal_arm(model).forward, moves)
-    if body is not None and own.informed and (free or own.view == "base"):
-        drawn = frozen(nominal_behind(own, body.beta))
-        predict = partial(own.predict, beta=drawn)
+    if (
+        body is not None
+        and body_structure.informed
+        and (free or body_structure.view == "base")
+    ):
+        drawn = frozen(nominal_behind(body_structure, body.beta))
+        predict = partial(body_structure.predict, beta=drawn)
         wanted = Wanted(model, free, predict, drawn=drawn)
-        if own.dof >= _POSED or own.camera:
+        if body_structure.dof >= _POSED or body_structure.camera:
             wanted = replace(wanted, space=Space.of(model))
         return wanted
     geometry = fit_geometry(model, view=view)
