@@ -4,9 +4,10 @@
 
 FOLDER holds the laser-tracker logs series_a.csv, series_c.csv, full_a.csv and full_c.csv of a UR10
 (docs/accuracy.md names their source); without it the parts on real rows are left out, aloud.
-PART is one of coverage, gaps, adapt, adapt-space, check, rows, few, urdf, real-streams (real rows)
+PART is one of coverage, gaps, adapt, adapt-space, check, rows, few, urdf, sessions, real-streams
+(real rows)
 and paths, places, power, camera, change, noise, exact, worlds, three, clocks, noisier, encoders,
-encoders-space, streams (own generators, see honest_worlds.py).
+encoders-space, repeats, few-rows, approach, streams (own generators, see honest_worlds.py).
 ``--quick`` takes fewer splits and seeds: each part then ends within about a minute.
 """
 
@@ -23,6 +24,7 @@ import honest_check
 import honest_real
 import honest_simulated
 import honest_streams
+import honest_verdicts
 
 Row = dict[str, Any]
 
@@ -35,6 +37,7 @@ REAL: dict[str, Callable[[Path, bool], Iterator[Row]]] = {
     "rows": honest_real.rows,
     "few": honest_real.few,
     "urdf": honest_real.urdf,
+    "sessions": honest_verdicts.sessions,
     "real-streams": honest_streams.real_streams,
 }
 OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
@@ -51,6 +54,9 @@ OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
     "noisier": honest_check.noisier,
     "encoders": honest_check.encoders,
     "encoders-space": honest_check.space_encoders,
+    "repeats": honest_verdicts.repeats,
+    "few-rows": honest_verdicts.few_rows,
+    "approach": honest_verdicts.approach,
     "streams": honest_streams.streams,
 }
 

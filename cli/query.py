@@ -37,12 +37,13 @@ def model_in(path: str, frame: str) -> calib.Model:
     """Load a model as one of its sensors sees the arm; as the first one in other frames."""
     model = calib.load(path)
     if frame in model.sensors:
-        return model.by(frame)
-    if frame not in FRAMES:
+        model = model.by(frame)
+    elif frame not in FRAMES:
         names = ", ".join(name for name in model.sensors if name)
         raise BadOption(
             f"--in {frame!r}: expected base or a sensor: {names or 'sensor'}"
         )
+    say(contradicted(model.about))
     return model
 
 
@@ -76,7 +77,6 @@ class Query:
         self._columns = columns or {}
         self._output = output
         about = self.model.about
-        say(contradicted(about))
         base = frame == "base"
         self.joints = JointFormat(about, degrees)
         self.positions = PositionFormat(about, frame, unit)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
@@ -24,11 +23,12 @@ from ..model.prediction import predict
 from ..samples.samples import Samples
 from ..stream.follow import BLOCK, HORIZON, OnlineAdapter
 from ..training.learn import Progress
-from ..training.residuals import error_sizes, evaluate_residuals, summarise
+from ..training.residuals import ErrorTable, error_sizes, evaluate_residuals, summarise
 from .causes import FRAME, GROUPS, Cause
 from .evidence import Evidence
 from .judge import Verdict, judge, plain_numbers
 from .rebuild import rebuilt
+from .rows import LogRows
 from .settings import LEAST_OWN, TAIL
 from .update import Update
 from .words import frame_between
@@ -150,12 +150,12 @@ def adapt(
         raise OptionError(
             f"method {method!r} is unknown, choose one of {', '.join(METHODS)}"
         )
-    seen = model.by(log.sensor)
+    of_sensor = model.by(log.sensor)
     report = progress or (lambda *_: None)
-    adaptation = _adapted(seen, log, method, cause, free, report)
+    adaptation = _adapted(of_sensor, log, method, cause, free, report)
     if not model.others:
         return adaptation
-    if adaptation.model is seen:
+    if adaptation.model is of_sensor:
         return replace(adaptation, model=model)
     return replace(adaptation, model=model.with_sensor(adaptation.model))
 
@@ -173,13 +173,13 @@ def _adapted(
         verdict = judge(model, log, cause=cause, learn=False)
         with plain_numbers():
             return _online(verdict, report)
-    report(0.0, "hypotheses", float("nan"))
+    report(0.0, "causes", float("nan"))
     verdict = judge(model, log, cause=cause, free=free)
     with plain_numbers():
         if verdict.update is None or verdict.evidence is None:
             missed = verdict.rows.missed
-            told = "maps without a body learn from a stream alone: give method 'online'"
-            return _old_model(verdict, missed, missed, "nothing", told)
+            why = "maps without a body learn from a stream alone: give method 'online'"
+            return _old_model(verdict, missed, missed, "nothing", why)
         return _few_shot(verdict, verdict.evidence, verdict.update, report)
 
 
@@ -191,64 +191,72 @@ def _few_shot(
     model = rows.model
     before = learned.before
     after = learned.after
-    groups = learned.explanation.groups if evidence.attributed else ()
-    # what nobody may miss: another unit, a mirror, a joint that turns round or not at all
-    loud = (
-        [cause.words for cause in evidence.reference.causes]
-        if evidence.explained
-        else []
-    )
-    made = _old_model(verdict, before, after, _correction(evidence, learned), *loud)
+    loud: list[
+        str
+    ] = []  # what nobody may miss: another unit, a mirror, a joint that turns round
+    if evidence.explained:
+        loud = [cause.words for cause in evidence.reference.causes]
+    old = _old_model(verdict, before, after, _correction(evidence, learned), *loud)
     if evidence.attributed:
-        made = replace(made, kept=_kept(evidence, groups))
-    if not evidence.explained and not learned.improved:
-        return replace(made, notes=(*made.notes, evidence.why_not()))
+        old = replace(old, kept=_kept(evidence, learned.explanation.groups))
+    if not learned.improved and not evidence.explained:
+        return _noted(old, evidence.why_not())
     report(0.8, "maps", float("nan"))
     fresh = rebuilt(model, rows.body, learned.body, rows.u)
     if not learned.improved:
-        return _wider(verdict, made, fresh) if _is_doubtful(verdict, evidence) else made
+        return _wider(verdict, old, fresh) if _is_doubtful(verdict) else old
     if not np.isfinite(fresh.expected_error(rows.logged)).any():
-        wide = (
-            "the new bound is a tenth of the reach or more at every row: measure more"
+        return _noted(
+            old,
+            "the new bound is a tenth of the reach or more at every row: measure more",
         )
-        return replace(made, notes=(*made.notes, wide))
     # the equations are linear and the model is not: what is written has to keep the promise
     error = np.linalg.norm(rows.x - predict(fresh, rows.motion).value, axis=1)[
         learned.rows
     ]
     rounding = LEAST_OWN * float(evidence.reference.structure.extents[0])
-    if not float(error.mean()) < _CONSISTENT * float(after.mean()) + rounding:
-        if not float(error.mean()) < _CLEARLY_BETTER * float(before.mean()):
-            inconsistent = "the model that would be written misses these rows by more than promised"
-            return replace(made, notes=(*made.notes, inconsistent))
-        made = replace(
-            made, after=error_sizes(error)
+    if error.mean() >= _CONSISTENT * after.mean() + rounding:
+        if error.mean() >= _CLEARLY_BETTER * before.mean():
+            return _noted(
+                old,
+                "the model that would be written misses these rows by more than promised",
+            )
+        old = replace(
+            old, after=error_sizes(error)
         )  # what the written model really misses
-    made = replace(made, improved=True)
+    made = replace(old, improved=True)
     if not made.everywhere:
-        factor, name = for_people(rows.unit)
-        bound = factor * float(np.median(fresh.model_bounds))
+        bound = _shown(float(np.median(fresh.model_bounds)), rows.unit)
         where = (
             f"improved at the rows, {100 * made.coverage:.0f} % of the learned range: unknown "
-            f"elsewhere, where the position is known to {bound:.3g} {name} (median of the bound)"
+            f"elsewhere, where the position is known to {bound} (median of the bound)"
         )
-        made = replace(made, notes=(*made.notes, where))
-    frame = frame_between(evidence, learned.body.beta) if FRAME[0] in groups else None
+        made = _noted(made, where)
+    frame = None
+    if evidence.attributed and FRAME[0] in learned.explanation.groups:
+        frame = frame_between(evidence, learned.body.beta)
     report(1.0, "done", made.after["mean"])
     judged = rows.logged[learned.rows]
     return _finished(verdict, made, fresh, judged, learned.residual, "few-shot", frame)
+
+
+def _noted(adaptation: Adaptation, note: str) -> Adaptation:
+    return replace(adaptation, notes=(*adaptation.notes, note))
+
+
+def _shown(size: float, unit: str) -> str:
+    """A size [unit] for people."""
+    factor, name = for_people(unit)
+    return f"{factor * size:.3g} {name}"
 
 
 def _correction(evidence: Evidence, learned: Update) -> str:
     """What is corrected, in words."""
     if evidence.attributed:
         return learned.explanation.name
-    why = "nothing changed"
-    if evidence.score > 1.0:
-        why = "no single change explains the log"
-    if learned.improved or evidence.score > 1.0:
-        why += ", rows added"
-    return why
+    drifted = evidence.score > 1.0
+    why = "no single change explains the log" if drifted else "nothing changed"
+    return f"{why}, rows added" if drifted or learned.improved else why
 
 
 def _kept(evidence: Evidence, changed: tuple[str, ...]) -> tuple[str, ...]:
@@ -263,12 +271,12 @@ def _kept(evidence: Evidence, changed: tuple[str, ...]) -> tuple[str, ...]:
     )
 
 
-def _is_doubtful(verdict: Verdict, evidence: Evidence) -> bool:
+def _is_doubtful(verdict: Verdict) -> bool:
     """Whether the rows contradict the model; noise alone is no error of it: rows miss evenly."""
-    if evidence.score > 1.0:
+    if verdict.evidence is not None and verdict.evidence.score > 1.0:
         return True
-    missed = verdict.rows.missed[evidence.sound]
-    bound = verdict.rows.bound[evidence.sound]
+    missed = verdict.rows.missed[verdict.sound]
+    bound = verdict.rows.bound[verdict.sound]
     uneven = float(np.quantile(missed, 0.95)) > TAIL * float(np.median(missed))
     return uneven and float(np.mean(missed > bound)) > 0.5
 
@@ -278,6 +286,8 @@ def _old_model(
 ) -> Adaptation:
     """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
     rows = verdict.rows
+    # rows of uniform joints have a variance of 1 / 12 in every direction
+    least = float(np.linalg.eigvalsh(np.atleast_2d(np.cov(rows.u.T)))[0])
     return Adaptation(
         model=rows.model,
         improved=False,
@@ -286,11 +296,11 @@ def _old_model(
         before=error_sizes(before),
         after=error_sizes(after),
         correction=correction,
-        changed=tuple(c for c in verdict.causes if c.group != "noise"),
+        changed=tuple(cause for cause in verdict.causes if cause.group != "noise"),
         kept=("the arm and the sensor",),
         coverage=_coverage(rows.u),
         notes=(*rows.notes, *notes, *verdict.notes[len(rows.notes) :]),
-        everywhere=_is_everywhere(rows.u),
+        everywhere=least > _WIDE**2 / 12.0,
         left_out=verdict.left_out,
         verdict=verdict,
     )
@@ -307,22 +317,14 @@ def _coverage(u: Array) -> float:
     return float(np.mean(shares))
 
 
-def _is_everywhere(u: Array) -> bool:
-    """Whether rows vary in every direction of the joints."""
-    # of uniform rows the variance is 1 / 12
-    least = float(np.linalg.eigvalsh(np.atleast_2d(np.cov(u.T)))[0])
-    return least > _WIDE**2 / 12.0
-
-
-def _wider(verdict: Verdict, made: Adaptation, fresh: Model) -> Adaptation:
+def _wider(verdict: Verdict, old: Adaptation, fresh: Model) -> Adaptation:
     """The old model with wider bounds, where the rows contradict its own and nothing mends it.
 
     fresh : what the rows made of the model, although it is no better at them
     """
     rows = verdict.rows
     model = rows.model
-    assert verdict.evidence is not None  # noqa: S101 - of a body
-    missed = rows.missed[verdict.evidence.sound]
+    missed = rows.missed[verdict.sound]
     u = np.clip(model.motor.units, 0.0, 1.0)
     apart = np.linalg.norm(fresh.predictor.value(u) - model.predictor.value(u), axis=1)
     apart = np.maximum(apart + fresh.model_bounds, float(np.quantile(missed, 0.95)))
@@ -334,48 +336,48 @@ def _wider(verdict: Verdict, made: Adaptation, fresh: Model) -> Adaptation:
         bounds=np.maximum(model.bounds, apart),
         model_bounds=np.maximum(model.model_bounds, apart),
     )
-    factor, name = for_people(rows.unit)
-    bound = factor * float(np.nanmedian(wider.model_error(rows.logged)))
+    mean = _shown(float(missed.mean()), rows.unit)
+    bound = _shown(float(np.nanmedian(wider.model_error(rows.logged))), rows.unit)
     words = (
-        f"the rows are missed by {factor * float(missed.mean()):.3g} {name} on average but do not "
-        f"show why: the prediction stays, known to {bound:.3g} {name} only"
+        f"the rows are missed by {mean} on average but do not show why: the prediction stays, "
+        f"known to {bound} only"
     )
-    return replace(made, model=wider, notes=(*made.notes, words))
+    return _noted(replace(old, model=wider), words)
 
 
 def _online(verdict: Verdict, report: Progress) -> Adaptation:
     """Show a log to the online rule, again and again where it is short."""
     rows = verdict.rows
-    model = rows.model
     sound = verdict.sound
     u = rows.u[sound]
     q = rows.q[sound]
     x = rows.x[sound]
     # every tenth block is kept apart to judge by
     held = np.concatenate(blocks(len(u), max(10, len(u) // BLOCK))[4::10])
-    learned = np.setdiff1d(np.arange(len(u)), held)
-    adapter = OnlineAdapter(model, max(HORIZON, len(learned)), force=True)
-    shown = 0
-    while shown < HORIZON:  # a short stream is shown again
-        step = adapter.feed(q[learned], x[learned])
-        shown += len(learned)
-        report(0.9 * min(1.0, shown / HORIZON), "online", step.error)
+    shown = np.setdiff1d(np.arange(len(u)), held)
+    adapter = OnlineAdapter(rows.model, max(HORIZON, len(shown)), force=True)
+    times = -(-HORIZON // len(shown))  # a short stream is shown again
+    for k in range(times):
+        step = adapter.feed(q[shown], x[shown])
+        report(0.9 * (k + 1) / times, "online", step.error)
     fresh = adapter.model()
     residual = x[held] - fresh.predictor.value(u[held])
     before = rows.missed[sound][held]
     after = np.linalg.norm(residual, axis=1)
-    again = f"{len(learned)} samples were shown {shown // len(learned)} times"
-    done = "maps and Hebbian links trained online"
-    made = _old_model(verdict, before, after, done, *[again] * (shown > len(learned)))
-    made = replace(made, kept=())
+    notes: list[str] = []
+    if times > 1:
+        notes.append(f"{len(shown)} samples were shown {times} times")
+    old = _old_model(
+        verdict, before, after, "maps and Hebbian links trained online", *notes
+    )
+    old = replace(old, kept=())
     known = float(np.isfinite(fresh.expected_error(q[held])).mean())
     if not better(after, before) or known <= 0.5:
-        return made
+        return old
     bounds = learn_bounds(fresh.motor, u[held], after)
     fresh = replace(fresh, bounds=bounds, model_bounds=bounds)
-    return _finished(
-        verdict, replace(made, improved=True), fresh, q[held], residual, "online"
-    )
+    made = replace(old, improved=True)
+    return _finished(verdict, made, fresh, q[held], residual, "online")
 
 
 def _finished(
@@ -392,42 +394,32 @@ def _finished(
     held, residual : (k, dof) and (k, m) [unit], joints and residuals of held-out rows
     """
     rows = verdict.rows
-    sound = verdict.sound
-    old = rows.model
-    readout = fresh.default_readout
+    about = rows.model.about
     after = np.linalg.norm(residual, axis=1)
-    some = thinned(len(rows), _EVALUATED)
-    errors = summarise(evaluate_residuals(fresh, rows.q[some], rows.x[some], None))
-    # rows that were held out tell the error of the default readout, and how it keeps its bound
-    errors = {
-        name: each for name, each in errors.items() if name != "body" or name == readout
-    }
-    parts = dict(zip("xyz", residual.T, strict=False)) | {"distance": after}
-    errors[readout]["forward"].update(
-        {axis: error_sizes(part) for axis, part in parts.items()}
-    )
     covered = np.mean(after <= np.nan_to_num(fresh.expected_error(held)) + 1e-12)
-    usual = old.about.errors.get(readout, {}).get("forward", {}).get("distance", {})
-    told = ("samples", "outliers", "before", "after", "correction", "coverage")
-    event: dict[str, Any] = {
+    event = {
         "event": "adapted",
         "method": method,
-        **{name: getattr(made, name) for name in told},
-        "changed": [c.to_json() for c in made.changed],
+        "samples": made.samples,
+        "outliers": made.outliers,
+        "before": made.before,
+        "after": made.after,
+        "correction": made.correction,
+        "coverage": made.coverage,
+        "changed": [cause.to_json() for cause in made.changed],
         "kept": list(made.kept),
         "frame": None if frame is None else frame.to_json(),
         "from": {
-            **{
-                name: getattr(old.about, name)
-                for name in ("source", "samples", "simulation")
-            },
-            "mean": usual.get("mean"),
+            "source": about.source,
+            "samples": about.samples,
+            "simulation": about.simulation,
+            "mean": _usual_error(rows.model),
         },
     }
-    about = old.about.measured(
+    facts = about.measured(
         samples=made.samples,
         unit=verdict.unit,
-        errors=errors,
+        errors=_errors(fresh, rows, residual),
         notes=made.notes,
         tested=len(after),
         left_out=made.left_out,
@@ -437,18 +429,40 @@ def _finished(
     baseline = learn_baseline(
         fresh.association, points, fresh.predictor.value(points), after
     )
-    # a camera that was moved sees another picture
-    photo = old.photo if method == "few-shot" and frame is None else None
-    kept_rows = MeasuredRows.of(rows.logged[sound], rows.x[sound])
+    kept_rows = MeasuredRows.of(rows.logged[verdict.sound], rows.x[verdict.sound])
     if len(residual) == len(kept_rows):  # of all rows that are kept
         kept_rows = replace(kept_rows, held_out=residual)
     if fresh.body is None:  # maps that followed these rows know no others
         scale = fresh.motor.scale
         baseline = replace(baseline, seen=Seen.of(scale, scale.to_unit(kept_rows.q)))
-    facts: dict[str, Any] = {
-        "about": about,
-        "baseline": baseline,
-        "rows": kept_rows,
-        "photo": photo,
-    }
-    return replace(made, model=replace(fresh, **facts, history=(*old.history, event)))
+    # a camera that was moved sees another picture
+    photo = rows.model.photo if method == "few-shot" and frame is None else None
+    model = replace(
+        fresh,
+        about=facts,
+        baseline=baseline,
+        rows=kept_rows,
+        photo=photo,
+        history=(*rows.model.history, event),
+    )
+    return replace(made, model=model)
+
+
+def _usual_error(model: Model) -> float | None:
+    """Mean error of the default readout [unit], where it was measured."""
+    errors = model.about.errors.get(model.default_readout)
+    return None if errors is None else float(errors["forward"]["distance"]["mean"])
+
+
+def _errors(fresh: Model, rows: LogRows, residual: Array) -> ErrorTable:
+    """Errors of all readouts; held-out residuals (k, m) tell those of the default one."""
+    readout = fresh.default_readout
+    some = thinned(len(rows), _EVALUATED)
+    errors = summarise(evaluate_residuals(fresh, rows.q[some], rows.x[some], None))
+    if readout != "body":
+        errors.pop("body", None)
+    forward = errors[readout]["forward"]
+    for axis, error in zip("xyz", residual.T, strict=False):
+        forward[axis] = error_sizes(error)
+    forward["distance"] = error_sizes(np.linalg.norm(residual, axis=1))
+    return errors

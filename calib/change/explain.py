@@ -29,7 +29,6 @@ _BETTER = 1.0  # nats by which one more cause must better the evidence
 _ROUNDS = 3  # in which the system is set up at the best explanation
 _FITTED = 8  # explanations of a round that are fitted to convergence at most
 _STEPS = 12  # of Gauss-Newton at most
-_AVERAGED = 6  # explanations at most
 _NOTHING_LEFT = 1e-2  # twice the nats by which a step must better the fit
 
 
@@ -98,6 +97,7 @@ class Search:
         reference = system.reference
         structure = reference.structure
         self.system = system
+        self._informations: dict[Level, Information] = {}
         self.temper = max(reference.body.kappa, 1.0) ** 2
         groups = tuple(
             dict.fromkeys(structure.labels[k].group for k in system.indices.tolist())
@@ -113,21 +113,18 @@ class Search:
         free = {name: indices[self.sd[indices] > 0.0] for name, indices in sets.items()}
         return {name: indices for name, indices in free.items() if len(indices)}
 
-    def informations(self, levels: Sequence[Level]) -> dict[Level, Information]:
-        """Return what the rows tell at each level of the log's own residual."""
-        sd = self.sd[self.system.indices]
-        return {
-            level: Information(self.system, level, sd, self.temper) for level in levels
-        }
+    def _information(self, level: Level) -> Information:
+        """What the rows tell at a level of the log's own residual."""
+        if level not in self._informations:
+            sd = self.sd[self.system.indices]
+            self._informations[level] = Information(self.system, level, sd)
+        return self._informations[level]
 
     def candidates(self) -> list[Candidate]:
         """Return nothing, sets that belong together, and causes added one by one."""
-        informations = self.informations(OWN)
-        found: dict[tuple[str, ...], list[Candidate]] = {
-            (): self._by_level((), (), informations)
-        }
+        found: dict[tuple[str, ...], list[Candidate]] = {(): self._by_level((), ())}
         for name, indices in self.sets.items():
-            found[(name,)] = self._by_level((name,), (indices,), informations)
+            found[(name,)] = self._by_level((name,), (indices,))
         beam: list[tuple[str, ...]] = [()]
         best = found[()][0].evidence
         for _ in range(_CAUSES):
@@ -137,7 +134,7 @@ class Search:
                     key = tuple(sorted({*causes, name}))
                     if len(key) > len(causes) and key not in longer:
                         parts = [self.singles[cause] for cause in key]
-                        longer[key] = self._by_level(key, parts, informations)
+                        longer[key] = self._by_level(key, parts)
             beam = sorted(longer, key=lambda key: -longer[key][0].evidence)[:_BEAM]
             found.update(longer)
             if not beam or longer[beam[0]][0].evidence < best + _BETTER:
@@ -148,27 +145,27 @@ class Search:
 
     def unchanged(self) -> list[Candidate]:
         """Return the sizes of the log's own residual alone."""
-        return self._by_level((), (), self.informations(OWN))
+        return self._by_level((), ())
 
     def richest(self) -> Explanation:
         """Fit all causes at once."""
         parts = tuple(self.singles.values())
-        (candidate,) = self._by_level(("all",), parts, self.informations(OWN[:1]))
+        (candidate,) = self._by_level(("all",), parts, OWN[:1])
         return self.fitted(candidate)
 
     def _by_level(
         self,
         causes: tuple[str, ...],
         parts: Iterable[Indices],
-        informations: dict[Level, Information],
+        levels: Sequence[Level] = OWN,
     ) -> list[Candidate]:
         """Return one set of causes at each level, the best first."""
         indices = np.unique(np.concatenate([self.start, *parts])).astype(np.intp)
         places = np.searchsorted(self.system.indices, indices)
         cost = self.cost * len(causes)
         candidates = []
-        for level, information in informations.items():
-            value, step = information.evidence(places)
+        for level in levels:
+            value, step = self._information(level).evidence(places, self.temper)
             step = step * self.sd[indices]
             candidates.append(
                 Candidate(causes, level, indices, step, value - cost, cost)
@@ -266,6 +263,7 @@ class Search:
             if last is not None and best.causes == last.causes:
                 break
             self.system = self.system.again(best.beta)
+            self._informations = {}
         return list(fits.values())
 
 
@@ -305,23 +303,15 @@ def is_changed(explanations: Sequence[Explanation]) -> bool:
     return not nothing or explanations[0].evidence > max(nothing) + MARGIN
 
 
-def weighed(some: Sequence[Explanation]) -> list[tuple[float, Explanation]]:
-    """The explanations that count with their posterior weights, that to update by first.
-
-    It is the best, with the least residual of the log's own that the evidence hardly tells from it.
-    """
-    best = some[0]
-    some = [each for each in some if each.evidence > best.evidence - MARGIN][:_AVERAGED]
-    weight = np.exp(np.array([each.evidence for each in some]) - best.evidence)
-    weight /= weight.sum()
+def least_residual(explanations: Sequence[Explanation]) -> Explanation:
+    """The best, with the least residual of the log's own that the evidence hardly tells from it."""
+    best = explanations[0]
     alike = [
         each
-        for each in some
+        for each in explanations
         if each.causes == best.causes and each.evidence > best.evidence - NATS
     ]
-    first = min(alike, key=lambda each: OWN.index(each.level))
-    chosen = list(zip(weight.tolist(), some, strict=True))
-    return sorted(chosen, key=lambda pair: pair[1] is not first)
+    return min(alike, key=lambda each: OWN.index(each.level))
 
 
 def simplest(explanations: Sequence[Explanation]) -> Explanation:

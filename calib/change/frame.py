@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -77,69 +77,62 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     """Bring the old belief into the frame of a log of rows (n, dof), (n, m)."""
     old = body.structure
     rows = thinned(len(q), _ROWS)
-    places = slice(old.blocks[0])
-    extent = float(old.extents[0])
     q = q[rows]
     z = z[rows]
-    seen = old.predict(q, body.beta)
-    if float(np.median(np.linalg.norm((z - seen)[:, places], axis=1))) < _FAR * extent:
+    places = slice(old.blocks[0])
+    extent = float(old.extents[0])
+    predicted = old.predict(q, body.beta)
+    missed = np.linalg.norm((z - predicted)[:, places], axis=1)
+    if float(np.median(missed)) < _FAR * extent:
         return Reference(body, body.beta)
     if is_camera(old.view):
-        moved = _placed(old, q, z, [body.beta, _camera_anew(body, q, z)], FRAME)
-        return Reference(body, moved, forgotten=indices_of(old, FRAME))
-    tries = []
-    for change, start, told in _variants(body):
-        p = _replaced(old, change).predict(q, start)[:, places]
-        held = start is not body.beta
-        for scaled in (False,) if held else (False, True):
-            error, ratio, turn = _misfit(p, z[:, places], scaled)
-            # each further freedom must halve what is left
-            free = len(told) + (scaled and not 0.5 < ratio < 2.0)
-            error = max(error, _EXACT * extent) / _BETTER**free
-            tries.append((error, change, start, told, ratio, turn))
-    _, change, start, told, ratio, turn = min(tries, key=lambda t: t[0])
-    structure = _replaced(old, change)
-    other = not _SCALES[0] < ratio < _SCALES[1]
-    factor = ratio if other else 1.0
-    if other:  # in the log's own unit
-        own = {"extent": ratio * old.extent, "centre": tuple(z.mean(axis=0).tolist())}
+        beta = _placed(old, q, z, [body.beta, _camera_anew(body, q, z)], FRAME)
+        return Reference(body, beta, forgotten=indices_of(old, FRAME))
+    fits = []
+    for variant in _variants(body):
+        p = variant.structure.predict(q, variant.beta)[:, places]
+        fits += [
+            _fit_of(variant, p, z[:, places], scaled, extent)
+            for scaled in variant.scaled
+        ]
+    best = min(fits, key=lambda fit: fit.error)
+    structure = best.variant.structure
+    causes = list(best.variant.causes)
+    factor = 1.0
+    groups: tuple[str, ...] = FRAME
+    if not _SCALES[0] < best.ratio < _SCALES[1]:  # in the log's own unit
+        factor = best.ratio
+        groups = (*FRAME, "view.scale")
+        unit = "sensor" if unit == old.unit else unit
+        centre = tuple(z.mean(axis=0).tolist())
         structure = _replaced(
-            structure, {**own, "unit": "sensor" if unit == old.unit else unit}
+            structure, extent=factor * old.extent, centre=centre, unit=unit
         )
-    about = structure.groups["view.rotation"]
-    shift = structure.groups["view.shift"]
-    starts = []
-    for by in (np.eye(len(turn)), turn):
-        beta = start.copy()
-        step = np.zeros(structure.size)
-        beta[indices_of(structure, ("view.scale",))] += np.log(factor)
-        step[about] = (
-            np.arctan2(by[1:2, 0], by[0, 0]) if len(about) == 1 else logarithm(by)
-        )
-        beta = structure.retract(beta, step)
-        residual = structure.residual(z, structure.predict(q, beta))
-        beta[shift] += np.median(residual, axis=0)[: len(shift)]
-        starts.append(beta)
-    beta = _placed(structure, q, z, starts, (*FRAME, "view.scale") if other else FRAME)
-    if len(about) == 1:  # the same angle, the short way round
-        beta[about] -= 2 * np.pi * np.round((beta[about] - start[about]) / (2 * np.pi))
-    causes = list(told)
-    if (
-        "mirror" in change
-        and Alignment.between(seen, structure.predict(q, beta)).swapped
-    ):
-        words = "x and y of the log are exchanged, compared with the model"
-        causes[0] = replace(causes[0], words=words)
-    if other:
+    beta = _placed(structure, q, z, _starts(structure, best, factor, q, z), groups)
+    turn = structure.groups["view.rotation"]
+    if len(turn) == 1:  # the same angle, the short way round
+        turns = (beta[turn] - best.variant.beta[turn]) / (2 * np.pi)
+        beta[turn] -= 2 * np.pi * np.round(turns)
+    if causes and causes[0].cause == "mirror":
+        seen = structure.predict(q, beta)
+        if Alignment.between(predicted, seen).swapped:
+            words = "x and y of the log are exchanged, compared with the model"
+            causes[0] = replace(causes[0], words=words)
+    if factor != 1.0:
         words = (
-            f"the log's positions are {ratio:.4g} times the model's{unit_hint(ratio)}"
+            f"the log's positions are {factor:.4g} times the model's{unit_hint(factor)}"
         )
-        causes.append(Cause("scale", "view.scale", words, ratio, None, "1"))
-    view = [g for g in structure.groups if is_sensors(g)] if causes else FRAME
-    sizes = {
-        name: factor * getattr(body, name) for name in ("noise", "tau", "residual")
-    }
-    body = replace(body, structure=structure, **sizes)
+        causes.append(Cause("scale", "view.scale", words, factor, None, "1"))
+    view = (
+        [group for group in structure.groups if is_sensors(group)] if causes else FRAME
+    )
+    body = replace(
+        body,
+        structure=structure,
+        noise=factor * body.noise,
+        tau=factor * body.tau,
+        residual=factor * body.residual,
+    )
     return Reference(body, beta, tuple(causes), factor, indices_of(structure, view))
 
 
@@ -164,63 +157,105 @@ def _camera_anew(body: Body, q: Array, z: Array) -> Array:
     return beta
 
 
-def _variants(body: Body) -> Iterator[tuple[dict[str, Any], Array, tuple[Cause, ...]]]:
-    """Other fields of the structure and parameters, and what they mean, one cause a freedom."""
+@dataclass(frozen=True)
+class _Variant:
+    """What is no matter of degree: a mirror, joints that turn the other way, or no more."""
+
+    structure: Structure
+    beta: Array  # (d,)
+    causes: tuple[Cause, ...] = ()  # one a freedom
+    scaled: tuple[bool, ...] = (False, True)  # whether the log may be in another unit
+
+
+class _Fit(NamedTuple):
+    """A variant after the best motion."""
+
+    error: float
+    variant: _Variant
+    ratio: float  # of the sizes
+    turn: Array
+
+
+def _variants(body: Body) -> Iterator[_Variant]:
+    """Other senses of the axes and of the joints."""
     structure = body.structure
     beta = body.beta
-    seen: list[tuple[dict[str, Any], tuple[Cause, ...]]] = [({}, ())]
-    if (mirror := getattr(structure, "mirror", None)) is not None:
+    plain = [_Variant(structure, beta)]
+    mirror = getattr(structure, "mirror", None)
+    if mirror is not None:
         words = "the log's positions are mirrored, compared with the model"
-        seen.append(({"mirror": -mirror}, (Cause("mirror", "view.mirror", words),)))
-    yield from ((change, beta, told) for change, told in seen)
+        cause = Cause("mirror", "view.mirror", words)
+        plain.append(_Variant(_replaced(structure, mirror=-mirror), beta, (cause,)))
+    yield from plain
     if not {"offset", "gain"} <= set(structure.groups):
         return
     signs = getattr(structure, "signs", ())
     for k in np.flatnonzero(structure.revolute).tolist():
         name = structure.joint_names[k]
         if signs:
-            other = tuple(-s if j == k else s for j, s in enumerate(signs))
+            other = (*signs[:k], -signs[k], *signs[k + 1 :])
             turned = Cause(
                 f"sign:{name}", "sign", f"{name} turns the other way than before"
             )
-            yield from (
-                ({**change, "signs": other}, beta, (*told, turned))
-                for change, told in seen
-            )
-        lost = Cause(
-            f"lost:{name}", "gain", f"{name} no longer moves the tip", 0.0, None, "1"
-        )
+            for variant in plain:
+                turned_round = _replaced(variant.structure, signs=other)
+                yield _Variant(turned_round, beta, (*variant.causes, turned))
+        words = f"{name} no longer moves the tip"
+        lost = Cause(f"lost:{name}", "gain", words, 0.0, None, "1")
         for angle in np.arange(-np.pi, np.pi, _LOCKED_STEP) if k else ():
-            held = beta.copy()
-            held[structure.groups["gain"][k]] = 0.0
-            held[structure.groups["offset"][k]] += angle
-            yield {}, held, (lost,)
+            stuck = beta.copy()
+            stuck[structure.groups["gain"][k]] = 0.0
+            stuck[structure.groups["offset"][k]] += angle
+            yield _Variant(structure, stuck, (lost,), (False,))
 
 
-def _replaced(structure: Structure, change: dict[str, Any]) -> Structure:
+def _replaced(structure: Structure, **change: Any) -> Structure:
     """The structure with other values of those fields that it has."""
     fields = vars(structure.viewpoint)
     sensor = {name: value for name, value in change.items() if name in fields}
-    if sensor:  # a copy would compute again what a structure keeps of itself
+    if sensor:
         structure = structure.with_sensor(**sensor)
     signs = change.get("signs")
     return structure if signs is None else structure.changed(signs=signs)
 
 
-def _misfit(p: Array, z: Array, scaled: bool) -> tuple[float, float, Array]:
-    """Typical distance after the best motion, its scale and its rotation.
+def _fit_of(variant: _Variant, p: Array, z: Array, scaled: bool, extent: float) -> _Fit:
+    """A variant's typical distance after the best motion.
 
     Rows that contradict most others are left out of a second fit.
     """
-    kept = np.ones(len(p), dtype=bool)
+    sound = np.ones(len(p), dtype=bool)
     for _ in range(3):
-        turn, _, ratio = similarity(p[kept], z[kept])
+        turn, _, ratio = similarity(p[sound], z[sound])
         size = ratio if scaled else 1.0
-        away = z - z[kept].mean(axis=0) - size * (p - p[kept].mean(axis=0)) @ turn.T
-        error = np.linalg.norm(away, axis=1)
-        kept = error <= max(3.0 * float(np.median(error)), 1e-12)
-    # a scale that is near one is not what is asked for
-    return float(np.median(error)) / size, ratio, turn
+        away = z - z[sound].mean(axis=0) - size * (p - p[sound].mean(axis=0)) @ turn.T
+        distance = np.linalg.norm(away, axis=1)
+        sound = distance <= max(3.0 * float(np.median(distance)), 1e-12)
+    # each further freedom must halve what is left; a scale near one is none
+    freedom = len(variant.causes) + (scaled and not _SCALES[0] < ratio < _SCALES[1])
+    error = max(float(np.median(distance)) / size, _EXACT * extent) / _BETTER**freedom
+    return _Fit(error, variant, ratio, turn)
+
+
+def _starts(
+    structure: Structure, fit: _Fit, factor: float, q: Array, z: Array
+) -> list[Array]:
+    """Parameters (d,) with the frame as it was, and turned as it fits best; both shifted."""
+    about = structure.groups["view.rotation"]
+    shift = structure.groups["view.shift"]
+    starts = []
+    for turn in (np.eye(len(fit.turn)), fit.turn):
+        beta = fit.variant.beta.copy()
+        beta[indices_of(structure, ("view.scale",))] += np.log(factor)
+        step = np.zeros(structure.size)
+        step[about] = (
+            logarithm(turn) if len(about) > 1 else np.arctan2(turn[1, 0], turn[0, 0])
+        )
+        beta = structure.retract(beta, step)
+        residual = structure.residual(z, structure.predict(q, beta))
+        beta[shift] += np.median(residual, axis=0)[: len(shift)]
+        starts.append(beta)
+    return starts
 
 
 def _placed(

@@ -283,9 +283,8 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     prior = as_drawn(body) if cause == "offsets" else as_built(body)
     reference = reference_of(prior, rows.q, rows.x - rows.added, rows.unit)
     z = rows.x - _added_in_frame(rows, reference)
-    sound = sound_rows(
-        reference, rows.q, z, freedom(prior, tuple(body.structure.groups), cause)
-    )
+    groups = [group for group in body.structure.groups if not group.startswith("curve")]
+    sound = sound_rows(reference, rows.q, z, freedom(prior, tuple(groups), cause))
     data = Log(rows.q[sound], z[sound], float(np.sqrt(2.0)) * rows.shared)
 
     # Is anything wrong, and could these rows say so?

@@ -151,14 +151,20 @@ def groups_of(structure: Structure) -> dict[str, Indices]:
 class FreeNoise:
     """The noise that is most likely where everything may have changed, of one shape."""
 
-    def __init__(
-        self, system: System, sd: Array, noisy: NoisyJoint | None = None
-    ) -> None:
+    def __init__(self, system: System, noisy: NoisyJoint | None = None) -> None:
         reference = system.reference
+        # the unit weights of a payload would leave few rows no freedom
+        groups = [
+            group
+            for group in reference.structure.groups
+            if not group.startswith(("curve", "payload"))
+        ]
+        sd = freedom(reference.body, tuple(groups), forgotten=reference.forgotten)
         unknown = Unknown(
             reference, system.log, OWN[0], crept=CREPT, freed=sd, noisy=noisy
         )
         y = unknown.whiten(system.residual)
+        self.y = y
         self.unknown = unknown
         self.size = unknown.most_likely_noise(y, unknown.usual)  # in `Reference.sizes`
         # of it and of the usual one [nats]
@@ -173,35 +179,28 @@ class FreeNoise:
         self.shape = noisy
 
 
-def _free_noise(system: System) -> tuple[FreeNoise, bool]:
-    """Return the noise, and whether its size is no chance; one encoder's is looked for."""
+def _with_noisy_joint(system: System, noise: FreeNoise) -> tuple[FreeNoise, bool]:
+    """Return the noise of one encoder where that is likelier, and whether its size is no chance."""
     from scipy.special import chdtrc
 
     reference = system.reference
-    structure = reference.structure
-    # the unit weights of a payload would leave few rows no freedom
-    groups = [g for g in structure.groups if not g.startswith(("curve", "payload"))]
-    sd = freedom(reference.body, tuple(groups), forgotten=reference.forgotten)
-    noise = FreeNoise(system, sd)
     if noise.size <= NOISIER * noise.unknown.usual or len(reference.forgotten):
         return noise, False
-    slope = structure.slope(system.log.q, reference.beta) / reference.sizes[:, None]
+    slope = reference.structure.slope(system.log.q, reference.beta)
+    slope = slope / reference.sizes[:, None]
     lengths = np.sqrt((slope**2).sum(axis=1).mean(axis=0))
     joints = np.flatnonzero(lengths > 0.0).tolist()
     # so that at the tip both are alike
     shapes = [(k, times / lengths[k]) for k, times in product(joints, JOINT_NOISES)]
-    shaped = [FreeNoise(system, sd, shape) for shape in shapes]
+    shaped = [FreeNoise(system, shape) for shape in shapes]
     best = max([noise, *shaped], key=lambda each: each.likelihood)
-    gains = (
-        2.0
-        * (best.likelihood - np.array([noise.usual, noise.likelihood]))
-        / noise.temper
-    )
-    chance = chdtrc([2, 1], np.maximum(gains, 0.0)) * (1 + len(joints))
+    gains = best.likelihood - np.array([noise.usual, noise.likelihood])
+    gains = np.maximum(2.0 * gains / noise.temper, 0.0)
+    chance = chdtrc([2, 1], gains) * (1 + len(joints))
     noisier = bool(chance[0] < FALSE_ALARM)
     if best.shape is not None and chance[1] < FALSE_ALARM:
         joint, ratio = best.shape
-        finer = [FreeNoise(system, sd, (joint, ratio * times)) for times in _FINER]
+        finer = [FreeNoise(system, (joint, ratio * times)) for times in _FINER]
         noise = max(finer, key=lambda each: each.likelihood)
     return noise, noisier
 
@@ -293,7 +292,7 @@ def group_tests(system: System, probes: Array) -> Tested:
     reference = system.reference
     structure = reference.structure
     groups = groups_of(structure)
-    noise, noisier = _free_noise(system)
+    noise, noisier = _with_noisy_joint(system, FreeNoise(system))
     tests = FTests(system, noise, len(groups) + 2)
     power, pull = tests.information(system.columns)
     moves = structure.linearise(probes, system.at, system.indices)[1]
@@ -334,35 +333,31 @@ def find_play(system: System, side: Array) -> Play | None:
     from scipy.special import fdtrc
 
     side = side[thinned(len(side), len(system.log.q))]
-    sides = [(side > 0).mean(axis=0), (side < 0).mean(axis=0)]
-    joints = np.flatnonzero(np.min(sides, axis=0) > _LEAST_SHARE)
+    shares = [(side > 0).mean(axis=0), (side < 0).mean(axis=0)]
+    joints = np.flatnonzero(np.min(shares, axis=0) > _LEAST_SHARE)
     if not len(joints):
         return None
+    noise = FreeNoise(system)
     reference = system.reference
-    structure = reference.structure
-    groups = [g for g in structure.groups if not g.startswith(("curve", "payload"))]
-    sd = freedom(reference.body, tuple(groups), forgotten=reference.forgotten)
-    noise = FreeNoise(system, sd)
-    slope = structure.slope(system.log.q, reference.beta)[..., joints]
+    slope = reference.structure.slope(system.log.q, reference.beta)[..., joints]
     columns = noise.unknown.whiten(-slope * side[:, None, joints])
-    y = noise.unknown.whiten(system.residual)
-    power, pull = noise.unknown.information(y, columns, noise.size)
+    power, pull = noise.unknown.information(noise.y, columns, noise.size)
     precision = np.diag(power)
-    moving = precision > _NOTHING * precision.max()
-    # a joint whose play would not move what the sensor sees is no cause
     statistics = np.zeros(len(joints))
-    forward = np.maximum(pull[moving], 0.0)
-    statistics[moving] = forward**2 / precision[moving] / noise.temper
-    # an encoder that is noisy moves the tip along the same slope, to either side
-    shares = np.zeros(len(joints))
     for k, column in enumerate(columns.T):
+        # a joint whose play would not move what the sensor sees is no cause
+        if pull[k] <= 0.0 or precision[k] <= _NOTHING * precision.max():
+            continue
         moved = noise.unknown.rest(column, noise.size)
         by_row = (moved * noise.rest).sum(axis=1)
-        squares = float((moved**2).sum() * (noise.rest**2).sum()) + 1e-300
-        shares[k] = float(by_row.sum()) ** 2 / squares
-        by_chance = len(by_row) * float(by_row.var()) + 1e-300
-        statistics[k] = min(statistics[k], float(by_row.sum()) ** 2 / by_chance)
-    statistics[shares < _LEAST_EXPLAINED] = 0.0
+        square = float(by_row.sum()) ** 2
+        if square < _LEAST_EXPLAINED * float((moved**2).sum() * (noise.rest**2).sum()):
+            continue
+        # an encoder that is noisy moves the tip along the same slope, to either side
+        by_chance = square / (len(by_row) * float(by_row.var()) + 1e-300)
+        statistics[k] = min(pull[k] ** 2 / precision[k] / noise.temper, by_chance)
+    if not statistics.any():
+        return None
     best = int(np.argmax(statistics))
     chance = len(joints) * float(
         fdtrc(1.0, max(noise.left - 1.0, 1e-3), statistics[best])

@@ -209,33 +209,31 @@ class Information:
     """What rows tell at one level: the evidence of any freed parameters is a sub-block.
 
     sd : (k,), standard deviations by which the system's parameters may have changed
-    temper : rows that count for one
     """
 
-    def __init__(self, system: System, level: Level, sd: Array, temper: float) -> None:
+    def __init__(self, system: System, level: Level, sd: Array) -> None:
         unknown = system.unknown(level)
         y = unknown.whiten(system.residual)
         x = unknown.whiten(system.columns) * sd
-        noises, likelihood = (part[::_COARSER] for part in unknown.noises(y))
-        self.likelihood = likelihood / temper
+        noises, self.likelihood = (part[::_COARSER] for part in unknown.noises(y))
         turned = unknown.axes.T @ x
         turned_y = unknown.axes.T @ y
-        gram = x.T @ x
-        moments = x.T @ y
         shares = unknown.values / (noises[:, None] ** 2 + unknown.values)
-        weights = 1.0 / (temper * noises**2)
         less = np.stack([(turned.T * share) @ turned for share in shares])
-        self.power = weights[:, None, None] * (gram - less)
-        self.pull = weights[:, None] * (moments - (shares * turned_y) @ turned)
+        self.power = (x.T @ x - less) / noises[:, None, None] ** 2
+        self.pull = (x.T @ y - (shares * turned_y) @ turned) / noises[:, None] ** 2
 
-    def evidence(self, places: Indices) -> tuple[float, Array]:
-        """Return the evidence of freeing parameters at places (p,) [nats], and their steps (p,)."""
-        power = self.power[:, places][:, :, places] + np.eye(len(places))
-        pull = self.pull[:, places]
+    def evidence(self, places: Indices, temper: float) -> tuple[float, Array]:
+        """Return the evidence of freeing parameters at places (p,) [nats], and their steps (p,).
+
+        temper : rows that count for one
+        """
+        power = self.power[:, places][:, :, places] / temper + np.eye(len(places))
+        pull = self.pull[:, places] / temper
         root = np.linalg.cholesky(power)
         half = np.linalg.solve(root, pull[..., None])[..., 0]
         volume = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-        evidence = self.likelihood + 0.5 * (half**2).sum(axis=1) - volume
+        evidence = self.likelihood / temper + 0.5 * (half**2).sum(axis=1) - volume
         best = int(np.argmax(evidence))
         step = np.linalg.solve(power[best], pull[best])
         return float(evidence[best]), step

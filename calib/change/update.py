@@ -17,7 +17,7 @@ from ..body.parameters import Indices
 from ..common.arrays import Array
 from ..common.rows import thinned
 from .evidence import Evidence
-from .explain import Explanation, weighed
+from .explain import Explanation, least_residual
 from .frame import Reference
 from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE
 from .system import Log, own_columns, prior_columns, shared_columns
@@ -28,7 +28,7 @@ _STEPS = 60  # at most: along the gauge of an arm without a drawing 12 ended on 
 _NOTHING_LEFT = 1e-3  # nats by which a step must better the fit
 # noises: no step goes along ways by which all rows together move less.  An arm without a drawing
 # may be put together in many ways that look alike, along which no step is a small one.
-_TOLD = 0.3
+_TELLING = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +51,12 @@ class Update:
 def update(evidence: Evidence) -> Update:
     """Update a belief by the rows of a log."""
     changed = evidence.score > 1.0
-    data = evidence.data.some(_ROWS)
-    chosen = weighed(_hypotheses_to_update_by(evidence))
-    body, held = _mixed(evidence.reference, chosen, data)
+    explanation = _to_update_by(evidence)
+    body, residual = _updated(explanation, evidence.data.some(_ROWS))
     rows = np.flatnonzero(evidence.sound)
     rows = rows[thinned(len(rows), _ROWS)]
     before = evidence.rows.missed[rows]
-    gain = before - np.linalg.norm(held, axis=1)
+    gain = before - np.linalg.norm(residual, axis=1)
     gains = np.array([block.mean() for block in np.array_split(gain, _BLOCKS)])
     chance = SURE * float(gains.std(ddof=1)) / np.sqrt(_BLOCKS)
     share = CHANGED if changed else REFINED
@@ -68,172 +67,175 @@ def update(evidence: Evidence) -> Update:
         improved = (
             improved and evidence.tests.noisy is None and _is_surer(evidence, body)
         )
-    tool = evidence.tool
-    if tool.score > 1.0:
+    if evidence.tool.score > 1.0:
         if not improved:  # the tool alone
             body = evidence.prior
-            held = (evidence.rows.x - evidence.rows.predicted)[rows]
+            residual = (evidence.rows.x - evidence.rows.predicted)[rows]
         body = evidence.tool_beside(body.beta).of(body)
         improved = True
-    return Update(body, chosen[0][1], rows, before, held, bool(improved))
+    return Update(body, explanation, rows, before, residual, bool(improved))
 
 
-def _hypotheses_to_update_by(evidence: Evidence) -> tuple[Explanation, ...]:
-    """Those of the change; where nothing is blamed those of none, which widen the bound."""
+def _to_update_by(evidence: Evidence) -> Explanation:
+    """The best explanation; where nothing is blamed that of no change, which widens the bound."""
     explanations = evidence.explanations
-    if evidence.attributed:
-        return explanations
-    explanations = tuple(e for e in explanations if not e.causes) or explanations
-    # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere
-    if evidence.score <= 1.0 and not evidence.prior.simulated:
-        explanations = (
-            tuple(e for e in explanations if e.level.waves <= CREEP) or explanations
-        )
-    return explanations
+    if not evidence.attributed:
+        explanations = tuple(each for each in explanations if not each.causes)
+        # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere
+        if evidence.score <= 1.0 and not evidence.prior.simulated:
+            explanations = tuple(
+                each for each in explanations if each.level.waves <= CREEP
+            )
+    return least_residual(explanations)
 
 
 def _is_surer(evidence: Evidence, body: Body) -> bool:
     """Whether a belief expects errors of itself that are smaller than those of the old one."""
     old = evidence.prior
-    probes = evidence.rows.probes
+    unexplained = float((old.tau**2 + old.noise**2).sum())
     variances = []
     for belief in (body, old):
-        spread = np.trace(belief.spread(probes), axis1=1, axis2=2).mean()
-        variances.append(
-            float(spread) * old.kappa**2 + float((old.tau**2 + old.noise**2).sum())
-        )
+        spread = np.trace(belief.spread(evidence.rows.probes), axis1=1, axis2=2).mean()
+        variances.append(float(spread) * old.kappa**2 + unexplained)
     return variances[0] < REFINED**2 * variances[1]
 
 
-def _mixed(
-    reference: Reference, chosen: list[tuple[float, Explanation]], log: Log
-) -> tuple[Body, Array]:
-    """The posterior as a body, and held-out residuals (n, m) under the likeliest explanation.
-
-    The bound carries what the choice among the explanations, best first with weights, is unsure of.
-    """
+def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
+    """The posterior as a body, and held-out residuals (n, m) [unit]."""
+    reference = explanation.reference
     old = reference.body
-    parts = [(share, *_posterior(e.reference, e, log)) for share, e in chosen]
-    _, beta, _, _, held = parts[0]
-    active = np.unique(np.concatenate([part[2] for part in parts]))
-    covariance = np.zeros((len(active), len(active)))
-    for share, other, known, spread, _ in parts:
-        place = np.searchsorted(active, known)
-        covariance[np.ix_(place, place)] += share * spread
-        covariance += share * np.outer((other - beta)[active], (other - beta)[active])
-    own = (
-        np.sqrt(sum(share * e.level.residual**2 for share, e in chosen))
-        * reference.own_sd
-    )
-    noise = np.sqrt(sum(share * e.noise**2 for share, e in chosen)) * reference.sizes
+    posterior = _Posterior(explanation, log)
+    noise = explanation.noise * reference.sizes
     second = old.second
-    if second is not None:  # after the same log, under the most likely explanation
-        e = chosen[0][1]
+    if second is not None:  # after the same log
         apart = second.beta - old.beta
         wide = replace(
             old, beta=second.beta, active=second.active, root=second.root, kappa=1.0
         )
-        there = replace(e.reference, body=wide, beta=e.reference.beta + apart)
-        e = replace(e, beta=e.beta + apart)
-        wider, known, spread, _ = _posterior(there, e, log)
-        second = Second(wider, known, root_of(spread), np.maximum(noise, second.noise))
+        there = replace(reference, body=wide, beta=reference.beta + apart)
+        wider = _Posterior(
+            replace(explanation, reference=there, beta=explanation.beta + apart), log
+        )
+        root = root_of(wider.covariance)
+        second = Second(wider.beta, wider.active, root, np.maximum(noise, second.noise))
     body = replace(
         old,
-        beta=beta,
-        active=active,
+        beta=posterior.beta,
+        active=posterior.active,
         # the bound inflates by kappa what is kept here without it
-        root=root_of(covariance) / old.kappa,
+        root=root_of(posterior.covariance) / old.kappa,
         kappa=max(old.kappa, SIMULATED_KAPPA) if old.simulated else old.kappa,
         noise=noise,
-        residual=np.maximum(old.residual, own),
+        residual=np.maximum(
+            old.residual, explanation.level.residual * reference.own_sd
+        ),
         second=second,
     )
-    return body, held
+    return body, posterior.held_out()
 
 
-def _posterior(
-    reference: Reference, e: Explanation, log: Log
-) -> tuple[Array, Indices, Array, Array]:
-    """Gauss-Newton steps of all parameters from where the explanation ended.
+class _Posterior:
+    """All parameters after Gauss-Newton steps from where an explanation ended.
 
-    Returns parameters (d,), which are known (k,), their covariance (k, k), and held-out residuals
-    (n, m) [unit] of contiguous blocks of the rows.
+    Attributes
+    ----------
+    beta, active, covariance : (d,), (k,) and (k, k)
+        Parameters, which of them are known, and how well.
     """
-    structure = reference.structure
-    weight = 1.0 / (np.sqrt(e.temper) * e.noise * reference.sizes)
-    active, prior = prior_columns(reference, e.level.waves, freed=e.sd)
-    smooth = own_columns(reference, log, e.level.residual)
 
-    def whitened(columns: Array) -> Array:
-        return np.asarray((columns * weight[:, None]).reshape(log.z.size, -1))
-
-    def seen(beta: Array, normals: Array) -> tuple[Array, Array, float]:
-        """Whitened residuals (N,), columns (N, s) of what the rows share, and the cost [nats]."""
-        with np.errstate(all="ignore"):
-            predicted = structure.predict(log.q, beta)
-            y = (structure.residual(log.z, predicted) * weight).ravel()
-            shared = shared_columns(reference, log, predicted)
-        own = whitened(np.concatenate([smooth, shared], axis=2))
-        if not np.isfinite(y).all():
-            return y, own, np.inf
-        pull = own.T @ y
-        cost = (
-            y @ y
-            - pull @ Factor(_with_ones(own.T @ own)).solve(pull)
-            + normals @ normals
+    def __init__(self, explanation: Explanation, log: Log) -> None:
+        self.reference: Reference = explanation.reference
+        self.log = log
+        self.beta = explanation.beta
+        scale = np.sqrt(explanation.temper) * explanation.noise
+        self.weight = 1.0 / (scale * self.reference.sizes)
+        self.active, prior = prior_columns(
+            self.reference, explanation.level.waves, freed=explanation.sd
         )
-        return y, own, 0.5 * float(cost)
+        self.smooth = own_columns(self.reference, log, explanation.level.residual)
+        ways = prior @ _telling(self._columns(prior), _TELLING)
+        away = (self.beta - self.reference.beta)[self.active]
+        normals = np.asarray(np.linalg.lstsq(ways, away, rcond=1e-12)[0])
+        normals = self._descend(ways, normals)
+        # what is known after the last step, along all ways that any row tells of
+        directions = _telling(self._columns(prior), 0.0)
+        self.normals = (
+            directions.T @ np.linalg.lstsq(prior, ways @ normals, rcond=1e-12)[0]
+        )
+        ways = prior @ directions
+        self.y, smooth, _ = self._state(self.beta, self.normals)
+        self.columns = np.concatenate([self._columns(ways), smooth], axis=1)
+        size = len(self.normals)
+        known = np.eye(size) - Factor(_with_ones(self.gram)).inverse()[:size, :size]
+        self.covariance = prior @ prior.T - ways @ known @ ways.T
 
-    def columns_of(ways: Array) -> Array:
+    @property
+    def gram(self) -> Array:
+        """Information (k, k) of all rows."""
+        return np.asarray(self.columns.T @ self.columns)
+
+    def _whitened(self, columns: Array) -> Array:
+        return np.asarray((columns * self.weight[:, None]).reshape(self.log.z.size, -1))
+
+    def _columns(self, ways: Array) -> Array:
         """Whitened columns (N, k) of parameters along ways (d, k)."""
-        return whitened(structure.linearise(log.q, beta, active)[1] @ ways)
+        x = self.reference.structure.linearise(self.log.q, self.beta, self.active)[1]
+        return self._whitened(x @ ways)
 
-    beta = e.beta
-    ways = prior @ _told(columns_of(prior), _TOLD)
-    start = np.linalg.lstsq(ways, (beta - reference.beta)[active], rcond=1e-12)[0]
-    normals = np.asarray(start, dtype=np.float64)
-    y, own, cost = seen(beta, normals)
-    for _ in range(_STEPS):
-        columns = np.concatenate([columns_of(ways), own], axis=1)
-        pull = columns.T @ y
-        pull[: len(normals)] -= (
-            normals  # the log's own part is followed anew in each step
-        )
-        delta = Factor(_with_ones(columns.T @ columns)).solve(pull)[: len(normals)]
-        for share in 0.3 ** np.arange(6.0):
-            full = np.zeros(len(beta))
-            full[active] = ways @ (share * delta)
-            moved = structure.retract(beta, full)
-            there = seen(moved, normals + share * delta)
-            if there[-1] < cost - _NOTHING_LEFT:
+    def _state(self, beta: Array, normals: Array) -> tuple[Array, Array, float]:
+        """Whitened residuals (N,), columns (N, s) of what the rows share, and the cost [nats]."""
+        structure = self.reference.structure
+        with np.errstate(all="ignore"):
+            predicted = structure.predict(self.log.q, beta)
+            y = (structure.residual(self.log.z, predicted) * self.weight).ravel()
+            shared = shared_columns(self.reference, self.log, predicted)
+        smooth = self._whitened(np.concatenate([self.smooth, shared], axis=2))
+        if not np.isfinite(y).all():
+            return y, smooth, np.inf
+        pull = smooth.T @ y
+        follows = pull @ Factor(_with_ones(smooth.T @ smooth)).solve(pull)
+        return y, smooth, 0.5 * float(y @ y - follows + normals @ normals)
+
+    def _descend(self, ways: Array, normals: Array) -> Array:
+        """Step along ways (d, k) until no step is better; return the standard normals (k,)."""
+        y, smooth, cost = self._state(self.beta, normals)
+        size = len(normals)
+        for _ in range(_STEPS):
+            columns = np.concatenate([self._columns(ways), smooth], axis=1)
+            pull = columns.T @ y
+            pull[:size] -= normals  # the log's own part is followed anew in each step
+            delta = Factor(_with_ones(columns.T @ columns)).solve(pull)[:size]
+            for share in 0.3 ** np.arange(6.0):
+                full = np.zeros(len(self.beta))
+                full[self.active] = ways @ (share * delta)
+                beta = self.reference.structure.retract(self.beta, full)
+                state = self._state(beta, normals + share * delta)
+                if state[-1] < cost - _NOTHING_LEFT:
+                    break
+            else:
                 break
-        else:
-            break
-        beta = moved
-        normals = normals + share * delta
-        y, own, cost = there
-    # what is known after the last step, along all ways that any row tells of
-    told = _told(columns_of(prior), 0.0)
-    normals = told.T @ np.linalg.lstsq(prior, ways @ normals, rcond=1e-12)[0]
-    ways = prior @ told
-    x = columns_of(ways)
-    columns = np.concatenate([x, own], axis=1)
-    gram = _with_ones(columns.T @ columns)
-    pull = columns.T @ y
-    pull[: len(normals)] -= normals
-    held = np.empty_like(y)
-    outputs = log.z.shape[1]
-    for block in np.array_split(np.arange(len(log.z)), _BLOCKS):
-        # without the block's rows the information is a difference: no fit is needed
-        rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
-        less = Factor(gram - columns[rows].T @ columns[rows])
-        delta = less.solve(pull - columns[rows].T @ y[rows])[: len(normals)]
-        held[rows] = y[rows] - x[rows] @ delta
-    learned = (
-        np.eye(len(normals)) - Factor(gram).inverse()[: len(normals), : len(normals)]
-    )
-    covariance = prior @ prior.T - ways @ learned @ ways.T
-    return beta, active, covariance, held.reshape(log.z.shape) / weight
+            self.beta = beta
+            normals = normals + share * delta
+            y, smooth, cost = state
+        return normals
+
+    def held_out(self) -> Array:
+        """Residuals (n, m) [unit] of contiguous blocks of rows, each predicted by the others.
+
+        Without the block's rows the information is a difference: no fit is needed.
+        """
+        size = len(self.normals)
+        gram = _with_ones(self.gram)
+        pull = self.columns.T @ self.y
+        pull[:size] -= self.normals
+        residual = np.empty_like(self.y)
+        outputs = self.log.z.shape[1]
+        for block in np.array_split(np.arange(len(self.log.z)), _BLOCKS):
+            rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
+            x = self.columns[rows]
+            delta = Factor(gram - x.T @ x).solve(pull - x.T @ self.y[rows])
+            residual[rows] = self.y[rows] - x[:, :size] @ delta[:size]
+        return np.asarray(residual.reshape(self.log.z.shape) / self.weight)
 
 
 def _with_ones(gram: Array) -> Array:
@@ -242,7 +244,7 @@ def _with_ones(gram: Array) -> Array:
     return gram
 
 
-def _told(x: Array, least: float) -> Array:
+def _telling(x: Array, least: float) -> Array:
     """Ways (k, r) of standard normals along which readings tell more than `least` noises.
 
     x : (N, k), columns of the whitened readings

@@ -14,6 +14,12 @@ from ..common.arrays import Array
 from ..errors import ModelError, QueryError
 from ..model.model import Model
 
+_WATCHED = (
+    *("view.rotation", "view.shift", "view.scale", "view.tilt", "view.shear"),
+    *("offset", "length", "gain", "placement", "tool", "elastic", "payload"),
+)
+"""Groups whose displacements are looked for; of a lens its first term."""
+
 _WARM = 20  # samples before the first judgement
 _DIRECTIONS = 8  # strongest displacements; further ones are nearly sums of these
 _COLLINEAR = 1e-3  # directions that are so much weaker than the strongest are left out
@@ -32,9 +38,8 @@ class State(NamedTuple):
     drifted: bool  # whether a signal is above its threshold now
     score: float  # largest value over threshold; 0 while there are too few samples
     zeta: float  # distortion of the sensory map (eq. 9) over what is expected there
-    links: (
-        float  # [unit], root mean square of the systematic part of the recent residuals
-    )
+    # [unit], root mean square of the systematic part of the recent residuals
+    links: float
     noise: float  # [unit], standard deviation per axis of the rest
     fired: tuple[str, ...]  # ``("links",)`` where the residuals are systematic
 
@@ -76,9 +81,10 @@ class Monitor:
         self._model = model
         self._expected = model.baseline.sensory
         if model.body is not None:
-            groups = model.body.structure.groups.items()
-            every = [ix for name, ix in groups if not name.startswith("curve")]
-            self._every = np.unique(np.concatenate(every)).astype(np.intp)
+            groups = model.body.structure.groups
+            watched = [groups[name] for name in _WATCHED if name in groups]
+            lens = groups.get("lens", np.zeros(0, np.intp))[:1]
+            self._every = np.unique(np.concatenate([*watched, lens])).astype(np.intp)
         self._combined = _orthonormal(self._moves(np.clip(model.motor.units, 0.0, 1.0)))
         axes = model.sensory.scale.span.size
         p = self._combined.shape[1]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +12,6 @@ from ...common.wording import for_people
 from ...model.model import Model
 from ...model.nominal import moves_in_space
 from ..error_scale import UNKNOWN, ErrorScale, colours, number
-from ..placement import Placement
 from ..settings import SETTINGS
 from ..workspace import drawn_edges, node_errors
 from .canvas import Canvas, packed
@@ -54,15 +52,17 @@ class Panel:
 def draw_maps(
     canvas: Canvas,
     model: Model,
-    placement: Placement,
+    places: Array,
     panel: Panel,
     scale: ErrorScale,
     size: float,
 ) -> None:
-    """Draw both maps, coloured by their errors; of arms in space they are off until asked for."""
+    """Draw both maps, coloured by their errors; of arms in space they are off until asked for.
+
+    places : (nodes, 3), of the sensory map
+    """
     shown = not moves_in_space(model)
     motor_errors, sensory_errors = node_errors(model)
-    places = placement.lift(model.sensory.weights)
     joints = panel.lift(model.motor.units)
     for name, part, points, text, errors in (
         ("Sensory map", model.sensory, places, "where they stand", sensory_errors),
@@ -109,20 +109,22 @@ def links_of(model: Model, among: NDArray[np.intp]) -> dict[str, object]:
     "each" is how many of each node, "partners" are the strongest first, the largest number where
     there are fewer, "node" is the one of `among` whose partners spread the furthest.
     """
-    links = model.links.T.tocsr()
-    count = links.shape[0]
-    width = min(SETTINGS.links, max(6, 120_000 // count))
-    partners = np.full((count, width), np.iinfo(np.uint32).max, dtype=np.uint32)
-    spreads = np.zeros(count)
-    for node, (start, end) in enumerate(pairwise(links.indptr)):
-        best = np.argsort(-links.data[start:end], kind="stable")[:width]
-        strongest = links.indices[start:end][best]
-        partners[node, : len(best)] = strongest
-        if len(best):
-            spreads[node] = np.ptp(model.motor.units[strongest], axis=0).sum()
+    links = model.links.T.tocoo()
+    order = np.lexsort((-links.data, links.row))
+    nodes = links.row[order]
+    rank = np.arange(len(nodes)) - np.searchsorted(nodes, nodes)
+    width = min(SETTINGS.links, max(6, 120_000 // links.shape[0]))
+    strong = rank < width
+    nobody = np.iinfo(np.uint32).max
+    partners = np.full((links.shape[0], width), nobody, dtype=np.uint32)
+    partners[nodes[strong], rank[strong]] = links.col[order][strong]
+    spreads = []
+    for row in partners[among]:
+        units = model.motor.units[row[row != nobody]]
+        spreads.append(float(np.ptp(units, axis=0).sum()) if len(units) else 0.0)
     return {
         "each": width,
         "partners": packed(partners, np.uint32),
-        "node": int(among[np.argmax(spreads[among])]),
+        "node": int(among[np.argmax(spreads)]),
         "link": _LINK,
     }

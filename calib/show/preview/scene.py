@@ -13,11 +13,12 @@ import numpy as np
 
 from ...common.arrays import Array
 from ...common.rows import thinned
+from ...common.wording import length_in_words
 from ...model.model import Model
 from ...model.nominal import moves_in_space
 from ...samples.samples import Samples
 from ...training.evaluate import simulation_of
-from ..error_scale import STOPS, UNKNOWN, ErrorScale, colours, number, unit_for
+from ..error_scale import STOPS, UNKNOWN, ErrorScale, colours
 from ..placement import Placement, place_model
 from ..robot import Robot
 from ..settings import SETTINGS
@@ -54,8 +55,10 @@ class Scene:
 
     @cached_property
     def robot(self) -> Robot | None:
-        """The robot, None where no URDF came with the model."""
-        return Robot.of(self.model.about)
+        """The robot, None without a URDF, and where maps alone do not tell where it stands."""
+        about = self.model.about
+        placed = self.model.body is not None or about.unit == "m"
+        return Robot.of(about) if placed else None
 
     @cached_property
     def studies(self) -> list[Study]:
@@ -94,93 +97,30 @@ class Scene:
         """What the user should be told of the drawing."""
         notes = [placement.note for placement in self.placements if placement.note]
         if self.robot is None:
-            notes.insert(0, "no URDF came with this model: the arm itself is not drawn")
+            notes.insert(
+                0,
+                "the arm is not drawn: no URDF came with this model, or its maps stand alone",
+            )
         return list(dict.fromkeys(notes))
 
     @cached_property
-    def data(self) -> dict[str, object]:
-        """Plain data for the page: what is drawn, legend, labels, links, camera and notes."""
-        model = self.model
-        placement = self.placements[0]
-        planar = not moves_in_space(model)
-        nodes = placement.lift(model.sensory.weights)
-        x, bound = bound_field(model)
-        poses = {} if self.robot is None else self.robot.poses(self.motion.q)
-        things = [thing for study in self.studies for thing in things_of(study.model)]
-        # what the picture has to show: nodes or rows, the arm, what stands around it, the maps
-        around = [frames[:, :3, 3] for frames in poses.values()]
-        around.append(self._rows_in_space(0) if self.measured else nodes)
-        size = float(np.ptp(np.vstack(around), axis=0).max())
-        around += [thing.placed(np.eye(4)) for thing in things if not thing.carried]
-        photo = self._corners_of_photo()
-        around.append(photo)
-        if planar:
-            around.append(nodes)
-        panel = Panel.beside(
-            self.frame, np.vstack(around), 0.75 * size, model.motor.units.shape[1]
-        )
-        eye = placement.eye if len(photo) else None
-        if eye is not None:  # the arm is seen over its photo, through the lens
-            around = [photo]
-        elif planar:  # with room for words at each side
-            around.append(panel.lift([[-0.3, -0.2, 0.0], [1.1, 1.15, 0.0]]))
-        camera = camera_onto(np.vstack(around), self.frame, eye)
-        # at equal depth the graphics card would draw now the one, now the other
-        front = 0.006 * size * self.frame[2]
-        errors = [*node_errors(model), bound]
-        if self.measured:
-            errors += [study.rows.distance for study in self.studies if study.rows]
-        scale = ErrorScale.of(np.concatenate(errors), model.about.unit, extent(model))
+    def poses(self) -> dict[str, Array]:
+        """Transforms (frames, 4, 4) of the robot's links during the motion."""
+        return {} if self.robot is None else self.robot.poses(self.motion.q)
 
-        canvas = Canvas()
-        if len(photo):
-            self._draw_photo(canvas, -1.7 * front)
-        if self.robot is not None:
-            _draw_robot(canvas, self.robot, poses, 0.02 * size)
-            draw_things(canvas, things, self.robot.links[-1])
-        draw_maps(canvas, model, placement, panel, scale, size)
-        # dots of the whole reach would hide rows, a camera and its board
-        alone = not planar and not self.measured
-        canvas.layer("Reach", "scale", "bound on the true position", shown=alone)
-        tints = colours(scale.share(bound))
-        width = 0.005 * size
-        canvas.add("Reach/points", "points", tints, placement.lift(x), size=width)
-        if self.measured:
-            self._draw_rows(canvas, scale, front, 0.014 * size)
-        self._draw_motion(canvas, front, size)
-        canvas.place("Axes", np.diag([*[0.3 * size] * 3, 1.0]))
-        # a target is dragged in the drawn plane; in space in one through the middle of the map
-        simulated = model.about.source == "simulation"
-        measure = "true position" if simulated else model.about.bound_of
-        winners = np.unique(model.sensory.winners(self.motion.target))
-        return {
-            **vars(canvas),
-            "title": model.about.robot or "learned from a log",
-            "bound": f"95 % bound on the distance to the {measure}; rows: their error",
-            "ticks": scale.ticks(),
-            "stops": STOPS[:1] if scale.empty else STOPS,
-            "camera": camera,
-            "links": links_of(model, winners),
-            "target": _TARGET,
-            "step": self.motion.step,
-            "panel": {"corner": panel.corner.tolist(), "edges": panel.edges.tolist()},
-            "plane": {
-                "point": nodes.mean(axis=0).tolist(),
-                "normal": self.frame[2].tolist(),
-            },
-            "size": size,
-            "notes": self.notes,
-        }
+    @cached_property
+    def things(self) -> list[Thing]:
+        """What stands around the arm, as each sensor tells of it."""
+        return [thing for study in self.studies for thing in things_of(study.model)]
 
-    def _rows_in_space(self, sensor: int) -> Array:
-        """Measured rows (n, 3) of a sensor in the scene."""
-        rows = self.studies[sensor].rows
-        assert rows is not None  # noqa: S101 - the caller has looked
-        some = thinned(len(rows.x), SETTINGS.points)
-        return self.placements[sensor].lift(rows.x[some])
+    @cached_property
+    def nodes(self) -> Array:
+        """Nodes (n, 3) of the sensory map."""
+        return self.placements[0].lift(self.model.sensory.weights)
 
-    def _corners_of_photo(self) -> Array:
-        """Corners (4, 3) of the model's photo; none without one."""
+    @cached_property
+    def photo(self) -> Array:
+        """Corners (4, 3) of the model's photo, its lower left first; none without one."""
         photo = self.model.photo
         if photo is None or len(self.model.axes) == 3:
             return np.empty((0, 3))
@@ -188,24 +128,115 @@ class Scene:
         corners = [[left, low], [right, low], [right, high], [left, high]]
         return self.placements[0].lift(corners)
 
-    def _draw_photo(self, canvas: Canvas, behind: Array, cells: int = 16) -> None:
+    @cached_property
+    def working_points(self) -> Array:
+        """Joints of the arm and its tip's rows, or nodes where there are none (n, 3)."""
+        points = [frames[:, :3, 3] for frames in self.poses.values()]
+        points.append(self._rows(0)[0] if self.measured else self.nodes)
+        return np.vstack(points)
+
+    @cached_property
+    def size(self) -> float:
+        """Longest side of what the arm works in [m]."""
+        return float(np.ptp(self.working_points, axis=0).max())
+
+    @cached_property
+    def front(self) -> Array:
+        """A little way (3,) to the eye: at equal depth the one would be drawn, or the other."""
+        return np.asarray(0.006 * self.size * self.frame[2])
+
+    @cached_property
+    def panel(self) -> Panel:
+        """The box of the joints, beside all else."""
+        still = [thing.placed(np.eye(4)) for thing in self.things if not thing.carried]
+        around = np.vstack([self.working_points, self.nodes, self.photo, *still])
+        dof = self.model.motor.units.shape[1]
+        return Panel.beside(self.frame, around, 0.75 * self.size, dof)
+
+    @property
+    def camera(self) -> dict[str, object]:
+        """From where all is seen; with a photo of a camera, from where it was taken."""
+        eye = self.placements[0].eye
+        if len(self.photo) and eye is not None:
+            return camera_onto(self.photo, self.frame, eye)
+        around = [thing.placed(np.eye(4)) for thing in self.things if not thing.carried]
+        around += [self.working_points, self.photo]
+        if not moves_in_space(self.model):  # with room for words at each side
+            around.append(self.nodes)
+            around.append(self.panel.lift([[-0.3, -0.2, 0.0], [1.1, 1.15, 0.0]]))
+        return camera_onto(np.vstack(around), self.frame)
+
+    @cached_property
+    def field(self) -> tuple[Array, Array]:
+        """Positions all over the reach, and the bound on them."""
+        return bound_field(self.model)
+
+    @cached_property
+    def scale(self) -> ErrorScale:
+        """Colours of bounds and errors."""
+        errors = [*node_errors(self.model), self.field[1]]
+        if self.measured:
+            errors += [study.rows.distance for study in self.studies if study.rows]
+        unit = self.model.about.unit
+        return ErrorScale.of(np.concatenate(errors), unit, extent(self.model))
+
+    @cached_property
+    def data(self) -> dict[str, object]:
+        """Plain data for the page: what is drawn, legend, labels, links, camera and notes."""
+        about = self.model.about
+        canvas = Canvas()
+        self._draw_photo(canvas)
+        if self.robot is not None:
+            _draw_robot(canvas, self.robot, self.poses, 0.02 * self.size)
+            draw_things(canvas, self.things, self.robot.links[-1])
+        draw_maps(canvas, self.model, self.nodes, self.panel, self.scale, self.size)
+        self._draw_reach(canvas)
+        self._draw_rows(canvas)
+        self._draw_motion(canvas)
+        canvas.place("Axes", np.diag([*[0.3 * self.size] * 3, 1.0]))
+        measure = "true position" if about.source == "simulation" else about.bound_of
+        winners = np.unique(self.model.sensory.winners(self.motion.target))
+        normal = self.frame[2].tolist()
+        return {
+            **vars(canvas),
+            "title": about.robot or "learned from a log",
+            "bound": f"95 % bound on the distance to the {measure}; rows: their error",
+            "ticks": self.scale.ticks(),
+            "stops": STOPS[:1] if self.scale.empty else STOPS,
+            "camera": self.camera,
+            "links": links_of(self.model, winners),
+            "target": _TARGET,
+            "step": self.motion.step,
+            "panel": {name: part.tolist() for name, part in vars(self.panel).items()},
+            # in which a target is dragged; in space it goes through the middle of the map
+            "plane": {"point": self.nodes.mean(axis=0).tolist(), "normal": normal},
+            "size": self.size,
+            "notes": self.notes,
+        }
+
+    def _rows(self, sensor: int) -> tuple[Array, Array]:
+        """Measured rows of a sensor in the scene (n, 3), and their errors (n,)."""
+        rows = self.studies[sensor].rows
+        if rows is None:
+            return np.empty((0, 3)), np.empty(0)
+        some = thinned(len(rows.x), SETTINGS.points)
+        return self.placements[sensor].lift(rows.x[some]), rows.distance[some]
+
+    def _draw_photo(self, canvas: Canvas, cells: int = 16) -> None:
         """Draw the photo as a grid that a tilted camera's picture is bent with."""
         photo = self.model.photo
-        assert photo is not None  # noqa: S101 - it has corners
+        if photo is None or not len(self.photo):
+            return
         canvas.layer("Photo", UNKNOWN, "by the camera that measured the arm")
         left, right, low, high = photo.box
         share = np.linspace(0.0, 1.0, cells + 1)
         uv = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
-        positions = [left, low] + uv * [right - left, high - low]
-        first = np.arange(cells * (cells + 1)).reshape(cells, cells + 1)[:, :-1].ravel()
-        above = first + cells + 1
-        triangles = np.concatenate(
-            [
-                np.stack([first, first + 1, above], axis=1),
-                np.stack([first + 1, above + 1, above], axis=1),
-            ]
-        )
-        points = self.placements[0].lift(positions) + behind
+        points = self.placements[0].lift([left, low] + uv * [right - left, high - low])
+        numbers = np.arange(len(uv)).reshape(cells + 1, cells + 1)
+        first = numbers[:-1, :-1].ravel()
+        corners = (0, 1, cells + 1, 1, cells + 2, cells + 1)  # of two triangles
+        triangles = first[:, None] + np.array(corners)
+        points = points - 1.7 * self.front
         drawn = canvas.add(
             "Photo/picture", "image", "#ffffff", points, triangles, opacity=0.999
         )
@@ -213,33 +244,41 @@ class Scene:
         drawn["image"] = f"data:image/jpeg;base64,{jpeg}"
         drawn["uv"] = packed(uv, np.float32)
 
-    def _draw_rows(
-        self, canvas: Canvas, scale: ErrorScale, front: Array, width: float
-    ) -> None:
-        """Draw rows of each sensor as points in the colour of their errors."""
-        for sensor, study in enumerate(self.studies):
-            if study.rows is None:
-                continue
-            points = self._rows_in_space(sensor) + front
-            name = f"Rows {study.model.about.sensor}".strip()
-            text = f"{len(points):,} of {len(study.rows.x):,}, in the colour of their errors"
-            canvas.layer(name, "scale", text)
-            some = thinned(len(study.rows.x), SETTINGS.points)
-            tints = colours(scale.share(study.rows.distance[some]))
-            canvas.add(f"{name}/positions", "points", tints, points, size=width)
+    def _draw_reach(self, canvas: Canvas) -> None:
+        """Draw reachable points in the colour of the bound; they would hide rows and cameras."""
+        shown = moves_in_space(self.model) and not self.measured
+        canvas.layer("Reach", "scale", "bound on the true position", shown=shown)
+        x, bound = self.field
+        points = self.placements[0].lift(x)
+        tints = colours(self.scale.share(bound))
+        canvas.add("Reach/points", "points", tints, points, size=0.005 * self.size)
 
-    def _draw_motion(self, canvas: Canvas, front: Array, size: float) -> None:
+    def _draw_rows(self, canvas: Canvas) -> None:
+        """Draw rows of each sensor as points in the colour of their errors."""
+        if not self.measured:
+            return
+        for sensor, study in enumerate(self.studies):
+            points, errors = self._rows(sensor)
+            name = f"Rows {study.model.about.sensor}".strip()
+            canvas.layer(
+                name, "scale", f"{len(points):,}, in the colour of their errors"
+            )
+            points = points + self.front
+            tints = colours(self.scale.share(errors))
+            path = f"{name}/positions"
+            canvas.add(path, "points", tints, points, size=0.014 * self.size)
+
+    def _draw_motion(self, canvas: Canvas) -> None:
         """Draw the paths of a loop, and the balls that run along."""
         motion = self.motion
         off = float(np.linalg.norm(motion.reached - motion.target, axis=1).mean())
-        factor, unit = unit_for(off, self.model.about.unit)
-        mean = f"{number(factor * off)} {unit} off on average"
+        mean = f"{length_in_words(off, self.model.about.unit)} off on average"
+        names = ("Target path", "asked for"), ("Reached path", f"by the arm: {mean}")
         if self.measured:
-            names = "Measured tip", "Predicted tip"
-            texts = "as measured, row by row", f"as predicted, {mean}"
-        else:
-            names = "Target path", "Reached path"
-            texts = "asked for", f"by the simulated arm: {mean}"
+            names = (
+                ("Measured tip", "as measured, row by row"),
+                ("Predicted tip", f"as predicted, {mean}"),
+            )
         along = np.arange(len(motion.q) - 1)[:, None] + [0, 1]
         # the two may coincide: the target is a glass ball around the tip
         balls = (
@@ -247,21 +286,23 @@ class Scene:
             (motion.reached, _REACHED, 0.012, 1.0),
         )
         for order, (x, colour, radius, opacity) in enumerate(balls):
-            name = canvas.layer(names[order], colour, texts[order])
+            name, text = names[order]
+            canvas.layer(name, colour, text)
             points = self.placements[0].lift(x)
             if not self.measured:
-                canvas.add(f"{name}/line", "lines", colour, points + front, along)
+                canvas.add(f"{name}/line", "lines", colour, points + self.front, along)
+            ball = f"{name}/ball"
             canvas.add(
-                f"{name}/ball",
+                ball,
                 "marker",
                 colour,
-                size=radius * size,
+                size=radius * self.size,
                 opacity=opacity,
                 order=order + 1,
             )
             track = np.tile(np.eye(4), (len(points), 1, 1))
             track[:, :3, 3] = points
-            canvas.place(f"{name}/ball", track)
+            canvas.place(ball, track)
 
 
 def _loop(model: Model, frames: int = 180) -> Motion:

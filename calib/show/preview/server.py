@@ -66,7 +66,6 @@ def preview(
     ...     shown.url.startswith("http://127.0.0.1:")
     True
     """
-    require("model", model, Model)
     if live and path is not None:
         raise OptionError("`live` needs a running preview: expected it without a file")
     scene = None
@@ -74,6 +73,7 @@ def preview(
     if isinstance(model, HandEye):
         data = data_of_rig(model)
     else:
+        require("model", model, Model)
         scene = Scene(model, log)
         data = scene.data
         notes = scene.notes

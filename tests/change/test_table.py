@@ -1,0 +1,132 @@
+"""What changed, what is named, in the plane and in space, through Python and the command line."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import calib
+
+NOISE = 2e-4
+DEGREE = "0.0174533"
+LINKS = {"length:elbow", "placement:wrist_1"}  # of arms in the plane, and in space
+
+
+@cache
+def world(robot):
+    """An arm, and a model of 400 rows of it that no simulation is known of."""
+    arm = calib.load_arm(robot)
+    rows = calib.babble(arm, 400, noise=NOISE, seed=7)
+    return arm, calib.train(replace(rows, simulation=None), size=6)
+
+
+def log_of(robot, changes, n, noise=NOISE, seed=11):
+    arm = world(robot)[0]
+    rows = calib.babble(arm, n, noise=noise, seed=seed, changes=list(changes))
+    return replace(rows, simulation=None), calib.Simulation(arm, changes=tuple(changes))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A change, its causes, of which one is enough where there is a choice, and what is left."""
+
+    robot: str
+    changes: tuple[str, ...]
+    causes: tuple[frozenset[str], ...]
+    n: int = 60
+    adapted: float = 2 * NOISE  # mean error after an adaptation [m]
+    drifted: bool = True
+
+    def __str__(self):
+        return f"{self.robot}-{'+'.join(self.changes) or 'calm'}-{self.n}"
+
+
+def case(robot, changes, *causes, **more):
+    return Case(robot, tuple(changes.split()), tuple(map(frozenset, causes)), **more)
+
+
+OFFSET = {"offset:elbow"}
+SENSOR = {"sensor"}
+LARGER = {"scale", "length:elbow"}  # the same to a log
+CASES = [
+    *(case(r, "", n=n, drifted=False) for r in ("two_link", "six_axis") for n in (20, 60, 200)),
+    *(case(r, f"elbow.offset={DEGREE}", OFFSET, n=n) for r, n in (
+        ("two_link", 12), ("two_link", 60), ("three_link", 20), ("six_axis", 20), ("six_axis", 60),
+    )),
+    case("two_link", "elbow.offset=0.5236", OFFSET),
+    case("two_link", "elbow.length=+5%", LINKS, n=12),
+    case("two_link", "elbow.length=-30%", LINKS),
+    case("three_link", "shoulder.length=+3%", {"length:shoulder"}, n=20),
+    case("six_axis", "elbow.length=+3%", LINKS),
+    case("two_link", "elbow.gear=1.02", {"gain:elbow"}),
+    case("six_axis", "shoulder_lift.gear=1.02", {"gain:shoulder_lift"}),
+    case("two_link", f"elbow.offset={DEGREE} shoulder.length=+2%", OFFSET, {"length:shoulder"}),
+    case("three_link", f"elbow.offset={DEGREE} sensor.scale=1.01", OFFSET, LARGER),
+    case("six_axis", f"elbow.offset={DEGREE} shoulder_lift.gear=1.02", OFFSET,
+         {"gain:shoulder_lift"}),
+    case("two_link", "sensor.shift=0.01,0", SENSOR),
+    case("two_link", "sensor.mirror=x", SENSOR, {"mirror"}),
+    case("two_link", "sensor.scale=1000", SENSOR, {"scale"}, adapted=1e3 * NOISE),
+    case("two_link", "sensor.scale=1.02", LARGER),
+    case("two_link", "elbow.lock=1.0", {"lost:elbow"}),
+    case("two_link", "tip.offset=0.01,0.02", {"length:elbow"}, OFFSET),
+    case("two_link", "elbow.backlash=0.02", {"backlash:elbow"}, adapted=np.inf),
+    case("six_axis", "elbow.backlash=0.02", {"backlash:elbow"}, n=100, adapted=np.inf),
+    case("two_link", "shoulder.noise=0.003", {"noise:shoulder"}, drifted=False),
+    case("six_axis", "elbow.noise=0.005", {"noise:elbow"}, n=100, drifted=False),
+    case("two_link", "sensor.outliers=0.05", n=200, drifted=False),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_change_is_named_and_mended(case):
+    arm, model = world(case.robot)
+    log, truth = log_of(case.robot, case.changes, case.n)
+    found = calib.adapt(model, log)
+    verdict = found.verdict
+    names = {cause.cause for cause in verdict.causes}
+    assert verdict.changed is case.drifted
+    assert (verdict.score > 1.0) is case.drifted
+    assert len(names) <= 2 * len(case.causes)
+    for causes in case.causes:
+        assert names & causes, names
+    # intervals hold what was changed
+    for change in case.changes:
+        if change.endswith(DEGREE):
+            (offset,) = (cause for cause in verdict.causes if cause.cause == "offset:elbow")
+            assert offset.interval[0] < float(DEGREE) < offset.interval[1]
+    if not case.drifted:
+        assert not found.improved
+        return
+    q = np.random.default_rng(5).uniform(arm.lower, arm.upper, (300, arm.dof))
+    error = np.linalg.norm(found.model.forward(q) - truth.exact(q), axis=1)
+    assert np.nanmean(error) < case.adapted
+
+
+@pytest.mark.parametrize(("changes", "code"), [("", 0), (f"elbow.offset={DEGREE}", 3)])
+def test_the_command_line_says_the_same(tmp_path, run, changes, code):
+    _, model = world("two_link")
+    log, _ = log_of("two_link", changes.split(), 60)
+    model.save(tmp_path / "m.calib")
+    calib.write_log(log, tmp_path / "log.csv")
+    answer = run("check", tmp_path / "m.calib", "--data", tmp_path / "log.csv", "--json")
+    verdict = calib.check(calib.load(tmp_path / "m.calib"), log)
+    assert answer.code == code
+    assert answer.document["drifted"] is verdict.drifted
+    assert answer.document["causes"][:1] == [cause.to_json() for cause in verdict.causes[:1]]
+
+
+@pytest.mark.parametrize("times", [2, 5, 10])
+@pytest.mark.parametrize("n", [10, 20])
+def test_a_noisier_sensor_is_no_drift(times, n):
+    model = world("two_link")[1]
+    for seed in (50, 51):
+        log, _ = log_of("two_link", (), n, times * NOISE, seed)
+        assert not calib.check(model, log).drifted
+    log, _ = log_of("two_link", (), 100, times * NOISE)
+    verdict = calib.check(model, log)
+    assert verdict.changed is False
+    assert {cause.cause for cause in verdict.causes} == {"noise"}
+    assert verdict.noise == pytest.approx(times * NOISE, rel=0.15)
+    assert verdict.words == ("the bound does not hold" if times > 2 else verdict.words)
