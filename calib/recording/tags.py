@@ -33,9 +33,8 @@ _STEPS = 30
 _SETTLED = 1e-5
 _LEAST_CELL = 3  # [px]; a coarser pattern has no edges
 _SQUARES = (8, 96)  # [px], least and largest side of a board's square in its picture
-_DENSE = (
-    1.5  # of a board's pattern over the picture: .011 px for .016 with 1, .012 with 3
-)
+# of a board's pattern over the picture: .011 px for .016 with 1, .012 with 3
+_DENSE = 1.5
 _FINER = (2, 6)  # times as fine a board is drawn, and then shrunk
 _AROUND = 0.7  # squares around a corner that are laid over the picture
 _FARTHEST = 2.5  # [px]; a corner that goes further was none
@@ -46,9 +45,8 @@ class Tag:
     """A tag in a picture; pixel centres have whole coordinates, y runs down."""
 
     number: int  # its id
-    corners: (
-        Array  # of the black square, clockwise in print from the top left (4, 2) [px]
-    )
+    # of the black square, clockwise in print from the top left (4, 2) [px]
+    corners: Array
     noise: float = LEAST_NOISE  # standard deviation of the centre along each axis [px]
     sharp: bool = True  # whether the print can be laid over it
 

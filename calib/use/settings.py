@@ -44,18 +44,16 @@ class Aiming:
     noise: float = 0.2  # of a corner [px]
     filled: float = 0.25  # share of the picture's width that a board fills
     tilt: float = math.radians(45.0)  # most of the camera's about the board [rad]
-    upright: float = (
-        0.5  # least cosine between the line of sight and the board's normal
-    )
+    # least cosine between the line of sight and the board's normal
+    upright: float = 0.5
 
 
 @dataclass(frozen=True)
 class Correction:
     """Of what is trusted of a correction."""
 
-    usual: float = (
-        3.0  # times the 95 % quantile of the model's own: a larger one is not trusted
-    )
+    # times the 95 % quantile of the model's own: a larger one is not trusted
+    usual: float = 3.0
     least: float = 0.01  # limit [rad or m]: a smaller one would refuse what is harmless
     nodes: int = 200  # at which the model's own corrections are taken
     tried: int = 5  # rows by which the compiled kernel is compared
