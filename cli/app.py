@@ -19,9 +19,13 @@ from typing import Annotated
 import typer
 
 from . import commands
+from . import options as opt
 from .errors import INTERRUPTED, TRACEBACK, report_error
-from .output import Outcome, note, silence, start_speaking
+from .output import SPEECH, Outcome, note, progress_shown, silence
 from .parsing import BadOption
+
+FLAGS = ("--json", "--verbose", "-v", "--quiet", "-q")
+"""What every command takes, wherever it stands in the line."""
 
 ALL = "*"
 """In place of a command's name: all commands with their options."""
@@ -35,11 +39,10 @@ USAGE_ORDER = (
 
 def run(arguments: Sequence[str]) -> int:
     """Run a command line and return its exit code; errors are one line on standard error."""
-    name = next((word for word in arguments if not word.startswith("-")), "")
+    words = _flags_first(arguments)
+    name = next((word for word in words if not word.startswith("-")), "")
     try:
-        code = application(name)(
-            list(arguments), prog_name="calib", standalone_mode=False
-        )
+        code = application(name)(words, prog_name="calib", standalone_mode=False)
         sys.stdout.flush()
     except BrokenPipeError:  # a reader who has seen enough
         silence(sys.stdout)
@@ -51,6 +54,15 @@ def run(arguments: Sequence[str]) -> int:
     if code == INTERRUPTED:
         note("error: interrupted")
     return code if isinstance(code, int) else 0
+
+
+def _flags_first(arguments: Sequence[str]) -> list[str]:
+    """Return a command line with the flags of every command before the command's name."""
+    words = list(arguments)
+    end = words.index("--") if "--" in words else len(words)
+    flags = [word for word in words[:end] if word in FLAGS]
+    others = [word for word in words[:end] if word not in FLAGS]
+    return [*flags, *others, *words[end:]]
 
 
 @cache
@@ -100,6 +112,7 @@ def _add(app: typer.Typer, path: str, *, loaded: bool = True) -> None:
         name,
         help=module.__doc__,
         short_help=_summary(module.__doc__ or ""),
+        epilog="And --json, --verbose (-v), --quiet (-q), as every command.",
         # a negative number is a value, not an option
         context_settings={"ignore_unknown_options": hasattr(module, "NUMBERS")},
     )
@@ -117,21 +130,18 @@ def _not_loaded() -> None:
 
 
 def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:
-    """Return a command that prints its outcome, as --json, --verbose and --quiet say."""
+    """Return a command that prints its outcome."""
 
     @wraps(command)  # Typer reads the parameters of the command itself
     def run_and_print(**options: object) -> None:
-        as_json = bool(options["as_json"])
         streamed = options.get("output") == "-"
-        if as_json and streamed:
+        if SPEECH.as_json and streamed:
             raise BadOption(
                 "--json and '-' both want standard output: expected one of them"
             )
-        with start_speaking(quiet=bool(options["quiet"])):
+        with progress_shown():
             outcome = command(**options)
-        outcome.show(
-            as_json=as_json, verbose=bool(options["verbose"]), streamed=streamed
-        )
+        outcome.show(streamed=streamed)
         raise typer.Exit(outcome.code)
 
     return run_and_print
@@ -139,6 +149,9 @@ def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:
 
 def start(
     context: typer.Context,
+    as_json: opt.Json = False,
+    verbose: opt.Verbose = False,
+    quiet: opt.Quiet = False,
     version: Annotated[
         bool, typer.Option("--version", help="Print the version.")
     ] = False,
@@ -147,6 +160,7 @@ def start(
 
     Start with: calib train two_link, then calib query inverse two_link.calib 0.1 0.4
     """
+    SPEECH.start(as_json, verbose, quiet)
     if version:
         import calib
 

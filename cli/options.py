@@ -34,7 +34,7 @@ def flag(flags: str, help_text: str) -> object:
     return Option(*flags.split(), help=help_text)
 
 
-# what a command prints: `cli/app.py` reads these of each command
+# how every command prints: `cli/app.py` takes these wherever they stand
 Json = Annotated[
     bool, flag("--json", "One JSON document on standard output, in SI units.")
 ]

@@ -131,12 +131,12 @@ class Outcome:
     columns: Mapping[str, ArrayLike] | None = None
     code: int = 0  # exit code
 
-    def show(self, *, as_json: bool, verbose: bool, streamed: bool) -> None:
+    def show(self, *, streamed: bool) -> None:
         """Print the result; lines go to standard error where a table was `streamed`."""
-        if as_json:
+        if SPEECH.as_json:
             print_json(self.document)
             return
-        lines = [*self.lines, *self.more] if verbose else self.lines
+        lines = [*self.lines, *self.more] if SPEECH.verbose else self.lines
         if SPEECH.quiet:
             lines = self.lines[:1] if self.result is None else self.result
         if self.columns is not None:
@@ -154,22 +154,29 @@ class Outcome:
 
 @dataclass
 class Speech:
-    """What the command at hand says on standard error."""
+    """How the command at hand prints, and what it says on standard error."""
 
+    as_json: bool = False  # one document on standard output
+    verbose: bool = False  # what the answer rests on, too
     quiet: bool = False  # nothing but errors and what a batch leaves unanswered
     notes: set[str] = field(default_factory=set)  # that were said already
     bar: Progress | None = None  # on a terminal, while a command works
+
+    def start(self, as_json: bool, verbose: bool, quiet: bool) -> None:
+        """Begin a command, which has said nothing yet."""
+        self.as_json = as_json
+        self.verbose = verbose
+        self.quiet = quiet
+        self.notes.clear()
 
 
 SPEECH = Speech()
 
 
 @contextmanager
-def start_speaking(quiet: bool) -> Iterator[None]:
-    """Let a command say its notes, unless it is quiet, and show its progress on a terminal."""
-    SPEECH.quiet = quiet
-    SPEECH.notes.clear()
-    if quiet or not sys.stderr.isatty():
+def progress_shown() -> Iterator[None]:
+    """Show the progress of what takes long, on a terminal."""
+    if SPEECH.quiet or not sys.stderr.isatty():
         yield
         return
     from rich.console import Console

@@ -14,7 +14,7 @@ import typer
 from calib_cli.app import application
 
 PAGE = Path(__file__).parent / "cli.md"
-SHOWN = ("as_json", "verbose", "quiet", "help")
+SHOWN = ("help",)
 INTRODUCTION = """\
 # Command line
 

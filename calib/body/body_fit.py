@@ -18,11 +18,12 @@ from .covariance import as_kept
 from .fit import Fit
 from .gate import Passed, leave_blocks_out, pass_gate
 from .gravity import other_direction
+from .layout import joined
 from .parameters import Prior
 from .rows import Rows
 from .settings import FIT, LOG_FLOOR, SIMULATED_FLOOR, STUDENT
 from .starts import Start, best_starts, with_other_sensors
-from .structure import Structure, joined
+from .structure import Structure
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def fit(
     """Fit a structure to what one sensor or several saw of its chain.
 
     structure : the chain and its priors; signs and mirror are found, and without a drawing the
-        chain.  Of several sensors it is what `rows.together` or `structure.joined` makes of it.
+        chain.  Of several sensors it is what `rows.together` or `layout.joined` makes of it.
     rows : of each sensor; the first one's are what the belief predicts
     begin : (d,), parameters to begin with; by default they are found from the first sensor's rows
     seed : chooses the rows of the gate where there are many
@@ -124,8 +125,8 @@ def _fit(
     wide = None
     if not structure.simulated and not structure.zeros_alone:
         wide = _wide_fit(passed, chain, some)
-    body = _body_of(passed, whole, wide)
-    fits = [_seen_by(k, body, whole, wide, rows[k]) for k in range(len(rows))]
+    root = as_kept(whole.covariance)
+    fits = [_seen_by(k, passed, whole, wide, root, rows[k]) for k in range(len(rows))]
     direction = other_direction(passed, some)
     notes = () if direction is None else (direction,)
     return replace(fits[0], beside=tuple(fits[1:]), notes=notes)
@@ -151,68 +152,44 @@ def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
     return whole.maximise(learn=learn, steps=4, tolerance=FIT.settled)
 
 
-@dataclass(frozen=True, eq=False)
-class _Wide:
-    """A fit with a wider prior, and how much of its spread the rows leave."""
-
-    fit: Fit
-    root: Array  # (k, k)
-
-
-def _body_of(passed: Passed, whole: Fit, wide: _Wide | None) -> Body:
-    """Return the body as no sensor sees it yet: see `_seen_by`."""
-    second: Second | None = None
-    if wide is not None:
-        second = Second(wide.fit.beta, wide.fit.active, wide.root, wide.fit.noise)
-    return Body(
-        structure=whole.structure,
-        beta=whole.beta,
-        active=whole.active,
-        root=as_kept(whole.covariance),
-        noise=whole.noise,
-        kappa=FIT.unknown_kappa,
-        tau=whole.noise,
-        residual=np.zeros(0),
-        nu=whole.nu,
-        autocorrelation=whole.autocorrelation,
-        scales=passed.fit.scales,
-        simulated=whole.structure.simulated,
-        member=passed.name,
-        second=second,
-    )
-
-
-def _seen_by(k: int, body: Body, whole: Fit, wide: _Wide | None, rows: Rows) -> BodyFit:
+def _seen_by(
+    k: int, passed: Passed, whole: Fit, wide: _Wide | None, root: Array, rows: Rows
+) -> BodyFit:
     """Return the body as the k-th sensor sees it, with its held-out errors."""
     part = whole.parts[k]
     structure = part.structure
+    simulated = structure.simulated
     kappa = FIT.unknown_kappa
     if isinstance(rows.sensor, str) or k == 0:
         held_out = leave_blocks_out(whole, sensor=k)
         kappa = max(1.0, held_out.ratio())
     else:
         held_out = leave_blocks_out(whole, (), sensor=k)
-    second = body.second
-    if second is not None and wide is not None:
-        second = replace(second, noise=wide.fit.parts[k].noise)
     repeat = 0.0
-    if not body.simulated:
+    if not simulated:
         repeat = _repeatability(rows.q, rows.z[:, : structure.blocks[0]])
-    seen = replace(
-        body,
+    body = Body(
         structure=structure,
+        beta=whole.beta,
+        active=whole.active,
+        root=root,
         noise=part.noise,
         kappa=kappa,
         tau=held_out.tau(part),
         residual=np.zeros(structure.outputs),
+        nu=whole.nu,
+        autocorrelation=whole.autocorrelation,
+        scales=passed.fit.scales,
         rows=len(rows),
-        second=second,
+        simulated=simulated,
+        member=passed.name,
+        second=None if wide is None else wide.second(k),
         repeat=repeat,
     )
     # where the other blocks determine nothing, they predict their mean
     unknown = rows.z - rows.z.mean(axis=0)
     residual = held_out.residual
-    return BodyFit(seen, np.where(np.isfinite(residual), residual, unknown))
+    return BodyFit(body, np.where(np.isfinite(residual), residual, unknown))
 
 
 def _repeatability(q: Array, z: Array) -> float:
@@ -223,6 +200,19 @@ def _repeatability(q: Array, z: Array) -> float:
         return 0.0
     squares = (z - means_of(pose, z)[pose]) ** 2
     return float(np.sqrt(squares.sum() / (freedom * z.shape[1])))
+
+
+@dataclass(frozen=True, eq=False)
+class _Wide:
+    """A fit with a wider prior, and the root (k, k) of what the rows leave of its covariance."""
+
+    fit: Fit
+    root: Array
+
+    def second(self, sensor: int) -> Second:
+        """Return the belief as a sensor sees it."""
+        noise = self.fit.parts[sensor].noise
+        return Second(self.fit.beta, self.fit.active, self.root, noise)
 
 
 def _wide_fit(

@@ -20,6 +20,7 @@ from .parameters import Indices
 from .rows import Part, Rows
 from .settings import FIT, NATS
 from .starts import Start
+from .structure import Structure
 
 _PARTITIONS = (0, 2, 5, 10)
 
@@ -197,27 +198,14 @@ def pass_gate(
     nu : degrees of freedom of the Student noise; infinite for Gaussian: samples of a simulation,
         of which nothing richer is tried where they reach their least noise
     """
-    structure = start.structure
-    exact = not np.isfinite(nu)
-
-    def fit(free: tuple[str, ...], begin: Array) -> Fit:
-        member = Fit(structure, rows, begin, structure.prior(free), nu=nu)
-        if exact:  # exact rows may be far along a curved valley, such as that of a lens
-            member.settle(60)
-            return member.maximise(steps=20, tolerance=1e-3)
-        return member.maximise(steps=10, tolerance=FIT.settled)
-
-    def is_exact(member: Fit) -> bool:
-        return exact and bool((member.noise <= 1.5 * member.parts[0].floor).all())
-
+    members = start.structure.members()
+    names = {frozenset(groups): name for name, groups in members}
     best: Passed | None = None
     evidences: dict[str, float] = {}
-    members = structure.members()
-    names = {frozenset(groups): name for name, groups in members}
     tried: list[set[str]] = []
     for member_name, groups in members:
-        free = groups
         name = member_name
+        free = groups
         begin = start.beta
         if best is not None:  # what has passed stays: a lens stays beneath the curves
             free = tuple(dict.fromkeys((*best.free, *groups)))
@@ -228,12 +216,11 @@ def pass_gate(
             continue
         tried.append(set(free))
         try:
-            member = fit(free, begin)
-            if is_exact(member) and set(free) != set(groups):
-                alone = fit(
-                    groups, begin
-                )  # what passed before may have been a makeshift
-                if is_exact(alone):
+            member = _member(start.structure, free, rows, begin, nu)
+            if _is_exact(member) and set(free) != set(groups):
+                # what passed before may have been a makeshift
+                alone = _member(start.structure, groups, rows, begin, nu)
+                if _is_exact(alone):
                     name = member_name
                     free = groups
                     member = alone
@@ -244,8 +231,30 @@ def pass_gate(
         candidate = Passed(name, free, member, held_out, evidences)
         if best is None or _wins(candidate, best):
             best = candidate
-        if is_exact(member):
+        if _is_exact(member):
             break
     if best is None:
         raise np.linalg.LinAlgError("no member of the body could be fitted")
     return best
+
+
+def _member(
+    structure: Structure,
+    free: tuple[str, ...],
+    rows: Sequence[Rows],
+    begin: Array,
+    nu: float,
+) -> Fit:
+    """Return a fit of a member's blocks."""
+    member = Fit(structure, rows, begin, structure.prior(free), nu=nu)
+    if np.isfinite(nu):
+        return member.maximise(steps=10, tolerance=FIT.settled)
+    # exact rows may be far along a curved valley, such as that of a lens
+    member.settle(60)
+    return member.maximise(steps=20, tolerance=1e-3)
+
+
+def _is_exact(member: Fit) -> bool:
+    """Whether samples of a simulation reach their least noise."""
+    exact = bool((member.noise <= 1.5 * member.parts[0].floor).all())
+    return exact and not np.isfinite(member.nu)

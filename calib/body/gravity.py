@@ -52,7 +52,7 @@ def _gives_way(fit: Fit, rows: Rows) -> float:
     The evidence of a direction and of its opposite is the same, and arms do not rise under a load.
     """
     structure = fit.structure
-    levers, _ = structure.levers("elastic", rows.q[:, : structure.dof])
+    levers = structure.loads["elastic"].levers(rows.q[:, : structure.dof])
     loads = loads_of(levers, structure.gravity_at(fit.beta))
     power = (loads**2).mean(axis=1)
     return float(fit.beta[structure.groups["elastic"]] @ power)

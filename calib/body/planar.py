@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -15,10 +15,11 @@ from ..common.scale import METRES
 from ..errors import OptionError
 from .curves import curve_shape
 from .drawing import Complex, LinearChain, PlanarDrawing, sides
+from .layout import Ladder
 from .parameters import Block, Hyper, Indices
 from .sensors import InPlane
 from .settings import FIT, PRIOR, SHIFT, START, TURN
-from .structure import Ladder, Moving, Structure
+from .structure import Moving, Structure
 from .views import PLANAR, ArmSize, Moved
 
 
@@ -40,6 +41,40 @@ class PlanarMotion:
         # a joint turns all that comes after it about its structure place
         swept = 1j * np.cumsum(self.terms[::-1], axis=0)[::-1]
         return _pairs(np.where(self.turning, swept, self.direction)), 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarLoads:
+    """Cosines and sines of the directions of the links that bend joints, as logged."""
+
+    turns: Indices  # (dof,), direction of each joint that turns, else 0
+
+    @cached_property
+    def pairs(self) -> Indices:
+        """Joints that bend, and the links (by their joints) that bend them, (p, 2)."""
+        turning = self.turns != 0
+        return np.argwhere(np.triu(np.outer(turning, turning)))
+
+    @property
+    def joints(self) -> Indices:
+        """The joints (2 p,) that they bend."""
+        return np.repeat(self.pairs[:, 0], 2)
+
+    def levers(self, q: Array) -> Array:
+        """Cosines and sines (2 p, 1, n) at joint values (n, dof)."""
+        return _pairs(self._directions(q)).reshape(2 * len(self.pairs), 1, len(q))
+
+    def slopes(self, q: Array, gravity: Array) -> Array:  # noqa: ARG002
+        """Derivatives (2 p, dof, n) of those by the joint values."""
+        before = np.arange(q.shape[1]) <= self.pairs[:, 1:]
+        turns = (before * self.turns)[:, :, None]
+        moved = _pairs(1j * turns * self._directions(q)[:, None])
+        return np.swapaxes(moved, 1, 2).reshape(2 * len(moved), q.shape[1], len(q))
+
+    def _directions(self, q: Array) -> Complex:
+        """Directions (p, n) of the links."""
+        sums = np.cumsum(q * self.turns, axis=1).T
+        return np.asarray(np.exp(1j * sums[self.pairs[:, 1]]))
 
 
 def _pairs(values: Complex) -> Array:
@@ -90,10 +125,9 @@ class PlanarStructure(Structure):
         return int(np.not_equal(drawn, self.signs).sum()) + (self.mirror < 0)
 
     @cached_property
-    def pairs(self) -> Indices:
-        """Joints that bend, and the links (by their joints) that bend them, (p, 2)."""
-        both = np.argwhere(np.triu(np.outer(self.revolute, self.revolute)))
-        return np.asarray(both, dtype=np.intp)
+    def loads(self) -> Mapping[str, PlanarLoads]:
+        """What bends the joints, by the block of elasticity that has a parameter for each."""
+        return {"elastic": PlanarLoads(np.multiply(self.signs, self.revolute))}
 
     @property
     def _link(self) -> tuple[float, str]:
@@ -145,7 +179,7 @@ class PlanarStructure(Structure):
         drawing = self.nominal
         loose = 2.0 if drawing is None else 1.0
         waves: list[tuple[str, str, str]] = []
-        for (i, j), wave in product(self.pairs, ("cos", "sin")):
+        for (i, j), wave in product(self.loads["elastic"].pairs, ("cos", "sin")):
             joint = self.joint_names[i]
             waves.append(
                 (joint, f"{joint}.elastic {wave} {self.joint_names[j]}", "rad")
@@ -178,15 +212,8 @@ class PlanarStructure(Structure):
         if self.sensors[0].seen_as.scaled and turning.all():
             length_is_free[0] = False  # the view's scale is the first length
         return (
-            self._block(
-                "length",
-                unit,
-                link * turning,
-                sd=2.0 * link * length_is_free.astype(float),
-            ),
-            self._block(
-                "offset", "rad", 0.0, sd=10.0 * self._offset_is_free.astype(float)
-            ),
+            self._block("length", unit, link * turning, sd=2.0 * link * length_is_free),
+            self._block("offset", "rad", 0.0, sd=10.0 * self._offset_is_free),
             self._block("gain", "1", 1.0, sd=2 * PRIOR.gain),
         )
 
@@ -196,10 +223,11 @@ class PlanarStructure(Structure):
         unit: str,
         mean: ArrayLike,
         scales: tuple[Hyper, ...] = (),
-        sd: Array | float = 0.0,
+        sd: ArrayLike = 0.0,
     ) -> Block:
         """A block of one parameter for each joint."""
-        return Block(name, self.of_joints(name, unit), np.asarray(mean), sd, scales)
+        parts = self.of_joints(name, unit)
+        return Block(name, parts, np.asarray(mean), np.asarray(sd), scales)
 
     @property
     def _offset_is_free(self) -> Mask:
@@ -237,26 +265,6 @@ class PlanarStructure(Structure):
             self.groups["offset"][slides],
             lambda: (_pairs(1j * motion.terms[slides]), 0.0),
         )
-
-    def levers(self, block: str, q: Array) -> tuple[Array, Indices]:  # noqa: ARG002
-        """Cosines and sines (e, 1, n) of the links' directions, and the joints (e,) they bend."""
-        directions = _pairs(self._swung(q))
-        joints = np.repeat(self.pairs[:, 0], 2)
-        return directions.reshape(2 * len(self.pairs), 1, len(q)), joints
-
-    def load_slopes(self, block: str, q: Array, gravity: Array) -> Array:  # noqa: ARG002
-        """Derivatives (e, dof, n) of those waves by the joint values."""
-        before = np.arange(self.dof) <= self.pairs[:, 1:]
-        turns = before * np.multiply(self.signs, self.revolute)
-        moved = 1j * turns[:, :, None] * self._swung(q)[:, None]
-        return np.swapaxes(_pairs(moved), 1, 2).reshape(
-            2 * len(moved), self.dof, len(q)
-        )
-
-    def _swung(self, q: Array) -> Complex:
-        """Directions (p, n) of the links that bend joints, as logged."""
-        sums = np.cumsum(q * np.multiply(self.signs, self.revolute), axis=1).T
-        return np.asarray(np.exp(1j * sums[self.pairs[:, 1]]))
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -19,10 +18,11 @@ from ..arm.gravity import GRAVITY, Loads
 from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_shape
+from .layout import Ladder
 from .parameters import Block, Hyper, Indices
 from .sensors import InSpace, Lens
 from .settings import FIT, PRIOR, SHIFT, TURN
-from .structure import Ladder, Moving, Structure
+from .structure import Moving, Structure
 from .views import ArmSize, Measurement, compose
 
 
@@ -98,101 +98,89 @@ class SpatialStructure(Structure):
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the tip, the joint origins and the joints."""
-        informed = self.informed
-        joints = self.chain_names
-        reach = self._reach
-        units = tuple("rad" if turns else "m" for turns in self.revolute)
-        # in a free frame the first turning joint's offset and a turn of the frame about its axis
-        # are one, and the first origin's place is the frame's own
-        based = any(sensor.view.startswith("base") for sensor in self.sensors)
-        floating = any(other.floating for other in self.others)
-        first = 0 if based and not floating else 1
-        turned, slid = (
-            [k for k in range(first, self.dof) if units[k] == u] for u in ("rad", "m")
-        )
-        places = [
-            (w, a, u) for (w, u), a in product((("shift", "m"), ("turn", "rad")), "xyz")
-        ]
-        origins = [
-            (n, f"{n}.{what}.{axis}", unit)
-            for n in joints
-            for what, axis, unit in places
-        ]
-        placed = np.arange(6 * first, len(origins)).reshape(-1, 2, 3)
-        within = self.others[0].within if self.others else PRIOR.wider
-        tool = self.tool
-        drawn = (
-            Hyper("placement.shift", SHIFT, within, indices=placed[:, 0].ravel()),
-            Hyper("placement.turn", TURN, within, indices=placed[:, 1].ravel()),
-        )
-        offsets = (
-            Hyper("offset", TURN, PRIOR.servos, indices=turned),
-            Hyper("offset.slide", SHIFT, PRIOR.wider, indices=slid),
-        )
-        # where no drawing says, origins are anywhere; what one orientation does not tell is held
-        flat = np.tile(np.repeat((reach, 3.0), 3), len(joints))
-        held = (tool,) if tool is not None and informed else ()
-        turns = [f"tool.rotation.{axis}" for axis in "xyz"]
+        gain = Hyper("gain", PRIOR.gain, PRIOR.wider)
         return (
-            Block.of(
-                "tool", "m", [f"tool.{axis}" for axis in "xyz"], reach, scales=held
-            ),
-            Block.of(
-                "tool.rotation",
-                "rad",
-                turns,
-                TURN if self.sensors[0].view == "base pose" else 3.0,
-            ),
-            Block(
-                "placement",
-                tuple(origins),
-                0.0,
-                *((0.0, drawn) if informed else (flat,)),
-            ),
-            Block("offset", self.of_joints("offset", *units), scales=offsets),
-            Block(
-                "gain",
-                self.of_joints("gain", "1"),
-                1.0,
-                scales=(Hyper("gain", PRIOR.gain, PRIOR.wider),),
-            ),
+            *self._tool(),
+            self._placement(),
+            self._offset(),
+            Block("gain", self.of_joints("gain", "1"), 1.0, scales=(gain,)),
             *self._elasticity(),
             self._coupling(),
             *self.curves(PRIOR.curve_rms, PRIOR.curve_rows, curve_shape()),
         )
+
+    @property
+    def _first(self) -> int:
+        """The first joint with an offset and an origin of its own.
+
+        In a free frame the first turning joint's offset and a turn of the frame about its axis
+        are one, and the first origin's place is the frame's own.
+        """
+        based = any(sensor.view.startswith("base") for sensor in self.sensors)
+        floating = any(other.floating for other in self.others)
+        return 0 if based and not floating else 1
+
+    def _tool(self) -> tuple[Block, Block]:
+        """Where the tip is; what one orientation does not tell is held."""
+        shifts = [f"tool.{axis}" for axis in "xyz"]
+        turns = [f"tool.rotation.{axis}" for axis in "xyz"]
+        scales = (self.tool,) if self.tool is not None and self.informed else ()
+        turn = TURN if self.sensors[0].view == "base pose" else 3.0
+        return (
+            Block.of("tool", "m", shifts, self._reach, scales=scales),
+            Block.of("tool.rotation", "rad", turns, turn),
+        )
+
+    def _placement(self) -> Block:
+        """Where the joints' origins are; anywhere, if no drawing says."""
+        names: list[tuple[str, str, str]] = []
+        for joint in self.chain_names:
+            names += [(joint, f"{joint}.shift.{axis}", "m") for axis in "xyz"]
+            names += [(joint, f"{joint}.turn.{axis}", "rad") for axis in "xyz"]
+        if not self.informed:
+            anywhere = np.repeat((self._reach, 3.0), 3)
+            sd = np.tile(anywhere, len(self.chain_names))
+            return Block("placement", tuple(names), sd=sd)
+        places = np.arange(6 * self._first, len(names)).reshape(-1, 2, 3)
+        within = self.others[0].within if self.others else PRIOR.wider
+        shift = Hyper("placement.shift", SHIFT, within, indices=places[:, 0].ravel())
+        turn = Hyper("placement.turn", TURN, within, indices=places[:, 1].ravel())
+        return Block("placement", tuple(names), scales=(shift, turn))
+
+    def _offset(self) -> Block:
+        """The joints' zeros."""
+        units = ["rad" if turns else "m" for turns in self.revolute]
+        joints = range(self._first, self.dof)
+        turning = [k for k in joints if self.revolute[k]]
+        sliding = [k for k in joints if not self.revolute[k]]
+        angle = Hyper("offset", TURN, PRIOR.servos, indices=turning)
+        length = Hyper("offset.slide", SHIFT, PRIOR.wider, indices=sliding)
+        names = self.of_joints("offset", *units)
+        return Block("offset", names, scales=(angle, length))
 
     def _elasticity(self) -> Iterator[Block]:
         """Blocks of how much loads bend the joints, and of where gravity points."""
         names = self.chain_names
         ends = (*names[1:], "tip")
         for block, loads in self.loads.items():
-            labels = []
-            for joint, weights in zip(
-                loads.joints.tolist(), loads.weights, strict=True
-            ):
-                weighing = np.flatnonzero(weights)
-                load = (
-                    ""
-                    if block == "elastic" and self.weighed
-                    else f" {ends[weighing[0]]}"
-                )
-                labels.append((names[joint], f"{names[joint]}.{block}{load}", "rad"))
-            yield Block(
-                block, tuple(labels), scales=(Hyper(block, PRIOR.elastic, pseudo=1.0),)
-            )
+            labels: list[tuple[str, str, str]] = []
+            for joint, weights in zip(loads.joints, loads.weights, strict=True):
+                name = f"{names[joint]}.{block}"
+                if block != "elastic" or not self.weighed:
+                    name += f" {ends[np.flatnonzero(weights)[0]]}"
+                labels.append((names[joint], name, "rad"))
+            scale = Hyper(block, PRIOR.elastic, pseudo=1.0)
+            yield Block(block, tuple(labels), scales=(scale,))
         tilts = tuple((None, f"gravity.{'xyz'[axis]}", "rad") for axis in self._across)
-        yield Block("gravity", tilts if self.loads else (), sd=PRIOR.tilt)
+        yield Block("gravity", tilts, sd=PRIOR.tilt)
 
     def _coupling(self) -> Block:
         """How much each joint moves with the motor of the one before it."""
-        labels = tuple((name, f"{name}.coupling", "1") for name in self.joint_names[1:])
+        names = tuple((name, f"{name}.coupling", "1") for name in self.joint_names[1:])
         turning = np.asarray(self.revolute)
         both = np.flatnonzero(turning[1:] & turning[:-1])
-        return Block(
-            "coupling",
-            labels,
-            scales=(Hyper("coupling", PRIOR.coupling, pseudo=1.0, indices=both),),
-        )
+        scale = Hyper("coupling", PRIOR.coupling, pseudo=1.0, indices=both)
+        return Block("coupling", names, scales=(scale,))
 
     @property
     def weighed(self) -> bool:
@@ -212,34 +200,16 @@ class SpatialStructure(Structure):
         if not self.weighed:
             return {"elastic": units}
         stretched = np.linalg.norm(self.chain.centres - self.chain.points[0], axis=1)
-        largest = max(
-            float(self.chain.masses @ stretched), 1e-12
-        )  # [kg m], on the first joint
-        return {
-            "elastic": Loads.of_masses(self.chain).scaled(1.0 / largest),
-            "payload": units,
-        }
-
-    @property
-    def bending(self) -> tuple[str, ...]:
-        """Blocks of elasticity: a parameter for each load."""
-        return tuple(self.loads)
-
-    def levers(self, block: str, q: Array) -> tuple[Array, Indices]:
-        """Levers (e, 3, n) of the loads of a block of elasticity, and the joints (e,) they bend."""
-        loads = self.loads[block]
-        return loads.levers(q), loads.joints
-
-    def load_slopes(self, block: str, q: Array, gravity: Array) -> Array:
-        """Derivatives (e, dof, n) of the loads by the joint values."""
-        return self.loads[block].slopes(q, gravity)
+        # [kg m], on the first joint
+        largest = max(float(self.chain.masses @ stretched), 1e-12)
+        masses = Loads.of_masses(self.chain).scaled(1.0 / largest)
+        return {"elastic": masses, "payload": units}
 
     @property
     def _across(self) -> tuple[int, int]:
         """The root frame's axes that are the least along the drawing's gravity."""
-        first, second = np.sort(
-            np.argsort(np.abs(self.gravity), kind="stable")[:2]
-        ).tolist()
+        least = np.argsort(np.abs(self.gravity), kind="stable")
+        first, second = np.sort(least[:2]).tolist()
         return first, second
 
     @cached_property
@@ -308,25 +278,25 @@ class SpatialStructure(Structure):
         frame = self.frame_groups
         if self.zeros_alone:
             return (("frame", frame), ("chain", (*frame, "offset")))
-        drawn = self.informed
-        chain = (*frame, "placement", *(("offset",) if drawn else ()))
-        bent = (*chain, "elastic", "gravity") if drawn else chain
         turning = np.asarray(self.revolute)
-        neighbours = bool((turning[1:] & turning[:-1]).any())
-        ladder = (
-            ("frame", frame, drawn),
-            ("offsets", (*frame, "offset"), drawn and self.camera),
-            ("chain", chain, True),
-            ("elastic", bent, drawn),
-            ("payload", (*bent, "payload"), drawn and self.weighed),
-            ("coupled", (*chain, "coupling"), drawn and neighbours),
-            (
-                "curves",
-                (*bent, "curve"),
-                any(self.revolute) and all(other.curves for other in self.others),
-            ),
-        )
-        return tuple((name, groups) for name, groups, wanted in ladder if wanted)
+        bends = turning.any() and all(other.curves for other in self.others)
+        if not self.informed:
+            chain = (*frame, "placement")
+            curves = (("curves", (*chain, "curve")),) if bends else ()
+            return (("chain", chain), *curves)
+        chain = (*frame, "placement", "offset")
+        bent = (*chain, "elastic", "gravity")
+        ladder = [("frame", frame)]
+        if self.camera:
+            ladder.append(("offsets", (*frame, "offset")))
+        ladder += [("chain", chain), ("elastic", bent)]
+        if self.weighed:
+            ladder.append(("payload", (*bent, "payload")))
+        if (turning[1:] & turning[:-1]).any():
+            ladder.append(("coupled", (*chain, "coupling")))
+        if bends:
+            ladder.append(("curves", (*bent, "curve")))
+        return tuple(ladder)
 
     @property
     def frame_groups(self) -> tuple[str, ...]:

@@ -1,35 +1,26 @@
-"""Structure: a chain, the sensors that see it, and the parameters of both.
+"""Structure: what a chain and its sensors predict at their parameters, and the derivatives.
 
 The fit, the gate, the bound, ``check`` and ``adapt`` know a body only through `Structure`::
 
     v_i = gain s q_i + offset + coupling q_(i-1) + curve_i(q_i) + sum_e elastic_e load_e(q)
 
 with loads ``load_e = gravity . lever_e(q)``.
-
-A vector of parameters ``beta`` (d,) always has the full layout: a block that a model does not use
-(a lens, the joint curves) is there with its neutral value.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property, partial
-from itertools import product
-from typing import Any, ClassVar, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from ..arm.spatial_chain import Motion, move
 from ..common.arrays import Array
-from ..errors import OptionError
 from .curves import HARMONICS, curve_slope, curve_value, waves_of
-from .parameters import Block, Gaussian, Hyper, Indices, Label, Prior
-from .sensors import Sensor
-from .views import ArmSize, Measurement, Moved, Placed, Scene, Sight, compose
-
-Ladder = tuple[tuple[str, tuple[str, ...]], ...]
-"""The gate's members from simple to rich: a name and the blocks that it frees."""
+from .layout import Layout
+from .parameters import Gaussian, Indices
+from .views import Moved, Placed, Scene, Sight, compose
 
 Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
 """Parameters of a chain's geometry, and how the tip moves with each of them."""
@@ -37,6 +28,20 @@ Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
 _BELIEFS = 8  # whose constants are remembered
 
 S = TypeVar("S", bound="Structure")
+
+
+class BendingLoads(Protocol):
+    """Loads that bend joints: ``load_e = gravity . lever_e(q)``."""
+
+    @property
+    def joints(self) -> Indices:
+        """The joints (e,) that they bend."""
+
+    def levers(self, q: Array) -> Array:
+        """Levers (e, g, n) at joint values (n, dof)."""
+
+    def slopes(self, q: Array, gravity: Array) -> Array:
+        """Derivatives (e, dof, n) of the loads by the joint values."""
 
 
 class Fixed(NamedTuple):
@@ -55,167 +60,19 @@ class Fixed(NamedTuple):
     placed: Placed  # the sensor
 
 
-class Structure:
+class Structure(Layout):
     """A chain and what a sensor measures of it.
 
     ``n`` rows, ``dof`` joints, ``m`` outputs, ``d`` parameters, ``c`` joints of the chain.  Joint
     values are in rad or m as they are logged; positions in the structure's own unit.
     """
 
-    # ``"planar"`` or ``"spatial"``: how a model file finds the class again
-    kind: ClassVar[str]
-    # rows that the gate and the evidence use; the rest enters the final step
-    gate_rows: ClassVar[int]
-    # wider hyperprior of the curves for a second fit: pseudo-observations, rms [rad]
-    wide: ClassVar[tuple[float, float]]
-    # rows below which held-out errors scale the second fit's spread
-    few_rows: ClassVar[int]
-    joint_names: tuple[str, ...]  # names of the joints, base to tip
-    chain_names: tuple[str, ...]  # names of all joints (c,) of the chain
-    revolute: tuple[bool, ...]  # which joints turn; the others slide
-    simulated: bool  # whether the rows are samples of a simulation
-    # whether the geometry is as drawn, and only joints' zeros are not
-    zeros_alone: bool
-    sensors: tuple[Sensor, ...]  # all that see the arm
-    others: tuple[Measurement, ...]  # what else is measured of it: touches, corners
-    place: int  # which of both it sees as
-
-    @property
-    def dof(self) -> int:
-        """Number of joints."""
-        return len(self.joint_names)
-
-    # What it is seen by.
-
-    @property
-    def viewpoint(self) -> Sensor:
-        """The sensor that it sees as, or beside which it measures something else."""
-        beside = self.place >= len(self.sensors)
-        return self.sensors[0 if beside else self.place]
-
-    @property
-    def measurement(self) -> Measurement:
-        """What it sees as."""
-        return (*self.sensors, *self.others)[self.place]
-
-    @property
-    def view(self) -> str:
-        """Name of its sensor's view, one of :data:`calib.body.views.PLANAR` or `SPATIAL`."""
-        return self.viewpoint.view
-
-    @property
-    def unit(self) -> str:
-        """Unit of positions."""
-        return self.viewpoint.unit
-
-    @property
-    def metre(self) -> float:
-        """Units of positions in one metre."""
-        return self.viewpoint.metre
-
-    @property
-    def extent(self) -> float:
-        """Size of the workspace along an output [unit]."""
-        return self.viewpoint.extent
-
-    @property
-    def outputs(self) -> int:
-        """Number m of outputs: 2 in the plane or pixels, 3 in space, 6 with orientation."""
-        return self.measurement.outputs
-
-    @property
-    def blocks(self) -> tuple[int, ...]:
-        """Sizes of the outputs that share a unit and a noise: ``(2,)``, ``(3,)``, ``(3, 3)``."""
-        return (3, 3) if self.outputs == 6 else (self.outputs,)
-
-    @property
-    def extents(self) -> Array:
-        """Size (m,) of the workspace along the outputs [unit]; 1 rad for rotations."""
-        return np.where(np.arange(self.outputs) < 3, self.extent, 1.0)
-
-    @property
-    def tool(self) -> Hyper | None:
-        """What is known of the tool; one sensor that measures lengths is enough to tell it."""
-        for other in self.others:
-            if other.tool is not None:
-                return other.tool
-        tools = [sensor.tool for sensor in self.sensors]
-        return None if None in tools else tools[0]
-
-    @property
-    def other_groups(self) -> tuple[str, ...]:
-        """Blocks of further sensors and measurements that every member of the gate fits."""
-        groups: list[str] = []
-        for place, sensor in enumerate(self.sensors):
-            prefix = "" if sensor is self.viewpoint else f"{sensor.name}."
-            if prefix:
-                groups += [prefix + block for block in sensor.frame]
-            if place and sensor.marked:
-                groups.append(f"{prefix}marker")
-        for other in self.others:
-            groups += other.free
-        return tuple(groups)
-
-    def changed(self, **fields: Any) -> Self:
-        """Return the structure with other values of its fields."""
-        return replace(self, **fields)  # type: ignore[type-var]
-
-    def with_sensor(self, **fields: Any) -> Self:
-        """Return the structure with other values of its sensor's fields: view, unit, ..."""
-        sensors = list(self.sensors)
-        sensors[sensors.index(self.viewpoint)] = replace(self.viewpoint, **fields)
-        return self.changed(sensors=tuple(sensors))
-
-    def as_seen_by(self, sensor: str | Measurement | None) -> Self:
-        """Return the structure as one of its sensors, by name, or of its measurements sees it.
-
-        None is the only sensor.
-        """
-        place = self.place
-        if isinstance(sensor, str):
-            names = [sight.name for sight in self.sensors]
-            if sensor not in names:
-                choices = ", ".join(names)
-                raise OptionError(f"sensor {sensor!r}: expected one of {choices}")
-            place = names.index(sensor)
-        elif sensor is not None:
-            place = len(self.sensors) + self.others.index(sensor)
-        elif self.others:
-            place = 0
-        return self if place == self.place else self.changed(place=place)
-
     # What the kinds of chains give.
-
-    @property
-    def arm_size(self) -> ArmSize:
-        """What the prior of a sensor rests on."""
-        raise NotImplementedError
-
-    @property
-    def reversals(self) -> int:
-        """How many joints turn against their drawing, and whether the sensor sees a mirror."""
-        return 0
 
     @property
     def directions(self) -> tuple[int, ...]:
         """How each joint (dof,) moves with its log, 1 or -1."""
         return (1,) * self.dof
-
-    def guard(self, block: str) -> Array | None:  # noqa: ARG002
-        """Prior sds of a block in the second fit, None where they are the first one's."""
-        return None
-
-    def undrawn(self) -> Structure | None:
-        """The structure without a drawing that rows may contradict, None where it needs one."""
-        return None
-
-    def geometry(self) -> Sequence[Block]:
-        """Blocks of the chain's geometry and of its joints."""
-        raise NotImplementedError
-
-    def members(self) -> Ladder:
-        """The gate's members from simple to rich."""
-        raise NotImplementedError
 
     def links(self, beta: Array) -> Any:
         """What `move` needs of the parameters."""
@@ -226,9 +83,9 @@ class Structure:
         raise NotImplementedError
 
     @property
-    def bending(self) -> tuple[str, ...]:
-        """Blocks of elasticity: a parameter for each load."""
-        return ("elastic",)
+    def loads(self) -> Mapping[str, BendingLoads]:
+        """What bends the joints, by the block of elasticity that has a parameter for each."""
+        raise NotImplementedError
 
     @property
     def tilts(self) -> Mapping[str, Array]:
@@ -238,102 +95,6 @@ class Structure:
     def gravity_at(self, beta: Array) -> Array:  # noqa: ARG002
         """What (g,) loads are of their levers, at parameters (d,)."""
         return np.ones(1)
-
-    def levers(self, block: str, q: Array) -> tuple[Array, Indices]:
-        """Levers (e, g, n) of the loads of a block of elasticity, and the joints (e,) they bend."""
-        raise NotImplementedError
-
-    def load_slopes(self, block: str, q: Array, gravity: Array) -> Array:
-        """Derivatives (e, dof, n) of the loads by the joint values."""
-        raise NotImplementedError
-
-    # Parameters.
-
-    @cached_property
-    def layout(self) -> tuple[Block, ...]:
-        """The blocks of the sensors, the geometry and the joints."""
-        arm = self.arm_size
-        blocks: list[Block] = []
-        for place, sensor in enumerate(self.sensors):
-            for block in sensor.named_parameters(arm, further=place > 0):
-                if sensor is self.viewpoint:
-                    blocks.append(block)
-                else:
-                    blocks.append(replace(block, name=f"{sensor.name}.{block.name}"))
-        for other in self.others:
-            blocks += other.parameters(arm)
-        return (*blocks, *self.geometry())
-
-    @cached_property
-    def labels(self) -> tuple[Label, ...]:
-        """What each parameter (d,) is."""
-        return tuple(
-            Label(block.name, *part) for block in self.layout for part in block.parts
-        )
-
-    @cached_property
-    def groups(self) -> Mapping[str, Indices]:
-        """Indices of the parameters of each block, by its name."""
-        groups: dict[str, Indices] = {}
-        start = 0
-        for block in self.layout:
-            end = start + len(block.parts)
-            groups[block.name] = np.arange(start, end)
-            start = end
-        return groups
-
-    @property
-    def size(self) -> int:
-        """Number d of parameters."""
-        return len(self.labels)
-
-    def neutral(self) -> Array:
-        """Parameters (d,) at the mean of the prior."""
-        out = np.empty(self.size)
-        for block in self.layout:
-            out[self.groups[block.name]] = block.mean
-        return out
-
-    def prior(self, free: Sequence[str]) -> Prior:
-        """Prior that frees the blocks of `free`; ``"curve"`` stands for all joints' curves."""
-        sd = np.zeros(self.size)
-        hypers: list[Hyper] = []
-        for block in self.layout:
-            is_curve = block.name.startswith("curve.") and "curve" in free
-            if block.name not in free and not is_curve:
-                continue
-            indices = self.groups[block.name]
-            sd[indices] = block.sd
-            for hyper in block.scales:
-                some = indices[hyper.indices]
-                shape = np.broadcast_to(hyper.shape, some.shape)
-                sd[some] = hyper.scale * np.sqrt(shape)
-                if len(some):
-                    hypers.append(hyper._replace(indices=some, shape=shape))
-        return Prior(self.neutral(), sd, tuple(hypers))
-
-    def of_joints(self, what: str, *units: str) -> tuple[tuple[str, str, str], ...]:
-        """One parameter of each joint, in a unit that all share or each has."""
-        every = units * self.dof if len(units) == 1 else units
-        pairs = zip(self.joint_names, every, strict=True)
-        return tuple((name, f"{name}.{what}", unit) for name, unit in pairs)
-
-    def curves(self, rms: float, pseudo: float, shape: Array) -> Iterator[Block]:
-        """Blocks of the joints' error curves, of an rms [rad] that the evidence moves."""
-        rms_of_wave = rms / np.sqrt(2 * HARMONICS)
-        waves = [*product(("cos", "sin"), range(1, HARMONICS + 1))]
-        for k, (joint, turns) in enumerate(
-            zip(self.joint_names, self.revolute, strict=True)
-        ):
-            name = f"curve.{k}"
-            if not turns:
-                yield Block(name, ())
-                continue
-            parts = tuple(
-                (joint, f"{joint}.curve {wave} {order}", "rad") for wave, order in waves
-            )
-            scale = Hyper(name, rms_of_wave, pseudo=pseudo, shape=shape)
-            yield Block(name, parts, scales=(scale,))
 
     # Predictions.
 
@@ -357,9 +118,9 @@ class Structure:
         fixed = self.fixed(beta)
         out = np.zeros((len(self.chain_names), len(q)))
         for block, elastic in fixed.elastic.items():
-            levers, joints = self._levers(block, q)
-            bends = elastic[:, None] * loads_of(levers, fixed.gravity)
-            for joint, bend in zip(joints.tolist(), bends, strict=True):
+            bends = elastic[:, None] * loads_of(self._levers(block, q), fixed.gravity)
+            joints = self.loads[block].joints.tolist()
+            for joint, bend in zip(joints, bends, strict=True):
                 out[joint] += bend
         return out
 
@@ -381,7 +142,7 @@ class Structure:
         return {}
 
     @cached_property
-    def _last_levers(self) -> dict[str, tuple[Array, tuple[Array, Indices]]]:
+    def _last_levers(self) -> dict[str, tuple[Array, Array]]:
         """The last rows of each block of elasticity, and their levers."""
         return {}
 
@@ -404,7 +165,7 @@ class Structure:
             bent=bent,
             curves=curves,
             coupling=coupling[:, None] if coupling.any() else None,
-            elastic={name: blocks[name] for name in self.bending if blocks[name].any()},
+            elastic={name: blocks[name] for name in self.loads if blocks[name].any()},
             gravity=self.gravity_at(beta),
             links=self.links(beta),
             blocks=blocks,
@@ -423,11 +184,11 @@ class Structure:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
         return chained
 
-    def _levers(self, block: str, q: Array) -> tuple[Array, Indices]:
-        """Levers of rows, remembered: a fit asks for the same again."""
+    def _levers(self, block: str, q: Array) -> Array:
+        """Levers (e, g, n) of rows, remembered: a fit asks for the same again."""
         rows, levers = self._last_levers.get(block, (None, None))
         if levers is None or rows is not q:
-            levers = self.levers(block, q[:, : self.dof])
+            levers = self.loads[block].levers(q[:, : self.dof])
             self._last_levers[block] = (q, levers)
         return levers
 
@@ -501,10 +262,10 @@ class Structure:
         led = self.led(chained)
 
         def by_loads(block: str) -> Array:
-            levers, bent = self._levers(block, q)
-            return np.asarray(chained[bent] * loads_of(levers, fixed.gravity)[:, None])
+            loads = loads_of(self._levers(block, q), fixed.gravity)
+            return np.asarray(chained[self.loads[block].joints] * loads[:, None])
 
-        for block in self.bending:
+        for block in self.loads:
             yield groups[block], partial(by_loads, block)
         for block, ways in self.tilts.items():
             yield groups[block], partial(self._by_gravity, q, fixed, chained, ways)
@@ -535,37 +296,25 @@ class Structure:
         if fixed.coupling is not None:
             moved[:-1] += led[1:] * fixed.coupling[:, None]
         for block, elastic in fixed.elastic.items():
-            slopes = self.load_slopes(block, joints, fixed.gravity)
-            bent = self._levers(block, q)[1]
-            slopes = elastic[:, None, None] * slopes
-            moved += np.einsum("emn,ekn->kmn", chained[bent], slopes)
+            loads = self.loads[block]
+            slopes = elastic[:, None, None] * loads.slopes(joints, fixed.gravity)
+            moved += np.einsum("emn,ekn->kmn", chained[loads.joints], slopes)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))
 
     def _by_gravity(self, q: Array, fixed: Fixed, chained: Array, ways: Array) -> Array:
         """How outputs move (t, m, n) as gravity moves along `ways` (t, g)."""
         moved = np.zeros((len(ways), *chained.shape[1:]))
         for block, elastic in fixed.elastic.items():
-            levers, bent = self._levers(block, q)
+            levers = self._levers(block, q)
+            bent = chained[self.loads[block].joints]
             for way, out in zip(ways, moved, strict=True):
                 bends = elastic[:, None] * loads_of(levers, way)
-                out += (chained[bent] * bends[:, None]).sum(axis=0)
+                out += (bent * bends[:, None]).sum(axis=0)
         return moved
 
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""
         return self.predict_and_slope(q, beta)[1]
-
-
-def joined(structures: Mapping[str, S]) -> S:
-    """Return the first structure with the sensors of all, which are of one chain, by name."""
-    first, *further = structures.values()
-    if any(type(structure) is not type(first) for structure in further):
-        raise OptionError("one sensor sees a planar arm, another one an arm in space")
-    sensors = tuple(
-        replace(structure.viewpoint, name=name)
-        for name, structure in structures.items()
-    )
-    return first.changed(sensors=sensors)
 
 
 def _pushed(sight: Sight, moved: Callable[[], Moved]) -> Array:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -18,44 +17,6 @@ LEAST_BEND = 5e-6
 """Largest bend [rad] of a joint that is not told."""
 
 _DIGITS_OF_GAIN = 8  # a gain is not shown with more decimals
-
-
-@dataclass(frozen=True)
-class _Kind:
-    """Parameters of one kind of a joint, and their values."""
-
-    group: str  # the block that they are of
-    unit: str
-    values: Array
-    away: Array  # from the prior's mean
-    half: Array  # half widths of 95 % intervals
-
-    @property
-    def size(self) -> float:
-        """Length of their deviation."""
-        return float(np.linalg.norm(self.away))
-
-    @property
-    def width(self) -> float:
-        """Root mean square of the intervals' half widths."""
-        return float(np.sqrt((self.half**2).mean()))
-
-    def words(self) -> str:
-        """Return what it says of the joint."""
-        if self.group == "offset":
-            if self.unit == "rad" and self.width >= np.pi:
-                return "offset not told apart from the tool's turn"
-            return _interval(float(self.away[0]), self.width, self.unit, "+")
-        if self.group == "gain":
-            digits = min(_digits(self.width), _DIGITS_OF_GAIN)
-            return f"gain {self.values[0]:.{digits}f}"
-        if self.group == "coupling":
-            moved = _interval(1e3 * float(self.values[0]), 1e3 * self.width, "1", "+")
-            return f"moves by {moved} mrad for each rad of the joint before it"
-        if self.group == "length":
-            return f"length {_interval(float(self.values[0]), self.width, self.unit)}"
-        verb = "origin moved" if self.unit == "m" else "turned"
-        return f"{verb} {_interval(self.size, self.width, self.unit)}"
 
 
 def words_of(
@@ -80,51 +41,53 @@ def words_of(
 
 def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
     """What each joint has of its own, `half` (d,) half widths of intervals."""
-    directions = dict(zip(structure.joint_names, structure.directions, strict=True))
-    curves: list[str] = []
-    for joint, kinds in _kinds_of_joints(structure, beta, half).items():
-        words: list[str] = []
-        for kind in kinds:
-            if kind.group == "curve":
-                rms = 1e3 * kind.size / np.sqrt(2)
-                curves.append(f"joint curve of {joint} {rms:.2f} mrad rms")
-            else:
-                words.append(kind.words())
-        if directions.get(joint, 1) < 0:
-            words.append("turns against its log")
-        if words:
-            yield f"{joint}: {', '.join(words)}"
-    yield from curves
-
-
-def _kinds_of_joints(
-    structure: Structure, beta: Array, half: Array
-) -> Mapping[str, list[_Kind]]:
-    """Fitted parameters by joint, those of one kind together."""
-    indices: dict[str, dict[tuple[str, str], list[int]]] = defaultdict(
-        lambda: defaultdict(list)
-    )
-    for index, label in enumerate(structure.labels):
-        if label.joint is not None and half[index] > 0:
-            group = label.group.partition(".")[0]
-            if group in structure.bending:
-                continue
-            indices[label.joint][group, label.unit].append(index)
     away = beta - structure.neutral()
-    return {
-        joint: [
-            _Kind(group, unit, beta[some], away[some], half[some])
-            for (group, unit), some in groups.items()
-        ]
-        for joint, groups in indices.items()
-    }
+    kinds: dict[tuple[str, str, str], list[int]] = defaultdict(list)
+    for index in np.flatnonzero(half).tolist():
+        label = structure.labels[index]
+        group = label.group.partition(".")[0]
+        if label.joint is not None and group not in structure.loads:
+            kinds[label.joint, group, label.unit].append(index)
+    words: dict[str, list[str]] = defaultdict(list)
+    curves: list[str] = []
+    for (joint, group, unit), indices in kinds.items():
+        size = float(np.linalg.norm(away[indices]))
+        if group == "curve":
+            rms = 1e3 * size / np.sqrt(2)
+            curves.append(f"joint curve of {joint} {rms:.2f} mrad rms")
+            continue
+        width = float(np.sqrt((half[indices] ** 2).mean()))
+        value = float(beta[indices[0]])
+        if group == "offset":
+            text = _interval(float(away[indices[0]]), width, unit, "+")
+            if unit == "rad" and width >= np.pi:
+                text = "offset not told apart from the tool's turn"
+        elif group == "gain":
+            digits = min(_digits(width), _DIGITS_OF_GAIN)
+            text = f"gain {value:.{digits}f}"
+        elif group == "coupling":
+            moved = _interval(1e3 * value, 1e3 * width, "1", "+")
+            text = f"moves by {moved} mrad for each rad of the joint before it"
+        elif group == "length":
+            text = f"length {_interval(value, width, unit)}"
+        else:
+            verb = "origin moved" if unit == "m" else "turned"
+            text = f"{verb} {_interval(size, width, unit)}"
+        words[joint].append(text)
+    directions = dict(zip(structure.joint_names, structure.directions, strict=True))
+    for joint in dict.fromkeys(joint for joint, _, _ in kinds):
+        if directions.get(joint, 1) < 0:
+            words[joint].append("turns against its log")
+        if words[joint]:
+            yield f"{joint}: {', '.join(words[joint])}"
+    yield from curves
 
 
 def _of_gravity(
     structure: Structure, beta: Array, half: Array, postures: Array
 ) -> Iterator[str]:
     """How far loads bend the joints at most, and where gravity points, if the drawing errs."""
-    fitted = [index for block in structure.bending for index in structure.groups[block]]
+    fitted = [index for block in structure.loads for index in structure.groups[block]]
     if not half[fitted].any():
         return
     largest = np.abs(structure.bends(postures, beta)).max(axis=1)

@@ -100,12 +100,17 @@ class _Best:
 
     def likely(self, owner: Index, start: Array) -> Mask:
         """Which starts (k, dof) may lead to joints that are nearer than the best."""
-        away = self.newton.away(start, self.near[owner])
-        if not self.newton.redundant:
-            return np.ones(len(owner), dtype=bool)
+        newton = self.newton
+        away = newton.away(start, self.near[owner])
+        best = newton.away(self.u, self.near)
         first = np.full(len(self.u), np.inf)
         np.minimum.at(first, owner, away)
-        return np.asarray(away <= first[owner] + SEARCH.surely)
+        met = newton.met(self.miss)
+        other = newton.away(start, self.u[owner]) >= 0.5 * SEARCH.margin
+        nearer = other & (away <= best[owner] + SEARCH.margin)
+        if newton.redundant:  # each slide takes long
+            return np.where(met[owner], nearer, away <= first[owner] + SEARCH.surely)
+        return nearer | ~met[owner]
 
     def improve(self, owner: Index, start: Array) -> None:
         """Replace joints by better ones that starts (k, dof) for targets (k,) lead to.

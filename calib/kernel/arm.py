@@ -35,7 +35,7 @@ class Sag:
         """That of an arm in space at parameters (d,); None where the drawing has no loads."""
         blocks = [
             name
-            for name in structure.bending
+            for name in structure.loads
             if name == "elastic" or beta[structure.groups[name]].any()
         ]
         if not len(structure.groups["elastic"]):
@@ -200,7 +200,9 @@ def _planar(structure: Any, beta: Array) -> KernelArm:
     )
     flex = np.zeros((2, dof, dof))
     for (i, k), pair in zip(
-        structure.pairs, beta[groups["elastic"]].reshape(-1, 2), strict=True
+        structure.loads["elastic"].pairs,
+        beta[groups["elastic"]].reshape(-1, 2),
+        strict=True,
     ):
         flex[:, i, k] = pair
     sensor = structure.sensor(beta)

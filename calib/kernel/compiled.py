@@ -108,7 +108,7 @@ class Compiled:
             "model_bounds": ((), ()),
             "pose": ((), (7,)),
             "inverse": (place, (dof,)),
-            "inverse_pose": ((3, 4), (dof,)),
+            "inverse_pose": ((3, 4, 1), (dof,)),  # and the free axis, or -1
             "correct": ((), (1, dof)),
         }
         self.poses = self.has("pose")  # whether it knows poses in space

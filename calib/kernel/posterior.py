@@ -1,14 +1,13 @@
 """The posterior of an arm of more than three joints, small enough to be asked one row at a time.
 
-Kept are the covariance of the geometry, of each joint's curve by itself (one function of the
+It holds the covariance of the geometry, of each joint's curve by itself (one function of the
 joint's value), and of what couples them the directions that move positions most.  Parameters are
-told through what they move (`KernelArm.derivatives`), so that any body has the same form.
+described by what they move (`KernelArm.derivatives`), so that any body has the same form.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -16,26 +15,70 @@ from ..body.belief import Body, Second
 from ..body.covariance import radius_95, root_of
 from ..body.curves import HARMONICS, waves_of
 from ..body.settings import SHARED
-from ..common.arrays import Array
+from ..common.arrays import Array, Index, Mask
 from ..errors import OptionError
 from .arm import KernelArm
 
-# directions that are kept of what couples curves with each other and with the geometry: on a UR10
-# the bound is within a thirtieth of that of the whole
-_WAYS = 32
-_ASKED = 400  # joint values by whose positions directions are compared
-_TOLD = 1e-6  # of what a parameter moves: more that no part of the arm moves is a parameter of ours
-_STILL = 1e-10  # of the largest motion: what moves less moves nothing
-_CHUNK = 64  # rows at a time: a BLAS splits larger products over threads, which round otherwise
+
+@dataclass(frozen=True)
+class CompactSettings:
+    """How much of a posterior stays."""
+
+    # directions of what couples curves with each other and with the geometry: on a UR10 the bound
+    # is within a thirtieth of that of the whole
+    ways: int = 32
+    rows: int = 400  # joint values by whose positions directions are compared
+    unexplained: float = 1e-6  # of what parameters move: more is no part of an arm
+    still: float = 1e-10  # of the largest motion: what moves less moves nothing
+    # of the largest motion: how far beliefs are apart is not told by what is less, which would
+    # be differences of large numbers
+    apart: float = 1e-6
+    chunk: int = 64  # rows at a time: a BLAS splits larger products over threads
+
+
+COMPACT = CompactSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """What every part of an arm that may be off moves, at some joint values."""
+
+    columns: Array  # (rows, D), of length one
+    size: Array  # (D,), by which they were divided
+
+    @staticmethod
+    def of(arm: KernelArm, q: Array, outputs: int) -> Basis:
+        """The basis of an arm at joint values (n, dof)."""
+        moves = np.moveaxis(arm.derivatives(q)[0], 2, 0)  # (n, D, m)
+        columns = np.swapaxes(moves, 1, 2).reshape(len(q) * outputs, -1)
+        size = np.linalg.norm(columns, axis=0)
+        # such as the load of a joint that stands upright
+        still = size < COMPACT.still * size.max()
+        columns[:, still] = 0.0
+        size[still] = 1.0
+        return Basis(columns / size, size)
+
+    def amounts(self, moves: Array, least: float = 1e-12) -> Array:
+        """Amounts (D, k) of the basis that make moves (rows, k)."""
+        amounts = np.linalg.lstsq(self.columns, moves, rcond=least)[0]
+        return np.asarray(amounts / self.size[:, None])
+
+    def explains(self, moves: Array, amounts: Array) -> bool:
+        """Whether amounts (D, k) make moves (rows, k)."""
+        rest = self.columns @ (amounts * self.size[:, None]) - moves
+        largest = np.linalg.norm(moves, axis=0).max()
+        return bool(
+            (np.linalg.norm(rest, axis=0) <= COMPACT.unexplained * largest).all()
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class CompactPosterior:
-    """What the C source keeps of a body's beliefs, b of them."""
+    """What the C source has of a body's beliefs, b of them."""
 
     arm: KernelArm
     root: Array  # (b, D, r), root of the geometry's covariance
-    own: Array  # (b, dof, 193), variance of each curve as a trigonometric polynomial
+    alone: Array  # (b, dof, 193), variance of each curve as a trigonometric polynomial
     # (b, D, w) and (b, dof, 96, w), coupled directions; the last is by how much beliefs are apart
     coupled: Array
     waved: Array
@@ -51,152 +94,175 @@ class CompactPosterior:
         Raises OptionError if a parameter moves positions as no part of an arm does.
         """
         structure = body.structure
-        arm = KernelArm.of(body.structure, body.beta)
-        q = np.random.default_rng(0).uniform(lower, upper, (_ASKED, structure.dof))
+        arm = KernelArm.of(structure, body.beta)
+        shape = COMPACT.rows, structure.dof
+        q = np.random.default_rng(0).uniform(lower, upper, shape)
+        outputs = structure.blocks[0]
+        beliefs: list[Body | Second] = [body]
+        if body.second is not None:
+            beliefs.append(body.second)
+        uncertain = np.zeros(structure.size, dtype=bool)
+        for belief in beliefs:
+            uncertain[belief.active] = True
+        slope = structure.linearise(q, body.beta)[1][:, :outputs]
+        slope[:, :, ~uncertain] = 0.0
         curves = [
             np.asarray(structure.groups[f"curve.{k}"], int)
             for k in range(structure.dof)
         ]
-        told = np.ones(structure.size, dtype=bool)  # of the geometry, not of a curve
-        told[np.concatenate(curves)] = False
-        seen = structure.blocks[0]
-        beliefs: list[Any] = [body] if body.second is None else [body, body.second]
-        active = beliefs[-1].active
-        slope = structure.linearise(q, body.beta)[1][:, :seen]
-        # what no belief is over moves nothing
-        fixed = np.ones(structure.size, dtype=bool)
-        for belief in beliefs:
-            fixed[belief.active] = False
-        slope[:, :, fixed] = 0.0
-        basis = (
-            np.moveaxis(arm.derivatives(q)[0], 2, 0)
-            .swapaxes(1, 2)
-            .reshape(_ASKED * seen, -1)
-        )
-        rows = slope[:, :, told].reshape(_ASKED * seen, -1)
-        size = np.linalg.norm(basis, axis=0)
-        still = (
-            size < _STILL * size.max()
-        )  # such as the load of a joint that stands upright
-        basis[:, still], size[still] = 0.0, 1.0
-        basis = basis / size
-        through = np.linalg.lstsq(basis, rows, rcond=1e-12)[0]
-        apart = np.linalg.norm(basis @ through - rows, axis=0)
-        if (apart > _TOLD * np.linalg.norm(rows, axis=0).max()).any():
+        geometric = np.ones(structure.size, dtype=bool)
+        geometric[np.concatenate(curves)] = False
+        basis = Basis.of(arm, q, outputs)
+        moves = slope.reshape(-1, structure.size)
+        through = basis.amounts(moves[:, geometric])
+        if not basis.explains(moves[:, geometric], through):
             raise OptionError(
                 "the body has a parameter that the C source does not know"
             )
-        through /= size[:, None]
-        values, vectors = np.linalg.eigh(np.einsum("nma,nmb->ab", slope, slope))
-        scales = vectors, np.sqrt(np.maximum(values, 1e-14 * values[-1]))
-        ways = _WAYS if not told[active].all() else 0
+        strength, vectors = np.linalg.eigh(moves.T @ moves)
+        weight = np.sqrt(np.maximum(strength, 1e-14 * strength[-1]))
+        bent = not geometric[beliefs[-1].active].all()
+        compactor = _Compactor(
+            beta=body.beta,
+            geometric=geometric,
+            through=through,
+            curves=curves,
+            vectors=vectors,
+            weight=weight,
+            ways=COMPACT.ways if bent else 0,
+        )
         parts = []
         for belief in beliefs:
-            # what it predicts apart from the first, its curves left out, in amounts of what moves
-            other = np.where(told, belief.beta, body.beta)
+            other = np.where(geometric, belief.beta, body.beta)
             gap = structure.predict(q, other) - structure.predict(q, body.beta)
-            off = np.linalg.lstsq(basis, gap[:, :seen].ravel(), rcond=1e-12)[0] / size
-            parts.append(
-                _compact(belief, body.beta, told, through, curves, ways, scales, off)
-            )
-        rank = max(part[0].shape[1] for part in parts)
-        root = np.stack(
-            [np.pad(p[0], ((0, 0), (0, rank - p[0].shape[1]))) for p in parts]
-        )
-        alone, coupled, waved, gains = (
-            np.stack([part[k] for part in parts]) for k in range(1, 5)
-        )
+            apart = basis.amounts(gap[:, :outputs].reshape(-1, 1), COMPACT.apart)
+            parts.append(compactor.compact(belief, apart[:, 0]))
+        rank = max(part.root.shape[1] for part in parts)
+        roots = [
+            np.pad(part.root, ((0, 0), (0, rank - part.root.shape[1])))
+            for part in parts
+        ]
         # as in `Body.bound`: the first belief is inflated, the second not
         scale = np.array([(body.kappa, SHARED**2), (1.0, 1.0)][: len(parts)])
-        # the C source has them in single precision, and both have to give the same answers
-        root, alone, coupled, waved = (
-            part.astype(np.float32).astype(float)
-            for part in (root, alone, coupled, waved)
-        )
         model = body.unexplained(noise=False)
-        extra = model, body.unexplained(noise=True) - model
-        return CompactPosterior(arm, root, alone, coupled, waved, gains, scale, *extra)
+        return CompactPosterior(
+            arm,
+            _single_precision(roots),
+            _single_precision([part.alone for part in parts]),
+            _single_precision([part.coupled for part in parts]),
+            _single_precision([part.waved for part in parts]),
+            np.stack([part.gains for part in parts]),
+            scale,
+            model,
+            body.unexplained(noise=True) - model,
+        )
 
     def bound(self, q: Array, *, noise: bool) -> Array:
         """95 % bounds (n,) on positions at joint values (n, dof), as `Body.bound`."""
-        parts = [
-            self._bound(q[i : i + _CHUNK], noise) for i in range(0, len(q), _CHUNK)
-        ]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        starts = range(0, len(q), COMPACT.chunk)
+        parts = [self._bound(q[i : i + COMPACT.chunk], noise=noise) for i in starts]
+        return np.concatenate([np.zeros(0), *parts])
 
-    def _bound(self, q: Array, noise: bool) -> Array:
-        geometry, own = (
-            part.transpose(2, 1, 0).copy() for part in self.arm.derivatives(q)
-        )
+    def _bound(self, q: Array, *, noise: bool) -> Array:
+        by_geometry, by_joints = self.arm.derivatives(q)
+        geometry = by_geometry.transpose(2, 1, 0).copy()  # (n, m, D)
+        joints = by_joints.transpose(2, 1, 0).copy()  # (n, m, dof)
         extra = np.diag(self.residual + (self.noise if noise else 0.0))
-        turn = np.exp(1j * q.T[:, None] * np.arange(1, 2 * HARMONICS + 1)[:, None])
-        waves = np.concatenate(
-            [turn[:, :HARMONICS].real, turn[:, :HARMONICS].imag], axis=1
-        )
-        out = np.zeros(len(q))
+        orders = np.arange(1, 2 * HARMONICS + 1)[:, None]
+        turn = np.exp(1j * q.T[:, None] * orders)  # (dof, 96, n)
+        first = turn[:, :HARMONICS]
+        waves = np.concatenate([first.real, first.imag], axis=1)
+        bound = np.zeros(len(q))
         for b, (factor, share) in enumerate(self.scale):
             y = geometry @ self.root[b]
             z = geometry @ self.coupled[b]
             spread = y @ np.swapaxes(y, 1, 2)
             if self.waved.any():
-                size = self.own[b, :, :1] + np.einsum(
-                    "kh,khn->kn", self.own[b, :, 1::2], turn.real
-                )
-                size = size + np.einsum("kh,khn->kn", self.own[b, :, 2::2], turn.imag)
-                spread += (own * size.T[:, None]) @ np.swapaxes(own, 1, 2)
-                z += own @ np.swapaxes(np.swapaxes(waves, 1, 2) @ self.waved[b], 0, 1)
-            kept = z[:, :, :-1]
-            spread += (kept * self.gains[b]) @ np.swapaxes(kept, 1, 2)
+                terms = self.alone[b]
+                size = terms[:, :1] + np.einsum("kh,khn->kn", terms[:, 1::2], turn.real)
+                size += np.einsum("kh,khn->kn", terms[:, 2::2], turn.imag)
+                spread += (joints * size.T[:, None]) @ np.swapaxes(joints, 1, 2)
+                along = np.swapaxes(waves, 1, 2) @ self.waved[b]  # (dof, n, w)
+                z += joints @ np.swapaxes(along, 0, 1)
+            coupled = z[:, :, :-1]
+            spread += (coupled * self.gains[b]) @ np.swapaxes(coupled, 1, 2)
             apart = np.linalg.norm(z[:, :, -1], axis=1)
-            out = np.maximum(out, apart + factor * radius_95(share * spread + extra))
-        return out
+            radius = factor * radius_95(share * spread + extra)
+            bound = np.maximum(bound, apart + radius)
+        return bound
 
 
-def _compact(
-    belief: Body | Second,
-    beta: Array,
-    told: Array,
-    through: Array,
-    curves: list[Any],
-    ways: int,
-    scales: tuple[Array, Array],
-    apart: Array,
-) -> tuple[Array, Array, Array, Array, Array]:
-    """Root of the geometry, the curves' own terms, coupled directions, their waves and signs."""
-    # directions are chosen where positions move most: vectors (d, d) of parameters times (d,); what
-    # a belief predicts `apart` from `beta` is the last of them, to first order
-    size, dof, (vectors, weight) = len(beta), len(curves), scales
-    bent = [k for k, curve in enumerate(curves) if len(curve)]
-    covariance = np.zeros((size, size))
-    covariance[np.ix_(belief.active, belief.active)] = belief.covariance
-    geometry = np.ix_(told, told)
-    # a sum of squares stays positive in single precision, which the covariance itself does not
-    root = through @ root_of(covariance[geometry])
-    strength, kept = np.linalg.eigh(root.T @ root)
-    root = root @ kept[:, strength > 1e-20 * max(strength[-1], 1e-300)]
-    remaining = covariance.copy()
-    remaining[geometry] = 0.0
-    own = np.zeros((dof, 4 * HARMONICS + 1))
-    # of a curve by itself the variance is a trigonometric polynomial, sampled at enough places
-    turn: Array = np.linspace(0.0, 2 * np.pi, 8 * HARMONICS, endpoint=False)
-    waves = waves_of(turn).T
-    for k in bent:
-        block = np.ix_(curves[k], curves[k])
-        terms = np.fft.rfft(((waves @ covariance[block]) * waves).sum(axis=1)) / len(
-            waves
-        )
-        own[k, 0], remaining[block] = float(terms[0].real), 0.0
-        own[k, 1::2] = 2 * terms[1 : 2 * HARMONICS + 1].real
-        own[k, 2::2] = -2 * terms[1 : 2 * HARMONICS + 1].imag
-    strength, kept = np.linalg.eigh(
-        (vectors * weight).T @ remaining @ (vectors * weight)
-    )
-    most = np.argsort(-np.abs(strength))[:ways]
-    directions = (vectors / weight) @ kept[:, most] * np.sqrt(np.abs(strength[most]))
-    directions = np.column_stack([directions, belief.beta - beta])
-    coupled = through @ directions[told]
-    coupled[:, -1] = apart
-    waved = np.zeros((dof, 2 * HARMONICS, ways + 1))
-    for k in bent:
-        waved[k] = directions[curves[k]]
-    return root, own, coupled, waved, np.sign(strength[most])
+@dataclass(frozen=True, eq=False)
+class _CompactBelief:
+    """One belief's arrays, as of :class:`CompactPosterior`."""
+
+    root: Array
+    alone: Array
+    coupled: Array
+    waved: Array
+    gains: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Compactor:
+    """Makes beliefs about d parameters small."""
+
+    beta: Array  # (d,), what positions are told by
+    geometric: Mask  # (d,), parameters that are no curve's
+    through: Array  # (D, g), amounts of what moves by each geometric parameter
+    curves: list[Index]  # parameters of each joint's curve
+    # (d, d) and (d,), directions of parameters and how much they move positions
+    vectors: Array
+    weight: Array
+    ways: int  # directions that stay of what is coupled
+
+    def compact(self, belief: Body | Second, apart: Array) -> _CompactBelief:
+        """A belief; `apart` (D,) is what it predicts beside `beta`, its curves left out."""
+        size = len(self.beta)
+        covariance = np.zeros((size, size))
+        covariance[np.ix_(belief.active, belief.active)] = belief.covariance
+        geometry = np.ix_(self.geometric, self.geometric)
+        # a sum of squares stays positive in single precision, which the covariance does not
+        root = self.through @ root_of(covariance[geometry])
+        strength, axes = np.linalg.eigh(root.T @ root)
+        root = root @ axes[:, strength > 1e-20 * max(strength[-1], 1e-300)]
+        covariance[geometry] = 0.0
+        alone = self._curves_alone(covariance)
+        moving = self.vectors * self.weight
+        strength, axes = np.linalg.eigh(moving.T @ covariance @ moving)
+        strongest = np.argsort(-np.abs(strength))[: self.ways]
+        spread = np.sqrt(np.abs(strength[strongest]))
+        directions = (self.vectors / self.weight) @ axes[:, strongest] * spread
+        directions = np.column_stack([directions, belief.beta - self.beta])
+        coupled = self.through @ directions[self.geometric]
+        coupled[:, -1] = apart
+        waved = np.zeros((len(self.curves), 2 * HARMONICS, self.ways + 1))
+        for k, curve in enumerate(self.curves):
+            if len(curve):
+                waved[k] = directions[curve]
+        return _CompactBelief(root, alone, coupled, waved, np.sign(strength[strongest]))
+
+    def _curves_alone(self, covariance: Array) -> Array:
+        """Variances (dof, 193) of curves by themselves, which leave the covariance, in place.
+
+        They are trigonometric polynomials, sampled at enough places.
+        """
+        alone = np.zeros((len(self.curves), 4 * HARMONICS + 1))
+        turn: Array = np.linspace(0.0, 2 * np.pi, 8 * HARMONICS, endpoint=False)
+        waves = waves_of(turn).T
+        for k, curve in enumerate(self.curves):
+            if not len(curve):
+                continue
+            block = np.ix_(curve, curve)
+            variance = ((waves @ covariance[block]) * waves).sum(axis=1)
+            terms = np.fft.rfft(variance) / len(waves)
+            alone[k, 0] = terms[0].real
+            alone[k, 1::2] = 2 * terms[1 : 2 * HARMONICS + 1].real
+            alone[k, 2::2] = -2 * terms[1 : 2 * HARMONICS + 1].imag
+            covariance[block] = 0.0
+        return alone
+
+
+def _single_precision(parts: list[Array]) -> Array:
+    """Tables as the C source has them: both have to give the same answers."""
+    return np.stack(parts).astype(np.float32).astype(float)

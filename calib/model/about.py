@@ -74,12 +74,9 @@ class About(ReadOnly):
 
     def measured(self, **facts: Any) -> About:
         """The same facts but for these, of a model that now rests on what a sensor read."""
-        told: dict[str, Any] = {
-            "source": "log",
-            "bound_of": "sensor reading",
-            "simulation": None,
-        }
-        return replace(self, **told, **facts)
+        return replace(
+            self, source="log", bound_of="sensor reading", simulation=None, **facts
+        )
 
     def joints_of(self, log: Samples) -> Array:
         """Joint values (n, dof) of a log in the order of the model's joints.

@@ -20,13 +20,24 @@ from ..kernel.compiled import NOTHING
 from .parts import Parts
 from .turns import on_turn, unwound
 
-_REACHED = 1e-9  # share of the workspace's extent that always counts as reached
-SURE = 1e-2  # of the extent: a larger expected error does not make a target reachable
-_IN_SIGHT = 1e6  # extents of the workspace
-_CALM = 1e-3  # damping of a step of a servo, as a share of the Jacobian's power
-_LONGEST = 0.1  # of the joints' range: no step of a servo is longer
-_STEP = 0.01  # of the workspace's extent, of a path where no step is given
-_MOST = 1_000_000  # rows of a path
+SURE = 1e-2
+"""Share of the extent: a larger expected error does not make a target reachable."""
+
+
+@dataclass(frozen=True)
+class AnswerSettings:
+    """What counts as an answer, and how far a step goes."""
+
+    reached: float = 1e-9  # of the workspace's extent, that always counts as reached
+    in_sight: float = 1e6  # extents of the workspace
+    # damping of a step of a servo, as a share of the Jacobian's power
+    calm: float = 1e-3
+    longest: float = 0.1  # of the joints' range: no step of a servo is longer
+    step: float = 0.01  # of the workspace's extent, of a path where no step is given
+    most_rows: int = 1_000_000  # of a path
+
+
+ANSWER = AnswerSettings()
 
 
 class Answer(NamedTuple):
@@ -69,17 +80,20 @@ def unit_joints(
     model: Parts, x: Array, near: Array, readouts: Sequence[str]
 ) -> dict[str, Array]:
     """Joints of the unit box (n, dof) that answer targets (n, m), by readout."""
-    seen = in_sight(model, x)
-    own = ("local", model.default_readout)
-    found = {r: model.solver.solve(seen, near)[0] for r in readouts if r in own}
-    if "body" in readouts:
-        found["body"] = model.body_solver.solve(seen, near)[0]
-    linked = [r for r in readouts if r not in found]
-    if linked:
-        v = model.sensory.scale.to_unit(seen)
-        answered = model.association.inverses(v, near)
-        found |= {r: model.solver.newton.clip(answered[r]) for r in linked}
-    return found
+    target = in_sight(model, x)
+    joints: dict[str, Array] = {}
+    for readout in readouts:
+        if readout in ("local", model.default_readout):
+            joints[readout] = model.solver.solve(target, near)[0]
+        elif readout == "body":
+            joints[readout] = model.body_solver.solve(target, near)[0]
+    if set(readouts) - set(joints):
+        v = model.sensory.scale.to_unit(target)
+        linked = model.association.inverses(v, near)
+        for readout in readouts:
+            if readout not in joints:
+                joints[readout] = model.solver.newton.clip(linked[readout])
+    return joints
 
 
 def inverse(model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool) -> Array:
@@ -97,7 +111,9 @@ def inverse(model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool) ->
         lost = (sure == 0) | (sure == NOTHING) if nearest else sure == 0
         rest = np.flatnonzero(lost)
     if len(rest):
-        joints, within = joints_and_reach(model, x[rest], wish[rest], told=not nearest)
+        joints, within = joints_and_reach(
+            model, x[rest], wish[rest], bounded=not nearest
+        )
         joints[~within] = np.nan
         q[rest] = on_turn(model, joints, there[rest])
     return q
@@ -110,13 +126,13 @@ def solve(model: Parts, x: Array, near: ArrayLike | None) -> Answer:
 
 
 def joints_and_reach(
-    model: Parts, x: Array, near: Array, *, told: bool = True
+    model: Parts, x: Array, near: Array, *, bounded: bool = True
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Nearest joint values (n, dof), and whether they reach the target (n,) if that is `told`."""
+    """Nearest joint values (n, dof), and whether they reach the target (n,) if `bounded`."""
     u, distance = model.solver.solve(in_sight(model, x), near)
     within = np.ones(len(u), dtype=bool)
-    far = np.flatnonzero(distance > _REACHED * model.solver.extent)
-    if len(far) and told:  # only the expected error can still call these reachable
+    far = np.flatnonzero(distance > ANSWER.reached * model.solver.extent)
+    if len(far) and bounded:  # only the expected error can still call these reachable
         within[far] = distance[far] <= _within_reach(model, model.bound_at(u[far]))
     return model.motor.scale.from_unit(u), within
 
@@ -126,7 +142,7 @@ def in_sight(model: Parts, x: Array) -> Array:
 
     What is nearest to them lies in the same direction, and their squares would overflow.
     """
-    limit = _IN_SIGHT * (
+    limit = ANSWER.in_sight * (
         model.solver.extent + float(np.abs(model.sensory.scale.lower).max())
     )
     furthest = np.abs(x).max(axis=1, keepdims=True)
@@ -145,10 +161,10 @@ def answer(model: Parts, u: Array, x: Array, position: Array | None = None) -> A
             np.hypot(*gap.T) if x.shape[1] == 2 else np.sqrt((gap**2).sum(axis=1))
         )
     # steps over a forged model's numbers may overflow; where joints are no numbers, none is within
-    known = np.nan_to_num(u, posinf=0.0, neginf=0.0)
-    bound = model.bound_at(known)
+    finite = np.nan_to_num(u, posinf=0.0, neginf=0.0)
+    bound = model.bound_at(finite)
     same = model.model_bounds is model.bounds
-    error = bound if same else model.bound_at(known, "model_bounds")
+    error = bound if same else model.bound_at(finite, "model_bounds")
     within = distance <= _within_reach(model, bound)
     return Answer(
         model.motor.scale.from_unit(u), position, distance, bound, error, within
@@ -158,7 +174,7 @@ def answer(model: Parts, u: Array, x: Array, position: Array | None = None) -> A
 def _within_reach(model: Parts, bound: Array) -> Array:
     """Distance (n,) to a target at which it counts as reached [unit]."""
     extent = model.solver.extent
-    return np.maximum(np.minimum(bound, SURE * extent), _REACHED * extent)
+    return np.maximum(np.minimum(bound, SURE * extent), ANSWER.reached * extent)
 
 
 def rows_for(values: ArrayLike, names: Sequence[str], what: str, n: int) -> Array:
@@ -201,15 +217,15 @@ def servo_step(
             f"gain {gain!r}: expected a share of the way, above 0 and up to 1"
         )
     joints, single = checked_rows(q, model.about.joint_names, "q")
-    seen = rows_for(measured, model.axes, "measured position", len(joints))
+    place = rows_for(measured, model.axes, "measured position", len(joints))
     wanted = rows_for(target, model.axes, "target", len(joints))
     scale = model.motor.scale
     newton = model.solver.newton
     u = newton.clip(scale.to_unit(joints))
     slope = newton.task.residual(u, wanted)[1]
-    calm = np.full(len(u), _CALM)
-    step = newton.move(u, gain * (wanted - seen), slope, calm)
-    step = shortened(capped(step, SEARCH.longest), _LONGEST)
+    calm = np.full(len(u), ANSWER.calm)
+    step = newton.move(u, gain * (wanted - place), slope, calm)
+    step = shortened(capped(step, SEARCH.longest), ANSWER.longest)
     result = scale.from_unit(newton.clip(u + step))
     return result[0] if single else result
 
@@ -225,7 +241,7 @@ def follow_path(
             "inverse of a single one"
         )
     if step is None:
-        step = _STEP * model.solver.extent
+        step = ANSWER.step * model.solver.extent
     if not step > 0:
         raise QueryError(
             f"step {step!r}: expected a length greater than zero, such as 0.005"
@@ -247,9 +263,9 @@ def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:
     with np.errstate(over="ignore"):
         length = np.linalg.norm(np.diff(corners, axis=0), axis=1)
         total = float(length.sum())
-    if not total / step + len(corners) <= _MOST or not math.isfinite(total):
+    if not total / step + len(corners) <= ANSWER.most_rows or not math.isfinite(total):
         raise QueryError(
-            f"step {step:g} makes more than {_MOST:,} rows of a path {total:.4g} long: "
+            f"step {step:g} makes more than {ANSWER.most_rows:,} rows of a path {total:.4g} long: "
             "give a longer one"
         )
     # rounding of the length must not add a row

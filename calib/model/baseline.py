@@ -35,7 +35,7 @@ class Seen(ReadOnly):
             np.round(scale.wrapped(u), 3), axis=0
         )  # an arm at rest is at one
         away = nearest_points(places, scale, places, u.shape[1] + 2)[0][:, -1]
-        return Seen(_as_kept(places), _as_kept(np.minimum(away, np.median(away))))
+        return Seen(_in_file(places), _in_file(np.minimum(away, np.median(away))))
 
     def beside(self, scale: Scale, u: Array) -> Array:
         """How far points `u` (n, dof) are beyond what the places tell, (n,)."""
@@ -82,10 +82,10 @@ def _expected(network: Map, points: Array) -> tuple[Array, float]:
     # of unvisited nodes and of few samples: the mean of all, or the least that is not zero
     mean = max(float(square.mean()), 1e-24)
     expected = (total + _PRIOR * mean) / (count + _PRIOR)
-    expected = _as_kept(expected)
+    expected = _in_file(expected)
     return expected, float(np.var(square / expected[winner]))
 
 
-def _as_kept(values: Array) -> Array:
+def _in_file(values: Array) -> Array:
     """Values as a model file keeps them."""
     return values.astype(np.float32).astype(float)

@@ -24,33 +24,32 @@ _ErrorRow = dict[str, dict[str, float]]
 def facts(model: Parts, *, degrees: bool = True) -> dict[str, str]:
     """Return names and values; ranges of joints that turn in degrees or in rad."""
     about = model.about
-    found = {"robot": about.robot or "none, learned from a log alone"}
-    for k, name in enumerate(about.joint_names):
-        found[f"joint {name}"] = learned_range(about, k, degrees=degrees)
-    if about.tip:
-        found["tip"] = about.tip
-    if about.locked:
-        found["locked"] = ", ".join(
-            f"{name}={value:.6g}" for name, value in about.locked.items()
-        )
-    if about.plane:
-        axes = ("origin", "x", "y")
-        found["plane"] = ", ".join(
-            f"{name} {vector(about.plane[name])}" for name in axes
-        )
-    found["positions in"] = about.unit
-    found["learned from"] = _source(about)
     options = about.options
-    found["maps"] = f"{options['map']}, {options['rule']} rule, {model.size_in_words}"
-    found["expected error"] = f"95 % bound on the distance to the {about.bound_of}"
-    found["model error"] = (
-        "95 % bound on the distance to the true position in the sensor's frame"
-    )
+    words = {"robot": about.robot or "none, learned from a log alone"}
+    for k, name in enumerate(about.joint_names):
+        words[f"joint {name}"] = learned_range(about, k, degrees=degrees)
+    if about.tip:
+        words["tip"] = about.tip
+    if about.locked:
+        places = [f"{name}={value:.6g}" for name, value in about.locked.items()]
+        words["locked"] = ", ".join(places)
+    if about.plane:
+        axes = [f"{name} {vector(about.plane[name])}" for name in ("origin", "x", "y")]
+        words["plane"] = ", ".join(axes)
+    words |= {
+        "positions in": about.unit,
+        "learned from": _source(about),
+        "maps": f"{options['map']}, {options['rule']} rule, {model.size_in_words}",
+        "expected error": f"95 % bound on the distance to the {about.bound_of}",
+        "model error": (
+            "95 % bound on the distance to the true position in the sensor's frame"
+        ),
+    }
     if about.source == "log":
-        found["bounds hold"] = (
+        words["bounds hold"] = (
             "in the session of the log: see an evaluation with `frame='free'`"
         )
-    return found
+    return words
 
 
 def learned_range(about: About | Arm, k: int, *, degrees: bool) -> str:
@@ -71,25 +70,30 @@ def shown_errors(
     for direction, units in (("forward", {"orientation": "rad"}), ("inverse", joints)):
         for name in errors[readouts[0]][direction]:
             factor, unit = for_people(units.get(name, about.unit))
-            statistics = {
-                r: {k: math.nan if e[k] is None else factor * e[k] for k in STATISTICS}
-                for r in readouts
-                if (e := errors[r][direction].get(name)) is not None
-            }
+            statistics: _ErrorRow = {}
+            for readout in readouts:
+                error = errors[readout][direction].get(name)
+                if error is not None:
+                    statistics[readout] = _in_unit(error, factor)
             yield direction, name, unit, statistics
 
 
+def _in_unit(error: Mapping[str, Any], factor: float) -> dict[str, float]:
+    """Return statistics in another unit, NaN for what could not be measured."""
+    return {
+        name: math.nan if error[name] is None else factor * error[name]
+        for name in STATISTICS
+    }
+
+
 def _source(about: About) -> str:
-    words = [
-        f"{about.samples} {'simulated samples' if about.simulation else 'rows of a log'}"
-    ]
-    words.append(f"seed {about.seed}")
+    kind = "simulated samples" if about.simulation else "rows of a log"
+    words = [f"{about.samples} {kind}", f"seed {about.seed}"]
     if about.simulation:
         noise = about.simulation.get("noise") or 0.0
-        words.append(
-            f"sensor noise {length_in_words(noise, about.unit)}"
-            if noise
-            else "no noise"
-        )
+        if noise:
+            words.append(f"sensor noise {length_in_words(noise, about.unit)}")
+        else:
+            words.append("no noise")
         words += map(str, about.simulation.get("changes", ()))
     return ", ".join(words)

@@ -391,7 +391,7 @@ class Header:
             directions = posterior.coupled.shape[2]
             waved = posterior.waved[:, :, order]
             tables["waved"] = waved.reshape(len(waved), -1, directions)
-            tables["own"] = posterior.own.reshape(-1, posterior.own.shape[2])
+            tables["own"] = posterior.alone.reshape(-1, posterior.alone.shape[2])
         return tables
 
 

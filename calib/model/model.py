@@ -366,9 +366,8 @@ class Model(Parts):
         """
         from .poses import solve_poses
 
-        kernel = self.kernel if frame == "sensor" and free is None else None
-        if kernel is not None and quaternion is not None and near is not None:
-            quick = self._single_pose(kernel, position, quaternion, near)
+        if self.kernel is not None and quaternion is not None:
+            quick = self._single_pose(position, quaternion, near, frame, free)
             if quick is not None:
                 return quick
         ways = solve_poses(
@@ -379,14 +378,25 @@ class Model(Parts):
 
     def _single_pose(
         self,
-        kernel: Compiled,
         position: ArrayLike,
         quaternion: ArrayLike,
-        near: ArrayLike,
+        near: ArrayLike | None,
+        frame: str,
+        free: str | None,
     ) -> Array | None:
-        if not kernel.poses:
+        """What the compiled C answers to one pose; None where the batch has to."""
+        from .poses import free_axis, pose_in_sensor
+
+        kernel = self.kernel
+        if kernel is None or not kernel.poses or np.ndim(position) != 1:
             return None
-        answer = kernel.ask("inverse_pose", near, position, quaternion)
+        if frame == "base":
+            position, quaternion = pose_in_sensor(self, position, quaternion)
+        if near is None:
+            near = 0.5 * (self.about.lower + self.about.upper)
+        axis = free_axis(free)
+        open_axis = [-1 if axis is None else axis]
+        answer = kernel.ask("inverse_pose", near, position, quaternion, open_axis)
         if answer is None:
             return None
         q, sure = answer

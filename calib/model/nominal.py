@@ -83,20 +83,20 @@ def nominal_arm(model: Parts) -> PlanarArm | SpatialArm:
 
 def nominal_for_kernel(model: Parts, arm: KernelArm) -> tuple[KernelArm | None, int]:
     """The nominal arm, and what a correction asks for: a position (0), a place (1), a pose (2)."""
-    own = arm.structure
+    fitted = arm.structure
     simulated = model.about.source == "simulation" and not model.history
     if not model.about.urdf or model.body is None:
         return None, 0
     try:
-        if isinstance(own, PlanarStructure):
+        if isinstance(fitted, PlanarStructure):
             structure, beta = nominal_in_plane(model, based=simulated)
-            same = (
-                structure.signs == own.signs
-            )  # of a reversed joint the wiring has to be mended
+            # of a reversed joint the wiring has to be mended
+            same = structure.signs == fitted.signs
             return (KernelArm.of(structure, beta) if same else None), 0
-        if own.informed:
-            kind = 2 if own.dof >= 6 else 1 if own.outputs == 2 else 0
-            return KernelArm.of(own, nominal_behind(own, model.body.beta)), kind
+        if fitted.informed:
+            kind = 2 if fitted.dof >= 6 else 1 if fitted.outputs == 2 else 0
+            beta = nominal_behind(fitted, model.body.beta)
+            return KernelArm.of(fitted, beta), kind
         drawn = nominal_arm(model) if simulated else None
     except CalibError:
         return None, 0

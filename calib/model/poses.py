@@ -32,9 +32,8 @@ class PoseAnswers(NamedTuple):
     # (k, 3), (k, 4), where they put the tip, in the frame of the question
     position: Array
     quaternion: Array
-    distance: (
-        Array  # (k,), from the position wanted [m, or the sensor's unit in its frame]
-    )
+    # (k,), from the position wanted [m, or the sensor's unit in its frame]
+    distance: Array
     turned: Array  # (k,) [rad], from the orientation wanted; 0 where none was
     # (k,), 95 % bounds as of `Answer`; both on the true position in the base frame
     expected_error: Array
@@ -115,6 +114,16 @@ def solve_poses(
     return PoseAnswers(
         target, q, position, turns, away, turned, bound, error, reachable
     )
+
+
+def pose_in_sensor(
+    model: Parts, position: ArrayLike, quaternion: ArrayLike
+) -> tuple[Array, Array]:
+    """A pose (3,), (4,) of the base frame in the sensor's."""
+    place, _ = checked_rows(position, ("x", "y", "z"), "positions")
+    turn = _rotations(quaternion, len(place))
+    place, turn = Space.of(model).to_sensor(place, turn)
+    return place[0], quaternion_of(turn)[0]
 
 
 def free_axis(name: str | None) -> int | None:

@@ -15,29 +15,25 @@ def with_arm_of(parts: Parts, adapted: Parts) -> Parts:
 
     The parts of the sensor that was adapted are the adapted model's.
     """
-    own = replace(adapted, others=())
     if parts.about.sensor == adapted.about.sensor:
-        return own
+        return replace(adapted, others=())
     alone = replace(parts, others=())
-    if (
-        parts.body is None
-        or adapted.body is None
-        or not _same_layout(parts.body, adapted.body)
-    ):
+    before = parts.body
+    after = adapted.body
+    if before is None or after is None or not _same_layout(before, after):
         return alone
+    second = after.second
+    if second is not None:
+        noise = before.noise if before.second is None else before.second.noise
+        second = replace(second, noise=noise)
     body = replace(
-        parts.body,
-        beta=adapted.body.beta,
-        active=adapted.body.active,
-        root=adapted.body.root,
-        scales=adapted.body.scales,
-        second=None,
+        before,
+        beta=after.beta,
+        active=after.active,
+        root=after.root,
+        scales=after.scales,
+        second=second,
     )
-    if adapted.body.second is not None:
-        noise = (
-            parts.body.noise if parts.body.second is None else parts.body.second.noise
-        )
-        body = replace(body, second=replace(adapted.body.second, noise=noise))
     nodes = parts.motor.scale.from_unit(np.clip(parts.motor.units, 0.0, 1.0))
     return replace(
         alone,

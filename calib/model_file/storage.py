@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -28,8 +29,6 @@ from .fields import Kinds, Tensors, read, write
 
 VERSION = 8  # of the format, as ``docs/format.md`` describes it
 KINDS: Kinds = {Structure: (PlanarStructure, SpatialStructure)}
-_TINY = 1e-300  # the least number above zero
-_WIDEST = 1e9  # range of a joint [rad or m]
 # what building a model from a description without sense raises
 _NONSENSE = (
     CalibError,
@@ -40,6 +39,17 @@ _NONSENSE = (
     ValueError,
 )
 _M = TypeVar("_M", bound=Parts)
+
+
+@dataclass(frozen=True)
+class FileLimits:
+    """What no model has."""
+
+    least: float = 1e-300  # above zero
+    widest: float = 1e9  # range of a joint [rad or m]
+
+
+LIMITS = FileLimits()
 
 
 def save(model: Parts, path: str | os.PathLike[str]) -> None:
@@ -171,7 +181,7 @@ def _about_fits(about: About) -> bool:
     return (
         all(names)
         and 1 <= len(set(names)) == len(names) == len(about.revolute) == len(sizes)
-        and bool(((sizes > 0.0) & (sizes < _WIDEST)).all())
+        and bool(((sizes > 0.0) & (sizes < LIMITS.widest)).all())
         and (about.plane is None or {"origin", "x", "y"} <= set(about.plane))
         and all(isinstance(change, str) for change in changes)
         and min(counts) >= 0
@@ -212,7 +222,7 @@ def _map_fits(one: Map) -> bool:
         not isinstance(lattice, Graph) or lattice.pairs.max(initial=0) < lattice.size
     )
     # steps and cells are counted in the distance of nodes
-    spaced = not (one.scale.span < _TINY).any() and one.spacing > 0.0
+    spaced = not (one.scale.span < LIMITS.least).any() and one.spacing > 0.0
     return bool(lattice.size == len(one.units) and joined and spaced)
 
 
@@ -224,7 +234,7 @@ def _local_fits(models: LocalModels, maps: Association) -> bool:
         and models.coefficients.shape
         == (nodes, len(exponents(dof, models.degree)), width)
         and len(models.radius) == nodes
-        and not (models.radius < _TINY).any()
+        and not (models.radius < LIMITS.least).any()
     )
 
 
@@ -254,5 +264,5 @@ def _belief_fits(belief: Body | Second, structure: Structure) -> bool:
         sizes == (structure.size, structure.outputs)
         and bool((np.diff(belief.active) > 0).all())
         and bool(belief.root.any(axis=1).all())
-        and not (belief.noise < _TINY).any()
+        and not (belief.noise < LIMITS.least).any()
     )

@@ -178,7 +178,7 @@ def what_no_urdf_holds(model: Model) -> tuple[str, ...]:
     groups = body.structure.groups
     curves = tuple(name for name in groups if name.startswith("curve"))
     kinds = {
-        "bends under gravity": body.structure.bending,
+        "bends under gravity": tuple(body.structure.loads),
         "error curves of joints": curves,
         "gears": ("gain",),
         "joints that move with a neighbour's motor": ("coupling",),

@@ -46,9 +46,6 @@ def adapt(
     unit: opt.Unit = None,
     time_offset: opt.TimeOffset = None,
     degrees: opt.LogDegrees = None,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
 

@@ -21,9 +21,6 @@ def babble(
     ranges: opt.Ranges = None,
     degrees: opt.Degrees = False,
     seed: opt.Seed = 0,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
 

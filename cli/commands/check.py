@@ -44,9 +44,6 @@ def check(
     degrees: opt.LogDegrees = None,
     joints_file: opt.JointsFile = None,
     camera: opt.DatasetCamera = None,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
 

@@ -33,9 +33,6 @@ def correct(
     output: opt.Output = None,
     unit: opt.PositionUnit = None,
     degrees: opt.Degrees = False,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import numpy as np
 

@@ -46,9 +46,6 @@ def evaluate(
     iso: Annotated[
         bool, opt.flag("--iso9283", "Accuracy and repeatability of poses, too.")
     ] = False,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
 

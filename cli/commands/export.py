@@ -51,9 +51,6 @@ def export(
     ] = None,
     free: opt.Free = "all",
     sensor: opt.OfSensor = "sensor",
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     from calib.common.atomic import atomic_write
     from calib.use import formats

@@ -86,9 +86,6 @@ def handeye(
             f"Of the poses: {', '.join(ROTATIONS)}, or axes such as ZYZ (default: found).",
         ),
     ] = None,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
     from calib.recording.board import parse_board

@@ -22,9 +22,6 @@ from ..summary import (
 def info(
     model: opt.ModelFile,
     degrees: opt.Degrees = False,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
     from calib.model.facts import facts

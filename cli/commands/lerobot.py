@@ -51,9 +51,6 @@ def lerobot(
     model: Annotated[
         str | None, opt.value("--model", "MODEL", "Keep what was learned, too.")
     ] = None,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
     from calib.common.atomic import atomic_write

@@ -62,9 +62,6 @@ def log(
     eye: opt.Eye = None,
     degrees: opt.Degrees = False,
     prismatic: opt.Prismatic = None,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     from calib.samples.logs import write_log
     from calib.samples.roles import log_columns

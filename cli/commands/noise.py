@@ -31,9 +31,6 @@ def noise(
     columns: opt.Columns = None,
     unit: opt.Unit = None,
     prismatic: opt.Prismatic = None,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     from calib.samples.repeatability import repeatability
     from calib.samples.tables import open_source

@@ -68,9 +68,6 @@ def plan(
         Eye | None, opt.word("--eye", EYES, "Of --handeye (default hand).")
     ] = None,
     seed: opt.Seed = 0,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
     from calib.samples.tables import write_table

@@ -32,9 +32,6 @@ def preview(
     live: Annotated[
         bool, opt.flag("--live", "Drag a target, see all its solutions.")
     ] = False,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
 

@@ -22,9 +22,6 @@ def recognise(
     unit: opt.Unit = None,
     time_offset: opt.TimeOffset = None,
     degrees: opt.LogDegrees = None,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
 

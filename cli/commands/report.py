@@ -32,9 +32,6 @@ def report(
     data: opt.Data = None,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
     from calib.common.atomic import atomic_write

@@ -47,9 +47,6 @@ def reproduce(
     ] = None,
     joints: opt.JointNames = None,
     seed: opt.Seed = 0,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     from calib.common.atomic import atomic_write
     from calib.paper.setting import ROBOT, Setting

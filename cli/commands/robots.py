@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from .. import options as opt
 from ..output import Outcome, TextTable, fields
 
 
-def robots(
-    as_json: opt.Json = False, verbose: opt.Verbose = False, quiet: opt.Quiet = False
-) -> Outcome:
+def robots() -> Outcome:
     import calib
 
     entries = calib.list_robots()

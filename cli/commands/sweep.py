@@ -85,9 +85,6 @@ def sweep(
     unit: opt.Unit = None,
     time_offset: opt.TimeOffset = None,
     prismatic: opt.Prismatic = None,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     from calib.samples.tables import write_table
     from calib.sweeps import sweep as run

@@ -23,9 +23,6 @@ def tag(
     ] = "40mm",
     dictionary: opt.Dictionary = DICTIONARY,
     board: opt.BoardSpec = None,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     from calib.common.atomic import atomic_write
     from calib.recording.board import parse_board, parse_length

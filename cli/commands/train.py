@@ -77,9 +77,6 @@ def train(
     no_rows: Annotated[bool, opt.flag("--no-rows", "Keep no rows of the log.")] = False,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
 

@@ -33,9 +33,6 @@ def urdf(
         bool, opt.flag("--move-tip", "The tip is sensed, no probe.")
     ] = False,
     free: opt.Free = "all",
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import calib
     from calib.common.atomic import atomic_write

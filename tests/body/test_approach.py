@@ -67,12 +67,13 @@ def test_a_log_along_a_path_shows_it_and_a_shuffled_one_does_not():
     u = 0.5 + 0.5 * np.sin(np.arange(2000)[:, None] * [0.106, 0.08] + [0.3, 1.1])
     q = samples.lower + (samples.upper - samples.lower) * u
     x = calib.Simulation(arm(), 1e-4, ["elbow.backlash=0.01"]).measure(q, np.random.default_rng(0))
-    whole = calib.train(replace(samples, simulation=None, q=q, x=x), size=15)
+    whole = calib.train(replace(samples, simulation=None, q=q, x=x, side=directions(q)), size=15)
     assert whole.approach.play[1] == pytest.approx(PLAY / 2, rel=0.05)
     assert any("backlash of elbow 0.5" in note for note in whole.about.notes)
     samples = calib.babble(arm(), 1000, noise=1e-4, changes=["elbow.backlash=0.01"])
     order = np.random.default_rng(0).permutation(1000)
-    shuffled = replace(samples, simulation=None, q=samples.q[order], x=samples.x[order])
+    q = samples.q[order]
+    shuffled = replace(samples, simulation=None, q=q, x=samples.x[order], side=directions(q))
     assert calib.train(shuffled, size=10).approach is None
 
 

@@ -31,33 +31,6 @@ def fit(q, z, **options):
     return body_fit.fit(planar_structure(z, names, [True] * len(names), **options), [Rows(q, z)])
 
 
-@pytest.mark.parametrize("dof", [1, 2, 3])
-@pytest.mark.parametrize("mirror", [False, True])
-def test_a_simulated_arm_is_found_to_rounding(dof, mirror):
-    signs = np.array([1.0, -1.0, 1.0])[:dof]
-    lengths, offsets = LENGTHS[:dof], np.array([0.0, 0.5, -1.2])[:dof]
-    q = rows(200, dof)
-    body = fit(q, seen(chain(q, lengths, offsets, signs), mirror=mirror), simulated=True).body
-    ask = rows(100, dof, seed=1, reach=3.0)
-    truth = seen(chain(ask, lengths, offsets, signs), mirror=mirror)
-    assert np.abs(body.predict(ask) - truth).max() < 1e-12
-    assert np.allclose(body.beta[body.structure.groups["length"]], lengths, atol=1e-11)
-    assert (body.bound(ask, noise=False) < 1e-6).all()
-
-
-def test_a_slide_is_found_to_rounding():
-    q = np.c_[rows(200, 1), rows(200, 1, seed=2, reach=0.2), rows(200, 1, seed=3)]
-
-    def arm(q):
-        p = np.exp(1j * q[:, 0]) * (0.2 + q[:, 1] * np.exp(0.3j))
-        return seen(p + 0.15 * np.exp(1j * (q[:, 0] + q[:, 2])))
-
-    structure = planar_structure(arm(q), "abc", (True, False, True), simulated=True)
-    fitted = body_fit.fit(structure, [Rows(q, arm(q))])
-    ask = rows(50, 3, seed=4)
-    assert np.abs(fitted.body.predict(ask) - arm(ask)).max() < 1e-12
-
-
 def test_a_log_in_millimetres_is_that_in_metres():
     nominal, q = PlanarDrawing((0.3, 0.25), (0.0, 0.0)), rows(60, 2, seed=29)
     z = seen(chain(q, LENGTHS[:2])) + np.random.default_rng(30).normal(0, 1e-4, (60, 2))
@@ -234,3 +207,31 @@ def test_exact_simulated_worlds_are_found_by_the_member_that_holds_them(name):
     ask = rows(100, 2, seed=28, reach=1.0)
     assert np.abs(body.predict(ask) - world(ask)).max() < 1e-9
     assert body.member == member
+
+
+def with_slide(q):
+    p = np.exp(1j * q[:, 0]) * (0.2 + q[:, 1] * np.exp(0.3j))
+    return seen(p + 0.15 * np.exp(1j * (q[:, 0] + q[:, 2])))
+
+
+def turning(dof, mirror):
+    signs, offsets = np.array([1.0, -1.0, 1.0])[:dof], np.array([0.0, 0.5, -1.2])[:dof]
+    return lambda q: seen(chain(q, LENGTHS[:dof], offsets, signs), mirror=mirror)
+
+
+@pytest.mark.parametrize(
+    ("world", "revolute"),
+    [
+        (with_slide, (True, False, True)),
+        *((turning(dof, mirror), (True,) * dof) for dof in (1, 2, 3) for mirror in (False, True)),
+    ],
+)
+def test_a_simulated_arm_is_found_to_rounding(world, revolute):
+    q, ask = rows(200, len(revolute)), rows(100, len(revolute), seed=1)
+    structure = planar_structure(world(q), "abc"[: len(revolute)], revolute, simulated=True)
+    body = body_fit.fit(structure, [Rows(q, world(q))]).body
+    assert np.abs(body.predict(ask) - world(ask)).max() < 1e-12
+    assert (body.bound(ask, noise=False) < 1e-6).all()
+    if all(revolute):
+        lengths = body.beta[body.structure.groups["length"]]
+        assert np.allclose(lengths, LENGTHS[: len(revolute)], atol=1e-11)

@@ -8,10 +8,10 @@ import pytest
 import calib
 from calib.arm.arm import Arm
 from calib.body.body_fit import fit, fit_sensors
+from calib.body.layout import joined
 from calib.body.planar import planar_structure
 from calib.body.rows import Rows
 from calib.body.spatial import structure_of
-from calib.body.structure import joined
 from calib.errors import OptionError
 
 NOISE = 5e-5  # [m]

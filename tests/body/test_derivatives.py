@@ -5,10 +5,10 @@ import pytest
 from boards import Rig
 
 import calib
+from calib.body.layout import joined
 from calib.body.planar import PlanarStructure
 from calib.body.sensors import InPlane
 from calib.body.spatial import structure_of
-from calib.body.structure import joined
 
 STEP = 1e-6
 

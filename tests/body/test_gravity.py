@@ -39,10 +39,10 @@ def trained(arm, q, x, **options):
 @cache
 def world(half=False):
     """Rows that are learned, with noise, and others, exact."""
-    q = random_joints(FULL, 1200)
+    q = random_joints(FULL, 800)
     x = sagging(q, 3e-3)
-    low = q[:, 1] < (FULL.lower[1] + FULL.upper[1]) / 2 if half else np.arange(len(q)) < 300
-    learned = np.flatnonzero(low)[:300]
+    low = q[:, 1] < (FULL.lower[1] + FULL.upper[1]) / 2 if half else np.arange(len(q)) < 200
+    learned = np.flatnonzero(low)[:200]
     others = np.flatnonzero(~low)
     noise = np.random.default_rng(0).normal(0.0, NOISE, (len(learned), 3))
     return q[learned], x[learned] + noise, q[others], x[others]
@@ -81,16 +81,16 @@ def test_exact_rows_of_an_arm_without_masses_are_learned_to_rounding():
 
 
 def test_an_arm_on_a_wall_is_told_and_believed():
-    q = random_joints(FULL, 300)
+    q = random_joints(FULL, 250)
     x = sagging(q, 3e-3, (9.81, 0.0, 0.0))
     x = x + np.random.default_rng(0).normal(0.0, NOISE, x.shape)
     arm = arm_from_urdf(BARE)
-    notes = " ".join(trained(arm, q[:150], x[:150]).about.notes)
+    notes = " ".join(trained(arm, q[:100], x[:100]).about.notes)
     assert "gravity points along the root's +x" in notes
     assert "`gravity=1,0,0`" in notes
-    right = trained(replace(arm, gravity=(9.81, 0.0, 0.0)), q[:150], x[:150])
+    right = trained(replace(arm, gravity=(9.81, 0.0, 0.0)), q[:100], x[:100])
     assert "gravity" not in " ".join(right.about.notes)
-    assert errors(right, q[150:], x[150:])[0] < 3e-4
+    assert errors(right, q[100:], x[100:])[0] < 3e-4
 
 
 def test_gravity_of_an_arm_is_a_direction():

@@ -67,12 +67,12 @@ def one_orientation(arm, n: int, rng: np.random.Generator) -> np.ndarray:
 @pytest.mark.parametrize("oriented", [True, False])
 def test_a_tool_of_one_orientation_is_explained_at_its_own_rows(oriented):
     arm, rng = calib.load_arm("six_axis"), np.random.default_rng(1)
-    q = one_orientation(arm, 60, rng)
+    q = one_orientation(arm, 45, rng)
     position, quaternion = arm.pose(q)
     turn = matrix_of(np.array([[0.1, 0.4, -0.2, 0.6]]))[0]
     turned = matrix_of(quaternion)
     tool = np.array([0.03, -0.05, 0.12])
-    x = (position + turned @ tool) @ turn.T + (0.4, -2.0, 1.0) + 1e-4 * rng.normal(size=(60, 3))
+    x = (position + turned @ tool) @ turn.T + (0.4, -2.0, 1.0) + 1e-4 * rng.normal(size=(45, 3))
     seen = quaternion_of(turn @ turned @ matrix_of(np.array([[0.2, 0.1, 0.7, 0.5]]))[0])
     log = log_of(arm, q, x, orientation=seen if oriented else None)
     body = calib.train(log, size=3).body

@@ -106,7 +106,7 @@ def line(rng):
     # all good, so that the command gets to work; one bad value; or several
     way = rng.choice(("good", "good", "one", "one", "one", "wild"))
     parts = [p for p in command.params if p.opts[0] not in NEVER]
-    one = rng.choice(parts)
+    one = rng.choice(parts or [None])
     args = list(words)
     for part in parts:
         careful = way == "good" or (way == "one" and part is not one) or rng.random() < 0.5
@@ -121,7 +121,7 @@ def line(rng):
         args += ["--size", rng.choice(("3", *HUGE) if way == "wild" else ("3", "4", "3x4"))]
     if "--samples" in options and "--data" not in args:
         args += ["--samples", rng.choice(("50", *HUGE) if way == "wild" else ("100", "60"))]
-    if "--json" in options and "--json" not in args and rng.random() < 0.3:
+    if "--json" not in args and rng.random() < 0.3:
         args.append("--json")
     if way == "wild" and rng.random() < 0.5:  # leave out, double, replace or add an argument
         k = rng.randrange(1, len(args) + 1)

@@ -1,4 +1,4 @@
-"""Every branch is found and none is invented; folds, turns, limits and `near`."""
+"""Every branch is found and none is invented; folds, turns, limits, `near` and its default."""
 
 import numpy as np
 import pytest
@@ -8,25 +8,25 @@ from planar import branches_2r
 import calib
 from calib.common.scale import TURN
 
+ROBOTS = ("two_link", "two_link_full", "three_link", "polar", "scara", "tilted")
 
-def gaps(found, expected):
-    """Largest joint difference of each pair, (found, expected)."""
-    return np.abs(found[:, None] - expected[None]).max(axis=2)
+
+def away(model, q, near):
+    """Distances of joints in units of their ranges."""
+    return np.linalg.norm((q - near) / (model.about.upper - model.about.lower), axis=-1)
 
 
 @pytest.mark.parametrize("robot", ["scara", "two_link", "two_link_full"])
 def test_all_branches_and_no_others(robot):
-    model = trained(robot)
-    arm = calib.load_arm(robot)
-    x = arm.forward(draw(model, 4000, seed=1))
-    expected, found = branches_2r(arm, x), model.inverse_all(x)
+    model, arm = trained(robot), calib.load_arm(robot)
+    x = arm.forward(draw(model, 2000, seed=1))
     missed = invented = total = 0
-    for e, f in zip(expected, found, strict=True):
-        gap = gaps(f, e)
+    for expected, found in zip(branches_2r(arm, x), model.inverse_all(x), strict=True):
+        gap = np.abs(found[:, None] - expected).max(axis=2)
         missed += np.count_nonzero(gap.min(axis=0) > 2e-3)
         invented += np.count_nonzero(gap.min(axis=1) > 2e-3)
-        total += len(e)
-    assert total > 4000 or robot == "two_link"
+        total += len(expected)
+    assert total > 2000 or robot == "two_link"
     assert invented == 0
     assert missed <= 1e-3 * total
 
@@ -36,41 +36,67 @@ def test_both_branches_right_beside_the_fold():
     for bend in (0.1, 0.01, 1e-3, 1e-4):
         q = np.array([[0.8, bend]])
         (found,) = model.inverse_all(two_link(q))
-        assert len(found) == 2
         other = two_link_inverse(two_link(q), -1.0)
-        np.testing.assert_allclose(found[np.argsort(-found[:, 1])], [q[0], other[0]], atol=1e-5)
+        expected = [q[0], other[0]]
+        np.testing.assert_allclose(found[np.argsort(-found[:, 1])], expected, atol=1e-5)
         np.testing.assert_allclose(arm.forward(found), two_link(q).repeat(2, 0), atol=1e-9)
 
 
-def test_near_is_the_closest_of_all_branches():
-    for robot in ("two_link_full", "scara"):
-        model = trained(robot)
-        x, near = model.forward(draw(model, 500, seed=3)), draw(model, 500, seed=4)
-        span = model.about.upper - model.about.lower
-        away = np.linalg.norm((model.inverse(x, near=near) - near) / span, axis=1)
-        for i, branches in enumerate(model.inverse_all(x)):
-            assert away[i] <= np.linalg.norm((branches - near[i]) / span, axis=1).min() + 1e-6
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_answers_lead_to_their_target_within_the_limits(robot):
+    model = trained(robot)
+    q = draw(model, 200, seed=1, margin=0.02)
+    x = model.forward(q)
+    for answer in (model.solve(x), model.solve(x, near=q)):
+        assert answer.reachable.all()
+        np.testing.assert_allclose(model.forward(answer.q), x, atol=1e-8)
+        np.testing.assert_allclose(answer.position, x, atol=1e-9)
+        assert answer.distance.max() < 1e-9
+    assert away(model, answer.q, q).max() < 1e-5
+    beyond = np.random.default_rng(2).uniform(-0.9, 0.9, (200, 2))
+    q = model.solve(beyond).q
+    slack = 1e-12 * (model.about.upper - model.about.lower)
+    assert (q >= model.about.lower - slack).all()
+    assert (q <= model.about.upper + slack).all()
 
 
-def test_without_near_the_middle_of_the_ranges_decides():
-    model = trained("two_link_full")
-    x = model.forward(draw(model, 300, seed=5))
+@pytest.mark.parametrize("robot", ["two_link_full", "scara"])
+def test_near_is_the_closest_of_all_branches_without_it_the_middle_decides(robot):
+    model = trained(robot)
+    x, near = model.forward(draw(model, 300, seed=3)), draw(model, 300, seed=4)
     middle = (model.about.lower + model.about.upper) / 2
     np.testing.assert_array_equal(model.inverse(x), model.inverse(x, near=middle))
-    first = [branches[0] for branches in model.inverse_all(x)]
-    np.testing.assert_allclose(model.inverse(x), first, atol=1e-6)
+    nearest, central = model.inverse(x, near=near), model.inverse(x)
+    for i, branches in enumerate(model.inverse_all(x)):
+        closest = away(model, branches, near[i]).min()
+        assert away(model, nearest[i], near[i]) <= closest + 1e-6
+        np.testing.assert_allclose(central[i], branches[0], atol=1e-6)
 
 
 def test_answers_do_not_depend_on_what_was_asked_before():
     samples = calib.babble(calib.load_arm("two_link_full"), 2000, seed=0)
     one, other = (calib.train(samples, size=15) for _ in range(2))
     x = one.forward(draw(one, 200, seed=6))
-    one.inverse(x[::-1])  # fills what is kept of the starts in another order
+    one.inverse(x[::-1])  # what is remembered of the starts comes in another order
     np.testing.assert_allclose(one.inverse(x), other.inverse(x), atol=1e-12)
 
 
-def test_near_goes_the_short_way_round():
+def test_a_joint_that_turns_round_reaches_every_direction_across_its_seam():
     model = turning()
-    q = np.array([[np.pi - 0.01, 1.0]])
-    said = model.inverse(two_link(q), near=[-np.pi + 0.02, 1.0])
-    assert np.abs((said - q + np.pi) % TURN - np.pi).max() < 2e-3
+    q = draw(model, 300, seed=9, margin=0.01)
+    q[:20, 0] = np.pi - 1e-3 * np.arange(20)
+    q[20:40, 0] = -np.pi + 1e-3 * np.arange(20)
+    x = two_link(q)
+    answer = model.solve(x, near=q)
+    assert answer.reachable.all()
+    np.testing.assert_allclose(two_link(answer.q), x, atol=1e-6)
+    gap = answer.q - q
+    gap[:, 0] -= TURN * np.round(gap[:, 0] / TURN)
+    np.testing.assert_allclose(gap, 0.0, atol=1e-5)
+    assert (np.abs(answer.q[:, 0]) <= np.pi + 1e-12).all()
+    on = np.array([TURN, 0])  # joint values a turn on are the same query
+    np.testing.assert_allclose(model.forward(q + on), model.forward(q), atol=1e-9)
+    again = model.inverse(x[40:], near=q[40:] + on)
+    np.testing.assert_allclose(again, model.inverse(x[40:], near=q[40:]), atol=1e-9)
+    across = model.inverse(x[:1], near=[-np.pi + 0.02, 1.0])  # the short way round
+    assert np.abs((across - q[:1] + np.pi) % TURN - np.pi).max() < 2e-3

@@ -145,15 +145,6 @@ def test_command_writes_what_python_answers(saved, run):
     assert done.out == ""
 
 
-def test_command_says_no_where_there_is_no_way(saved, run):
-    far = saved / "far.csv"
-    far.write_text("x,y\n0.3,0.3\n0.6,0.6\n")
-    done = run("query", "path", saved / "full.calib", "--input", far, "--json")
-    assert done.code == 3
-    assert done.document["out_of_reach"]
-    assert "out of reach" in done.err
-
-
 def test_a_waypoint_far_away_is_left_out_and_told(tmp_path, run):
     """Once a path in space took minutes where one waypoint was nine extents away."""
     model = trained("two_link", 600, 6)

@@ -36,6 +36,21 @@ def test_each_family_has_one_representative():
     assert whole >= 118
 
 
+def test_no_answer_is_further_than_joints_that_are_known_to_reach():
+    model = trained("three_link")
+    q = draw(model, 100, seed=6, margin=0.1)
+    x, span = model.forward(q), model.about.upper - model.about.lower
+    middle = (model.about.lower + model.about.upper) / 2
+    for wish in (
+        np.clip(q + 0.1 * span * [1, -1, 1], model.about.lower, model.about.upper),
+        middle,
+    ):
+        joints = model.inverse(x, near=wish)
+        np.testing.assert_allclose(model.forward(joints), x, atol=1e-8)
+        here, there = (np.linalg.norm((rows - wish) / span, axis=1) for rows in (joints, q))
+        assert (here <= there + 1e-4).all()
+
+
 @pytest.mark.parametrize(("joints", "slide"), [(4, None), (5, 1), (7, None)])
 def test_four_to_seven_joints(joints, slide, tmp_path):
     path = tmp_path / "chain.urdf"

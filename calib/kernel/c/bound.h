@@ -122,7 +122,7 @@ static inline void calib_derivatives(const calib_real q[CALIB_DOF],
 }
 
 /* S += y y' of each of `count` directions, with their signs where there are some. */
-static inline void calib_spread(calib_real *y, int count, int width, const int *sign,
+static inline void calib_spread(const calib_real *y, int count, int width, const int *sign,
                                 calib_real S[6]) {
   int i;
   for (i = 0; i < count; ++i) {
@@ -133,54 +133,71 @@ static inline void calib_spread(calib_real *y, int count, int width, const int *
   }
 }
 
-static inline calib_real calib_posterior(const calib_real q[CALIB_DOF], const calib_real more[3]) {
-  calib_real geometry[CALIB_GEOMETRY][3], own[CALIB_DOF][3], wave[CALIB_DOF][4 * CALIB_HARMONICS];
-  calib_real y[3 * CALIB_ROOT], z[3 * CALIB_WAYS], sum[CALIB_WAYS], S[6], bound = 0, apart;
-  int b, i, k, n, r;
-  calib_derivatives(q, geometry, own);
-  for (i = 0; i < CALIB_DOF; ++i) {
-    const calib_real c = cos(q[i]), s = sin(q[i]);
-    wave[i][0] = c;
-    wave[i][1] = s;
-    for (n = 1; n < 2 * CALIB_HARMONICS; ++n) {
-      wave[i][2 * n] = wave[i][2 * n - 2] * c - wave[i][2 * n - 1] * s;
-      wave[i][2 * n + 1] = wave[i][2 * n - 2] * s + wave[i][2 * n - 1] * c;
-    }
+/* out += each of the numbers of a position times a row. */
+static inline void calib_spanned(const calib_real by[3], const float *row, int width,
+                                 calib_real *out) {
+  int k, r;
+  for (k = 0; k < CALIB_OUT; ++k)
+    for (r = 0; r < width; ++r) out[k * width + r] += by[k] * row[r];
+}
+#if @waved@
+
+/* Cosines and sines of multiples of an angle, next to each other. */
+static inline void calib_waves(calib_real angle, calib_real wave[4 * CALIB_HARMONICS]) {
+  const calib_real c = cos(angle), s = sin(angle);
+  int n;
+  wave[0] = c;
+  wave[1] = s;
+  for (n = 2; n < 4 * CALIB_HARMONICS; n += 2) {
+    wave[n] = wave[n - 2] * c - wave[n - 1] * s;
+    wave[n + 1] = wave[n - 2] * s + wave[n - 1] * c;
   }
+}
+
+/* Adds what a joint's curve makes unsure, by itself to S and together with all else to z. */
+static inline void calib_curve_spread(int belief, int joint, const calib_real *wave,
+                                      const calib_real by[3], calib_real S[6], calib_real *z) {
+  const float *term = calib_own[belief * CALIB_DOF + joint];
+  calib_real sum[CALIB_WAYS], size = term[0];
+  int j, k, n = 0, r;
+  for (r = 0; r < 4 * CALIB_HARMONICS; ++r) size += term[1 + r] * wave[r];
+  for (j = 0; j < 3; ++j)
+    for (k = j; k < 3; ++k) S[n++] += size * by[j] * by[k];
+  for (r = 0; r < CALIB_WAYS; ++r) sum[r] = 0;
+  for (n = 0; n < 2 * CALIB_HARMONICS; ++n) {
+    const float *row = calib_waved[belief][2 * CALIB_HARMONICS * joint + n];
+    for (r = 0; r < CALIB_WAYS; ++r) sum[r] += wave[n] * row[r];
+  }
+  for (k = 0; k < CALIB_OUT; ++k)
+    for (r = 0; r < CALIB_WAYS; ++r) z[k * CALIB_WAYS + r] += by[k] * sum[r];
+}
+#endif
+
+static inline calib_real calib_posterior(const calib_real q[CALIB_DOF], const calib_real more[3]) {
+  calib_real geometry[CALIB_GEOMETRY][3], own[CALIB_DOF][3], S[6], bound = 0, apart;
+  calib_real y[3 * CALIB_ROOT], z[3 * CALIB_WAYS];
+  int b, i, k;
+#if @waved@
+  calib_real wave[CALIB_DOF][4 * CALIB_HARMONICS];
+  for (i = 0; i < CALIB_DOF; ++i) calib_waves(q[i], wave[i]);
+#endif
+  calib_derivatives(q, geometry, own);
   for (b = 0; b < CALIB_BELIEFS; ++b) {
     for (k = 0; k < 6; ++k) S[k] = 0;
-    for (r = 0; r < 3 * CALIB_ROOT; ++r) y[r] = 0;
-    for (r = 0; r < 3 * CALIB_WAYS; ++r) z[r] = 0;
-    for (i = 0; i < CALIB_GEOMETRY; ++i)
-      for (k = 0; k < CALIB_OUT; ++k) {
-        const calib_real g = geometry[i][k];
-        for (r = 0; r < CALIB_ROOT; ++r) y[k * CALIB_ROOT + r] += g * calib_root[b][i][r];
-        for (r = 0; r < CALIB_WAYS; ++r) z[k * CALIB_WAYS + r] += g * calib_coupled[b][i][r];
-      }
+    for (k = 0; k < 3 * CALIB_ROOT; ++k) y[k] = 0;
+    for (k = 0; k < 3 * CALIB_WAYS; ++k) z[k] = 0;
+    for (i = 0; i < CALIB_GEOMETRY; ++i) {
+      calib_spanned(geometry[i], calib_root[b][i], CALIB_ROOT, y);
+      calib_spanned(geometry[i], calib_coupled[b][i], CALIB_WAYS, z);
+    }
     calib_spread(y, CALIB_ROOT, CALIB_ROOT, 0, S);
 #if @waved@
-    for (i = 0; i < CALIB_DOF; ++i) {
-      const float *term = calib_own[b * CALIB_DOF + i];
-      calib_real size = term[0];
-      for (n = 0; n < 4 * CALIB_HARMONICS; ++n) size += term[1 + n] * wave[i][n];
-      for (r = 0; r < 3; ++r)
-        for (k = r; k < 3; ++k) S[r * (5 - r) / 2 + k] += size * own[i][r] * own[i][k];
-      for (r = 0; r < CALIB_WAYS; ++r) sum[r] = 0;
-      for (n = 0; n < 2 * CALIB_HARMONICS; ++n)
-        for (r = 0; r < CALIB_WAYS; ++r)
-          sum[r] += wave[i][n] * calib_waved[b][2 * CALIB_HARMONICS * i + n][r];
-      for (k = 0; k < CALIB_OUT; ++k)
-        for (r = 0; r < CALIB_WAYS; ++r) z[k * CALIB_WAYS + r] += sum[r] * own[i][k];
-    }
-#else
-    (void)sum;
+    for (i = 0; i < CALIB_DOF; ++i) calib_curve_spread(b, i, wave[i], own[i], S, z);
 #endif
     /* the last direction is by how much the beliefs are apart */
     calib_spread(z, CALIB_WAYS - 1, CALIB_WAYS, calib_gains[b], S);
-    for (apart = 0, k = 0; k < 3; ++k)
-      apart += z[k * CALIB_WAYS + CALIB_WAYS - 1] * z[k * CALIB_WAYS + CALIB_WAYS - 1];
-    apart = sqrt(apart);
-    apart += calib_scale[b][0] * calib_radius_95(S, calib_scale[b][1], more);
+    for (apart = 0, k = 1; k <= 3; ++k) apart += z[k * CALIB_WAYS - 1] * z[k * CALIB_WAYS - 1];
+    apart = sqrt(apart) + calib_scale[b][0] * calib_radius_95(S, calib_scale[b][1], more);
     if (apart > bound) bound = apart;
   }
   return bound;

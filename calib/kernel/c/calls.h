@@ -22,9 +22,12 @@ CALIB_API int called_pose(double *b) {
 CALIB_API int called_inverse_pose(double *b) {
   const double *p = b + 20, size = p[0] * p[0] + p[1] * p[1] + p[2] * p[2] + p[3] * p[3];
   double R[9];
+  calib_task task;
+  calib_best way;
   if (!(fabs(size - 1) <= @rounding@)) return 0;
   calib_matrix(p, R);
-  return calib_inverse_pose(b + 16, R, b, b + 32);
+  calib_pose_task(b + 16, R, (int)b[24], &task);
+  return calib_search(&task, b + 16, b, b + 32, &way);
 }
 #endif
 #if @corrected@

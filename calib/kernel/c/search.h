@@ -98,16 +98,6 @@ static inline int calib_beside(const calib_real q[CALIB_DOF], const calib_real *
   return 0;
 }
 
-/* What joints miss of a task, and its derivative there. */
-typedef struct {
-  calib_real r[6], J[6 * CALIB_DOF], left;
-} calib_gap;
-
-static inline void calib_gap_at(const calib_task *task, const calib_real q[CALIB_DOF],
-                                calib_gap *gap) {
-  gap->left = calib_left(task, q, gap->r, gap->J);
-}
-
 static inline void calib_copy(const calib_real from[CALIB_DOF], calib_real to[CALIB_DOF]) {
   int k;
   for (k = 0; k < CALIB_DOF; ++k) to[k] = from[k];
@@ -135,12 +125,12 @@ static inline int calib_newton(const calib_task *task, const calib_real *known, 
   calib_gap next;
   int step;
   calib_clipped(q);
-  calib_gap_at(task, q, gap);
+  calib_left(task, q, gap);
   for (step = 0; step < steps && gap->left > enough * size; ++step) {
     if (!calib_move(n, gap->J, gap->r, q, 0, damping, move)) return 0;
     calib_moved(q, move, @longest@, trial);
     if (calib_beside(trial, known, count, @margin@ / 4)) return 0;
-    calib_gap_at(task, trial, &next);
+    calib_left(task, trial, &next);
     if (next.left < gap->left) {
       const int stalled = !(next.left < gap->left * (1 - @slow@));
       calib_copy(trial, q);
@@ -224,18 +214,13 @@ static inline int calib_reach(const calib_task *task, const calib_real near[CALI
   return good && gap.left <= close;
 }
 
-/* Where the joints may stand on the other side of a nearby fold: as far beyond it as q is before
- * it, along the motion that hardly moves the tip.  0 where no fold is near. */
-static inline int calib_twin(const calib_task *task, const calib_real q[CALIB_DOF],
-                             calib_real out[CALIB_DOF]) {
-  const int n = calib_rows(task);
-  const calib_real probe = (calib_real)1e-4;
-  calib_real r[6], J[6 * CALIB_DOF], y[6], v[CALIB_DOF], size = 0, first = 0, second = 0;
-  calib_real share = 0, power = 0;
+/* The direction y of residuals that joints hardly reach, and the motion v that hardly moves the tip;
+ * returns how little it does, as a share of the joints' ranges, or 0 far from a fold. */
+static inline calib_real calib_flat(int n, const calib_real *J, calib_real y[6],
+                                    calib_real v[CALIB_DOF]) {
+  calib_real r[6], size, squared = 0, power = 0;
   int i, k, step;
-  calib_left(task, q, r, J);
   for (i = 0; i < n; ++i) y[i] = (calib_real)(1 + i) / n;
-  for (i = 0; i < n * CALIB_DOF; ++i) power += J[i] * J[i];
   for (step = 0; step < 4; ++step) { /* inverse iteration */
     if (!calib_forces(n, J, y, @calm@, r)) return 0;
     for (size = 0, i = 0; i < n; ++i) size += r[i] * r[i];
@@ -244,25 +229,36 @@ static inline int calib_twin(const calib_task *task, const calib_real q[CALIB_DO
   }
   for (k = 0; k < CALIB_DOF; ++k) {
     for (v[k] = 0, i = 0; i < n; ++i) v[k] += J[i * CALIB_DOF + k] * y[i];
-    share += v[k] * v[k];
+    squared += v[k] * v[k];
   }
-  if (!(share > 0) || share > @folded@ * power) return 0;
-  share = sqrt(share);
-  for (k = 0; k < CALIB_DOF; ++k) v[k] /= share;
-  for (step = -1; step <= 1; step += 2) {
-    calib_real sum = 0;
-    for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + step * probe * calib_span[k] * v[k];
-    calib_left(task, out, r, J);
+  for (i = 0; i < n * CALIB_DOF; ++i) power += J[i] * J[i];
+  if (!(squared > 0) || squared > @folded@ * power) return 0;
+  for (k = 0; k < CALIB_DOF; ++k) v[k] /= sqrt(squared);
+  return sqrt(squared);
+}
+
+/* Where the joints may stand on the other side of a nearby fold: as far beyond it as q is before
+ * it, along the motion that hardly moves the tip.  0 where no fold is near. */
+static inline int calib_twin(const calib_task *task, const calib_real q[CALIB_DOF],
+                             calib_real out[CALIB_DOF]) {
+  const int n = calib_rows(task);
+  calib_real y[6], v[CALIB_DOF], size, reach, rate = 0;
+  calib_gap gap;
+  int i, k, side;
+  calib_left(task, q, &gap);
+  size = calib_flat(n, gap.J, y, v);
+  if (!(size > 0)) return 0;
+  for (side = -1; side <= 1; side += 2) { /* how fast that singular value changes */
+    for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + side * @probe@ * calib_span[k] * v[k];
+    calib_left(task, out, &gap);
     for (i = 0; i < n; ++i)
-      for (k = 0; k < CALIB_DOF; ++k) sum += y[i] * J[i * CALIB_DOF + k] * v[k];
-    if (step < 0) first = sum;
-    else second = sum;
+      for (k = 0; k < CALIB_DOF; ++k)
+        rate += side * y[i] * gap.J[i * CALIB_DOF + k] * v[k] / (2 * @probe@);
   }
-  size = (second - first) / (2 * probe);
-  if (!(fabs(size) > 0)) return 0;
-  size = -2 * share / size;
-  if (!(fabs(size) < @beyond@)) return 0;
-  for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + size * calib_span[k] * v[k];
+  if (!(fabs(rate) > 0)) return 0;
+  reach = -2 * size / rate;
+  if (!(fabs(reach) < @beyond@)) return 0;
+  for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + reach * calib_span[k] * v[k];
   return 1;
 }
 
@@ -561,13 +557,14 @@ static inline int calib_inverse_pose(const calib_real x[3], const calib_real R[9
 static inline calib_real calib_newton_step(const calib_real target[CALIB_OUT], calib_real damping,
                                            calib_real q[CALIB_DOF]) {
   calib_task task;
-  calib_real r[6], J[6 * CALIB_DOF], move[CALIB_DOF], left;
+  calib_gap gap;
+  calib_real move[CALIB_DOF];
   int i;
   calib_position_task(target, &task);
-  left = calib_left(&task, q, r, J);
-  if (!calib_move(CALIB_OUT, J, r, q, 0, damping, move)) return calib_not_a_number();
+  calib_left(&task, q, &gap);
+  if (!calib_move(CALIB_OUT, gap.J, gap.r, q, 0, damping, move)) return calib_not_a_number();
   for (i = 0; i < CALIB_DOF; ++i) q[i] += calib_span[i] * move[i];
-  return left;
+  return gap.left;
 }
 #if @corrected@
 

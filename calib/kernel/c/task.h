@@ -88,25 +88,27 @@ static inline void calib_turn_rows(const calib_task *task, const calib_real R[9]
   }
 }
 
-/* Residuals of a task and their derivative by the joints in shares of their ranges; returns the
- * residuals' length.  A radian of turn counts as the arm's length. */
-static inline calib_real calib_left(const calib_task *task, const calib_real q[CALIB_DOF],
-                                    calib_real r[6], calib_real J[6 * CALIB_DOF]) {
-  const int rows = calib_rows(task);
-  calib_real squared = 0;
+/* What joints miss of a task: residuals, their derivative by the joints in shares of their ranges,
+ * and the residuals' length.  A radian of turn counts as the arm's length. */
+typedef struct {
+  calib_real r[6], J[6 * CALIB_DOF], left;
+} calib_gap;
+
+static inline void calib_left(const calib_task *task, const calib_real q[CALIB_DOF],
+                              calib_gap *gap) {
+  calib_real *r = gap->r, *J = gap->J, squared = 0, p[3], R[9];
   int i, k;
   if (task->kind == CALIB_POSITION) {
     calib_model(q, r, J);
     for (i = 0; i < CALIB_OUT; ++i) r[i] = task->x[i] - r[i];
   } else {
-    calib_real p[3], R[9];
     calib_chain(task->arm, q, p, R, J, 0);
     for (i = 0; i < 3; ++i) r[i] = task->x[i] - p[i];
     if (task->kind != CALIB_PLACE) calib_turn_rows(task, R, r, J);
   }
-  for (i = 0; i < rows; ++i) {
+  for (i = 0; i < calib_rows(task); ++i) {
     squared += r[i] * r[i];
     for (k = 0; k < CALIB_DOF; ++k) J[i * CALIB_DOF + k] *= calib_span[k];
   }
-  return sqrt(squared);
+  gap->left = sqrt(squared);
 }

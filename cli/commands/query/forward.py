@@ -31,9 +31,6 @@ def forward(
     output: opt.Output = None,
     unit: opt.PositionUnit = None,
     degrees: opt.Degrees = False,
-    as_json: opt.Json = False,
-    verbose: opt.Verbose = False,
-    quiet: opt.Quiet = False,
 ) -> Outcome:
     import numpy as np
 
