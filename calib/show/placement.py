@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arm.rotations import similarity
 from ..body.sensor_pose import SensorPose
 from ..body.spatial import SpatialStructure
 from ..body.views import Placed, is_camera
@@ -20,10 +19,7 @@ from .robot import Robot
 
 _PICTURE = "the picture is drawn as far from the camera as the tip is on average"
 _KNOWN = "the sensor's frame is not the robot's: positions are drawn in the robot's"
-_FITTED = (
-    "the sensor's frame is not the robot's: its positions are drawn where a least-squares "
-    "fit (turn, mirror, scale, shift) brings them"
-)
+_NEAR = 0.02  # [m or 1], differences of frames that are not told
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,43 +54,36 @@ def place_model(model: Model, robot: Robot | None) -> Placement:
     """Return where a model's positions are in space."""
     about = model.about
     body = model.body
-    width = len(model.axes)
-    # where positions say that they are, in the root link's frame
     origin, axes = _stated_plane(model)
-    if robot is None:  # as the sensor sees it
-        up = -1.0 if about.unit == "px" else 1.0
-        return Placement.of(origin, axes * np.array([[1.0], [up], [1.0]])[:width])
-    q = model.motor.weights[model.visited]
-    q = np.clip(q[thinned(len(q), 300)], about.lower, about.upper)
-    x = model.forward(q)
-    answered = np.isfinite(x).all(axis=1)
-    tips = robot.tips(q[answered])
+    if (
+        robot is None and about.unit == "px"
+    ):  # as the camera sees it: y counts downwards
+        axes = axes * np.array([[1.0], [-1.0]])
+    stated = Placement.of(origin, axes)
+    if robot is None or body is None:
+        return stated
     sensor = SensorPose.of(body)
-    if body is not None and sensor is not None:
-        structure = body.structure
-        if is_camera(structure.view):  # upright across its line of sight
-            f, u, v, _ = body.beta[structure.groups["lens"]]
-            right, down, ahead = sensor.rotation.T
-            depth = float(np.mean((tips - sensor.position) @ ahead))
-            axes = depth / f * np.array([right, down])
-            corner = sensor.position + depth * ahead - np.array([u, v]) @ axes
-            placed = Placement.of(corner, axes, _PICTURE)
-            return Placement(placed.matrix, placed.note, sensor.position)
+    if sensor is None:
+        seen = _seen_plane(model)
+        if seen is None:
+            return stated
+        matrix = stated.matrix @ np.linalg.inv(seen)
+        near = np.allclose(matrix, stated.matrix, atol=_NEAR)
+        return Placement(matrix, "" if near else _KNOWN)
+    structure = body.structure
+    if not is_camera(structure.view):
         axes = sensor.rotation.T / structure.sensor(body.beta).scale
         note = "" if structure.view == "base" else _KNOWN
         return Placement.of(sensor.position, axes, note)
-    stated = origin + x[answered] @ axes
-    far = np.sqrt(np.mean(np.sum((stated - tips) ** 2, axis=1)))
-    trusted = 0.15 * float(np.ptp(tips, axis=0).max())
-    if about.unit == "m" and far <= trusted:
-        return Placement.of(origin, axes)
-    seen = _seen_plane(model) if width == 2 else None
-    if seen is not None:
-        plane = Placement.of(origin, axes).matrix
-        return Placement(plane @ np.linalg.inv(seen), _KNOWN)
-    # points of a plane need no mirror: a half turn about a line in it is one
-    turn, shift, factor = similarity(stated, tips)
-    return Placement.of(factor * turn @ origin + shift, factor * axes @ turn.T, _FITTED)
+    # upright across its line of sight
+    q = model.motor.weights[model.visited]
+    tips = robot.tips(np.clip(q[thinned(len(q), 300)], about.lower, about.upper))
+    f, u, v, _ = body.beta[structure.groups["lens"]]
+    right, down, ahead = sensor.rotation.T
+    depth = float(np.mean((tips - sensor.position) @ ahead))
+    axes = depth / f * np.array([right, down])
+    corner = sensor.position + depth * ahead - np.array([u, v]) @ axes
+    return replace(Placement.of(corner, axes, _PICTURE), eye=sensor.position)
 
 
 def seen_by_sensor(model: Model, points: Array) -> Array | None:

@@ -55,8 +55,10 @@ class Scene:
 
     @cached_property
     def robot(self) -> Robot | None:
-        """The robot, None where no URDF came with the model."""
-        return Robot.of(self.model.about)
+        """The robot, None without a URDF, and where maps alone do not tell where it stands."""
+        about = self.model.about
+        placed = self.model.body is not None or about.unit == "m"
+        return Robot.of(about) if placed else None
 
     @cached_property
     def studies(self) -> list[Study]:
@@ -95,7 +97,10 @@ class Scene:
         """What the user should be told of the drawing."""
         notes = [placement.note for placement in self.placements if placement.note]
         if self.robot is None:
-            notes.insert(0, "no URDF came with this model: the arm itself is not drawn")
+            notes.insert(
+                0,
+                "the arm is not drawn: no URDF came with this model, or its maps stand alone",
+            )
         return list(dict.fromkeys(notes))
 
     @cached_property
