@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from .sensor_pose import SensorPose
 from .sensors import InSpace
 from .settings import FINER
 from .spatial import SpatialStructure
-from .views import Columns, Measurement, Picture, Scene, Sight, pixels
+from .views import Angular, Columns, Measurement, Picture, Scene, Sight, pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +69,7 @@ class _Corner:
     camera: Picture
     slope: Array  # (2, 6, n), derivative of pixels by the pose
 
-    def push(self, velocity: Array, angular: Any = 0.0) -> Array:
+    def push(self, velocity: Array, angular: Angular = 0.0) -> Array:
         """How outputs (..., 2, n) move when the hand does."""
         return self._pixels(self.pose.push(velocity, angular))
 

@@ -304,17 +304,18 @@ def planar_starts(
     drawing = structure.nominal
     tip: Complex = z @ np.array([1, 1j])
     if drawing is None:
-        start = _linear
         ways = list(sides(structure.revolute))
     else:
-        start = _placed
         mirrors = (drawing.mirror,) if structure.view == "base" else (1, -1)
         flips = np.array([*product((1, -1), repeat=structure.dof)]) * drawing.signs
         ways = list(product(map(tuple, flips.tolist()), mirrors))
     starts: list[tuple[PlanarStructure, float, Array]] = []
     for signs, mirror in ways:
         turned = structure.changed(signs=signs).with_sensor(mirror=mirror)
-        starts.append((turned, *start(turned, q, tip)))
+        if drawing is None:
+            starts.append((turned, *_linear(turned, q, tip)))
+        else:
+            starts.append((turned, *_framed(turned, q, tip, turned.neutral())))
     starts.sort(key=lambda item: item[1])
     if drawing is not None and not structure.viewpoint.seen_as.scaled:
         as_drawn = [item for item in starts if item[0].signs == drawing.signs]
@@ -332,11 +333,6 @@ def placed_in_plane(
     placed = [(side, *_framed(side, q, tip, beta)) for side in sides]
     side, _, best = min(placed, key=lambda item: item[1])
     return side, best
-
-
-def _placed(structure: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
-    """Error and parameters of the drawing in the frame that fits tips (n,) best."""
-    return _framed(structure, q, tip, structure.neutral())
 
 
 def _framed(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from .parameters import Block, Gaussian, Hyper, Indices
 from .rows import Rows, together
 from .settings import FINER, FIT, FREE, PRIOR
 from .spatial import SpatialStructure
-from .views import ArmSize, Columns, Measurement, Scene
+from .views import Angular, ArmSize, Columns, Measurement, Scene
 
 _POSTURES = 400
 """Postures all over the range, of which the mean motion is that of the whole arm."""
@@ -90,7 +89,7 @@ class _Misses:
     slope: Array  # (n, m, p, 3), by the sockets
     moves: float  # by how much they move with the tip
 
-    def push(self, velocity: Array, angular: Any = 0.0) -> Array:  # noqa: ARG002
+    def push(self, velocity: Array, angular: Angular = 0.0) -> Array:  # noqa: ARG002
         """How outputs (..., m, n) move when the tip does."""
         return np.asarray(self.moves * velocity[..., : self.values.shape[1], :])
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -19,7 +19,10 @@ from ..common.arrays import Array
 from .parameters import Block, Hyper
 from .settings import PRIOR
 
-Moved = tuple[Array, Any]
+Angular = Array | float
+"""Angular velocity (..., 3, n) [rad], or 0 where nothing turns."""
+
+Moved = tuple[Array, Angular]
 """How the tip moves: velocity (..., 3, n) [m] and angular velocity (..., 3, n) [rad], or 0."""
 
 Columns = Iterator[tuple[str, Callable[[], Array]]]
@@ -89,7 +92,7 @@ class Sight(Protocol):
 
     @property
     def values(self) -> Array: ...  # noqa: D102
-    def push(self, velocity: Array, angular: Any = 0.0) -> Array: ...  # noqa: D102
+    def push(self, velocity: Array, angular: Angular = 0.0) -> Array: ...  # noqa: D102
     def columns(self) -> Columns: ...  # noqa: D102
 
 
@@ -185,11 +188,11 @@ class View:
     tip: Array  # (d, n)
     picture: Picture | None = None
 
-    def push(self, velocity: Array, angular: Any = 0.0) -> Array:
+    def push(self, velocity: Array, angular: Angular = 0.0) -> Array:
         """How outputs (..., m, n) move when the tip moves (..., d, n) [m] and turns [rad]."""
         sensor = self.sensor
         turned: Array | float = 0.0
-        if sensor.posed and np.ndim(angular):
+        if sensor.posed and isinstance(angular, np.ndarray):
             turned = sensor.rotation @ angular
         return self._seen(sensor.matrix[:, :-1] @ velocity, turned)
 

@@ -33,7 +33,7 @@ class Newton:
 
     def away(self, u: Array, v: Array) -> Array:
         """Distances (n,) between joints (n, dof), the short way round."""
-        return np.asarray(np.linalg.norm(self.scale.difference(u, v), axis=-1))
+        return lengths(self.scale.difference(u, v))
 
     def clip(self, u: Array) -> Array:
         """Joints (n, dof) within their limits; those of full turns go round."""
@@ -56,7 +56,7 @@ class Newton:
         rounding = max(tolerance, 1e-12) * self.task.size
         u = self.clip(u)
         gap, slope = self.task.residual(u, x)
-        miss = np.linalg.norm(gap, axis=1)
+        miss = lengths(gap)
         damping = np.full(len(u), SEARCH.easy)
         rows = np.flatnonzero(miss > enough)
         for _ in range(steps):
@@ -65,7 +65,7 @@ class Newton:
             step = self.move(u[rows], gap[rows], slope[rows], damping[rows])
             trial = self.clip(u[rows] + capped(step, SEARCH.longest))
             trial_gap, trial_slope = self.task.residual(trial, x[rows])
-            after = np.linalg.norm(trial_gap, axis=1)
+            after = lengths(trial_gap)
             before = miss[rows]
             better = after < before
             slow = before - after < SEARCH.slow * before
@@ -101,7 +101,7 @@ class Newton:
         wish = self.scale.difference(near[rows], u[rows])
         pull[rows] = self.tangent(u[rows], x[rows], wish)
         for _ in range(SEARCH.slides):
-            length = share[rows] * np.linalg.norm(pull[rows], axis=1)
+            length = share[rows] * lengths(pull[rows])
             rows = rows[length > SEARCH.settled]
             if not len(rows):
                 break
@@ -166,6 +166,11 @@ def _damped_solution(slope: Array, gap: Array, damping: Array) -> Array:
     diagonal += np.maximum(damping * diagonal.sum(axis=1), 1e-200)[:, None]
     force = np.linalg.solve(power, gap[..., None])
     return np.asarray((across @ force)[..., 0])
+
+
+def lengths(vectors: Array) -> Array:
+    """Lengths (...,) of vectors (..., d), quicker than NumPy's norm for a few."""
+    return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1)))
 
 
 def shortened(moves: Array, longest: float) -> Array:

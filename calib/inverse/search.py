@@ -148,8 +148,10 @@ def twins(newton: Newton, u: Array, x: Array) -> tuple[Index, Array]:
     side = sides[rows, :, -1]
     flat = directions[rows, -1]
     shift = SEARCH.probe * flat
-    ahead = newton.task.residual(u[rows] + shift, x[rows])[1]
-    behind = newton.task.residual(u[rows] - shift, x[rows])[1]
+    probes = np.concatenate([u[rows] + shift, u[rows] - shift])
+    ahead, behind = np.split(
+        newton.task.residual(probes, np.tile(x[rows], (2, 1)))[1], 2
+    )
     change = (side[:, None] @ (ahead - behind) @ flat[:, :, None])[:, 0, 0]
     rate = change / (2 * SEARCH.probe)
     reach = -2.0 * size[rows, -1] / np.where(rate == 0.0, np.inf, rate)

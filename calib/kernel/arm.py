@@ -103,7 +103,9 @@ class KernelArm:
     @staticmethod
     def of(structure: Any, beta: Array) -> KernelArm:
         """The arm of a body's structure at parameters (d,)."""
-        return (_planar if structure.kind == "planar" else _spatial)(structure, beta)
+        if structure.kind == "planar":
+            return _planar(structure, beta)
+        return _spatial(structure, beta)
 
     @cached_property
     def links(self) -> Links:
@@ -123,36 +125,34 @@ class KernelArm:
         moved = self.view @ np.swapaxes(motion.frames, 1, 2)
         turned = self.view @ motion.turns()[0]
         chained = self.view @ motion.joints()[0]
-        own = np.tensordot(self.chain.coupling.T, chained, axes=1)
-        parts = [linear, shifts, moved, turned, own, own * q.T[:, None]]
+        joints = np.tensordot(self.chain.coupling.T, chained, axes=1)
+        parts = [linear, shifts, moved, turned, joints, joints * q.T[:, None]]
         if len(self.coupling):
-            parts.append(own[1:] * q.T[:-1, None])
+            parts.append(joints[1:] * q.T[:-1, None])
         if self.sag is not None:
             parts += self.sag.derivatives(q, chained)
         if self.flex is not None:
-            psi = np.cumsum(self.way * q, axis=1).T
-            each = [(k, i) for k in range(len(psi)) for i in range(k + 1)]
-            waves = [
-                own[i] * wave(psi[k]) for k, i in each for wave in (np.cos, np.sin)
-            ]
-            parts.append(np.array(waves))
+            sums = np.cumsum(self.way * q, axis=1).T
+            for k, angle in enumerate(sums):
+                waves = np.stack([np.cos(angle), np.sin(angle)])
+                bent = joints[: k + 1, None] * waves[:, None]
+                parts.append(bent)
         geometry = np.concatenate([part.reshape(-1, 3, len(q)) for part in parts])
         if self.lens is None:
-            return geometry[:, : self.outputs], own[:, : self.outputs]
-        seen = self.view @ motion.position + self.shift[:, None]
-        sight = pixels(self.lens, seen)
-        return np.concatenate([sight.seen(geometry), sight.refocused()]), sight.seen(
-            own
-        )
+            return geometry[:, : self.outputs], joints[:, : self.outputs]
+        point = self.view @ motion.position + self.shift[:, None]
+        sight = pixels(self.lens, point)
+        by_all = np.concatenate([sight.seen(geometry), sight.refocused()])
+        return by_all, sight.seen(joints)
 
 
 def _curves(structure: Any, beta: Array) -> Array:
     """Curves (dof, 96) of all joints; (0, 96) where there are none."""
     out = np.zeros((structure.dof, 2 * HARMONICS))
     for k in range(structure.dof):
-        own = structure.groups[f"curve.{k}"]
-        if len(own):
-            out[k] = beta[own]
+        curve = structure.groups[f"curve.{k}"]
+        if len(curve):
+            out[k] = beta[curve]
     return out if out.any() else out[:0]
 
 

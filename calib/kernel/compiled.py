@@ -23,8 +23,8 @@ from ..errors import OptionError
 from .source import c_source, source
 
 OFF = "CALIB_NO_CC"  # leaves the compiler alone where it is set to anything but 0
-#: Flags of an answer: no other is nearer; nothing reaches the position.
-CERTAIN, NOTHING = (1, 3)
+CERTAIN = 1  # flag of an answer: no other is nearer
+NOTHING = 3  # flag of a position that nothing reaches
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ COMPILER = Compiler()
 class Layout:
     """Where the parts of a single query stand in its buffer, as in ``c/calls.h``."""
 
-    asked: int = 16  # what is asked beside joints
+    question: int = 16  # what is asked beside joints
     part: int = 4  # numbers of each part of it
     answer: int = 32
     size: int = 128
@@ -173,7 +173,7 @@ class Compiled:
         whole = np.zeros(LAYOUT.size)
         parts = []
         for k, size in enumerate(sizes):
-            begin = LAYOUT.asked + k * LAYOUT.part
+            begin = LAYOUT.question + k * LAYOUT.part
             parts.append(whole[begin : begin + size])
         answer = whole[LAYOUT.answer : LAYOUT.answer + math.prod(shape)].reshape(shape)
         address = int(whole.ctypes.data)

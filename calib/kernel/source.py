@@ -33,13 +33,13 @@ def c_source(text: str, words: Mapping[str, object], prefix: str, single: bool) 
     """C source with words such as ``@dof@`` and ``#if @word@`` filled in, and names' prefix."""
     while "#if @" in text:  # the innermost first
         text = _CHOICE.sub(
-            lambda found: (found[2] if words[found[1]] else found[3]) or "", text
+            lambda match: (match[2] if words[match[1]] else match[3]) or "", text
         )
     filled = {
         name: c_number(value, single) if isinstance(value, float) else str(value)
         for name, value in words.items()
     }
-    text = re.sub(r"@(\w+)@", lambda found: filled[found[1]], text)
+    text = re.sub(r"@(\w+)@", lambda match: filled[match[1]], text)
     text = _FUNCTIONS.sub(r"\1f(", text) if single else text
     return text.replace("calib_", prefix).replace("CALIB_", prefix.upper())
 
@@ -70,7 +70,7 @@ def braces(values: NDArray[np.generic], single: bool) -> str:
     numbers = np.clip(np.nan_to_num(np.asarray(values, float), nan=3e38), -3e38, 3e38)
     text = str(numbers.tolist())
     if single:  # nine digits tell any two floats apart
-        text = _NUMBER.sub(lambda found: _nine_digits(found[0]), text)
+        text = _NUMBER.sub(lambda match: _nine_digits(match[0]), text)
     return text.replace("], [", "],\n[").translate(_BRACES)
 
 

@@ -29,7 +29,10 @@ from .parts import ROUNDED, Parts
 from .space import Space
 from .turns import joint_limits
 
-_FILES = ("chain", "nodes", "bound", "local", "answers", "task", "search", "many")
+_FILES = (
+    *("chain", "nodes", "bound", "local", "answers"),
+    *("task", "newton", "search", "many"),
+)
 _NO_LIMIT = 3e38  # of corrections
 _FLOATS = (
     "root",

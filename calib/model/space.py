@@ -62,8 +62,8 @@ class Space:
             structure: Any = body.structure
             length = max(structure.chain.reach, 1e-9)
             model.remembered["space"] = Space(model, body, length)
-        found: Space = model.remembered["space"]
-        return found
+        space: Space = model.remembered["space"]
+        return space
 
     # What the chain says.
 
@@ -83,10 +83,11 @@ class Space:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""
         rows, _ = checked_rows(q, self.model.about.joint_names, "joint values")
         position, rotation, _ = self.evaluate(rows)
-        known = self.model.covers(rows)[:, None]
-        return np.where(known, position, np.nan), np.where(
-            known, quaternion_of(rotation), np.nan
-        )
+        lost = ~self.model.covers(rows)
+        turn = quaternion_of(rotation)
+        position[lost] = np.nan
+        turn[lost] = np.nan
+        return position, turn
 
     def bound(self, q: ArrayLike, *, size: bool = True) -> Array:
         """95 % bound (n,) in the base frame [m], which stands where the belief has it.
@@ -121,14 +122,18 @@ class Space:
     @property
     def sensor(self) -> tuple[Array, Array, float]:
         """Rotation, shift and scale of the sensor: it sees ``scale rotation point + shift``."""
-        own: Any = self.model.body
-        if own is None or own.structure.kind != "spatial" or not own.structure.informed:
+        body: Any = self.model.body
+        if (
+            body is None
+            or body.structure.kind != "spatial"
+            or not body.structure.informed
+        ):
             return (
                 np.eye(3),
                 np.zeros(3),
                 1.0,
             )  # a simulated sensor is in the base frame
-        placed = own.structure.sensor(own.beta)
+        placed = body.structure.sensor(body.beta)
         return placed.rotation, placed.shift, placed.scale
 
     def to_sensor(self, position: Array, rotation: Array) -> tuple[Array, Array]:
@@ -141,19 +146,19 @@ class Space:
         turn, shift, scale = self.sensor
         return (position - shift) @ turn / scale, turn.T @ rotation
 
-    def pixels_on_plane(self, seen: ArrayLike, height: float) -> Array:
-        """Points (n, 3) [m] of the base frame's plane z = height that pixels `seen` (n, 2) show.
+    def pixels_on_plane(self, pixel: ArrayLike, height: float) -> Array:
+        """Points (n, 3) [m] of the base frame's plane z = height that pixels (n, 2) show.
 
         Raises QueryError if the model is of no camera, or a line of sight misses the plane.
         """
-        rows, _ = checked_rows(seen, ("x", "y"), "pixels")
+        rows, _ = checked_rows(pixel, ("x", "y"), "pixels")
         if not self.camera:
             raise QueryError(
                 "a pixel on a plane needs a model that was learned from pixels u, v"
             )
         turn, shift, _ = self.sensor
-        own: Any = self.model.body
-        ideal = _undistorted(rows, own.beta[own.structure.groups["lens"]])
+        body: Any = self.model.body
+        ideal = _undistorted(rows, body.beta[body.structure.groups["lens"]])
         rays = np.column_stack([ideal, np.ones(len(ideal))]) @ turn
         eye = -turn.T @ shift
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -169,14 +174,14 @@ class Space:
 
     def sees(self, position: ArrayLike) -> Mask:
         """Whether a camera's picture shows points (n, 3) of the base frame, (n,)."""
-        own: Any = self.model.body
+        body: Any = self.model.body
         points = np.atleast_2d(np.asarray(position, dtype=float))
         if not self.camera:
             return np.ones(len(points), dtype=bool)
-        sensor = own.structure.sensor(own.beta)
-        seen = points @ sensor.rotation.T + sensor.shift
-        ahead = seen[:, 2] > 0
-        view = pixels(sensor.lens, seen.T)
+        sensor = body.structure.sensor(body.beta)
+        place = points @ sensor.rotation.T + sensor.shift
+        ahead = place[:, 2] > 0
+        view = pixels(sensor.lens, place.T)
         size = self.model.about.picture or tuple(2 * sensor.lens[1:3])
         inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
         # where the lens folds over, the picture shrinks as the point moves outwards
@@ -328,19 +333,20 @@ class Space:
         return self.model.motor.scale
 
 
-def _undistorted(seen: Array, lens: Array) -> Array:
-    """Directions (n, 2) as x/z, y/z of pixels `seen` (n, 2) through a lens (f, u0, v0, k1)."""
+def _undistorted(pixel: Array, lens: Array) -> Array:
+    """Directions (n, 2) as x/z, y/z of pixels (n, 2) through a lens (f, u0, v0, k1)."""
     f, u0, v0, k1 = lens
-    bent = (seen - (u0, v0)) / f
-    r = radius = np.linalg.norm(bent, axis=1)
-    for _ in range(
-        _LENS
-    ):  # r (1 + k1 r^2) = radius by Newton's rule, not beyond the lens's fold
-        r = r - (r * (1 + k1 * r * r) - radius) / np.maximum(1 + 3 * k1 * r * r, 1e-6)
-    if (bad := ~(np.abs(r * (1 + k1 * r * r) - radius) <= 1e-9)).any():
+    bent = (pixel - (u0, v0)) / f
+    radius = np.linalg.norm(bent, axis=1)
+    r = radius
+    for _ in range(_LENS):  # Newton's rule, not beyond the lens's fold
+        slope = np.maximum(1 + 3 * k1 * r * r, 1e-6)
+        r = r - (r * (1 + k1 * r * r) - radius) / slope
+    beyond = ~(np.abs(r * (1 + k1 * r * r) - radius) <= 1e-9)
+    if beyond.any():
         raise QueryError(
-            f"pixel {seen[bad][0].round(1).tolist()} lies beyond what a lens of k1 {k1:.3g} can "
-            f"show: expected one nearer to ({u0:.0f}, {v0:.0f})"
+            f"pixel {pixel[beyond][0].round(1).tolist()} lies beyond what a lens of k1 {k1:.3g} "
+            f"can show: expected one nearer to ({u0:.0f}, {v0:.0f})"
         )
     return np.asarray(bent * (r / np.where(radius > 0, radius, 1.0))[:, None])
 
@@ -355,11 +361,11 @@ def _in_base(body: Body | None, *, size: bool = True) -> Body | None:
         # a base frame behind a sensor is turned about the first axis as the belief has it
         free = structure.view != "base"
         root = without_gauge(structure, belief, size) if free else belief.root
-        own = belief.active
-        kept = ~np.isin(belief.active, sensor_of(structure))
+        arm = ~np.isin(belief.active, sensor_of(structure))
         beta = without_sensor(structure, belief.beta)[1]
+        active = belief.active[arm]
         return replace(
-            belief, beta=beta, active=own[kept], root=root[kept], noise=np.zeros(3)
+            belief, beta=beta, active=active, root=root[arm], noise=np.zeros(3)
         )
 
     base = without_sensor(structure, body.beta)[0]

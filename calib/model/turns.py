@@ -24,26 +24,24 @@ def joint_limits(model: Parts) -> Array:
     if "limits" not in model.remembered:
         about = model.about
         limits = np.column_stack([about.lower, about.upper])
-        drawn = _drawn_limits(about.urdf) if model.motor.scale.periodic.any() else {}
+        several = about.urdf and model.motor.scale.periodic.any()
+        drawn = _drawn_limits(about.urdf) if several else {}
         for k, name in enumerate(about.joint_names):
             lower, upper = drawn.get(name, (0.0, 0.0))
             if model.motor.scale.periodic[k] and upper - lower > TURN:
                 limits[k] = lower, upper
         model.remembered["limits"] = limits
-    found: Array = model.remembered["limits"]
-    return found
+    both: Array = model.remembered["limits"]
+    return both
 
 
 def _drawn_limits(urdf: str) -> dict[str, tuple[float, float]]:
     """What the joints of a URDF can reach, by name; nothing where there is none."""
     try:
-        return (
-            {joint.name: joint.travel for joint in parse_robot(urdf).joints}
-            if urdf
-            else {}
-        )
+        joints = parse_robot(urdf).joints
     except CalibError:
         return {}
+    return {joint.name: joint.travel for joint in joints}
 
 
 def on_turn(model: Parts, q: Array, near: Array) -> Array:

@@ -41,7 +41,7 @@ class Hint:
     kinds: tuple[type, ...]  # types that a value may have
     optional: bool
     shape: Shape | None = None  # of an array
-    own: Own | None = None  # of an object with axes of its own
+    axes: Own | None = None  # of an object with axes of its own
 
     @staticmethod
     def of(annotation: object) -> Hint:
@@ -56,7 +56,7 @@ class Hint:
         kind, mark = get_args(kinds[0])
         if isinstance(mark, Shape):
             return Hint((kind,), optional, shape=mark)
-        return Hint((kind,), optional, own=mark)
+        return Hint((kind,), optional, axes=mark)
 
     @property
     def item(self) -> Hint | None:
@@ -167,6 +167,8 @@ class _Reader:
             if hint.optional:
                 return None
             raise ModelError(f"array {path!r} is missing")
+        if data is _MISSING:
+            raise ModelError(f"{path} is missing")
         if data is None and hint.optional:
             return None
         if hint.item is not None:
@@ -191,13 +193,13 @@ class _Reader:
             raise ModelError(
                 f"{path} is of kind {name!r:.60}, expected {list(classes)}"
             )
-        inner = sizes if hint.own is None else hint.own.inner(sizes)
+        inner = sizes if hint.axes is None else hint.axes.inner(sizes)
         values: dict[str, object] = {}
         for key, part in _hints(classes[name]).items():
             value = data.get(key, _MISSING)
             values[key] = self.value_of(part, value, _under(path, key), inner)
-        if hint.own is not None:
-            hint.own.outer(inner, sizes)
+        if hint.axes is not None:
+            hint.axes.outer(inner, sizes)
         return classes[name](**values)
 
 
@@ -205,7 +207,7 @@ def _plain(kind: type, value: object, path: str) -> object:
     """Return a tuple, a mapping, a number, a text, true or false of a type."""
     origin = get_origin(kind)
     parts = get_args(kind)
-    if kind is Any and value is not _MISSING:
+    if kind is Any:
         return value
     if kind is float and value is None:
         return math.inf

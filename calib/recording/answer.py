@@ -230,7 +230,8 @@ class Solved:
         stated = view.shots.board.side
         place = self.layout.shape(self.layout.board_of(view.in_hand))[-1]
         measured = stated * float(np.exp(self.fit.unknowns.values[place]))
-        half = self.half_width * measured * self.fit.covariance[place, place] ** 0.5
+        sd = measured * float(np.sqrt(self.fit.covariance[place, place]))
+        half = self.half_width * sd
         interval = [measured - half, measured + half]
         return {"said": stated, "measured": measured, "interval": interval}
 

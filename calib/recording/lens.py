@@ -149,7 +149,7 @@ def calibrate_lens(
         doubt = float(np.ravel(spread)[0] / matrix[0, 0])
     if not doubt <= _DOUBT or not focal.max() <= 50 * max(size):
         raise LogError(
-            f"the pictures of the board determine the focal length to {100 * doubt:.2g} % only, "
+            f"the pictures of the board determine the focal length to {100 * doubt:.3g} % only, "
             "3 % expected: tilt the board this way and that between them"
         )
     lens = Lens(size, focal, matrix[:2, 2].copy(), distortion, float(rms))

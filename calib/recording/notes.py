@@ -106,10 +106,10 @@ def _contradicting(setting: Setting, rig: HandEye, agreeing: Mask) -> Iterator[s
 
 def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
     """A direction that the motions hardly tell, and two poses that would."""
+    if max(rig.hand["position_95_up_to_gauge"]) < LIMITS.open:
+        return
     squares, directions = np.linalg.eigh(rig.covariance[3:6, 3:6])
     off = 1.96 * float(np.sqrt(max(squares[-1], 0.0)))
-    if off < LIMITS.open:
-        return
     turns, axes = turning(rig.flange[agreeing])
     along, second, third = (
         ", ".join(f"{value:+.2f}" for value in axis)

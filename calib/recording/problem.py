@@ -137,8 +137,16 @@ def turning(poses: Array) -> tuple[Array, Array]:
 
 
 def _refuse_others(choice: Choice, ways: Sequence[Reading], view: View) -> None:
-    """Refuse poses that fit the pictures far better a row late or early, or not at all."""
+    """Refuse mirrored pictures, and poses that fit far better a row late, early, or not at all."""
     misfit = choice.start.misfit
+    flange = choice.reading.flange[view.rows]
+    if choice.start.size == -np.inf:  # lengths along the picture count the other way
+        unit = choice.convention["unit"]
+        sized = find_start(flange, view.boards, unit=unit, sized=True)
+        if sized.misfit > 3.0 * misfit:
+            raise LogError(
+                "the pictures are mirrored: turn that off in the camera's settings"
+            )
     if misfit < np.radians(2.0):
         return
     for by, word in ((-1, "late"), (1, "early")):
@@ -149,7 +157,6 @@ def _refuse_others(choice: Choice, ways: Sequence[Reading], view: View) -> None:
                 hint="check which row is of which picture",
             )
     rng = np.random.default_rng(0)
-    flange = choice.reading.flange[view.rows]
     shuffled = [find_start(rng.permutation(flange), view.boards) for _ in range(8)]
     usual = float(np.median([start.misfit for start in shuffled]))
     if misfit > 0.2 * usual:
@@ -271,7 +278,7 @@ def _lens_sizes(view: View) -> Array:
     if view.given is not None:
         sizes = np.zeros(9)
         for scale in _lens_scales(view, np.arange(9)):
-            sizes[scale.indices] = max(scale.lowest, 1e-3 * scale.highest)
+            sizes[scale.indices] = max(scale.lowest, 1e-2 * scale.highest)
         return sizes
     focal = 0.3 * float(view.lens.focal.mean())
     centre = 0.05 * view.shots.size[0]

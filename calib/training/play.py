@@ -8,9 +8,10 @@ import numpy as np
 
 from ..body.approach import learn_play
 from ..common.arrays import Array
+from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from .settings import PLAY
-from .smooth import SmoothPart
+from .smooth import Fit, SmoothPart
 
 
 def play_of(samples: Samples, part: SmoothPart) -> Array | None:
@@ -33,6 +34,24 @@ def play_of(samples: Samples, part: SmoothPart) -> Array | None:
         trend = np.linalg.lstsq(powers, surprise[:, k], rcond=None)[0]
         surprise[:, k] -= powers @ trend
     return learn_play(samples.x[rows] - value, slope / scale.span, surprise)
+
+
+def freed_of_play(
+    samples: Samples, part: SmoothPart, fit: Fit
+) -> tuple[Samples, SmoothPart, Array]:
+    """Return samples without the play that their order shows, their part, and half the play.
+
+    part : of the samples as they are
+    """
+    play = np.zeros(samples.dof)
+    for _ in range(PLAY.rounds):  # curves and frame have taken a part of it before
+        more = play_of(at_poses(samples), part)
+        if more is None:
+            break
+        samples = without_play(samples, more)
+        part = fit(samples)
+        play = play + more
+    return samples, part, play
 
 
 def without_play(samples: Samples, play: Array) -> Samples:

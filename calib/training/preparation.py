@@ -16,8 +16,7 @@ from ..samples.repeatability import at_poses, noise_beside_poses
 from ..samples.samples import Samples
 from ..samples.wrong_rows import screen
 from .learn import TrainingOptions
-from .play import play_of, play_words, without_play
-from .settings import PLAY
+from .play import play_words, without_play
 from .smooth import SmoothPart, find_smooth_part, find_smooth_parts
 from .sound_rows import fit_sound_rows
 from .touched import fit_sockets
@@ -44,27 +43,21 @@ def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
     if samples.touch is not None:
         samples, part, notes = fit_sockets(samples, options)
         return Prepared(samples, rows_given, (*notes, *part.fit.notes), part)
-    notes = []
-    if samples.simulation is None:
-        sound, notes = screen(samples)
-        if not sound.all():
-            samples = samples.take(sound)
     if options.body == "none":
+        notes = []
+        if samples.simulation is None:
+            sound, notes = screen(samples)
+            samples = samples.take(sound)
         return Prepared(at_poses(samples), rows_given, tuple(notes))
 
     def fit(rows: Samples) -> SmoothPart:
         return find_smooth_part(at_poses(rows), options)
 
-    samples, part, sound_notes = fit_sound_rows(samples, fit)
-    notes += sound_notes
-    play = None
-    for _ in range(PLAY.rounds):  # curves and frame have taken a part of it before
-        more = play_of(at_poses(samples), part)
-        if more is None:
-            break
-        samples = without_play(samples, more)
-        part = fit(samples)
-        play = more if play is None else play + more
+    log = fit_sound_rows(samples, fit)
+    samples = log.samples
+    part = log.part
+    notes = log.notes
+    play = log.play if log.play.any() else None
     if play is not None:
         notes.append(play_words(samples, play))
     if samples.simulation is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,6 +38,10 @@ class SmoothPart:
     def error(self) -> float:
         """Mean distance of held-out rows from the body [unit]."""
         return float(np.linalg.norm(self.fit.held_out, axis=1).mean())
+
+
+Fit = Callable[[Samples], SmoothPart]
+"""Finds the smooth part of samples."""
 
 
 def find_smooth_parts(

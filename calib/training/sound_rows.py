@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
 from ..model.model import Model
@@ -16,23 +16,41 @@ from ..samples.delays import Trajectory
 from ..samples.diagnosis import aligned, rows_behind
 from ..samples.samples import Samples
 from ..samples.settings import DIAGNOSIS
-from ..samples.wrong_rows import contradicting_corner, contradictions
+from ..samples.wrong_rows import contradicting_corner, contradictions, screen
 from .late_clock import InTime, in_time
+from .play import freed_of_play
 from .settings import LEARNING, OTHER_ORDER
-from .smooth import SmoothPart
-
-Fit = Callable[[Samples], SmoothPart]
-"""Finds the smooth part of samples."""
+from .smooth import Fit, SmoothPart
 
 
-def fit_sound_rows(samples: Samples, fit: Fit) -> tuple[Samples, SmoothPart, list[str]]:
+@dataclass(frozen=True, eq=False)
+class SoundLog:
+    """What is learned from: rows in time, and where their joints stood."""
+
+    samples: Samples
+    part: SmoothPart
+    play: Array  # (dof,), half the play of each joint, which the samples are freed of
+    notes: list[str] = field(default_factory=list)
+
+
+def fit_sound_rows(samples: Samples, fit: Fit) -> SoundLog:
     """Fit samples; of a log without its delay and without the rows that contradict the others.
 
-    Returns the samples that are learned from, their smooth part and notes.
+    Rows that came from the other side of a joint with play contradict the others, too: play is
+    learned before.
     """
     if samples.simulation is not None:
-        return samples, fit(samples), []
+        return SoundLog(*freed_of_play(samples, fit(samples), fit))
     notes: list[str] = []
+    play = np.zeros(samples.dof)
+    sound, wrong_notes = screen(samples)
+    if not sound.all() and Trajectory.of(samples) is None:  # a lag looks like play
+        freed, _, play = freed_of_play(samples, fit(samples), fit)
+        if play.any():
+            samples = freed
+            sound, wrong_notes = screen(samples)
+    samples = samples.take(sound)
+    notes += wrong_notes
     trajectory = Trajectory.of(samples)
     delay = 0.0
     if samples.arm is not None and not samples.in_time:
@@ -52,15 +70,18 @@ def fit_sound_rows(samples: Samples, fit: Fit) -> tuple[Samples, SmoothPart, lis
         part = mended.part or part
         notes += mended.notes
     notes += _other_order(samples, part, fit)
+    samples, part, more = freed_of_play(samples, part, fit)
+    play = play + more
     sound, wrong_notes = contradictions(samples, _residual(samples, part))
     if not sound.all():
         samples = samples.take(sound)
-        part = fit(samples)
+        samples, part, more = freed_of_play(samples, fit(samples), fit)
+        play = play + more
     corner = contradicting_corner(samples, _residual(samples, part))
-    return samples, part, [*notes, *wrong_notes, *corner]
+    return SoundLog(samples, part, play, [*notes, *wrong_notes, *corner])
 
 
-def _residual(samples: Samples, part: SmoothPart) -> np.ndarray:
+def _residual(samples: Samples, part: SmoothPart) -> Array:
     return samples.x - part.fit.body.predict(samples.q)
 
 

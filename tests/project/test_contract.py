@@ -82,6 +82,32 @@ def elasticity():
     return random_rows(Robot(elastic=-3e-3), noise=5e-5)
 
 
+def a_payload():
+    return random_rows(Robot(elastic=-2e-3, payload=-2e-3), noise=5e-5)
+
+
+def a_scale():
+    return [replace(log, x=1.7 * log.x, unit="sensor") for log in random_rows(Robot())]
+
+
+def millimetres():
+    return [replace(log, x=1e3 * log.x, unit="mm") for log in random_rows(Robot())]
+
+
+def encoders_that_tremble():
+    """Poses that were read again, by encoders that read each a little otherwise."""
+    logs = repeated_poses()
+    rng = np.random.default_rng(2)
+    return [replace(log, q=log.q + 2e-6 * rng.standard_normal(log.q.shape)) for log in logs]
+
+
+def rows_left_out():
+    """Backlash in a log of which some rows were left out when it was read."""
+    trained, fresh = backlash()
+    rows = np.random.default_rng(3).permutation(len(trained))[:200]
+    return trained.take(np.sort(rows)), fresh
+
+
 def a_lens():
     return random_rows(
         Robot("pinhole"), noise=PIXELS, unit="px",
@@ -174,10 +200,15 @@ ABILITIES = {
         a_mount,
         joint_curves,
         elasticity,
+        a_payload,
+        a_scale,
+        millimetres,
         a_lens,
         poses,
         repeated_poses,
+        encoders_that_tremble,
         backlash,
+        rows_left_out,
         a_late_clock,
         two_sensors,
         touches,

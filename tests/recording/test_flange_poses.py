@@ -48,6 +48,8 @@ def test_what_a_table_means_is_found(rotation):
     # what is said is taken
     again = world.solve(table, rotation=rotation, unit=unit)
     assert again.convention["rotation"] == rotation
+    if rotation == "rpy":
+        assert world.solve(table, rotation="fanuc").convention["rotation"] == "rpy"
     with pytest.raises(OptionError, match="rotation"):
         world.solve(table, rotation="other")
 
@@ -117,6 +119,27 @@ def test_planned_poses_show_the_board_and_tell_what_is_promised(in_hand, tmp_pat
     after = np.max(world.solve().hand["position_95"])
     assert after < 0.75 * np.max(rig.hand["position_95"])
     assert after < 1.2 * np.max(done.document["position_95"][-1])
+
+
+def test_mirrored_pictures_are_refused():
+    world = World(1)
+    mirrored = [corners * (-1, 1) + (SIZE[0], 0) for corners in world.corners[0]]
+    world.corners[0] = [c.reshape(6, 9, 2)[:, ::-1].reshape(-1, 2) for c in mirrored]
+    with pytest.raises(LogError, match="mirrored"):
+        world.solve()
+
+
+def test_autofocus_is_told_and_left_to_the_camera():
+    world = World(3, in_hand=False)
+    rng = np.random.default_rng(0)
+    middle = np.array([645.0, 352.0])
+    for k, corners in enumerate(world.corners[0]):
+        world.corners[0][k] = middle + rng.uniform(0.995, 1.005) * (corners - middle)
+    rig = world.solve()
+    assert any("switch the camera's autofocus off" in note for note in rig.notes)
+    assert rig.used == world.count
+    assert rig.repeatability["position"] < 5e-4  # not to the arm
+    assert (misses(rig.base, world.camera) < 1.5).all()
 
 
 def test_turns_about_one_axis_are_refused_with_what_would_tell():

@@ -1,6 +1,7 @@
 """Hand-eye: from rendered pictures of a board to where camera and board are."""
 
 import json
+import re
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -138,6 +139,22 @@ def test_an_arm_with_play_is_answered_and_its_repeatability_told():
     off = np.abs(np.subtract(found.hand["position"], rig.hand(rig.beta)[0]))
     assert np.linalg.norm(off) < 4e-3
     assert (off < 1.5 * np.array(found.hand["position_95"])).all()
+
+
+def test_the_drawing_of_another_robot_is_told(tmp_path):
+    """Its fourth link is 25 mm longer: no drawing is off by as much."""
+    rig = Rig(True, seed=5, pictures=24)
+    joint = f'<joint name="{rig.arm.joint_names[4]}"'
+    head, tail = rig.arm.urdf.split(joint)
+    xyz = re.search(r'xyz="([^"]*)"', tail)[1]
+    x, y, z = map(float, xyz.split())
+    longer = tail.replace(xyz, f"{x} {y + 0.025} {z}", 1)
+    (tmp_path / "other.urdf").write_text(head + joint + longer)
+    found = handeye(tmp_path / "other.urdf", corners(rig), None, None, "hand", lens=lens_of(rig))
+    assert any("drawing of another robot" in note for note in found.notes)
+    off = np.abs(np.subtract(found.hand["position"], rig.hand(rig.beta)[0]))
+    assert (off < 1.5 * np.array(found.hand["position_95"])).all()
+    assert max(found.hand["position_95"]) > 5e-3  # along the last axis nothing tells
 
 
 def test_a_lens_that_is_off_is_told_and_one_of_another_size_refused():
