@@ -23,6 +23,9 @@ ORDERS = (*AXES, *map(str.upper, AXES), "ZYZ", "zyz", "ZXZ", "zxz")
 NAMES = {"xyz": "rpy", "ZYX": "kuka"}
 """Orders that have names of their own."""
 
+ALIKE = {"fanuc": "rpy"}
+"""Other words for a rotation."""
+
 MAKERS = {
     "rpy": "fixed axes x, y, z: ROS, Fanuc, Yaskawa",
     "kuka": "moving axes z, y, x: KUKA's A, B, C",
@@ -135,11 +138,12 @@ def choose(
     unit, rotation, degrees : what is stated of the table; by default all are tried
     Raises OptionError where no reading is left.
     """
+    alike = ALIKE.get(rotation or "", rotation)
     angles = None if degrees is None else ("deg" if degrees else "rad")
     some = [
         reading
         for reading in ways
-        if rotation in (None, reading.rotation)
+        if alike in (None, reading.rotation)
         and angles in (None, reading.angles or angles)
     ]
     if not some:

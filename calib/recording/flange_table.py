@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,7 +30,7 @@ MATRIX = tuple(f"m{i}{k}" for i in range(4) for k in range(4))
 
 _LENGTHS = (6, 7, 12, 16)  # numbers of a row without a header
 _TOLERANCE = 0.02  # of the length of a quaternion, or of a matrix's rows
-_IGNORED = {"picture", "time", "timestamp", "episode"}
+IGNORED = {"picture", "time", "timestamp", "episode"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,32 +74,14 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
     if all(_is_number(cell) for cell in cells):
         return _without_header(path, source.label)
     header = {name.lower(): name for name in source.header}
-    if "m00" in header:
-        columns = list(MATRIX[:12])
-        named = "matrix"
-    else:
-        named, turn = next(
-            (
-                (kind, names)
-                for kind, names in TURNS.items()
-                if names[0].lower() in header
-            ),
-            ("", ()),
-        )
-        columns = [*POSITION, *turn]
-    missing = [name for name in columns if name.lower() not in header]
-    others = [
-        name
-        for name in source.header
-        if name.lower()
-        not in {*map(str.lower, columns), *map(str.lower, MATRIX)} | _IGNORED
-    ]
-    if missing or not named or others:
+    named, columns = _columns(set(header))
+    expected = {name.lower() for name in (*columns, *MATRIX)} | IGNORED
+    if not columns or header.keys() - expected:
         raise LogError(
             f"{source.label} has the columns {listed(source.header)}: expected {_expected()}"
         )
     values = source.numbers([header[name.lower()] for name in columns])[0]
-    if "m00" in header:
+    if columns[0] == "m00":
         values = _of_matrices(values.reshape(-1, 3, 4))
     good: Mask = np.asarray(np.isfinite(values).all(axis=1))
     pictures = None
@@ -109,27 +92,29 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
             for cell in cells
         ]
         pictures = tuple(name for name, whole in zip(names, good, strict=True) if whole)
-    return _checked(
-        source, values, good, pictures, "rpy" if named == "fanuc" else named
-    )
+    return _checked(source, values, good, pictures, named)
+
+
+def _columns(header: set[str]) -> tuple[str, list[str]]:
+    """The rotation that names of columns (small letters) say, and its columns, if all are there."""
+    kinds = {kind: [*POSITION, *names] for kind, names in TURNS.items()}
+    for kind, columns in (("matrix", list(MATRIX[:12])), *kinds.items()):
+        if header.issuperset(name.lower() for name in columns):
+            return "rpy" if kind == "fanuc" else kind, columns
+    return "", []
 
 
 def _without_header(path: str | os.PathLike[str] | Source, label: str) -> FlangeTable:
     if isinstance(path, Source) or os.fspath(path) == "-":
         raise LogError(f"{label} has no header: expected {_expected()}")
-    lines = (
-        Path(path).read_text(encoding="utf-8-sig").replace(";", ",").replace("\t", ",")
-    )
-    rows = [
-        line.replace(",", " ").split() for line in lines.splitlines() if line.strip()
-    ]
-    lengths = {len(row) for row in rows}
-    count = lengths.pop()
+    text = Path(path).read_text(encoding="utf-8-sig")
+    lines = re.sub(r"[;,\t]", " ", text).splitlines()
     try:
-        values = np.array([[float(cell) for cell in row] for row in rows])
+        values = np.array([line.split() for line in lines if line.strip()], float)
+        count = values.shape[1]
     except ValueError:
         count = 0
-    if lengths or count not in _LENGTHS:
+    if count not in _LENGTHS:
         raise LogError(
             f"{label} has no header and {count} numbers a row: expected {_expected()}"
         )

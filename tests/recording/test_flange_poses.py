@@ -48,6 +48,8 @@ def test_what_a_table_means_is_found(rotation):
     # what is said is taken
     again = world.solve(table, rotation=rotation, unit=unit)
     assert again.convention["rotation"] == rotation
+    if rotation == "rpy":
+        assert world.solve(table, rotation="fanuc").convention["rotation"] == "rpy"
     with pytest.raises(OptionError, match="rotation"):
         world.solve(table, rotation="other")
 
