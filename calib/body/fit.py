@@ -268,6 +268,8 @@ class Fit:
         for hyper, index in self.hypers:
             # MacKay's (1992) fixed point: that of EM, in a third of the steps
             count = len(index) - float((variance[index] / self.sd[index] ** 2).sum())
+            if count + hyper.pseudo <= 0.0:  # the rows tell nothing of it
+                continue
             total = float((away[index] ** 2 / hyper.shape).sum())
             total += hyper.pseudo * hyper.scale**2
             scale = float(np.sqrt(total / (count + hyper.pseudo)))

@@ -41,6 +41,7 @@ from .settings import BEYOND, FALSE_ALARM, OUTLIER
 from .significance import (
     BoundTest,
     GroupTest,
+    Play,
     Tested,
     bound_test,
     find_play,
@@ -53,6 +54,8 @@ from .words import causes_of, play_cause
 
 # Times the bound of maps: a corner's rows share the errors of a few nodes
 _SHARED_ERRORS = 2.0
+# Of the play that a model knows, by which that may be wrong: 20 mrad were learned as 19.1
+_PLAY_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -328,7 +331,7 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     # Words.
     causes, notes = causes_of(evidence)
     score = max(evidence.score, evidence.tool.score)
-    if play is not None and evidence.explained:
+    if play is not None and evidence.explained and _is_new_play(play, rows.model):
         score = max(score, play.score)
         causes = (play_cause(play, rows.model), *causes)
     changed: bool | None = score > 1.0
@@ -379,6 +382,12 @@ def _verdict(
     return Verdict(
         changed, causes, score, notes, rows, sound, tests, bound, learned, evidence
     )
+
+
+def _is_new_play(play: Play, model: Model) -> bool:
+    """Whether a play is more than what the model may be wrong about the play that it knows."""
+    known = 0.0 if model.approach is None else float(model.approach.play[play.joint])
+    return float(play.half[play.joint]) > _PLAY_SHARE * known
 
 
 def _system(reference: Reference, log: Log) -> System:

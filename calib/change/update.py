@@ -79,14 +79,14 @@ def update(evidence: Evidence) -> Update:
 def _to_update_by(evidence: Evidence) -> Explanation:
     """The best explanation; where nothing is blamed that of no change, which widens the bound."""
     explanations = evidence.explanations
-    if not evidence.attributed:
-        explanations = tuple(each for each in explanations if not each.causes)
-        # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere
-        if evidence.score <= 1.0 and not evidence.prior.simulated:
-            explanations = tuple(
-                each for each in explanations if each.level.waves <= CREEP
-            )
-    return least_residual(explanations)
+    if evidence.attributed:
+        return least_residual(explanations)
+    explanations = tuple(each for each in explanations if not each.causes)
+    if evidence.score > 1.0 or evidence.prior.simulated:
+        return least_residual(explanations)
+    # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere, and
+    # with the least residual that the evidence allows 1.12 times
+    return next(each for each in explanations if each.level.waves <= CREEP)
 
 
 def _is_surer(evidence: Evidence, body: Body) -> bool:

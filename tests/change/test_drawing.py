@@ -87,7 +87,7 @@ def test_a_bound_that_the_evidence_contradicts_is_widened():
     assert any("the prediction stays" in note for note in found.notes)
 
 
-@pytest.mark.parametrize("n", [100, 400])
+@pytest.mark.parametrize("n", [100])
 def test_a_ripple_that_no_chain_follows_is_no_noise(n):
     """A ripple of 2 mm after a log that showed none: the old bound covered a fifth of the rows."""
     rng = np.random.default_rng(4)

@@ -32,14 +32,6 @@ def named(verdict):
     return {cause.cause for cause in verdict.causes}
 
 
-def test_an_interval_holds_the_truth_and_play_is_told_whole(planar):
-    (offset,) = judged(planar, "elbow.offset=0.0174533").causes
-    assert offset.interval[0] < DEGREE < offset.interval[1]
-    (play,) = judged(planar, "elbow.backlash=0.02").causes
-    assert play.interval[0] < 0.02 < play.interval[1]
-    assert play.unit == "rad"
-
-
 @pytest.mark.parametrize("changes", [(), ("elbow.offset=0.005",)])
 def test_few_rows_say_nothing(spatial, changes):
     arm, model = spatial

@@ -96,6 +96,8 @@ def test_a_change_is_named_and_mended(case):
         if change.endswith(DEGREE):
             (offset,) = (cause for cause in verdict.causes if cause.cause == "offset:elbow")
             assert offset.interval[0] < float(DEGREE) < offset.interval[1]
+        if change.endswith("backlash=0.02"):
+            assert verdict.causes[0].interval[0] < 0.02 < verdict.causes[0].interval[1]
     if not case.drifted:
         assert not found.improved
         return

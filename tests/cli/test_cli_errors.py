@@ -176,7 +176,7 @@ def test_no_message_of_the_library_names_an_option():
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 flag = re.search(r"(?<![\w-])--[a-z]+", node.value)
                 words = ("var(", "pip install", "static inline", "use_degrees=true")
-                words += ("calib check MODEL",)  # what the report tells its readers to type
+                words += ("calib check MODEL", "calib adapt MODEL")  # the report to its readers
                 foreign = any(word in node.value for word in words)
                 if flag and id(node) not in docs and not foreign:
                     found.append(f"{path.name}:{node.lineno} {flag[0]}")

@@ -25,7 +25,7 @@ def alarm(monitor, samples):
 @pytest.mark.parametrize("trained_noise", [0.0, 1e-3])
 @pytest.mark.parametrize("noise", [1e-3, 2e-3])
 def test_a_calm_stream_raises_no_alarm(trained_noise, noise):
-    assert alarm(calib.monitor(model(trained_noise)), log(n=3000, noise=noise)) is None
+    assert alarm(calib.monitor(model(trained_noise)), log(n=1500, noise=noise)) is None
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_a_change_within_a_stream(change):
     assert alarm(monitor, log(change, n=200, seed=2)) is not None
 
 
-@pytest.fixture(scope="module", params=[100, 1000])
+@pytest.fixture(scope="module", params=[100])
 def read_log_model(request):
     """A model of rows that no simulation is known of, as those of a file."""
     return calib.train(replace(log(n=request.param, seed=4), simulation=None), size=15)
@@ -61,7 +61,7 @@ def test_the_noise_of_a_log_hides_no_change(read_log_model, change, most):
 def test_an_alarm_ends_when_the_change_is_undone():
     monitor = calib.monitor(model(1e-3))
     assert last(monitor, log("elbow.length=+5%", n=100)).drifted
-    assert not last(monitor, log(n=3000, seed=3)).drifted
+    assert not last(monitor, log(n=1500, seed=3)).drifted
 
 
 def test_noise_and_systematic_part_are_told_apart():
