@@ -21,26 +21,51 @@ from ..samples.delays import estimate_delay
 from ..samples.joint_times import joints_at
 from .track import SOFT, Judge, jumps
 
-_CANDIDATES = 15  # peaks of the correlation of speeds that are judged
-_FITTED = 3  # of them that are fitted to the end
-_GRID = 50.0  # [1/s]
-_OVERLAP = 0.8  # of the shorter recording must have a counterpart
-_JUDGED = (120, 4)  # rows, and steps, that judge candidates
-_REFINED = (300, 12)  # and that refine the best
-_SOFTS = (1e-2 * SOFT, SOFT, 1e2 * SOFT)
-_STEP = 0.01  # over which a velocity is taken [s]
-_FARTHEST_STEP = 0.08  # [s]: far from the solution the velocity is a poor guide
-_FARTHEST = 0.15  # that a candidate moves from its peak [s]
+
+@dataclass(frozen=True)
+class ClockSettings:
+    """How clocks are compared."""
+
+    # peaks of the correlation of speeds that are judged
+    candidates: int = 15
+    # of them that are fitted to the end
+    fitted: int = 3
+    # [1/s], at which speeds are compared
+    grid: float = 50.0
+    # of the shorter recording must have a counterpart
+    overlap: float = 0.8
+    # rows, and steps, that judge candidates
+    judged: tuple[int, int] = (120, 4)
+    # and that refine the best
+    refined: tuple[int, int] = (300, 12)
+    # ridges of what predicts a track without a chain
+    softs: tuple[float, float, float] = (1e-2 * SOFT, SOFT, 1e2 * SOFT)
+    # over which a velocity is taken [s]
+    step: float = 0.01
+    # [s]: far from the solution the velocity is a poor guide
+    farthest_step: float = 0.08
+    # that a candidate moves from its peak [s]
+    farthest: float = 0.15
+    # how much rates of clocks differ
+    rate_sd: float = 4e-3
+    # share of the error that is left where the rows show a rate
+    shows_rate: float = 0.9
+    # a planar chain that leaves more of the track's spread is none
+    chain_fits: float = 0.03
+    # the best candidate's error must be less than this share of its rival's
+    clearly: float = 0.6
+    # and less than this share of the track's spread
+    fits: float = 0.25
+    # difference of the rates: beyond it the stated frame rate is not the true one
+    fastest: float = 0.012
+    # candidates further apart than this are rivals [s]
+    apart: float = 0.3
+
+
+CLOCK = ClockSettings()
+
 SURE = 1.5e-3
 """The standard deviation of the offset that is accepted [s]."""
-
-_RATE_SD = 4e-3  # how much rates of clocks differ
-_SHOWS_RATE = 0.9  # share of the error that is left where the rows show a rate
-_CHAIN_FITS = 0.03  # a planar chain that leaves more of the track's spread is none
-_CLEARLY = 0.6  # the best candidate's error must be less than this share of its rival's
-_FITS = 0.25  # and less than this share of the track's spread
-_FASTEST = 0.012  # difference of the rates: beyond it the stated frame rate is not the true one
-_APART = 0.3  # candidates further apart than this are rivals [s]
 
 
 class ClockError(LogError):
@@ -83,7 +108,7 @@ class _Waves:
         self._soft = SOFT
         if q is not None and track is not None:  # the ridge that predicts best
             self._soft = min(
-                _SOFTS, key=lambda soft: _median(Judge(q, soft).miss(track))
+                CLOCK.softs, key=lambda soft: _median(Judge(q, soft).miss(track))
             )
 
     def look(
@@ -93,7 +118,7 @@ class _Waves:
         judge = Judge(q, self._soft)
         none = np.empty(0)
         speed = (judge.predict(ahead, track) - judge.predict(behind, track)) / (
-            2.0 * _STEP
+            2.0 * CLOCK.step
         )
         velocity, apart = (judge.miss(values) for values in (speed, speed * since))
         return judge.miss(track), velocity, apart[:, :, None], none, none
@@ -127,7 +152,7 @@ class _Chain:
         """What `estimate_delay` takes, with the clocks' rate last."""
         structure = self._structure
         beta = self._beta
-        speed = (ahead - behind) / (2.0 * _STEP)
+        speed = (ahead - behind) / (2.0 * CLOCK.step)
         predicted, columns = structure.linearise(q, beta, self._active)
         velocity = np.einsum("nmd,nd->nm", structure.slope(q, beta), speed)
         columns = np.concatenate([columns, (velocity * since)[:, :, None]], axis=2)
@@ -163,22 +188,22 @@ class _Pair:
         from scipy.ndimage import maximum_filter1d
         from scipy.signal import correlate, correlation_lags
 
-        sensor = np.arange(self.t[0], self.t[-1], 1.0 / _GRID)
-        joints = np.arange(self.joint_time[0], self.joint_time[-1], 1.0 / _GRID)
-        if min(len(sensor), len(joints)) < 2 * _GRID:
+        sensor = np.arange(self.t[0], self.t[-1], 1.0 / CLOCK.grid)
+        joints = np.arange(self.joint_time[0], self.joint_time[-1], 1.0 / CLOCK.grid)
+        if min(len(sensor), len(joints)) < 2 * CLOCK.grid:
             return []
         a = _speed(joints_at(sensor, self.t, self.x))
         b = _speed(self.joints(joints) / np.maximum(self.q.std(0), 1e-9))
         a = a - a.mean()
         b = b - b.mean()
         count = correlate(b**0, a**0, method="fft")  # of what overlaps
-        far = count > int(_OVERLAP * min(len(a), len(b))) - 0.5
+        far = count > int(CLOCK.overlap * min(len(a), len(b))) - 0.5
         lags = correlation_lags(len(b), len(a))[far]
         c = correlate(b, a, method="fft")[far] / np.sqrt(count[far])
         # peaks within 0.2 s of a higher one are its shoulders
         top = np.flatnonzero(c >= maximum_filter1d(c, 21, mode="nearest"))
-        top = top[np.argsort(-c[top], kind="stable")][:_CANDIDATES]
-        return [float(joints[0] - sensor[0] + lags[k] / _GRID) for k in top]
+        top = top[np.argsort(-c[top], kind="stable")][: CLOCK.candidates]
+        return [float(joints[0] - sensor[0] + lags[k] / CLOCK.grid) for k in top]
 
     def some(self, clocks: Clocks, rows: int) -> tuple[Array, Array]:
         """Joints' times (n,) and the track (n, m) of some rows."""
@@ -193,15 +218,15 @@ class _Pair:
         self, start: Clocks, revolute: tuple[bool, ...] | None
     ) -> Clocks | None:
         """Fit the offset, and the rate where rows show one; without `revolute` no planar chain."""
-        when, track = self.some(start, _REFINED[0])
+        when, track = self.some(start, CLOCK.refined[0])
         try:
             there = self.joints(when)
             model = _Chain(there, track, revolute) if revolute else _Waves(there, track)
-            plain = self.fitted(model, start, _REFINED)
-            free = self.fitted(model, plain, _REFINED, rate=True)
+            plain = self.fitted(model, start, CLOCK.refined)
+            free = self.fitted(model, plain, CLOCK.refined, rate=True)
         except (CalibError, np.linalg.LinAlgError):
             return None
-        return free if free.error < _SHOWS_RATE * plain.error else plain
+        return free if free.error < CLOCK.shows_rate * plain.error else plain
 
     def fitted(
         self,
@@ -214,12 +239,14 @@ class _Pair:
         """Move clocks to where rows are predicted best, by Gauss and Newton's method."""
         clocks = start
         best = replace(start, error=np.inf)
-        prior = np.array([_RATE_SD if rate else 1e-12]) ** -2.0
+        prior = np.array([CLOCK.rate_sd if rate else 1e-12]) ** -2.0
         for _ in range(most[1]):
             when, track = self.some(clocks, most[0])
             if len(when) < 16:
                 break
-            there, ahead, behind = (self.joints(when + h) for h in (0.0, _STEP, -_STEP))
+            there, ahead, behind = (
+                self.joints(when + h) for h in (0.0, CLOCK.step, -CLOCK.step)
+            )
             since = (when - when.mean())[:, None]
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 miss, velocity, columns, prior_precision, pull = model.look(
@@ -239,10 +266,10 @@ class _Pair:
             moved = max(abs(late.value), abs(change[-1]) * np.ptp(self.t))
             if moved < 4e-5 and abs(clocks.error - before) < 1e-3 * clocks.error:
                 break
-            scale = min(1.0, _FARTHEST_STEP / max(abs(late.value), 1e-12))
+            scale = min(1.0, CLOCK.farthest_step / max(abs(late.value), 1e-12))
             model.take(scale * change[:-1])
-            low = start.offset - _FARTHEST
-            high = start.offset + _FARTHEST
+            low = start.offset - CLOCK.farthest
+            high = start.offset + CLOCK.farthest
             offset = float(np.clip(clocks.offset - scale * late.value, low, high))
             clocks = replace(
                 clocks, offset=offset, rate=clocks.rate + float(scale * change[-1])
@@ -251,7 +278,7 @@ class _Pair:
 
 
 def _speed(values: Array) -> Array:
-    along = np.gradient(values, 1.0 / _GRID, axis=0)
+    along = np.gradient(values, 1.0 / CLOCK.grid, axis=0)
     window = np.hanning(15)[1:-1]
     return np.convolve(np.linalg.norm(along, axis=1), window / window.sum(), "same")
 
@@ -285,26 +312,27 @@ def align_clocks(
         )
     middle = float(pair.t[[0, -1]].mean())
     starts = (Clocks(peak, middle=middle) for peak in peaks)
-    judged = _by_error(pair.fitted(_Waves(), start, _JUDGED) for start in starts)
+    judged = _by_error(pair.fitted(_Waves(), start, CLOCK.judged) for start in starts)
     apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])][
-        :_FITTED
+        : CLOCK.fitted
     ]
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
     # a planar chain needs fewer rows, so it goes first; an arm in space has none that fits
     fitted = (
         _by_error(pair.refined(c, kinds) for c in apart) if track.shape[1] == 2 else []
     )
-    if not fitted or not fitted[0].error < _CHAIN_FITS * spread:
+    if not fitted or not fitted[0].error < CLOCK.chain_fits * spread:
         fitted = _by_error(pair.refined(c, None) for c in apart) or judged
     clocks = fitted[0]
     rival = min((c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf)
-    fits = clocks.error < _FITS * spread and clocks.error < _CLEARLY * rival
-    if not (fits and abs(clocks.rate) <= _FASTEST and clocks.doubt < SURE):
+    fits = clocks.error < CLOCK.fits * spread and clocks.error < CLOCK.clearly * rival
+    if not (fits and abs(clocks.rate) <= CLOCK.fastest and clocks.doubt < SURE):
         raise ClockError(
             f"no offset between the clocks is sure: the best, {clocks.offset:.3f} s to "
             f"{1e3 * clocks.doubt:.2g} ms with rates that differ by {100 * clocks.rate:.2g} %, "
             f"leaves {clocks.error:.3g} of {spread:.3g} {unit}, another leaves {rival:.3g}; "
-            f"expected {1e3 * SURE:.2g} ms, {100 * _FASTEST:.1f} %, a quarter, and {_CLEARLY:g} of "
+            f"expected {1e3 * SURE:.2g} ms, {100 * CLOCK.fastest:.1f} %, a quarter, and "
+            f"{CLOCK.clearly:g} of "
             "the other's: are these the joints of this recording, is the frame rate the true one, "
             "does the motion repeat itself? record half a minute of varied motion, or give "
             "`time_offset`"
@@ -321,4 +349,4 @@ def _by_error(fits: Iterable[Clocks | None]) -> list[Clocks]:
 
 
 def _apart(one: Clocks, other: Clocks) -> bool:
-    return abs(one.offset - other.offset) > _APART
+    return abs(one.offset - other.offset) > CLOCK.apart

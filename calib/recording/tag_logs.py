@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,11 +30,24 @@ from .setting import LOOKS, Setup, Sightings, sight
 from .tags import LEAST_NOISE, Tag
 from .track import jumps, row_shift
 
-_STILL = 2.0  # [px]; a tag that moves less over a recording does not move
-_REST = 0.01  # a joint that moves slower rests [rad/s or m/s]
-_LEAST = 3  # frames that a rest must have
-_PAUSE = 0.25  # without the tag, that a rest may have [s]
-_SHAKE = 0.5  # a tag that moves more has not come to rest [px]
+
+@dataclass(frozen=True)
+class RestSettings:
+    """When an arm and its tag rest."""
+
+    # [px]; a tag that moves less over a recording does not move
+    still: float = 2.0
+    # a joint that moves slower rests [rad/s or m/s]
+    rest: float = 0.01
+    # frames that a rest must have
+    least: int = 3
+    # without the tag, that a rest may have [s]
+    pause: float = 0.25
+    # a tag that moves more has not come to rest [px]
+    shake: float = 0.5
+
+
+REST = RestSettings()
 
 
 def log_pictures(
@@ -140,7 +153,7 @@ def log_video(
             f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
         )
     slow = usable & (
-        joint_speed(when, joint_time, q) < (_REST if still is None else still)
+        joint_speed(when, joint_time, q) < (REST.rest if still is None else still)
     )
     if still is None:
         groups = _rests(when, pixels, slow)
@@ -154,7 +167,7 @@ def log_video(
     reasons[kind] = int(usable.sum() - sum(map(len, groups)))
     if not groups:
         raise LogError(
-            f"the arm never rests for {_LEAST} frames of {video.name}, or moves as slowly as "
+            f"the arm never rests for {REST.least} frames of {video.name}, or moves as slowly as "
             "`still`: record it with stops"
         )
     tag_of = dict(zip(sightings.numbers, sightings.tags, strict=True))
@@ -172,23 +185,23 @@ def log_video(
 
 
 def _rests(when: Array, pixels: Array, still: Mask) -> list[Index]:
-    """Return the frames of each rest: joints and tag stand still for `_LEAST` frames or more."""
+    """Return the frames of each rest: joints and tag stand still for a few frames."""
     frames = np.flatnonzero(still)
-    moved = np.linalg.norm(np.diff(pixels[frames], axis=0), axis=1) > _SHAKE
+    moved = np.linalg.norm(np.diff(pixels[frames], axis=0), axis=1) > REST.shake
     rests = []
     for run in np.split(
-        frames, np.flatnonzero(moved | (np.diff(when[frames]) > _PAUSE)) + 1
+        frames, np.flatnonzero(moved | (np.diff(when[frames]) > REST.pause)) + 1
     ):
         first = when[run[:1]] + SETTLE
         last = when[run[-1:]] - SETTLE
         settled = run[(when[run] >= first) & (when[run] <= last)]
-        if len(settled) >= _LEAST:
+        if len(settled) >= REST.least:
             # the arm may still swing where its joints stand: only frames near the median count
             away = np.linalg.norm(
                 pixels[settled] - np.median(pixels[settled], axis=0), axis=1
             )
-            rests.append(settled[away < _SHAKE])
-    return [rest for rest in rests if len(rest) >= _LEAST]
+            rests.append(settled[away < REST.shake])
+    return [rest for rest in rests if len(rest) >= REST.least]
 
 
 def _middle(tags: Sequence[Tag]) -> Tag:
@@ -208,7 +221,7 @@ def _check_motion(q: Array, sightings: Sightings, what: str) -> None:
     """Raise LogError for a recording in which the arm, or the tag alone, stands still."""
     if np.ptp(q, axis=0).max() < 2e-3:
         raise LogError(f"the arm never moves in {what}: nothing to learn from")
-    if np.linalg.norm(np.ptp(sightings.pixels, axis=0)) < _STILL:
+    if np.linalg.norm(np.ptp(sightings.pixels, axis=0)) < REST.still:
         u, v = np.median(sightings.pixels, axis=0)
         raise LogError(
             f"tag {sightings.setting.tag} stays at ({u:.0f}, {v:.0f}) px in all of {what} while "

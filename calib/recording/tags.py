@@ -23,21 +23,36 @@ from .pictures import Picture, opencv
 LEAST_NOISE = 0.03
 """Least standard deviation that a tag's centre is credited with, along each axis [px]."""
 
-_SHARP = 0.8  # correlation with the print, below which a tag is not sharp
-# share of a cell that is not read, and pixels that a cell is read by: of 60 tags of some 20 px 40
-# are found, 25 with OpenCV's 4 pixels, 32 by those and a margin of .3 together
-_MARGIN = 0.2
-_READ = 10
-_BLUR = 3  # [px], Gaussian window over print and picture
-_STEPS = 30
-_SETTLED = 1e-5
-_LEAST_CELL = 3  # [px]; a coarser pattern has no edges
-_SQUARES = (8, 96)  # [px], least and largest side of a board's square in its picture
-# of a board's pattern over the picture: .011 px for .016 with 1, .012 with 3
-_DENSE = 1.5
-_FINER = (2, 6)  # times as fine a board is drawn, and then shrunk
-_AROUND = 0.7  # squares around a corner that are laid over the picture
-_FARTHEST = 2.5  # [px]; a corner that goes further was none
+
+@dataclass(frozen=True)
+class TagSettings:
+    """How tags and corners are read."""
+
+    # correlation with the print, below which a tag is not sharp
+    sharp: float = 0.8
+    # share of a cell that is not read, and pixels that a cell is read by: of 60 tags of some
+    # 20 px 40 are found, 25 with OpenCV's 4 pixels, 32 by those and a margin of .3 together
+    margin: float = 0.2
+    read: int = 10
+    # [px], Gaussian window over print and picture
+    blur: int = 3
+    steps: int = 30
+    settled: float = 1e-5
+    # [px]; a coarser pattern has no edges
+    least_cell: int = 3
+    # [px], least and largest side of a board's square in its picture
+    squares: tuple[int, int] = (8, 96)
+    # of a board's pattern over the picture: .011 px for .016 with 1, .012 with 3
+    dense: float = 1.5
+    # times as fine a board is drawn, and then shrunk
+    finer: tuple[int, int] = (2, 6)
+    # squares around a corner that are laid over the picture
+    around: float = 0.7
+    # [px]; a corner that goes further was none
+    farthest: float = 2.5
+
+
+TAG = TagSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +127,8 @@ class TagFinder:
         self.dictionary = dictionary
         settings = aruco.DetectorParameters()
         settings.cornerRefinementMethod = aruco.CORNER_REFINE_CONTOUR
-        settings.perspectiveRemoveIgnoredMarginPerCell = _MARGIN
-        settings.perspectiveRemovePixelPerCell = _READ
+        settings.perspectiveRemoveIgnoredMarginPerCell = TAG.margin
+        settings.perspectiveRemovePixelPerCell = TAG.read
         self._detector = aruco.ArucoDetector(patterns, settings)
 
     def find(self, grey: Picture) -> list[Tag]:
@@ -130,7 +145,7 @@ class TagFinder:
         cells = tag_cells(number, self.dictionary)
         tag = Tag(number, corners, 0.5, sharp=False)
         n = len(cells)
-        k = max(_LEAST_CELL, round(tag.side / n))
+        k = max(TAG.least_cell, round(tag.side / n))
         pattern = np.pad(
             np.kron(cells, np.ones((k, k))), k // 2 + 1, constant_values=1.0
         )
@@ -145,7 +160,7 @@ class TagFinder:
             grey, (255.0 * pattern).astype(np.uint8), np.asarray(start)
         )
         refined = _mapped(homography, square)
-        if likeness < _SHARP:
+        if likeness < TAG.sharp:
             return tag
         tag = Tag(number, refined)
         # short sides cross at a sharp angle: rendered at 60 to 80 deg the miss is 4 to 13 times as
@@ -185,12 +200,12 @@ def lay_corners(
     if over is None:
         return {}
     side = np.linalg.norm(_mapped(over, flat + 0.5) - _mapped(over, flat - 0.5), axis=1)
-    k = int(np.clip(round(_DENSE * np.median(side) / np.sqrt(2)), *_SQUARES))
+    k = int(np.clip(round(TAG.dense * np.median(side) / np.sqrt(2)), *TAG.squares))
     page = _page(board, k)
     refined = {}
     for number, place, there in zip(corners, flat, pixels, strict=True):
-        at = np.maximum(np.round((place - _AROUND) * k).astype(int), 0)
-        end = np.round((place + _AROUND) * k).astype(int)
+        at = np.maximum(np.round((place - TAG.around) * k).astype(int), 0)
+        end = np.round((place + TAG.around) * k).astype(int)
         # of the patch's pixels, via squares, to the picture; the lens shifts it by little
         scale = np.array(
             [[1 / k, 0, (at[0] + 0.5) / k], [0, 1 / k, (at[1] + 0.5) / k], [0, 0, 1]]
@@ -201,7 +216,7 @@ def lay_corners(
             grey, page[at[1] : end[1], at[0] : end[0]], shift @ over @ scale
         )
         moved = _mapped(homography, (place * k - 0.5 - at)[None])[0]
-        if likeness > 0.0 and np.linalg.norm(moved - there) < _FARTHEST:
+        if likeness > 0.0 and np.linalg.norm(moved - there) < TAG.farthest:
             refined[number] = moved
     return refined
 
@@ -218,7 +233,7 @@ def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
     low = np.maximum(np.floor(outline.min(0)).astype(int) - 8, 0)
     end = np.maximum(np.ceil(outline.max(0)).astype(int) + 9, low + 1)
     back = np.array([[1.0, 0.0, -low[0]], [0.0, 1.0, -low[1]], [0.0, 0.0, 1.0]])
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, _STEPS, _SETTLED)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, TAG.steps, TAG.settled)
     guess = back @ start
     try:
         likeness, homography = cv2.findTransformECC(
@@ -228,7 +243,7 @@ def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
             cv2.MOTION_HOMOGRAPHY,
             stop,
             None,
-            _BLUR,
+            TAG.blur,
         )
     except cv2.error:  # it did not converge, or the part is empty
         return start, 0.0
@@ -242,7 +257,7 @@ def _page(board: Any, k: int) -> Picture:
     share = board.getMarkerLength() / board.getSquareLength()
     cells = board.getDictionary().markerSize + 2
     # drawn finer and shrunk, at a size at which tags and their cells begin on whole pixels
-    sizes = np.arange(_FINER[0] * k, _FINER[1] * k)
+    sizes = np.arange(TAG.finer[0] * k, TAG.finer[1] * k)
     ends = np.stack([0.5 * (1.0 - share) * sizes, share / cells * sizes])
     fine = int(sizes[np.argmin(np.abs(ends - np.round(ends)).sum(axis=0).round(6))])
     drawn = board.generateImage(

@@ -5,20 +5,33 @@ Ridge regression on products of the joints' harmonics, in which the tip of any a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 
-_SEARCHED = 120  # rows that a shift is judged by
-# rows that are tried, and needed, for a shift
-_FARTHEST = 3
-_FEWEST = 18
-_WINDOW = 7  # frames whose median says where the tip is
+
+@dataclass(frozen=True)
+class TrackSettings:
+    """How a track is judged."""
+
+    # rows that a shift is judged by
+    searched: int = 120
+    # rows that are tried, and needed, for a shift
+    farthest: int = 3
+    fewest: int = 18
+    # frames whose median says where the tip is
+    window: int = 7
+    # of neighbouring rows, held out in turn
+    blocks: int = 8
+
+
+TRACK = TrackSettings()
+
 SOFT = 1e-4
 """Ridge, relative to the kernel's one."""
-
-_BLOCKS = 8  # of neighbouring rows, held out in turn
 
 
 def _harmonics(q: Array, other: Array) -> Array:
@@ -44,7 +57,7 @@ class Judge:
         """Return what the other blocks' fit leaves of values (n, d): linear in them."""
         weights = self._inverse @ (x - x.mean(0))
         miss: Array = np.empty_like(weights)
-        for part in np.array_split(np.arange(len(x)), min(_BLOCKS, len(x))):
+        for part in np.array_split(np.arange(len(x)), min(TRACK.blocks, len(x))):
             miss[part] = np.linalg.solve(
                 self._inverse[np.ix_(part, part)], weights[part]
             )
@@ -66,14 +79,16 @@ def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
 
     def error(shift: int) -> float:
         rows = np.arange(max(0, -shift), min(len(q), len(q) - shift))
-        rows = rows[thinned(len(rows), _SEARCHED)]
+        rows = rows[thinned(len(rows), TRACK.searched)]
         return float(
             np.linalg.norm(Judge(q[rows + shift]).miss(x[rows]), axis=1).mean()
         )
 
-    if len(q) < _FEWEST:
+    if len(q) < TRACK.fewest:
         return 0, np.nan, np.nan
-    errors = {shift: error(shift) for shift in range(-_FARTHEST, _FARTHEST + 1)}
+    errors = {
+        shift: error(shift) for shift in range(-TRACK.farthest, TRACK.farthest + 1)
+    }
     best = min(errors, key=lambda shift: errors[shift])
     return best if errors[best] < 0.4 * errors[0] else 0, errors[0], errors[best]
 
@@ -87,10 +102,10 @@ def jumps(x: Array) -> Mask:
 
     result = np.zeros(len(x), bool)
     visible = np.isfinite(x[:, 0])
-    if visible.sum() >= _WINDOW:
-        away = x[visible] - median_filter(x[visible], (_WINDOW, 1), mode="nearest")
-        scale = 1.48 * median_filter(np.abs(away), (_WINDOW, 1), mode="nearest").max(
-            axis=1
-        )
+    if visible.sum() >= TRACK.window:
+        away = x[visible] - median_filter(x[visible], (TRACK.window, 1), mode="nearest")
+        scale = 1.48 * median_filter(
+            np.abs(away), (TRACK.window, 1), mode="nearest"
+        ).max(axis=1)
         result[visible] = np.linalg.norm(away, axis=1) > 6.0 * np.maximum(scale, 1.0)
     return result
