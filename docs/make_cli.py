@@ -82,11 +82,6 @@ def commands(command: Any, words: tuple[str, ...] = ("calib",)) -> Iterator[tupl
         yield from commands(command.get_command(context, name), (*words, name))
 
 
-def anchor(title: str) -> str:
-    """Return the anchor that GitHub gives a heading of plain words."""
-    return title.lower().replace(" ", "-")
-
-
 def usage(name: str, command: Any) -> str:
     """Return one line: the command, what must be given, what may be."""
     words = [name]
@@ -143,9 +138,6 @@ def page() -> str:
     """Return the whole page."""
     program = typer.main.get_command(application())
     every = list(commands(program))
-    overview = [
-        f"- [`{name}`](#{anchor(name)}): {_first_sentence(command.help)}" for name, command in every
-    ]
     every_row = Counter(
         row(parameter)
         for _, command in every
@@ -161,17 +153,11 @@ def page() -> str:
         INTRODUCTION,
         "`calib --version` prints the version; `--help` after any command prints its part of "
         "this page.\n",
-        "\n".join([*overview, ""]),
         "## Shared options\n\nThey mean the same in each command that has them.\n",
         "\n".join([*sorted(shared), ""]),
         *(section(name, command, shared) for name, command in every),
     ]
     return "\n".join(parts)
-
-
-def _first_sentence(text: str) -> str:
-    """What a command does, without what its exit code says."""
-    return " ".join(text.split("\n\n")[0].split()).rstrip(".").split("; exit code")[0]
 
 
 def _spaced(paragraphs: list[str]) -> list[str]:
