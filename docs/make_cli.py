@@ -130,7 +130,7 @@ def section(name: str, command: Any, shared: set[str]) -> str:
         lines += [*rows, ""]
     names = [f"`{max(p.opts, key=len)}`" for p in own if row(p) in shared]
     if names:
-        lines += [f"And {', '.join(names)}: see [shared options](#shared-options).", ""]
+        lines += [f"[Shared](#shared-options): {', '.join(names)}.", ""]
     return "\n".join(lines)
 
 

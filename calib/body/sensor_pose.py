@@ -121,10 +121,11 @@ class SensorPose:
         """Lines on where it stands; `what` it is."""
         coordinates: list[str] = []
         for value, sd in zip(self.position, self.position_sd, strict=True):
-            coordinates.append(f"{value:.4f} ± {1.96e3 * sd:.1f} mm")
+            # a value that rounds to zero has no sign
+            coordinates.append(f"{round(1e3 * value, 1) + 0.0:.1f} ± {1.96e3 * sd:.2g}")
         quaternion = ", ".join(f"{v:.5f}" for v in self.quaternion)
         lines = [
-            f"{what} at ({', '.join(coordinates)}) in the base frame [m], turned within "
+            f"{what} at ({', '.join(coordinates)}) mm in the base frame, turned within "
             f"{np.degrees(1.96 * self.turn_sd.max()):.2g} deg, quaternion ({quaternion})"
         ]
         if self.told_sd.max() < 0.8 * self.position_sd.max():

@@ -128,7 +128,8 @@ def _of_sensor(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
     for group, place in (("tool", "the tip"), ("marker", "the first sensor's marker")):
         index = structure.groups.get(group)
         if index is not None and half[index].any():
-            shift = ", ".join(f"{1e3 * value:.1f}" for value in beta[index])
+            # a value that rounds to zero has no sign
+            shift = ", ".join(f"{round(1e3 * v, 1) + 0.0:.1f}" for v in beta[index])
             width = 1e3 * float(np.sqrt((half[index] ** 2).mean()))
             yield f"{group} ({shift}) ± {width:.2f} mm from {place}"
     lens = structure.groups["lens"]

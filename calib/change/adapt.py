@@ -359,7 +359,8 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
     times = -(-HORIZON // len(shown))  # a short stream is shown again
     for k in range(times):
         step = adapter.feed(q[shown], x[shown])
-        report(0.9 * (k + 1) / times, "online", step.error)
+        share = min(1.0, (k + 1) * len(shown) / HORIZON)
+        report(0.9 * share, "online", step.error)
     fresh = adapter.model()
     residual = x[held] - fresh.predictor.value(u[held])
     before = rows.missed[sound][held]

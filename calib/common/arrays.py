@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
+_Number = TypeVar("_Number", bound=np.generic)
 
 TRIANGLE = "triangle"
 """How a file keeps the root of a covariance: its triangle, in single precision."""
@@ -40,16 +41,18 @@ class Own:
 
     def inner(self, sizes: dict[str, int]) -> dict[str, int]:
         """Lengths of its axes that are known from the other's."""
-        return {own: sizes[name] for own, name in self.shared.items() if name in sizes}
+        return {
+            axis: sizes[name] for axis, name in self.shared.items() if name in sizes
+        }
 
     def outer(self, inner: dict[str, int], sizes: dict[str, int]) -> None:
         """Let the other know its lengths."""
         sizes.update(
-            {name: inner[own] for own, name in self.shared.items() if own in inner}
+            {name: inner[axis] for axis, name in self.shared.items() if axis in inner}
         )
 
 
-def frozen(array: NDArray[Any]) -> NDArray[Any]:
+def frozen(array: NDArray[_Number]) -> NDArray[_Number]:
     """A view of an array that refuses to be written through."""
     view = np.asarray(array).view()
     view.flags.writeable = False

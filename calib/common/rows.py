@@ -91,7 +91,7 @@ def each_joint(
     return numbers
 
 
-def column_names(values: Any) -> list[Any]:
+def column_names(values: object) -> list[object]:
     """Return the names of the columns, none for an array without."""
     if isinstance(values, np.ndarray):
         return list(values.dtype.names or ())
@@ -125,7 +125,7 @@ def thinned(count: int, most: int) -> NDArray[np.intp]:
     )
 
 
-def numbers(name: str, values: Any, count: int) -> list[float]:
+def numbers(name: str, values: object, count: int) -> list[float]:
     """Return a list of so many finite numbers, or raise ValueError; true and false are none."""
     items = values if isinstance(values, list) else []
     good = [v for v in items if isinstance(v, int | float) and not isinstance(v, bool)]

@@ -163,12 +163,12 @@ def _joint_states(
     """Names of the joints, and their values (n, joints) at increasing times (n,)."""
     names: tuple[str, ...] = tuple(joints or ())
     rows: dict[float, list[float]] = {}
-    seen: set[str] = set()
+    recorded: set[str] = set()
     for _, time, message in _messages(reader, [topic]):
         there = dict(
             zip(message.name, np.asarray(message.position).tolist(), strict=False)
         )
-        seen |= set(message.name)
+        recorded |= set(message.name)
         names = names or tuple(message.name)
         # others are messages of another controller on the same topic
         if all(np.isfinite(there.get(name, np.nan)) for name in names):
@@ -176,7 +176,7 @@ def _joint_states(
     if len(rows) < 2:
         raise LogError(
             f"topic {topic!r} has {len(rows)} joint states of {listed(names)}, 2 expected; its "
-            f"joints: {listed(sorted(seen))}"
+            f"joints: {listed(sorted(recorded))}"
         )
     times = np.array(sorted(rows))
     return names, times, np.array([rows[time] for time in times.tolist()])
@@ -188,10 +188,10 @@ def _found_offset(
     """What has to be added to the stamps of positions [s], and what the user should be told."""
     apart = float(times[0] - stamps[0])
     common = min(times[-1], stamps[-1]) - max(times[0], stamps[0])
-    seen = np.where(np.isfinite(x).all(axis=1, keepdims=True), 1e3 * x, np.nan)
+    track = np.where(np.isfinite(x).all(axis=1, keepdims=True), 1e3 * x, np.nan)
     try:
         clocks = align_clocks(
-            stamps - stamps[0], seen, times - times[0], values, unit="mm"
+            stamps - stamps[0], track, times - times[0], values, unit="mm"
         )
     except ClockError as error:
         if common > 0:
@@ -218,11 +218,14 @@ def _poses(
     moves: dict[str, list[tuple[float, ...]]] = {}  # rows by child
     for topic, received, message in _messages(reader, topics):
         tf = getattr(message, "transforms", None)
-        for child, each in (
+        for child, stamped in (
             [(topic, message)] if tf is None else [(t.child_frame_id, t) for t in tf]
         ):
-            if parents.setdefault(child, each.header.frame_id) == each.header.frame_id:
-                moves.setdefault(child, []).append(_row(each, received))
+            if (
+                parents.setdefault(child, stamped.header.frame_id)
+                == stamped.header.frame_id
+            ):
+                moves.setdefault(child, []).append(_row(stamped, received))
     edges = {child: np.array(rows) for child, rows in moves.items()}
     if frames is None and list(edges) == list(topics):
         return edges[topics[0]], parents[topics[0]]

@@ -32,11 +32,11 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
     if not made or "lens" not in source or source.get("board") != made["board"]:
         return log
     lens = lens_of_model(model)
-    own = Lens.from_json(source["lens"])
-    if (own.parameters == lens.parameters).all() or log.orientation is None:
+    log_lens = Lens.from_json(source["lens"])
+    if (log_lens.parameters == lens.parameters).all() or log.orientation is None:
         return log
-    growth = float(own.focal.mean() / lens.focal.mean()) - 1.0
-    if own.size != lens.size or abs(growth) > _REFOCUSED:
+    growth = float(log_lens.focal.mean() / lens.focal.mean()) - 1.0
+    if log_lens.size != lens.size or abs(growth) > _REFOCUSED:
         note = (
             f"the log's camera is another than the model's, or refocused: its focal length "
             f"differs by {growth:+.1%}"
@@ -49,10 +49,10 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
     board = parse_board(source["board"]).points()
     poses = []
     for turn, shift in zip(turns, shifts, strict=True):
-        seen = board @ turn.T + shift
+        points_ahead = board @ turn.T + shift
         if in_hand:  # the pose is the camera's, in the board's frame
-            seen = (board - shift) @ turn
-        pixels = own.distort(seen[:, :2] / seen[:, 2:])
+            points_ahead = (board - shift) @ turn
+        pixels = log_lens.distort(points_ahead[:, :2] / points_ahead[:, 2:])
         poses.append(find_pose(lens, board, pixels))
     turns, shifts = held_poses(poses, in_hand)
     note = (

@@ -1,7 +1,7 @@
 """A sensor's clock against the joints': offset and rate, or a refusal.
 
 A correlation of speeds names candidates, for an arm may repeat itself; the one from which joints
-predict best what was seen is taken, if its rival is clearly worse.
+predict the track best is taken, if its rival is clearly worse.
 """
 
 from __future__ import annotations
@@ -79,24 +79,24 @@ class Clocks:
 class _Waves:
     """What joints predict without a chain: blocks of rows by the others'."""
 
-    def __init__(self, q: Array | None = None, seen: Array | None = None) -> None:
+    def __init__(self, q: Array | None = None, track: Array | None = None) -> None:
         self._soft = SOFT
-        if q is not None and seen is not None:  # the ridge that predicts best
+        if q is not None and track is not None:  # the ridge that predicts best
             self._soft = min(
-                _SOFTS, key=lambda soft: _median(Judge(q, soft).miss(seen))
+                _SOFTS, key=lambda soft: _median(Judge(q, soft).miss(track))
             )
 
     def look(
-        self, q: Array, ahead: Array, behind: Array, seen: Array, since: Array
+        self, q: Array, ahead: Array, behind: Array, track: Array, since: Array
     ) -> Any:
         """What `estimate_delay` takes, with the clocks' rate last."""
         judge = Judge(q, self._soft)
         none = np.empty(0)
-        speed = (judge.predict(ahead, seen) - judge.predict(behind, seen)) / (
+        speed = (judge.predict(ahead, track) - judge.predict(behind, track)) / (
             2.0 * _STEP
         )
-        velocity, apart = (judge.miss(each) for each in (speed, speed * since))
-        return judge.miss(seen), velocity, apart[:, :, None], none, none
+        velocity, apart = (judge.miss(values) for values in (speed, speed * since))
+        return judge.miss(track), velocity, apart[:, :, None], none, none
 
     def take(self, change: Array) -> None:
         """Nothing to take: each look is a fit of its own."""
@@ -105,24 +105,24 @@ class _Waves:
 class _Chain:
     """A planar chain under a tilted camera, fitted with the clocks: for few rows."""
 
-    def __init__(self, q: Array, seen: Array, revolute: tuple[bool, ...]) -> None:
+    def __init__(self, q: Array, track: Array, revolute: tuple[bool, ...]) -> None:
         from ..body.planar import planar_structure
         from ..body.rows import Rows
         from ..body.starts import best_starts  # both bring SciPy's linear algebra
 
         names = tuple(f"q{k}" for k in range(q.shape[1]))
         template = planar_structure(
-            seen, names, revolute, None, "homography", "px", False
+            track, names, revolute, None, "homography", "px", False
         )
         members = dict(template.members())["chain"]
-        begin = best_starts(template, Rows(q, seen), members)[0]
+        begin = best_starts(template, Rows(q, track), members)[0]
         self._structure = begin.structure
         self._beta = begin.beta.copy()
         self._prior = begin.structure.prior((*members, "lens"))
         self._active = np.flatnonzero(self._prior.sd > 0)
 
     def look(
-        self, q: Array, ahead: Array, behind: Array, seen: Array, since: Array
+        self, q: Array, ahead: Array, behind: Array, track: Array, since: Array
     ) -> Any:
         """What `estimate_delay` takes, with the clocks' rate last."""
         structure = self._structure
@@ -133,7 +133,7 @@ class _Chain:
         columns = np.concatenate([columns, (velocity * since)[:, :, None]], axis=2)
         pull = (self._prior.mean - beta)[self._active]
         return (
-            seen - predicted,
+            track - predicted,
             velocity,
             columns,
             self._prior.sd[self._active] ** -2.0,
@@ -181,7 +181,7 @@ class _Pair:
         return [float(joints[0] - sensor[0] + lags[k] / _GRID) for k in top]
 
     def some(self, clocks: Clocks, rows: int) -> tuple[Array, Array]:
-        """Joints' times (n,), and what was seen (n, m), of some rows."""
+        """Joints' times (n,) and the track (n, m) of some rows."""
         when = clocks.joints_time(self.t)
         inside = np.flatnonzero(
             (when >= self.joint_time[0]) & (when <= self.joint_time[-1])
@@ -193,10 +193,10 @@ class _Pair:
         self, start: Clocks, revolute: tuple[bool, ...] | None
     ) -> Clocks | None:
         """Fit the offset, and the rate where rows show one; without `revolute` no planar chain."""
-        when, seen = self.some(start, _REFINED[0])
+        when, track = self.some(start, _REFINED[0])
         try:
             there = self.joints(when)
-            model = _Chain(there, seen, revolute) if revolute else _Waves(there, seen)
+            model = _Chain(there, track, revolute) if revolute else _Waves(there, track)
             plain = self.fitted(model, start, _REFINED)
             free = self.fitted(model, plain, _REFINED, rate=True)
         except (CalibError, np.linalg.LinAlgError):
@@ -216,21 +216,21 @@ class _Pair:
         best = replace(start, error=np.inf)
         prior = np.array([_RATE_SD if rate else 1e-12]) ** -2.0
         for _ in range(most[1]):
-            when, seen = self.some(clocks, most[0])
+            when, track = self.some(clocks, most[0])
             if len(when) < 16:
                 break
             there, ahead, behind = (self.joints(when + h) for h in (0.0, _STEP, -_STEP))
             since = (when - when.mean())[:, None]
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                miss, velocity, columns, known, pull = model.look(
-                    there, ahead, behind, seen, since
+                miss, velocity, columns, prior_precision, pull = model.look(
+                    there, ahead, behind, track, since
                 )
-                precision = np.append(known, prior)
+                precision = np.append(prior_precision, prior)
                 pull = np.append(pull, -clocks.rate)
-                found = estimate_delay(miss, velocity, columns, precision, pull)
-            if found is None or not np.isfinite(found[0].value):
+                answer = estimate_delay(miss, velocity, columns, precision, pull)
+            if answer is None or not np.isfinite(answer[0].value):
                 break
-            late, change = found
+            late, change = answer
             # three neighbouring rows say as much as one; at the ends of a line twice the sd
             doubt = np.sqrt(3.0) * late.sd * (2.0 if rate else 1.0)
             before = clocks.error
@@ -259,7 +259,7 @@ def _speed(values: Array) -> Array:
 @one_blas_thread()
 def align_clocks(
     time: Array,
-    seen: Array,
+    track: Array,
     joint_time: Array,
     q: Array,
     revolute: Sequence[bool] | None = None,
@@ -267,14 +267,14 @@ def align_clocks(
 ) -> Clocks:
     """Find when the joints were where a sensor saw the tip.
 
-    time, seen : (n,) [s], (n, m) [unit], times by the sensor's clock, and where the tip was, in
+    time, track : (n,) [s], (n, m) [unit], times by the sensor's clock, and where the tip was, in
         pixels, or mm in space; NaN where it was not seen
     joint_time, q : (m,) [s], (m, joints) [rad or m], joints at increasing times by their clock
     revolute : which joints turn; all if not given
     Raises ClockError if nothing moves, no offset fits, or more than one does.
     """
-    there = np.isfinite(seen[:, 0]) & ~jumps(seen)
-    pair = _Pair(time[there], seen[there], joint_time, q)
+    there = np.isfinite(track[:, 0]) & ~jumps(track)
+    pair = _Pair(time[there], track[there], joint_time, q)
     spread = float(np.sqrt(pair.x.var(axis=0).sum())) if there.any() else 0.0
     moves = spread >= 5.0 and np.ptp(q, axis=0).max() >= 0.02
     if len(pair.t) < 20 or not moves or not (peaks := pair.peaks()):
@@ -292,7 +292,7 @@ def align_clocks(
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
     # a planar chain needs fewer rows, so it goes first; an arm in space has none that fits
     fitted = (
-        _by_error(pair.refined(c, kinds) for c in apart) if seen.shape[1] == 2 else []
+        _by_error(pair.refined(c, kinds) for c in apart) if track.shape[1] == 2 else []
     )
     if not fitted or not fitted[0].error < _CHAIN_FITS * spread:
         fitted = _by_error(pair.refined(c, None) for c in apart) or judged

@@ -14,7 +14,7 @@ from ..common.arrays import Array, Index
 from ..common.choices import ROTATIONS
 from ..errors import OptionError
 from .rigid import inverse, rigid
-from .start import BoardPoses, Start, find_start
+from .start import BoardPoses, Start, find_sized_start
 
 AXES = ["".join(axes) for axes in permutations("xyz")]
 ORDERS = (*AXES, *map(str.upper, AXES), "ZYZ", "zyz", "ZXZ", "zxz")
@@ -64,6 +64,11 @@ class Reading:
     inverse: bool  # whether rows are the base in the flange
     flange: Array  # (n, 4, 4), the flange in the base [table's lengths]
     is_named: bool = False  # whether the columns' names speak for it
+
+    @property
+    def unusual(self) -> tuple[bool, bool, bool]:
+        """Whether it is base in flange, of no name in the header, and of no maker."""
+        return self.inverse, not self.is_named, self.rotation not in MAKERS
 
     @property
     def words(self) -> str:
@@ -151,18 +156,18 @@ def choose(
             f"rotation {rotation!r} is none of the poses: expected one of {', '.join(ROTATIONS)} "
             "that has as many numbers"
         )
-    starts = [find_start(reading.flange[rows], boards, 1, unit) for reading in some]
+    starts = [
+        find_sized_start(reading.flange[rows], boards, 1, unit) for reading in some
+    ]
     least = min(start.misfit for start in starts)
     for k, reading in enumerate(some):
         if starts[k].misfit < NEAR_BEST * least:
-            starts[k] = find_start(reading.flange[rows], boards, unit=unit)
+            starts[k] = find_sized_start(reading.flange[rows], boards, unit=unit)
     order = sorted(range(len(some)), key=lambda k: starts[k].rank)
-    best = order[0]
-    tied = [k for k in order if starts[k].rank < TIED * starts[best].rank]
-    for k in tied:
-        if some[k].is_named and not some[k].inverse:
-            best = k
-            break
+    least = starts[order[0]].rank
+    tied = [k for k in order if starts[k].rank < TIED * least]
+    # of readings that fit as well the usual one
+    best = min(tied, key=lambda k: some[k].unusual)
     reading = some[best]
     start = starts[best]
     others = [k for k in order if k != best]

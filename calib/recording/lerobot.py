@@ -72,9 +72,9 @@ class Dataset:
             if isinstance(names, dict):  # older ones have a list of names by kind
                 names = next(iter(names.values()))
             videos = {
-                name: each
-                for name, each in features.items()
-                if each["dtype"] == "video"
+                name: feature
+                for name, feature in features.items()
+                if feature["dtype"] == "video"
             }
             dataset = cls(
                 root=root,
@@ -82,7 +82,7 @@ class Dataset:
                 columns={
                     str(name).removesuffix(".pos"): k for k, name in enumerate(names)
                 },
-                cameras={name: _codec(each) for name, each in videos.items()},
+                cameras={name: _codec(feature) for name, feature in videos.items()},
                 rate=float(info["fps"]),
                 video_path=str(info["video_path"]),
                 chunk=int(info.get("chunks_size", 1000)),
@@ -211,11 +211,13 @@ def read_dataset(
     notes.append(
         f"{len(frames)} of {len(rows)} frames of {chosen}, where the arm is slowest"
     )
-    seen = [row for row, _ in frames]
-    pictures = tuple(f"episode {episode[row]} at {time[row]:.3f} s" for row in seen)
-    episodes = episode[seen].astype(np.intp)
+    resting_rows = [row for row, _ in frames]
+    pictures = tuple(
+        f"episode {episode[row]} at {time[row]:.3f} s" for row in resting_rows
+    )
+    episodes = episode[resting_rows].astype(np.intp)
     table = JointTable(
-        str(dataset.root), names, q[seen], None, pictures, episodes=episodes
+        str(dataset.root), names, q[resting_rows], None, pictures, episodes=episodes
     )
     return table, [picture for _, picture in frames], notes
 

@@ -60,8 +60,8 @@ def take_photo(
             "x and y in px, or in m with a board"
         )
     reference = None if unit == "px" else PlaneReference.of(about)
-    seen = x if reference is None else reference.pixels(x)
-    inside = ((seen > -0.5) & (seen < np.array([width, height]) - 0.5)).all(axis=1)
+    pixels = x if reference is None else reference.pixels(x)
+    inside = ((pixels > -0.5) & (pixels < np.array([width, height]) - 0.5)).all(axis=1)
     if inside.mean() < 0.25:
         raise LogError(
             f"{name} shows {100 * inside.mean():.0f} % of the positions only: expected a picture "
@@ -82,9 +82,9 @@ def take_photo(
     cv2 = opencv()
     white = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": (255, 255, 255)}
     above = cv2.remap(picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, **white)
-    left, bottom = low
+    west, bottom = low
     right, top = low + step * np.array([len(along), len(up)])
-    return Photo(_packed(np.asarray(above, np.uint8)), (left, right, bottom, top))
+    return Photo(_packed(np.asarray(above, np.uint8)), (west, right, bottom, top))
 
 
 def read_photo(path: Path) -> Picture:
@@ -129,11 +129,11 @@ def write_seen(
 
     circles(places, 3, _PLACES, -1)
     for tag in TagFinder(setting.dictionary).find(grey):
-        known = tag.number in setting.finder.numbers
-        colour = _TIP if tag.number == setting.tag else _BOARD if known else _OTHER
+        expected = tag.number in setting.finder.numbers
+        colour = _TIP if tag.number == setting.tag else _BOARD if expected else _OTHER
         corners = np.round(tag.corners).astype(np.int32)
         cv2.polylines(canvas, [corners], True, colour, thick + 1, cv2.LINE_AA)
-        words = f"{tag.number}" if known else f"{tag.number} ignored"
+        words = f"{tag.number}" if expected else f"{tag.number} ignored"
         at = (corners.max(axis=0) + 4).tolist()
         cv2.putText(canvas, words, at, 0, 0.55 * thick, colour, thick, cv2.LINE_AA)
     if setting.board is not None:

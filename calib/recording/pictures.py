@@ -53,21 +53,21 @@ def list_pictures(source: str | os.PathLike[str] | Sequence[str]) -> list[Path]:
     """
     if not isinstance(source, (str, os.PathLike)):
         return sorted(
-            {path for each in source for path in list_pictures(each)}, key=_natural
+            {path for name in source for path in list_pictures(name)}, key=_natural
         )
     text = os.fspath(source)
-    found = [Path(source)]
-    if found[0].is_dir():
-        found = [path for path in found[0].iterdir() if path.suffix.lower() in PICTURES]
+    paths = [Path(source)]
+    if paths[0].is_dir():
+        paths = [path for path in paths[0].iterdir() if path.suffix.lower() in PICTURES]
     elif any(mark in text for mark in "*?["):
-        found = [Path(name) for name in glob(text)]  # noqa: PTH207 - a pattern may start at a root
-    found = [path for path in found if path.is_file() and not path.name.startswith(".")]
-    if not found:
+        paths = [Path(name) for name in glob(text)]  # noqa: PTH207 - a pattern may start at a root
+    paths = [path for path in paths if path.is_file() and not path.name.startswith(".")]
+    if not paths:
         kinds = ", ".join(PICTURES)
         raise LogError(
             f"no pictures in {text!r}: expected a folder of {kinds}, or a pattern"
         )
-    return sorted(found, key=_natural)
+    return sorted(paths, key=_natural)
 
 
 def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Picture:

@@ -143,7 +143,7 @@ def _refuse_others(choice: Choice, ways: Sequence[Reading], view: View) -> None:
     if choice.start.size == -np.inf:  # lengths along the picture count the other way
         unit = choice.convention["unit"]
         sized = find_start(flange, view.boards, unit=unit, sized=True)
-        if sized.misfit > 3.0 * misfit:
+        if sized.misfit > max(3.0 * misfit, np.radians(2.0)):
             raise LogError(
                 "the pictures are mirrored: turn that off in the camera's settings"
             )

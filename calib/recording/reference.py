@@ -56,33 +56,33 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     """
     cv2 = opencv()
     camera = (lens.matrix, lens.distortion)
-    found, turns, shifts, _ = cv2.solvePnPGeneric(
+    solved, turns, shifts, _ = cv2.solvePnPGeneric(
         points, pixels, *camera, flags=cv2.SOLVEPNP_IPPE
     )
-    if not found:
+    if not solved:
         raise LogError(
             "the reference's points lie on a line or in one place: no pose fits them"
         )
     fits = []
     for start in zip(turns, shifts, strict=True):
         turn, shift = cv2.solvePnPRefineLM(points, pixels, *camera, *start)
-        seen, slopes = cv2.projectPoints(points, turn, shift, *camera)
-        miss = pixels - seen.reshape(-1, 2)
+        projected, slopes = cv2.projectPoints(points, turn, shift, *camera)
+        miss = pixels - projected.reshape(-1, 2)
         fits.append(
             (float((miss**2).sum()), exponential(turn.ravel()), shift.ravel(), slopes)
         )
     square, rotation, shift, slopes = min(fits, key=lambda fit: fit[0])
     by = slopes[:, 3:6].reshape(-1, 2, 3)
-    own = np.concatenate([-by @ cross_matrix(points @ rotation.T), by], axis=2).reshape(
-        -1, 6
-    )
+    by_pose = np.concatenate(
+        [-by @ cross_matrix(points @ rotation.T), by], axis=2
+    ).reshape(-1, 6)
     # where the lens is not as it was taken to be, the pose follows it
     follows = np.vstack(
-        [-np.linalg.lstsq(own, slopes[:, 6:15], rcond=None)[0], np.eye(9)]
+        [-np.linalg.lstsq(by_pose, slopes[:, 6:15], rcond=None)[0], np.eye(9)]
     )
     covariance = follows @ lens.covariance @ follows.T
-    variance = max(square / max(len(own) - 6, 1), _LEAST_NOISE**2)
-    covariance[:6, :6] += np.linalg.pinv(own.T @ own) * variance
+    variance = max(square / max(len(by_pose) - 6, 1), _LEAST_NOISE**2)
+    covariance[:6, :6] += np.linalg.pinv(by_pose.T @ by_pose) * variance
     return Pose(rotation, shift, covariance)
 
 
@@ -108,9 +108,9 @@ class PlaneReference:
     def pixels(self, positions: Array) -> Array:
         """Return where points (n, 2) [m] of the plane appear."""
         points = np.c_[positions, np.full(len(positions), self.height)]
-        seen = points @ self.pose.rotation.T + self.pose.shift
+        points_ahead = points @ self.pose.rotation.T + self.pose.shift
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            return self.lens.distort(seen[:, :2] / seen[:, 2:])
+            return self.lens.distort(points_ahead[:, :2] / points_ahead[:, 2:])
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
         """Return the scale of a pixel (n,), and the sd (n,) that pose and lens make for all [m]."""
@@ -127,7 +127,7 @@ class PlaneReference:
             variance += ((moved - base) ** 2).sum(1) / 2.0
         return np.sqrt(2.0 * (x**2 + y**2).sum(1)), np.sqrt(variance)
 
-    def told(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Return the camera's pose over the frame, as plain values."""
         rotation = self.pose.rotation.tolist()
         camera = self.pose.camera.tolist()
@@ -140,17 +140,19 @@ class PlaneReference:
 
     @classmethod
     def of(cls, about: Mapping[str, Any]) -> PlaneReference:
-        """Return the reference that a log tells of itself, without its doubt; see `told`.
+        """Return the reference that a log tells of itself, without its doubt; see `to_json`.
 
         Raises LogError if it tells none.
         """
         try:
-            told = about["reference"]
+            document = about["reference"]
             lens = Lens.from_json(about["lens"])
-            rotation = np.array(told["rotation"], float).reshape(3, 3)
-            shift = -rotation @ np.array(told["camera"], float).reshape(3)
+            rotation = np.array(document["rotation"], float).reshape(3, 3)
+            shift = -rotation @ np.array(document["camera"], float).reshape(3)
             return cls(
-                lens, Pose(rotation, shift, np.zeros((15, 15))), float(told["height"])
+                lens,
+                Pose(rotation, shift, np.zeros((15, 15))),
+                float(document["height"]),
             )
         except (KeyError, TypeError, ValueError):
             raise LogError(
@@ -192,7 +194,7 @@ class MarkLayout:
 
 
 def watch(
-    layout: MarkLayout, seen: Mapping[int, Marks], lens: Lens, height: float = 0.0
+    layout: MarkLayout, sightings: Mapping[int, Marks], lens: Lens, height: float = 0.0
 ) -> tuple[PlaneReference, frozenset[int]]:
     """Find the reference in a recording, and the pictures in which it is elsewhere.
 
@@ -202,12 +204,15 @@ def watch(
     """
     # a hand in the picture hides some marks
     looked = {
-        number: marks for number, marks in seen.items() if len(marks) >= layout.least
+        number: marks
+        for number, marks in sightings.items()
+        if len(marks) >= layout.least
     }
     if not looked:
+        most = max(map(len, sightings.values()), default=0)
         raise LogError(
-            f"{layout.what} is too small, hidden or not there: at most "
-            f"{max(map(len, seen.values()), default=0)} found in a picture, {layout.least} expected"
+            f"{layout.what} is too small, hidden or not there: at most {most} found in a picture, "
+            f"{layout.least} expected"
         )
     middle = _middle([*looked.values()])
     off = frozenset(
@@ -219,9 +224,9 @@ def watch(
             "pictures: was the camera bumped, is it loose, or does it refocus? fix it and switch "
             "its autofocus off, or make a log of each part"
         )
-    kept = _middle([marks for number, marks in looked.items() if number not in off])
-    points = np.array([[*layout.points[number], 0.0] for number in kept])
-    pose = find_pose(lens, points, np.array([*kept.values()]))
+    settled = _middle([marks for number, marks in looked.items() if number not in off])
+    points = np.array([[*layout.points[number], 0.0] for number in settled])
+    pose = find_pose(lens, points, np.array([*settled.values()]))
     return PlaneReference(lens, pose, height), off
 
 

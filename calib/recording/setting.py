@@ -45,7 +45,7 @@ class Setup:
         layout = self.layout
         board = self.board
         same = board is not None and board.dictionary.lower() == self.dictionary.lower()
-        taken = board.tags if board is not None and same else 0
+        printed = board.tags if board is not None and same else 0
         refusals = {
             "`board` and `tags_at` are both given: expected one of them": board
             and self.tags_at,
@@ -60,7 +60,7 @@ class Setup:
                 self.pose and (self.lens is None or self.tag_size is None)
             ),
             f"tag {self.tag} is on the tip and in `tags_at`, or printed on the board too: take "
-            "another id": self.tag < taken
+            "another id": self.tag < printed
             or (self.tags_at and self.tag in self.tags_at.points),
         }
         for message, wrong in refusals.items():
@@ -135,7 +135,7 @@ def sight(
         tags are there should this one not be
     Raises LogError if the tag is there twice in more than a tenth, or nowhere.
     """
-    found = dict[int, tuple[str, Tag]]()
+    sharp_tags = dict[int, tuple[str, Tag]]()
     marks = dict[int, Marks]()
     sample = list[Picture]()
     reasons = Counter[str]()
@@ -146,9 +146,9 @@ def sight(
         count = count + 1
         size = (grey.shape[1], grey.shape[0])
         if setting.lens is not None and setting.lens.size not in (size, UNSTATED):
-            known = "{}x{}".format(*setting.lens.size)
+            expected = "{}x{}".format(*setting.lens.size)
             raise LogError(
-                f"{name} is {size[0]}x{size[1]}, the lens was calibrated with {known}"
+                f"{name} is {size[0]}x{size[1]}, the lens was calibrated with {expected}"
             )
         tags = setting.finder.find(grey)
         if number % every == 0:
@@ -157,7 +157,7 @@ def sight(
                 marks[number] = setting.marks(grey, tags)
         tips = [tag for tag in tags if tag.number == setting.tag]
         if len(tips) == 1 and tips[0].sharp:
-            found[number] = name, tips[0]
+            sharp_tags[number] = name, tips[0]
         elif len(tips) > 1:
             twice.append(name)
             reasons[f"tag {setting.tag} is there twice"] += 1
@@ -168,19 +168,19 @@ def sight(
             f"tag {setting.tag} is there twice in {len(twice)} of {count} {what} "
             f"({listed(twice, 3)}): cover one, or print another id for the tip"
         )
-    if not found:
+    if not sharp_tags:
         finder = TagFinder(setting.dictionary)
-        seen = Counter(
+        counts = Counter(
             n for grey in sample for n in {t.number for t in finder.find(grey)}
         )
         shown = listed(
-            [f"{number} ({times} times)" for number, times in seen.most_common()], 6
+            [f"{number} ({times} times)" for number, times in counts.most_common()], 6
         )
         raise LogError(
             f"tag {setting.tag} is in none of {count} {what}: {len(sample)} of them show {shown} "
             f"of {setting.dictionary}; check the id, the dictionary, that it is sharp and has a "
             "white border"
         )
-    names, sharp = zip(*found.values(), strict=True)
-    numbers = np.array(list(found))
+    names, sharp = zip(*sharp_tags.values(), strict=True)
+    numbers = np.array(list(sharp_tags))
     return Sightings(setting, what, numbers, names, sharp, marks, reasons, count, size)

@@ -102,6 +102,25 @@ def find_start(
     return Start(x, y, unit, size, misfit, turned)
 
 
+def find_sized_start(
+    flange: Array, boards: BoardPoses, rounds: int = 4, unit: str | None = None
+) -> Start:
+    """Solve for camera and board; where the motions tell no lengths, with the board as stated.
+
+    A flange that turns on the spot fits in any unit: then it is some 0.6 m from the base.
+    """
+    start = find_start(flange, boards, rounds, unit)
+    if abs(start.size) < MISSAID:
+        return start
+    distance = max(float(np.median(np.linalg.norm(flange[:, :3, 3], axis=1))), 1e-9)
+    usual = sorted(UNITS, key=lambda name: abs(np.log(distance / METRES[name] / 0.6)))
+    for name in [unit] if unit else usual:
+        sized = find_start(flange, boards, rounds, name, sized=True)
+        if sized.misfit < max(1.3 * start.misfit, np.radians(0.2)):
+            return sized
+    return start
+
+
 def closed_form(
     motions: Array, boards: Array, weights: Array, size: float | None = None
 ) -> tuple[Array, Array, float]:

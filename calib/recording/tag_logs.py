@@ -47,31 +47,31 @@ def log_pictures(
     Raises LogError in one line, if no log can be made.
     """
     rows, frames, notes = read_shots(joints, source)
-    seen = sight(frames, setting, "pictures")
-    seen.reasons["cut off or damaged"] = len(rows) - seen.count
-    q = joints.q[[rows[number] for number in seen.numbers]]
+    sightings = sight(frames, setting, "pictures")
+    sightings.reasons["cut off or damaged"] = len(rows) - sightings.count
+    q = joints.q[[rows[number] for number in sightings.numbers]]
     if len(q) > 1:
-        _check_motion(q, seen, f"{len(q)} pictures")
+        _check_motion(q, sightings, f"{len(q)} pictures")
     with one_blas_thread():
-        shift, own, other = row_shift(q, seen.pixels)
+        shift, unshifted, other = row_shift(q, sightings.pixels)
     if shift:
         raise LogError(
             f"the joints are shifted against the pictures: those {abs(shift)} rows further "
             f"{'down' if shift > 0 else 'up'} predict the tag to {other:.2g} px, a picture's own "
-            f"to {own:.2g} px; is a picture missing?"
+            f"to {unshifted:.2g} px; is a picture missing?"
         )
     # rows that contradict the others, as a second tag makes them, are found by who learns from them
-    kept = np.flatnonzero(~np.isin(seen.numbers, list(seen.reference[1])))
+    steady = np.flatnonzero(~np.isin(sightings.numbers, list(sightings.reference[1])))
     reason = "the reference is elsewhere in them: camera bumped, shaken, refocused?"
-    seen.reasons[reason] = len(q) - len(kept)
+    sightings.reasons[reason] = len(q) - len(steady)
     return _assembled(
-        seen,
-        [seen.tags[k] for k in kept],
+        sightings,
+        [sightings.tags[k] for k in steady],
         notes,
         {"source": "pictures"},
         joint_names=joints.names,
-        q=q[kept],
-        pictures=tuple(seen.names[k] for k in kept),
+        q=q[steady],
+        pictures=tuple(sightings.names[k] for k in steady),
     )
 
 
@@ -114,16 +114,16 @@ def log_video(
             yield number, f"{video.name} at {stamp:.1f} s", grey
 
     every = max(1, video.claimed // LOOKS) if 0 < video.claimed < 10**7 else 100
-    seen = sight(frames(), setting, "frames", every)
+    sightings = sight(frames(), setting, "frames", every)
     time = np.array(times)
-    reasons = seen.reasons
+    reasons = sightings.reasons
     if video.claimed > 1.05 * len(time) + 2:
         notes.append(
             f"{len(time)} of {video.claimed} frames can be read: it is cut off"
         )
-    _check_motion(q, seen, video.name)
+    _check_motion(q, sightings, video.name)
     pixels = np.full((len(time), 2), np.nan)
-    pixels[seen.numbers] = seen.pixels
+    pixels[sightings.numbers] = sightings.pixels
     clocks = Clocks(time_offset or 0.0)
     if time_offset is None:
         clocks = align_clocks(time, pixels, joint_time, q, revolute)
@@ -157,11 +157,11 @@ def log_video(
             f"the arm never rests for {_LEAST} frames of {video.name}, or moves as slowly as "
             "`still`: record it with stops"
         )
-    tag_of = dict(zip(seen.numbers, seen.tags, strict=True))
+    tag_of = dict(zip(sightings.numbers, sightings.tags, strict=True))
     there = joints_at(when, joint_time, q)
     rows = np.array([np.median(when[group]) for group in groups])
     return _assembled(
-        seen,
+        sightings,
         [_middle([tag_of[k] for k in group]) for group in groups],
         notes,
         {"source": "video", "time_offset": clocks.offset, "rate": clocks.rate},
@@ -204,28 +204,29 @@ def _middle(tags: Sequence[Tag]) -> Tag:
     )
 
 
-def _check_motion(q: Array, seen: Sightings, what: str) -> None:
+def _check_motion(q: Array, sightings: Sightings, what: str) -> None:
     """Raise LogError for a recording in which the arm, or the tag alone, stands still."""
     if np.ptp(q, axis=0).max() < 2e-3:
         raise LogError(f"the arm never moves in {what}: nothing to learn from")
-    if np.linalg.norm(np.ptp(seen.pixels, axis=0)) < _STILL:
-        u, v = np.median(seen.pixels, axis=0)
+    if np.linalg.norm(np.ptp(sightings.pixels, axis=0)) < _STILL:
+        u, v = np.median(sightings.pixels, axis=0)
         raise LogError(
-            f"tag {seen.setting.tag} stays at ({u:.0f}, {v:.0f}) px in all of {what} while the "
-            "joints move: check that it is on the tip and that no second tag of this id is in view"
+            f"tag {sightings.setting.tag} stays at ({u:.0f}, {v:.0f}) px in all of {what} while "
+            "the joints move: check that it is on the tip and that no second tag of this id is in "
+            "view"
         )
 
 
 def _assembled(
-    seen: Sightings,
+    sightings: Sightings,
     tags: Sequence[Tag],
     notes: list[str],
     about: dict[str, Any],
     **more: Any,
 ) -> Samples:
     """Put a log together from the tags of some pictures, and why others have none."""
-    setting = seen.setting
-    reference = seen.reference[0]
+    setting = sightings.setting
+    reference = sightings.reference[0]
     pixels = np.array([tag.centre for tag in tags])
     x = pixels
     unit = "px"
@@ -233,11 +234,13 @@ def _assembled(
     scale = np.ones(1)
     common = np.zeros(1)
     about |= {
-        "size": list(seen.size),
+        "size": list(sightings.size),
         "tag": setting.tag,
         "dictionary": setting.dictionary,
     }
-    about["reference"] = {"kind": "pixels"} if reference is None else reference.told()
+    about["reference"] = (
+        {"kind": "pixels"} if reference is None else reference.to_json()
+    )
     if reference is not None:
         x, unit, (scale, common) = (
             reference.positions(pixels),
@@ -264,9 +267,9 @@ def _assembled(
         unit = "m"
     shared = float(np.sqrt(np.mean(common**2)))
     noise = np.array([tag.noise for tag in tags]) * scale
-    dropped = {why: count for why, count in seen.reasons.items() if count}
+    dropped = {why: count for why, count in sightings.reasons.items() if count}
     notes = notes + [
-        f"{count} {seen.what} left out: {why}" for why, count in dropped.items()
+        f"{count} {sightings.what} left out: {why}" for why, count in dropped.items()
     ]
     if steep := sum(tag.upright < 0.5 for tag in tags):
         notes.append(

@@ -33,9 +33,8 @@ _STEPS = 30
 _SETTLED = 1e-5
 _LEAST_CELL = 3  # [px]; a coarser pattern has no edges
 _SQUARES = (8, 96)  # [px], least and largest side of a board's square in its picture
-_DENSE = (
-    1.5  # of a board's pattern over the picture: .011 px for .016 with 1, .012 with 3
-)
+# of a board's pattern over the picture: .011 px for .016 with 1, .012 with 3
+_DENSE = 1.5
 _FINER = (2, 6)  # times as fine a board is drawn, and then shrunk
 _AROUND = 0.7  # squares around a corner that are laid over the picture
 _FARTHEST = 2.5  # [px]; a corner that goes further was none
@@ -46,9 +45,8 @@ class Tag:
     """A tag in a picture; pixel centres have whole coordinates, y runs down."""
 
     number: int  # its id
-    corners: (
-        Array  # of the black square, clockwise in print from the top left (4, 2) [px]
-    )
+    # of the black square, clockwise in print from the top left (4, 2) [px]
+    corners: Array
     noise: float = LEAST_NOISE  # standard deviation of the centre along each axis [px]
     sharp: bool = True  # whether the print can be laid over it
 
@@ -86,11 +84,11 @@ def find_dictionary(name: str) -> Any:
     Raises OptionError if there is none.
     """
     aruco = opencv().aruco
-    known = {key[5:].lower(): key for key in dir(aruco) if key.startswith("DICT_")}
+    patterns = {key[5:].lower(): key for key in dir(aruco) if key.startswith("DICT_")}
     plain = name.lower().removeprefix("dict_")
-    key = known.get(plain) or known.get(f"apriltag_{plain}")
+    key = patterns.get(plain) or patterns.get(f"apriltag_{plain}")
     if key is None:
-        raise OptionError(f"dictionary {name!r}: {suggestion(plain, sorted(known))}")
+        raise OptionError(f"dictionary {name!r}: {suggestion(plain, sorted(patterns))}")
     return aruco.getPredefinedDictionary(getattr(aruco, key))
 
 
@@ -101,28 +99,31 @@ class TagFinder:
         self, dictionary: str = DICTIONARY, wanted: Collection[int] | None = None
     ) -> None:
         aruco = opencv().aruco
-        known = find_dictionary(dictionary)
-        count = len(known.bytesList)
+        patterns = find_dictionary(dictionary)
+        count = len(patterns.bytesList)
         self.numbers = tuple(range(count) if wanted is None else sorted(set(wanted)))
         for number in {*self.numbers[:1], *self.numbers[-1:]}:
             tag_cells(number, dictionary)  # refuses what is none
         if wanted is not None:
-            some = np.ascontiguousarray(known.bytesList[list(self.numbers)])
-            known = aruco.Dictionary(some, known.markerSize, known.maxCorrectionBits)
+            some = np.ascontiguousarray(patterns.bytesList[list(self.numbers)])
+            patterns = aruco.Dictionary(
+                some, patterns.markerSize, patterns.maxCorrectionBits
+            )
         self.dictionary = dictionary
         settings = aruco.DetectorParameters()
         settings.cornerRefinementMethod = aruco.CORNER_REFINE_CONTOUR
         settings.perspectiveRemoveIgnoredMarginPerCell = _MARGIN
         settings.perspectiveRemovePixelPerCell = _READ
-        self._detector = aruco.ArucoDetector(known, settings)
+        self._detector = aruco.ArucoDetector(patterns, settings)
 
     def find(self, grey: Picture) -> list[Tag]:
         """Find the tags of a picture."""
-        squares, found, _ = self._detector.detectMarkers(grey)
-        numbers = [self.numbers[k] for k in (() if found is None else np.ravel(found))]
+        squares, ids, _ = self._detector.detectMarkers(grey)
+        numbers = [self.numbers[k] for k in (() if ids is None else np.ravel(ids))]
         corners = [np.asarray(square, float).reshape(4, 2) for square in squares]
         return [
-            self._measured(grey, *each) for each in zip(numbers, corners, strict=True)
+            self._measured(grey, *marker)
+            for marker in zip(numbers, corners, strict=True)
         ]
 
     def _measured(self, grey: Picture, number: int, corners: Array) -> Tag:
@@ -140,10 +141,10 @@ class TagFinder:
         start = opencv().getPerspectiveTransform(
             square.astype(np.float32), corners.astype(np.float32)
         )
-        found, likeness = _laid(
+        homography, likeness = _laid(
             grey, (255.0 * pattern).astype(np.uint8), np.asarray(start)
         )
-        refined = _mapped(found, square)
+        refined = _mapped(homography, square)
         if likeness < _SHARP:
             return tag
         tag = Tag(number, refined)
@@ -157,14 +158,14 @@ def tag_cells(number: int, dictionary: str = DICTIONARY) -> NDArray[np.bool_]:
 
     Raises OptionError if the dictionary has no such id.
     """
-    known = find_dictionary(dictionary)
-    count = len(known.bytesList)
+    patterns = find_dictionary(dictionary)
+    count = len(patterns.bytesList)
     if not 0 <= number < count:
         raise OptionError(
             f"tag {number}: expected 0 to {count - 1}, the ids of {dictionary}"
         )
-    size = int(known.markerSize) + 2
-    picture = opencv().aruco.generateImageMarker(known, int(number), size)
+    size = int(patterns.markerSize) + 2
+    picture = opencv().aruco.generateImageMarker(patterns, int(number), size)
     return np.asarray(picture) > 127
 
 
@@ -177,17 +178,17 @@ def lay_corners(
     """
     if len(corners) < 4:
         return {}
-    seen = np.array([*corners.values()])
+    pixels = np.array([*corners.values()])
     flat = np.array(board.getChessboardCorners(), float)[list(corners), :2]
     flat /= board.getSquareLength()
-    over = opencv().findHomography(flat, seen, opencv().RANSAC, 3.0)[0]
+    over = opencv().findHomography(flat, pixels, opencv().RANSAC, 3.0)[0]
     if over is None:
         return {}
     side = np.linalg.norm(_mapped(over, flat + 0.5) - _mapped(over, flat - 0.5), axis=1)
     k = int(np.clip(round(_DENSE * np.median(side) / np.sqrt(2)), *_SQUARES))
     page = _page(board, k)
     refined = {}
-    for number, place, there in zip(corners, flat, seen, strict=True):
+    for number, place, there in zip(corners, flat, pixels, strict=True):
         at = np.maximum(np.round((place - _AROUND) * k).astype(int), 0)
         end = np.round((place + _AROUND) * k).astype(int)
         # of the patch's pixels, via squares, to the picture; the lens shifts it by little
@@ -196,10 +197,10 @@ def lay_corners(
         )
         shift = np.eye(3)
         shift[:2, 2] = there - _mapped(over, place[None])[0]
-        found, likeness = _laid(
+        homography, likeness = _laid(
             grey, page[at[1] : end[1], at[0] : end[0]], shift @ over @ scale
         )
-        moved = _mapped(found, (place * k - 0.5 - at)[None])[0]
+        moved = _mapped(homography, (place * k - 0.5 - at)[None])[0]
         if likeness > 0.0 and np.linalg.norm(moved - there) < _FARTHEST:
             refined[number] = moved
     return refined
@@ -220,7 +221,7 @@ def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, _STEPS, _SETTLED)
     guess = back @ start
     try:
-        likeness, found = cv2.findTransformECC(
+        likeness, homography = cv2.findTransformECC(
             pattern,
             grey[low[1] : end[1], low[0] : end[0]],
             np.ascontiguousarray(guess / guess[2, 2], np.float32),
@@ -231,7 +232,7 @@ def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
         )
     except cv2.error:  # it did not converge, or the part is empty
         return start, 0.0
-    return np.linalg.inv(back) @ np.asarray(found, float), float(likeness)
+    return np.linalg.inv(back) @ np.asarray(homography, float), float(likeness)
 
 
 @cache

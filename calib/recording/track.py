@@ -86,11 +86,11 @@ def jumps(x: Array) -> Mask:
     from scipy.ndimage import median_filter
 
     result = np.zeros(len(x), bool)
-    seen = np.isfinite(x[:, 0])
-    if seen.sum() >= _WINDOW:
-        away = x[seen] - median_filter(x[seen], (_WINDOW, 1), mode="nearest")
+    visible = np.isfinite(x[:, 0])
+    if visible.sum() >= _WINDOW:
+        away = x[visible] - median_filter(x[visible], (_WINDOW, 1), mode="nearest")
         scale = 1.48 * median_filter(np.abs(away), (_WINDOW, 1), mode="nearest").max(
             axis=1
         )
-        result[seen] = np.linalg.norm(away, axis=1) > 6.0 * np.maximum(scale, 1.0)
+        result[visible] = np.linalg.norm(away, axis=1) > 6.0 * np.maximum(scale, 1.0)
     return result

@@ -36,6 +36,12 @@ class Prepared:
     play: Array | None = None
     readings: Samples | None = None  # of the same poses, each as often as it was read
 
+    @property
+    def left_out(self) -> int:
+        """Number of the log's rows that are wrong; poses that were read again are not."""
+        used = self.samples if self.readings is None else self.readings
+        return self.rows_given - len(used)
+
 
 def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
     """Leave wrong rows out, bring clocks together, and fit the body; a row a pose is left."""

@@ -312,9 +312,14 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     variance[np.ix_(active, active)] = body.kappa**2 * belief.covariance + gauge
     variance[point, point] = structure.chain.reach**2
     same = _fit_around(seen, rows, beta, variance)
-    for group in ("offset", "tool", "placement"):
+    freed = {
+        "offset": TOUCHING.offset,
+        "tool": TOUCHING.tool,
+        "placement": TOUCHING.placement,
+    }
+    for group, sd in freed.items():
         indices = seen.groups[group]
-        variance[indices, indices] += getattr(TOUCHING, group) ** 2
+        variance[indices, indices] += sd**2
     changed = _fit_around(seen, rows, beta, variance)
     if changed.evidence - same.evidence > TOUCHING.nats * changed.autocorrelation:
         sensor = structure.sensor(

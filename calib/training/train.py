@@ -179,7 +179,7 @@ def _learned(prepared: Prepared, options: TrainingOptions, clock: _Clock) -> Mod
         errors=summarise(tested),
         within=within,
         tested=len(tested.q),
-        left_out=tested.left_out + prepared.rows_given - len(samples),
+        left_out=tested.left_out + prepared.left_out,
         notes=(*size_notes, *prepared.notes),
     )
     baseline = _baseline(model, prepared, bounded)

@@ -25,25 +25,7 @@ from ..inverse.newton import Newton
 from ..model.model import Model
 from ..recording.board import Board
 from .pose_space import PoseSpace
-
-_DRAWN = 3000  # postures that are led
-_MOST = 400  # of them to choose from
-_NEAR = 1e-6  # [m] within which a posture is at its point
-_PLAY = 1e-4  # [m] of a socket
-_UNKNOWN = 10.0  # [m or rad], prior sd of what is not known at all
-
-
-_LENS = (
-    900.0,
-    640.0,
-    360.0,
-    0.0,
-)  # of a common camera: focal length, centre [px], curvature
-_PICTURE = (1280.0, 720.0)  # its [px]
-_NOISE = 0.2  # of a corner [px]
-_FILLED = 0.25  # share of the picture's width that a board fills
-_TILT = float(np.radians(45.0))  # most of the camera's tilt about the board [rad]
-_UPRIGHT = 0.5  # least cosine between the line of sight and the board's normal
+from .settings import AIMING, PLANNING
 
 
 @dataclass(frozen=True)
@@ -96,7 +78,7 @@ def _led(
     turning = np.zeros(structure.dof, dtype=bool)
     scale = Scale(space.lower, space.upper - space.lower, turning)
     newton = Newton(_Aim(structure, beta, scale, target.shape[1]), scale)
-    u, distance = newton.refine(scale.to_unit(q), target, 0.1 * _NEAR)
+    u, distance = newton.refine(scale.to_unit(q), target, 0.1 * AIMING.near)
     return scale.from_unit(u), distance
 
 
@@ -116,7 +98,7 @@ def at_point(
         prior = structure.prior(("tool", "placement", "offset"))
         beta = structure.neutral()
         active = prior.active
-        root = np.diag(np.minimum(prior.sd[active], _UNKNOWN))
+        root = np.diag(np.minimum(prior.sd[active], PLANNING.widest))
     elif body is not None and isinstance(body.structure, SpatialStructure):
         structure = body.structure.with_view("base")
         beta = body.beta
@@ -127,17 +109,19 @@ def at_point(
             "touch: expected a robot that moves in space, or a model of one"
         )
     target = number_rows(np.ravel(point), ("x", "y", "z"), "touch", OptionError)[0][0]
-    start = rng.uniform(space.lower, space.upper, (_DRAWN, structure.dof))
-    q, distance = _led(structure, beta, start, np.tile(target, (_DRAWN, 1)), space)
-    q = q[distance < _NEAR][:_MOST]
+    start = rng.uniform(space.lower, space.upper, (AIMING.drawn, structure.dof))
+    q, distance = _led(
+        structure, beta, start, np.tile(target, (AIMING.drawn, 1)), space
+    )
+    q = q[distance < AIMING.near][: AIMING.most]
     if not len(q):
         raise OptionError(
             f"touch {', '.join(f'{value:g}' for value in target)}: no posture within the limits "
             "reaches this point of the base frame [m]; give another"
         )
     tip = structure.linearise(q, beta, active)[1] @ root
-    place = np.broadcast_to(_UNKNOWN * np.eye(3), (len(q), 3, 3))
-    return Aimed(q, np.concatenate([tip, place], axis=2) / _PLAY)
+    place = np.broadcast_to(PLANNING.widest * np.eye(3), (len(q), 3, 3))
+    return Aimed(q, np.concatenate([tip, place], axis=2) / AIMING.play)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +139,7 @@ class Scene:
     def distance(self) -> float:
         """From the board to the camera in whose picture it fills its share [m]."""
         focal = self.beta[self.structure.groups["lens"]][0]
-        return float(focal * self.size.max() / (_FILLED * self.picture[0]))
+        return float(focal * self.size.max() / (AIMING.filled * self.picture[0]))
 
     @property
     def camera(self) -> SpatialStructure:
@@ -176,21 +160,23 @@ class Scene:
         margin = self.around.edge * self.picture
         inside = (pixels > margin) & (pixels < self.picture - margin)
         turn = exponential(self.structure.predict(q, self.beta)[:, 3:])
-        upright = turn[:, 2, 2] > _UPRIGHT
+        upright = turn[:, 2, 2] > AIMING.upright
         return np.asarray(upright & inside.all(axis=(1, 2)))
 
     def readings(self, rng: np.random.Generator) -> Array:
         """Readings (n, 6) of cameras about the board: tilted, rolled, nearer, aimed beside it."""
-        tilt = _TILT * np.sqrt(rng.random(_DRAWN))
-        side = rng.uniform(-np.pi, np.pi, _DRAWN)
+        tilt = AIMING.tilt * np.sqrt(rng.random(AIMING.drawn))
+        side = rng.uniform(-np.pi, np.pi, AIMING.drawn)
         leaning = np.stack(
             [tilt * np.cos(side), tilt * np.sin(side), 0.0 * tilt], axis=1
         )
         turn = exponential(leaning)
-        away = self.distance * rng.uniform(*self.around.distance, _DRAWN)
+        away = self.distance * rng.uniform(*self.around.distance, AIMING.drawn)
         shift = -away[:, None] * turn[:, :, 2]
-        aside = rng.normal(0.0, self.around.aside, (_DRAWN, 2))
-        turn = turn @ exponential(np.column_stack([aside, rng.uniform(-2, 2, _DRAWN)]))
+        aside = rng.normal(0.0, self.around.aside, (AIMING.drawn, 2))
+        turn = turn @ exponential(
+            np.column_stack([aside, rng.uniform(-2, 2, AIMING.drawn)])
+        )
         if not self.in_hand:  # the same seen from the camera
             turn = np.swapaxes(turn, 1, 2)
             shift = -np.einsum("nij,nj->ni", turn, shift)
@@ -201,11 +187,11 @@ class Scene:
         camera = self.camera
         free = ("view.rotation", "view.shift", "tool", "tool.rotation")
         prior = camera.prior((*free, "lens", "placement", "offset"))
-        sd = np.minimum(prior.sd, _UNKNOWN)
+        sd = np.minimum(prior.sd, PLANNING.widest)
         lens = camera.groups["lens"]
         sd[lens] = prior.sd[lens]  # pixels of a lens have wide priors
         slope = camera.linearise(self.corners(q), self.beta, prior.active)[1]
-        return slope.reshape(len(q), 8, -1) * sd[prior.active] / _NOISE
+        return slope.reshape(len(q), 8, -1) * sd[prior.active] / AIMING.noise
 
 
 def in_sight(
@@ -243,12 +229,12 @@ def in_sight(
             "handeye: expected a robot that moves in space, or a model that `calib handeye -o` made"
         )
     readings = scene.readings(rng)
-    begin = rng.uniform(space.lower, space.upper, (_DRAWN, scene.structure.dof))
+    begin = rng.uniform(space.lower, space.upper, (AIMING.drawn, scene.structure.dof))
     if start is not None:
-        begin[: _DRAWN // 2] = start
+        begin[: AIMING.drawn // 2] = start
     q, _ = _led(scene.structure, scene.beta, begin, readings, space)
     q = np.unique(q[scene.sees(q)].round(4), axis=0)
-    q = q[rng.permutation(len(q))[:_MOST]]
+    q = q[rng.permutation(len(q))[: AIMING.most]]
     if len(q) < 3:
         raise OptionError(
             f"handeye: the camera sees the board in {len(q)} of the postures about the start; "
@@ -259,10 +245,10 @@ def in_sight(
 
 def _assumed(arm: SpatialArm, size: Array, in_hand: bool, start: Array) -> Scene:
     """Return the scene of an arm whose camera and board are not known yet."""
-    structure = structure_of(arm, "pose", lens=_LENS)
+    structure = structure_of(arm, "pose", lens=AIMING.lens)
     groups = structure.groups
     beta = structure.neutral()
-    scene = Scene(structure, beta, size, in_hand, np.array(_PICTURE), ASSUMED)
+    scene = Scene(structure, beta, size, in_hand, np.array(AIMING.picture), ASSUMED)
     (tip,), (hand,) = structure.pose(start[None], beta)
     if in_hand:
         facing = hand

@@ -20,14 +20,9 @@ from ..errors import OptionError, QueryError, require
 from ..model.model import Model
 from ..model.nominal import visited_joints
 from ..samples.joint_values import check_joint_values
+from .settings import CORRECTION
 from .wanted import Wanted
 
-_USUAL = 3.0  # a correction this many times the 95 % quantile of the model's own is not trusted
-_LEAST = 0.01  # [rad or m]; a limit below would refuse what is harmless
-_NODES = 200
-# rows by which the compiled kernel is compared, and how close [rad or m]
-_TRIED = 5
-_SAME = 1e-6
 _REACHED = np.ones(1, dtype=bool)
 _UNREACHED = np.zeros(1, dtype=bool)
 
@@ -191,15 +186,15 @@ def usual_limit(model: Model, view: str = "auto") -> Array:
     """
     key = f"limit {view}"
     if key not in model.remembered:
-        q = visited_joints(model, _NODES)
+        q = visited_joints(model, CORRECTION.nodes)
         turns = np.array(model.about.revolute)
         nearest, reachable = Wanted.of(model, view).solve(q)
         change = np.abs(nearest - q)[reachable]
-        limits = np.full(len(turns), _LEAST)
+        limits = np.full(len(turns), CORRECTION.least)
         for kind in (turns, ~turns):
             if kind.any() and len(change):
                 usual = float(np.quantile(change[:, kind].max(axis=1), 0.95))
-                limits[kind] = max(_LEAST, _USUAL * usual)
+                limits[kind] = max(CORRECTION.least, CORRECTION.usual * usual)
         model.remembered[key] = limits.tolist()
     return np.array(model.remembered[key])
 
@@ -219,13 +214,13 @@ class _Quick:
         if kernel is None or not kernel.has("correct"):
             return None
         wanted = Wanted.of(model)
-        tried = visited_joints(model, _TRIED)
+        tried = visited_joints(model, CORRECTION.tried)
         gaps = []
         for q, nearest, reachable in zip(tried, *wanted.solve(tried), strict=True):
             answer = kernel.ask("correct", q)
             if reachable and answer is not None and answer[1] == 1:
                 gaps.append(np.abs(answer[0] - nearest).max())
-        if not gaps or max(gaps) > _SAME:
+        if not gaps or max(gaps) > CORRECTION.same:
             return None
         return cls(wanted, usual_limit(model), wanted.notes)
 

@@ -131,8 +131,8 @@ def static_transform(model: Model) -> str:
         )
     root = parse_robot(about.urdf, about.robot).root
     if made := about.options.get("board"):
-        held = held_of(body)  # of the point that the log tells
-        hand = replace(held, position=held.position - held.rotation @ made["point"])
+        mount = held_of(body)  # of the point that the log tells
+        hand = replace(mount, position=mount.position - mount.rotation @ made["point"])
         carried, standing = ("camera", "board")
         if made["eye"] == "base":
             carried, standing = ("board", "camera")

@@ -29,15 +29,7 @@ from ..model.model import Model
 from ..model.nominal import nominal_arm, nominal_in_plane, visited_joints
 from .frames import frame_is_free, frames, is_simulated
 from .geometry import Geometry
-
-_NODES = 500  # of a model without rows, at which it is asked
-_ROWS = 2_000
-_FLOOR = 1e-7  # of the extent: a residual below is rounding
-_OFFSET = math.radians(
-    10.0
-)  # prior sd of a planar arm's offsets: servos are put on to that
-_ALONG = 5.0 * SHIFT  # [m], prior sd of a planar arm's places, but for turns of a link
-_FLAT = 100.0  # [rad or 1], prior sd of a planar sensor's angle and scale
+from .settings import FITTING
 
 
 class InPlane(SpatialStructure):
@@ -83,9 +75,9 @@ class Points:
         rows = model.rows
         unit = model.about.unit
         if rows is not None and not model.history:
-            some = slice(None, None, -(-len(rows) // _ROWS))
+            some = slice(None, None, -(-len(rows) // FITTING.rows))
             return cls(rows.q[some], rows.x[some], unit)
-        q = visited_joints(model, _NODES)
+        q = visited_joints(model, FITTING.nodes)
         x = model.forward(q)
         valid = np.isfinite(x).all(axis=1)
         noise = float(np.nanmedian(model.bounds)) / 2.45  # sd along an axis
@@ -193,12 +185,12 @@ def fit_in_space(
     arm: SpatialArm, body: Body | None, points: Points, freedom: Freedom
 ) -> Geometry:
     """Fit an arm in space; the prior and the view are those of a body, where there is one."""
-    structure, known, z = _seen_in_space(arm, body, points, freedom)
+    structure, body_beta, z = _seen_in_space(arm, body, points, freedom)
     groups = structure.groups
     tool = groups["tool"]
     start = structure.neutral()
-    if known is not None:
-        start = known
+    if body_beta is not None:
+        start = body_beta
     elif freedom.probe:
         start = frame(structure, points.q, z)
     nominal_prior = structure.prior(structure.frame_groups)
@@ -247,8 +239,12 @@ def _seen_in_space(
     arm: SpatialArm, body: Body | None, points: Points, freedom: Freedom
 ) -> tuple[SpatialStructure, Array | None, Array]:
     """Return the chain behind its sensor, parameters that are known, and readings (n, m)."""
-    own = None if body is None else body.structure
-    if body is None or not isinstance(own, SpatialStructure) or not own.informed:
+    body_structure = None if body is None else body.structure
+    if (
+        body is None
+        or not isinstance(body_structure, SpatialStructure)
+        or not body_structure.informed
+    ):
         view = "base"
         if freedom.frame:
             view = "rigid" if points.unit in METRES else "similarity"
@@ -258,16 +254,18 @@ def _seen_in_space(
         )
         return structure, None, points.x
     if not freedom.frame:
-        structure = own.with_view("base")
+        structure = body_structure.with_view("base")
     elif knows_orientation(body):
         # orientations tell turns of the tool and of the wrist that positions leave open
-        structure = own.with_view("pose")
+        structure = body_structure.with_view("pose")
         turns = structure.predict(points.q, body.beta)[:, points.x.shape[1] :]
         return structure, body.beta, np.hstack([points.x, turns])
     else:
-        structure = own.with_view("rigid" if own.view == "pose" else own.view)
-    known = body.beta if own.view == structure.view else None
-    return structure, known, points.x
+        structure = body_structure.with_view(
+            "rigid" if body_structure.view == "pose" else body_structure.view
+        )
+    body_beta = body.beta if body_structure.view == structure.view else None
+    return structure, body_beta, points.x
 
 
 def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
@@ -281,10 +279,10 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
     scale = 1.0
     scaled = freedom.frame and points.unit != "m"
     if freedom.frame:  # a sensor that sees the plane from behind is turned half round
-        seen = np.column_stack([x, np.zeros(len(x))])
-        turn, shift, scale = similarity(tips, seen)
+        readings = np.column_stack([x, np.zeros(len(x))])
+        turn, shift, scale = similarity(tips, readings)
         if not scaled:
-            shift = seen.mean(axis=0) - turn @ tips.mean(axis=0)
+            shift = readings.mean(axis=0) - turn @ tips.mean(axis=0)
             scale = 1.0
     start = structure.neutral()
     start[groups["view.rotation"]] = logarithm(turn)
@@ -292,15 +290,15 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
     start[groups["view.scale"]] = np.log(scale)
     ends = np.vstack([structure.shifts[1:], groups["tool"]])
     sd = np.zeros(structure.size)
-    sd[groups["offset"]] = np.where(structure.revolute, _OFFSET, _ALONG)
+    sd[groups["offset"]] = np.where(structure.revolute, FITTING.offset, FITTING.along)
     if freedom.origins:
-        sd[ends] = _ALONG
+        sd[ends] = FITTING.along
     if freedom.frame:  # the first joint's offset and a turn of the frame are one
         sd[groups["offset"][0]] = 0.0
-        sd[groups["view.rotation"][2]] = _FLAT
+        sd[groups["view.rotation"][2]] = FITTING.flat
         sd[groups["view.shift"][:2]] = FREE * structure.extent
     if scaled:
-        sd[groups["view.scale"]] = _FLAT
+        sd[groups["view.scale"]] = FITTING.flat
     if freedom.base:
         sd[structure.shifts[0]] = FREE * structure.chain.reach
     precision = _precision(arm, ends, sd) if freedom.origins else None
@@ -335,7 +333,7 @@ def _precision(arm: PlanarArm, ends: Indices, sd: Array) -> Array:
             if k + 1 == arm.dof:
                 across = across @ chain.rotation
             end = np.searchsorted(active, ends[k])
-            narrower = (SHIFT**-2 - _ALONG**-2) / length**2
+            narrower = (SHIFT**-2 - FITTING.along**-2) / length**2
             precision[np.ix_(end, end)] += narrower * np.outer(across, across)
     return precision
 
@@ -357,7 +355,7 @@ def _maximum(
     structure: SpatialStructure, points: Points, z: Array, start: Array, prior: Prior
 ) -> Fit:
     """Return the fit of readings `z` (n, m) at its most probable parameters."""
-    floor = np.maximum(_FLOOR * structure.extents, points.error)
+    floor = np.maximum(FITTING.floor * structure.extents, points.error)
     fit = Fit(structure, [Rows(points.q, z, floor=floor)], start, prior, nu=STUDENT)
     return fit.maximise(steps=15, tolerance=1e-3)
 

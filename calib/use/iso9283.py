@@ -121,18 +121,20 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
     delivered = _delivered(model, joints) if len(joints) else None
     tests = []
     for number in np.unique(pose):
-        own = pose == number
-        if own.sum() < 2:
+        members = pose == number
+        if members.sum() < 2:
             continue
-        barycentre = attained[own].mean(axis=0)
-        distance = np.linalg.norm(attained[own] - barycentre, axis=1)
-        by_drawing = None if delivered is None else _apart(delivered[own], barycentre)
+        barycentre = attained[members].mean(axis=0)
+        distance = np.linalg.norm(attained[members] - barycentre, axis=1)
+        by_drawing = (
+            None if delivered is None else _apart(delivered[members], barycentre)
+        )
         test = PoseTest(
-            joints=joints[own].mean(axis=0),
-            cycles=int(own.sum()),
+            joints=joints[members].mean(axis=0),
+            cycles=int(members.sum()),
             repeatability=float(distance.mean() + 3.0 * distance.std(ddof=1)),
             delivered=by_drawing,
-            corrected=_apart(corrected[own], barycentre),
+            corrected=_apart(corrected[members], barycentre),
         )
         tests.append(test)
     if not tests:

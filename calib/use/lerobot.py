@@ -42,12 +42,12 @@ def zeros(model: Model) -> dict[str, Zero]:
     in the hand: those are not told.
     """
     offsets = fit_geometry(model, drawn=True).offsets()
-    told = {}
+    certain = {}
     for name, entry in offsets.items():
         zero = Zero(float(entry.value), float(entry.interval))
         if 0.0 < zero.interval < _MOST_DOUBT:
-            told[name] = zero
-    return told
+            certain[name] = zero
+    return certain
 
 
 def homed(

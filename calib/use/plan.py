@@ -25,6 +25,7 @@ from ..maps.map import search_tree
 from ..samples.tables import write_table
 from .aimed import at_point, in_sight
 from .pose_space import PoseSpace, space_of, usable_postures
+from .settings import PLANNING
 
 if TYPE_CHECKING:
     import os
@@ -32,11 +33,6 @@ if TYPE_CHECKING:
     from ..model.model import Model
     from ..recording.board import Board
     from ..samples.samples import Samples
-
-_MOST_POSES = 1000  # more are babbled, not planned
-_ORDERS = 100  # random ones, to compare with
-_NOISE = 1e-4  # [m] of a sensor that is not known yet
-_WIDEST = 10.0  # [m or rad] of a prior: wider, 200 poses leave no digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +160,7 @@ def plan(
     >>> plan.q.shape, plan.length < 0.5 * plan.random_length
     ((30, 2), True)
     """
-    n = whole("n", n, 1, _MOST_POSES)
+    n = whole("n", n, 1, PLANNING.most)
     rng = np.random.default_rng(whole("seed", seed, 0, 2**63 - 1))
     space = space_of(source, margin, ranges)
     begin = space.start(start)
@@ -208,7 +204,8 @@ def plan(
     way = nodes[order]
     rng = np.random.default_rng(0)
     others = [
-        length(away, np.append(0, 1 + rng.permutation(n))) for _ in range(_ORDERS)
+        length(away, np.append(0, 1 + rng.permutation(n)))
+        for _ in range(PLANNING.orders)
     ]
     expected_error = None
     unit = "m"
@@ -286,7 +283,9 @@ def tells(arm: SpatialArm, q: Array, measured: Array) -> Array:
     active = prior.active
     every = np.vstack([q, measured])
     slope = structure.linearise(every, structure.neutral(), active)[1]
-    directions = slope * (np.minimum(prior.sd[active], _WIDEST) / _NOISE)
+    directions = slope * (
+        np.minimum(prior.sd[active], PLANNING.widest) / PLANNING.noise
+    )
     rows = directions[len(q) :].reshape(-1, len(active))
     # the posterior (I + T' T)^-1 of the measured rows T is R^-T R^-1: the others tell of it by R^-T
     root = np.linalg.cholesky(np.eye(len(active)) + rows.T @ rows)

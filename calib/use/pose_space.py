@@ -24,18 +24,7 @@ from ..errors import OptionError
 from ..model.model import Model
 from ..model.nominal import moves_in_space, nominal_arm
 from ..model.space import Space
-
-# [rad or m] from limits; at most this share of a range
-_MARGIN = math.radians(1.0)
-_SHARE = 0.02
-# candidates: within, with a joint at an end
-_INSIDE = 1200
-_FACES = 1000
-_CORNERS = 8  # joints of which all corners are candidates
-# postures in which links meet that are built so, and their share
-_TRIED = 100
-_ALWAYS = 0.9
-_STANDS = 1e-6  # [m]; a joint's origin that moves less stands still
+from .settings import PLANNING
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +58,17 @@ class PoseSpace:
     def candidates(self, rng: np.random.Generator) -> Array:
         """Joint values (n, dof) to choose from: corners, on faces, and inside."""
         dof = len(self.joint_names)
-        faces = rng.random((_FACES, dof))
-        rows = np.arange(_FACES)
-        faces[rows, rng.integers(dof, size=_FACES)] = rng.integers(2, size=_FACES)
-        first = np.array(list(np.ndindex(*(2,) * min(dof, _CORNERS))), dtype=float)
+        faces = rng.random((PLANNING.faces, dof))
+        rows = np.arange(PLANNING.faces)
+        faces[rows, rng.integers(dof, size=PLANNING.faces)] = rng.integers(
+            2, size=PLANNING.faces
+        )
+        first = np.array(
+            list(np.ndindex(*(2,) * min(dof, PLANNING.corners))), dtype=float
+        )
         rest = rng.integers(2, size=(len(first), dof - first.shape[1]))
         points = np.concatenate(
-            [np.hstack([first, rest]), faces, rng.random((_INSIDE, dof))]
+            [np.hstack([first, rest]), faces, rng.random((PLANNING.inside, dof))]
         )
         return np.asarray(self.lower + (self.upper - self.lower) * points)
 
@@ -119,7 +112,7 @@ def space_of(
         lower[k], upper[k] = checked_range(
             name, chosen, whole, about.units_of_joints[k]
         )
-    margins = np.minimum(_MARGIN, _SHARE * scale.span)
+    margins = np.minimum(PLANNING.margin, PLANNING.share * scale.span)
     if margin is not None:
         margins = each_joint("margin", margin, names)
     for k, name in enumerate(names):
@@ -208,7 +201,7 @@ def _lowest_points(source: Arm | Model, q: Array) -> Array | None:
         return None
     motion = arm.chain.motion(q)
     points = np.concatenate([motion.places, motion.position[None]])
-    moving = np.ptp(points, axis=2).max(axis=1) > _STANDS
+    moving = np.ptp(points, axis=2).max(axis=1) > PLANNING.stands
     return np.asarray(points[moving, 2].min(axis=0))
 
 
@@ -260,5 +253,5 @@ def hits_itself(
         posture = pin.integrate(model, pin.neutral(model), velocity)
         pin.computeCollisions(model, data, bodies, results, posture, False)
         row[:] = [result.isCollision() for result in results.collisionResults]
-    compared = met[:_TRIED].mean(axis=0) < _ALWAYS
+    compared = met[: PLANNING.compared].mean(axis=0) < PLANNING.always
     return np.asarray(met[:, compared].any(axis=1)) if compared.any() else None

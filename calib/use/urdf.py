@@ -22,6 +22,7 @@ from ..common.arrays import Array
 from ..common.wording import for_people, listed, quoted
 from ..errors import OptionError, RobotError
 from .mjcf import mjcf_edits
+from .settings import FITTING
 from .xml_text import Edit, edited, numbers, tag_text, tags_of
 
 if TYPE_CHECKING:
@@ -30,10 +31,6 @@ if TYPE_CHECKING:
 
 MOST_UNEXPLAINED = 0.01
 """Share of the arm's reach that a geometry may leave unexplained."""
-
-_CLEARLY = 3.0  # sds by which a parameter has to be off
-_TINY = 1e-12  # [m or rad]; a smaller change is rounding
-_SAME = 1e-9  # of an origin's numbers: what rounding of angles and quaternions leaves
 
 
 def corrected_urdf(geometry: Geometry) -> str:
@@ -61,7 +58,7 @@ def corrected_urdf(geometry: Geometry) -> str:
     moved = {
         name: origin
         for name, origin in origins.items()
-        if np.abs(origin_of(_joint(tree, name)) - origin).max() > _TINY
+        if np.abs(origin_of(_joint(tree, name)) - origin).max() > FITTING.tiny
     }
     root = parse_xml(text)
     if root.tag == MJCF:
@@ -72,7 +69,7 @@ def corrected_urdf(geometry: Geometry) -> str:
     tree = parse_robot(corrected)
     for name, origin in origins.items():
         error = np.abs(origin_of(_joint(tree, name)) - origin).max()
-        if error > _SAME * max(1.0, np.abs(origin).max()):
+        if error > FITTING.same * max(1.0, np.abs(origin).max()):
             raise RobotError(
                 f"joint {quoted(name)} reads back with another origin than was written"
             )
@@ -151,9 +148,9 @@ def _changed(joint: Joint, moved: Array) -> dict[str, str]:
     """Return the attributes of a joint's origin that differ from `moved` (4, 4)."""
     change: dict[str, str] = {}
     drawn = origin_of(joint)
-    if np.abs(moved[:3, 3] - drawn[:3, 3]).max() > _TINY:
+    if np.abs(moved[:3, 3] - drawn[:3, 3]).max() > FITTING.tiny:
         change["xyz"] = numbers(moved[:3, 3])
-    if np.abs(moved[:3, :3] - drawn[:3, :3]).max() > _TINY:
+    if np.abs(moved[:3, :3] - drawn[:3, :3]).max() > FITTING.tiny:
         from scipy.spatial.transform import Rotation
 
         # at a pitch of 90 deg SciPy sets one of the others to zero
@@ -185,7 +182,7 @@ def what_no_urdf_holds(model: Model) -> tuple[str, ...]:
     }
     away = (body.beta - body.structure.neutral())[body.active]
     deviation = np.sqrt((body.root**2).sum(axis=1))
-    moved = body.active[np.abs(away) > _CLEARLY * deviation]
+    moved = body.active[np.abs(away) > FITTING.clearly * deviation]
     names = []
     for name, blocks in kinds.items():
         indices = [groups[block] for block in blocks if block in groups]

@@ -27,9 +27,7 @@ from ..model.space import REACHED, Space
 from ..samples.joint_values import wrap
 from .frames import FRAME_IS_FITTED, frame_is_free, frames, is_simulated
 from .geometry_fit import fit_geometry
-
-_POSED = 6  # joints from which on a tool's orientation can be kept
-_TURNED = 1e-4  # [rad], a turn of the frame that is worth a word
+from .settings import CORRECTION
 
 _MOVED = (
     "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
@@ -69,7 +67,7 @@ class Wanted:
         """Whether the tool's orientation is kept."""
         if self.space is None or not self.keeps_turn:
             return False
-        return len(self.model.about.lower) >= _POSED
+        return len(self.model.about.lower) >= CORRECTION.posed
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -79,7 +77,7 @@ class Wanted:
             notes.append(FRAME_IS_FITTED)
         if moves_in_space(self.model) and not self.posed:
             notes.append(_POSITIONS)
-        if any(abs(frame.angle) > _TURNED for frame in frames(self.model)):
+        if any(abs(frame.angle) > CORRECTION.turned for frame in frames(self.model)):
             notes.append(_MOVED)
         return tuple(notes)
 
@@ -139,8 +137,8 @@ def _wanted(model: Model, view: str) -> Wanted:
     free = frame_is_free(model, view)
     moves = tuple(frames(model))
     body = model.body
-    own: Any = None if body is None else body.structure
-    if isinstance(own, PlanarStructure):
+    body_structure: Any = None if body is None else body.structure
+    if isinstance(body_structure, PlanarStructure):
         structure, nominal = nominal_in_plane(model, based=not free)
         predict = partial(structure.predict, beta=frozen(nominal))
         if free:  # the body knows the sensor's frame as it is after all adaptations
@@ -154,11 +152,15 @@ def _wanted(model: Model, view: str) -> Wanted:
         if frame is not None:
             moves = (frame, *moves)
         return Wanted(model, free, nominal_arm(model).forward, moves)
-    if body is not None and own.informed and (free or own.view == "base"):
-        drawn = frozen(nominal_behind(own, body.beta))
-        predict = partial(own.predict, beta=drawn)
+    if (
+        body is not None
+        and body_structure.informed
+        and (free or body_structure.view == "base")
+    ):
+        drawn = frozen(nominal_behind(body_structure, body.beta))
+        predict = partial(body_structure.predict, beta=drawn)
         wanted = Wanted(model, free, predict, drawn=drawn)
-        if own.dof >= _POSED or own.camera:
+        if body_structure.dof >= CORRECTION.posed or body_structure.camera:
             wanted = replace(wanted, space=Space.of(model))
         return wanted
     geometry = fit_geometry(model, view=view)

@@ -23,7 +23,7 @@ def pictures(rig):
 @pytest.mark.parametrize(("tilt", "drifted"), [(0.0, False), (0.5, True)])
 def test_a_lens_that_was_fitted_anew_is_no_change(run, tmp_path, tilt, drifted):
     """The model's own pictures were called drifted: their poses stood 4 mm elsewhere."""
-    rig = Rig(True, known=False)
+    rig = Rig(True, known=False, pictures=40)
     shots = pictures(rig)
     model = calib.train(calib.handeye(rig.arm, shots, None, None, "hand").poses)
     model.save(tmp_path / "rig.calib")

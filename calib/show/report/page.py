@@ -55,7 +55,7 @@ CAPTIONS: dict[Draw, str] = {
 FIGURES = {draw.__name__: draw for draw in CAPTIONS}
 _WHERE = (arm.where, arm.coverage, arm.arrows, maps.photo)
 _WHY = (arm.joints, arm.order, arm.trust, arm.sockets)
-_OF_ARM = (arm.coverage, arm.joints)  # drawn for the first of several sensors alone
+_FIRST_ALONE = (arm.coverage, arm.joints, arm.arrows)  # of several sensors
 _MAPS = (maps.lattices, maps.u_matrices)
 
 
@@ -204,7 +204,7 @@ def _figures(study: Study, draws: Sequence[Draw]) -> str:
     """Figures as HTML; "" for those that have nothing to show."""
     parts = []
     for draw in draws:
-        if study.suffix and draw in _OF_ARM:
+        if study.suffix and draw in _FIRST_ALONE:
             continue
         caption = CAPTIONS[draw]
         if draw is arm.accuracy and study.model.about.sensor:

@@ -114,6 +114,11 @@ def still_true(study: Study) -> str:
         )
         holds = "it holds" if verdict.bound_holds else "it does not hold here"
         return f"The 95 % bound covers {share}: {holds}."
+    if study.log is not None:
+        return (
+            f"This log has fewer than {SETTINGS.few_rows} rows that the model has not "
+            "learned: it tells nothing, and what stands here is of the training."
+        )
     if "covered" not in about.within:
         return "Not known: `calib check MODEL --data LOG` with ten rows tells."
     share = f"{100 * about.within['covered']:.0f} % of {about.tested:,} rows"

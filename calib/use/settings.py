@@ -1,0 +1,87 @@
+"""Numbers of the room that were chosen: each with its unit and its reason."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..body.settings import SHIFT
+
+
+@dataclass(frozen=True)
+class Planning:
+    """Of postures to choose from, and of what is told of them."""
+
+    most: int = 1000  # poses; more are babbled, not planned
+    orders: int = 100  # random ones, which the planned one is compared with
+    noise: float = 1e-4  # of a sensor that is not known yet [m]
+    widest: float = 10.0  # sd of a prior [m or rad]: wider, 200 poses leave no digits
+    margin: float = math.radians(1.0)  # from a joint's limits [rad or m]
+    share: float = 0.02  # of a joint's range that the margin takes at most
+    inside: int = 1200  # candidates within the ranges
+    faces: int = 1000  # with one joint at an end
+    corners: int = 8  # joints of which all corners are candidates
+    compared: int = 100  # postures; links that meet in most of them are built so
+    always: float = 0.9  # share of these postures
+    stands: float = 1e-6  # a joint's origin that moves less stands still [m]
+
+
+@dataclass(frozen=True)
+class Aiming:
+    """Of postures that are led to a point, or to a board before a camera."""
+
+    drawn: int = 3000  # postures that are led
+    most: int = 400  # of them to choose from
+    near: float = 1e-6  # within which a posture is at its point [m]
+    play: float = 1e-4  # of a socket [m]
+    lens: tuple[float, float, float, float] = (
+        900.0,
+        640.0,
+        360.0,
+        0.0,
+    )  # a common one's [px]
+    picture: tuple[float, float] = (1280.0, 720.0)  # its [px]
+    noise: float = 0.2  # of a corner [px]
+    filled: float = 0.25  # share of the picture's width that a board fills
+    tilt: float = math.radians(45.0)  # most of the camera's about the board [rad]
+    # least cosine between the line of sight and the board's normal
+    upright: float = 0.5
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Of what is trusted of a correction."""
+
+    # times the 95 % quantile of the model's own: a larger one is not trusted
+    usual: float = 3.0
+    least: float = 0.01  # limit [rad or m]: a smaller one would refuse what is harmless
+    nodes: int = 200  # at which the model's own corrections are taken
+    tried: int = 5  # rows by which the compiled kernel is compared
+    same: float = 1e-6  # how close it has to be [rad or m]
+    posed: int = 6  # joints from which on a tool's orientation can be kept
+    turned: float = 1e-4  # a turn of the frame that is worth a word [rad]
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """Of the geometry that is fitted and written."""
+
+    nodes: int = 500  # of a model without rows, at which it is asked
+    rows: int = 2_000  # at most
+    floor: float = 1e-7  # of the extent: a residual below is rounding
+    offset: float = math.radians(
+        10.0
+    )  # prior sd of a planar arm's: servos are put on to that
+    along: float = (
+        5.0 * SHIFT
+    )  # prior sd of a planar arm's places, but for turns of a link [m]
+    flat: float = 100.0  # prior sd of a planar sensor's angle and scale [rad or 1]
+    clearly: float = 3.0  # sds by which a parameter has to be off to be told
+    tiny: float = 1e-12  # a smaller change of an origin is rounding [m or rad]
+    same: float = 1e-9  # of an origin's numbers: what rounding of angles leaves
+
+
+PLANNING = Planning()
+AIMING = Aiming()
+CORRECTION = Correction()
+FITTING = Fitting()
