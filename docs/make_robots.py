@@ -58,7 +58,8 @@ Locked joints are at neutral, `--lock` moves them.
 SAID = """\
 ## What was said
 
-The files that were not trained at once. The six that stay refused were read: the two pendulums have no frame beyond `link2`, whose origin lies on
+The files that were not trained at once. The six that stay refused were read: the two pendulums
+have no frame beyond `link2`, whose origin lies on
 the axis of `joint2`; the four rotors of `iris` turn side by side; `iris_simple` and
 `quadrotor_base` have fixed joints or none; `ur3.urdf` is the empty shell that a macro left.
 """
@@ -67,8 +68,6 @@ the axis of `joint2`; the four rotors of `iris` turn side by side; `iris_simple`
 ARMS = """\
 ## Each arm
 
-| file | joints | tip |
-|---|---:|---|
 """
 
 
@@ -192,9 +191,15 @@ def page(outcomes: list[Outcome]) -> str:
         slowest=max(found.seconds for found in trained),
         median=float(np.median([found.seconds for found in trained])),
     )
-    arms = [f"| {found.name} | {len(found.joints)} | `{found.tip}` |" for found in trained]
+    arms = [
+        f"- {dof} joints: "
+        + ", ".join(
+            f"{found.name} (`{found.tip}`)" for found in trained if len(found.joints) == dof
+        )
+        for dof in sorted({len(found.joints) for found in trained})
+    ]
     said = [f"- `{found.name}`: {line}" for found in told for line in found.said]
-    return "\n".join([head, *rows(outcomes), "", SAID, *said, "", ARMS.rstrip(), *arms, ""])
+    return "\n".join([head, *rows(outcomes), "", SAID, *said, "", ARMS.rstrip(), "", *arms, ""])
 
 
 def main() -> None:
