@@ -178,11 +178,11 @@ MADE_BY_USERS = ("SOM", "Samples", "Simulation", "TrainingOptions")
 
 
 #: Names whose parameters the page lists: the functions of the main job.
-EXPLAINED = ("load_arm", "plan", "train", "evaluate", "check", "adapt", "correct")
+EXPLAINED = ("load_arm", "plan", "train", "adapt", "correct")
 
 
 #: Classes whose methods the page lists.
-WITH_METHODS = ("PlanarArm", "Samples", "Model", "Monitor", "SOM")
+WITH_METHODS = ("PlanarArm", "Model", "Monitor", "SOM")
 
 
 def page() -> str:

@@ -20,15 +20,12 @@ INTRODUCTION = """\
 
 Written by `python docs/make_cli.py` from the program; edit the program, not this page.
 
-Results go to standard output; notes, warnings and progress to standard error. Files, the
-JSON documents and typed values are in rad, m and s; typed joint values and those of tables and
-CSV files are in degrees with `--degrees`. Logs are read in the unit and with the columns that the
-model remembers of its own log. Tables for people print mm and degrees
-and say so. A negative number is an ordinary argument: `calib query inverse m.calib -0.1 0.3`.
-Numbers that are typed may be followed by options, and options may come first.
+Results go to standard output; notes, warnings and progress to standard error. Files, JSON documents
+and typed values are in rad, m and s; joint values are in degrees with `--degrees`. Logs are read
+with the unit and columns of the model's log. Tables for people print mm and degrees and say so.
+A negative number is an ordinary argument: `calib query inverse m.calib -0.1 0.3`.
 
-Every command takes `--json` (one JSON document on standard output, in SI units), `--verbose` or
-`-v` (what the answer rests on too) and `--quiet` or `-q` (the result alone, without notes).
+Every command takes `--json` (one document in SI units), `--verbose` or `-v` and `--quiet` or `-q`.
 
 ## Exit codes
 
@@ -42,8 +39,7 @@ Every command takes `--json` (one JSON document on standard output, in SI units)
 
 ## Errors as JSON
 
-A command that is given `--json` and fails prints one object on standard output, besides the
-line on standard error:
+With `--json` a failure prints one object on standard output, besides the line on standard error:
 
 ```text
 {"error": {"type": "RobotError", "message": "...", "hint": "...", "parameter": "--joints",
