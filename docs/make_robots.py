@@ -44,8 +44,8 @@ What `calib train FILE`, as a user types it, does with each of the {files}
 URDF files of [{package}](https://github.com/Gepetto/example-robot-data) {version} (PyPI; meshes
 are not needed). Nothing is said about joints or tip.
 Where limits are missing the command asks for ranges and ends with exit code 1. The table then gives
-the arm that comes of doing as told: ranges from -1 to 1. Of the files {trained} were
-trained at once, {listed} after doing as told, {refused} were refused for good. {spatial} of the
+the arm with ranges from -1 to 1. Of the files {trained} were
+trained at once, {listed} with such ranges, {refused} were refused for good. {spatial} of the
 arms move in space, {planar} in a plane.
 
 The largest distance over {poses} random poses to the frame placements that Pinocchio computes from
