@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
+from decimal import Decimal
 from difflib import get_close_matches
 
 INSTALL = "pip install 'calib-arm[{0}]', or in a checkout pip install '.[{0}]'"
@@ -15,6 +16,15 @@ ROUNDED_AWAY = 1e-9
 
 _PLACE = re.compile(r"@([a-z]+(?:\.[a-z]+)?)@")  # in a page that is a file of a package
 _PREFIXES = ((1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
+
+
+def two_digits(value: float) -> str:
+    """Return a number with two significant digits, never with an exponent.
+
+    >>> two_digits(217.0), two_digits(0.0000573)
+    ('220', '0.000057')
+    """
+    return f"{Decimal(f'{value:.2g}'):f}"
 
 
 def printable(text: str) -> str:

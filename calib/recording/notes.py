@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Mask
-from ..common.wording import listed
+from ..common.wording import listed, two_digits
 from .fit import Fit
 from .joint_motions import JointMotions
 from .problem import Setting, turning
@@ -52,12 +52,13 @@ def limit_of(setting: Setting, rig: HandEye, agreeing: Mask) -> str:
     turn = np.degrees(rig.repeatability["rotation"])
     if shift > 0.02 or turn > 5e-3:
         return (
-            f"the arm's repeatability ({shift:.2g} mm and {turn:.2g} deg in each pose); "
+            f"the arm's repeatability ({two_digits(shift)} mm and "
+            f"{two_digits(turn)} deg in each pose); "
             f"{add}, or let the arm stand still for each"
         )
     off = rig.reprojection["mean"]
     if off > 0.5:
-        return f"blur (corners miss by {off:.2g} px); let the arm stand still for each"
+        return f"blur (corners miss by {two_digits(off)} px); let the arm stand still for each"
     hand = 1e3 * max(rig.hand["position_95_up_to_gauge"])
     return f"the arm's own errors (hand known to {hand:.1f} mm); {add}"
 
@@ -111,15 +112,17 @@ def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
     squares, directions = np.linalg.eigh(rig.covariance[3:6, 3:6])
     off = 1.96 * float(np.sqrt(max(squares[-1], 0.0)))
     turns, axes = turning(rig.flange[agreeing])
+    degrees = np.degrees(turns).tolist()
     along, second, third = (
         ", ".join(f"{value:+.2f}" for value in axis)
         for axis in (directions[:, -1], axes[1], axes[2])
     )
     yield (
-        f"what is in the hand is open along ({along}) of the flange, to ± {1e3 * off:.2g} mm: the "
-        f"hand turns by {np.degrees(turns[0]):.2g} deg about one axis, by "
-        f"{np.degrees(turns[1]):.2g} and {np.degrees(turns[2]):.2g} about the others. Two poses "
-        f"more tell it: turned by 30 deg about ({second}) and about ({third}) of the flange"
+        f"what is in the hand is open along ({along}) of the flange, to ± "
+        f"{two_digits(1e3 * off)} mm: the hand turns by {two_digits(degrees[0])} deg about one "
+        f"axis, by {two_digits(degrees[1])} and {two_digits(degrees[2])} about the others. "
+        f"Two poses more tell it: turned by 30 deg about ({second}) and about "
+        f"({third}) of the flange"
     )
 
 
@@ -143,7 +146,8 @@ def _lenses(setting: Setting, fit: Fit) -> Iterator[str]:
         focus = float(fit.noise.focus[number])
         if focus > LIMITS.focus:
             yield (
-                f"{view.name}: the focal length changes by {100 * focus:.2g} % from picture to "
+                f"{view.name}: the focal length changes by {two_digits(100 * focus)} % from "
+                "picture to "
                 "picture: switch the camera's autofocus off and take the pictures again; the "
                 "intervals are wider for it"
             )
@@ -167,8 +171,9 @@ def _nearness(rig: HandEye) -> Iterator[str]:
     if hand > max(base, LIMITS.near):
         other = "base" if rig.eye == "hand" else "hand"
         yield (
-            f"with eye {rig.eye} what is in the hand is {hand:.2g} m from the flange, what stands "
-            f"still {base:.2g} m from the base: is it `eye={other!r}`? Poses alone do not tell"
+            f"with eye {rig.eye} what is in the hand is {two_digits(hand)} m from the flange, "
+            f"what stands still {two_digits(base)} m from the base: is it `eye={other!r}`? "
+            "Poses alone do not tell"
         )
 
 
@@ -182,7 +187,8 @@ def _arm(setting: Setting, fit: Fit, rig: HandEye) -> Iterator[str]:
     turn = rig.repeatability["rotation"]
     if shift > LIMITS.repeats[0] or turn > LIMITS.repeats[1]:
         yield (
-            f"the arm repeats to {np.degrees(turn):.2g} deg and {1e3 * shift:.2g} mm (sd of a pose "
+            f"the arm repeats to {two_digits(np.degrees(turn))} deg and "
+            f"{two_digits(1e3 * shift)} mm (sd of a pose "
             "beyond what zeros and geometry explain): play, or joints that were read while it "
             "moved"
         )
@@ -190,7 +196,8 @@ def _arm(setting: Setting, fit: Fit, rig: HandEye) -> Iterator[str]:
     name, shifted, turned = motions.largest_move(values)
     if shifted > LIMITS.drawing[0] or turned > LIMITS.drawing[1]:
         yield (
-            f"the chain has to move by {1e3 * shifted:.2g} mm and {np.degrees(turned):.2g} deg at "
+            f"the chain has to move by {two_digits(1e3 * shifted)} mm and "
+            f"{two_digits(np.degrees(turned))} deg at "
             f"{name}, more than a drawing is off by: is this the drawing of another robot?"
         )
     first = arm.joint_names[0]
@@ -201,5 +208,5 @@ def _arm(setting: Setting, fit: Fit, rig: HandEye) -> Iterator[str]:
         f"no picture tells a turn about {first} and a shift along it from where the base stands, "
         f"nor a turn about {last} and a shift along it from what is in the hand: both joints count "
         f"as their encoders say. Of a tip that the true {last} carries, the place in the hand is "
-        f"sure to {about:.2g} deg and {along:.2g} mm"
+        f"sure to {two_digits(about)} deg and {two_digits(along)} mm"
     )

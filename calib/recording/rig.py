@@ -12,6 +12,7 @@ import numpy as np
 from ..body.belief import Body
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
+from ..common.wording import two_digits
 from ..model_file.container import pack
 from ..samples.samples import Samples
 from .conventions import Convention
@@ -180,11 +181,12 @@ class HandEye:
         shift = 1e3 * self.repeatability["position"]
         turn = np.degrees(self.repeatability["rotation"])
         lines += [
-            f"pictures that the fit did not see are predicted to {self.held_out['rms']:.2g} px; "
-            f"corners to {self.reprojection['mean']:.2g} px (largest "
-            f"{self.reprojection['max']:.2g}); {self.used} of {self.pictures} pictures",
-            f"this arm repeats to {shift:.2g} mm and {turn:.2g} deg",
-            f"lens: focal length {self.lens['focal']:.1f} ± {self.lens['focal_95']:.2g} px",
+            "pictures that the fit did not see are predicted to "
+            f"{two_digits(self.held_out['rms'])} px; corners to "
+            f"{two_digits(self.reprojection['mean'])} px (largest "
+            f"{two_digits(self.reprojection['max'])}); {self.used} of {self.pictures} pictures",
+            f"this arm repeats to {two_digits(shift)} mm and {two_digits(turn)} deg",
+            f"lens: focal length {self.lens['focal']:.1f} ± {two_digits(self.lens['focal_95'])} px",
             f"limited by {self.limited_by}",
         ]
         return lines
@@ -194,7 +196,9 @@ def _line(what: str, place: Place) -> str:
     """A place for people."""
     halves = place["position_95_up_to_gauge"]
     pairs = zip(place["position"], halves, strict=True)
-    at = ", ".join(f"{1e3 * value:.2f} ± {1e3 * half:.2g}" for value, half in pairs)
+    at = ", ".join(
+        f"{1e3 * value:.2f} ± {two_digits(1e3 * half)}" for value, half in pairs
+    )
     quaternion = ", ".join(f"{value:.5f}" for value in place["quaternion"])
     turn = np.degrees(max(place["rotation_95_up_to_gauge"]))
-    return f"{what}: ({at}) mm, quaternion ({quaternion}) ± {turn:.2g} deg"
+    return f"{what}: ({at}) mm, quaternion ({quaternion}) ± {two_digits(turn)} deg"
