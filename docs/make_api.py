@@ -1,4 +1,4 @@
-"""Write the reference of the Python interface from the docstrings.
+"""Write the index of the Python interface from the docstrings.
 
 python docs/make_api.py                 # writes docs/api.md
 """
@@ -20,11 +20,10 @@ INTRODUCTION = """\
 
 Written by `python docs/make_api.py` from the docstrings; edit those, not this page.
 
-Everything here is `calib.NAME`; `help(calib.NAME)` has examples and errors too.
-Joint values are in rad or m, positions in m or, for a log, in
-the log's unit, written `[unit]`; `n` rows are `(n, dof)` and `(n, 2)` arrays, and single vectors
-`(dof,)` and `(2,)` work as well. Arrays of results are read-only where they are part of a model.
-Equations are those of the [paper](paper.md#what-stands-where).
+An index of `calib.NAME`. `help(calib.NAME)` has parameters, attributes, examples and errors.
+Joint values are in rad or m, positions in m or, for a log, in its unit, written `[unit]`. Rows are
+`(n, dof)` and `(n, 2)` arrays; single vectors `(dof,)` and `(2,)` work as well. Arrays of a model
+are read-only. Equations are those of the [paper](paper.md#what-stands-where).
 """
 #: Chapters in the order of use; what is not named here comes last.
 CHAPTERS = {
@@ -96,7 +95,7 @@ def inline(text: str) -> str:
 
 
 def signature(name: str, function: Callable[..., Any]) -> str:
-    """Return a call with its defaults; the types are told below it."""
+    """Return a call with its defaults; `help()` has the types."""
     shown, starred = [], False
     for parameter in inspect.signature(function).parameters.values():
         if parameter.name == "self":
@@ -111,30 +110,24 @@ def signature(name: str, function: Callable[..., Any]) -> str:
     return f"{name}({', '.join(shown)})"
 
 
-def body(doc: str) -> Iterator[str]:
-    """Yield a docstring's first paragraph and its lists as Markdown."""
-    for name, lines in sections(doc).items():
-        if name == "":
-            for paragraph in "\n".join(lines).strip().split("\n\n")[:1]:
-                if paragraph.strip():
-                    yield inline(" ".join(paragraph.split()))
-                    yield ""
-        elif name not in ("Examples", "Notes", "Raises"):  # help() shows these
-            yield f"**{name}**"
-            yield ""
-            yield from entries(name, lines)
-            yield ""
+def first_sentence(doc: str) -> str:
+    """Return the first sentence of a docstring as Markdown."""
+    paragraph = " ".join(doc.split("\n\n", maxsplit=1)[0].split())
+    return inline(sentence(paragraph))
 
 
-def entries(section: str, lines: list[str]) -> Iterator[str]:
-    """Yield one list item for each parameter, attribute, result or error."""
-    for head, text in items(lines):
+def sentence(text: str) -> str:
+    """Return the text up to its first full stop before a capital letter."""
+    return re.split(r"(?<=[a-z\])`]\.) (?=[A-Z`])", text, maxsplit=1)[0]
+
+
+def parameters(doc: str) -> Iterator[str]:
+    """Yield one list item for each parameter that a docstring describes."""
+    for head, text in items(sections(doc).get("Parameters", [])):
         names, _, kind = head.partition(" : ")
-        if section in ("Returns", "Yields") and not kind:
-            names, kind = "", names
-        label = ", ".join(f"`{name.strip()}`" for name in names.split(",") if name.strip())
-        parts = [part for part in (label, inline(kind)) if part]
-        yield f"- {', '.join(parts)}{': ' if text else ''}{inline(text)}"
+        label = ", ".join(f"`{name.strip()}`" for name in names.split(","))
+        kind = kind.replace(", optional", "")
+        yield f"  - {label} ({inline(kind)}){': ' if text else ''}{inline(sentence(text))}"
 
 
 def members(kind: type) -> Iterator[tuple[str, str]]:
@@ -158,77 +151,50 @@ def members(kind: type) -> Iterator[tuple[str, str]]:
             yield f".{name}", _doc(value)
 
 
-def chapter(name: str) -> Iterator[str]:
-    """Yield the text about one public name."""
+def entry(name: str) -> Iterator[str]:
+    """Yield the list items about one public name."""
     thing = getattr(calib, name)
     doc = _doc(thing)
-    yield f"### {name}"
-    yield ""
-    if inspect.isclass(thing) and issubclass(thing, Exception):
-        yield from body(doc)
-        return
-    if not inspect.isclass(thing) or "Parameters" in sections(doc) or name in MADE_BY_USERS:
-        yield "```text"
-        yield signature(f"calib.{name}", thing)
-        yield "```"
-        yield ""
-    if name in BRIEF:
-        yield inline(" ".join(doc.split("\n\n", maxsplit=1)[0].split()))
-        yield ""
-        return
-    yield from body(doc)
-    if inspect.isclass(thing):
-        for written, text in members(thing):
-            if name in ASKED:
-                yield f"#### `{written}`"
-                yield ""
-                yield from body(text)
+    if inspect.isclass(thing) and name not in MADE_BY_USERS:
+        written = name
+    else:
+        written = signature(name, thing)
+    yield f"- `{written}`: {first_sentence(doc)}"
+    if name in EXPLAINED:
+        yield from parameters(doc)
+    if inspect.isclass(thing) and name in WITH_METHODS:
+        properties = []
+        for method, text in members(thing):
+            if "(" in method:
+                yield f"  - `{method}`: {first_sentence(text)}"
             else:
-                first = text.split("\n\n", maxsplit=1)[0]
-                yield f"- `{written}`: {inline(' '.join(first.split()))}"
-        yield ""
+                properties.append(f"`{method}`")
+        if properties:
+            yield f"  - properties {', '.join(properties)}"
 
 
 #: Classes that users make themselves; the others come out of functions.
-MADE_BY_USERS = ("SOM", "Samples", "Simulation")
+MADE_BY_USERS = ("SOM", "Samples", "Simulation", "TrainingOptions")
 
 
-#: Classes that few users look into: `help()` has all of them.
-BRIEF = ("Map", "Association", "Visit", "Trial", "Simulation", "Path")
+#: Names whose parameters the page lists: the functions of the main job.
+EXPLAINED = ("load_arm", "plan", "train", "adapt", "correct")
 
 
-#: Classes whose methods are told in full, those of the others in a line.
-ASKED = ("Model",)
+#: Classes whose methods the page lists.
+WITH_METHODS = ("PlanarArm", "Model", "Monitor", "SOM")
 
 
 def page() -> str:
     """Return the whole page."""
-    parts = [(title, names) for title, names in chapters(calib.__all__[1:]) if names]
     lines = []
-    for title, names in parts:
-        lines += [f"## {title}", ""]
-        for name in names:
-            lines += chapter(name)
-    place = anchors(lines)
-    overview = [
-        f"- {title}: " + ", ".join(f"[`{name}`](#{place[f'### {name}']})" for name in names)
-        for title, names in parts
-    ]
-    text = "\n".join([INTRODUCTION, *overview, "", *lines])
-    return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
-
-
-def anchors(lines: Iterable[str]) -> dict[str, str]:
-    """Return the anchor that GitHub gives each heading; a second one alike gets a number."""
-    found: dict[str, str] = {}
-    for line in lines:
-        if line.startswith("#"):
-            plain = re.sub(r"[^\w\- ]", "", line.lstrip("#").strip().lower()).replace(" ", "-")
-            same = sum(
-                re.fullmatch(rf"{plain}(-\d+)?", other) is not None for other in found.values()
-            )
-            found.setdefault(line, f"{plain}-{same}" if same else plain)
-    return found
+    for title, names in chapters(calib.__all__[1:]):
+        if names:
+            lines += [f"## {title}", ""]
+            for name in names:
+                lines += entry(name)
+            lines.append("")
+    return "\n".join([INTRODUCTION, *lines]).rstrip() + "\n"
 
 
 def _doc(thing: Any) -> str:

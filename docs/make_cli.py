@@ -20,15 +20,12 @@ INTRODUCTION = """\
 
 Written by `python docs/make_cli.py` from the program; edit the program, not this page.
 
-Results go to standard output; notes, warnings and progress to standard error. Files, the
-JSON documents and typed values are in rad, m and s; typed joint values and those of tables and
-CSV files are in degrees with `--degrees`. Logs are read in the unit and with the columns that the
-model remembers of its own log. Tables for people print mm and degrees
-and say so. A negative number is an ordinary argument: `calib query inverse m.calib -0.1 0.3`.
-Numbers that are typed may be followed by options, and options may come first.
+Results go to standard output; notes, warnings and progress to standard error. Files, JSON documents
+and typed values are in rad, m and s; joint values are in degrees with `--degrees`. Logs are read
+with the unit and columns of the model's log. Tables for people print mm and degrees and say so.
+A negative number is an ordinary argument: `calib query inverse m.calib -0.1 0.3`.
 
-Every command takes `--json` (one JSON document on standard output, in SI units), `--verbose` or
-`-v` (what the answer rests on too) and `--quiet` or `-q` (the result alone, without notes).
+Every command takes `--json` (one document in SI units), `--verbose` or `-v` and `--quiet` or `-q`.
 
 ## Exit codes
 
@@ -37,29 +34,12 @@ Every command takes `--json` (one JSON document on standard output, in SI units)
 | 0 | done |
 | 1 | an error, printed in one line on standard error: the value, what was expected, what to do |
 | 2 | the command was typed wrongly: an unknown option, a value that cannot be read |
-| 3 | the command ran, and its result is one that a script should act on; see the next table |
+| 3 | the command ran, and its result is one that a script should act on, see the command |
 | 130 | interrupted with Ctrl-C; no incomplete file is left |
-
-| command | exit code 3 means |
-|---|---|
-| `calib train` | the model's own fresh or held-out rows contradict its bound; it is written |
-| `calib evaluate` | the rows contradict the model's bound |
-| `calib info`, `calib report` | the model's own fresh or held-out rows contradict its bound |
-| `calib handeye`, `calib lerobot` | those of the model that is learned contradict its bound |
-| `calib query forward` | the joint values are outside the range that was learned |
-| `calib query inverse` | the target, or one row of a batch, is out of reach |
-| `calib query path` | the path cannot be followed on one branch, or leaves the reach |
-| `calib check` | something has changed, the bound does not hold, or the rows cannot say |
-| `calib adapt` | no change improves the model or explains the log; no file is written |
-| `calib recognise` | the log fits none of the models |
-| `calib correct` | a target is out of reach, or a correction exceeds the limit |
-| `calib urdf` | offsets and placements do not explain the model; no file is written |
-| `calib log` | no time offset aligns the recordings |
 
 ## Errors as JSON
 
-A command that is given `--json` and fails prints one object on standard output, besides the
-line on standard error:
+With `--json` a failure prints one object on standard output, besides the line on standard error:
 
 ```text
 {"error": {"type": "RobotError", "message": "...", "hint": "...", "parameter": "--joints",
@@ -80,11 +60,6 @@ def commands(command: Any, words: tuple[str, ...] = ("calib",)) -> Iterator[tupl
     context = typer.Context(command)
     for name in command.list_commands(context):
         yield from commands(command.get_command(context, name), (*words, name))
-
-
-def anchor(title: str) -> str:
-    """Return the anchor that GitHub gives a heading of plain words."""
-    return title.lower().replace(" ", "-")
 
 
 def usage(name: str, command: Any) -> str:
@@ -111,18 +86,17 @@ def row(parameter: Any) -> str:
         names = sorted(parameter.opts, key=len, reverse=True)
         value = "" if parameter.is_flag else f" {parameter.metavar}"
         typed = ", ".join([f"`{names[0]}{value}`", *(f"`{name}`" for name in names[1:])])
-    told = parameter.help
-    if parameter.required:
-        told += " Required."
-    elif (
-        "(default" not in told
+    text = parameter.help
+    if (
+        not parameter.required
+        and "(default" not in text
         and not getattr(parameter, "is_flag", False)
         and parameter.default not in (None, (), [])
     ):
-        told += f" Default `{parameter.default}`."
-    if getattr(parameter, "multiple", False) and "repeatable" not in told:
-        told += " Repeatable."
-    return f"- {typed}: {told}"
+        text += f" Default `{parameter.default}`."
+    if getattr(parameter, "multiple", False) and "repeatable" not in text:
+        text += " Repeatable."
+    return f"- {typed}: {text}"
 
 
 def section(name: str, command: Any, shared: set[str]) -> str:
@@ -133,9 +107,12 @@ def section(name: str, command: Any, shared: set[str]) -> str:
     rows = [row(parameter) for parameter in own if row(parameter) not in shared]
     if rows:
         lines += [*rows, ""]
-    names = [f"`{max(p.opts, key=len)}`" for p in own if row(p) in shared]
+    names = [
+        row(parameter).split("`")[1].split()[0] for parameter in own if row(parameter) in shared
+    ]
     if names:
-        lines += [f"And {', '.join(names)}: see [shared options](#shared-options).", ""]
+        shown = ", ".join(f"`{name}`" for name in names)
+        lines += [f"[Shared](#shared-options): {shown}.", ""]
     return "\n".join(lines)
 
 
@@ -143,14 +120,11 @@ def page() -> str:
     """Return the whole page."""
     program = typer.main.get_command(application())
     every = list(commands(program))
-    overview = [
-        f"- [`{name}`](#{anchor(name)}): {_first_sentence(command.help)}" for name, command in every
-    ]
     every_row = Counter(
         row(parameter)
         for _, command in every
         for parameter in command.params
-        if parameter.name not in SHOWN and parameter.param_type_name == "option"
+        if parameter.name not in SHOWN
     )
     named: dict[str, str] = {}
     for text, count in every_row.most_common():
@@ -161,17 +135,11 @@ def page() -> str:
         INTRODUCTION,
         "`calib --version` prints the version; `--help` after any command prints its part of "
         "this page.\n",
-        "\n".join([*overview, ""]),
         "## Shared options\n\nThey mean the same in each command that has them.\n",
         "\n".join([*sorted(shared), ""]),
         *(section(name, command, shared) for name, command in every),
     ]
     return "\n".join(parts)
-
-
-def _first_sentence(text: str) -> str:
-    """What a command does, without what its exit code says."""
-    return " ".join(text.split("\n\n")[0].split()).rstrip(".").split("; exit code")[0]
 
 
 def _spaced(paragraphs: list[str]) -> list[str]:

@@ -44,8 +44,8 @@ What `calib train FILE`, as a user types it, does with each of the {files}
 URDF files of [{package}](https://github.com/Gepetto/example-robot-data) {version} (PyPI; meshes
 are not needed). Nothing is said about joints or tip.
 Where limits are missing the command asks for ranges and ends with exit code 1. The table then gives
-the arm that comes of doing as told: ranges from -1 to 1. Of the files {trained} were
-trained at once, {listed} after doing as told, {refused} were refused for good. {spatial} of the
+the arm with ranges from -1 to 1. Of the files {trained} were
+trained at once, {listed} with such ranges, {refused} were refused for good. {spatial} of the
 arms move in space, {planar} in a plane.
 
 The largest distance over {poses} random poses to the frame placements that Pinocchio computes from
@@ -58,8 +58,8 @@ Locked joints are at neutral, `--lock` moves them.
 SAID = """\
 ## What was said
 
-One line each, from the files that were not trained at once. The six that stay refused were read,
-and what is said of them is so: the two pendulums have no frame beyond `link2`, whose origin lies on
+The files that were not trained at once. The six that stay refused were read: the two pendulums
+have no frame beyond `link2`, whose origin lies on
 the axis of `joint2`; the four rotors of `iris` turn side by side; `iris_simple` and
 `quadrotor_base` have fixed joints or none; `ur3.urdf` is the empty shell that a macro left.
 """
@@ -68,10 +68,6 @@ the axis of `joint2`; the four rotors of `iris` turn side by side; `iris_simple`
 ARMS = """\
 ## Each arm
 
-Processor time of the command, all of it, and the mean error on fresh exact samples.
-
-| file | joints | tip | time [s] | error [mm] |
-|---|---:|---|---:|---:|
 """
 
 
@@ -196,12 +192,14 @@ def page(outcomes: list[Outcome]) -> str:
         median=float(np.median([found.seconds for found in trained])),
     )
     arms = [
-        f"| {found.name} | {len(found.joints)} | `{found.tip}` | {found.seconds:.1f} | "
-        f"{1e3 * found.error:.1e} |"
-        for found in trained
+        f"- {dof} joints: "
+        + ", ".join(
+            f"{found.name} (`{found.tip}`)" for found in trained if len(found.joints) == dof
+        )
+        for dof in sorted({len(found.joints) for found in trained})
     ]
     said = [f"- `{found.name}`: {line}" for found in told for line in found.said]
-    return "\n".join([head, *rows(outcomes), "", SAID, *said, "", ARMS.rstrip(), *arms, ""])
+    return "\n".join([head, *rows(outcomes), "", SAID, *said, "", ARMS.rstrip(), "", *arms, ""])
 
 
 def main() -> None:
