@@ -72,14 +72,26 @@ class Evidence:
     def tool(self) -> TurnedTool:
         """How the tool is turned beside the best explanation of the positions."""
         if self.attributed:
-            return self.tool_beside(self.explanations[0].beta, framed=True)
+            return self.tool_under(self.explanations[0], framed=True)
+        body = self.rows.body
+        sure = np.zeros(body.structure.size)
+        return turned_tool(self.rows, body.structure, body.beta, sure, framed=False)
+
+    def tool_under(self, best: Explanation, *, framed: bool = False) -> TurnedTool:
+        """How the tool is turned beside an explanation, as far as that is sure."""
         return turned_tool(
-            self.rows, self.rows.body.structure, self.rows.body.beta, framed=False
+            self.rows,
+            self.reference.structure,
+            best.beta,
+            best.deviation,
+            framed=framed,
         )
 
-    def tool_beside(self, beta: Array, *, framed: bool = False) -> TurnedTool:
+    def tool_beside(self, beta: Array) -> TurnedTool:
         """How the tool is turned beside what parameters (d,) predict."""
-        return turned_tool(self.rows, self.reference.structure, beta, framed=framed)
+        sure = np.zeros(len(beta))
+        structure = self.reference.structure
+        return turned_tool(self.rows, structure, beta, sure, framed=False)
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""

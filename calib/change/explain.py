@@ -90,10 +90,12 @@ class Explanation:
 class Search:
     """Sets of causes of a log beside a reference.
 
-    framed : whether the frame is always free, as one that no posterior tells of
+    always : groups that are free in every set: a frame that no posterior tells of, a turned tool
     """
 
-    def __init__(self, system: System, cause: str | None, *, framed: bool) -> None:
+    def __init__(
+        self, system: System, cause: str | None, always: Sequence[str]
+    ) -> None:
         reference = system.reference
         structure = reference.structure
         self.system = system
@@ -103,15 +105,19 @@ class Search:
             dict.fromkeys(structure.labels[k].group for k in system.indices.tolist())
         )
         self.sd = freedom(reference.body, groups, cause, reference.forgotten)
-        self.start = indices_of(structure, FRAME if framed else ())
+        self.start = np.sort(indices_of(structure, always))
         self.singles = self._free(single_causes(structure, cause))
         self.sets = self._free(rich_sets(structure, cause))
         self.cost = float(np.log(max(len(self.singles) + len(self.sets), 1)))
 
     def _free(self, sets: dict[str, Indices]) -> dict[str, Indices]:
-        """Return the parameters of each that can be free; causes of none are left out."""
+        """Return the parameters of each that can be free; sets that free no more are left out."""
         free = {name: indices[self.sd[indices] > 0.0] for name, indices in sets.items()}
-        return {name: indices for name, indices in free.items() if len(indices)}
+        return {
+            name: indices
+            for name, indices in free.items()
+            if not np.isin(indices, self.start).all()
+        }
 
     def _information(self, level: Level) -> Information:
         """What the rows tell at a level of the log's own residual."""
@@ -268,20 +274,25 @@ class Search:
 
 
 def explain(
-    systems: Sequence[System], cause: str | None, *, calm: bool
+    systems: Sequence[System],
+    cause: str | None,
+    *,
+    calm: bool,
+    turned: Sequence[str] = (),
 ) -> tuple[Explanation, ...]:
     """Return sets of causes with their evidence, the best first.
 
     systems : the log beside the belief as it was, and in the frame that fits the log best where
         that is far
     calm : whether nothing changed: only the sizes of the log's own residual are then compared
+    turned : groups that changed for sure, as orientations show: the tool that is turned has moved
     """
     explanations: list[Explanation] = []
     temper = 1.0
     for system in reversed(systems):
         last = system is systems[-1]
         framed = system.reference.new or (last and len(systems) > 1)
-        search = Search(system, cause, framed=framed)
+        search = Search(system, cause, (*FRAME, *turned) if framed else turned)
         if last:  # rows that err together count once
             rich = search.richest()
             unknown = system.unknown(OWN[0])

@@ -56,6 +56,7 @@ from .words import causes_of, play_cause
 _SHARED_ERRORS = 2.0
 # Of the play that a model knows, by which that may be wrong: 20 mrad were learned as 19.1
 _PLAY_SHARE = 0.1
+_TOOL = ("tool",)  # the group of where it is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -315,6 +316,9 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
         score = max(score, 1.0 + evidence.misfit)
     better = evidence.explained and (reference.new or is_changed(explanations))
     evidence = replace(evidence, score=score, attributed=better and score > 1.0)
+    if evidence.attributed and _is_turned_otherwise(evidence):
+        explanations = explain(systems, cause, calm=False, turned=_TOOL)
+        evidence = replace(evidence, explanations=explanations)
 
     # The winner fitted to the rows, and held-out rows as they are and as explained.
     learned = None
@@ -382,6 +386,17 @@ def _verdict(
     return Verdict(
         changed, causes, score, notes, rows, sound, tests, bound, learned, evidence
     )
+
+
+def _is_turned_otherwise(evidence: Evidence) -> bool:
+    """Whether orientations contradict the best explanation, which leaves the tool in its place.
+
+    A camera that is turned moves what it sees: positions alone may call that a joint's offset,
+    which the tool would have to be turned back by.
+    """
+    free = evidence.cause in (None, "joints")
+    moved = _TOOL[0] in evidence.explanations[0].groups
+    return free and not moved and evidence.tool.score > 1.0
 
 
 def _is_new_play(play: Play, model: Model) -> bool:

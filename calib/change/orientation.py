@@ -59,10 +59,11 @@ class TurnedTool:
 
 
 def turned_tool(
-    rows: LogRows, structure: Any, beta: Array, *, framed: bool
+    rows: LogRows, structure: Any, beta: Array, deviation: Array, *, framed: bool
 ) -> TurnedTool:
     """Compare orientations with those that parameters (d,) predict.
 
+    deviation : (d,), standard deviations of the parameters, which may turn the tool, too
     framed : whether the sensor may be turned, too: positions tell that less well
     """
     from scipy.special import chdtri
@@ -74,9 +75,10 @@ def turned_tool(
         why = "orientations are not compared: the model was learned without them"
         return TurnedTool(notes=(why,))
     tool = structure.groups["tool.rotation"]
-    sd = np.zeros(structure.size)
+    sd = deviation.copy()
     sd[tool] = FREE
-    sd[structure.groups["view.rotation"]] = FREE * framed
+    if framed:
+        sd[structure.groups["view.rotation"]] = FREE
     poses = np.hstack([rows.x, logarithm(matrix_of(rows.orientation))])
     # of positions nothing is asked
     floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)

@@ -40,8 +40,14 @@ def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
         return (Cause("unknown", "", evidence.why_not()),), ()
     causes: list[Cause] = []
     notes: list[str] = []
+    tool = evidence.tool
     if drifted:
-        causes = [*evidence.reference.causes, *_of_change(evidence)]
+        best = _explanation_in_words(evidence)
+        if best is not None:
+            causes = _of_change(evidence, best)
+            if not evidence.attributed and tool.score > 1.0:
+                tool = evidence.tool_under(best)
+        causes = [*evidence.reference.causes, *causes]
         if evidence.cause is None:
             notes = _twins(evidence, causes)
         if not causes:
@@ -52,8 +58,8 @@ def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     scatter = _scatter(evidence)
     if scatter is not None:
         causes.append(scatter)
-    if evidence.tool.score > 1.0:
-        causes.append(evidence.tool.cause)
+    if tool.score > 1.0:
+        causes.append(tool.cause)
     board = evidence.rows.model.about.options.get("board")
     if board is not None:
         causes = _mount_once(causes, "camera" if board["eye"] == "hand" else "board")
@@ -128,13 +134,15 @@ def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
     return [once, *(cause for cause in causes if cause not in moved)]
 
 
-def _of_change(evidence: Evidence) -> list[Cause]:
+def _explanation_in_words(evidence: Evidence) -> Explanation | None:
+    """The explanation that is put in words; None where no test names parameters."""
+    if evidence.attributed:
+        return simplest(evidence.explanations)
+    return _by_test(evidence)
+
+
+def _of_change(evidence: Evidence, best: Explanation) -> list[Cause]:
     """Return each parameter that is clearly away from where it was, the largest effect first."""
-    best: Explanation | None = simplest(evidence.explanations)
-    if not evidence.attributed:
-        best = _by_test(evidence)
-    if best is None:
-        return []
     if not len(best.indices):
         words = "the joints have waves that the model does not know: gears, or their sensors"
         return [Cause("curve", "curve", words)] if best.level.waves > CREEP else []
@@ -286,6 +294,12 @@ def _twins(evidence: Evidence, causes: list[Cause]) -> list[str]:
     offset = by_name.get(f"offset:{first}")
     sensor = by_name.get("sensor")
     notes: list[str] = []
+    last = about.joint_names[-1]
+    if evidence.rows.orientation is not None and f"offset:{last}" in by_name:
+        notes.append(
+            f"an offset of {last} and a tool that is turned about its axis are the same to "
+            "this log"
+        )
     if about.revolute[0] and "mirror" not in by_name:
         if offset is not None and sensor is None:
             turn = math.degrees(offset.value or 0.0)

@@ -280,6 +280,42 @@ def test_the_command_says_where_the_camera_is_and_its_model_watches_it(folder, r
     assert "the camera has turned in its mount by 0.3" in told[0]
 
 
+@cache
+def watching():
+    """A model of where the camera in the hand is."""
+    rig, pictures, joints = shots(True)
+    return calib.train(handeye(rig.arm, pictures, joints, SPEC, "hand").poses)
+
+
+ALIKE = {
+    "the camera turned": ({("tool.rotation", 0): 0.006}, {"tool": 0.344}),
+    "about its sight": ({("tool.rotation", 2): 0.006}, {"tool": 0.344}),
+    "wrist_3": ({("offset", -1): 0.05}, {"offset:wrist_3": 2.86}),
+    "one direction": ({("offset", -1): 0.02, ("tool.rotation", 0): 0.006}, {"tool": 1.2}),
+    "elbow, the camera": (
+        {("offset", 2): 0.01, ("tool.rotation", 0): 0.006},
+        {"offset:elbow": 0.573, "tool": 0.344},
+    ),
+}  # changes [rad], and what is told of them [deg]
+
+
+@pytest.mark.parametrize("case", ALIKE)
+def test_a_turned_camera_and_an_offset_of_the_last_joint_are_not_told_twice(case):
+    changes, sizes = ALIKE[case]
+    rig = Rig(True, pictures=40)
+    late = rig.beta.copy()
+    for (group, place), size in changes.items():
+        late[rig.structure.groups[group][place]] += size
+    rows = np.column_stack([rig.q[rig.rows], rig.corners])
+    log = corners(rig, seen=rig.truth.predict(rows, late)).log(lens_of(rig), True)
+    model = watching()
+    adapted = calib.adapt(model, log.take(slice(20, 40)))
+    told = {cause.cause: np.degrees(cause.value) for cause in adapted.changed}
+    assert told == pytest.approx(sizes, rel=0.05)
+    assert adapted.improved
+    assert not calib.check(adapted.model, log.take(slice(20))).drifted
+
+
 def test_a_log_of_board_pictures_is_learned_from_like_any_other(folder, run):
     log, model = folder / "poses.csv", folder / "poses.calib"
     words = ["--joints-file", folder / "joints.csv", "--board", SPEC, "--eye", "hand"]
