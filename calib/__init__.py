@@ -22,7 +22,8 @@ __version__ = "0.1.0"
 # the stub, which editors and type checkers read, says in which module each name stands
 _STUB = pathlib.Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
 _MODULES = {
-    name: module for module, name in re.findall(r"from (\S+) import (\w+)", _STUB)
+    name: module
+    for module, name in re.findall(r"from (\S+) import (\w+)", _STUB)
 }
 
 __all__ = ["__version__", *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]

@@ -47,12 +47,20 @@ class CalibError(Exception):
         self.parameter = parameter
         self.value = value
         super().__init__(
-            self.message if self.hint is None else f"{self.message}; {self.hint}"
+            self.message
+            if self.hint is None
+            else f"{self.message}; {self.hint}"
         )
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle with all fields, as process pools do."""
-        fields = (type(self), self.message, self.hint, self.parameter, self.value)
+        fields = (
+            type(self),
+            self.message,
+            self.hint,
+            self.parameter,
+            self.value,
+        )
         return _restored, fields
 
     def within(self: _E, label: str) -> _E:
@@ -66,7 +74,11 @@ class CalibError(Exception):
 
 
 def _restored(
-    kind: type[_E], message: str, hint: str | None, parameter: str | None, value: object
+    kind: type[_E],
+    message: str,
+    hint: str | None,
+    parameter: str | None,
+    value: object,
 ) -> _E:
     return kind(message, hint=hint, parameter=parameter, value=value)
 

@@ -37,7 +37,9 @@ class Trial:
     options: Mapping[str, object]
     seed: int
     unit: str = ""
-    errors: Errors = field(default_factory=dict)  # as `calib evaluate --json` has them
+    errors: Errors = field(
+        default_factory=dict
+    )  # as `calib evaluate --json` has them
     seconds: float = math.nan
     notes: tuple[str, ...] = ()
     error: str = ""  # why it failed, in one line
@@ -67,7 +69,9 @@ class Sweep:
 
     def columns(self) -> dict[str, list[Any]]:
         """A row for each training, by columns, as they are written to a table."""
-        table: dict[str, list[Any]] = {"source": [row.source for row in self.rows]}
+        table: dict[str, list[Any]] = {
+            "source": [row.source for row in self.rows]
+        }
         for name in {name: None for row in self.rows for name in row.options}:
             table[name] = [_typed(row.options.get(name)) for row in self.rows]
         for name in ("seed", "unit", "seconds", "error"):
@@ -119,7 +123,9 @@ def sweep(
                 f"grid: {name!r:.60} is unknown; {suggestion(name, options)}"
             )
         if isinstance(values, str) or not hasattr(values, "__len__"):
-            raise OptionError(f"grid: {name} {values!r:.60}: expected a list of values")
+            raise OptionError(
+                f"grid: {name} {values!r:.60}: expected a list of values"
+            )
     by_name = _by_name(sources)
     count = len(by_name) * seeds * math.prod(map(len, grid.values()))
     if not 0 < count <= _MOST:
@@ -128,7 +134,9 @@ def sweep(
     for name, source in by_name:
         for values in itertools.product(*grid.values()):
             chosen = dict(zip(grid, values, strict=True))
-            tasks += [(Trial(name, chosen, seed), source) for seed in range(seeds)]
+            tasks += [
+                (Trial(name, chosen, seed), source) for seed in range(seeds)
+            ]
     rows: list[Trial] = []
     with one_blas_thread():
         for row in _side_by_side(tasks, jobs):
@@ -149,7 +157,12 @@ def _by_name(
     if isinstance(sources, str | Arm | Samples):
         sources = [sources]
     return [
-        (source if isinstance(source, str) else getattr(source, "name", "log"), source)
+        (
+            source
+            if isinstance(source, str)
+            else getattr(source, "name", "log"),
+            source,
+        )
         for source in sources
     ]
 
@@ -164,7 +177,9 @@ def _side_by_side(
     pool = joblib.Parallel(jobs, return_as="generator", batch_size=1)
     if jobs is None and pool.n_jobs == 1:  # no context of the user's: all cores
         pool = joblib.Parallel(-1, return_as="generator", batch_size=1)
-    trials: Iterable[Trial] = pool(joblib.delayed(_trained)(task) for task in tasks)
+    trials: Iterable[Trial] = pool(
+        joblib.delayed(_trained)(task) for task in tasks
+    )
     return trials
 
 
@@ -176,11 +191,17 @@ def _trained(task: tuple[Trial, Source]) -> Trial:
     try:
         about = _train(row, source).about
     except Exception as error:  # one that fails is a row, whatever the reason
-        kind = "" if isinstance(error, CalibError) else f"{type(error).__name__}: "
+        kind = (
+            "" if isinstance(error, CalibError) else f"{type(error).__name__}: "
+        )
         return replace(row, error=one_line(kind + str(error)))
     seconds = time.perf_counter() - started
     return replace(
-        row, unit=about.unit, errors=about.errors, seconds=seconds, notes=about.notes
+        row,
+        unit=about.unit,
+        errors=about.errors,
+        seconds=seconds,
+        notes=about.notes,
     )
 
 
@@ -193,7 +214,9 @@ def _train(row: Trial, source: Source) -> Model:
             raise OptionError(f"{names}: for simulated babbling, not for a log")
         return train(source, seed=row.seed, **options)
     arm = load_arm(source) if isinstance(source, str) else source
-    return train(babble(arm, **babbled, seed=row.seed), seed=row.seed, **options)
+    return train(
+        babble(arm, **babbled, seed=row.seed), seed=row.seed, **options
+    )
 
 
 def _typed(value: object) -> object:

@@ -42,7 +42,9 @@ def run(arguments: Sequence[str]) -> int:
     words = _flags_first(arguments)
     name = next((word for word in words if not word.startswith("-")), "")
     try:
-        code = application(name)(words, prog_name="calib", standalone_mode=False)
+        code = application(name)(
+            words, prog_name="calib", standalone_mode=False
+        )
         sys.stdout.flush()
     except BrokenPipeError:  # a reader who has seen enough
         silence(sys.stdout)
@@ -75,8 +77,12 @@ def application(name: str = ALL) -> typer.Typer:
     app.callback(invoke_without_command=True)(start)
     names = [module.name for module in iter_modules(commands.__path__)]
     ranks = {command: rank for rank, command in enumerate(USAGE_ORDER.split())}
-    for command in sorted(names, key=lambda name: (ranks.get(name, len(ranks)), name)):
-        _add(app, f"{commands.__name__}.{command}", loaded=name in (ALL, command))
+    for command in sorted(
+        names, key=lambda name: (ranks.get(name, len(ranks)), name)
+    ):
+        _add(
+            app, f"{commands.__name__}.{command}", loaded=name in (ALL, command)
+        )
     return app
 
 
@@ -99,7 +105,9 @@ def _add(app: typer.Typer, path: str, *, loaded: bool = True) -> None:
         # the help is the module's docstring, which is read without the module's imports
         source = Path(str(getattr(find_spec(path), "origin", "")))
         help_text = source.read_text(encoding="utf-8").split('"""')[1]
-        app.command(name, help=help_text, short_help=_summary(help_text))(_not_loaded)
+        app.command(name, help=help_text, short_help=_summary(help_text))(
+            _not_loaded
+        )
         return
     module = import_module(path)
     group = _group(module.__doc__)

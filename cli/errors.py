@@ -33,7 +33,11 @@ class ErrorReport:
     @property
     def line(self) -> str:
         """The message and the hint as people read them."""
-        return self.message if self.hint is None else f"{self.message}; {self.hint}"
+        return (
+            self.message
+            if self.hint is None
+            else f"{self.message}; {self.hint}"
+        )
 
 
 def report_error(error: Exception, as_json: bool) -> int:
@@ -54,7 +58,9 @@ def describe_error(error: Exception) -> tuple[int, ErrorReport]:
     kind = type(error).__name__
     if isinstance(error, CalibError):
         return _library_error(error)
-    if isinstance(error.__cause__, KeyboardInterrupt):  # while Python made a class
+    if isinstance(
+        error.__cause__, KeyboardInterrupt
+    ):  # while Python made a class
         return INTERRUPTED, ErrorReport(kind, "interrupted")
     if isinstance(error, typer.TyperException):
         return USAGE, _usage_error(error)
@@ -76,7 +82,9 @@ def _library_error(error: CalibError) -> tuple[int, ErrorReport]:
         kind,
         _in_one_line(as_typed(error.message)),
         hint=None if error.hint is None else as_typed(error.hint),
-        parameter=None if error.parameter is None else option_of(error.parameter),
+        parameter=None
+        if error.parameter is None
+        else option_of(error.parameter),
         value=error.value,
     )
     return code, report
@@ -90,7 +98,10 @@ def _usage_error(error: typer.TyperException) -> ErrorReport:
     report = ErrorReport("UsageError", _in_one_line(message))
     if isinstance(error, BadOption):
         return ErrorReport(
-            report.type, report.message, parameter=error.option, value=error.value
+            report.type,
+            report.message,
+            parameter=error.option,
+            value=error.value,
         )
     return report
 

@@ -42,7 +42,9 @@ class Selection:
         import calib
 
         if robot is None:
-            raise BadOption("ROBOT is missing: expected a URDF file or a bundled robot")
+            raise BadOption(
+                "ROBOT is missing: expected a URDF file or a bundled robot"
+            )
         turns: dict[str, bool] = {}
         # which joints turn is wanted before the arm is loaded: the file is read twice
         if self.degrees and (self.lock or self.ranges):
@@ -51,7 +53,10 @@ class Selection:
             robot,
             self.joints,
             self.tip,
-            lock={**(locked or {}), **in_si("--lock", self.lock, turns, self.degrees)},
+            lock={
+                **(locked or {}),
+                **in_si("--lock", self.lock, turns, self.degrees),
+            },
             ranges=in_si("--range", self.ranges, turns, self.degrees),
             planar=self.planar,
             columns=columns,
@@ -78,9 +83,13 @@ def check_sources(
 ) -> None:
     """Refuse that there is nothing to learn from, and options that would be without effect."""
     if not robots and not logged:
-        raise BadOption("no source to learn from: expected ROBOT, --data LOG, or both")
+        raise BadOption(
+            "no source to learn from: expected ROBOT, --data LOG, or both"
+        )
     if logged:
-        refuse(simulated, "applies to simulated babbling, which --data replaces")
+        refuse(
+            simulated, "applies to simulated babbling, which --data replaces"
+        )
     else:
         refuse(of_logs, _FOR_LOGS)
     if robots and of_logs["prismatic"] is not None:
@@ -290,5 +299,9 @@ def log_of(model: Model, path: str | None, reading: Reading) -> Samples | None:
     if gap > max(3.0 * bound, 0.02 * size):
         hint = unit_hint(spread(log.x[answered]) / max(size, 1e-300))
         far = f"{gap / size:.2g} times their spread{hint}; calib check names the cause"
-        say([f"the log does not fit the model: measured positions are off by {far}"])
+        say(
+            [
+                f"the log does not fit the model: measured positions are off by {far}"
+            ]
+        )
     return log

@@ -18,7 +18,10 @@ _T = TypeVar("_T")
 
 
 def value(
-    flags: str, form: str, help_text: str, parser: parsing.Parser[_T] | None = None
+    flags: str,
+    form: str,
+    help_text: str,
+    parser: parsing.Parser[_T] | None = None,
 ) -> object:
     """Return an option with a value of that form, by flags such as `--output -o`."""
     return Option(*flags.split(), metavar=form, parser=parser, help=help_text)
@@ -38,8 +41,12 @@ def flag(flags: str, help_text: str) -> object:
 Json = Annotated[
     bool, flag("--json", "One JSON document on standard output, in SI units.")
 ]
-Verbose = Annotated[bool, flag("--verbose -v", "Print what the answer rests on too.")]
-Quiet = Annotated[bool, flag("--quiet -q", "Print the result alone, without notes.")]
+Verbose = Annotated[
+    bool, flag("--verbose -v", "Print what the answer rests on too.")
+]
+Quiet = Annotated[
+    bool, flag("--quiet -q", "Print the result alone, without notes.")
+]
 
 # files that commands work on
 ModelFile = Annotated[
@@ -60,7 +67,8 @@ DataOfSensors = Annotated[
 ]
 NewLog = Annotated[str, value("--data", "LOG", f"New samples: {_LOG}.")]
 JointsFile = Annotated[
-    str | None, value("--joints-file", "FILE", "A row of joints for each picture.")
+    str | None,
+    value("--joints-file", "FILE", "A row of joints for each picture."),
 ]
 DatasetCamera = Annotated[
     str | None, value("--camera", "NAME", "Of a dataset with several.")
@@ -72,7 +80,9 @@ NewPoses = Annotated[str, value("--output -o", "FILE", _TABLE)]
 # what is babbled or sensed
 JointNames = Annotated[
     Sequence[str] | None,
-    value("--joints", "A,B", "Active joints (default: the arm's).", parsing.names),
+    value(
+        "--joints", "A,B", "Active joints (default: the arm's).", parsing.names
+    ),
 ]
 Tip = Annotated[
     str | None, value("--tip", "FRAME", "The frame whose position is sensed.")
@@ -82,7 +92,9 @@ Planar = Annotated[
 ]
 Lock = Annotated[
     list[parsing.JointValue] | None,
-    value("--lock", "JOINT=VALUE", "Hold it there [rad, m].", parsing.joint_value),
+    value(
+        "--lock", "JOINT=VALUE", "Hold it there [rad, m].", parsing.joint_value
+    ),
 ]
 Ranges = Annotated[
     list[parsing.JointRange] | None,
@@ -103,15 +115,19 @@ Gravity = Annotated[
 
 # simulated babbling
 SAMPLES = "How many samples to babble (default 20000)."
-NOISE = (
-    "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
-)
-Number = Annotated[int | None, value("--samples -n", "N", SAMPLES, parsing.count)]
-Noise = Annotated[float | None, value("--noise", "S", NOISE, parsing.not_negative)]
+NOISE = "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
+Number = Annotated[
+    int | None, value("--samples -n", "N", SAMPLES, parsing.count)
+]
+Noise = Annotated[
+    float | None, value("--noise", "S", NOISE, parsing.not_negative)
+]
 Changes = Annotated[
     list[str] | None,
     value(
-        "--change", "JOINT.WHAT=VALUE", "Such as elbow.length=+20%, sensor.rotate=0.14."
+        "--change",
+        "JOINT.WHAT=VALUE",
+        "Such as elbow.length=+20%, sensor.rotate=0.14.",
     ),
 ]
 Seed = Annotated[
@@ -119,9 +135,7 @@ Seed = Annotated[
 ]
 
 # training
-SIZE = (
-    "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own)."
-)
+SIZE = "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own)."
 MAP = (
     f"Kind of map: {', '.join(choices.MAPS)}. Default vdsom:residual, which also follows what "
     "the body leaves (vdsom is the paper's); of a log with --body none the better of it and gas."
@@ -144,10 +158,12 @@ TrainingRule = Annotated[
 ]
 Epochs = Annotated[int | None, value("--epochs", "N", EPOCHS, parsing.count)]
 Sigma = Annotated[
-    parsing.RadiusSchedule | None, value("--sigma", "START:END", SIGMA, parsing.sigma)
+    parsing.RadiusSchedule | None,
+    value("--sigma", "START:END", SIGMA, parsing.sigma),
 ]
 BodyKind = Annotated[
-    choices.BodyWord, word("--body", choices.BODIES, "none: maps and links alone.")
+    choices.BodyWord,
+    word("--body", choices.BODIES, "none: maps and links alone."),
 ]
 SensorView = Annotated[
     choices.ViewWord,
@@ -161,14 +177,18 @@ SensorView = Annotated[
 
 # logs
 TimeOffset = Annotated[
-    float | None, value("--time-offset", "auto|S", "Of positions [s].", parsing.seconds)
+    float | None,
+    value("--time-offset", "auto|S", "Of positions [s].", parsing.seconds),
 ]
 Columns = Annotated[
     Mapping[str, str] | None,
-    value("--columns", "x=U,y=V", "Columns of other names.", parsing.column_names),
+    value(
+        "--columns", "x=U,y=V", "Columns of other names.", parsing.column_names
+    ),
 ]
 Unit = Annotated[
-    str | None, value("--unit", "m|mm|px|..", "Of the log (default m, or the model's).")
+    str | None,
+    value("--unit", "m|mm|px|..", "Of the log (default m, or the model's)."),
 ]
 Prismatic = Annotated[
     Sequence[str] | None,
@@ -178,7 +198,8 @@ LogDegrees = Annotated[
     bool | None, flag("--degrees/--radians", "Of the log (default: as before).")
 ]
 PhotoFile = Annotated[
-    str | None, value("--photo", "FILE", "Of the log's camera, to draw the map over.")
+    str | None,
+    value("--photo", "FILE", "Of the log's camera, to draw the map over."),
 ]
 NoPhoto = Annotated[
     bool, flag("--no-photo", "Keep no photo in the model and draw none.")
@@ -200,27 +221,31 @@ StartJoints = Annotated[
     value("--from", "Q1,Q2", "Start near these joints.", parsing.reals),
 ]
 InFrame = Annotated[
-    str, value("--in", "SENSOR|base", "Whose frame positions are in (the first's).")
+    str,
+    value("--in", "SENSOR|base", "Whose frame positions are in (the first's)."),
 ]
 OfSensor = Annotated[
     str, value("--in", "SENSOR", "Which sensor's frame counts (the first's).")
 ]
 PositionUnit = Annotated[
-    str | None, value("--unit", "m|mm|..", "Of positions (default the model's).")
+    str | None,
+    value("--unit", "m|mm|..", "Of positions (default the model's)."),
 ]
 Input = Annotated[
     str | None,
     value("--input", "FILE", "Answer every row of a CSV (- standard input)."),
 ]
 Output = Annotated[
-    str | None, value("--output", "FILE", "CSV or Parquet (default standard output).")
+    str | None,
+    value("--output", "FILE", "CSV or Parquet (default standard output)."),
 ]
 LogView = Annotated[
     choices.LogFrameWord,
     word("--view", choices.LOG_FRAMES, "base: the log is in the root frame."),
 ]
 WhatChanged = Annotated[
-    choices.CauseWord | None, word("--cause", choices.CAUSES, "What changed, if known.")
+    choices.CauseWord | None,
+    word("--cause", choices.CAUSES, "What changed, if known."),
 ]
 Free = Annotated[
     choices.FreeWord,
@@ -235,14 +260,17 @@ Free = Annotated[
 _EYE = "hand: the camera is on the arm; base: it stands still."
 Eye = Annotated[choices.Eye | None, word("--eye", choices.EYES, _EYE)]
 OneEye = Annotated[choices.Eye, word("--eye", choices.EYES, _EYE)]
-Dictionary = Annotated[str, value("--dictionary", "NAME", "Dictionary of the tags.")]
+Dictionary = Annotated[
+    str, value("--dictionary", "NAME", "Dictionary of the tags.")
+]
 BOARD = (
     "A chessboard's squares: 10x7:22mm; ChArUco: 7x5:24mm:18mm:5x5_100; AprilTags: "
     "grid:6x6:88mm:26.4mm:t36h11."
 )
 BoardSpec = Annotated[str | None, value("--board", "BOARD", BOARD)]
 LensFile = Annotated[
-    str | None, value("--lens", "SHOTS|lens.json", "Pictures of a board, or a model.")
+    str | None,
+    value("--lens", "SHOTS|lens.json", "Pictures of a board, or a model."),
 ]
 TagNumber = Annotated[
     int | None, value("--tag", "ID", "The tip's tag.", parsing.whole(0))
@@ -256,7 +284,9 @@ TagSize = Annotated[
 TagHeight = Annotated[
     str | None, value("--tag-height", "25mm", "Of the tip's, above the desk.")
 ]
-WholePose = Annotated[bool, flag("--pose", "z and the quaternion too, in space.")]
+WholePose = Annotated[
+    bool, flag("--pose", "z and the quaternion too, in space.")
+]
 SeenPicture = Annotated[
     str | None, value("--picture", "seen.png", "Draw what was seen on a photo.")
 ]

@@ -73,8 +73,12 @@ def _option(match: re.Match[str]) -> str:
     option = option_of(name)
     if value in (None, "True"):
         return option
-    pairs = re.sub(r"\(([^()]*)\)", lambda pair: pair[1].replace(", ", ":"), value)
-    typed = re.sub(r"[][{}'\"]", "", pairs).replace(": ", "=").replace(", ", ",")
+    pairs = re.sub(
+        r"\(([^()]*)\)", lambda pair: pair[1].replace(", ", ":"), value
+    )
+    typed = (
+        re.sub(r"[][{}'\"]", "", pairs).replace(": ", "=").replace(", ", ",")
+    )
     if value.startswith("{") and name != "columns":
         # an option for each entry of a mapping
         return " ".join(f"{option} {part}" for part in typed.split(","))
@@ -88,7 +92,8 @@ class TextTable:
     header: Sequence[str]  # names of the columns
     rows: Sequence[Sequence[str]]  # cells, already as text
     title: str = ""  # what it shows
-    left: int = 1  # how many columns, from the left, hold words rather than numbers
+    # how many columns, from the left, hold words rather than numbers
+    left: int = 1
     foot: str = ""  # what its terms mean, in one line below it
 
     def __str__(self) -> str:
@@ -98,7 +103,11 @@ class TextTable:
         rows = [[printable(cell) for cell in row] for row in self.rows]
         lines = _aligned([header, *rows], self.left)
         if max(map(len, lines)) > _WIDTH:
-            cells = [[*cell] for row in rows for cell in zip(header, row, strict=True)]
+            cells = [
+                [*cell]
+                for row in rows
+                for cell in zip(header, row, strict=True)
+            ]
             lines = _aligned(cells, 2)
         title = [printable(self.title)] if self.title else []
         foot = textwrap.wrap(printable(self.foot), _WIDTH)
@@ -220,7 +229,11 @@ def say(notes: Iterable[str]) -> None:
 def note(text: str) -> None:
     """Say something on standard error, in one line."""
     try:
-        print(one_line(" ".join(as_typed(text).split())), file=sys.stderr, flush=True)
+        print(
+            one_line(" ".join(as_typed(text).split())),
+            file=sys.stderr,
+            flush=True,
+        )
     except OSError:  # a full disk: the exit code stays the command's
         silence(sys.stderr)
 
@@ -234,7 +247,9 @@ def silence(stream: TextIO) -> None:
 def print_json(document: Document) -> None:
     """Print one JSON document; numbers that are not finite become null."""
     # a program wants one document on one line
-    print(json.dumps(plain(document), indent=2 if sys.stdout.isatty() else None))
+    print(
+        json.dumps(plain(document), indent=2 if sys.stdout.isatty() else None)
+    )
 
 
 def plain(value: object) -> object:

@@ -83,7 +83,9 @@ def bad_value(text: str, expected: str, option: str | None = None) -> BadOption:
 
 
 def parser(
-    expected: str, read: Parser[_T], accepts: Callable[[_T], bool] = lambda _: True
+    expected: str,
+    read: Parser[_T],
+    accepts: Callable[[_T], bool] = lambda _: True,
 ) -> Parser[_T]:
     """Return a parser that says what is expected where `read` fails or `accepts` is false."""
 
@@ -125,7 +127,9 @@ def whole(least: int, most: float = math.inf) -> Parser[int]:
     expected = f"a whole number, {least or 'zero'} or more"
     if most < math.inf:
         expected += f", at most {most}"
-    return parser(expected, whole_number, lambda number: least <= number <= most)
+    return parser(
+        expected, whole_number, lambda number: least <= number <= most
+    )
 
 
 def one_of(choices: Sequence[str]) -> Parser[str]:
@@ -133,7 +137,9 @@ def one_of(choices: Sequence[str]) -> Parser[str]:
 
     def parse(text: str) -> str:
         if text not in choices:
-            raise bad_value(text, f"a name that there is: {suggestion(text, choices)}")
+            raise bad_value(
+                text, f"a name that there is: {suggestion(text, choices)}"
+            )
         return text
 
     return parse
@@ -181,7 +187,9 @@ def _joint_range(text: str) -> JointRange:
 
 
 def _lattice_sides(text: str) -> int | tuple[int, ...]:
-    sides = tuple(whole_number(side) for side in text.strip().lower().split("x"))
+    sides = tuple(
+        whole_number(side) for side in text.strip().lower().split("x")
+    )
     if min(sides) < 2:
         raise ValueError(text)
     return sides[0] if len(sides) == 1 else sides
@@ -199,13 +207,17 @@ def lattice_size(text: str) -> str:
 
 
 number = parser("a number", finite_number)
-above_zero = parser("a number above zero", finite_number, lambda value: value > 0.0)
+above_zero = parser(
+    "a number above zero", finite_number, lambda value: value > 0.0
+)
 not_negative = parser(
     "a number, zero or more", finite_number, lambda value: value >= 0.0
 )
 length = parser(
     "a length above zero, or inf",
-    lambda text: math.inf if text.strip().lower() == "inf" else finite_number(text),
+    lambda text: (
+        math.inf if text.strip().lower() == "inf" else finite_number(text)
+    ),
     lambda value: value > 0.0,
 )
 count = whole(1)
@@ -230,7 +242,9 @@ sigma = parser(
     lambda radius: min(radius) > 0.0,
 )
 names = several(parser("names with commas between them such as a,b", str, bool))
-lattice_sides = parser("whole numbers of 2 or more such as 70 or 70x70", _lattice_sides)
+lattice_sides = parser(
+    "whole numbers of 2 or more such as 70 or 70x70", _lattice_sides
+)
 joint_value = parser("JOINT=VALUE such as wrist=0.5", _joint_value)
 joint_range = parser(
     "JOINT=LOW:HIGH with LOW below HIGH such as elbow=0.5:1.5",
@@ -272,5 +286,7 @@ def check_file(
             raise bad_value(path, "a file name", option)
         return
     if endings and Path(path).suffix and not path.lower().endswith(endings):
-        raise bad_value(path, f"a name that ends in {' or '.join(endings)}", option)
+        raise bad_value(
+            path, f"a name that ends in {' or '.join(endings)}", option
+        )
     check_writable(path)

@@ -58,7 +58,9 @@ class Shooting:
 
         if self.tag is None or self.joints_file is None:
             missing = "--tag ID" if self.tag is None else "--joints-file FILE"
-            raise BadOption(f"{missing} is missing: pictures and videos need both")
+            raise BadOption(
+                f"{missing} is missing: pictures and videos need both"
+            )
         board = None if self.board is None else Board.parse(self.board)
         lens = None
         if self.lens is not None:
@@ -259,12 +261,20 @@ def photo_of_log(model: Model, log: Samples, data: str) -> Model:
     except CalibError as error:
         say([f"no photo is kept in the model: {error}"])
         return model
-    say([f"{path.name} is kept in the model as its photo; --no-photo leaves it out"])
+    say(
+        [
+            f"{path.name} is kept in the model as its photo; --no-photo leaves it out"
+        ]
+    )
     return model
 
 
 def load_drawn(
-    path: str, data: str | None, photo: str | None, no_photo: bool, reading: Reading
+    path: str,
+    data: str | None,
+    photo: str | None,
+    no_photo: bool,
+    reading: Reading,
 ) -> tuple[Model | HandEye, Samples | None]:
     """Load a model or a rig as it is to be drawn, and a log of its own arm where one is given."""
     import calib
@@ -272,7 +282,9 @@ def load_drawn(
 
     if is_rig(path):
         if data is not None or photo is not None:
-            raise BadOption("a rig has no joints: expected neither --data nor --photo")
+            raise BadOption(
+                "a rig has no joints: expected neither --data nor --photo"
+            )
         return load_rig(path), None
     model = calib.load(path)
     log = log_of(model, data, reading)
@@ -292,7 +304,9 @@ def with_photo(model: Model, path: str, log: Samples | None) -> Model:
 
     source = None if log is None else log.source
     unit = model.about.unit
-    return replace(model, photo=take_photo(path, model.sensory.weights, unit, source))
+    return replace(
+        model, photo=take_photo(path, model.sensory.weights, unit, source)
+    )
 
 
 def size_of_page(path: str) -> str:

@@ -90,11 +90,18 @@ class Query:
             "units": units_of(about, self.positions.unit),
         }
         # of a simulation, and in the base frame, both bounds are the same: one is printed
-        self.bounds = BOUNDS if about.source == "log" and not base else BOUNDS[:1]
+        self.bounds = (
+            BOUNDS if about.source == "log" and not base else BOUNDS[:1]
+        )
 
-    def document(self, q: Sequence[float], quantities: Columns) -> dict[str, object]:
+    def document(
+        self, q: Sequence[float], quantities: Columns
+    ) -> dict[str, object]:
         """Return one answer, of joints (dof,) [rad or m] and other quantities."""
-        return {"joints": dict(zip(self.joints.names, q, strict=True)), **quantities}
+        return {
+            "joints": dict(zip(self.joints.names, q, strict=True)),
+            **quantities,
+        }
 
     def table(
         self,
@@ -106,10 +113,15 @@ class Query:
         """Return answers (n, ...), a line each, an angle in deg, lengths in the positions' unit."""
         factor = self.positions.factor
         shown = self.positions.shown
-        header = [*self.joints.header, *(f"{axis} [{shown}]" for axis in self.axes)]
+        header = [
+            *self.joints.header,
+            *(f"{axis} [{shown}]" for axis in self.axes),
+        ]
         columns = [*(factor * position.T)]
         for name, values in quantities.items():
-            size, unit = for_people("rad") if name == "turned" else (factor, shown)
+            size, unit = (
+                for_people("rad") if name == "turned" else (factor, shown)
+            )
             header.append(f"{name.replace('_', ' ')} [{unit}]")
             columns.append(size * np.asarray(values))
         cells = np.transpose(columns)
@@ -124,9 +136,13 @@ class Query:
     ) -> tuple[Batch, Mask]:
         """Read queries, positions in the model's unit, and which rows (n,) are numbers."""
         if self.input is None:
-            raise BadOption("--input FILE is missing: expected a table of queries")
+            raise BadOption(
+                "--input FILE is missing: expected a table of queries"
+            )
         batch = read_batch(self.input, names, more, self._columns)
-        lengths = [n in _LENGTHS and n not in self.joints.names for n in batch.names]
+        lengths = [
+            n in _LENGTHS and n not in self.joints.names for n in batch.names
+        ]
         values = batch.values / np.where(lengths, self.positions.typed, 1.0)
         return replace(batch, values=values), np.asarray(
             np.isfinite(values).all(axis=1)
@@ -180,7 +196,9 @@ class Query:
             return Outcome(document, lines, code=code)
         factors = dict(zip(self.joints.names, self.joints.typed, strict=True))
         document[key] = {
-            name: np.asarray(column) / factors[name] if name in factors else column
+            name: np.asarray(column) / factors[name]
+            if name in factors
+            else column
             for name, column in columns.items()
         }
         return Outcome(document, lines, result=(), columns=written, code=code)

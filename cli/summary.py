@@ -20,7 +20,8 @@ _EXACT = 1e-9  # share of the extent below which an error is rounding
 _POINTS = 200  # of the learned range at which the bound is asked
 _UNEVEN = 2.0  # so many times wider in its worst tenth than in its best, a bound tells of few rows
 _NOISY = 0.7  # of the bound on readings: noise is the larger part where the model's own is smaller
-_UNEXPLAINED = 10.0  # times the noise that a log states, rows are predicted far worse
+# times the noise that a log states, rows are predicted far worse
+_UNEXPLAINED = 10.0
 _MOST = 3  # findings that are printed; `calib info` has all
 _TERMS = (
     "local: body and local models; body: the body alone; linear, activity, winner: the maps and "
@@ -122,7 +123,11 @@ def _mean_distance(errors: Errors) -> float:
 
 
 def accuracy(
-    model: Model, errors: Errors, within: Mapping[str, float], rows: str, left_out: int
+    model: Model,
+    errors: Errors,
+    within: Mapping[str, float],
+    rows: str,
+    left_out: int,
 ) -> str:
     """Return in one line how far predictions are from where the tip is or is measured."""
     unit = model.about.unit
@@ -153,7 +158,9 @@ def answers_back(model: Model, errors: Errors) -> str:
     readout = next(readout for readout in READOUTS if readout in errors)
     inverse = errors[readout]["inverse"]
     joints = zip(about.joint_names, about.units_of_joints, strict=True)
-    off = [f"{name} {sized(inverse[name]['mean'], unit)}" for name, unit in joints]
+    off = [
+        f"{name} {sized(inverse[name]['mean'], unit)}" for name, unit in joints
+    ]
     distance = sized(inverse["distance"]["mean"], about.unit)
     return f"inverse: {distance} from the target on average; {', '.join(off)}"
 
@@ -187,7 +194,11 @@ def found_by_body(model: Model) -> list[str]:
         return [
             "found: nothing that differs from the drawing by more than these rows can show"
         ]
-    more = f"; {len(lines) - _MOST} more in calib info" if len(lines) > _MOST else ""
+    more = (
+        f"; {len(lines) - _MOST} more in calib info"
+        if len(lines) > _MOST
+        else ""
+    )
     return [f"found: {'; '.join(lines[:_MOST])}{more}"]
 
 
@@ -224,7 +235,9 @@ def advice(model: Model, errors: Errors, stated: object = None) -> str:
         return "limited by the simulated noise and changes; more samples (-n) help most"
     unexplained = f"what rows leave unexplained ({sized(mean, about.unit)})"
     if isinstance(stated, float) and mean > _UNEXPLAINED * stated:
-        noise = f"far above the noise of the readings ({sized(stated, about.unit)})"
+        noise = (
+            f"far above the noise of the readings ({sized(stated, about.unit)})"
+        )
         moved = "a camera that refocuses, a loose tag, play, or too few rows"
         return f"limited by {unexplained}, {noise}; look for {moved}"
     return _advice_by_bounds(model, unexplained)
@@ -239,11 +252,15 @@ def _advice_by_bounds(model: Model, unexplained: str) -> str:
     q = rng.uniform(about.lower, about.upper, (_POINTS, len(about.lower)))
     # where there is no answer, the bound is infinite
     bound = np.nan_to_num(model.expected_error(q), nan=np.inf)
-    low, middle, high = np.quantile(bound, (0.1, 0.5, 0.9), method="lower").tolist()
+    low, middle, high = np.quantile(
+        bound, (0.1, 0.5, 0.9), method="lower"
+    ).tolist()
     if not high <= _UNEVEN * low:
         span = f"{sized(low, about.unit)} to {sized(high, about.unit)}"
         plan = "calib plan MODEL lists where more rows help most"
-        return f"limited by few rows in parts of the range (bound {span}); {plan}"
+        return (
+            f"limited by few rows in parts of the range (bound {span}); {plan}"
+        )
     model_bound = float(np.nanmedian(model.model_error(q)))
     if model_bound < _NOISY * middle:
         least = f"the model itself is within {sized(model_bound, about.unit)}"

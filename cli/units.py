@@ -23,7 +23,11 @@ _T = TypeVar("_T", covariant=True)
 def units_of(about: About, positions: str | None = None) -> dict[str, object]:
     """Units of the numbers in a JSON document; errors and bounds have that of the positions."""
     joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
-    return {"joints": joints, "positions": positions or about.unit, "seconds": "s"}
+    return {
+        "joints": joints,
+        "positions": positions or about.unit,
+        "seconds": "s",
+    }
 
 
 class PositionFormat:
@@ -92,7 +96,10 @@ class JointFormat:
             shown = ",".join(f"{value:g}" for value in typed)
             expected = f"{len(self.names)} values, one each for {', '.join(self.names)}"
             raise bad_value(shown, expected, option)
-        return [value / factor for value, factor in zip(typed, self.typed, strict=True)]
+        return [
+            value / factor
+            for value, factor in zip(typed, self.typed, strict=True)
+        ]
 
     def beyond(self, model: Model, q: Sequence[float]) -> str | None:
         """Say which joint of q (dof,) [rad or m] is outside of its learned range, None if none."""
@@ -105,7 +112,9 @@ class JointFormat:
         k = int(np.argmin(inside))
         ends = learned_range(model.about, k, degrees=self._degrees)
         value = f"{q[k] * self.typed[k]:.6g} {self._units[k]}"
-        words = f"{self.names[k]} = {value} is outside of the learned range {ends}"
+        words = (
+            f"{self.names[k]} = {value} is outside of the learned range {ends}"
+        )
         # below one turn a value may as well be a slip in rad: nothing is suggested
         in_degrees = np.where(model.about.revolute, np.radians(rows), rows)
         fits = model.in_range(in_degrees)[0, k] and abs(q[k]) > 2.0 * math.pi
@@ -143,7 +152,9 @@ def in_si(
                 f"{option} {part.joint!r} is given twice: expected each joint once"
             )
         in_degrees = degrees and turns.get(part.joint, True)
-        parts[part.joint] = part.scaled(math.radians(1.0) if in_degrees else 1.0)
+        parts[part.joint] = part.scaled(
+            math.radians(1.0) if in_degrees else 1.0
+        )
     return parts
 
 
@@ -156,4 +167,6 @@ def joints_that_turn(robot: str) -> dict[str, bool]:
     # units are wanted before it is known which arm is loaded
     path = resolve_robot(robot)
     urdf = parse_robot(read_urdf(path), path.stem)
-    return {joint.name: joint.revolute for joint in urdf.joints if joint.movable}
+    return {
+        joint.name: joint.revolute for joint in urdf.joints if joint.movable
+    }

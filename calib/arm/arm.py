@@ -139,7 +139,9 @@ class Arm:
         beyond = places[k + 1] if k + 1 < self.dof else chain.joints
         points[beyond:] += shift
         centres[beyond:] += shift
-        chain = replace(chain, points=points, centres=centres, tip=chain.tip + shift)
+        chain = replace(
+            chain, points=points, centres=centres, tip=chain.tip + shift
+        )
         return replace(self, chain=chain)
 
     def with_tip_offset(self: _A, dx: float, dy: float, dz: float = 0.0) -> _A:
@@ -183,7 +185,9 @@ class Arm:
                     name, chosen, self.limits[k], self.units_of_joints[k]
                 )
             travel[k] = chosen
-            lower[k], upper[k] = one_turn(chosen) if self.revolute[k] else chosen
+            lower[k], upper[k] = (
+                one_turn(chosen) if self.revolute[k] else chosen
+            )
             if self.revolute[k]:
                 turning[name] = chosen
         notes = (*self.notes, *notes_of_turns(turning))
@@ -202,11 +206,15 @@ class Arm:
         """Chain joints that are the active ones themselves, not their followers."""
         places: list[int] = []
         for unit in np.eye(self.dof):
-            same = (self.chain.coupling == unit).all(axis=1) & (self.chain.bias == 0)
+            same = (self.chain.coupling == unit).all(axis=1) & (
+                self.chain.bias == 0
+            )
             places.append(int(np.flatnonzero(same)[0]))
         return places
 
-    def _by_rows(self, q: ArrayLike, compute: Callable[[Array], Array]) -> Array:
+    def _by_rows(
+        self, q: ArrayLike, compute: Callable[[Array], Array]
+    ) -> Array:
         """Compute something of joint values, some rows at a time; of one vector its only row."""
         rows, single = checked_rows(q, self.joint_names, "joint values")
         starts = range(0, max(len(rows), 1), _CACHED)
@@ -249,7 +257,9 @@ class PlanarArm(Arm):
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivatives of the position by the joint values, (n, 2, dof) or (2, dof)."""
         axes = np.stack([self.plane.x, self.plane.y])
-        return self._by_rows(q, lambda rows: axes @ self.chain.jacobian(rows)[:, :3])
+        return self._by_rows(
+            q, lambda rows: axes @ self.chain.jacobian(rows)[:, :3]
+        )
 
     def _links(self) -> Array:
         """Vectors within the plane, at zero (dof, 3) [m]."""
@@ -263,7 +273,9 @@ class PlanarArm(Arm):
         along = self._links()[-1]
         length = float(np.linalg.norm(along))
         along = along / length if length >= _MIN_LENGTH else self.plane.x
-        return np.stack([along, np.cross(self.plane.normal, along), self.plane.normal])
+        return np.stack(
+            [along, np.cross(self.plane.normal, along), self.plane.normal]
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -315,4 +327,6 @@ def notes_of_turns(chosen: Mapping[str, Range]) -> list[str]:
     ]
     if not cut:
         return []
-    return [f"{listed(cut)} can turn more than once: one turn of each is learned"]
+    return [
+        f"{listed(cut)} can turn more than once: one turn of each is learned"
+    ]

@@ -23,14 +23,18 @@ from .urdf import Joint, Urdf
 class Finding:
     """What makes joints an arm; shares and lengths were chosen on the robots of docs/robots.md."""
 
-    most_joints: int = 7  # that a log could cover: those nearest to the root are held
+    # that a log could cover: those nearest to the root are held
+    most_joints: int = 7
     most_in_plane: int = 3  # joints of a planar part
     least_share: float = 0.05  # of its reach, that the link of each joint has
     # of the way from the first joint up to a branching link: what is shorter beyond is a hand
     hand: float = 0.35
-    alike: float = 0.01  # share of the reach by which chains of one reach differ
-    parallel: float = 1e-4  # [rad], axes that are closer count as parallel, or across
-    least_lever: float = 1e-6  # [m], a tip nearer to the last axis is not moved by it
+    # share of the reach by which chains of one reach differ
+    alike: float = 0.01
+    # [rad], axes that are closer count as parallel, or across
+    parallel: float = 1e-4
+    # [m], a tip nearer to the last axis is not moved by it
+    least_lever: float = 1e-6
 
 
 FINDING = Finding()
@@ -64,7 +68,11 @@ def find_chains(
     urdf: Urdf, posture: Posture, free: Sequence[Joint], tip: str | None
 ) -> list[Chain]:
     """Chains of two free joints or more that reach alike and furthest, the furthest first."""
-    tips = [tip] if tip else sorted({_arm_tip(urdf, posture, joint) for joint in free})
+    tips = (
+        [tip]
+        if tip
+        else sorted({_arm_tip(urdf, posture, joint) for joint in free})
+    )
     names = {joint.name for joint in free}
     paths = [
         ([joint for joint in urdf.path(end) if joint.name in names], end)
@@ -94,9 +102,14 @@ def find_tip(urdf: Urdf, link: str) -> str:
     while below := urdf.below(link):
         if len(below) > 1:
             named = [
-                j for name in TIP_NAMES for j in below if j.child.lower().endswith(name)
+                j
+                for name in TIP_NAMES
+                for j in below
+                if j.child.lower().endswith(name)
             ]
-            moved = tuple(j for j in below if j.movable or urdf.carries(j.child))
+            moved = tuple(
+                j for j in below if j.movable or urdf.carries(j.child)
+            )
             below = (named[0],) if named else moved
         if len(below) != 1:
             break
@@ -132,7 +145,9 @@ def plane_normal(
                 parameter="joints",
             )
     # antiparallel axes are one direction; the mean keeps a joint's own tilt small
-    turning = [axis for joint, axis in zip(joints, axes, strict=True) if joint.revolute]
+    turning = [
+        axis for joint, axis in zip(joints, axes, strict=True) if joint.revolute
+    ]
     aligned = [axis * np.sign(axis @ normal) for axis in turning] or [normal]
     return np.asarray(np.mean(aligned, axis=0))
 
@@ -151,18 +166,24 @@ def planar_part(chain: Chain, posture: Posture) -> Chain | None:
                 posture.place(chain.tip),
             ]
             links = np.diff(np.array(stops), axis=0)
-            levers = np.linalg.norm(links - np.outer(links @ normal, normal), axis=1)
+            levers = np.linalg.norm(
+                links - np.outer(links @ normal, normal), axis=1
+            )
             levers += [_slid(joint) for joint in within]
             weakest = int(np.argmin(levers))
             small = levers[weakest] < max(
                 FINDING.least_share * levers.sum(), FINDING.least_lever
             )
             if not small and len(within) <= FINDING.most_in_plane:
-                parts.append(Chain(tuple(within), chain.tip, float(levers.sum())))
+                parts.append(
+                    Chain(tuple(within), chain.tip, float(levers.sum()))
+                )
                 break
             within = within[:weakest] + within[weakest + 1 :]
     return max(
-        parts, key=lambda part: (len(part.joints), round(part.reach, 6)), default=None
+        parts,
+        key=lambda part: (len(part.joints), round(part.reach, 6)),
+        default=None,
     )
 
 
@@ -171,7 +192,8 @@ def check_tip(last: Joint, tip: str, posture: Posture) -> None:
     arm = posture.place(tip) - posture.place(last.child)
     if (
         last.revolute
-        and np.linalg.norm(np.cross(posture.axis(last), arm)) < FINDING.least_lever
+        and np.linalg.norm(np.cross(posture.axis(last), arm))
+        < FINDING.least_lever
     ):
         raise RobotError(
             f"joint {quoted(last.name)} does not move the tip {quoted(tip)}, which lies on its "
@@ -186,7 +208,9 @@ def _planes(
     """Normals (3,) of the planes that axes span, with the joints that move within each."""
     axes = np.array([posture.axis(joint) for joint in joints])
     turning = np.array([joint.revolute for joint in joints])
-    crossed = [np.cross(one, other) for one, other in combinations(axes[~turning], 2)]
+    crossed = [
+        np.cross(one, other) for one, other in combinations(axes[~turning], 2)
+    ]
     sizes = [float(np.linalg.norm(normal)) for normal in crossed]
     slid = [
         n / size
@@ -198,7 +222,11 @@ def _planes(
         fits = np.where(turning, off, np.abs(axes @ normal)) <= FINDING.parallel
         yield (
             normal,
-            [joint for joint, within in zip(joints, fits, strict=True) if within],
+            [
+                joint
+                for joint, within in zip(joints, fits, strict=True)
+                if within
+            ],
         )
 
 
@@ -228,5 +256,9 @@ def _slid(joint: Joint) -> float:
     """How far a joint slides [m]; 1 where its limits do not say."""
     lower, upper = joint.travel
     return (
-        0.0 if joint.revolute else upper - lower if np.isfinite(upper - lower) else 1.0
+        0.0
+        if joint.revolute
+        else upper - lower
+        if np.isfinite(upper - lower)
+        else 1.0
     )

@@ -55,7 +55,9 @@ class Loads:
         """One load [kg] for each of m joints: the masses that the URDF says beyond it."""
         joints = np.arange(chain.joints)
         beyond = np.triu(np.ones((chain.joints, chain.joints)))
-        return Loads(chain, joints, beyond * chain.masses, chain.centres, joints)
+        return Loads(
+            chain, joints, beyond * chain.masses, chain.centres, joints
+        )
 
     @staticmethod
     def of_unit_weights(chain: SpatialChain) -> Loads:
@@ -70,7 +72,9 @@ class Loads:
     def none(chain: SpatialChain) -> Loads:
         """No load at all."""
         nothing = np.zeros(0, dtype=np.intp)
-        return Loads(chain, nothing, np.zeros((0, 0)), np.zeros((0, 3)), nothing)
+        return Loads(
+            chain, nothing, np.zeros((0, 0)), np.zeros((0, 3)), nothing
+        )
 
     @staticmethod
     def together(parts: Sequence[Loads]) -> Loads:
@@ -107,7 +111,9 @@ class Loads:
             last = np.maximum(self.joints, k)
             moved = self._swept(motion, places, last)
             by_joint[:, k] = (across[first] * moved).sum(axis=1)
-        return np.asarray(np.einsum("ekn,kd->edn", by_joint, self.chain.coupling))
+        return np.asarray(
+            np.einsum("ekn,kd->edn", by_joint, self.chain.coupling)
+        )
 
     def _places(self, motion: Motion) -> Array:
         """Places (p, 3, n) [m] of the points."""
@@ -115,15 +121,22 @@ class Loads:
         frames = motion.frames[1:][self.links]
         return motion.places[self.links] + turned(frames, arms[..., None])
 
-    def _swept(self, motion: Motion, places: Array, joints: NDArray[np.intp]) -> Array:
+    def _swept(
+        self, motion: Motion, places: Array, joints: NDArray[np.intp]
+    ) -> Array:
         """How joints (e,) move each load's weighted sum of points beyond them, (e, 3, n)."""
         weights = self.weights * (self.links >= joints[:, None])
         total = weights.sum(axis=1)[:, None, None]
         axes = motion.axes[joints]
-        arms = np.tensordot(weights, places, axes=1) - total * motion.places[joints]
+        arms = (
+            np.tensordot(weights, places, axes=1)
+            - total * motion.places[joints]
+        )
         swept = cross(axes, arms)
         turning = self.chain.still.turning[joints]
-        return swept if turning.all() else np.where(turning, swept, total * axes)
+        return (
+            swept if turning.all() else np.where(turning, swept, total * axes)
+        )
 
 
 def _beside(parts: Sequence[Array]) -> Array:

@@ -138,9 +138,15 @@ def arm_from_urdf(
     link = None if tip is None else _find_link(urdf, tip)
     posture = posture_of(urdf, lock)
     # joints that move on their own
-    free = [j for j in urdf.joints if j.movable and not j.mimic and j.name not in lock]
+    free = [
+        j
+        for j in urdf.joints
+        if j.movable and not j.mimic and j.name not in lock
+    ]
     if joints is None:
-        usable = [joint for joint in free if joint.name in ranges or not joint.stuck]
+        usable = [
+            joint for joint in free if joint.name in ranges or not joint.stuck
+        ]
         chain, notes = _furthest(urdf, posture, usable, link, planar, columns)
         notes += _idle_notes(urdf, chain, free, columns)
     else:
@@ -194,14 +200,18 @@ def arm_from_urdf(
         "notes": tuple(map(one_line, notes)),
         "limits": travel,
         "travel": travel,
-        "chain": folded(urdf, following, names, tip, posture, weighed=normal is None),
+        "chain": folded(
+            urdf, following, names, tip, posture, weighed=normal is None
+        ),
     }
     arm: PlanarArm | SpatialArm
     if normal is None:
         arm = SpatialArm(**parts)
     else:
         arm = PlanarArm(plane=plane_of(normal, posture.place(tip)), **parts)
-    return arm.with_range({**ranges, **{joint.name: joint.travel for joint in limited}})
+    return arm.with_range(
+        {**ranges, **{joint.name: joint.travel for joint in limited}}
+    )
 
 
 def _followers(
@@ -217,7 +227,10 @@ def _followers(
 
 
 def _idle_notes(
-    urdf: Urdf, chain: Chain, free: Sequence[Joint], columns: Collection[str] | None
+    urdf: Urdf,
+    chain: Chain,
+    free: Sequence[Joint],
+    columns: Collection[str] | None,
 ) -> list[str]:
     """Say which joints on the way to the tip are locked since a log has no columns for them."""
     if columns is None:
@@ -246,7 +259,9 @@ def _furthest(
     parts = [planar_part(chain, posture) for chain in chains]
     flat = planar or plane_normal(chains[0].joints, posture) is not None
     if flat:
-        chains = [part or chain for part, chain in zip(parts, chains, strict=True)]
+        chains = [
+            part or chain for part, chain in zip(parts, chains, strict=True)
+        ]
     else:
         chains = [
             replace(chain, joints=chain.joints[-FINDING.most_joints :])
@@ -270,7 +285,9 @@ def _furthest(
 def _raise_no_arm(
     urdf: Urdf, free: Sequence[Joint], tip: str | None, *, logged: bool
 ) -> NoReturn:
-    stuck = [joint for joint in urdf.joints if joint.stuck and joint not in free]
+    stuck = [
+        joint for joint in urdf.joints if joint.stuck and joint not in free
+    ]
     if len(free) + len(stuck) > 1:
         _check_limits(stuck)
     hint = "name other `joints`, `tip` or `lock`"
@@ -315,9 +332,7 @@ def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
     """Return the movable joint of a name, or say which there are."""
     joint = urdf.joint(name)
     if joint is None or not joint.movable:
-        what = (
-            f"joint {quoted(name)} {'does not exist' if joint is None else 'is fixed'}"
-        )
+        what = f"joint {quoted(name)} {'does not exist' if joint is None else 'is fixed'}"
         hint = suggestion(name, [j.name for j in urdf.joints if j.movable])
         raise RobotError(
             f"`{parameter}`: {what}", hint=hint, parameter=parameter, value=name
@@ -341,10 +356,14 @@ def _check_limits(joints: Sequence[Joint]) -> None:
         faults = "; ".join(
             f"joint {j.name!r} cannot be babbled, {j.fault}" for j in faulty
         )
-        wanted = ", ".join(f"{joint.name!r}: (LOWER, UPPER)" for joint in faulty)
+        wanted = ", ".join(
+            f"{joint.name!r}: (LOWER, UPPER)" for joint in faulty
+        )
         units = ", ".join(sorted({joint.unit for joint in faulty}))
         raise RobotError(
-            faults, hint=f"give `ranges={{{wanted}}}` [{units}]", parameter="ranges"
+            faults,
+            hint=f"give `ranges={{{wanted}}}` [{units}]",
+            parameter="ranges",
         )
 
 
@@ -361,7 +380,9 @@ def _lock_notes(
                 f"{lower:g}:{upper:g} [{joint.unit}]"
             )
     if neutral_ones := [
-        f"{name}={value:.4g}" for name, value in locked.items() if name not in lock
+        f"{name}={value:.4g}"
+        for name, value in locked.items()
+        if name not in lock
     ]:
         notes.append(
             f"locked at neutral: {listed(neutral_ones, 8)} (`lock` changes it)"

@@ -155,7 +155,9 @@ class _Reader:
                 self._add_body(element, link)
             elif node.tag == "site" and name:
                 site = self._new_link(name, "site")
-                frame = self.frame(self.attributes(element), f"site {quoted(site)}")
+                frame = self.frame(
+                    self.attributes(element), f"site {quoted(site)}"
+                )
                 joint = f"{site}:site"
                 self._add_fixed(joint, link, site, element.frame @ frame)
                 self._place(joint, element, np.eye(4))
@@ -170,7 +172,10 @@ class _Reader:
         if inertial is not None:
             (mass,) = _vector(inertial.attrib, "mass", (0.0,), where)
             if mass > 0:
-                self.masses[name] = mass, _vector(inertial.attrib, "pos", _ZERO, where)
+                self.masses[name] = (
+                    mass,
+                    _vector(inertial.attrib, "pos", _ZERO, where),
+                )
         origin = around @ self.frame(node.attrib, where)
         inherited = node.get("childclass", inherited)
         inside = list(self.elements(node, inherited, np.eye(4)))
@@ -182,9 +187,15 @@ class _Reader:
             joint = self._joint(attributes, part.frame, f"joint_{number}")
             pivot, back = self._pivot(attributes, part.frame, joint)
             whole = part is moving[-1] and not back[:3, 3].any()
-            child = name if whole else self._new_link(f"{name}:{joint.name}", "link")
+            child = (
+                name
+                if whole
+                else self._new_link(f"{name}:{joint.name}", "link")
+            )
             place = _origin(origin @ pivot)
-            self.joints.append(replace(joint, parent=link, child=child, **place))
+            self.joints.append(
+                replace(joint, parent=link, child=child, **place)
+            )
             if part is moving[0]:
                 self._place(joint.name, element, pivot)
             link = child
@@ -210,7 +221,9 @@ class _Reader:
         self.links.append(name)
         return name
 
-    def _joint(self, attributes: Attributes, frame: Array, default: str) -> Joint:
+    def _joint(
+        self, attributes: Attributes, frame: Array, default: str
+    ) -> Joint:
         """Return a joint of a body, in the body's frame, that joins no links yet."""
         name = attributes.get("name") or default
         where = f"joint {quoted(name)}"
@@ -220,8 +233,12 @@ class _Reader:
                 f"{where} is of type {quoted(kind)}: expected hinges and slides alone"
             )
         if any(joint.name == name for joint in self.joints):
-            raise RobotError(f"two joints are named {quoted(name)}: rename one of them")
-        axis = frame[:3, :3] @ _vector(attributes, "axis", (0.0, 0.0, 1.0), where)
+            raise RobotError(
+                f"two joints are named {quoted(name)}: rename one of them"
+            )
+        axis = frame[:3, :3] @ _vector(
+            attributes, "axis", (0.0, 0.0, 1.0), where
+        )
         length = float(np.linalg.norm(axis))
         if not length > 0:
             raise RobotError(
@@ -250,16 +267,25 @@ class _Reader:
     ) -> tuple[Array, Array]:
         """From a body's frame to that of a joint at zero, and from there on back to the body's."""
         where = f"joint {quoted(joint.name)}"
-        place = frame[:3, :3] @ _vector(attributes, "pos", _ZERO, where) + frame[:3, 3]
+        place = (
+            frame[:3, :3] @ _vector(attributes, "pos", _ZERO, where)
+            + frame[:3, 3]
+        )
         (reference,) = _vector(attributes, "ref", (0.0,), where)
         back = _transform(_AXES, -place)
         axis = np.array(joint.axis)
         if joint.kind == "prismatic":
             return _transform(_AXES, place - reference * axis), back
-        return _transform(exponential(-self.angle(reference) * axis), place), back
+        return _transform(
+            exponential(-self.angle(reference) * axis), place
+        ), back
 
-    def _add_fixed(self, name: str, parent: str, child: str, origin: Array) -> None:
-        self.joints.append(Joint(name, "fixed", parent, child, **_origin(origin)))
+    def _add_fixed(
+        self, name: str, parent: str, child: str, origin: Array
+    ) -> None:
+        self.joints.append(
+            Joint(name, "fixed", parent, child, **_origin(origin))
+        )
 
 
 def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
@@ -290,7 +316,9 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
         autolimits=compiler.get("autolimits", "true") == "true",
     )
     for world in root.findall("worldbody"):
-        reader.add_contents(list(reader.elements(world, "main", np.eye(4))), WORLD)
+        reader.add_contents(
+            list(reader.elements(world, "main", np.eye(4))), WORLD
+        )
     if len(reader.links) == 1:
         raise RobotError(
             "the MJCF has no bodies: expected a robot with bodies and joints"
@@ -321,11 +349,16 @@ def _classes(root: ET.Element) -> dict[str, dict[str, Attributes]]:
     """Attributes of elements by class and tag, with those of the classes around it."""
     classes: dict[str, dict[str, Attributes]] = {"main": {}}
 
-    def add(node: ET.Element, name: str, around: Mapping[str, Attributes]) -> None:
+    def add(
+        node: ET.Element, name: str, around: Mapping[str, Attributes]
+    ) -> None:
         defaults = {**around, **classes.get(name, {})}
         for child in node:
             if child.tag != "default":
-                defaults[child.tag] = {**defaults.get(child.tag, {}), **child.attrib}
+                defaults[child.tag] = {
+                    **defaults.get(child.tag, {}),
+                    **child.attrib,
+                }
         classes[name] = defaults
         for child in node.findall("default"):
             add(child, child.get("class", ""), defaults)
@@ -335,7 +368,9 @@ def _classes(root: ET.Element) -> dict[str, dict[str, Attributes]]:
     return classes
 
 
-def _vector(attributes: Attributes, key: str, default: Vector, where: str) -> Vector:
+def _vector(
+    attributes: Attributes, key: str, default: Vector, where: str
+) -> Vector:
     """Numbers of an attribute."""
     text = attributes.get(key)
     if text is None:
@@ -375,4 +410,7 @@ class Origin(TypedDict):
 def _origin(frame: Array) -> Origin:
     """Return the place and the rows of the orientation of a transform (4, 4)."""
     first, second, third = (tuple(row) for row in frame[:3, :3].tolist())
-    return {"xyz": tuple(frame[:3, 3].tolist()), "rotation": (first, second, third)}
+    return {
+        "xyz": tuple(frame[:3, 3].tolist()),
+        "rotation": (first, second, third),
+    }

@@ -29,7 +29,8 @@ _MIN_SPREAD = 1e-9
 class Plane:
     """An oriented plane with two orthonormal axes."""
 
-    origin: Array  # (3,) [m], the point of the plane whose coordinates are (0, 0)
+    # (3,) [m], the point of the plane whose coordinates are (0, 0)
+    origin: Array
     x: Array  # (3,), unit axis
     y: Array  # (3,), unit axis
 
@@ -37,9 +38,13 @@ class Plane:
         """Check the shapes and the axes, and freeze the arrays."""
         own_floats(self, "origin", "x", "y")
         finite = all(
-            v.shape == (3,) and np.isfinite(v).all() for v in vars(self).values()
+            v.shape == (3,) and np.isfinite(v).all()
+            for v in vars(self).values()
         )
-        if not finite or np.abs(self.basis @ self.basis.T - np.eye(3)).max() > 1e-6:
+        if (
+            not finite
+            or np.abs(self.basis @ self.basis.T - np.eye(3)).max() > 1e-6
+        ):
             raise RobotError(
                 f"a plane of origin {self.origin} and axes {self.x}, {self.y}: expected three "
                 "finite numbers each, and orthonormal axes"
@@ -62,7 +67,9 @@ class Plane:
 
     def distances(self, points: ArrayLike) -> Array:
         """Signed distances of points from the plane along the normal, (n, 3) -> (n,) [m]."""
-        return np.asarray((np.asarray(points, dtype=float) - self.origin) @ self.normal)
+        return np.asarray(
+            (np.asarray(points, dtype=float) - self.origin) @ self.normal
+        )
 
 
 def plane_of(normal: ArrayLike, through: ArrayLike) -> Plane:
@@ -85,7 +92,9 @@ def plane_of(normal: ArrayLike, through: ArrayLike) -> Plane:
         if np.linalg.norm(across) > _MIN_ACROSS:
             origin = (np.asarray(through, dtype=float) @ n) * n
             return Plane(origin, x, across / np.linalg.norm(across))
-    raise RobotError(f"no plane lies across the normal {n}")  # only for a normal of NaN
+    raise RobotError(
+        f"no plane lies across the normal {n}"
+    )  # only for a normal of NaN
 
 
 def fit_plane(points: ArrayLike) -> tuple[Plane, float]:
@@ -99,7 +108,9 @@ def fit_plane(points: ArrayLike) -> tuple[Plane, float]:
     Returns the plane and rms [m], root mean square distance of the points from the plane
     """
     p = np.asarray(points, dtype=float)
-    spans = p.ndim == 2 and p.shape[1] == 3 and len(p) > 2 and np.isfinite(p).all()
+    spans = (
+        p.ndim == 2 and p.shape[1] == 3 and len(p) > 2 and np.isfinite(p).all()
+    )
     if spans:
         centroid = p.mean(axis=0)
         # SVD of the centred points, not their normal equations: those lose half the digits

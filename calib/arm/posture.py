@@ -37,7 +37,9 @@ def posture_of(urdf: Urdf, chosen: Mapping[str, float]) -> Posture:
     values = urdf.values(chosen)
     frames = {urdf.root: np.eye(4)}
     # a URDF may list a joint before the one that carries it
-    for joint in sorted(urdf.joints, key=lambda joint: len(urdf.path(joint.child))):
+    for joint in sorted(
+        urdf.joints, key=lambda joint: len(urdf.path(joint.child))
+    ):
         frame = frames[joint.parent] @ origin_of(joint)
         if joint.movable:
             frame = frame @ _motion(joint, values[joint.name])
@@ -114,10 +116,14 @@ def _carried(
     moments = np.zeros((len(joints), 3))
     for link, (mass, centre) in urdf.masses.items():
         if below := [
-            order[joint.name] for joint in urdf.path(link) if joint.name in order
+            order[joint.name]
+            for joint in urdf.path(link)
+            if joint.name in order
         ]:
             masses[below[-1]] += mass
-            moments[below[-1]] += mass * (posture.frames[link] @ [*centre, 1.0])[:3]
+            moments[below[-1]] += (
+                mass * (posture.frames[link] @ [*centre, 1.0])[:3]
+            )
     if not masses.any():
         return np.zeros(0), np.zeros((0, 3))
     centres = np.array([posture.place(joint.child) for joint in joints])

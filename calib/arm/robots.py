@@ -43,7 +43,9 @@ def list_robots() -> tuple[RobotEntry, ...]:
         joints = tuple(joint.name for joint in urdf.joints if joint.movable)
         comment = _DESCRIPTION.search(text)
         description = " ".join(comment[1].split()) if comment else ""
-        entries.append(RobotEntry(path.stem, joints, len(joints), description, path))
+        entries.append(
+            RobotEntry(path.stem, joints, len(joints), description, path)
+        )
     return tuple(entries)
 
 

@@ -19,7 +19,9 @@ _SMALL = 1e-4
 def matrix_of(quaternions: ArrayLike) -> Array:
     """Rotation matrices (n, 3, 3) of quaternions (n, 4) as qx, qy, qz, qw; any length."""
     q = np.asarray(quaternions, dtype=float)
-    x, y, z, w = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
+    x, y, z, w = np.moveaxis(
+        q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0
+    )
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
@@ -59,7 +61,9 @@ def exponential(vectors: ArrayLike) -> Array:
     small = angle < _SMALL
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 1 - angle**2 / 6, np.sin(safe) / safe)
-    second = np.where(small, 0.5 - angle**2 / 24, 2 * (np.sin(safe / 2) / safe) ** 2)
+    second = np.where(
+        small, 0.5 - angle**2 / 24, 2 * (np.sin(safe / 2) / safe) ** 2
+    )
     return np.asarray(np.eye(3) + first * k + second * (k @ k))
 
 

@@ -26,9 +26,7 @@ from .rotations import cross_matrix, exponential
 class Deviations:
     """How a chain differs from its nominal one."""
 
-    shifts: (
-        Array  # (m, 3) [m], of the joint origins, along the axes of the frame before
-    )
+    shifts: Array  # (m, 3) [m], of the joint origins, along the axes of the frame before
     turns: Array  # (m, 3) [rad], rotation vectors of the joint origins
     tool: Array  # (3,) [m], of the tip, along the axes of its own frame
     tool_turn: Array  # (3,) [rad]
@@ -59,21 +57,27 @@ class Motion:
         turning = self.links.turning
         if turning.all():
             return swept, self.axes
-        return np.where(turning, swept, self.axes), np.where(turning, self.axes, 0.0)
+        return np.where(turning, swept, self.axes), np.where(
+            turning, self.axes, 0.0
+        )
 
     def turns(self) -> tuple[Array, Array]:
         """The same (m, 3, 3, n) as the origins turn about the axes, second, of their own frames."""
         about = np.swapaxes(
             _product(self.frames[:-1], self.links.turns[..., None]), 1, 2
         )
-        return np.cross(about, (self.position - self.origins)[:, None], axis=2), about
+        return np.cross(
+            about, (self.position - self.origins)[:, None], axis=2
+        ), about
 
 
 @dataclass(frozen=True, eq=False)
 class SpatialChain:
     """A serial chain of m joints that are moved by dof values, at its zero posture."""
 
-    axes: Annotated[Array, Shape("m", 3)]  # unit axes in the root frame, base to tip
+    axes: Annotated[
+        Array, Shape("m", 3)
+    ]  # unit axes in the root frame, base to tip
     # [m], origins of the joint frames; the axes pass through them
     points: Annotated[Array, Shape("m", 3)]
     tip: Annotated[Array, Shape(3)]  # [m], position of the tip
@@ -83,9 +87,13 @@ class SpatialChain:
     ]  # whether each joint turns about its axis or slides along it
     # (m, dof), how much each joint follows each active value: the unit matrix without mimic joints
     coupling: Annotated[Array, Shape("m", "dof")]
-    bias: Annotated[Array, Shape("m")]  # [rad or m], offset of each mimic joint, else 0
+    bias: Annotated[
+        Array, Shape("m")
+    ]  # [rad or m], offset of each mimic joint, else 0
     # (m,) [kg], mass that each joint carries up to the next joint; empty where the URDF states none
-    masses: Annotated[Array, Shape("w")] = field(default_factory=lambda: np.zeros(0))
+    masses: Annotated[Array, Shape("w")] = field(
+        default_factory=lambda: np.zeros(0)
+    )
     # (m, 3) [m], centres of those masses at the zero posture
     centres: Annotated[Array, Shape("w", 3)] = field(
         default_factory=lambda: np.zeros((0, 3))
@@ -93,7 +101,9 @@ class SpatialChain:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        own_floats(self, "axes", "points", "tip", "rotation", "coupling", "bias")
+        own_floats(
+            self, "axes", "points", "tip", "rotation", "coupling", "bias"
+        )
         own_floats(self, "masses", "centres")
 
     @property
@@ -161,14 +171,19 @@ class Links:
         """Place (3,) [m] and orientation (3, 3) of the tip in the last joint's frame."""
         place = self.strides[-1] + self.rotation @ self.tool
         turn = (
-            self.rotation if self.tool_turn is None else self.rotation @ self.tool_turn
+            self.rotation
+            if self.tool_turn is None
+            else self.rotation @ self.tool_turn
         )
         return place[:, 0], turn
 
     @staticmethod
     def of(chain: SpatialChain, moved: Deviations) -> Links:
         """The links of a chain that is off its drawing."""
-        strides = np.diff(chain.points, axis=0, prepend=np.zeros((1, 3))) + moved.shifts
+        strides = (
+            np.diff(chain.points, axis=0, prepend=np.zeros((1, 3)))
+            + moved.shifts
+        )
         turns = exponential(moved.turns)
         # Rodrigues: exp = 1 + sin(v) K + (1 - cos(v)) K^2
         about = cross_matrix(chain.axes)
@@ -195,7 +210,9 @@ def move(links: Links, values: Array) -> Motion:
     local += (1.0 - np.cos(angles)) * links.swings
     slides = not links.turning.all()
     if slides:
-        local = np.where(links.turning[..., None], local, links.turns[..., None])
+        local = np.where(
+            links.turning[..., None], local, links.turns[..., None]
+        )
     frames = np.empty((m + 1, 3, 3, n))
     frames[0] = np.eye(3)[:, :, None]
     frames[1] = local[0]
@@ -242,6 +259,9 @@ def turned(rotations: Array, vectors: Array) -> Array:
 
 def _product(a: Array, b: Array) -> Array:
     """Products of matrices (..., 3, 3, n or 1); no BLAS, which would round one row otherwise."""
-    out = a[..., :, :1, :] * b[..., :1, :, :] + a[..., :, 1:2, :] * b[..., 1:2, :, :]
+    out = (
+        a[..., :, :1, :] * b[..., :1, :, :]
+        + a[..., :, 1:2, :] * b[..., 1:2, :, :]
+    )
     out += a[..., :, 2:, :] * b[..., 2:, :, :]
     return np.asarray(out)

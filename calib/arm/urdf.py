@@ -26,7 +26,8 @@ class Limits:
 
     size: int = 50_000_000  # [bytes]
     joints: int = 1_000  # links are followed by recursion
-    travel: float = 1_000.0  # [m]; a slide that claims more states no usable limit
+    # [m]; a slide that claims more states no usable limit
+    travel: float = 1_000.0
     offset: float = 1e6  # [m]; further out a double has no micrometres left
     axis: float = 1e6  # length whose square overflows long before a double does
     mass: float = 1e5  # [kg]; heavier is no link of an arm
@@ -34,7 +35,9 @@ class Limits:
 
 LIMITS = Limits()
 
-_NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?)", re.IGNORECASE)
+_NUMBER = re.compile(
+    r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?)", re.IGNORECASE
+)
 
 Vector = tuple[float, ...]
 Rows = tuple[Vector, Vector, Vector]
@@ -107,13 +110,17 @@ class Joint:
     def travel(self) -> Range:
         """Range that it can mechanically reach, infinite where its limits do not say."""
         return (
-            (-math.inf, math.inf) if self.limits is None or self.fault else self.limits
+            (-math.inf, math.inf)
+            if self.limits is None or self.fault
+            else self.limits
         )
 
     @property
     def neutral(self) -> float:
         """Zero, clipped into its limits where it has sensible ones."""
-        lower, upper = self.limits if self.stuck and self.limits else self.travel
+        lower, upper = (
+            self.limits if self.stuck and self.limits else self.travel
+        )
         return min(max(0.0, lower), upper)
 
 
@@ -129,11 +136,15 @@ class Urdf:
     links: tuple[str, ...]
     joints: tuple[Joint, ...]
     notes: tuple[str, ...]
-    masses: Mapping[str, tuple[float, Vector]]  # [kg] of links, and their centres [m]
+    masses: Mapping[
+        str, tuple[float, Vector]
+    ]  # [kg] of links, and their centres [m]
 
     def joint(self, name: str) -> Joint | None:
         """Return the joint of that name, or None."""
-        return next((joint for joint in self.joints if joint.name == name), None)
+        return next(
+            (joint for joint in self.joints if joint.name == name), None
+        )
 
     def path(self, link: str) -> tuple[Joint, ...]:
         """Joints from the root to a link, in that order."""
@@ -152,7 +163,11 @@ class Urdf:
         offset = 0.0
         passed = [joint.name, *stops]
         stop = joint.name in stops
-        while not stop and joint.mimic and (leader := self.joint(joint.mimic.leader)):
+        while (
+            not stop
+            and joint.mimic
+            and (leader := self.joint(joint.mimic.leader))
+        ):
             offset += scale * joint.mimic.offset
             scale *= joint.mimic.multiplier
             stop = leader.name in passed
@@ -167,7 +182,9 @@ class Urdf:
             joint.name: float(chosen.get(joint.name, joint.neutral))
             for joint in movable
         }
-        follows = {joint.name: self.followed(joint, chosen) for joint in movable}
+        follows = {
+            joint.name: self.followed(joint, chosen) for joint in movable
+        }
         return {
             n: m.multiplier * free.get(m.leader, 0.0) + m.offset
             for n, m in follows.items()
@@ -189,7 +206,8 @@ class Urdf:
     def _below(self) -> dict[str, tuple[Joint, ...]]:
         parents = {joint.parent for joint in self.joints}
         return {
-            link: tuple(j for j in self.joints if j.parent == link) for link in parents
+            link: tuple(j for j in self.joints if j.parent == link)
+            for link in parents
         }
 
 
@@ -200,7 +218,9 @@ def read_urdf(path: Path) -> str:
     """
     try:
         if not path.is_file():  # some devices never end
-            raise RobotError(f"{path}: is no file, expected a URDF or a bundled robot")
+            raise RobotError(
+                f"{path}: is no file, expected a URDF or a bundled robot"
+            )
         with path.open("rb") as file:
             text = file.read(LIMITS.size + 1).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -235,7 +255,9 @@ def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
         raise RobotError(
             f"the URDF has {len(joint_names)} joints, expected at most {LIMITS.joints}"
         )
-    joints = tuple(_read_joint(node, links, notes) for node in robot.findall("joint"))
+    joints = tuple(
+        _read_joint(node, links, notes) for node in robot.findall("joint")
+    )
     for joint in joints:
         if joint.mimic and joint.mimic.leader not in joint_names:
             notes.append(
@@ -244,7 +266,9 @@ def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
             )
     root = _find_root(links, joints)
     masses = dict(_masses(robot))
-    return Urdf(own_name or name, root, tuple(links), joints, tuple(notes), masses)
+    return Urdf(
+        own_name or name, root, tuple(links), joints, tuple(notes), masses
+    )
 
 
 def parse_xml(text: str) -> ET.Element:
@@ -278,7 +302,9 @@ def parse_xml(text: str) -> ET.Element:
     for node in robot.iter():
         for word in (node.tag, *node.attrib.values()):
             if "xacro}" in word or "${" in word:
-                raise RobotError(f"the URDF still holds {quoted(word)}: {expand}")
+                raise RobotError(
+                    f"the URDF still holds {quoted(word)}: {expand}"
+                )
     return robot
 
 
@@ -292,12 +318,16 @@ def _names(robot: ET.Element, tag: str) -> dict[str, None]:
                 f"{tag} number {number} of the URDF has no name: give it one"
             )
         if name in names:
-            raise RobotError(f"two {tag}s are named {quoted(name)}: rename one of them")
+            raise RobotError(
+                f"two {tag}s are named {quoted(name)}: rename one of them"
+            )
         names[name] = None
     return names
 
 
-def _read_joint(node: ET.Element, links: Collection[str], notes: list[str]) -> Joint:
+def _read_joint(
+    node: ET.Element, links: Collection[str], notes: list[str]
+) -> Joint:
     name = node.get("name", "")
     kind = node.get("type", "")
     where = f"joint {quoted(name)}"
@@ -306,7 +336,9 @@ def _read_joint(node: ET.Element, links: Collection[str], notes: list[str]) -> J
             f"{where} has type {quoted(kind)}: only fixed, revolute, continuous and prismatic "
             "joints are supported; make it fixed"
         )
-    parent, child = (_end(node, tag, where, links) for tag in ("parent", "child"))
+    parent, child = (
+        _end(node, tag, where, links) for tag in ("parent", "child")
+    )
     xyz = _numbers(node, "origin", "xyz", (0.0, 0.0, 0.0), where)
     rpy = _numbers(node, "origin", "rpy", (0.0, 0.0, 0.0), where)
     if (far := max(map(abs, xyz))) > LIMITS.offset:
@@ -326,15 +358,21 @@ def _read_joint(node: ET.Element, links: Collection[str], notes: list[str]) -> J
     limits: Range | None = None
     stated = [node.find(f"limit[@{key}]") for key in ("lower", "upper")]
     if kind in ("revolute", "prismatic") and stated != [None, None]:
-        (lower,) = _numbers(node, "limit", "lower", (0.0,), where, infinite=True)
-        (upper,) = _numbers(node, "limit", "upper", (0.0,), where, infinite=True)
+        (lower,) = _numbers(
+            node, "limit", "lower", (0.0,), where, infinite=True
+        )
+        (upper,) = _numbers(
+            node, "limit", "upper", (0.0,), where, infinite=True
+        )
         limits = lower, upper
     mimic: Mimic | None = None
     if (follows := node.find("mimic")) is not None:
         (multiplier,) = _numbers(node, "mimic", "multiplier", (1.0,), where)
         (offset,) = _numbers(node, "mimic", "offset", (0.0,), where)
         mimic = Mimic(follows.get("joint", ""), multiplier, offset)
-    return Joint(name, kind, parent, child, xyz, _rotation(*rpy), axis, limits, mimic)
+    return Joint(
+        name, kind, parent, child, xyz, _rotation(*rpy), axis, limits, mimic
+    )
 
 
 def _rotation(roll: float, pitch: float, yaw: float) -> Rows:
@@ -356,7 +394,9 @@ def _rotation(roll: float, pitch: float, yaw: float) -> Rows:
 def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:
     ends = node.findall(tag)
     if len(ends) != 1:
-        raise RobotError(f"{where} has {len(ends)} <{tag}> elements, expected one")
+        raise RobotError(
+            f"{where} has {len(ends)} <{tag}> elements, expected one"
+        )
     link = ends[0].get("link", "")
     if link not in links:
         raise RobotError(
@@ -381,10 +421,14 @@ def _numbers(
     if text is None:
         return default
     values = as_numbers(text)
-    usable = [not math.isnan(v) if infinite else math.isfinite(v) for v in values]
+    usable = [
+        not math.isnan(v) if infinite else math.isfinite(v) for v in values
+    ]
     if len(values) != len(default) or not all(usable):
         count = {1: "a finite number", 3: "three finite numbers"}[len(default)]
-        raise RobotError(f"{where}: {path} {key} is {quoted(text)}, expected {count}")
+        raise RobotError(
+            f"{where}: {path} {key} is {quoted(text)}, expected {count}"
+        )
     return values
 
 
@@ -413,8 +457,12 @@ def _find_root(links: Collection[str], joints: tuple[Joint, ...]) -> str:
     above = {joint.child: joint for joint in joints}
     roots = [link for link in links if link not in above]
     reached = list(roots)
-    for link in reached:  # grows as it goes; a link with two parents is reached by one
-        reached += [j.child for j in joints if j.parent == link and above[j.child] is j]
+    for (
+        link
+    ) in reached:  # grows as it goes; a link with two parents is reached by one
+        reached += [
+            j.child for j in joints if j.parent == link and above[j.child] is j
+        ]
     faults = {
         f"{len(roots)} root links, join them with fixed joints": roots
         if len(roots) > 1

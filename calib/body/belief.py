@@ -38,7 +38,9 @@ class Second(Gaussian):
     beta: Annotated[Array, Shape("parameters")]
     # its parameters: those of the first fit and the curves
     active: Annotated[Indices, Shape("k")]
-    root: Annotated[Array, Shape("k", "k", kept=TRIANGLE)]  # of their covariance
+    root: Annotated[
+        Array, Shape("k", "k", kept=TRIANGLE)
+    ]  # of their covariance
     noise: Annotated[Array, Shape("outputs")]
 
 
@@ -62,14 +64,17 @@ class Body(OfStructure):
     # (m,), sd of a residual that an adaptation could not settle; added to the bound [unit]
     residual: Annotated[Array, Shape("outputs")]
     nu: float  # degrees of freedom of the Student noise; infinite for Gaussian
-    autocorrelation: float  # integrated autocorrelation time of the residuals [rows]
+    # integrated autocorrelation time of the residuals [rows]
+    autocorrelation: float
     # prior scales that the evidence chose, by the name of their `Hyper`
     scales: Mapping[str, float] = field(default_factory=dict)
     rows: int = 0  # rows of the fit
-    simulated: bool = False  # whether the rows were exact samples of a simulation
+    # whether the rows were exact samples of a simulation
+    simulated: bool = False
     member: str = ""  # name of the gate's member
     second: (
-        Annotated[Second, Own(parameters="parameters", outputs="outputs")] | None
+        Annotated[Second, Own(parameters="parameters", outputs="outputs")]
+        | None
     ) = None
     # sd of readings that repeated poses show [unit]; 0 where no pose was repeated
     repeat: float = 0.0
@@ -80,7 +85,9 @@ class Body(OfStructure):
 
     def predict_and_slope(self, q: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
-        return self.structure.predict_and_slope(np.asarray(q, dtype=float), self.beta)
+        return self.structure.predict_and_slope(
+            np.asarray(q, dtype=float), self.beta
+        )
 
     def bound(self, q: Array, *, noise: bool = True) -> Array:
         """95 % bound (n,) on the distance of positions to what the sensor reads, or to the truth.
@@ -128,7 +135,9 @@ class Body(OfStructure):
         spread = SHARED**2 * spread_of(x[:, part], self.root)
         bound = self.kappa * radius_95(spread + unexplained)
         if self.second is not None:
-            there, x = self.structure.linearise(q, self.second.beta, self.second.active)
+            there, x = self.structure.linearise(
+                q, self.second.beta, self.second.active
+            )
             apart = np.linalg.norm(
                 self.structure.residual(here, there)[:, part], axis=1
             )
@@ -188,7 +197,13 @@ class Body(OfStructure):
             high = float(value + half[index])
             parameters.append(
                 Parameter(
-                    label.name, label.group, label.joint, value, low, high, label.unit
+                    label.name,
+                    label.group,
+                    label.joint,
+                    value,
+                    low,
+                    high,
+                    label.unit,
                 )
             )
         return tuple(parameters)
@@ -209,7 +224,9 @@ class Body(OfStructure):
             postures = rng.uniform(lower, upper, (POSTURES, len(lower)))
         view = self.structure.view
         lines = [
-            *words_of(self.structure, self.beta, self.informed_deviations, postures)
+            *words_of(
+                self.structure, self.beta, self.informed_deviations, postures
+            )
         ]
         if not self.simulated:  # of a simulation both bounds are of the truth
             repeats = "no pose was repeated: all of the residual counts as the model's"
@@ -221,7 +238,9 @@ class Body(OfStructure):
             )
         pose = SensorPose.of(self)
         if pose is not None and view != "base":
-            lines += pose.words("camera" if is_camera(view) else "sensor's frame")
+            lines += pose.words(
+                "camera" if is_camera(view) else "sensor's frame"
+            )
         return tuple(lines)
 
     def to_json(self) -> dict[str, Any]:
@@ -242,4 +261,6 @@ def knows_orientation(body: Body | None) -> bool:
     """Whether a body was learned from orientations too."""
     if body is None or "tool.rotation" not in body.structure.groups:
         return False
-    return bool(np.isin(body.structure.groups["tool.rotation"], body.active).all())
+    return bool(
+        np.isin(body.structure.groups["tool.rotation"], body.active).all()
+    )

@@ -89,7 +89,10 @@ def fit(
 
 
 def fit_sensors(
-    structures: Mapping[str, Structure], rows: Mapping[str, Rows], *, seed: int = 0
+    structures: Mapping[str, Structure],
+    rows: Mapping[str, Rows],
+    *,
+    seed: int = 0,
 ) -> dict[str, BodyFit]:
     """Fit one chain to what several sensors saw of it: one belief, as each sensor sees it.
 
@@ -126,7 +129,10 @@ def _fit(
     if not structure.simulated and not structure.zeros_alone:
         wide = _wide_fit(passed, chain, some)
     root = as_kept(whole.covariance)
-    fits = [_seen_by(k, passed, whole, wide, root, rows[k]) for k in range(len(rows))]
+    fits = [
+        _seen_by(k, passed, whole, wide, root, rows[k])
+        for k in range(len(rows))
+    ]
     direction = other_direction(passed, some)
     notes = () if direction is None else (direction,)
     return replace(fits[0], beside=tuple(fits[1:]), notes=notes)
@@ -153,7 +159,12 @@ def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
 
 
 def _seen_by(
-    k: int, passed: Passed, whole: Fit, wide: _Wide | None, root: Array, rows: Rows
+    k: int,
+    passed: Passed,
+    whole: Fit,
+    wide: _Wide | None,
+    root: Array,
+    rows: Rows,
 ) -> BodyFit:
     """Return the body as the k-th sensor sees it, with its held-out errors."""
     part = whole.parts[k]
@@ -251,7 +262,9 @@ def _wide_fit(
             hypers.append(hyper)
     for hyper in hypers:
         sd[hyper.indices] = hyper.scale * np.sqrt(hyper.shape)
-    wide = first.beginning(rows, Prior(prior.mean, sd, tuple(hypers))).maximise(steps=4)
+    wide = first.beginning(rows, Prior(prior.mean, sd, tuple(hypers))).maximise(
+        steps=4
+    )
     share = 1.0
     if len(rows[0]) < structure.few_rows:
         ratio = leave_blocks_out(wide).ratio()

@@ -132,7 +132,9 @@ def held_of(body: Body) -> SensorPose:
         by_turn = logarithm(turned @ np.swapaxes(hands, 1, 2))
         slopes.append(np.concatenate([ahead - points, by_turn], axis=1) / 1e-6)
     root = body.root[np.searchsorted(body.active, free)]
-    sd = np.sqrt((np.einsum("kpi,kr->pir", np.array(slopes), root) ** 2).sum(axis=2))
+    sd = np.sqrt(
+        (np.einsum("kpi,kr->pir", np.array(slopes), root) ** 2).sum(axis=2)
+    )
     return SensorPose(
         position=points[1],
         rotation=hands[1],

@@ -23,7 +23,9 @@ def curve_shape(*more: float) -> Array:
     `more` are the widths [waves a turn] of further Gaussians beside that of `WIDTH`.
     """
     widths = np.array([PRIOR.width, *more])[:, None]
-    shape = np.exp(-((ORDERS / widths) ** 2) / 2).sum(axis=0) + PRIOR.curve_floor
+    shape = (
+        np.exp(-((ORDERS / widths) ** 2) / 2).sum(axis=0) + PRIOR.curve_floor
+    )
     return np.tile(shape / shape.mean(), 2)
 
 
@@ -34,7 +36,9 @@ def waves_of(q: Array) -> Array:
     count = 1
     while count < HARMONICS:
         more = min(count, HARMONICS - count)
-        np.multiply(waves[:more], waves[count - 1], out=waves[count : count + more])
+        np.multiply(
+            waves[:more], waves[count - 1], out=waves[count : count + more]
+        )
         count += more
     return np.concatenate([waves.real, waves.imag])
 
@@ -43,7 +47,9 @@ def curve_value(q: Array, coefficients: Array) -> Array:
     """Curve (n,) [rad] at joint values (n,), or curves (k, n) at (k, n), by Estrin's scheme."""
     rows = q.shape[-1]
     if rows > _ROWS:
-        parts = [q[..., start : start + _ROWS] for start in range(0, rows, _ROWS)]
+        parts = [
+            q[..., start : start + _ROWS] for start in range(0, rows, _ROWS)
+        ]
         return np.concatenate(
             [curve_value(part, coefficients) for part in parts], axis=-1
         )
@@ -55,7 +61,9 @@ def curve_value(q: Array, coefficients: Array) -> Array:
     while terms.shape[-2] > 3:  # neighbours in pairs: 48 terms, 24, 12, 6, 3
         terms = terms[..., ::2, :] + power * terms[..., 1::2, :]
         power = power * power
-    total = terms[..., :1, :] + power * (terms[..., 1:2, :] + power * terms[..., 2:, :])
+    total = terms[..., :1, :] + power * (
+        terms[..., 1:2, :] + power * terms[..., 2:, :]
+    )
     return np.asarray((total * wave)[..., 0, :].real)
 
 

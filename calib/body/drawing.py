@@ -36,12 +36,14 @@ class PlanarDrawing:
     lengths: tuple[float, ...]
     # angle of each link against the one before; direction of a slide.  The first is zero.
     offsets: tuple[float, ...]
-    rotation: float = 0.0  # angle of the chain's own frame in the plane's frame [rad]
+    # angle of the chain's own frame in the plane's frame [rad]
+    rotation: float = 0.0
     shift: tuple[float, float] = (
         0.0,
         0.0,
     )  # origin of the chain in the plane's frame [m]
-    mirror: int = 1  # -1 where the first turning joint turns clockwise in that frame
+    # -1 where the first turning joint turns clockwise in that frame
+    mirror: int = 1
     # direction of each joint against the first turning one; slides are +1
     signs: tuple[int, ...] = ()
 
@@ -73,7 +75,9 @@ class PlanarDrawing:
             end = complex(origins[joint])
         mirror = int(turns[turning][0]) if turning.any() else 1
         signs = np.where(turning, turns * mirror, 1)
-        drawing = _drawing_of(vectors, end, tuple(signs.tolist()), mirror, arm.revolute)
+        drawing = _drawing_of(
+            vectors, end, tuple(signs.tolist()), mirror, arm.revolute
+        )
         _refuse_other_arms(drawing, vectors, arm)
         return drawing
 
@@ -84,7 +88,10 @@ def _refuse_other_arms(
     """Raise OptionError where the arm is elsewhere than its planar drawing: it leaves the plane."""
     middle = (arm.lower + arm.upper) / 2
     q = np.vstack(
-        [middle + part * (arm.upper - arm.lower) / 2 for part in np.eye(arm.dof)]
+        [
+            middle + part * (arm.upper - arm.lower) / 2
+            for part in np.eye(arm.dof)
+        ]
     )
     q = np.vstack([q, middle])
     waves = _waves(q, drawing.signs, drawing.mirror, arm.revolute)
@@ -104,7 +111,9 @@ def _waves(
     """What the links (dof,) are multiplied by at joint values (n, dof), (n, dof)."""
     turning = np.asarray(revolute)
     signed = q * np.asarray(signs, dtype=float)
-    waves = np.exp(1j * mirror * np.cumsum(np.where(turning, signed, 0.0), axis=1))
+    waves = np.exp(
+        1j * mirror * np.cumsum(np.where(turning, signed, 0.0), axis=1)
+    )
     return np.where(turning, waves, signed * waves)
 
 
@@ -158,9 +167,16 @@ class LinearChain:
         columns = np.column_stack([waves, np.ones(len(q))])
         scale = np.sqrt(np.mean(np.abs(columns) ** 2, axis=0)) + 1e-300
         # a joint that hardly moves makes columns alike: they share what they cannot tell apart
-        links = np.linalg.lstsq(columns / scale, tip, rcond=START.one_column)[0] / scale
-        drawing = _drawing_of(links[:-1], complex(links[-1]), signs, mirror, revolute)
-        return LinearChain(drawing, np.abs(links[:-1]), np.abs(columns @ links - tip))
+        links = (
+            np.linalg.lstsq(columns / scale, tip, rcond=START.one_column)[0]
+            / scale
+        )
+        drawing = _drawing_of(
+            links[:-1], complex(links[-1]), signs, mirror, revolute
+        )
+        return LinearChain(
+            drawing, np.abs(links[:-1]), np.abs(columns @ links - tip)
+        )
 
 
 def sides(revolute: tuple[bool, ...]) -> Iterator[tuple[tuple[int, ...], int]]:

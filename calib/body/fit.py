@@ -84,9 +84,13 @@ class Fit:
             index = place[hyper.indices]
             if (index >= 0).all():
                 self.hypers.append((hyper, index))
-        self.scales = {hyper.name: float(hyper.scale) for hyper, _ in self.hypers}
+        self.scales = {
+            hyper.name: float(hyper.scale) for hyper, _ in self.hypers
+        }
         blocks = min(FIT.blocks, len(rows[0]))
-        self.parts = [Part(structure, some, self.beta, nu, blocks) for some in rows]
+        self.parts = [
+            Part(structure, some, self.beta, nu, blocks) for some in rows
+        ]
 
     @property
     def residual(self) -> Array:
@@ -120,7 +124,9 @@ class Fit:
         The Student noise loses some, and residuals that are correlated in the order of the log.
         """
         p = self.structure.blocks[0]
-        student = (self.nu + p) / (self.nu + p + 2) if np.isfinite(self.nu) else 1.0
+        student = (
+            (self.nu + p) / (self.nu + p + 2) if np.isfinite(self.nu) else 1.0
+        )
         return student / self.autocorrelation
 
     @property
@@ -130,7 +136,9 @@ class Fit:
 
     def softer(self, gram: Array) -> Factor:
         """Factor of the precision that is left of rows of information `gram` (k, k), and prior."""
-        return Factor(with_prior(self.information_share * gram, self.sd, self.known))
+        return Factor(
+            with_prior(self.information_share * gram, self.sd, self.known)
+        )
 
     def without(self, blocks: slice) -> Others:
         """The information of all rows but those of some blocks."""
@@ -140,7 +148,9 @@ class Fit:
         # is, has a prior that is lost in the rounding of a difference
         gram = self.grams[others].sum(axis=0)
         gradient = self.moments[others].sum(axis=0) - self._pull(self.beta)
-        return Others(gram, gradient, with_prior(gram.copy(), self.sd, self.known))
+        return Others(
+            gram, gradient, with_prior(gram.copy(), self.sd, self.known)
+        )
 
     # The search.
 
@@ -163,10 +173,14 @@ class Fit:
             # A step that fails is damped: a shorter one would hardly move what the rows determine,
             # since directions that they leave open, such as the gauge of a chain without a
             # drawing, are the long and curved part of it.
-            gain, delta, damping = self.descend((0.0, *1e-4 * 8.0 ** np.arange(8)))
+            gain, delta, damping = self.descend(
+                (0.0, *1e-4 * 8.0 ** np.arange(8))
+            )
             if learn:
                 self._learn(factor, variance)
-            settled = (np.abs(delta) / np.sqrt(variance)).max(initial=0.0) <= tolerance
+            settled = (np.abs(delta) / np.sqrt(variance)).max(
+                initial=0.0
+            ) <= tolerance
             if (step >= least and settled) or (damping > 0 and gain <= 0.05):
                 break
         self._linearise(by_blocks=True)
@@ -186,7 +200,9 @@ class Fit:
         else:
             prior_volume = -Factor(self.known).log_determinant()
         energy = self._energy(self.beta, [part.residual for part in self.parts])
-        return -energy - 0.5 * (prior_volume + Factor(self.precision).log_determinant())
+        return -energy - 0.5 * (
+            prior_volume + Factor(self.precision).log_determinant()
+        )
 
     def settle(self, steps: int) -> tuple[Array, float, float]:
         """Damped steps from anywhere, until one is short beside the parameters' own sds.
@@ -203,14 +219,19 @@ class Fit:
             gain, delta, damping = self.descend(damping * 8.0 ** np.arange(8))
             if (
                 gain <= 0
-                or (np.abs(delta) * np.sqrt(np.diag(self.precision))).max() < 1e-3
+                or (np.abs(delta) * np.sqrt(np.diag(self.precision))).max()
+                < 1e-3
             ):
                 break
             damping = max(damping / 10, 1e-12)
         for part in self.parts:
             part.learn_noise()
         cost = self._energy(self.beta, [part.residual for part in self.parts])
-        return self.beta, cost, float((self.noise / self.structure.extents).max())
+        return (
+            self.beta,
+            cost,
+            float((self.noise / self.structure.extents).max()),
+        )
 
     def descend(self, dampings: Iterable[float]) -> tuple[float, Array, float]:
         """Move by the first of ever more damped steps that gains (Levenberg 1944, Marquardt 1963).
@@ -248,7 +269,9 @@ class Fit:
         self.moments = np.zeros((blocks, size))
         for part in self.parts:
             root = part.weigh()
-            for k, (rows, x) in enumerate(part.by_blocks(self.beta, self.active)):
+            for k, (rows, x) in enumerate(
+                part.by_blocks(self.beta, self.active)
+            ):
                 flat = (x * root[rows, :, None]).reshape(-1, size)
                 self.grams[k % blocks] += flat.T @ flat
                 self.moments[k % blocks] += (
@@ -267,7 +290,9 @@ class Fit:
         determined = len(away) - prior_share  # numbers that the rows determine
         for hyper, index in self.hypers:
             # MacKay's (1992) fixed point: that of EM, in a third of the steps
-            count = len(index) - float((variance[index] / self.sd[index] ** 2).sum())
+            count = len(index) - float(
+                (variance[index] / self.sd[index] ** 2).sum()
+            )
             if count + hyper.pseudo <= 0.0:  # the rows tell nothing of it
                 continue
             total = float((away[index] ** 2 / hyper.shape).sum())

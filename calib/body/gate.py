@@ -55,7 +55,9 @@ class HeldOut:
         where there are too few rows.
         """
         most = _quantiles(list(self.ratios.values()))
-        single = _quantiles(np.split(self.ratios[max(self.ratios)], self.edges[1:-1]))
+        single = _quantiles(
+            np.split(self.ratios[max(self.ratios)], self.edges[1:-1])
+        )
         if len(single) > 1:
             most.append(float(np.mean(single) + np.std(single)))
         return max(most) if most else FIT.unknown_kappa
@@ -120,14 +122,22 @@ def leave_blocks_out(
             try:
                 step = others.step
                 softer = fit.softer(others.gram)
-            except np.linalg.LinAlgError:  # the other blocks leave the parameters open
+            except (
+                np.linalg.LinAlgError
+            ):  # the other blocks leave the parameters open
                 continue
             for block in range(first, last):
                 rows = slice(edges[block], edges[block + 1], every)
                 x = derivatives[block][:, :p]
-                length = np.linalg.norm(part.residual[rows, :p] - x @ step, axis=1)
-                y = softer.whiten(x.reshape(-1, x.shape[2]).T).reshape(-1, *x.shape[:2])
-                spread = np.einsum("kni,knj->nij", y, y) + np.diag(part.noise[:p] ** 2)
+                length = np.linalg.norm(
+                    part.residual[rows, :p] - x @ step, axis=1
+                )
+                y = softer.whiten(x.reshape(-1, x.shape[2]).T).reshape(
+                    -1, *x.shape[:2]
+                )
+                spread = np.einsum("kni,knj->nij", y, y) + np.diag(
+                    part.noise[:p] ** 2
+                )
                 ratios[count][rows] = length / radius_95(spread)
                 if last - first == 1:
                     score[rows] = _negative_log_density(length, spread)
@@ -158,7 +168,9 @@ class Passed:
     def against(self, name: str) -> float:
         """Nats of evidence against the best tried member with `name`; 0 where there is none."""
         others = [
-            evidence for member, evidence in self.evidences.items() if name in member
+            evidence
+            for member, evidence in self.evidences.items()
+            if name in member
         ]
         if not others:
             return 0.0
@@ -181,7 +193,9 @@ def _wins(richer: Passed, simpler: Passed) -> bool:
     if not both.any():
         return bool(np.isfinite(new).any())
     gain = (old - new)[both]
-    evidence = (richer.fit.evidence - simpler.fit.evidence) / richer.fit.autocorrelation
+    evidence = (
+        richer.fit.evidence - simpler.fit.evidence
+    ) / richer.fit.autocorrelation
     if gain.mean() <= 0 or evidence <= 0:
         return False
     error = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.inf
@@ -207,7 +221,9 @@ def pass_gate(
         name = member_name
         free = groups
         begin = start.beta
-        if best is not None:  # what has passed stays: a lens stays beneath the curves
+        if (
+            best is not None
+        ):  # what has passed stays: a lens stays beneath the curves
             free = tuple(dict.fromkeys((*best.free, *groups)))
             name = names.get(frozenset(free), f"{best.name} and {member_name}")
             if set(chain) <= set(best.free):

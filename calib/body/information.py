@@ -16,8 +16,10 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from .belief import Body
 
-_SMOOTH = 0.5  # length [rad] over which the residual of a log is alike (Matern 5/2)
-_MEASURED = 300  # measured rows that the residual is compared with, evenly spread
+# length [rad] over which the residual of a log is alike (Matern 5/2)
+_SMOOTH = 0.5
+# measured rows that the residual is compared with, evenly spread
+_MEASURED = 300
 
 
 def matern(q: Array, other: Array, lengths: Array) -> Array:
@@ -37,7 +39,9 @@ def lengths_of(body: Body, q: Array) -> Array:
     return np.asarray(np.where(turning, smooth, 0.3 * span))
 
 
-def most_telling(body: Body, q: Array, n: int, measured: Array) -> NDArray[np.intp]:
+def most_telling(
+    body: Body, q: Array, n: int, measured: Array
+) -> NDArray[np.intp]:
     """Choose poses one by one, each the most informative beside those chosen before.
 
     body : its posterior holds the measured rows already
@@ -95,7 +99,9 @@ def greedy(
             between = between + common(best)
         between -= factor[:, :, : k * p] @ factor[best, :, : k * p].T
         root = np.linalg.cholesky(np.eye(p) + spread[best])
-        new = np.swapaxes(np.linalg.solve(root, np.swapaxes(between, 1, 2)), 1, 2)
+        new = np.swapaxes(
+            np.linalg.solve(root, np.swapaxes(between, 1, 2)), 1, 2
+        )
         factor[:, :, k * p : (k + 1) * p] = new
         spread -= new @ np.swapaxes(new, 1, 2)
     return chosen

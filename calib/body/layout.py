@@ -49,7 +49,9 @@ class Layout:
     # whether the geometry is as drawn, and only joints' zeros are not
     zeros_alone: bool
     sensors: tuple[Sensor, ...]  # all that see the arm
-    others: tuple[Measurement, ...]  # what else is measured of it: touches, corners
+    others: tuple[
+        Measurement, ...
+    ]  # what else is measured of it: touches, corners
     place: int  # which of both it sees as
 
     @property
@@ -135,7 +137,9 @@ class Layout:
     def with_sensor(self, **fields: Any) -> Self:
         """Return the structure with other values of its sensor's fields: view, unit, ..."""
         sensors = list(self.sensors)
-        sensors[sensors.index(self.viewpoint)] = replace(self.viewpoint, **fields)
+        sensors[sensors.index(self.viewpoint)] = replace(
+            self.viewpoint, **fields
+        )
         return self.changed(sensors=tuple(sensors))
 
     def as_seen_by(self, sensor: str | Measurement | None) -> Self:
@@ -148,7 +152,9 @@ class Layout:
             names = [sight.name for sight in self.sensors]
             if sensor not in names:
                 choices = ", ".join(names)
-                raise OptionError(f"sensor {sensor!r}: expected one of {choices}")
+                raise OptionError(
+                    f"sensor {sensor!r}: expected one of {choices}"
+                )
             place = names.index(sensor)
         elif sensor is not None:
             place = len(self.sensors) + self.others.index(sensor)
@@ -196,7 +202,9 @@ class Layout:
                 if sensor is self.viewpoint:
                     blocks.append(block)
                 else:
-                    blocks.append(replace(block, name=f"{sensor.name}.{block.name}"))
+                    blocks.append(
+                        replace(block, name=f"{sensor.name}.{block.name}")
+                    )
         for other in self.others:
             blocks += other.parameters(arm)
         return (*blocks, *self.geometry())
@@ -205,7 +213,9 @@ class Layout:
     def labels(self) -> tuple[Label, ...]:
         """What each parameter (d,) is."""
         return tuple(
-            Label(block.name, *part) for block in self.layout for part in block.parts
+            Label(block.name, *part)
+            for block in self.layout
+            for part in block.parts
         )
 
     @cached_property
@@ -249,13 +259,17 @@ class Layout:
                     hypers.append(hyper._replace(indices=some, shape=shape))
         return Prior(self.neutral(), sd, tuple(hypers))
 
-    def of_joints(self, what: str, *units: str) -> tuple[tuple[str, str, str], ...]:
+    def of_joints(
+        self, what: str, *units: str
+    ) -> tuple[tuple[str, str, str], ...]:
         """One parameter of each joint, in a unit that all share or each has."""
         every = units * self.dof if len(units) == 1 else units
         pairs = zip(self.joint_names, every, strict=True)
         return tuple((name, f"{name}.{what}", unit) for name, unit in pairs)
 
-    def curves(self, rms: float, pseudo: float, shape: Array) -> Iterator[Block]:
+    def curves(
+        self, rms: float, pseudo: float, shape: Array
+    ) -> Iterator[Block]:
         """Blocks of the joints' error curves, of an rms [rad] that the evidence moves."""
         rms_of_wave = rms / np.sqrt(2 * HARMONICS)
         waves = [*product(("cos", "sin"), range(1, HARMONICS + 1))]
@@ -267,7 +281,8 @@ class Layout:
                 yield Block(name, ())
                 continue
             parts = tuple(
-                (joint, f"{joint}.curve {wave} {order}", "rad") for wave, order in waves
+                (joint, f"{joint}.curve {wave} {order}", "rad")
+                for wave, order in waves
             )
             scale = Hyper(name, rms_of_wave, pseudo=pseudo, shape=shape)
             yield Block(name, parts, scales=(scale,))
@@ -277,7 +292,9 @@ def joined(structures: Mapping[str, L]) -> L:
     """Return the first structure with the sensors of all, which are of one chain, by name."""
     first, *further = structures.values()
     if any(type(structure) is not type(first) for structure in further):
-        raise OptionError("one sensor sees a planar arm, another one an arm in space")
+        raise OptionError(
+            "one sensor sees a planar arm, another one an arm in space"
+        )
     sensors = tuple(
         replace(structure.viewpoint, name=name)
         for name, structure in structures.items()

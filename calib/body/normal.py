@@ -24,7 +24,9 @@ class Factor:
             scaled *= self.scale
             scaled.flat[:: len(scaled) + 1] += jitter
             # The transpose of a C-ordered array is what LAPACK factors in place, without a copy.
-            self._root, failed = dpotrf(scaled.T, lower=1, clean=1, overwrite_a=1)
+            self._root, failed = dpotrf(
+                scaled.T, lower=1, clean=1, overwrite_a=1
+            )
             if (
                 not failed and np.isfinite(np.diag(self._root)).all()
             ):  # a NaN spreads there
@@ -34,7 +36,9 @@ class Factor:
     def solve(self, b: Array) -> Array:
         """Solution (k,) or (k, r) of ``matrix x = b``."""
         s = self.scale if b.ndim == 1 else self.scale[:, None]
-        return np.asarray(s * cho_solve((self._root, True), s * b, check_finite=False))
+        return np.asarray(
+            s * cho_solve((self._root, True), s * b, check_finite=False)
+        )
 
     def inverse(self) -> Array:
         """Inverse (k, k)."""
@@ -60,7 +64,11 @@ class Factor:
         scaled = np.asfortranarray(b * self.scale[:, None])
         return np.asarray(
             solve_triangular(
-                self._root, scaled, lower=True, overwrite_b=True, check_finite=False
+                self._root,
+                scaled,
+                lower=True,
+                overwrite_b=True,
+                check_finite=False,
             )
         )
 

@@ -31,7 +31,8 @@ class Hyper(NamedTuple):
     """
 
     name: str  # of the scale, as `Body.scales` keeps it: ``"length"``, ``"curve.0"``
-    scale: float  # where the evidence starts; also that of the pseudo-observations
+    # where the evidence starts; also that of the pseudo-observations
+    scale: float
     # times `scale`, between which the evidence looks
     within: tuple[float, float] = (0.0, np.inf)
     # number of pseudo-observations at `scale` (an inverse-gamma hyperprior)
@@ -70,7 +71,9 @@ class Block:
         """Return the block with the name of a sensor before its parameters'."""
         if not sensor:
             return self
-        parts = tuple((joint, f"{sensor}.{part}", u) for joint, part, u in self.parts)
+        parts = tuple(
+            (joint, f"{sensor}.{part}", u) for joint, part, u in self.parts
+        )
         return replace(self, parts=parts)
 
 

@@ -62,14 +62,18 @@ class PlanarLoads:
 
     def levers(self, q: Array) -> Array:
         """Cosines and sines (2 p, 1, n) at joint values (n, dof)."""
-        return _pairs(self._directions(q)).reshape(2 * len(self.pairs), 1, len(q))
+        return _pairs(self._directions(q)).reshape(
+            2 * len(self.pairs), 1, len(q)
+        )
 
     def slopes(self, q: Array, gravity: Array) -> Array:  # noqa: ARG002
         """Derivatives (2 p, dof, n) of those by the joint values."""
         before = np.arange(q.shape[1]) <= self.pairs[:, 1:]
         turns = (before * self.turns)[:, :, None]
         moved = _pairs(1j * turns * self._directions(q)[:, None])
-        return np.swapaxes(moved, 1, 2).reshape(2 * len(moved), q.shape[1], len(q))
+        return np.swapaxes(moved, 1, 2).reshape(
+            2 * len(moved), q.shape[1], len(q)
+        )
 
     def _directions(self, q: Array) -> Complex:
         """Directions (p, n) of the links."""
@@ -179,29 +183,44 @@ class PlanarStructure(Structure):
         drawing = self.nominal
         loose = 2.0 if drawing is None else 1.0
         waves: list[tuple[str, str, str]] = []
-        for (i, j), wave in product(self.loads["elastic"].pairs, ("cos", "sin")):
+        for (i, j), wave in product(
+            self.loads["elastic"].pairs, ("cos", "sin")
+        ):
             joint = self.joint_names[i]
             waves.append(
                 (joint, f"{joint}.elastic {wave} {self.joint_names[j]}", "rad")
             )
         bending = Hyper("elastic", PRIOR.elastic_in_plane * loose, pseudo=4.0)
         return (
-            *(self._undrawn_links() if drawing is None else self._drawn_links(drawing)),
+            *(
+                self._undrawn_links()
+                if drawing is None
+                else self._drawn_links(drawing)
+            ),
             Block("elastic", tuple(waves), scales=(bending,)),
             *self.curves(
-                PRIOR.curve_rms, PRIOR.curve_rows_in_plane, curve_shape(PRIOR.long)
+                PRIOR.curve_rms,
+                PRIOR.curve_rows_in_plane,
+                curve_shape(PRIOR.long),
             ),
         )
 
     def _drawn_links(self, drawing: PlanarDrawing) -> tuple[Block, ...]:
         """Lengths, offsets and gains about those of a drawing, of scales by evidence."""
-        offset = Hyper("offset", TURN, PRIOR.servos, indices=self._offset_is_free)
+        offset = Hyper(
+            "offset", TURN, PRIOR.servos, indices=self._offset_is_free
+        )
         return (
             self._block(
-                "length", "m", drawing.lengths, (Hyper("length", SHIFT, PRIOR.wider),)
+                "length",
+                "m",
+                drawing.lengths,
+                (Hyper("length", SHIFT, PRIOR.wider),),
             ),
             self._block("offset", "rad", drawing.offsets, (offset,)),
-            self._block("gain", "1", 1.0, (Hyper("gain", PRIOR.gain, PRIOR.wider),)),
+            self._block(
+                "gain", "1", 1.0, (Hyper("gain", PRIOR.gain, PRIOR.wider),)
+            ),
         )
 
     def _undrawn_links(self) -> tuple[Block, ...]:
@@ -212,7 +231,9 @@ class PlanarStructure(Structure):
         if self.sensors[0].seen_as.scaled and turning.all():
             length_is_free[0] = False  # the view's scale is the first length
         return (
-            self._block("length", unit, link * turning, sd=2.0 * link * length_is_free),
+            self._block(
+                "length", unit, link * turning, sd=2.0 * link * length_is_free
+            ),
             self._block("offset", "rad", 0.0, sd=10.0 * self._offset_is_free),
             self._block("gain", "1", 1.0, sd=2 * PRIOR.gain),
         )
@@ -274,7 +295,10 @@ class PlanarStructure(Structure):
         joints = ("length", "offset", "gain")
         frame = (*self.viewpoint.seen_as.groups, *others)
         if self.zeros_alone:
-            return (("frame", frame or ("offset",)), ("chain", (*frame, "offset")))
+            return (
+                ("frame", frame or ("offset",)),
+                ("chain", (*frame, "offset")),
+            )
         few = (*PLANAR["similarity"].groups, *others, *joints)
         chain = (*frame, *joints)
         ladder = (
@@ -290,7 +314,9 @@ class PlanarStructure(Structure):
             ("elastic", (*chain, "elastic"), turns),
             ("curves and elastic", (*chain, "elastic", "curve"), turns),
         )
-        return tuple((name, groups) for name, groups, wanted in ladder if wanted)
+        return tuple(
+            (name, groups) for name, groups, wanted in ladder if wanted
+        )
 
 
 def planar_starts(
@@ -307,7 +333,9 @@ def planar_starts(
         ways = list(sides(structure.revolute))
     else:
         mirrors = (drawing.mirror,) if structure.view == "base" else (1, -1)
-        flips = np.array([*product((1, -1), repeat=structure.dof)]) * drawing.signs
+        flips = (
+            np.array([*product((1, -1), repeat=structure.dof)]) * drawing.signs
+        )
         ways = list(product(map(tuple, flips.tolist()), mirrors))
     starts: list[tuple[PlanarStructure, float, Array]] = []
     for signs, mirror in ways:
@@ -357,7 +385,9 @@ def _framed(
     return float(np.sqrt(np.mean(miss**2))), beta
 
 
-def _linear(structure: PlanarStructure, q: Array, tip: Complex) -> tuple[float, Array]:
+def _linear(
+    structure: PlanarStructure, q: Array, tip: Complex
+) -> tuple[float, Array]:
     """Error and parameters of the chain that fits tips (n,) best."""
     beta = structure.neutral()
     groups = structure.groups
@@ -393,7 +423,9 @@ def planar_structure(
 ) -> PlanarStructure:
     """The structure that the rows and options ask for, signs and mirror still open."""
     if view not in ("auto", *PLANAR):
-        raise OptionError(f"view {view!r}, expected one of auto, {', '.join(PLANAR)}")
+        raise OptionError(
+            f"view {view!r}, expected one of auto, {', '.join(PLANAR)}"
+        )
     if view == "base" and nominal is None:
         raise OptionError(
             "view 'base' needs the nominal geometry of a robot; give nominal"

@@ -18,7 +18,8 @@ class RowNoteSettings:
     still: float = 1e-6  # [rad or m], motion of a joint that is constant
     little: float = float(np.radians(1.0))  # [rad], motion that tells little
     share: float = 0.1  # of a joint's range that tells little
-    spread: float = 1e-3  # of the largest spread: joint directions that never moved
+    # of the largest spread: joint directions that never moved
+    spread: float = 1e-3
     cells: int = 24  # along each span, that tell a path from an area
     area_rows: int = 300  # rows from which they do
 
@@ -76,7 +77,9 @@ def _coupled(share: Array, names: Sequence[str]) -> Iterator[str]:
         return
     count = NOTES.cells
     cells = np.minimum((share * count).astype(int), count - 1).T
-    visited = max(len(np.unique(a * count + b)) for a, b in combinations(cells, 2))
+    visited = max(
+        len(np.unique(a * count + b)) for a, b in combinations(cells, 2)
+    )
     # no more than a few curves would
     if len(share) >= NOTES.area_rows and visited < 7 * count:
         yield "the joints move along a path, not over an area: beside it the bound is wide"

@@ -37,7 +37,9 @@ class Rows:
 
 def together(structure: S, rows: Sequence[Rows]) -> S:
     """Return the structure that measures all that rows are of, as the first of them."""
-    others = tuple(some.sensor for some in rows if isinstance(some.sensor, Measurement))
+    others = tuple(
+        some.sensor for some in rows if isinstance(some.sensor, Measurement)
+    )
     if not others or structure.others:
         return structure
     return structure.changed(others=others).as_seen_by(rows[0].sensor)
@@ -55,7 +57,12 @@ class Part:
     noise: Array  # (m,)
 
     def __init__(
-        self, structure: Structure, rows: Rows, beta: Array, nu: float, blocks: int
+        self,
+        structure: Structure,
+        rows: Rows,
+        beta: Array,
+        nu: float,
+        blocks: int,
     ) -> None:
         self.structure = structure.as_seen_by(rows.sensor)
         self.q = rows.q
@@ -68,7 +75,9 @@ class Part:
         self.stated = stated is not None
         floor = rows.floor if stated is None else stated
         noise = rows.noise if stated is None else stated
-        self.floor = np.broadcast_to(np.asarray(floor, dtype=float), self.z.shape[1:])
+        self.floor = np.broadcast_to(
+            np.asarray(floor, dtype=float), self.z.shape[1:]
+        )
         self.residual = self.residual_at(beta)
         if noise is None:
             self.learn_noise()
@@ -78,9 +87,13 @@ class Part:
     def residual_at(self, beta: Array) -> Array:
         """Residuals (n, m) at parameters (d,)."""
         with np.errstate(all="ignore"):
-            return self.structure.residual(self.z, self.structure.predict(self.q, beta))
+            return self.structure.residual(
+                self.z, self.structure.predict(self.q, beta)
+            )
 
-    def by_blocks(self, beta: Array, active: Indices) -> Iterator[tuple[slice, Array]]:
+    def by_blocks(
+        self, beta: Array, active: Indices
+    ) -> Iterator[tuple[slice, Array]]:
         """Each block's rows, and the derivatives (n, m, k) of their predictions."""
         at_once = len(self.q) <= FIT.rows_at_once
         if at_once:
@@ -90,7 +103,10 @@ class Part:
             if at_once:
                 yield rows, whole[rows]
             else:
-                yield rows, self.structure.linearise(self.q[rows], beta, active)[1]
+                yield (
+                    rows,
+                    self.structure.linearise(self.q[rows], beta, active)[1],
+                )
 
     def learn_noise(self, share: float = 0.0) -> None:
         """Find the most probable noise (m,); a `share` of the numbers was fitted."""
@@ -105,7 +121,9 @@ class Part:
             if np.isfinite(self.nu):
                 for _ in range(FIT.noise_steps):
                     weight = (self.nu + p) / (self.nu + squares / variance)
-                    variance = max(float((weight * squares).sum()) / freedom, lowest)
+                    variance = max(
+                        float((weight * squares).sum()) / freedom, lowest
+                    )
             else:
                 variance = max(float(squares.sum()) / freedom, lowest)
             noise[columns] = np.sqrt(variance)
@@ -117,7 +135,9 @@ class Part:
         if np.isfinite(self.nu):
             for columns, p, squares in self._squares(self.residual):
                 away = squares / self.noise[columns.start] ** 2
-                self.weight[:, columns] = ((self.nu + p) / (self.nu + away))[:, None]
+                self.weight[:, columns] = ((self.nu + p) / (self.nu + away))[
+                    :, None
+                ]
         return np.asarray(np.sqrt(self.weight) / self.noise)
 
     def energy(self, residual: Array) -> float:

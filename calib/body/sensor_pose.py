@@ -59,7 +59,8 @@ class SensorPose:
         back = sensor.rotation.T
         position = -back @ sensor.shift / sensor.scale
         blocks = [
-            structure.groups[f"view.{part}"] for part in ("rotation", "shift", "scale")
+            structure.groups[f"view.{part}"]
+            for part in ("rotation", "shift", "scale")
         ]
         index = np.concatenate(blocks)
         fitted = np.flatnonzero(np.isin(index, body.active))
@@ -74,7 +75,9 @@ class SensorPose:
         slope[6] = back[:, 2] @ slope[:3]  # along the line of sight
 
         def deviations(root: Array) -> Array:
-            return np.asarray(np.linalg.norm(slope[:, fitted] @ root[rows], axis=1))
+            return np.asarray(
+                np.linalg.norm(slope[:, fitted] @ root[rows], axis=1)
+            )
 
         whole = deviations(body.root)
         up_to_gauge = np.zeros(7)
@@ -104,7 +107,11 @@ class SensorPose:
     def to_json(self) -> dict[str, Any]:
         """Position [m] and quaternion in the base frame with 95 % intervals, and the convention."""
         half = 1.96 * self.position_sd
-        about = {"joint": self.first, "offset": 0.0, "interval": [-np.pi, np.pi]}
+        about = {
+            "joint": self.first,
+            "offset": 0.0,
+            "interval": [-np.pi, np.pi],
+        }
         return {
             "frame": "base",
             "position": self.position.tolist(),
@@ -122,7 +129,9 @@ class SensorPose:
         coordinates: list[str] = []
         for value, sd in zip(self.position, self.position_sd, strict=True):
             # a value that rounds to zero has no sign
-            coordinates.append(f"{round(1e3 * value, 1) + 0.0:.1f} ± {1.96e3 * sd:.2g}")
+            coordinates.append(
+                f"{round(1e3 * value, 1) + 0.0:.1f} ± {1.96e3 * sd:.2g}"
+            )
         quaternion = ", ".join(f"{v:.5f}" for v in self.quaternion)
         lines = [
             f"{what} at ({', '.join(coordinates)}) mm in the base frame, turned within "
@@ -167,7 +176,9 @@ def doubtful_depth(body: OfStructure, q: Array) -> list[str]:
     ]
 
 
-def without_gauge(structure: SpatialStructure, belief: Gaussian, size: bool) -> Array:
+def without_gauge(
+    structure: SpatialStructure, belief: Gaussian, size: bool
+) -> Array:
     """Root (k, r) of a belief's covariance without motions of the tip that no reading tells.
 
     Of all parameters that readings cannot tell apart, those nearest to the belief's stand for them:

@@ -67,7 +67,9 @@ class Sensor(Measurement):
     @property
     def frame(self) -> tuple[str, ...]:
         """Return the blocks that place it, which every member of the gate fits."""
-        groups = [group for group in self.seen_as.groups if group.startswith("view.")]
+        groups = [
+            group for group in self.seen_as.groups if group.startswith("view.")
+        ]
         return (*groups, "lens") if self.focuses else tuple(groups)
 
     def place(self, beta: Mapping[str, Array]) -> Placed:
@@ -78,9 +80,13 @@ class Sensor(Measurement):
         """See the tip."""
         motion = scene.motion
         placed = scene.placed
-        return placed.look(motion.position, motion.rotation if placed.posed else None)
+        return placed.look(
+            motion.position, motion.rotation if placed.posed else None
+        )
 
-    def named_parameters(self, arm: ArmSize, *, further: bool) -> tuple[Block, ...]:
+    def named_parameters(
+        self, arm: ArmSize, *, further: bool
+    ) -> tuple[Block, ...]:
         """Return its parameters with its own name before theirs."""
         blocks = self.parameters(arm)
         if further and self.marked:
@@ -117,7 +123,9 @@ class InSpace(Sensor):
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
         """Return what the sensor has of its own; a camera stands metres away."""
-        unit, size = (arm.unit, arm.reach) if self.camera else (self.unit, self.extent)
+        unit, size = (
+            (arm.unit, arm.reach) if self.camera else (self.unit, self.extent)
+        )
         turns = [f"view.rotation.{axis}" for axis in "xyz"]
         shifts = [f"view.shift.{axis}" for axis in "xyz"]
         lens = (
@@ -130,7 +138,9 @@ class InSpace(Sensor):
             Block.of("view.rotation", "rad", turns, 100.0),
             Block.of("view.shift", unit, shifts, FREE * size),
             Block.of("view.scale", "1", ["view.scale"], 100.0),
-            Block("lens", lens, np.asarray(self.lens), np.asarray(self.lens_sd)),
+            Block(
+                "lens", lens, np.asarray(self.lens), np.asarray(self.lens_sd)
+            ),
         )
 
     def place(self, beta: Mapping[str, Array]) -> Placed:
@@ -188,10 +198,14 @@ class InPlane(Sensor):
         tilts = ["view.tilt x", "view.tilt y"]
         lens = ["lens.radial", "lens.centre x", "lens.centre y"]
         return (
-            Block.of("view.rotation", "rad", ["view.rotation"], 100.0, rotation),
+            Block.of(
+                "view.rotation", "rad", ["view.rotation"], 100.0, rotation
+            ),
             Block.of("view.scale", "1", ["view.log scale"], 100.0),
             Block.of("view.shear", "1", shears, 1.0),
-            Block.of("view.shift", self.unit, shifts, FREE * self.extent, shift),
+            Block.of(
+                "view.shift", self.unit, shifts, FREE * self.extent, shift
+            ),
             Block.of("view.tilt", f"1/{arm.unit}", tilts, 1.0 / arm.reach),
             Block.of("lens", "1", lens, 0.5),
         )
@@ -221,7 +235,9 @@ class InPlane(Sensor):
         by_lens = np.concatenate([np.zeros((1, 3, 3)), -across])
         lens_order = np.diag([1.0, size, size]) @ np.eye(4)[[3, 1, 2]]
         by = {
-            "view.rotation": lambda: By(_corner(_QUARTER_TURN @ linear[None]) / size),
+            "view.rotation": lambda: By(
+                _corner(_QUARTER_TURN @ linear[None]) / size
+            ),
             "view.scale": lambda: By(_corner(linear[None]) / size),
             "view.shear": lambda: By(_corner(turned @ by_shear) / size),
             "view.shift": lambda: By(across / size),

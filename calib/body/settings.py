@@ -90,7 +90,10 @@ class StartSettings:
     # [nats], that no evidence tells apart
     tied: float = 1e-2
     rows: int = 400  # that the runs use at most
-    run_steps: tuple[int, int] = (6, 40)  # damped steps of all runs, and of the best
+    run_steps: tuple[int, int] = (
+        6,
+        40,
+    )  # damped steps of all runs, and of the best
     runs: int = 8  # that are carried on
     turned_ways: int = 16  # combinations of signs and mirrors that are refined
     probes: int = 100  # joint values at which arms are compared
@@ -129,7 +132,8 @@ class StartSettings:
 class FitSettings:
     """The fit, its gate, and the second fit."""
 
-    blocks: int = 10  # contiguous blocks of rows whose information is kept apart
+    # contiguous blocks of rows whose information is kept apart
+    blocks: int = 10
     rows_at_once: int = 3000  # whose derivatives are held together
     noise_steps: int = 12  # of the reweighting that finds a Student noise
     # share of a posterior sd that the last step of a log's member moves at most

@@ -30,7 +30,9 @@ def with_size(body: Body, sd: float) -> Body:
     """Return the belief of an arm whose size is known to a relative `sd` alone."""
     growth = sd * _growth(_spatial(body))
     return body.changed(
-        lambda belief: {"root": np.column_stack([belief.root, growth[belief.active]])}
+        lambda belief: {
+            "root": np.column_stack([belief.root, growth[belief.active]])
+        }
     )
 
 

@@ -45,11 +45,14 @@ class SpatialStructure(Structure):
     place: int = 0
     # whether the chain is a drawing (prior 1 mm, 0.1 deg) or was found from rows alone
     informed: bool = True
-    gravity: tuple[float, float, float] = GRAVITY  # (3,) [m/s2], in the root frame
+    # (3,) [m/s2], in the root frame
+    gravity: tuple[float, float, float] = GRAVITY
     simulated: bool = False  # whether the rows are samples of a simulation
     # whether the geometry is as drawn, and only joints' zeros and the sensor are not
     zeros_alone: bool = False
-    others: tuple[Measurement, ...] = field(default=(), metadata={"kept": False})
+    others: tuple[Measurement, ...] = field(
+        default=(), metadata={"kept": False}
+    )
 
     @property
     def based(self) -> bool:
@@ -143,8 +146,12 @@ class SpatialStructure(Structure):
             return Block("placement", tuple(names), sd=sd)
         places = np.arange(6 * self._first, len(names)).reshape(-1, 2, 3)
         within = self.others[0].within if self.others else PRIOR.wider
-        shift = Hyper("placement.shift", SHIFT, within, indices=places[:, 0].ravel())
-        turn = Hyper("placement.turn", TURN, within, indices=places[:, 1].ravel())
+        shift = Hyper(
+            "placement.shift", SHIFT, within, indices=places[:, 0].ravel()
+        )
+        turn = Hyper(
+            "placement.turn", TURN, within, indices=places[:, 1].ravel()
+        )
         return Block("placement", tuple(names), scales=(shift, turn))
 
     def _offset(self) -> Block:
@@ -171,12 +178,16 @@ class SpatialStructure(Structure):
                 labels.append((names[joint], name, "rad"))
             scale = Hyper(block, PRIOR.elastic, pseudo=1.0)
             yield Block(block, tuple(labels), scales=(scale,))
-        tilts = tuple((None, f"gravity.{'xyz'[axis]}", "rad") for axis in self._across)
+        tilts = tuple(
+            (None, f"gravity.{'xyz'[axis]}", "rad") for axis in self._across
+        )
         yield Block("gravity", tilts, sd=PRIOR.tilt)
 
     def _coupling(self) -> Block:
         """How much each joint moves with the motor of the one before it."""
-        names = tuple((name, f"{name}.coupling", "1") for name in self.joint_names[1:])
+        names = tuple(
+            (name, f"{name}.coupling", "1") for name in self.joint_names[1:]
+        )
         turning = np.asarray(self.revolute)
         both = np.flatnonzero(turning[1:] & turning[:-1])
         scale = Hyper("coupling", PRIOR.coupling, pseudo=1.0, indices=both)
@@ -199,7 +210,9 @@ class SpatialStructure(Structure):
         units = Loads.of_unit_weights(self.chain).scaled(1.0 / self._reach)
         if not self.weighed:
             return {"elastic": units}
-        stretched = np.linalg.norm(self.chain.centres - self.chain.points[0], axis=1)
+        stretched = np.linalg.norm(
+            self.chain.centres - self.chain.points[0], axis=1
+        )
         # [kg m], on the first joint
         largest = max(float(self.chain.masses @ stretched), 1e-12)
         masses = Loads.of_masses(self.chain).scaled(1.0 / largest)
@@ -257,7 +270,10 @@ class SpatialStructure(Structure):
         yield self.groups["tool"], lambda: (_axes(motion.flange), 0.0)
         if "marker" in self.groups:
             yield self.groups["marker"], lambda: (_axes(motion.flange), 0.0)
-        yield self.groups["tool.rotation"], lambda: (still, _axes(motion.rotation))
+        yield (
+            self.groups["tool.rotation"],
+            lambda: (still, _axes(motion.rotation)),
+        )
         yield self.shifts, lambda: (_axes(motion.frames[:-1]), 0.0)
         yield self.turns, motion.turns
 

@@ -44,7 +44,9 @@ class Start:
         return Start(self.structure, *fit.settle(steps))
 
 
-def best_starts(structure: Structure, rows: Rows, free: tuple[str, ...]) -> list[Start]:
+def best_starts(
+    structure: Structure, rows: Rows, free: tuple[str, ...]
+) -> list[Start]:
     """Return the best start, and a rival that explains the rows nearly as well by another arm.
 
     Rows along a path can be explained by two arms, of which joint curves may prefer the wrong
@@ -60,7 +62,8 @@ def best_starts(structure: Structure, rows: Rows, free: tuple[str, ...]) -> list
         return runs
     for steps in START.run_steps:
         runs = [
-            run.run(some.q, some.z, run.structure.prior(free), steps) for run in runs
+            run.run(some.q, some.z, run.structure.prior(free), steps)
+            for run in runs
         ]
         runs = sorted(runs, key=lambda run: run.cost)[: START.runs]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
@@ -72,10 +75,16 @@ def best_starts(structure: Structure, rows: Rows, free: tuple[str, ...]) -> list
     probes = lower + shares * span
     there = best.structure.predict(probes, best.beta)
     for run in runs:
-        apart = best.structure.residual(there, run.structure.predict(probes, run.beta))
+        apart = best.structure.residual(
+            there, run.structure.predict(probes, run.beta)
+        )
         share = float(np.abs(apart / best.structure.extents).max())
         is_other = share > max(START.apart, 20 * best.noise)
-        if is_other and run.noise <= START.rival * best.noise and np.isfinite(run.cost):
+        if (
+            is_other
+            and run.noise <= START.rival * best.noise
+            and np.isfinite(run.cost)
+        ):
             return [best, run]
     return [best]
 
@@ -97,7 +106,9 @@ def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
     return replace(start, structure=structure, beta=beta)
 
 
-def _placed_in_space(structure: SpatialStructure, rows: Rows, beta: Array) -> Array:
+def _placed_in_space(
+    structure: SpatialStructure, rows: Rows, beta: Array
+) -> Array:
     """Return parameters (d,) with those of the sensor that fit its rows; the arm's stay."""
     groups = structure.groups
     alone = frame(structure, rows.q, rows.z, arm=beta)
@@ -119,21 +130,27 @@ def candidates(structure: Structure, rows: Rows) -> list[Start]:
         return [Start(*start) for start in planar_starts(structure, q, z)]
     assert isinstance(structure, SpatialStructure)  # noqa: S101
     least = (
-        structure.viewpoint.seen_as.least if structure.informed else START.least_rows
+        structure.viewpoint.seen_as.least
+        if structure.informed
+        else START.least_rows
     )
     if len(q) < least:
         raise LogError(
             f"{len(q)} rows cannot place a spatial arm in its sensor's frame: expected {least} or "
             "more, of poses that differ in every joint"
         )
-    if float(np.ptp(z, axis=0).max()) <= 1e-9 * max(float(np.abs(z).max()), 1e-12):
+    if float(np.ptp(z, axis=0).max()) <= 1e-9 * max(
+        float(np.abs(z).max()), 1e-12
+    ):
         raise LogError(
             "the positions are the same in every row: the sensor saw no motion"
         )
     if not structure.informed:
         some = thinned(len(q), START.chain_rows)
         share = (
-            0.0 if rows.noise is None else float(np.max(rows.noise)) / structure.extent
+            0.0
+            if rows.noise is None
+            else float(np.max(rows.noise)) / structure.extent
         )
         return _chains(structure, q[some], z[some], share)
     beta = frame(structure, q, z)
@@ -157,7 +174,9 @@ def frame(
     groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
     some = thinned(len(q), START.guessed_rows)
-    guesses = _guesses(structure, q, z, structure.neutral() if arm is None else arm)
+    guesses = _guesses(
+        structure, q, z, structure.neutral() if arm is None else arm
+    )
     runs = [
         Start(structure, guess).run(
             q[some], z[some], Prior(guess, sd), START.guess_steps
@@ -185,7 +204,9 @@ def _refuse_misfit(
     """Refuse rows that the nominal arm does not explain; the log's reader says why."""
     misfit = structure.residual(z, structure.predict(q, beta))
     off = float(np.median(np.linalg.norm(misfit[:, :3], axis=1)))
-    size = float(np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max())
+    size = float(
+        np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max()
+    )
     most = START.other_arm
     what = "positions"
     if structure.camera:
@@ -222,7 +243,9 @@ def _guesses(
         return
     nothing = np.zeros(3)
     if structure.based:
-        yield _with_frame(structure, beta, points, rotations, z, nothing, np.eye(3))
+        yield _with_frame(
+            structure, beta, points, rotations, z, nothing, np.eye(3)
+        )
         return
     aside = START.tool * structure.chain.reach
     for tool in (nothing, *(aside * np.eye(3)), *(-aside * np.eye(3))):
@@ -260,7 +283,9 @@ def _with_frame(
     if structure.outputs == 6:
         # A' X' Z of every row, averaged and made a rotation again
         turns = np.swapaxes(turn @ rotations, 1, 2) @ exponential(z[:, 3:])
-        guess[groups["tool.rotation"]] = logarithm(nearest_rotation(turns.sum(axis=0)))
+        guess[groups["tool.rotation"]] = logarithm(
+            nearest_rotation(turns.sum(axis=0))
+        )
     return guess
 
 
@@ -288,7 +313,9 @@ def _cameras(
     centred = points - middle
     ridge = 1e-6 * np.trace(centred.T @ centred) * np.eye(3)
     seen = z.mean(axis=0)
-    affine = np.linalg.solve(centred.T @ centred + ridge, centred.T @ (z - seen)).T
+    affine = np.linalg.solve(
+        centred.T @ centred + ridge, centred.T @ (z - seen)
+    ).T
     # the rotation nearest to the affine camera's two rows; its third axis looks ahead
     u, s, vt = np.linalg.svd(affine, full_matrices=False)
     two = u @ vt

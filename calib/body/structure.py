@@ -53,7 +53,9 @@ class Fixed(NamedTuple):
     curves: Array  # (k, 96) [rad]
     # (dof - 1, 1), None where no joint moves with its neighbour's motor
     coupling: Array | None
-    elastic: Mapping[str, Array]  # (e,) of each block by which joints bend, if they do
+    elastic: Mapping[
+        str, Array
+    ]  # (e,) of each block by which joints bend, if they do
     gravity: Array  # (g,), what a load is of its levers
     links: Any  # of the chain
     blocks: Mapping[str, Array]  # all parameters
@@ -118,7 +120,9 @@ class Structure(Layout):
         fixed = self.fixed(beta)
         out = np.zeros((len(self.chain_names), len(q)))
         for block, elastic in fixed.elastic.items():
-            bends = elastic[:, None] * loads_of(self._levers(block, q), fixed.gravity)
+            bends = elastic[:, None] * loads_of(
+                self._levers(block, q), fixed.gravity
+            )
             joints = self.loads[block].joints.tolist()
             for joint, bend in zip(joints, bends, strict=True):
                 out[joint] += bend
@@ -128,7 +132,11 @@ class Structure(Layout):
         """What follows from parameters (d,) alone, remembered: a body's are read-only."""
         key = None if beta.flags.writeable else id(beta)
         last, fixed = self._fixed.get(key, (None, None))
-        same = last is beta if key else last is not None and np.array_equal(last, beta)
+        same = (
+            last is beta
+            if key
+            else last is not None and np.array_equal(last, beta)
+        )
         if fixed is None or not same:
             if len(self._fixed) > _BELIEFS:
                 self._fixed.clear()
@@ -150,13 +158,17 @@ class Structure(Layout):
         """What is pickled: not what is remembered."""
         forgotten = ("_fixed", "_last_levers")
         return {
-            name: value for name, value in vars(self).items() if name not in forgotten
+            name: value
+            for name, value in vars(self).items()
+            if name not in forgotten
         }
 
     def _fixed_at(self, beta: Array) -> Fixed:
         blocks = {name: beta[indices] for name, indices in self.groups.items()}
         bent = [k for k in range(self.dof) if blocks[f"curve.{k}"].any()]
-        curves = np.reshape([blocks[f"curve.{k}"] for k in bent], (-1, 2 * HARMONICS))
+        curves = np.reshape(
+            [blocks[f"curve.{k}"] for k in bent], (-1, 2 * HARMONICS)
+        )
         gain = blocks["gain"] * self.directions
         coupling = blocks.get("coupling", np.zeros(0))
         return Fixed(
@@ -165,7 +177,9 @@ class Structure(Layout):
             bent=bent,
             curves=curves,
             coupling=coupling[:, None] if coupling.any() else None,
-            elastic={name: blocks[name] for name in self.loads if blocks[name].any()},
+            elastic={
+                name: blocks[name] for name in self.loads if blocks[name].any()
+            },
             gravity=self.gravity_at(beta),
             links=self.links(beta),
             blocks=blocks,
@@ -246,7 +260,9 @@ class Structure(Layout):
             wanted = columns_out >= 0
             if wanted.any():
                 moved = columns().reshape(len(columns_out), outputs, n)
-                out[:, :, columns_out[wanted]] = moved[wanted].transpose(2, 1, 0)
+                out[:, :, columns_out[wanted]] = moved[wanted].transpose(
+                    2, 1, 0
+                )
         return sight.values, out
 
     def _columns(
@@ -263,16 +279,24 @@ class Structure(Layout):
 
         def by_loads(block: str) -> Array:
             loads = loads_of(self._levers(block, q), fixed.gravity)
-            return np.asarray(chained[self.loads[block].joints] * loads[:, None])
+            return np.asarray(
+                chained[self.loads[block].joints] * loads[:, None]
+            )
 
         for block in self.loads:
             yield groups[block], partial(by_loads, block)
         for block, ways in self.tilts.items():
-            yield groups[block], partial(self._by_gravity, q, fixed, chained, ways)
+            yield (
+                groups[block],
+                partial(self._by_gravity, q, fixed, chained, ways),
+            )
         if "coupling" in groups:
             yield groups["coupling"], lambda: led[1:] * joints.T[:-1, None]
         yield groups["offset"], lambda: led
-        yield groups["gain"], lambda: led * (joints * self.directions).T[:, None]
+        yield (
+            groups["gain"],
+            lambda: led * (joints * self.directions).T[:, None],
+        )
         for indices, moved in self.moving(motion):
             yield indices, partial(_pushed, sight, moved)
         for k in range(self.dof):
@@ -281,7 +305,9 @@ class Structure(Layout):
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
         motion, sight = self.seen(q, beta)
-        return sight.values, self.by_joints(q, beta, sight.push(*motion.joints()))
+        return sight.values, self.by_joints(
+            q, beta, sight.push(*motion.joints())
+        )
 
     def by_joints(self, q: Array, beta: Array, chained: Array) -> Array:
         """Derivative (n, m, dof) by the logged joints, of outputs (c, m, n) by the chain's."""
@@ -297,11 +323,15 @@ class Structure(Layout):
             moved[:-1] += led[1:] * fixed.coupling[:, None]
         for block, elastic in fixed.elastic.items():
             loads = self.loads[block]
-            slopes = elastic[:, None, None] * loads.slopes(joints, fixed.gravity)
+            slopes = elastic[:, None, None] * loads.slopes(
+                joints, fixed.gravity
+            )
             moved += np.einsum("emn,ekn->kmn", chained[loads.joints], slopes)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))
 
-    def _by_gravity(self, q: Array, fixed: Fixed, chained: Array, ways: Array) -> Array:
+    def _by_gravity(
+        self, q: Array, fixed: Fixed, chained: Array, ways: Array
+    ) -> Array:
         """How outputs move (t, m, n) as gravity moves along `ways` (t, g)."""
         moved = np.zeros((len(ways), *chained.shape[1:]))
         for block, elastic in fixed.elastic.items():

@@ -43,7 +43,9 @@ class Touch(Measurement):
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
         """The sockets."""
-        names = [f"point.{k}.{axis}" for k in range(self.count) for axis in "xyz"]
+        names = [
+            f"point.{k}.{axis}" for k in range(self.count) for axis in "xyz"
+        ]
         return (Block.of("point", "m", names, FREE * arm.reach),)
 
     def look(self, scene: Scene) -> _Misses:
@@ -95,7 +97,9 @@ class _Misses:
 
     def columns(self) -> Columns:
         """The derivative by the sockets."""
-        by_points = self.slope.reshape(*self.values.shape, -1).transpose(2, 1, 0)
+        by_points = self.slope.reshape(*self.values.shape, -1).transpose(
+            2, 1, 0
+        )
         yield "point", lambda: by_points
 
 
@@ -109,15 +113,23 @@ def touching(
     touched = point >= 0
     # origins are not far off where nothing tells how large the arm is
     sized = not touched.all() or any(fact.value is not None for fact in known)
-    touch = Touch(int(point.max()) + 1, within=(FINER[0], 5.0 if sized else 1.0))
+    touch = Touch(
+        int(point.max()) + 1, within=(FINER[0], 5.0 if sized else 1.0)
+    )
     number = point[touched].astype(float)
     rows = [
-        Rows(np.column_stack([q[touched], number]), np.zeros((len(number), 3)), touch)
+        Rows(
+            np.column_stack([q[touched], number]),
+            np.zeros((len(number), 3)),
+            touch,
+        )
     ]
     if not touched.all():
         rows.append(Rows(q[~touched], x[~touched]))
     if known:
-        count = sum(1 if fact.value is not None else len(fact.points) for fact in known)
+        count = sum(
+            1 if fact.value is not None else len(fact.points) for fact in known
+        )
         still = np.zeros((count, q.shape[1] + 1))
         still[:, -1] = np.arange(count)
         rows.append(Rows(still, np.zeros((count, 1)), Stated(tuple(known))))
@@ -196,7 +208,9 @@ def _scattered(residual: Array, point: NDArray[np.intp]) -> Array:
 def restated(body: Body, structure: SpatialStructure) -> Body:
     """Return the belief in another structure of the same arm, without what that does not have."""
     place = {label.name: k for k, label in enumerate(structure.labels)}
-    to = np.array([place.get(label.name, -1) for label in body.structure.labels])
+    to = np.array(
+        [place.get(label.name, -1) for label in body.structure.labels]
+    )
 
     def carried(belief: Gaussian) -> dict[str, Array | Indices]:
         beta = structure.neutral()

@@ -42,7 +42,8 @@ class ViewKind:
     groups: tuple[str, ...] = ()  # groups of parameters that every member fits
     # 2 positions in a plane or pixels, 3 positions in space, 6 of a pose
     outputs: int = 2
-    least: int = 2  # fewest rows that place the sensor in front of an arm in space
+    # fewest rows that place the sensor in front of an arm in space
+    least: int = 2
 
     @property
     def scaled(self) -> bool:
@@ -123,11 +124,13 @@ class Measurement:
     curves: bool = True  # whether its rows may tell error curves of joints
     # times the drawing's doubt that joint origins may be off
     within: tuple[float, float] = PRIOR.wider
-    floating: bool = False  # whether it tells nothing of where the arm's base stands
+    # whether it tells nothing of where the arm's base stands
+    floating: bool = False
     noise: float | None = None  # sd of its outputs; None: the rows tell it
     # blocks that every member of the gate fits beside the view's own
     free: tuple[str, ...] = ()
-    tool: Hyper | None = None  # what is known of the tool where there is a drawing
+    # what is known of the tool where there is a drawing
+    tool: Hyper | None = None
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:  # noqa: ARG002
         """Return the sensor's own parameters."""
@@ -154,8 +157,11 @@ class Placed:
     """A sensor: ``w = matrix (p, 1)`` of a point p; read as it is, or through a lens."""
 
     matrix: Array  # (w, d + 1), d coordinates of points
-    lens: Array | None = None  # (4,), focal length, centre and k1 of what reads pixels
-    by: Mapping[str, Callable[[], By]] = field(default_factory=dict)  # its own blocks
+    # (4,), focal length, centre and k1 of what reads pixels
+    lens: Array | None = None
+    by: Mapping[str, Callable[[], By]] = field(
+        default_factory=dict
+    )  # its own blocks
     posed: bool = False  # whether it reads orientations too
     rotation: Array = field(default_factory=lambda: np.eye(3))
     scale: float = 1.0
@@ -175,7 +181,9 @@ class Placed:
             return View(picture.values, self, position, picture)
         if not self.posed:
             return View(np.ascontiguousarray(w.T), self, position)
-        turn = logarithm(self.rotation @ np.moveaxis(np.asarray(rotation), 2, 0))
+        turn = logarithm(
+            self.rotation @ np.moveaxis(np.asarray(rotation), 2, 0)
+        )
         return View(np.concatenate([w.T, turn], axis=1), self, position)
 
 
@@ -212,7 +220,9 @@ class View:
         turned = 0.0 if by.turn is None else by.turn[..., None]
         columns = view._seen(moved, turned)
         if by.lens is not None and view.picture is not None:
-            columns = columns + np.tensordot(by.lens, view.picture.refocused(), axes=1)
+            columns = columns + np.tensordot(
+                by.lens, view.picture.refocused(), axes=1
+            )
         return columns
 
     def _seen(self, moved: Array, turned: Array | float) -> Array:

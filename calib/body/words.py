@@ -74,7 +74,9 @@ def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
             verb = "origin moved" if unit == "m" else "turned"
             text = f"{verb} {_interval(size, width, unit)}"
         words[joint].append(text)
-    directions = dict(zip(structure.joint_names, structure.directions, strict=True))
+    directions = dict(
+        zip(structure.joint_names, structure.directions, strict=True)
+    )
     for joint in dict.fromkeys(joint for joint, _, _ in kinds):
         if directions.get(joint, 1) < 0:
             words[joint].append("turns against its log")
@@ -87,11 +89,15 @@ def _of_gravity(
     structure: Structure, beta: Array, half: Array, postures: Array
 ) -> Iterator[str]:
     """How far loads bend the joints at most, and where gravity points, if the drawing errs."""
-    fitted = [index for block in structure.loads for index in structure.groups[block]]
+    fitted = [
+        index for block in structure.loads for index in structure.groups[block]
+    ]
     if not half[fitted].any():
         return
     largest = np.abs(structure.bends(postures, beta)).max(axis=1)
-    for joint, bend in zip(structure.chain_names, largest.tolist(), strict=True):
+    for joint, bend in zip(
+        structure.chain_names, largest.tolist(), strict=True
+    ):
         if bend >= LEAST_BEND:
             yield f"{joint}: bends by up to {1e3 * bend:.2f} mrad under load"
     angles = structure.groups.get("gravity", np.zeros(0, dtype=np.intp))
@@ -125,11 +131,16 @@ def _digits(width: float) -> int:
 
 def _of_sensor(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
     """What is at the tip, and the lens; `SensorPose` says where a sensor in space stands."""
-    for group, place in (("tool", "the tip"), ("marker", "the first sensor's marker")):
+    for group, place in (
+        ("tool", "the tip"),
+        ("marker", "the first sensor's marker"),
+    ):
         index = structure.groups.get(group)
         if index is not None and half[index].any():
             # a value that rounds to zero has no sign
-            shift = ", ".join(f"{round(1e3 * v, 1) + 0.0:.1f}" for v in beta[index])
+            shift = ", ".join(
+                f"{round(1e3 * v, 1) + 0.0:.1f}" for v in beta[index]
+            )
             width = 1e3 * float(np.sqrt((half[index] ** 2).mean()))
             yield f"{group} ({shift}) ± {width:.2f} mm from {place}"
     lens = structure.groups["lens"]
@@ -138,5 +149,7 @@ def _of_sensor(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
         for k in lens:
             label = structure.labels[k]
             name = label.name.rpartition("lens.")[2]
-            words.append(f"{name} {_interval(float(beta[k]), half[k], label.unit)}")
+            words.append(
+                f"{name} {_interval(float(beta[k]), half[k], label.unit)}"
+            )
         yield f"lens: {', '.join(words)}"

@@ -23,7 +23,12 @@ from ..model.prediction import predict
 from ..samples.samples import Samples
 from ..stream.follow import BLOCK, HORIZON, OnlineAdapter
 from ..training.learn import Progress
-from ..training.residuals import ErrorTable, error_sizes, evaluate_residuals, summarise
+from ..training.residuals import (
+    ErrorTable,
+    error_sizes,
+    evaluate_residuals,
+    summarise,
+)
 from .causes import FRAME, GROUPS, Cause
 from .evidence import Evidence
 from .judge import Verdict, judge, plain_numbers
@@ -38,7 +43,8 @@ _CONSISTENT = 1.2
 # Of the error before: a model that misses rows by less is written although the linear equations
 # promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
 _CLEARLY_BETTER = 0.01
-_WIDE = 0.5  # least spread of rows in any direction, over that of the learned range
+# least spread of rows in any direction, over that of the learned range
+_WIDE = 0.5
 _CELLS = 5  # along each joint, for the share of the range that a log measured
 _BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
 _EVALUATED = 500  # rows that the readouts are evaluated on
@@ -96,13 +102,15 @@ class Adaptation:
 
     def __repr__(self) -> str:
         """Say in two lines whether it helped, and what was corrected."""
-        verdict = "improved" if self.improved else "not improved, the old model stays"
-        head = f"Adaptation: {verdict}, {self.samples} samples, {self.correction}"
+        verdict = (
+            "improved" if self.improved else "not improved, the old model stays"
+        )
+        head = (
+            f"Adaptation: {verdict}, {self.samples} samples, {self.correction}"
+        )
         before = self.before["mean"]
         after = self.after["mean"]
-        return (
-            f"{head}\n  mean error {before:.3g} -> {after:.3g} {self.model.about.unit}"
-        )
+        return f"{head}\n  mean error {before:.3g} -> {after:.3g} {self.model.about.unit}"
 
 
 def adapt(
@@ -196,7 +204,9 @@ def _few_shot(
     ] = []  # what nobody may miss: another unit, a mirror, a joint that turns round
     if evidence.explained:
         loud = [cause.words for cause in evidence.reference.causes]
-    old = _old_model(verdict, before, after, _correction(evidence, learned), *loud)
+    old = _old_model(
+        verdict, before, after, _correction(evidence, learned), *loud
+    )
     if evidence.attributed:
         old = replace(old, kept=_kept(evidence, learned.explanation.groups))
     if not learned.improved and not evidence.explained:
@@ -237,7 +247,9 @@ def _few_shot(
         frame = frame_between(evidence, learned.body.beta)
     report(1.0, "done", made.after["mean"])
     judged = rows.logged[learned.rows]
-    return _finished(verdict, made, fresh, judged, learned.residual, "few-shot", frame)
+    return _finished(
+        verdict, made, fresh, judged, learned.residual, "few-shot", frame
+    )
 
 
 def _noted(adaptation: Adaptation, note: str) -> Adaptation:
@@ -262,12 +274,16 @@ def _correction(evidence: Evidence, learned: Update) -> str:
 def _kept(evidence: Evidence, changed: tuple[str, ...]) -> tuple[str, ...]:
     """What an adaptation leaves as it was, in words."""
     structure = evidence.reference.structure
-    groups = {name for name, indices in structure.groups.items() if len(indices)}
+    groups = {
+        name for name, indices in structure.groups.items() if len(indices)
+    }
     groups -= {*changed}
     if structure.outputs >= 3:  # a tracker has no lens
         groups.discard("lens")
     return tuple(
-        group.kept for name, group in GROUPS.items() if name in groups and group.kept
+        group.kept
+        for name, group in GROUPS.items()
+        if name in groups and group.kept
     )
 
 
@@ -296,7 +312,9 @@ def _old_model(
         before=error_sizes(before),
         after=error_sizes(after),
         correction=correction,
-        changed=tuple(cause for cause in verdict.causes if cause.group != "noise"),
+        changed=tuple(
+            cause for cause in verdict.causes if cause.group != "noise"
+        ),
         kept=("the arm and the sensor",),
         coverage=_coverage(rows.u),
         notes=(*rows.notes, *notes, *verdict.notes[len(rows.notes) :]),
@@ -326,10 +344,16 @@ def _wider(verdict: Verdict, old: Adaptation, fresh: Model) -> Adaptation:
     model = rows.model
     missed = rows.missed[verdict.sound]
     u = np.clip(model.motor.units, 0.0, 1.0)
-    apart = np.linalg.norm(fresh.predictor.value(u) - model.predictor.value(u), axis=1)
-    apart = np.maximum(apart + fresh.model_bounds, float(np.quantile(missed, 0.95)))
+    apart = np.linalg.norm(
+        fresh.predictor.value(u) - model.predictor.value(u), axis=1
+    )
+    apart = np.maximum(
+        apart + fresh.model_bounds, float(np.quantile(missed, 0.95))
+    )
     # bounds at more than three joints are the body's own
-    size = float(np.median(apart)) / float(radius_95(np.eye(rows.x.shape[1])[None])[0])
+    size = float(np.median(apart)) / float(
+        radius_95(np.eye(rows.x.shape[1])[None])[0]
+    )
     wider = replace(
         model,
         body=replace(rows.body, residual=np.maximum(rows.body.residual, size)),
@@ -337,7 +361,9 @@ def _wider(verdict: Verdict, old: Adaptation, fresh: Model) -> Adaptation:
         model_bounds=np.maximum(model.model_bounds, apart),
     )
     mean = _shown(float(missed.mean()), rows.unit)
-    bound = _shown(float(np.nanmedian(wider.model_error(rows.logged))), rows.unit)
+    bound = _shown(
+        float(np.nanmedian(wider.model_error(rows.logged))), rows.unit
+    )
     words = (
         f"the rows are missed by {mean} on average but do not show why: the prediction stays, "
         f"known to {bound} only"
@@ -397,7 +423,9 @@ def _finished(
     rows = verdict.rows
     about = rows.model.about
     after = np.linalg.norm(residual, axis=1)
-    covered = np.mean(after <= np.nan_to_num(fresh.expected_error(held)) + 1e-12)
+    covered = np.mean(
+        after <= np.nan_to_num(fresh.expected_error(held)) + 1e-12
+    )
     event = {
         "event": "adapted",
         "method": method,
@@ -424,18 +452,25 @@ def _finished(
         notes=made.notes,
         tested=len(after),
         left_out=made.left_out,
-        within={"p95": float(np.quantile(after, 0.95)), "covered": float(covered)},
+        within={
+            "p95": float(np.quantile(after, 0.95)),
+            "covered": float(covered),
+        },
     )
     points = np.random.default_rng(0).random((_BASELINE, rows.q.shape[1]))
     baseline = learn_baseline(
         fresh.association, points, fresh.predictor.value(points), after
     )
-    kept_rows = MeasuredRows.of(rows.logged[verdict.sound], rows.x[verdict.sound])
+    kept_rows = MeasuredRows.of(
+        rows.logged[verdict.sound], rows.x[verdict.sound]
+    )
     if len(residual) == len(kept_rows):  # of all rows that are kept
         kept_rows = replace(kept_rows, held_out=residual)
     if fresh.body is None:  # maps that followed these rows know no others
         scale = fresh.motor.scale
-        baseline = replace(baseline, seen=Seen.of(scale, scale.to_unit(kept_rows.q)))
+        baseline = replace(
+            baseline, seen=Seen.of(scale, scale.to_unit(kept_rows.q))
+        )
     # a camera that was moved sees another picture
     photo = rows.model.photo if method == "few-shot" and frame is None else None
     model = replace(
@@ -452,14 +487,18 @@ def _finished(
 def _usual_error(model: Model) -> float | None:
     """Mean error of the default readout [unit], where it was measured."""
     errors = model.about.errors.get(model.default_readout)
-    return None if errors is None else float(errors["forward"]["distance"]["mean"])
+    return (
+        None if errors is None else float(errors["forward"]["distance"]["mean"])
+    )
 
 
 def _errors(fresh: Model, rows: LogRows, residual: Array) -> ErrorTable:
     """Errors of all readouts; held-out residuals (k, m) tell those of the default one."""
     readout = fresh.default_readout
     some = thinned(len(rows), _EVALUATED)
-    errors = summarise(evaluate_residuals(fresh, rows.q[some], rows.x[some], None))
+    errors = summarise(
+        evaluate_residuals(fresh, rows.q[some], rows.x[some], None)
+    )
     if readout != "body":
         errors.pop("body", None)
     forward = errors[readout]["forward"]

@@ -36,7 +36,8 @@ class Cause:
     cause: str
     group: str  # group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``,
     words: str  # the same in words
-    value: float | None = None  # size of the change, None where no number tells it
+    # size of the change, None where no number tells it
+    value: float | None = None
     interval: tuple[float, float] | None = None  # 95 % interval of the value
     unit: str = ""  # unit of the value
 
@@ -45,12 +46,15 @@ class Cause:
         name: str, group: str, words: str, value: float, half: float, unit: str
     ) -> Cause:
         """A cause with half the width of its 95 % interval."""
-        return Cause(name, group, words, value, (value - half, value + half), unit)
+        return Cause(
+            name, group, words, value, (value - half, value + half), unit
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
         return {
-            k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()
+            k: list(v) if isinstance(v, tuple) else v
+            for k, v in asdict(self).items()
         }
 
 
@@ -60,7 +64,8 @@ class Group(NamedTuple):
     freed: float  # of one that has changed
     creep: float = 0.0  # between two logs of an arm that has not
     built: float = 0.0  # of an arm as it was built, from its drawing
-    kept: str = ""  # of what an adaptation leaves as it was; "" where that is not told
+    # of what an adaptation leaves as it was; "" where that is not told
+    kept: str = ""
     changed: str = "{name} changed by {value:+.3g} ± {half:.2g} {unit}"
     whole: bool = False  # whether all of its parameters are one cause
 
@@ -82,7 +87,9 @@ GROUPS = {
         0.1, changed="the sensor's axes are stretched or sheared", whole=True
     ),
     # over the chain's length
-    "view.tilt": Group(0.3, 0, 0, "the camera's tilt", "the camera is tilted", True),
+    "view.tilt": Group(
+        0.3, 0, 0, "the camera's tilt", "the camera is tilted", True
+    ),
     "lens": Group(
         0.2, 0, 0, "the lens", "the sensor's frame is bent, as by a lens", True
     ),
@@ -135,7 +142,9 @@ GROUPS = {
     ),
 }
 
-_NEVER = Group(0.0)  # of a group that is as it was, such as the coupling of joints
+_NEVER = Group(
+    0.0
+)  # of a group that is as it was, such as the coupling of joints
 
 TESTED = ("offset", "length", "gain", "placement", "tool", "elastic", "payload")
 """Groups that are tested joint by joint."""
@@ -171,7 +180,10 @@ def check_cause(cause: str | None) -> None:
     if cause is not None and cause not in CAUSES:
         hint = f"choose one of {', '.join(CAUSES)}"
         raise OptionError(
-            f"cause {cause!r} is unknown", hint=hint, parameter="cause", value=cause
+            f"cause {cause!r} is unknown",
+            hint=hint,
+            parameter="cause",
+            value=cause,
         )
 
 
@@ -184,7 +196,9 @@ def check_free(free: str) -> None:
         )
 
 
-def single_causes(structure: Structure, cause: str | None = None) -> dict[str, Indices]:
+def single_causes(
+    structure: Structure, cause: str | None = None
+) -> dict[str, Indices]:
     """Return the parameters of each cause that may stand alone.
 
     cause : {"sensor", "joints", "offsets"}, if it is known that only these may have changed;
@@ -214,11 +228,15 @@ def single_causes(structure: Structure, cause: str | None = None) -> dict[str, I
                     else structure.labels[index].joint
                 )
                 name = f"{group}:{joint}" if joint else group
-                causes[name] = np.append(causes.get(name, np.zeros(0, np.intp)), index)
+                causes[name] = np.append(
+                    causes.get(name, np.zeros(0, np.intp)), index
+                )
     return causes
 
 
-def rich_sets(structure: Structure, cause: str | None = None) -> dict[str, Indices]:
+def rich_sets(
+    structure: Structure, cause: str | None = None
+) -> dict[str, Indices]:
     """Return the parameters of causes that may have changed together.
 
     cause : as of `single_causes`
@@ -252,7 +270,11 @@ def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
         (
             name,
             np.array(
-                [k for k in structure.groups[name] if joint in ("", labels[k].joint)],
+                [
+                    k
+                    for k in structure.groups[name]
+                    if joint in ("", labels[k].joint)
+                ],
                 int,
             ),
         )
@@ -279,7 +301,9 @@ def freedom(
     """
     sd = _deviations(body, groups, "freed", BUILT_CURVE, cause=cause)
     if FRAME[1] in groups and forgotten is not None:
-        sd[np.intersect1d(indices_of(body.structure, FRAME), forgotten)] *= ANYWHERE
+        sd[np.intersect1d(indices_of(body.structure, FRAME), forgotten)] *= (
+            ANYWHERE
+        )
     return sd
 
 
@@ -300,18 +324,23 @@ def as_built(body: Body) -> Body:
     """The belief that a changed arm starts from: of a simulation, that of an arm as it is built."""
     structure: Any = body.structure
     body = replace(
-        body, tau=np.maximum(body.tau, LOG_FLOOR * np.asarray(structure.extents))
+        body,
+        tau=np.maximum(body.tau, LOG_FLOOR * np.asarray(structure.extents)),
     )
     if not body.simulated:
         return body
     sd = _deviations(body, _arms(body), "built", BUILT_CURVE, 1.0)
-    if structure.kind == "spatial":  # the first origin's place is the frame's own
+    if (
+        structure.kind == "spatial"
+    ):  # the first origin's place is the frame's own
         sd[np.concatenate([structure.shifts[0], structure.turns[0]])] = 0.0
     # What the samples left open stays correlated: along the gauge of a chain without a drawing,
     # deviations alone, of radians, would say that nothing was learned.
     active = np.union1d(np.flatnonzero(sd), body.active)
     covariance = np.diag(sd[active] ** 2)
-    covariance[np.ix_(*2 * (np.searchsorted(active, body.active),))] += body.covariance
+    covariance[np.ix_(*2 * (np.searchsorted(active, body.active),))] += (
+        body.covariance
+    )
     return replace(body, active=active, root=root_of(covariance), second=None)
 
 
@@ -319,7 +348,11 @@ def as_drawn(body: Body) -> Body:
     """The belief that all but the joints' zeros and the sensor's frame is as the model has it."""
     body = as_built(body)
     structure = body.structure
-    own = [name for name in structure.groups if name == "offset" or is_sensors(name)]
+    own = [
+        name
+        for name in structure.groups
+        if name == "offset" or is_sensors(name)
+    ]
     open_ = np.flatnonzero(np.isin(body.active, indices_of(structure, own)))
     root = root_of(body.covariance[np.ix_(open_, open_)])
     return replace(body, active=body.active[open_], root=root, second=None)
@@ -345,7 +378,9 @@ def _deviations(
     structure: Any = body.structure
     sd = np.zeros(structure.size)
     extent = float(structure.extents[0])
-    offset, lengths = (indices_of(structure, (g,)) for g in ("offset", "length"))
+    offset, lengths = (
+        indices_of(structure, (g,)) for g in ("offset", "length")
+    )
     links = np.abs(body.beta[lengths]) if len(lengths) else np.ones(1)
     # what is tilted is the chain, in its own unit: a log may be in another
     chain = float(links.sum()) if links.any() and len(lengths) else extent
@@ -354,7 +389,9 @@ def _deviations(
         "view.tilt": 1.0 / chain,
         "length": metre or links.mean(),
     }
-    for name, ix in (part for group in groups for part in parts_of(structure, group)):
+    for name, ix in (
+        part for group in groups for part in parts_of(structure, group)
+    ):
         if name.startswith("curve"):
             sd[ix] = curve * structure.prior((name,)).sd[ix]
             continue
@@ -368,6 +405,9 @@ def _deviations(
     # what a free frame already says: the first joint's offset, the first length
     if len(offset) and offset[0] not in body.active and cause != "joints":
         sd[offset[0]] = 0.0
-    if np.isin(lengths[1:], body.active).any() and lengths[0] not in body.active:
+    if (
+        np.isin(lengths[1:], body.active).any()
+        and lengths[0] not in body.active
+    ):
         sd[lengths[0]] = 0.0
     return sd

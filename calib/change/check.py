@@ -42,7 +42,9 @@ def check(
     LogError
         If the log is not of this arm, too short, or looks wrong.
     """
-    return replace(judge(model, log, cause=cause, learn=False), tolerance=tolerance)
+    return replace(
+        judge(model, log, cause=cause, learn=False), tolerance=tolerance
+    )
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,8 @@ class ModelFit:
     index: int  # of the model in the list
     fits: bool  # whether `check` finds it still calibrated
     score: float  # that of `check`; infinite where it cannot be compared
-    distance: float  # [unit], median distance from predicted to measured position
+    # [unit], median distance from predicted to measured position
+    distance: float
 
     def to_json(self) -> dict[str, object]:
         """By name; infinite numbers are none."""
@@ -112,7 +115,9 @@ def recognise(models: Sequence[Model], log: Samples) -> Recognition:
     """
     require("models", models, Sequence)
     if not len(models):
-        raise OptionError("no models: give one or more, one for each state of the arm")
+        raise OptionError(
+            "no models: give one or more, one for each state of the arm"
+        )
     fits: list[ModelFit] = []
     why = None
     for index, model in enumerate(models):
@@ -123,8 +128,12 @@ def recognise(models: Sequence[Model], log: Samples) -> Recognition:
             fits.append(ModelFit(index, False, np.inf, np.inf))
             continue
         distance = float(np.median(verdict.rows.missed))
-        fits.append(ModelFit(index, verdict.changed is False, verdict.score, distance))
+        fits.append(
+            ModelFit(index, verdict.changed is False, verdict.score, distance)
+        )
     fits.sort(key=lambda fit: (not fit.fits, fit.distance))
     if why is not None and fits[0].distance == np.inf:
         raise why
-    return Recognition(fits[0].index if fits[0].fits else None, len(log), tuple(fits))
+    return Recognition(
+        fits[0].index if fits[0].fits else None, len(log), tuple(fits)
+    )

@@ -24,7 +24,9 @@ class Signal(NamedTuple):
     def score(self) -> float:
         """Value over threshold."""
         return (
-            self.value / self.threshold if self.threshold > 0 else float(self.value > 0)
+            self.value / self.threshold
+            if self.threshold > 0
+            else float(self.value > 0)
         )
 
 
@@ -43,16 +45,20 @@ def distortions(rows: LogRows) -> dict[str, Signal]:
     predicted = sensory.scale.to_unit(rows.predicted[some])
     nodes = sensory.units[sensory.nearest(measured)[1][:, 0]]
     nodes_predicted = sensory.units[sensory.nearest(predicted)[1][:, 0]]
-    away = search_tree(np.unique(nodes, axis=0), sensory.scale).query(nodes_predicted)[
-        0
-    ]
+    away = search_tree(np.unique(nodes, axis=0), sensory.scale).query(
+        nodes_predicted
+    )[0]
     bound = rows.bound[some]
     usual = np.where(np.isfinite(bound), bound, 0.0)
     return {
         "motor": _zeta(model.motor, rows.u[some], baseline.motor),
         "sensory": _zeta(sensory, measured, baseline.sensory),
-        "reverse": Signal(float(np.mean(np.asarray(away) ** 2)), sensory.spacing**2),
-        "links": Signal(_root_mean_square(rows.missed[some]), _root_mean_square(usual)),
+        "reverse": Signal(
+            float(np.mean(np.asarray(away) ** 2)), sensory.spacing**2
+        ),
+        "links": Signal(
+            _root_mean_square(rows.missed[some]), _root_mean_square(usual)
+        ),
     }
 
 
@@ -60,7 +66,8 @@ def _zeta(network: Map, points: Array, expected: Array) -> Signal:
     """Distortion (eq. 9) of points (n, p) in the unit box, beside the winners' own (nodes,)."""
     distance, winner = network.nearest(points)
     return Signal(
-        float(np.mean(distance[:, 0] ** 2)), float(expected[winner[:, 0]].mean())
+        float(np.mean(distance[:, 0] ** 2)),
+        float(expected[winner[:, 0]].mean()),
     )
 
 

@@ -41,14 +41,17 @@ class Evidence:
     def unit(self) -> str:
         """Unit of the positions; "sensor" where their scale shows that it is not the model's."""
         same = (
-            self.reference.scale == 1.0 or self.rows.unit != self.rows.model.about.unit
+            self.reference.scale == 1.0
+            or self.rows.unit != self.rows.model.about.unit
         )
         return self.rows.unit if same else "sensor"
 
     @cached_property
     def distance(self) -> float:
         """Typical distance of the rows from the best explanation [unit]."""
-        return float(np.median(np.linalg.norm(self.explanations[0].residual, axis=1)))
+        return float(
+            np.median(np.linalg.norm(self.explanations[0].residual, axis=1))
+        )
 
     @cached_property
     def misfit(self) -> float:
@@ -64,8 +67,9 @@ class Evidence:
             return True
         # rows that lag or whose joints are exchanged come near too, but for those at each jump
         wrong = self.rows.wrong + int(np.count_nonzero(~self.sound))
-        return self.distance < self.bound.usual < np.inf and wrong <= FEW_WRONG * len(
-            self.rows
+        return (
+            self.distance < self.bound.usual < np.inf
+            and wrong <= FEW_WRONG * len(self.rows)
         )
 
     @cached_property
@@ -75,9 +79,13 @@ class Evidence:
             return self.tool_under(self.explanations[0], framed=True)
         body = self.rows.body
         sure = np.zeros(body.structure.size)
-        return turned_tool(self.rows, body.structure, body.beta, sure, framed=False)
+        return turned_tool(
+            self.rows, body.structure, body.beta, sure, framed=False
+        )
 
-    def tool_under(self, best: Explanation, *, framed: bool = False) -> TurnedTool:
+    def tool_under(
+        self, best: Explanation, *, framed: bool = False
+    ) -> TurnedTool:
         """How the tool is turned beside an explanation, as far as that is sure."""
         return turned_tool(
             self.rows,
@@ -99,13 +107,13 @@ class Evidence:
         z = self.rows.x.copy()
         z[self.sound] = self.data.z
         lag = rows_behind(
-            lambda q: reference.structure.predict(q, reference.beta), self.rows.q, z
+            lambda q: reference.structure.predict(q, reference.beta),
+            self.rows.q,
+            z,
         )
         check = "check that joints and positions of a row belong together and are of this arm"
         if lag:
-            check = (
-                f"positions follow the joints by {lag} rows: align the clocks of both"
-            )
+            check = f"positions follow the joints by {lag} rows: align the clocks of both"
         return (
             f"nothing explains the log: its positions are {100 * self.misfit:.0f} % of their "
             f"spread away from any change of the arm or the sensor; {check}"

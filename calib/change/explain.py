@@ -66,7 +66,9 @@ class Explanation:
     def groups(self) -> tuple[str, ...]:
         """Groups of the parameters that are free."""
         labels = self.reference.structure.labels
-        return tuple(dict.fromkeys(labels[k].group for k in self.indices.tolist()))
+        return tuple(
+            dict.fromkeys(labels[k].group for k in self.indices.tolist())
+        )
 
     @property
     def unchanged(self) -> bool:
@@ -77,12 +79,16 @@ class Explanation:
     def name(self) -> str:
         """Such as "frame, length", or what it is where nothing is freed."""
         names = [
-            group.removeprefix("view.") for group in self.groups if group not in FRAME
+            group.removeprefix("view.")
+            for group in self.groups
+            if group not in FRAME
         ]
         if FRAME[0] in self.groups:
             names.insert(0, "frame")
         shape = (
-            "waves of the joints" if self.level.waves > CREEP else "a smooth residual"
+            "waves of the joints"
+            if self.level.waves > CREEP
+            else "a smooth residual"
         )
         return ", ".join(names) or shape
 
@@ -102,7 +108,9 @@ class Search:
         self._informations: dict[Level, Information] = {}
         self.temper = max(reference.body.kappa, 1.0) ** 2
         groups = tuple(
-            dict.fromkeys(structure.labels[k].group for k in system.indices.tolist())
+            dict.fromkeys(
+                structure.labels[k].group for k in system.indices.tolist()
+            )
         )
         self.sd = freedom(reference.body, groups, cause, reference.forgotten)
         self.start = np.sort(indices_of(structure, always))
@@ -112,7 +120,10 @@ class Search:
 
     def _free(self, sets: dict[str, Indices]) -> dict[str, Indices]:
         """Return the parameters of each that can be free; sets that free no more are left out."""
-        free = {name: indices[self.sd[indices] > 0.0] for name, indices in sets.items()}
+        free = {
+            name: indices[self.sd[indices] > 0.0]
+            for name, indices in sets.items()
+        }
         return {
             name: indices
             for name, indices in free.items()
@@ -128,7 +139,9 @@ class Search:
 
     def candidates(self) -> list[Candidate]:
         """Return nothing, sets that belong together, and causes added one by one."""
-        found: dict[tuple[str, ...], list[Candidate]] = {(): self._by_level((), ())}
+        found: dict[tuple[str, ...], list[Candidate]] = {
+            (): self._by_level((), ())
+        }
         for name, indices in self.sets.items():
             found[(name,)] = self._by_level((name,), (indices,))
         beam: list[tuple[str, ...]] = [()]
@@ -141,12 +154,16 @@ class Search:
                     if len(key) > len(causes) and key not in longer:
                         parts = [self.singles[cause] for cause in key]
                         longer[key] = self._by_level(key, parts)
-            beam = sorted(longer, key=lambda key: -longer[key][0].evidence)[:_BEAM]
+            beam = sorted(longer, key=lambda key: -longer[key][0].evidence)[
+                :_BEAM
+            ]
             found.update(longer)
             if not beam or longer[beam[0]][0].evidence < best + _BETTER:
                 break
             best = longer[beam[0]][0].evidence
-        every = [candidate for by_level in found.values() for candidate in by_level]
+        every = [
+            candidate for by_level in found.values() for candidate in by_level
+        ]
         return sorted(every, key=lambda candidate: -candidate.evidence)
 
     def unchanged(self) -> list[Candidate]:
@@ -166,7 +183,9 @@ class Search:
         levels: Sequence[Level] = OWN,
     ) -> list[Candidate]:
         """Return one set of causes at each level, the best first."""
-        indices = np.unique(np.concatenate([self.start, *parts])).astype(np.intp)
+        indices = np.unique(np.concatenate([self.start, *parts])).astype(
+            np.intp
+        )
         places = np.searchsorted(self.system.indices, indices)
         cost = self.cost * len(causes)
         candidates = []
@@ -190,10 +209,14 @@ class Search:
         origin = reference.beta
         full = np.zeros(structure.size)
 
-        def state(beta: Array, noise: float = 0.0) -> tuple[Array, Array, float, float]:
+        def state(
+            beta: Array, noise: float = 0.0
+        ) -> tuple[Array, Array, float, float]:
             """Residuals, also whitened, the noise where it is not given, and the cost [nats]."""
             with np.errstate(all="ignore"):
-                residual = structure.residual(log.z, structure.predict(log.q, beta))
+                residual = structure.residual(
+                    log.z, structure.predict(log.q, beta)
+                )
             y = unknown.whiten(residual)
             noise = noise or unknown.most_likely_noise(y)
             moved = (beta - origin)[free] / sd[free]
@@ -208,7 +231,8 @@ class Search:
         full[free] = candidate.step
         starts = [structure.retract(origin, full), origin]
         beta = min(
-            starts, key=lambda start: np.nan_to_num(state(start)[-1], nan=np.inf)
+            starts,
+            key=lambda start: np.nan_to_num(state(start)[-1], nan=np.inf),
         )
         residual, y, noise, cost = state(beta)
         for _ in range(_STEPS):
@@ -220,7 +244,9 @@ class Search:
             lead = pull / self.temper - (beta - origin)[free] / sd[free]
             step = factor.solve(lead)
             shares = (
-                0.3 ** np.arange(6.0) if float(lead @ step) >= _NOTHING_LEFT else ()
+                0.3 ** np.arange(6.0)
+                if float(lead @ step) >= _NOTHING_LEFT
+                else ()
             )
             for share in shares:
                 full[free] = share * step * sd[free]
@@ -263,7 +289,9 @@ class Search:
                 if key not in fits or explanation.evidence > fits[key].evidence:
                     fits[key] = explanation
             last = best
-            best = max(fits.values(), key=lambda explanation: explanation.evidence)
+            best = max(
+                fits.values(), key=lambda explanation: explanation.evidence
+            )
             if abs(best.evidence - promised.evidence) < MARGIN:
                 break
             if last is not None and best.causes == last.causes:
@@ -305,7 +333,9 @@ def explain(
             ]
         else:
             explanations += search.explanations()
-    return tuple(sorted(explanations, key=lambda explanation: -explanation.evidence))
+    return tuple(
+        sorted(explanations, key=lambda explanation: -explanation.evidence)
+    )
 
 
 def is_changed(explanations: Sequence[Explanation]) -> bool:

@@ -34,7 +34,8 @@ _SCALES = (0.5, 2.0)  # beyond these the positions are in another unit
 _ROWS = 200
 _LEAST = 1e-4  # noise that is always allowed, of the extents
 _EXACT = 1e-6  # misfit, of the extents, that is none
-_LOCKED_STEP = 0.1  # between the angles that are tried for a joint that is held [rad]
+# between the angles that are tried for a joint that is held [rad]
+_LOCKED_STEP = 0.1
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,9 @@ class Reference:
     # size of positions over what it was; 1 where they are in the old unit
     scale: float = 1.0
     # (g,), parameters of the view whose old posterior does not count any more
-    forgotten: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    forgotten: Indices = field(
+        default_factory=lambda: np.zeros(0, dtype=np.intp)
+    )
 
     @property
     def new(self) -> bool:
@@ -65,12 +68,16 @@ class Reference:
     @property
     def sizes(self) -> Array:
         """What residuals of each output are divided by, (m,) [unit]: the noise that is expected."""
-        return np.maximum(self.body.noise, _LEAST * np.asarray(self.structure.extents))
+        return np.maximum(
+            self.body.noise, _LEAST * np.asarray(self.structure.extents)
+        )
 
     @property
     def own_sd(self) -> Array:
         """Standard deviation (m,) [unit] of the residual that a log may have of its own."""
-        return np.maximum(self.body.tau, LEAST_OWN * np.asarray(self.structure.extents))
+        return np.maximum(
+            self.body.tau, LEAST_OWN * np.asarray(self.structure.extents)
+        )
 
 
 def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
@@ -108,7 +115,9 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
         structure = _replaced(
             structure, extent=factor * old.extent, centre=centre, unit=unit
         )
-    beta = _placed(structure, q, z, _starts(structure, best, factor, q, z), groups)
+    beta = _placed(
+        structure, q, z, _starts(structure, best, factor, q, z), groups
+    )
     turn = structure.groups["view.rotation"]
     if len(turn) == 1:  # the same angle, the short way round
         turns = (beta[turn] - best.variant.beta[turn]) / (2 * np.pi)
@@ -119,12 +128,12 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
             words = "x and y of the log are exchanged, compared with the model"
             causes[0] = replace(causes[0], words=words)
     if factor != 1.0:
-        words = (
-            f"the log's positions are {factor:.4g} times the model's{unit_hint(factor)}"
-        )
+        words = f"the log's positions are {factor:.4g} times the model's{unit_hint(factor)}"
         causes.append(Cause("scale", "view.scale", words, factor, None, "1"))
     view = (
-        [group for group in structure.groups if is_sensors(group)] if causes else FRAME
+        [group for group in structure.groups if is_sensors(group)]
+        if causes
+        else FRAME
     )
     body = replace(
         body,
@@ -133,10 +142,14 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
         tau=factor * body.tau,
         residual=factor * body.residual,
     )
-    return Reference(body, beta, tuple(causes), factor, indices_of(structure, view))
+    return Reference(
+        body, beta, tuple(causes), factor, indices_of(structure, view)
+    )
 
 
-def carried_offset(old: Body, new: Body, beta: Array, q: Array, offset: Array) -> Array:
+def carried_offset(
+    old: Body, new: Body, beta: Array, q: Array, offset: Array
+) -> Array:
     """What maps add to a body, (n, m), after a change: as the joints that cause it move the tip."""
     before = old.structure.slope(q, old.beta)
     after = new.structure.slope(q, beta)
@@ -164,7 +177,10 @@ class _Variant:
     structure: Structure
     beta: Array  # (d,)
     causes: tuple[Cause, ...] = ()  # one a freedom
-    scaled: tuple[bool, ...] = (False, True)  # whether the log may be in another unit
+    scaled: tuple[bool, ...] = (
+        False,
+        True,
+    )  # whether the log may be in another unit
 
 
 class _Fit(NamedTuple):
@@ -185,7 +201,9 @@ def _variants(body: Body) -> Iterator[_Variant]:
     if mirror is not None:
         words = "the log's positions are mirrored, compared with the model"
         cause = Cause("mirror", "view.mirror", words)
-        plain.append(_Variant(_replaced(structure, mirror=-mirror), beta, (cause,)))
+        plain.append(
+            _Variant(_replaced(structure, mirror=-mirror), beta, (cause,))
+        )
     yield from plain
     if not {"offset", "gain"} <= set(structure.groups):
         return
@@ -195,7 +213,9 @@ def _variants(body: Body) -> Iterator[_Variant]:
         if signs:
             other = (*signs[:k], -signs[k], *signs[k + 1 :])
             turned = Cause(
-                f"sign:{name}", "sign", f"{name} turns the other way than before"
+                f"sign:{name}",
+                "sign",
+                f"{name} turns the other way than before",
             )
             for variant in plain:
                 turned_round = _replaced(variant.structure, signs=other)
@@ -219,7 +239,9 @@ def _replaced(structure: Structure, **change: Any) -> Structure:
     return structure if signs is None else structure.changed(signs=signs)
 
 
-def _fit_of(variant: _Variant, p: Array, z: Array, scaled: bool, extent: float) -> _Fit:
+def _fit_of(
+    variant: _Variant, p: Array, z: Array, scaled: bool, extent: float
+) -> _Fit:
     """A variant's typical distance after the best motion.
 
     Rows that contradict most others are left out of a second fit.
@@ -228,12 +250,21 @@ def _fit_of(variant: _Variant, p: Array, z: Array, scaled: bool, extent: float) 
     for _ in range(3):
         turn, _, ratio = similarity(p[sound], z[sound])
         size = ratio if scaled else 1.0
-        away = z - z[sound].mean(axis=0) - size * (p - p[sound].mean(axis=0)) @ turn.T
+        away = (
+            z
+            - z[sound].mean(axis=0)
+            - size * (p - p[sound].mean(axis=0)) @ turn.T
+        )
         distance = np.linalg.norm(away, axis=1)
         sound = distance <= max(3.0 * float(np.median(distance)), 1e-12)
     # each further freedom must halve what is left; a scale near one is none
-    freedom = len(variant.causes) + (scaled and not _SCALES[0] < ratio < _SCALES[1])
-    error = max(float(np.median(distance)) / size, _EXACT * extent) / _BETTER**freedom
+    freedom = len(variant.causes) + (
+        scaled and not _SCALES[0] < ratio < _SCALES[1]
+    )
+    error = (
+        max(float(np.median(distance)) / size, _EXACT * extent)
+        / _BETTER**freedom
+    )
     return _Fit(error, variant, ratio, turn)
 
 
@@ -249,7 +280,9 @@ def _starts(
         beta[indices_of(structure, ("view.scale",))] += np.log(factor)
         step = np.zeros(structure.size)
         step[about] = (
-            logarithm(turn) if len(about) > 1 else np.arctan2(turn[1, 0], turn[0, 0])
+            logarithm(turn)
+            if len(about) > 1
+            else np.arctan2(turn[1, 0], turn[0, 0])
         )
         beta = structure.retract(beta, step)
         residual = structure.residual(z, structure.predict(q, beta))
@@ -267,7 +300,9 @@ def _placed(
 ) -> Array:
     """The frame alone fitted to the rows, from the best of some starts."""
     sd = np.zeros(structure.size)
-    sd[indices_of(structure, groups)] = 1e3 * max(1.0, float(structure.extents[0]))
+    sd[indices_of(structure, groups)] = 1e3 * max(
+        1.0, float(structure.extents[0])
+    )
     found = []
     for start in starts:
         rows = [Rows(q, z, floor=SIMULATED_FLOOR * structure.extents)]

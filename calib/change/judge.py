@@ -117,7 +117,11 @@ class Verdict:
             return "too few rows to say"
         if self.drifted is None:
             return "too coarse"
-        return "still calibrated" if self.bound_holds else "the bound does not hold"
+        return (
+            "still calibrated"
+            if self.bound_holds
+            else "the bound does not hold"
+        )
 
     @property
     def explanations(self) -> tuple[str, ...]:
@@ -148,7 +152,9 @@ class Verdict:
     def smallest(self) -> float:
         """Displacement (rms over the learned range) by the smallest change to be seen [unit]."""
         if self.evidence is None:
-            return float(np.median(self.rows.model.expected_error(self.rows.logged)))
+            return float(
+                np.median(self.rows.model.expected_error(self.rows.logged))
+            )
         return self.tests.smallest
 
     @property
@@ -218,11 +224,14 @@ class Verdict:
             "covered": self.covered,
             "threshold": 1,
             "distortion": {
-                name: signal._asdict() for name, signal in self.distortion.items()
+                name: signal._asdict()
+                for name, signal in self.distortion.items()
             },
             "fired": list(self.fired),
             "causes": [cause.to_json() for cause in self.causes],
-            "smallest_by_group": {group.name: group.smallest for group in self.groups},
+            "smallest_by_group": {
+                group.name: group.smallest for group in self.groups
+            },
             "explanations": list(self.explanations),
             "noise": {"now": self.noise, "usual": self.usual_noise},
             "false_alarm": FALSE_ALARM,
@@ -287,8 +296,14 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     prior = as_drawn(body) if cause == "offsets" else as_built(body)
     reference = reference_of(prior, rows.q, rows.x - rows.added, rows.unit)
     z = rows.x - _added_in_frame(rows, reference)
-    groups = [group for group in body.structure.groups if not group.startswith("curve")]
-    sound = sound_rows(reference, rows.q, z, freedom(prior, tuple(groups), cause))
+    groups = [
+        group
+        for group in body.structure.groups
+        if not group.startswith("curve")
+    ]
+    sound = sound_rows(
+        reference, rows.q, z, freedom(prior, tuple(groups), cause)
+    )
     data = Log(rows.q[sound], z[sound], float(np.sqrt(2.0)) * rows.shared)
 
     # Is anything wrong, and could these rows say so?
@@ -298,17 +313,30 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     before = reference if reference.new else Reference(body, body.beta)
     tests = group_tests(_system(before, data), rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
-    bound = bound_test(rows, sound, limit, shared_variance(reference, data), tests)
+    bound = bound_test(
+        rows, sound, limit, shared_variance(reference, data), tests
+    )
     score = max(tests.score, bound.test.score)
     suspicious = reference.new or score > 1.0 or bound.beyond > BEYOND
 
     # Which causes explain it?
     systems = [_system(reference, data)]
-    if len(reference.forgotten) and not reference.new:  # the frame may be where it was
+    if (
+        len(reference.forgotten) and not reference.new
+    ):  # the frame may be where it was
         systems.insert(0, _system(Reference(reference.body, body.beta), data))
     explanations = explain(systems, cause, calm=not suspicious)
     evidence = Evidence(
-        rows, cause, prior, reference, sound, data, tests, bound, explanations, score
+        rows,
+        cause,
+        prior,
+        reference,
+        sound,
+        data,
+        tests,
+        bound,
+        explanations,
+        score,
     )
     if reference.new:
         score = max(score, 2.0)
@@ -324,9 +352,16 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     learned = None
     if learn or score > 1.0:
         learned = update(evidence)
-    if better and score <= 1.0 and bound.beyond > BEYOND and tests.noisy is None:
+    if (
+        better
+        and score <= 1.0
+        and bound.beyond > BEYOND
+        and tests.noisy is None
+    ):
         # no test fires, but the bound fails and held-out rows are nearer to an explanation
-        contradicted = replace(evidence, score=1.0 + bound.beyond, attributed=True)
+        contradicted = replace(
+            evidence, score=1.0 + bound.beyond, attributed=True
+        )
         candidate = update(contradicted)
         if candidate.improved:
             evidence = contradicted
@@ -335,14 +370,27 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     # Words.
     causes, notes = causes_of(evidence)
     score = max(evidence.score, evidence.tool.score)
-    if play is not None and evidence.explained and _is_new_play(play, rows.model):
+    if (
+        play is not None
+        and evidence.explained
+        and _is_new_play(play, rows.model)
+    ):
         score = max(score, play.score)
         causes = (play_cause(play, rows.model), *causes)
     changed: bool | None = score > 1.0
     if not changed and tests.too_few:
         changed = None
     return _verdict(
-        rows, changed, causes, score, notes, sound, tests, bound, learned, evidence
+        rows,
+        changed,
+        causes,
+        score,
+        notes,
+        sound,
+        tests,
+        bound,
+        learned,
+        evidence,
     )
 
 
@@ -357,10 +405,16 @@ def _of_maps(rows: LogRows) -> Verdict:
     changed = bound.test.score > 1.0
     causes: tuple[Cause, ...] = ()
     if changed:
-        words = f"{100 * bound.beyond:.0f} % of the rows are beyond the maps' bound"
+        words = (
+            f"{100 * bound.beyond:.0f} % of the rows are beyond the maps' bound"
+        )
         causes = (Cause("unknown", "maps", words),)
-    notes = ("the model has no body: its rows are compared with its bound alone",)
-    return _verdict(rows, changed, causes, bound.test.score, notes, sound, tests, bound)
+    notes = (
+        "the model has no body: its rows are compared with its bound alone",
+    )
+    return _verdict(
+        rows, changed, causes, bound.test.score, notes, sound, tests, bound
+    )
 
 
 def _verdict(
@@ -384,7 +438,16 @@ def _verdict(
         first.append(f"rows that contradict all others are left out: {strays}")
     notes = (*first, *notes)
     return Verdict(
-        changed, causes, score, notes, rows, sound, tests, bound, learned, evidence
+        changed,
+        causes,
+        score,
+        notes,
+        rows,
+        sound,
+        tests,
+        bound,
+        learned,
+        evidence,
     )
 
 
@@ -401,7 +464,11 @@ def _is_turned_otherwise(evidence: Evidence) -> bool:
 
 def _is_new_play(play: Play, model: Model) -> bool:
     """Whether a play is more than what the model may be wrong about the play that it knows."""
-    known = 0.0 if model.approach is None else float(model.approach.play[play.joint])
+    known = (
+        0.0
+        if model.approach is None
+        else float(model.approach.play[play.joint])
+    )
     return float(play.half[play.joint]) > _PLAY_SHARE * known
 
 
@@ -415,7 +482,9 @@ def _added_in_frame(rows: LogRows, reference: Reference) -> Array:
     """What maps add to the body, (n, m) [unit], in the frame of the log."""
     if not reference.new:
         return rows.added
-    return carried_offset(rows.body, reference.body, reference.beta, rows.q, rows.added)
+    return carried_offset(
+        rows.body, reference.body, reference.beta, rows.q, rows.added
+    )
 
 
 @contextmanager

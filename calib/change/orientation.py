@@ -28,7 +28,8 @@ from .settings import FALSE_ALARM
 class TurnedTool:
     """How the tool of a log is turned, beside what a belief says."""
 
-    score: float = 0.0  # statistic over its threshold; 0 where nothing can be compared
+    # statistic over its threshold; 0 where nothing can be compared
+    score: float = 0.0
     turn: Array = field(
         default_factory=lambda: np.zeros(3)
     )  # [rad], in the tool's own axes
@@ -39,10 +40,16 @@ class TurnedTool:
     def cause(self) -> Cause:
         """A tool that is turned about its own tip."""
         angle = float(np.linalg.norm(self.turn))
-        half = 1.96 * float(np.sqrt(self.turn @ self.covariance @ self.turn)) / angle
+        half = (
+            1.96
+            * float(np.sqrt(self.turn @ self.covariance @ self.turn))
+            / angle
+        )
         size = f"{np.degrees(angle):.3g} deg"
         words = f"the tool is turned by {size} (its orientation, not its place)"
-        return Cause.measured("tool", "tool.rotation", words, angle, half, "rad")
+        return Cause.measured(
+            "tool", "tool.rotation", words, angle, half, "rad"
+        )
 
     def of(self, body: Body) -> Body:
         """A belief with the tool turned."""
@@ -59,7 +66,12 @@ class TurnedTool:
 
 
 def turned_tool(
-    rows: LogRows, structure: Any, beta: Array, deviation: Array, *, framed: bool
+    rows: LogRows,
+    structure: Any,
+    beta: Array,
+    deviation: Array,
+    *,
+    framed: bool,
 ) -> TurnedTool:
     """Compare orientations with those that parameters (d,) predict.
 
@@ -72,7 +84,9 @@ def turned_tool(
     if rows.orientation is None:
         return TurnedTool()
     if not knows_orientation(old):
-        why = "orientations are not compared: the model was learned without them"
+        why = (
+            "orientations are not compared: the model was learned without them"
+        )
         return TurnedTool(notes=(why,))
     tool = structure.groups["tool.rotation"]
     sd = deviation.copy()
@@ -96,7 +110,11 @@ def turned_tool(
     place = np.searchsorted(old.active, tool)
     # the model knows its own tool as well as it does
     both = covariance + old.kappa**2 * old.covariance[np.ix_(place, place)]
-    score = float(turn @ np.linalg.solve(both, turn)) / float(chdtri(3, FALSE_ALARM))
+    score = float(turn @ np.linalg.solve(both, turn)) / float(
+        chdtri(3, FALSE_ALARM)
+    )
     # what the chain leaves over differs between regions of the workspace by about its scatter
-    score = min(score, float(np.linalg.norm(turn) / (np.sqrt(3) * fit.noise[-1])))
+    score = min(
+        score, float(np.linalg.norm(turn) / (np.sqrt(3) * fit.noise[-1]))
+    )
     return TurnedTool(score, turn, covariance)

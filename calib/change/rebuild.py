@@ -32,7 +32,9 @@ def rebuilt(model: Model, old: Body, body: Body, u: Array) -> Model:
     """
     motor = model.motor
     nodes = np.clip(model.motor.units, 0.0, 1.0)
-    drawn = np.random.default_rng(0).random((_PER_NODE * motor.size, nodes.shape[1]))
+    drawn = np.random.default_rng(0).random(
+        (_PER_NODE * motor.size, nodes.shape[1])
+    )
     asked = np.concatenate([nodes, drawn])
     q = motor.scale.from_unit(asked)
     before = model.predictor.value(asked)
@@ -62,7 +64,8 @@ def rebuilt(model: Model, old: Body, body: Body, u: Array) -> Model:
         seconds={},
         bounds=reading,
         model_bounds=position,
-        visited=model.visited | (np.bincount(winners, minlength=motor.size) > 0),
+        visited=model.visited
+        | (np.bincount(winners, minlength=motor.size) > 0),
     )
 
 
@@ -75,7 +78,8 @@ def _moved(model: Model, before: Array, after: Array) -> Map:
     links = model.links
     total = np.asarray(links.sum(axis=0)).ravel()
     here, there = (
-        links.T @ x / np.maximum(total, 1e-300)[:, None] for x in (before, after)
+        links.T @ x / np.maximum(total, 1e-300)[:, None]
+        for x in (before, after)
     )
     # an affine map of the means, so that what a node differs from its partners is mapped too
     frame = Alignment.between(before, after)

@@ -18,10 +18,12 @@ from ..samples.samples import Samples
 from ..training.sound_rows import sound_log
 from ..training.touched import as_positions
 
-_LEAST_ROWS = 10  # fewest different rows that a judgement or a correction can rest on
+# fewest different rows that a judgement or a correction can rest on
+_LEAST_ROWS = 10
 _MISREAD = ("exchanged", "turns")
 _CORNER = 0.5  # share of a joint's range below which it is said how little was covered
-_PROBES = 120  # joints all over the learned range at which predictions are compared
+# joints all over the learned range at which predictions are compared
+_PROBES = 120
 _SQUARED = 1e100  # positions beyond overflow where they are squared
 
 
@@ -30,7 +32,9 @@ class LogRows:
     """Rows of a log beside a model; repeated rows count once."""
 
     model: Model
-    cause: str | None  # {"sensor", "joints"} or None, what is known about the change
+    cause: (
+        str | None
+    )  # {"sensor", "joints"} or None, what is known about the change
     logged: Array  # (n, dof), joints as the log has them [rad or m]
     q: Array  # (n, dof), where they stand: with the play that the model knows taken up [rad or m]
     side: Array  # (n, dof), sign of each joint's last motion
@@ -88,7 +92,9 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     Raises ModelError if the model keeps no baseline.
     """
     if model.baseline is None:
-        raise ModelError("the model has no baseline of its distortions: train it again")
+        raise ModelError(
+            "the model has no baseline of its distortions: train it again"
+        )
     notes: list[str] = []
     cause = None
     if log.touch is not None:  # which no sensor saw
@@ -102,7 +108,9 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     log, told = sound_log(model, log)
     notes = [*notes, *told]
     motion = log.motion
-    first = np.sort(np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1])
+    first = np.sort(
+        np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1]
+    )
     repeated = len(log) - len(first)
     prediction = predict(model, motion.take(first))
     answered = np.isfinite(prediction.bound)
@@ -153,7 +161,9 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     )
 
 
-def _misreadings(model: Model, q: Array, x: Array, turns: Array | None) -> list[str]:
+def _misreadings(
+    model: Model, q: Array, x: Array, turns: Array | None
+) -> list[str]:
     """Notes on rows that were read wrongly, and on joints that cover little of their range.
 
     Units, mirrors, signs and clocks are causes that the judgement itself tells.
@@ -186,7 +196,9 @@ def _refuse_degrees(model: Model, log: Samples) -> None:
     """Refuse a log of joints in another unit, most of which the model has not learned."""
     q = model.about.joints_of(log)
     about = model.about
-    if np.isfinite(model.expected_error(q)).mean() > 0.5 or not any(about.revolute):
+    if np.isfinite(model.expected_error(q)).mean() > 0.5 or not any(
+        about.revolute
+    ):
         return
     units, *_ = readings(q, about.joint_names, about.revolute, any_order=False)
     for q, other in units:

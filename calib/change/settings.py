@@ -36,7 +36,8 @@ CREPT = 0.25
 series A, .4 mm off, are an alarm without it; all of it hid a sensor that was moved by .1 mm."""
 
 CREEP = 0.01  # sd of a joint's curve that may creep between two logs, over that of its prior
-BUILT_CURVE = 0.3  # the same of a curve that is freed, and of an arm as it was built
+# the same of a curve that is freed, and of an arm as it was built
+BUILT_CURVE = 0.3
 
 SIMULATED_KAPPA = 1.2
 """Inflation of the bound of an arm that was only simulated: nothing has shown yet how it holds.

@@ -31,7 +31,13 @@ from .settings import (
 )
 from .system import NoisyJoint, System, Unknown, own_columns
 
-_FINER = (0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of an encoder, once one is found
+_FINER = (
+    0.5,
+    0.7,
+    1.0,
+    1.4,
+    2.0,
+)  # times the noise of an encoder, once one is found
 _POWER = 0.9  # share of logs in which the smallest change that is told would be found
 _LARGEST = 1e8  # statistic beyond which no size of a change is computed
 _LASTING = 10  # rows over which noise may last
@@ -51,7 +57,8 @@ class GroupTest:
     """One group of parameters, freed alone."""
 
     name: str  # ``"sensor"``, ``"sensor scale"``, ``"length:elbow"``, ``"geometry"``, ``"drift"``
-    p_value: float  # chance of such rows where nothing changed, after Bonferroni
+    # chance of such rows where nothing changed, after Bonferroni
+    p_value: float
     statistic: float = 0.0  # twice the gain in log likelihood
     freedom: int = 1  # directions that the rows tell apart
     # (p,), its parameters, how each changed, and the standard deviation of that
@@ -71,7 +78,8 @@ class Tested:
     """All groups of one log."""
 
     groups: tuple[GroupTest, ...]
-    noise: float  # [unit], standard deviation per axis of what no group explains
+    # [unit], standard deviation per axis of what no group explains
+    noise: float
     usual: float  # [unit], what the belief expected
     # a joint whose encoder is noisy, its noise [rad or m]
     noisy: NoisyJoint | None = None
@@ -93,7 +101,8 @@ class Tested:
     def smallest(self) -> float:
         """Displacement [unit] that any single cause would have shown."""
         return max(
-            (g.smallest for g in self.groups if g.smallest > 0.0), default=np.inf
+            (g.smallest for g in self.groups if g.smallest > 0.0),
+            default=np.inf,
         )
 
 
@@ -132,7 +141,9 @@ class Play:
 def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
     """Groups above their threshold, the most telling first."""
     above = (g for g in groups if g.score > 1.0 and g.name != DRIFT)
-    return tuple(sorted(above, key=lambda g: (-g.score, 3.0 * g.freedom - g.statistic)))
+    return tuple(
+        sorted(above, key=lambda g: (-g.score, 3.0 * g.freedom - g.statistic))
+    )
 
 
 def groups_of(structure: Structure) -> dict[str, Indices]:
@@ -159,14 +170,18 @@ class FreeNoise:
             for group in reference.structure.groups
             if not group.startswith(("curve", "payload"))
         ]
-        sd = freedom(reference.body, tuple(groups), forgotten=reference.forgotten)
+        sd = freedom(
+            reference.body, tuple(groups), forgotten=reference.forgotten
+        )
         unknown = Unknown(
             reference, system.log, OWN[0], crept=CREPT, freed=sd, noisy=noisy
         )
         y = unknown.whiten(system.residual)
         self.y = y
         self.unknown = unknown
-        self.size = unknown.most_likely_noise(y, unknown.usual)  # in `Reference.sizes`
+        self.size = unknown.most_likely_noise(
+            y, unknown.usual
+        )  # in `Reference.sizes`
         # of it and of the usual one [nats]
         sizes = np.array([self.size, unknown.usual])
         self.likelihood, self.usual = unknown.likelihood(y, sizes).tolist()
@@ -179,7 +194,9 @@ class FreeNoise:
         self.shape = noisy
 
 
-def _with_noisy_joint(system: System, noise: FreeNoise) -> tuple[FreeNoise, bool]:
+def _with_noisy_joint(
+    system: System, noise: FreeNoise
+) -> tuple[FreeNoise, bool]:
     """Return the noise of one encoder where that is likelier, and whether its size is no chance."""
     from scipy.special import chdtrc
 
@@ -191,7 +208,9 @@ def _with_noisy_joint(system: System, noise: FreeNoise) -> tuple[FreeNoise, bool
     lengths = np.sqrt((slope**2).sum(axis=1).mean(axis=0))
     joints = np.flatnonzero(lengths > 0.0).tolist()
     # so that at the tip both are alike
-    shapes = [(k, times / lengths[k]) for k, times in product(joints, JOINT_NOISES)]
+    shapes = [
+        (k, times / lengths[k]) for k, times in product(joints, JOINT_NOISES)
+    ]
     shaped = [FreeNoise(system, shape) for shape in shapes]
     best = max([noise, *shaped], key=lambda each: each.likelihood)
     gains = best.likelihood - np.array([noise.usual, noise.likelihood])
@@ -228,11 +247,17 @@ class FTests:
 
         return min(
             1.0,
-            self.count * float(fdtrc(freedom, self.noise.left, statistic / freedom)),
+            self.count
+            * float(fdtrc(freedom, self.noise.left, statistic / freedom)),
         )
 
     def of_change(
-        self, name: str, indices: Indices, power: Array, pull: Array, moves: Array
+        self,
+        name: str,
+        indices: Indices,
+        power: Array,
+        pull: Array,
+        moves: Array,
     ) -> GroupTest | None:
         """Test parameters (k,) by their information; None where the rows tell nothing of them.
 
@@ -302,14 +327,18 @@ def group_tests(system: System, probes: Array) -> Tested:
     for name, indices in groups.items():
         at = np.searchsorted(system.indices, indices)
         tested.append(
-            tests.of_change(name, indices, power[np.ix_(at, at)], pull[at], moves[at])
+            tests.of_change(
+                name, indices, power[np.ix_(at, at)], pull[at], moves[at]
+            )
         )
     tested.append(tests.of_variance(own_columns(reference, system.log, 1.0)))
     # waves of the joints that are finer than the rows look like a noisy encoder
     if reference.body.rows and noise.shape is None:
         curves = indices_of(structure, ("curve",))
         waves = structure.linearise(system.log.q, system.at, curves)[1]
-        tested.append(tests.of_variance(waves * structure.prior(("curve",)).sd[curves]))
+        tested.append(
+            tests.of_variance(waves * structure.prior(("curve",)).sd[curves])
+        )
     noisy = None
     if noise.shape is not None:
         noisy = noise.shape[0], noise.shape[1] * noise.size
@@ -351,11 +380,15 @@ def find_play(system: System, side: Array) -> Play | None:
         moved = noise.unknown.rest(column, noise.size)
         by_row = (moved * noise.rest).sum(axis=1)
         square = float(by_row.sum()) ** 2
-        if square < _LEAST_EXPLAINED * float((moved**2).sum() * (noise.rest**2).sum()):
+        if square < _LEAST_EXPLAINED * float(
+            (moved**2).sum() * (noise.rest**2).sum()
+        ):
             continue
         # an encoder that is noisy moves the tip along the same slope, to either side
         by_chance = square / (len(by_row) * float(by_row.var()) + 1e-300)
-        statistics[k] = min(pull[k] ** 2 / precision[k] / noise.temper, by_chance)
+        statistics[k] = min(
+            pull[k] ** 2 / precision[k] / noise.temper, by_chance
+        )
     if not statistics.any():
         return None
     best = int(np.argmax(statistics))
@@ -372,7 +405,11 @@ def find_play(system: System, side: Array) -> Play | None:
 
 
 def bound_test(
-    rows: LogRows, sound: Mask, limit: Array, shared: Array | float, tests: Tested
+    rows: LogRows,
+    sound: Mask,
+    limit: Array,
+    shared: Array | float,
+    tests: Tested,
 ) -> BoundTest:
     """Count the rows beyond the 95 % bound, beside what a noisier sensor or encoder would do.
 
@@ -392,23 +429,31 @@ def bound_test(
         chdtri(outputs, 0.05)
     )  # squared, of 95 % of a Gaussian, in deviations
     # half of the rows of a noisier sensor are nearer than its median
-    noise = max(tests.noise**2, float(np.median(square)) / float(chdtri(outputs, 0.5)))
+    noise = max(
+        tests.noise**2, float(np.median(square)) / float(chdtri(outputs, 0.5))
+    )
     noise = max(noise - tests.usual**2, 0.0)
     if noise and alike(index, rows.u[index], away) * radius > usual**2:
         noise = 0.0
     variance = np.full(len(index), noise)
     if tests.noisy is not None:
         joint, sd = tests.noisy
-        slope = rows.body.structure.slope(rows.q[index], rows.body.beta)[..., joint]
+        slope = rows.body.structure.slope(rows.q[index], rows.body.beta)[
+            ..., joint
+        ]
         variance += sd**2 * (slope**2).sum(axis=1)
     over = square > bound**2 + radius * (shared + variance)
     # rows that err together count once
-    time = autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
+    time = (
+        autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
+    )
     count = int(over.sum() / time)
     independent = math.ceil(len(over) / time)
     chance = float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
     test = GroupTest("bound", chance, -2.0 * math.log(max(chance, 1e-300)))
-    return BoundTest(float(np.mean(square > bound**2 + radius * shared)), usual, test)
+    return BoundTest(
+        float(np.mean(square > bound**2 + radius * shared)), usual, test
+    )
 
 
 def alike(rows: Indices, u: Array, residual: Array) -> float:

@@ -26,10 +26,12 @@ from .frame import Reference
 from .settings import OUTLIER, PSEUDO, Level
 
 _ROWS = 300  # of a system: its power grows with them, its work too
-_NODES = 40  # of the log's own residual; more did not change a verdict on A and C
+# of the log's own residual; more did not change a verdict on A and C
+_NODES = 40
 _NOISES = 64  # sizes of the noise that are compared
 _COARSER = 3  # where many sets are compared: they share the noise nearly
-_NOTHING = 1e-10  # variance of an axis, of that of the noise, which no test tells
+# variance of an axis, of that of the noise, which no test tells
+_NOTHING = 1e-10
 _ROBUST_STEPS = 60  # 12 took exact rows of a longer link for outliers
 _ROBUST_ROWS = 400  # of the fit that finds outliers: enough for every parameter
 
@@ -93,17 +95,23 @@ class Unknown:
         self.log_determinant = 0.0
         if noisy is not None:
             self._shield(
-                structure.slope(log.q, reference.beta)[..., noisy[0]], noisy[1], sizes
+                structure.slope(log.q, reference.beta)[..., noisy[0]],
+                noisy[1],
+                sizes,
             )
         active, root = prior_columns(reference, level.waves, crept, freed)
         predicted, x = structure.linearise(log.q, reference.beta, active)
-        smooth = own_columns(reference, log, level.residual * reference.body.kappa)
+        smooth = own_columns(
+            reference, log, level.residual * reference.body.kappa
+        )
         parts = [smooth, x @ root, shared_columns(reference, log, predicted)]
         columns = self.whiten(np.concatenate(parts, axis=2))
         self.axes, self.values = principal_axes(columns)
         extents = np.asarray(structure.extents)
         self.floor = float(np.min(SIMULATED_FLOOR * extents / sizes))
-        self.usual = max(float(np.min(reference.body.noise / sizes)), self.floor)
+        self.usual = max(
+            float(np.min(reference.body.noise / sizes)), self.floor
+        )
 
     def _shield(self, slope: Array, ratio: float, sizes: Array) -> None:
         """Whiten noise of a joint, too: I + ratio^2 g g' of a row has one eigenvalue beside 1."""
@@ -112,7 +120,9 @@ class Unknown:
         value = 1.0 + ratio**2 * square
         g = g / np.sqrt(np.maximum(square, 1e-300))[:, None]
         less = (1.0 - 1.0 / np.sqrt(value))[:, None, None]
-        self.white = self.white - less * g[:, :, None] * (g[:, None] @ self.white)
+        self.white = self.white - less * g[:, :, None] * (
+            g[:, None] @ self.white
+        )
         self.log_determinant = float(np.log(value).sum())
 
     def whiten(self, x: Array) -> Array:
@@ -126,13 +136,15 @@ class Unknown:
         square = np.atleast_1d(noise) ** 2
         turned = self.axes.T @ y
         share = self.values / (square[:, None] + self.values)
-        size = len(y) * np.log(square) + np.log1p(self.values / square[:, None]).sum(
-            axis=1
-        )
+        size = len(y) * np.log(square) + np.log1p(
+            self.values / square[:, None]
+        ).sum(axis=1)
         rest = (float(y @ y) - share @ turned**2) / square
         return np.asarray(-0.5 * (size + rest + self.log_determinant))
 
-    def information(self, y: Array, x: Array, noise: float) -> tuple[Array, Array]:
+    def information(
+        self, y: Array, x: Array, noise: float
+    ) -> tuple[Array, Array]:
         """Return what rows tell of columns (N, k), whatever else is unknown.
 
         Returns the information (k, k) and its moments (k,).
@@ -142,7 +154,9 @@ class Unknown:
         power = (x.T @ x - less @ turned) / noise**2
         return power, (x.T @ y - less @ (self.axes.T @ y)) / noise**2
 
-    def noises(self, y: Array, least: float | None = None) -> tuple[Array, Array]:
+    def noises(
+        self, y: Array, least: float | None = None
+    ) -> tuple[Array, Array]:
         """Return sizes (s,) of the noise, and the log likelihood (s,) of residuals (N,).
 
         They are `least` at least; where that is not given the old noise counts for some rows.
@@ -186,7 +200,9 @@ class System:
         self.indices = indices
         structure = reference.structure
         self.at = reference.beta if at is None else at
-        predicted, self.columns = structure.linearise(self.log.q, self.at, indices)
+        predicted, self.columns = structure.linearise(
+            self.log.q, self.at, indices
+        )
         self.residual = structure.residual(self.log.z, predicted)
         self.residual += self.columns @ (self.at - reference.beta)[indices]
         # by level: where only the columns are linearised elsewhere they stay as they are
@@ -215,25 +231,33 @@ class Information:
         unknown = system.unknown(level)
         y = unknown.whiten(system.residual)
         x = unknown.whiten(system.columns) * sd
-        noises, self.likelihood = (part[::_COARSER] for part in unknown.noises(y))
+        noises, self.likelihood = (
+            part[::_COARSER] for part in unknown.noises(y)
+        )
         turned = unknown.axes.T @ x
         turned_y = unknown.axes.T @ y
         shares = unknown.values / (noises[:, None] ** 2 + unknown.values)
         less = np.stack([(turned.T * share) @ turned for share in shares])
         self.power = (x.T @ x - less) / noises[:, None, None] ** 2
-        self.pull = (x.T @ y - (shares * turned_y) @ turned) / noises[:, None] ** 2
+        self.pull = (x.T @ y - (shares * turned_y) @ turned) / noises[
+            :, None
+        ] ** 2
 
     def evidence(self, places: Indices, temper: float) -> tuple[float, Array]:
         """Return the evidence of freeing parameters at places (p,) [nats], and their steps (p,).
 
         temper : rows that count for one
         """
-        power = self.power[:, places][:, :, places] / temper + np.eye(len(places))
+        power = self.power[:, places][:, :, places] / temper + np.eye(
+            len(places)
+        )
         pull = self.pull[:, places] / temper
         root = np.linalg.cholesky(power)
         half = np.linalg.solve(root, pull[..., None])[..., 0]
         volume = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-        evidence = self.likelihood / temper + 0.5 * (half**2).sum(axis=1) - volume
+        evidence = (
+            self.likelihood / temper + 0.5 * (half**2).sum(axis=1) - volume
+        )
         best = int(np.argmax(evidence))
         step = np.linalg.solve(power[best], pull[best])
         return float(evidence[best]), step
@@ -259,13 +283,20 @@ def own_columns(reference: Reference, log: Log, factor: float) -> Array:
     nodes = log.q[thinned(len(log.q), _NODES)]
     alike = matern(nodes, nodes, lengths)
     alike[np.diag_indices(len(alike))] += 1e-6
-    features = np.linalg.solve(np.linalg.cholesky(alike), matern(nodes, log.q, lengths))
+    features = np.linalg.solve(
+        np.linalg.cholesky(alike), matern(nodes, log.q, lengths)
+    )
     sd = np.diag(factor * reference.own_sd)
-    return np.asarray(np.einsum("kn,ij->nikj", features, sd).reshape(*log.z.shape, -1))
+    return np.asarray(
+        np.einsum("kn,ij->nikj", features, sd).reshape(*log.z.shape, -1)
+    )
 
 
 def prior_columns(
-    reference: Reference, waves: float, crept: float = 1.0, freed: Array | None = None
+    reference: Reference,
+    waves: float,
+    crept: float = 1.0,
+    freed: Array | None = None,
 ) -> tuple[Indices, Array]:
     """What is not known of the arm's parameters: which (k,), by standard normals (k, r).
 
@@ -291,7 +322,9 @@ def shared_columns(reference: Reference, log: Log, predicted: Array) -> Array:
         return np.zeros((*log.z.shape, 0))
     structure = reference.structure
     places = predicted[:, : structure.blocks[0]]
-    return log.shared * affine_columns(places / structure.extents[0], log.z.shape[1])
+    return log.shared * affine_columns(
+        places / structure.extents[0], log.z.shape[1]
+    )
 
 
 def shared_variance(reference: Reference, log: Log) -> Array:

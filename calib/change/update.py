@@ -23,7 +23,8 @@ from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE
 from .system import Log, own_columns, prior_columns, shared_columns
 
 _ROWS = 600  # that an update takes: linear in them
-_BLOCKS = 5  # contiguous ones that are held out in turn, each of which tells a gain
+# contiguous ones that are held out in turn, each of which tells a gain
+_BLOCKS = 5
 _STEPS = 60  # at most: along the gauge of an arm without a drawing 12 ended on the way
 _NOTHING_LEFT = 1e-3  # nats by which a step must better the fit
 # noises: no step goes along ways by which all rows together move less.  An arm without a drawing
@@ -39,7 +40,8 @@ class Update:
     explanation: Explanation  # that the belief is under
     rows: Indices  # (k,), rows of the log by which it was judged
     before: Array  # (k,), their distances from the model [unit]
-    residual: Array  # (k, m), residuals of these rows where they were held out [unit]
+    # (k, m), residuals of these rows where they were held out [unit]
+    residual: Array
     improved: bool  # whether they are predicted better than before
 
     @property
@@ -65,7 +67,9 @@ def update(evidence: Evidence) -> Update:
     if not changed:
         # rows of an arm that did not change made a model of half of series A worse by 1.15
         improved = (
-            improved and evidence.tests.noisy is None and _is_surer(evidence, body)
+            improved
+            and evidence.tests.noisy is None
+            and _is_surer(evidence, body)
         )
     if evidence.tool.score > 1.0:
         if not improved:  # the tool alone
@@ -95,7 +99,9 @@ def _is_surer(evidence: Evidence, body: Body) -> bool:
     unexplained = float((old.tau**2 + old.noise**2).sum())
     variances = []
     for belief in (body, old):
-        spread = np.trace(belief.spread(evidence.rows.probes), axis1=1, axis2=2).mean()
+        spread = np.trace(
+            belief.spread(evidence.rows.probes), axis1=1, axis2=2
+        ).mean()
         variances.append(float(spread) * old.kappa**2 + unexplained)
     return variances[0] < REFINED**2 * variances[1]
 
@@ -110,14 +116,23 @@ def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
     if second is not None:  # after the same log
         apart = second.beta - old.beta
         wide = replace(
-            old, beta=second.beta, active=second.active, root=second.root, kappa=1.0
+            old,
+            beta=second.beta,
+            active=second.active,
+            root=second.root,
+            kappa=1.0,
         )
         there = replace(reference, body=wide, beta=reference.beta + apart)
         wider = _Posterior(
-            replace(explanation, reference=there, beta=explanation.beta + apart), log
+            replace(
+                explanation, reference=there, beta=explanation.beta + apart
+            ),
+            log,
         )
         root = root_of(wider.covariance)
-        second = Second(wider.beta, wider.active, root, np.maximum(noise, second.noise))
+        second = Second(
+            wider.beta, wider.active, root, np.maximum(noise, second.noise)
+        )
     body = replace(
         old,
         beta=posterior.beta,
@@ -152,7 +167,9 @@ class _Posterior:
         self.active, prior = prior_columns(
             self.reference, explanation.level.waves, freed=explanation.sd
         )
-        self.smooth = own_columns(self.reference, log, explanation.level.residual)
+        self.smooth = own_columns(
+            self.reference, log, explanation.level.residual
+        )
         ways = prior @ _telling(self._columns(prior), _TELLING)
         away = (self.beta - self.reference.beta)[self.active]
         normals = np.asarray(np.linalg.lstsq(ways, away, rcond=1e-12)[0])
@@ -160,13 +177,16 @@ class _Posterior:
         # what is known after the last step, along all ways that any row tells of
         directions = _telling(self._columns(prior), 0.0)
         self.normals = (
-            directions.T @ np.linalg.lstsq(prior, ways @ normals, rcond=1e-12)[0]
+            directions.T
+            @ np.linalg.lstsq(prior, ways @ normals, rcond=1e-12)[0]
         )
         ways = prior @ directions
         self.y, smooth, _ = self._state(self.beta, self.normals)
         self.columns = np.concatenate([self._columns(ways), smooth], axis=1)
         size = len(self.normals)
-        known = np.eye(size) - Factor(_with_ones(self.gram)).inverse()[:size, :size]
+        known = (
+            np.eye(size) - Factor(_with_ones(self.gram)).inverse()[:size, :size]
+        )
         self.covariance = prior @ prior.T - ways @ known @ ways.T
 
     @property
@@ -175,11 +195,15 @@ class _Posterior:
         return np.asarray(self.columns.T @ self.columns)
 
     def _whitened(self, columns: Array) -> Array:
-        return np.asarray((columns * self.weight[:, None]).reshape(self.log.z.size, -1))
+        return np.asarray(
+            (columns * self.weight[:, None]).reshape(self.log.z.size, -1)
+        )
 
     def _columns(self, ways: Array) -> Array:
         """Whitened columns (N, k) of parameters along ways (d, k)."""
-        x = self.reference.structure.linearise(self.log.q, self.beta, self.active)[1]
+        x = self.reference.structure.linearise(
+            self.log.q, self.beta, self.active
+        )[1]
         return self._whitened(x @ ways)
 
     def _state(self, beta: Array, normals: Array) -> tuple[Array, Array, float]:
@@ -187,7 +211,9 @@ class _Posterior:
         structure = self.reference.structure
         with np.errstate(all="ignore"):
             predicted = structure.predict(self.log.q, beta)
-            y = (structure.residual(self.log.z, predicted) * self.weight).ravel()
+            y = (
+                structure.residual(self.log.z, predicted) * self.weight
+            ).ravel()
             shared = shared_columns(self.reference, self.log, predicted)
         smooth = self._whitened(np.concatenate([self.smooth, shared], axis=2))
         if not np.isfinite(y).all():
@@ -203,7 +229,9 @@ class _Posterior:
         for _ in range(_STEPS):
             columns = np.concatenate([self._columns(ways), smooth], axis=1)
             pull = columns.T @ y
-            pull[:size] -= normals  # the log's own part is followed anew in each step
+            pull[:size] -= (
+                normals  # the log's own part is followed anew in each step
+            )
             delta = Factor(_with_ones(columns.T @ columns)).solve(pull)[:size]
             for share in 0.3 ** np.arange(6.0):
                 full = np.zeros(len(self.beta))

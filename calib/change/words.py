@@ -23,9 +23,13 @@ from .settings import CREEP, NOISIER
 from .significance import Play, fired
 
 _EXACT = 1e3  # times the noise of a model: it learned from exact samples
-_SIGNIFICANT = 2.6  # standard deviations from which a parameter is said to have changed
-_ALIKE = 0.15  # share of a displacement that may differ between two words for it
-_VAGUE = math.radians(1.0)  # half an interval of a turn from which it is worth a word
+# standard deviations from which a parameter is said to have changed
+_SIGNIFICANT = 2.6
+# share of a displacement that may differ between two words for it
+_ALIKE = 0.15
+_VAGUE = math.radians(
+    1.0
+)  # half an interval of a turn from which it is worth a word
 _MATTERS = 0.05  # share of the largest displacement from which a cause is named
 _WHICH = "are the same to this log: give `cause='joints'` or `cause='sensor'` if you know which"
 
@@ -51,7 +55,9 @@ def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
         if evidence.cause is None:
             notes = _twins(evidence, causes)
         if not causes:
-            words = "no single change of the sensor, a joint or a link explains it"
+            words = (
+                "no single change of the sensor, a joint or a link explains it"
+            )
             causes.append(Cause("unknown", "", words))
     elif evidence.tests.noisy is not None:
         causes.append(_noisy_joint(evidence))
@@ -62,7 +68,9 @@ def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
         causes.append(tool.cause)
     board = evidence.rows.model.about.options.get("board")
     if board is not None:
-        causes = _mount_once(causes, "camera" if board["eye"] == "hand" else "board")
+        causes = _mount_once(
+            causes, "camera" if board["eye"] == "hand" else "board"
+        )
     return tuple(causes), (*notes, *evidence.tool.notes)
 
 
@@ -75,7 +83,9 @@ def play_cause(play: Play, model: Model) -> Cause:
         f"{name} has {factor * whole:.2g} ± {factor * half:.2g} {shown} of play that the model "
         "does not know: `calib train` learns it from a log that goes both ways"
     )
-    return Cause.measured(f"backlash:{name}", "backlash", words, whole, half, unit)
+    return Cause.measured(
+        f"backlash:{name}", "backlash", words, whole, half, unit
+    )
 
 
 def _joint(model: Model, joint: int) -> tuple[str, str, float, str]:
@@ -100,9 +110,12 @@ def _scatter(evidence: Evidence) -> Cause | None:
     """A scatter that is larger than usual, where that is no chance."""
     tests = evidence.tests
     noise = tests.noise
-    if evidence.attributed:  # a large change is not linear: what the best one leaves
+    if (
+        evidence.attributed
+    ):  # a large change is not linear: what the best one leaves
         noise = min(
-            noise, evidence.explanations[0].noise * float(evidence.reference.sizes[0])
+            noise,
+            evidence.explanations[0].noise * float(evidence.reference.sizes[0]),
         )
     if not tests.noisier or noise <= NOISIER * tests.usual:
         return None
@@ -116,7 +129,9 @@ def _scatter(evidence: Evidence) -> Cause | None:
 
 def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
     """Return the causes with a camera or a board that moved in the hand once, as a turn if any."""
-    moved = [cause for cause in causes if cause.group in ("tool", "tool.rotation")]
+    moved = [
+        cause for cause in causes if cause.group in ("tool", "tool.rotation")
+    ]
     if not moved:
         return causes
     first = min(moved, key=lambda cause: cause.unit != "rad")
@@ -127,9 +142,7 @@ def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
         if unit == "deg"
         else "moved in its mount, what it sees by"
     )
-    size = (
-        f"{factor * abs(low + high) / 2:.3g} ± {factor * (high - low) / 2:.2g} {unit}"
-    )
+    size = f"{factor * abs(low + high) / 2:.3g} ± {factor * (high - low) / 2:.2g} {unit}"
     once = replace(first, cause="tool", words=f"the {what} has {how} {size}")
     return [once, *(cause for cause in causes if cause not in moved)]
 
@@ -145,13 +158,17 @@ def _of_change(evidence: Evidence, best: Explanation) -> list[Cause]:
     """Return each parameter that is clearly away from where it was, the largest effect first."""
     if not len(best.indices):
         words = "the joints have waves that the model does not know: gears, or their sensors"
-        return [Cause("curve", "curve", words)] if best.level.waves > CREEP else []
+        return (
+            [Cause("curve", "curve", words)] if best.level.waves > CREEP else []
+        )
     structure = best.reference.structure
     change = best.beta - evidence.prior.beta
     clear = np.abs(change) > _SIGNIFICANT * best.deviation
     clear &= best.deviation > 0.0
     # root mean square displacement by the change of each parameter
-    moves = structure.linearise(evidence.rows.probes, best.beta, best.indices)[1]
+    moves = structure.linearise(evidence.rows.probes, best.beta, best.indices)[
+        1
+    ]
     effect = np.zeros(len(change))
     effect[best.indices] = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
     effect *= np.abs(change)
@@ -167,7 +184,10 @@ def _of_change(evidence: Evidence, best: Explanation) -> list[Cause]:
                 some
             ):  # by its largest one
                 parts = [
-                    [int(some[np.argmax(np.abs(change[some]))]), *indices.tolist()]
+                    [
+                        int(some[np.argmax(np.abs(change[some]))]),
+                        *indices.tolist(),
+                    ]
                 ]
             for part in parts:
                 cause = _of_parameter(
@@ -181,7 +201,9 @@ def _of_change(evidence: Evidence, best: Explanation) -> list[Cause]:
             is_sensors(group) for group in best.groups
         )
         if elsewhere or only or clear[frame].any():
-            moved = math.inf if elsewhere else float(np.linalg.norm(effect[frame]))
+            moved = (
+                math.inf if elsewhere else float(np.linalg.norm(effect[frame]))
+            )
             causes.append((moved, _moved_sensor(evidence, best)))
     causes.sort(key=lambda pair: -pair[0])
     finite = [moved for moved, _ in causes if math.isfinite(moved)]
@@ -227,7 +249,9 @@ def _half_width(evidence: Evidence, best: Explanation, k: int) -> float:
     return half
 
 
-def _of_parameter(evidence: Evidence, best: Explanation, k: int, most: float) -> Cause:
+def _of_parameter(
+    evidence: Evidence, best: Explanation, k: int, most: float
+) -> Cause:
     """A cause that one parameter tells.
 
     most : the largest change of all parameters of its group and joint
@@ -305,9 +329,15 @@ def _twins(evidence: Evidence, causes: list[Cause]) -> list[str]:
             turn = math.degrees(offset.value or 0.0)
             words = f"or the sensor turned by {turn:.3g} deg about {first}"
             causes.append(
-                replace(offset, cause="sensor", group="view.rotation", words=words)
+                replace(
+                    offset, cause="sensor", group="view.rotation", words=words
+                )
             )
-        elif offset is None and sensor is not None and _is_an_offset(evidence, sensor):
+        elif (
+            offset is None
+            and sensor is not None
+            and _is_an_offset(evidence, sensor)
+        ):
             mirror = getattr(evidence.rows.body.structure, "mirror", 1)
             value = mirror * (sensor.value or 0.0)
             words = f"or {first} is off by {math.degrees(value):.3g} deg"
@@ -317,13 +347,15 @@ def _twins(evidence: Evidence, causes: list[Cause]) -> list[str]:
             )
             causes.append(offset)
         if offset is not None:
-            turned = (
-                "an offset of the first joint and a turn of the sensor about its axis"
-            )
+            turned = "an offset of the first joint and a turn of the sensor about its axis"
             notes.append(f"{turned} {_WHICH}")
     lengths = [f"length:{name}" for name in about.joint_names]
     links = evidence.rows.body.structure.groups.get("length", ())
-    scaled = "scale" in by_name and by_name["scale"].interval is not None and len(links)
+    scaled = (
+        "scale" in by_name
+        and by_name["scale"].interval is not None
+        and len(links)
+    )
     if all(about.revolute) and (scaled or set(lengths) <= set(by_name)):
         notes.append(
             f"a sensor that shows all larger and links that are all longer {_WHICH}"

@@ -42,13 +42,19 @@ class Own:
     def inner(self, sizes: dict[str, int]) -> dict[str, int]:
         """Lengths of its axes that are known from the other's."""
         return {
-            axis: sizes[name] for axis, name in self.shared.items() if name in sizes
+            axis: sizes[name]
+            for axis, name in self.shared.items()
+            if name in sizes
         }
 
     def outer(self, inner: dict[str, int], sizes: dict[str, int]) -> None:
         """Let the other know its lengths."""
         sizes.update(
-            {name: inner[axis] for axis, name in self.shared.items() if axis in inner}
+            {
+                name: inner[axis]
+                for axis, name in self.shared.items()
+                if axis in inner
+            }
         )
 
 

@@ -46,7 +46,9 @@ def atomic_write(
                 file.flush()
                 os.fsync(handle)
             os.umask(umask := os.umask(0))
-            Path(name).chmod(0o666 & ~umask if mode is None else stat.S_IMODE(mode))
+            Path(name).chmod(
+                0o666 & ~umask if mode is None else stat.S_IMODE(mode)
+            )
             os.replace(name, target)  # noqa: PTH105
         except BaseException:
             Path(name).unlink(missing_ok=True)
@@ -68,7 +70,9 @@ def _told(path: str | os.PathLike[str]) -> Iterator[None]:
     except OSError as error:
         reason = f"{error.strerror or error}; choose another name or place"
         reason = _REASONS.get(error.errno or 0, reason)
-        raise CalibError(f"cannot write {os.fspath(path)!r}: {reason}") from error
+        raise CalibError(
+            f"cannot write {os.fspath(path)!r}: {reason}"
+        ) from error
 
 
 def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
@@ -85,7 +89,9 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
     regular = mode is None or stat.S_ISREG(mode)
     target = Path(os.path.realpath(path)) if regular else Path(path)
     if not target.parent.is_dir():
-        raise OSError(errno.ENOENT, f"there is no folder {str(target.parent)!r}")
+        raise OSError(
+            errno.ENOENT, f"there is no folder {str(target.parent)!r}"
+        )
     places = [target.parent] if regular else []
     if mode is not None:
         places.append(Path(path))

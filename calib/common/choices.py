@@ -28,7 +28,9 @@ RuleWord = Literal["batch", "online"]
 ReadoutWord = Literal[
     "local", "body", "linear", "activity", "winner"
 ]  # body where there is one
-BodyWord = Literal["auto", "none"]  # whether a kinematic model stands under the maps
+BodyWord = Literal[
+    "auto", "none"
+]  # whether a kinematic model stands under the maps
 # what a sensor measures; auto goes by the unit, pinhole is for arms in space
 ViewWord = Literal[
     "auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"
@@ -36,9 +38,13 @@ ViewWord = Literal[
 FrameWord = Literal[
     "sensor", "base"
 ]  # whose coordinates a query is asked and answered in
-LogFrameWord = Literal["auto", "base"]  # whether a log is in the robot's root frame
+LogFrameWord = Literal[
+    "auto", "base"
+]  # whether a log is in the robot's root frame
 CauseWord = Literal["sensor", "joints"]  # what a user may know of a change
-Eye = Literal["hand", "base"]  # where the camera is; the board is at the other place
+Eye = Literal[
+    "hand", "base"
+]  # where the camera is; the board is at the other place
 MethodWord = Literal["few-shot", "online"]  # how a model adapts
 
 FreeWord = Literal["all", "offsets"]
@@ -65,6 +71,26 @@ ROTATIONS = (
 METHODS: tuple[str, ...] = get_args(MethodWord)
 
 DICTIONARY = "apriltag_36h11"  # of tags, if none is named
-PICTURES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
+PICTURES = (
+    ".jpg",
+    ".jpeg",
+    ".png",
+    ".bmp",
+    ".tif",
+    ".tiff",
+    ".webp",
+    ".ppm",
+    ".pgm",
+)
 # whatever else OpenCV opens
-VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
+VIDEOS = (
+    ".mp4",
+    ".mov",
+    ".avi",
+    ".mkv",
+    ".webm",
+    ".m4v",
+    ".mpg",
+    ".mpeg",
+    ".wmv",
+)

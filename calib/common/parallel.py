@@ -12,7 +12,9 @@ _S = TypeVar("_S")
 _T = TypeVar("_T")
 
 
-def side_by_side(aside: Callable[[], _S], here: Callable[[], _T]) -> tuple[_S, _T]:
+def side_by_side(
+    aside: Callable[[], _S], here: Callable[[], _T]
+) -> tuple[_S, _T]:
     """Results of two independent tasks that run at the same time; an error of either is raised.
 
     `aside` runs in a thread, `here` in the calling one, so that only the latter may report

@@ -38,7 +38,9 @@ def robust_solve(
         if step < steps:
             root = np.maximum(r, 0.1 * middle) ** -0.5
         before = coefficients
-        coefficients = solve_least_squares(root[:, None] * features, root[:, None] * x)
+        coefficients = solve_least_squares(
+            root[:, None] * features, root[:, None] * x
+        )
         moved = np.abs(features @ (coefficients - before)).max()
         if step > steps and moved < 1e-6 * middle:
             break

@@ -22,7 +22,10 @@ LARGEST = 1e15
 
 
 def number_rows(
-    values: Any, names: Sequence[str], what: str, error: type[CalibError] = QueryError
+    values: Any,
+    names: Sequence[str],
+    what: str,
+    error: type[CalibError] = QueryError,
 ) -> tuple[Array, bool]:
     """Return rows of numbers, and whether they were items as a single vector.
 
@@ -35,7 +38,9 @@ def number_rows(
     Raises CalibError if a column is missing, or the values are masked, dates or no numbers.
     """
     there = column_names(values)
-    if there:  # they may stand in any order: NumPy would take them as they stand
+    if (
+        there
+    ):  # they may stand in any order: NumPy would take them as they stand
         for name in names:
             if name not in there:
                 raise error(
@@ -61,7 +66,9 @@ def number_rows(
     return np.atleast_2d(rows), single
 
 
-def checked_rows(values: object, names: Sequence[str], what: str) -> tuple[Array, bool]:
+def checked_rows(
+    values: object, names: Sequence[str], what: str
+) -> tuple[Array, bool]:
     """`number_rows` of finite numbers."""
     rows, single = number_rows(values, names, what)
     if not np.isfinite(rows).all():
@@ -78,10 +85,14 @@ def each_joint(
 ) -> Array:
     """Return a number (dof,) for each joint, from one for all or one each: `zero` or more."""
     try:
-        numbers = np.broadcast_to(np.asarray(value, dtype=float), (len(joints),)).copy()
+        numbers = np.broadcast_to(
+            np.asarray(value, dtype=float), (len(joints),)
+        ).copy()
     except (TypeError, ValueError):
         numbers = np.full(len(joints), np.nan)
-    if not ((numbers >= 0.0) if zero else (numbers > 0.0)).all():  # NaN is neither
+    if not (
+        (numbers >= 0.0) if zero else (numbers > 0.0)
+    ).all():  # NaN is neither
         raise OptionError(
             f"{name} {value!r}: expected a number {'of zero or more' if zero else 'above zero'}, "
             f"or one for each of {', '.join(joints)} [rad or m]",
@@ -105,17 +116,26 @@ def column_names(values: object) -> list[object]:
 
 def _numbers(values: object, what: str, error: type[CalibError]) -> Array:
     """Return a float64 copy of what is an array of plain numbers."""
-    if isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values).any():
+    if (
+        isinstance(values, np.ma.MaskedArray)
+        and np.ma.getmaskarray(values).any()
+    ):
         raise error(
             f"{what}: a masked array; leave out its masked entries, no measurements"
         )
     try:
         array = np.asarray(values)
-        if array.dtype.kind in "mMcb":  # dates, times, complex numbers, true and false
-            raise error(f"{what}: values of type {array.dtype}, expected real numbers")
+        if (
+            array.dtype.kind in "mMcb"
+        ):  # dates, times, complex numbers, true and false
+            raise error(
+                f"{what}: values of type {array.dtype}, expected real numbers"
+            )
         return np.array(array, dtype=np.float64, order="C")
     except (TypeError, ValueError) as problem:
-        raise error(f"{what}: expected numbers, got {values!r:.60}") from problem
+        raise error(
+            f"{what}: expected numbers, got {values!r:.60}"
+        ) from problem
 
 
 def thinned(count: int, most: int) -> NDArray[np.intp]:
@@ -128,9 +148,19 @@ def thinned(count: int, most: int) -> NDArray[np.intp]:
 def numbers(name: str, values: object, count: int) -> list[float]:
     """Return a list of so many finite numbers, or raise ValueError; true and false are none."""
     items = values if isinstance(values, list) else []
-    good = [v for v in items if isinstance(v, int | float) and not isinstance(v, bool)]
-    if len(good) != count or len(items) != count or not all(map(math.isfinite, good)):
-        raise ValueError(f"{name}: {values!r:.40} are not {count} finite numbers")
+    good = [
+        v
+        for v in items
+        if isinstance(v, int | float) and not isinstance(v, bool)
+    ]
+    if (
+        len(good) != count
+        or len(items) != count
+        or not all(map(math.isfinite, good))
+    ):
+        raise ValueError(
+            f"{name}: {values!r:.40} are not {count} finite numbers"
+        )
     return [float(value) for value in good]
 
 

@@ -26,10 +26,14 @@ class Scale(ReadOnly):
     periodic: Annotated[Mask, Shape("d")]
 
     @staticmethod
-    def of_range(lower: Array, upper: Array, revolute: tuple[bool, ...]) -> Scale:
+    def of_range(
+        lower: Array, upper: Array, revolute: tuple[bool, ...]
+    ) -> Scale:
         """Scale of joints with these limits; a revolute range of a full turn is periodic."""
         span = upper - lower
-        return Scale(lower, span, np.asarray(revolute) & (np.abs(span - TURN) < 1e-9))
+        return Scale(
+            lower, span, np.asarray(revolute) & (np.abs(span - TURN) < 1e-9)
+        )
 
     @staticmethod
     def of_data(x: Array) -> Scale:
@@ -37,7 +41,9 @@ class Scale(ReadOnly):
         lower = x.min(axis=0)
         span = np.ptp(x, axis=0)
         return Scale(
-            lower, np.where(span > 0, span, 1.0), np.zeros(x.shape[1], dtype=bool)
+            lower,
+            np.where(span > 0, span, 1.0),
+            np.zeros(x.shape[1], dtype=bool),
         )
 
     def to_unit(self, x: Array) -> Array:

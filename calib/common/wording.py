@@ -14,7 +14,9 @@ INSTALL = "pip install 'calib-arm[{0}]', or in a checkout pip install '.[{0}]'"
 ROUNDED_AWAY = 1e-9
 """Errors below this [m], or below this share of a sensor's extent, are rounding."""
 
-_PLACE = re.compile(r"@([a-z]+(?:\.[a-z]+)?)@")  # in a page that is a file of a package
+_PLACE = re.compile(
+    r"@([a-z]+(?:\.[a-z]+)?)@"
+)  # in a page that is a file of a package
 _PREFIXES = ((1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
 
 
@@ -86,7 +88,9 @@ def unit_of_joint(revolute: bool, degrees: bool) -> tuple[float, str]:
 def vector(values: Iterable[float]) -> str:
     """Return a vector as text, in which rounding errors, and a zero's sign, do not show."""
     return (
-        "(" + ", ".join(f"{round(float(value), 6) + 0.0:.4g}" for value in values) + ")"
+        "("
+        + ", ".join(f"{round(float(value), 6) + 0.0:.4g}" for value in values)
+        + ")"
     )
 
 

@@ -50,7 +50,9 @@ class ClosedForm:
         spherical = bool(away < _EXACT * size)
         if not spherical and not _parallel(axes[1], axes[3]):
             return None
-        return ClosedForm(axes, points, meeting, chain.tip, chain.rotation, spherical)
+        return ClosedForm(
+            axes, points, meeting, chain.tip, chain.rotation, spherical
+        )
 
     def joints(self, position: Array, rotation: Array) -> Array:
         """Joint values (n, 8, 6) for poses (n, 3), (n, 3, 3); those out of reach come close."""
@@ -86,7 +88,9 @@ class ClosedForm:
         wanted = _across(axis, place - self.points[1])
         # |link + R fore| = |wanted|
         size = (wanted**2).sum(axis=1) - link @ link - fore @ fore
-        lower = _at_height(self.axes[2], np.tile(fore, (len(place), 1)), link, size / 2)
+        lower = _at_height(
+            self.axes[2], np.tile(fore, (len(place), 1)), link, size / 2
+        )
         reached = link + _applied(
             _turns(self.axes[2], lower), np.tile(fore, (len(lower), 1))
         )
@@ -97,12 +101,16 @@ class ClosedForm:
         """Angles (2n,) of the last three joints that make turns (n, 3, 3)."""
         first, second, third = self.axes[3:]
         aim = turn @ third
-        middle = _at_height(second, np.tile(third, (len(turn), 1)), first, aim @ first)
+        middle = _at_height(
+            second, np.tile(third, (len(turn), 1)), first, aim @ first
+        )
         turn = np.tile(turn, (2, 1, 1))
         bent = _turns(second, middle)
         one = _angle(first, bent @ third, turn @ third)
         three = -_angle(
-            third, np.swapaxes(bent, 1, 2) @ first, np.swapaxes(turn, 1, 2) @ first
+            third,
+            np.swapaxes(bent, 1, 2) @ first,
+            np.swapaxes(turn, 1, 2) @ first,
         )
         return one, middle, three
 
@@ -122,7 +130,9 @@ class ClosedForm:
         place = np.tile(place, (2, 1))
         bent = _turns(fifth, tilt)
         spin = -_angle(
-            sixth, np.swapaxes(bent, 1, 2) @ axis, np.swapaxes(turn, 1, 2) @ axis
+            sixth,
+            np.swapaxes(bent, 1, 2) @ axis,
+            np.swapaxes(turn, 1, 2) @ axis,
         )
         # what is left of the turn is about the parallel axes
         rest = turn @ np.swapaxes(bent @ _turns(sixth, spin), 1, 2)
@@ -200,7 +210,9 @@ def _at_height(
     cosine = across @ along
     sine = np.cross(axis, across) @ along
     size = np.hypot(cosine, sine)
-    level = (height - (vectors @ axis) * (axis @ along)) / np.where(size > 0, size, 1.0)
+    level = (height - (vectors @ axis) * (axis @ along)) / np.where(
+        size > 0, size, 1.0
+    )
     half = np.arccos(np.clip(level, -1.0, 1.0))
     middle = np.arctan2(sine, cosine)
     angles = np.concatenate([middle + half, middle - half])

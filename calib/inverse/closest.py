@@ -18,7 +18,8 @@ class ClosestSettings:
     far: float = 0.2  # longest step
     still: float = 1e-10  # a step that is shorter is the last
     least_share: float = 1e-6  # of a step
-    flat: float = 1e-6  # of the largest curvature, which every direction has at least
+    # of the largest curvature, which every direction has at least
+    flat: float = 1e-6
 
 
 CLOSEST = ClosestSettings()

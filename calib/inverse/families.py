@@ -18,9 +18,11 @@ class FamilySettings:
 
     step: float = 0.03  # along a self-motion
     walk: int = 60  # most steps from one solution to another
-    stuck: float = 0.05  # share of the way ahead that a step has to be able to go
+    # share of the way ahead that a step has to be able to go
+    stuck: float = 0.05
     rounds: int = 7  # attempts, each of twice as many pairs of a group
-    nearest: int = 31  # solutions of the same target that one may be joined with
+    # solutions of the same target that one may be joined with
+    nearest: int = 31
 
 
 FAMILIES = FamilySettings()
@@ -41,7 +43,9 @@ def representatives(
     chosen = np.sort(order[first])
     target = target[chosen]
     u = u[chosen]
-    central, miss = newton.settle(u, x[target], middle[chosen], longest=FAMILIES.step)
+    central, miss = newton.settle(
+        u, x[target], middle[chosen], longest=FAMILIES.step
+    )
     return target, np.where(newton.met(miss)[:, None], central, u)
 
 
@@ -60,10 +64,14 @@ def _families(newton: Newton, target: Index, u: Array, x: Array) -> Index:
         # the shortest ways out of each group
         order = other[np.lexsort((gap[other], label[a[other]]))]
         tried = order[rank_within(label[a[order]]) < 2**attempt]
-        arrived = _arrives(newton, u[a[tried]], u[b[tried]], x[target[a[tried]]])
+        arrived = _arrives(
+            newton, u[a[tried]], u[b[tried]], x[target[a[tried]]]
+        )
         joined = tried[arrived]
         ways = np.hstack([ways, np.array([a[joined], b[joined]])])
-        graph = coo_array((np.ones(ways.shape[1]), tuple(ways)), shape=(len(u), len(u)))
+        graph = coo_array(
+            (np.ones(ways.shape[1]), tuple(ways)), shape=(len(u), len(u))
+        )
         label = connected_components(graph.tocsr())[1].astype(np.intp)
         a = np.delete(a, tried)
         b = np.delete(b, tried)
@@ -71,12 +79,16 @@ def _families(newton: Newton, target: Index, u: Array, x: Array) -> Index:
     return label
 
 
-def _pairs(newton: Newton, target: Index, u: Array) -> tuple[Index, Index, Array]:
+def _pairs(
+    newton: Newton, target: Index, u: Array
+) -> tuple[Index, Index, Array]:
     """Pairs of solutions of the same target, each with those nearest to it, and their distances."""
     rows = [target[:0]]
     columns = [target[:0]]
     gaps = [np.zeros(0)]
-    for group in np.split(np.arange(len(u)), np.flatnonzero(np.diff(target)) + 1):
+    for group in np.split(
+        np.arange(len(u)), np.flatnonzero(np.diff(target)) + 1
+    ):
         gap = newton.away(u[group, None], u[group])
         near = np.argsort(gap, axis=1)[:, 1 : FAMILIES.nearest + 1]
         rows.append(np.repeat(group, near.shape[1]))

@@ -22,7 +22,8 @@ class LinkSettings:
     wide: int = 8  # the same, where others have failed
     step: float = 2.0  # longest first step of a node
     most: int = 60  # proposals of a target
-    unlikely: int = 3  # proposals where none is likely: out of reach, or singular
+    # proposals where none is likely: out of reach, or singular
+    unlikely: int = 3
     cell: float = 1.5  # proposals that are closer count as one
     apart: float = 0.3  # solutions of two joints that are closer are one
     # spacings of the sensory map by which a start may miss its node
@@ -122,7 +123,9 @@ class LinkStarts:
         self._inverse[node, place] = inverse
         self._ready[nodes] = True
 
-    def propose(self, x: Array, sensory_nodes: int = LINKS.sensory) -> Candidates:
+    def propose(
+        self, x: Array, sensory_nodes: int = LINKS.sensory
+    ) -> Candidates:
         """Joints that the links propose for targets `x` (n, m), unrefined.
 
         They are a linear step of a motor node towards the target.
@@ -132,7 +135,9 @@ class LinkStarts:
         nodes = min(sensory_nodes, sensory.size)
         nearest = sensory.nearest(sensory.scale.to_unit(x), nodes)[1]
         partners = self.association.partners.take(nearest.ravel())
-        pairs = np.unique(partners.rows // nodes * motor.size + partners.indices)
+        pairs = np.unique(
+            partners.rows // nodes * motor.size + partners.indices
+        )
         target, node = np.divmod(pairs, motor.size)
         value, inverse = self._nodes
         step = _linear(inverse[node], x[target] - value[node])
@@ -163,7 +168,9 @@ class LinkStarts:
         """Position (n, m) and inverse Jacobian (n, dof, m) at joints (n, dof)."""
         origin = np.zeros((len(u), self.newton.task.count))
         back, slope = self.newton.task.residual(u, origin)
-        inverse = np.asarray(np.linalg.pinv(slope, rcond=LINKS.flat), dtype=float)
+        inverse = np.asarray(
+            np.linalg.pinv(slope, rcond=LINKS.flat), dtype=float
+        )
         return -back, inverse
 
 

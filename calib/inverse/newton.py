@@ -76,8 +76,12 @@ class Newton:
             slope[moved] = trial_slope[better]
             miss[moved] = after[better]
             failed = rows[~better]
-            damping[moved] = np.maximum(damping[moved] / SEARCH.easier, SEARCH.easiest)
-            damping[failed] = np.maximum(damping[failed] * SEARCH.easier, SEARCH.hard)
+            damping[moved] = np.maximum(
+                damping[moved] / SEARCH.easier, SEARCH.easiest
+            )
+            damping[failed] = np.maximum(
+                damping[failed] * SEARCH.easier, SEARCH.hard
+            )
             stalled = slow & (better | (before < rounding))
             hopeless = damping[rows] > SEARCH.hardest
             rows = rows[~(stalled | still | hopeless | (miss[rows] < enough))]
@@ -107,7 +111,9 @@ class Newton:
                 break
             slide = shortened(share[rows, None] * pull[rows], longest)
             trial, after = self.refine(u[rows] + slide, x[rows], SEARCH.close)
-            closer = self.away(trial, near[rows]) < self.away(u[rows], near[rows])
+            closer = self.away(trial, near[rows]) < self.away(
+                u[rows], near[rows]
+            )
             good = self.met(after) & closer
             share[rows[~good]] /= 4
             slid = rows[good]
@@ -176,13 +182,17 @@ def lengths(vectors: Array) -> Array:
 def shortened(moves: Array, longest: float) -> Array:
     """Moves (n, d) of at most that length."""
     length = np.linalg.norm(moves, axis=1, keepdims=True)
-    return np.asarray(moves * np.minimum(1.0, longest / np.maximum(length, 1e-300)))
+    return np.asarray(
+        moves * np.minimum(1.0, longest / np.maximum(length, 1e-300))
+    )
 
 
 def capped(moves: Array, longest: float) -> Array:
     """Moves (n, d) of which no joint goes further than that."""
     largest = np.abs(moves).max(axis=1, keepdims=True)
-    return np.asarray(moves * np.minimum(1.0, longest / np.maximum(largest, 1e-300)))
+    return np.asarray(
+        moves * np.minimum(1.0, longest / np.maximum(largest, 1e-300))
+    )
 
 
 def _slide_share(moved: Array, turned: Array) -> Array:

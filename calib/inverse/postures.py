@@ -62,7 +62,9 @@ class Postures:
 
     def _features(self, x: Array) -> Array:
         place = x[:, :3] / self.length
-        turn = x[:, 3:] / np.sqrt(2)  # the distance of matrices is that of angles
+        turn = x[:, 3:] / np.sqrt(
+            2
+        )  # the distance of matrices is that of angles
         return np.concatenate([place, turn], axis=1)[:, self.columns]
 
 

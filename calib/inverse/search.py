@@ -78,7 +78,9 @@ class Search:
         u = np.concatenate([u, more])
         miss = np.append(miss, missing)
         met = newton.met(miss)
-        target, u, miss = by_middle(newton.scale, target[met], u[met], miss[met])
+        target, u, miss = by_middle(
+            newton.scale, target[met], u[met], miss[met]
+        )
         single = distinct(newton.scale, target, u, SEARCH.same)
         return target[single], u[single], miss[single]
 
@@ -109,7 +111,9 @@ class _Best:
         other = newton.away(start, self.u[owner]) >= 0.5 * SEARCH.margin
         nearer = other & (away <= best[owner] + SEARCH.margin)
         if newton.redundant:  # each slide takes long
-            return np.where(met[owner], nearer, away <= first[owner] + SEARCH.surely)
+            return np.where(
+                met[owner], nearer, away <= first[owner] + SEARCH.surely
+            )
         return nearer | ~met[owner]
 
     def improve(self, owner: Index, start: Array) -> None:
@@ -174,7 +178,9 @@ def rank_within(owner: Index) -> Index:
     return np.arange(len(owner)) - np.searchsorted(owner, owner)
 
 
-def distinct(scale: Scale, target: Index, u: Array, apart: Array | float) -> Mask:
+def distinct(
+    scale: Scale, target: Index, u: Array, apart: Array | float
+) -> Mask:
     """Which joints (n, dof), sorted by target, are `apart` from all earlier ones that stay."""
     stays = np.ones(len(u), dtype=bool)
     apart = np.broadcast_to(apart, len(u))
@@ -192,8 +198,12 @@ def drawn(n: int, dof: int, beyond: float = 0.0) -> Array:
     return np.clip(u * (1.0 + 2.0 * beyond) - beyond, 0.0, 1.0)
 
 
-def with_others(target: Index, u: Array, targets: int, others: Array) -> Candidates:
+def with_others(
+    target: Index, u: Array, targets: int, others: Array
+) -> Candidates:
     """Starts (k, dof) of targets (k,), and for each of all targets the same others."""
     owner = np.append(target, np.repeat(np.arange(targets), len(others)))
     order = np.argsort(owner, kind="stable")
-    return owner[order], np.concatenate([u, np.tile(others, (targets, 1))])[order]
+    return owner[order], np.concatenate([u, np.tile(others, (targets, 1))])[
+        order
+    ]

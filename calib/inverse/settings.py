@@ -15,7 +15,8 @@ class SearchSettings:
 
     # Steps.
     steps: int = 40  # of a start, at most
-    longest: float = 0.25  # of a step: longer ones leave the branch of their start
+    # of a step: longer ones leave the branch of their start
+    longest: float = 0.25
     slow: float = 1e-9  # of the residual: a step that gains less is the last
     # Damping, as a share of the Jacobian's power.
     easy: float = 1e-9  # nearly Gauss-Newton: a start is close to its answer
@@ -26,24 +27,29 @@ class SearchSettings:
     # Slides of redundant joints along their self-motion.
     slides: int = 25
     settled: float = 1e-5  # a slide that is shorter is the last
-    slack: float = 2e-5  # a joint so close to its limit does not slide towards it
+    # a joint so close to its limit does not slide towards it
+    slack: float = 2e-5
     # Solutions.
-    close: float = 1e-9  # residual of a solution, a hundredth of any sensor's noise
+    # residual of a solution, a hundredth of any sensor's noise
+    close: float = 1e-9
     same: float = 1e-5  # solutions that are closer are one
     # Branches.
-    folded: float = 0.1  # least singular value beside a fold, of the Jacobian's squares
+    # least singular value beside a fold, of the Jacobian's squares
+    folded: float = 0.1
     beyond: float = 0.3  # the far side of a fold is looked for so far away
     probe: float = 1e-4  # step of the derivative of a singular value
     beside: float = 0.005  # an answer so near to what was asked is the nearest
     surely: float = 0.3  # the same, of redundant joints and of poses
     margin: float = 0.1  # a start may be so much further away than its answer
     tries: int = 48  # starts of a position
-    spare_tries: int = 30  # of redundant joints: a third once there is an answer
+    # of redundant joints: a third once there is an answer
+    spare_tries: int = 30
     # redundant joints start where this times the squared gap of the position, and the
     # squared distance from the joints asked for, are least: of 1 to 16 the quickest
     pull: int = 16
     # Poses: a UR5's branches are nearly all reached with half as many runs.
-    postures: int = 4096  # of the table of starts: the nearest is some .4 rad away
+    # of the table of starts: the nearest is some .4 rad away
+    postures: int = 4096
     scanned: int = 600  # postures nearest to a pose that are looked at
     runs: int = 24  # runs without a new branch that end the search
     apart: float = 0.12  # postures closer to a solution than this lead to it

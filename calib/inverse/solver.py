@@ -55,7 +55,9 @@ class Solver:
     def search(self) -> Search:
         """The search from where the links say that a solution may be."""
         sure = SEARCH.surely if self.redundant else SEARCH.beside
-        return Search(self.newton, LinkStarts(self.association, self.newton), sure)
+        return Search(
+            self.newton, LinkStarts(self.association, self.newton), sure
+        )
 
     def solve(self, x: Array, near: Array) -> tuple[Array, Array]:
         """Joints (n, dof) for targets `x` (n, m) nearest to `near` (n, dof), what is missing (n,).

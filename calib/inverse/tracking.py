@@ -24,7 +24,8 @@ class TrackingSettings:
     beyond: float = 0.1
     spacings: float = 1.5
     front: int = 8  # solutions of redundant joints that set out together
-    few: int = 20  # iterations of a small step: more are of a target out of reach
+    # iterations of a small step: more are of a target out of reach
+    few: int = 20
     # of the way to the middle, and of their move: so far redundant joints drift there
     wish: float = 0.2
     drift: float = 0.5
@@ -69,7 +70,9 @@ def follow_targets(
         # of branches that are as good the closest one: the first counts
         gap = solver.newton.away(front, rows[-1])
         front = front[np.argsort(gap, kind="stable")]
-    last = np.maximum(np.searchsorted(near, np.arange(len(x)), side="right") - 1, 0)
+    last = np.maximum(
+        np.searchsorted(near, np.arange(len(x)), side="right") - 1, 0
+    )
     return rows[last], near[np.array(jumps, dtype=np.intp)], ~close
 
 
@@ -98,7 +101,9 @@ class _Follower:
         alive = np.arange(len(front))
         for k in range(first + 1, len(self._x)):
             u = history[-1][alive]
-            moved, going = self._advance(u, self._x[k - 1], self._x[k], k, depth=0)
+            moved, going = self._advance(
+                u, self._x[k - 1], self._x[k], k, depth=0
+            )
             if not going.any():
                 break
             rows = history[-1].copy()
@@ -123,7 +128,9 @@ class _Follower:
         elif len(again) and depth < TRACKING.halved:
             middle = 0.5 * (begin + end)
             half, first = self._advance(u[again], begin, middle, row, depth + 1)
-            trial[again], second = self._advance(half, middle, end, row, depth + 1)
+            trial[again], second = self._advance(
+                half, middle, end, row, depth + 1
+            )
             going[again] = first & second
         return trial, going
 
@@ -162,7 +169,11 @@ class _Follower:
         gap, slope = newton.task.residual(u, targets)
         step = newton.move(u, gap, slope, np.full(len(u), SEARCH.easy))
         step = capped(step, SEARCH.longest)
-        free = newton.tangent(u, targets, newton.scale.difference(0.5 + 0.0 * u, u))
+        free = newton.tangent(
+            u, targets, newton.scale.difference(0.5 + 0.0 * u, u)
+        )
         longest = TRACKING.drift * np.linalg.norm(step, axis=1)
         share = longest / np.maximum(np.linalg.norm(free, axis=1), 1e-300)
-        return np.asarray(step + free * np.minimum(TRACKING.wish, share)[:, None])
+        return np.asarray(
+            step + free * np.minimum(TRACKING.wish, share)[:, None]
+        )

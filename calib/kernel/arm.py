@@ -41,9 +41,14 @@ class Sag:
         if not len(structure.groups["elastic"]):
             return None
         loads = Loads.together([structure.loads[name] for name in blocks])
-        elastic = np.concatenate([beta[structure.groups[name]] for name in blocks])
+        elastic = np.concatenate(
+            [beta[structure.groups[name]] for name in blocks]
+        )
         return Sag(
-            loads, elastic, structure.gravity_at(beta), structure.tilts["gravity"]
+            loads,
+            elastic,
+            structure.gravity_at(beta),
+            structure.tilts["gravity"],
         )
 
     @property
@@ -51,7 +56,9 @@ class Sag:
         """How much the weight of each point bends each joint, (m, p)."""
         bending = np.zeros((self.loads.chain.joints, len(self.loads.links)))
         np.add.at(
-            bending, self.loads.joints, self.elastic[:, None] * self.loads.weights
+            bending,
+            self.loads.joints,
+            self.elastic[:, None] * self.loads.weights,
         )
         return bending
 
@@ -64,9 +71,9 @@ class Sag:
         bent = chained[self.loads.joints]
         by_elasticity = bent * loads_of(levers, self.gravity)[:, None]
         by_gravity = [
-            (bent * (self.elastic[:, None] * loads_of(levers, way))[:, None]).sum(
-                axis=0
-            )
+            (
+                bent * (self.elastic[:, None] * loads_of(levers, way))[:, None]
+            ).sum(axis=0)
             for way in self.tilts
         ]
         return [by_elasticity, np.stack(by_gravity)]
@@ -137,7 +144,9 @@ class KernelArm:
                 waves = np.stack([np.cos(angle), np.sin(angle)])
                 bent = joints[: k + 1, None] * waves[:, None]
                 parts.append(bent)
-        geometry = np.concatenate([part.reshape(-1, 3, len(q)) for part in parts])
+        geometry = np.concatenate(
+            [part.reshape(-1, 3, len(q)) for part in parts]
+        )
         if self.lens is None:
             return geometry[:, : self.outputs], joints[:, : self.outputs]
         point = self.view @ motion.position + self.shift[:, None]

@@ -22,7 +22,8 @@ from ..common.arrays import Array
 from ..errors import OptionError
 from .source import c_source, source
 
-OFF = "CALIB_NO_CC"  # leaves the compiler alone where it is set to anything but 0
+# leaves the compiler alone where it is set to anything but 0
+OFF = "CALIB_NO_CC"
 CERTAIN = 1  # flag of an answer: no other is nearer
 NOTHING = 3  # flag of a position that nothing reaches
 
@@ -40,7 +41,8 @@ class Compiler:
         *("-march=native", "-ftree-vectorize", "-fvect-cost-model=dynamic"),
         *("-fno-inline-small-functions", "-fno-tree-pre"),
     )
-    patience: int = 10  # niceness beside another thread, where a control loop may run
+    # niceness beside another thread, where a control loop may run
+    patience: int = 10
     most: float = 120.0  # [s] that it may take
     joints: int = 16  # most joints of an arm
 
@@ -137,7 +139,9 @@ class Compiled:
                 return None
             buffers.joints[:] = joints
             if arguments:
-                for part, values in zip(buffers.arguments, arguments, strict=True):
+                for part, values in zip(
+                    buffers.arguments, arguments, strict=True
+                ):
                     if len(values) != len(part):  # type: ignore[arg-type]
                         return None
                     part[:] = values
@@ -175,7 +179,9 @@ class Compiled:
         for k, size in enumerate(sizes):
             begin = LAYOUT.question + k * LAYOUT.part
             parts.append(whole[begin : begin + size])
-        answer = whole[LAYOUT.answer : LAYOUT.answer + math.prod(shape)].reshape(shape)
+        answer = whole[
+            LAYOUT.answer : LAYOUT.answer + math.prod(shape)
+        ].reshape(shape)
         address = int(whole.ctypes.data)
         return Buffers(call, address, whole[: self._dof], tuple(parts), answer)
 
@@ -225,15 +231,31 @@ class Compiled:
         """
         q = q.copy()
         sure = sure.copy()
-        arguments = (p, rotation, _axis(free), starts.shape[1], starts, self._table)
-        return q, self._rows("poses_far", len(p), *arguments, near, q, flags=sure)
+        arguments = (
+            p,
+            rotation,
+            _axis(free),
+            starts.shape[1],
+            starts,
+            self._table,
+        )
+        return q, self._rows(
+            "poses_far", len(p), *arguments, near, q, flags=sure
+        )
 
     def inverse_poses_all(
         self, p: Array, rotation: Array, starts: Array, free: int | None
     ) -> list[Array]:
         """All ways (k, dof) to each pose (n, 3), (n, 3, 3) of the sensor's frame, from starts."""
         q = np.empty((len(p), ROWS.ways, self._dof))
-        arguments = (p, rotation, _axis(free), starts.shape[1], starts, self._table)
+        arguments = (
+            p,
+            rotation,
+            _axis(free),
+            starts.shape[1],
+            starts,
+            self._table,
+        )
         count = self._rows("poses_all", len(p), *arguments, ROWS.ways, q)
         return [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
 
@@ -320,7 +342,9 @@ def _complaint(command: Sequence[str]) -> str:
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise OptionError(f"{command[0]} failed: {type(error).__name__}") from error
+        raise OptionError(
+            f"{command[0]} failed: {type(error).__name__}"
+        ) from error
     if done.returncode == 0:
         return ""
     lines = done.stderr.decode(errors="replace").split()

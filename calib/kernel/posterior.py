@@ -28,12 +28,14 @@ class CompactSettings:
     # is within a thirtieth of that of the whole
     ways: int = 32
     rows: int = 400  # joint values by whose positions directions are compared
-    unexplained: float = 1e-6  # of what parameters move: more is no part of an arm
+    # of what parameters move: more is no part of an arm
+    unexplained: float = 1e-6
     still: float = 1e-10  # of the largest motion: what moves less moves nothing
     # of the largest motion: how far beliefs are apart is not told by what is less, which would
     # be differences of large numbers
     apart: float = 1e-6
-    chunk: int = 64  # rows at a time: a BLAS splits larger products over threads
+    # rows at a time: a BLAS splits larger products over threads
+    chunk: int = 64
 
 
 COMPACT = CompactSettings()
@@ -68,7 +70,9 @@ class Basis:
         rest = self.columns @ (amounts * self.size[:, None]) - moves
         largest = np.linalg.norm(moves, axis=0).max()
         return bool(
-            (np.linalg.norm(rest, axis=0) <= COMPACT.unexplained * largest).all()
+            (
+                np.linalg.norm(rest, axis=0) <= COMPACT.unexplained * largest
+            ).all()
         )
 
 
@@ -135,7 +139,9 @@ class CompactPosterior:
         for belief in beliefs:
             other = np.where(geometric, belief.beta, body.beta)
             gap = structure.predict(q, other) - structure.predict(q, body.beta)
-            apart = basis.amounts(gap[:, :outputs].reshape(-1, 1), COMPACT.apart)
+            apart = basis.amounts(
+                gap[:, :outputs].reshape(-1, 1), COMPACT.apart
+            )
             parts.append(compactor.compact(belief, apart[:, 0]))
         rank = max(part.root.shape[1] for part in parts)
         roots = [
@@ -160,7 +166,9 @@ class CompactPosterior:
     def bound(self, q: Array, *, noise: bool) -> Array:
         """95 % bounds (n,) on positions at joint values (n, dof), as `Body.bound`."""
         starts = range(0, len(q), COMPACT.chunk)
-        parts = [self._bound(q[i : i + COMPACT.chunk], noise=noise) for i in starts]
+        parts = [
+            self._bound(q[i : i + COMPACT.chunk], noise=noise) for i in starts
+        ]
         return np.concatenate([np.zeros(0), *parts])
 
     def _bound(self, q: Array, *, noise: bool) -> Array:
@@ -179,7 +187,9 @@ class CompactPosterior:
             spread = y @ np.swapaxes(y, 1, 2)
             if self.waved.any():
                 terms = self.alone[b]
-                size = terms[:, :1] + np.einsum("kh,khn->kn", terms[:, 1::2], turn.real)
+                size = terms[:, :1] + np.einsum(
+                    "kh,khn->kn", terms[:, 1::2], turn.real
+                )
                 size += np.einsum("kh,khn->kn", terms[:, 2::2], turn.imag)
                 spread += (joints * size.T[:, None]) @ np.swapaxes(joints, 1, 2)
                 along = np.swapaxes(waves, 1, 2) @ self.waved[b]  # (dof, n, w)
@@ -240,7 +250,9 @@ class _Compactor:
         for k, curve in enumerate(self.curves):
             if len(curve):
                 waved[k] = directions[curve]
-        return _CompactBelief(root, alone, coupled, waved, np.sign(strength[strongest]))
+        return _CompactBelief(
+            root, alone, coupled, waved, np.sign(strength[strongest])
+        )
 
     def _curves_alone(self, covariance: Array) -> Array:
         """Variances (dof, 193) of curves by themselves, which leave the covariance, in place.

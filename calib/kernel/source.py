@@ -26,17 +26,24 @@ _FUNCTIONS = re.compile(r"\b(cos|sin|sqrt|floor|fabs|atan2|pow)\(")
 def source(*names: str) -> str:
     """Files of the C source, one after another."""
     folder = files(__package__) / "c"
-    return "".join((folder / f"{name}.h").read_text(encoding="ascii") for name in names)
+    return "".join(
+        (folder / f"{name}.h").read_text(encoding="ascii") for name in names
+    )
 
 
-def c_source(text: str, words: Mapping[str, object], prefix: str, single: bool) -> str:
+def c_source(
+    text: str, words: Mapping[str, object], prefix: str, single: bool
+) -> str:
     """C source with words such as ``@dof@`` and ``#if @word@`` filled in, and names' prefix."""
     while "#if @" in text:  # the innermost first
         text = _CHOICE.sub(
-            lambda match: (match[2] if words[match[1]] else match[3]) or "", text
+            lambda match: (match[2] if words[match[1]] else match[3]) or "",
+            text,
         )
     filled = {
-        name: c_number(value, single) if isinstance(value, float) else str(value)
+        name: c_number(value, single)
+        if isinstance(value, float)
+        else str(value)
         for name, value in words.items()
     }
     text = re.sub(r"@(\w+)@", lambda match: filled[match[1]], text)
@@ -54,7 +61,9 @@ def table(
 ) -> str:
     """A constant array of C of any shape, braces round each row; `floats` in any header."""
     if not values.size:
-        values = np.zeros([max(size, 1) for size in values.shape], dtype=values.dtype)
+        values = np.zeros(
+            [max(size, 1) for size in values.shape], dtype=values.dtype
+        )
     whole = values.dtype.kind == "i"
     text = (
         str(values.tolist()).translate(_BRACES)
@@ -67,7 +76,9 @@ def table(
 
 def braces(values: NDArray[np.generic], single: bool) -> str:
     """Numbers in the braces of a C constant, row by row."""
-    numbers = np.clip(np.nan_to_num(np.asarray(values, float), nan=3e38), -3e38, 3e38)
+    numbers = np.clip(
+        np.nan_to_num(np.asarray(values, float), nan=3e38), -3e38, 3e38
+    )
     text = str(numbers.tolist())
     if single:  # nine digits tell any two floats apart
         text = _NUMBER.sub(lambda match: _nine_digits(match[0]), text)

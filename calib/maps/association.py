@@ -62,8 +62,12 @@ class Association:
     sensory: Annotated[Map, Own(nodes="places", d="width")]
     linked: Annotated[Compressed, Own()]
     wiring: Wiring = WIRINGS["reciprocal"]
-    motor_shifts: Annotated[Array, Shape("nodes", "dof", kept="f2")] | None = None
-    sensory_shifts: Annotated[Array, Shape("places", "width", kept="f2")] | None = None
+    motor_shifts: Annotated[Array, Shape("nodes", "dof", kept="f2")] | None = (
+        None
+    )
+    sensory_shifts: (
+        Annotated[Array, Shape("places", "width", kept="f2")] | None
+    ) = None
 
     def __repr__(self) -> str:
         strong = f"{len(self.linked.data):,} links"
@@ -84,7 +88,9 @@ class Association:
         from scipy.sparse import csr_array
 
         links = self.linked
-        return csr_array((links.data, links.indices, links.indptr), shape=links.shape)
+        return csr_array(
+            (links.data, links.indices, links.indptr), shape=links.shape
+        )
 
     @staticmethod
     def learn(
@@ -131,7 +137,8 @@ class Association:
         # sum_i a_i c_ij w_j / sum_i a_i c_ij
         total = a @ self._strength
         predicted = (
-            np.asarray(a @ self._weighted) / np.where(total > 0, total, 1.0)[:, None]
+            np.asarray(a @ self._weighted)
+            / np.where(total > 0, total, 1.0)[:, None]
         )
         unlinked = np.flatnonzero(~(total > 0))
         if len(unlinked):
@@ -160,7 +167,9 @@ class Association:
         away = np.linalg.norm(
             scale.difference(clusters.center[winner], near[:, None]), axis=2
         )
-        branch = np.where(clusters.strength[winner] > 0, away, np.inf).argmin(axis=1)
+        branch = np.where(clusters.strength[winner] > 0, away, np.inf).argmin(
+            axis=1
+        )
         anchor = clusters.center[winner, branch]
         gap = scale.difference(clusters.center[nodes], anchor[:, None, None])
         far = np.linalg.norm(gap, axis=3) + np.where(
@@ -177,7 +186,9 @@ class Association:
         step = np.take_along_axis(gap, best[..., None], 2)[:, :, 0]
         places = _places(self.sensory, self.sensory_shifts)
         middle, value, slope = regress(places[nodes] - v[:, None], step, weight)
-        mean = np.einsum("nk,nkd->nd", weight, step) / weight.sum(axis=1, keepdims=True)
+        mean = np.einsum("nk,nkd->nd", weight, step) / weight.sum(
+            axis=1, keepdims=True
+        )
         return {
             "linear": anchor + value - np.einsum("nd,ndo->no", middle, slope),
             "activity": anchor + mean,
@@ -190,11 +201,17 @@ class Association:
         motor = self.motor
         strength = self._strength
         means = _places(motor, self.motor_shifts)
-        partners = self._weighted / np.where(strength > 0, strength, 1.0)[:, None]
+        partners = (
+            self._weighted / np.where(strength > 0, strength, 1.0)[:, None]
+        )
         inside = motor.scale.wrapped(motor.units)
         predicted = self.sensory.scale.from_unit(partners)
         return LinearModels.of(
-            motor, means, predicted, strength, self.wiring.activity(motor, inside)
+            motor,
+            means,
+            predicted,
+            strength,
+            self.wiring.activity(motor, inside),
         )
 
     @cached_property
@@ -232,14 +249,19 @@ class Association:
         start, close = _close_nodes(motor)
         several = np.diff(start)[i]
         row = np.repeat(np.arange(len(i)), several)
-        turn = np.arange(len(row)) - np.repeat(np.cumsum(several) - several, several)
+        turn = np.arange(len(row)) - np.repeat(
+            np.cumsum(several) - several, several
+        )
         key = j * nm + i  # ascending: rows are sorted
         other = j[row] * nm + close[start[i[row]] + turn]
         place = np.minimum(np.searchsorted(key, other), len(key) - 1)
         met = key[place] == other
-        indptr = np.append(0, np.cumsum(np.bincount(row[met], minlength=len(key))))
+        indptr = np.append(
+            0, np.cumsum(np.bincount(row[met], minlength=len(key)))
+        )
         graph = csr_array(
-            (np.ones(len(place[met])), place[met], indptr), shape=(len(key),) * 2
+            (np.ones(len(place[met])), place[met], indptr),
+            shape=(len(key),) * 2,
         )
         label = connected_components(graph)[1].astype(np.intp)
 
@@ -250,10 +272,14 @@ class Association:
         core = first[label]  # the strongest link of the same cluster
         gap = motor.scale.difference(motor.units[i], motor.units[i[core]])
         weight = np.where(
-            np.linalg.norm(gap, axis=1) <= READOUT.core * motor.spacing, links.data, 0.0
+            np.linalg.norm(gap, axis=1) <= READOUT.core * motor.spacing,
+            links.data,
+            0.0,
         )
         total = np.bincount(label, weight)
-        shift = np.stack([np.bincount(label, weight * g) for g in gap.T], axis=1)
+        shift = np.stack(
+            [np.bincount(label, weight * g) for g in gap.T], axis=1
+        )
         center = motor.units[i[first]] + shift / total[:, None]
         # clusters of each sensory node, the strongest first
         rank = np.lexsort((-links.data[first], j[first]))
@@ -273,14 +299,17 @@ def _sums(network: Map, activity: csr_array, u: Array) -> Array:
     a = activity.data
     columns = (*(a * c for c in gap.T), a, a * a)
     return np.stack(
-        [np.bincount(activity.indices, c, network.size) for c in columns], axis=1
+        [np.bincount(activity.indices, c, network.size) for c in columns],
+        axis=1,
     )
 
 
 def _shifts(network: Map, sums: Array) -> Array:
     """Mean offsets (nodes, d) [node spacings]; a node that was never active has none."""
     share = np.where(
-        sums[:, -2] > READOUT.active, 1.0 / np.maximum(sums[:, -2], READOUT.active), 0.0
+        sums[:, -2] > READOUT.active,
+        1.0 / np.maximum(sums[:, -2], READOUT.active),
+        0.0,
     )
     shifts = sums[:, :-2] * share[:, None] / network.spacing
     return np.asarray(
@@ -291,7 +320,11 @@ def _shifts(network: Map, sums: Array) -> Array:
 
 def _places(network: Map, shifts: Array | None) -> Array:
     """Where nodes are active (nodes, d), in the unit box."""
-    return network.units if shifts is None else network.units + shifts * network.spacing
+    return (
+        network.units
+        if shifts is None
+        else network.units + shifts * network.spacing
+    )
 
 
 def _close_nodes(network: Map) -> tuple[Index, Index]:

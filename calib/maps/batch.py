@@ -27,7 +27,9 @@ Density = Literal["even", "varying", "growing"]
 def decay(start: float, end: float, n: int) -> Array:
     """`n` values that decay exponentially from `start` to `end` (eq. 4)."""
     return (
-        start * (end / start) ** np.linspace(0.0, 1.0, n) if n > 1 else np.array([end])
+        start * (end / start) ** np.linspace(0.0, 1.0, n)
+        if n > 1
+        else np.array([end])
     )
 
 
@@ -65,16 +67,23 @@ def coarse_to_fine(
         last = BATCH.last_radius_varying
     if alone:
         start, end = sigma or (max(longest / 2, last), last)
-        return [Stage(lattice, decay(start, end, epochs or 20), progress=(0.0, 1.0))]
+        return [
+            Stage(lattice, decay(start, end, epochs or 20), progress=(0.0, 1.0))
+        ]
     growth = lattice.size / BATCH.coarsest
     levels = math.ceil(math.log(growth, BATCH.growth)) if growth >= 2 else 0
     coarse = [
-        shrunk(lattice, BATCH.coarsest * growth ** (k / levels)) for k in range(levels)
+        shrunk(lattice, BATCH.coarsest * growth ** (k / levels))
+        for k in range(levels)
     ]
     coarse = [small for small in coarse if small.size < lattice.size]
     if not coarse:
         start = max(longest / 2, 1.0)
-        return [Stage(lattice, decay(start, min(last, start), 20), progress=(0.0, 1.0))]
+        return [
+            Stage(
+                lattice, decay(start, min(last, start), 20), progress=(0.0, 1.0)
+            )
+        ]
     if (
         density == "varying"
     ):  # so wide a radius comes next that one coarse lattice will do
@@ -87,7 +96,11 @@ def coarse_to_fine(
         return [first, *finer, Stage(lattice, radii, progress=(0.0, 1.0))]
     finer.append(Stage(lattice, np.array([1.5]), BATCH.step))
     if density == "even":
-        return [first, *finer, Stage(lattice, decay(1.0, last, 3), progress=(0.0, 1.0))]
+        return [
+            first,
+            *finer,
+            Stage(lattice, decay(1.0, last, 3), progress=(0.0, 1.0)),
+        ]
     share = np.linspace(0.0, BATCH.grown, len(finer) + 1).tolist()
     finer = [
         replace(s, progress=part)
@@ -95,7 +108,11 @@ def coarse_to_fine(
     ]
     side = lattice.size ** (1 / lattice.dim)
     last = float(
-        np.clip(BATCH.last_radius + 0.22 * math.log2(side / 20), BATCH.last_radius, 0.8)
+        np.clip(
+            BATCH.last_radius + 0.22 * math.log2(side / 20),
+            BATCH.last_radius,
+            0.8,
+        )
     )
     radii = decay(BATCH.first_radius_growing, last, BATCH.epochs_growing)
     return [first, *finer, Stage(lattice, radii, progress=(BATCH.grown, 1.0))]
@@ -133,9 +150,13 @@ def learn_batch(
         rows = np.arange(len(u))
         most = BATCH.samples_per_node * lattice.size
         if lattice != full and most < len(u):
-            rows = np.sort(rng.choice(len(u), most, replace=False, shuffle=False))
+            rows = np.sort(
+                rng.choice(len(u), most, replace=False, shuffle=False)
+            )
         samples = u[rows]
-        log_order = np.argsort(order[rows])  # a gain sees samples in the log's order
+        log_order = np.argsort(
+            order[rows]
+        )  # a gain sees samples in the log's order
         wrong = None if residual is None else residual[order[rows[log_order]]]
         for k, sigma in enumerate(stage.sigma.tolist()):
             tree = search_tree(weights)
@@ -159,10 +180,14 @@ def learn_batch(
             topographic = topographic_error(samples, tree, lattice)
             sums = _sums_of_winners(samples, winner, g, lattice.size)
             weights = moved(weights, sums, lattice, sigma, stage.step)
-            yield Epoch(weights, lattice, sigma, float(distance.mean()), topographic)
+            yield Epoch(
+                weights, lattice, sigma, float(distance.mean()), topographic
+            )
 
 
-def _sums_of_winners(samples: Array, winner: Index, g: Array, nodes: int) -> Array:
+def _sums_of_winners(
+    samples: Array, winner: Index, g: Array, nodes: int
+) -> Array:
     """Sum of the samples (n, d) that each node won, and of their weights g, (nodes, d + 1)."""
     columns = [*(g * coordinate for coordinate in samples.T), g]
     sums = [np.bincount(winner, column, nodes) for column in columns]
@@ -174,10 +199,12 @@ def _by_place(u: Array) -> Index:
     per_axis = int(BATCH.sorting_cells ** (1 / u.shape[1]))
     cell = np.zeros(len(u), dtype=np.uint16)
     for c in u.T:
-        cell = cell * np.uint16(per_axis) + (np.clip(c, 0.0, 0.999) * per_axis).astype(
-            np.uint16
-        )
-    return np.argsort(cell, kind="stable")  # in linear time, as they have 16 bits
+        cell = cell * np.uint16(per_axis) + (
+            np.clip(c, 0.0, 0.999) * per_axis
+        ).astype(np.uint16)
+    return np.argsort(
+        cell, kind="stable"
+    )  # in linear time, as they have 16 bits
 
 
 def spread_out(u: Array, lattice: Lattice) -> Array:
@@ -202,13 +229,19 @@ def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
     grid = sums.reshape(*lattice.shape, -1)
     for axis, n in enumerate(lattice.shape):
         reach = min(int(REACH * sigma) + 1, n - 1)
-        h = np.exp(np.arange(-reach, reach + 1) ** 2 / (-2.0 * sigma * sigma))  # eq. 3
+        h = np.exp(
+            np.arange(-reach, reach + 1) ** 2 / (-2.0 * sigma * sigma)
+        )  # eq. 3
         grid = correlate1d(grid, h, axis, mode="constant")
     return np.asarray(grid.reshape(sums.shape))
 
 
 def moved(
-    weights: Array, sums: Array, lattice: Lattice, sigma: float, step: float | None
+    weights: Array,
+    sums: Array,
+    lattice: Lattice,
+    sigma: float,
+    step: float | None,
 ) -> Array:
     """Where the nodes (size, d) go after an epoch.
 

@@ -184,7 +184,9 @@ READINGS: dict[str, Gain] = {
 def gain_of(name: str) -> Gain | None:
     """Gain of a network by its name in ``--map``, None where there is none."""
     if name not in MAPS:
-        raise OptionError(f"map {name!r} is unknown, choose one of {', '.join(MAPS)}")
+        raise OptionError(
+            f"map {name!r} is unknown, choose one of {', '.join(MAPS)}"
+        )
     return border if name == "vdsom" else READINGS.get(name.partition(":")[2])
 
 

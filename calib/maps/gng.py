@@ -26,7 +26,9 @@ class Gas:
     # (nodes,), accumulated squared distance to the samples that each has won
     error: Array
     # (m, 2), edges, the smaller node first
-    pairs: Index = field(default_factory=lambda: np.zeros((0, 2), dtype=np.intp))
+    pairs: Index = field(
+        default_factory=lambda: np.zeros((0, 2), dtype=np.intp)
+    )
     # (m,), samples that either end has won since the edge was last renewed
     age: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -42,7 +44,11 @@ class Gas:
 
 
 def learn_gng(
-    u: Array, nodes: int, gain: Gain | None, epochs: int, rng: np.random.Generator
+    u: Array,
+    nodes: int,
+    gain: Gain | None,
+    epochs: int,
+    rng: np.random.Generator,
 ) -> Iterator[Epoch]:
     """Grow a gas within the first 60 % of the samples; yields after each pass over these.
 
@@ -61,13 +67,16 @@ def learn_gng(
         first = 0
         while first < shown:
             block = order[
-                first : first + max(1, min(GROWING.block, len(gas.weights) // 10))
+                first : first
+                + max(1, min(GROWING.block, len(gas.weights) // 10))
             ]
             first += len(block)
             done += len(block)
             progress = min(1.0, done / (GROWING.growing * epochs * shown))
             total += present_gng(gas, block, decay, gain, progress)
-            while len(gas.weights) < 2 + int((nodes - 2) * progress) and len(gas.pairs):
+            while len(gas.weights) < 2 + int((nodes - 2) * progress) and len(
+                gas.pairs
+            ):
                 insert(gas)
         yield Epoch.of(u, gas.weights, gas.graph, 0.0, total / shown)
 
@@ -92,7 +101,9 @@ def present_gng(
         visit = Visit(progress, winner, distances[:, 0], gas.weights, gas.graph)
         error = error * gain(visit)
     n = len(gas.weights)
-    gas.error = (gas.error + np.bincount(winner, error, n)) * decay ** len(samples)
+    gas.error = (gas.error + np.bincount(winner, error, n)) * decay ** len(
+        samples
+    )
     wins = np.bincount(winner, minlength=n).astype(float)
     a, b = gas.pairs.T
     gas.age = gas.age + wins[a] + wins[b]
@@ -126,7 +137,9 @@ def _move_nodes(gas: Gas, samples: Array, winner: Index, wins: Array) -> None:
 def _renew_edges(gas: Gas, winner: Index, second: Index) -> None:
     """Join the two nearest nodes of each sample by an edge of age 0."""
     n = len(gas.weights)
-    new_keys = np.unique(np.minimum(winner, second) * n + np.maximum(winner, second))
+    new_keys = np.unique(
+        np.minimum(winner, second) * n + np.maximum(winner, second)
+    )
     keys = gas.pairs[:, 0] * n + gas.pairs[:, 1]
     # the new keys are sorted: a search is sooner than np.isin, which sorts all edges
     place = np.minimum(np.searchsorted(new_keys, keys), len(new_keys) - 1)

@@ -43,7 +43,9 @@ def shape_of(size: Size, name: str = "size") -> tuple[int, ...]:
             parameter=name,
             value=size,
         ) from None
-    return Lattice(2 * whole if len(whole) == 1 and np.ndim(size) == 0 else whole).shape
+    return Lattice(
+        2 * whole if len(whole) == 1 and np.ndim(size) == 0 else whole
+    ).shape
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,9 @@ class Lattice:
             )
         return (counts.ravel() - 1.0) / (3.0**self.dim - 1.0)
 
-    def around(self, winner: int, *widths: float) -> tuple[tuple[slice, ...], Array]:
+    def around(
+        self, winner: int, *widths: float
+    ) -> tuple[tuple[slice, ...], Array]:
         """The nodes around a winner, and h at each of them (eq. 3).
 
         widths : sigma [nodes], or one for each axis
@@ -99,10 +103,14 @@ class Lattice:
         window = []
         h = np.ones(())
         places = np.unravel_index(winner, self.shape)
-        for n, place, width in zip(self.shape, map(int, places), widths, strict=True):
+        for n, place, width in zip(
+            self.shape, map(int, places), widths, strict=True
+        ):
             part = slice(max(0, place - reach), min(n, place + reach + 1))
             steps = np.arange(part.start - place, part.stop - place)
-            h = np.multiply.outer(h, np.exp(steps**2 / (-2.0 * width * width)))  # eq. 3
+            h = np.multiply.outer(
+                h, np.exp(steps**2 / (-2.0 * width * width))
+            )  # eq. 3
             window.append(part)
         return tuple(window), h
 
@@ -117,7 +125,9 @@ class Lattice:
         pairs = []
         for axis in range(self.dim):
             ahead = np.moveaxis(index, axis, 0)
-            pairs.append(np.stack([ahead[:-1].ravel(), ahead[1:].ravel()], axis=1))
+            pairs.append(
+                np.stack([ahead[:-1].ravel(), ahead[1:].ravel()], axis=1)
+            )
         return np.concatenate(pairs)
 
     def adjacent(self, i: Index, j: Index) -> Mask:
@@ -134,7 +144,9 @@ class Lattice:
         the axis, and beyond the outermost nodes the lattice is continued linearly.
         """
         grid = weights.reshape(*self.shape, -1)
-        for axis, (old, new) in enumerate(zip(self.shape, finer.shape, strict=True)):
+        for axis, (old, new) in enumerate(
+            zip(self.shape, finer.shape, strict=True)
+        ):
             place = (np.arange(new) + 0.5) * (old / new) - 0.5
             low = np.clip(np.floor(place).astype(int), 0, old - 2)
             rest = (place - low).reshape(
@@ -171,7 +183,9 @@ class Graph:
         "Most" is the upper quartile: nodes at the border have fewer.
         """
         degree = np.bincount(self.pairs.ravel(), minlength=self.size)
-        return np.minimum(1.0, degree / max(float(np.quantile(degree, 0.75)), 1.0))
+        return np.minimum(
+            1.0, degree / max(float(np.quantile(degree, 0.75)), 1.0)
+        )
 
     def edges(self) -> Index:
         """Pairs of joined nodes, (m, 2)."""

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-def regress(place: Array, value: Array, weight: Array) -> tuple[Array, Array, Array]:
+def regress(
+    place: Array, value: Array, weight: Array
+) -> tuple[Array, Array, Array]:
     """Weighted ridge regressions of values on places, one for each row.
 
     place, value, weight : (n, k, d), (n, k, o), (n, k), where nodes stand, what they say, how
@@ -36,7 +38,11 @@ def regress(place: Array, value: Array, weight: Array) -> tuple[Array, Array, Ar
     power = weighted @ gap
     diagonal = np.einsum("ndd->nd", power)
     diagonal += READOUT.ridge * diagonal.mean(axis=1, keepdims=True) + 1e-300
-    return middle, mean, np.linalg.solve(power, weighted @ (value - mean[:, None]))
+    return (
+        middle,
+        mean,
+        np.linalg.solve(power, weighted @ (value - mean[:, None])),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +55,8 @@ class LinearModels(ReadOnly):
 
     motor: Map  # the map whose nodes carry the models
     values: Array  # (nodes, o) [unit], position at each node
-    slopes: Array  # (nodes, d, o) [unit], its derivatives by the unit coordinates
+    # (nodes, d, o) [unit], its derivatives by the unit coordinates
+    slopes: Array
 
     def value(self, u: Array) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""
@@ -67,7 +74,11 @@ class LinearModels(ReadOnly):
 
     @staticmethod
     def of(
-        motor: Map, places: Array, partners: Array, strength: Array, activity: csr_array
+        motor: Map,
+        places: Array,
+        partners: Array,
+        strength: Array,
+        activity: csr_array,
     ) -> LinearModels:
         """Regress the partners' values around each node.
 
@@ -91,14 +102,18 @@ class LinearModels(ReadOnly):
                 motor.units[linked], motor.scale, motor.units[unlinked]
             )[1]
             source = linked[nearest[:, 0]]
-            gap = motor.scale.difference(motor.units[unlinked], motor.units[source])
+            gap = motor.scale.difference(
+                motor.units[unlinked], motor.units[source]
+            )
             slope[unlinked] = slope[source]
             value[unlinked] = value[source] + np.einsum(
                 "nd,ndo->no", gap, slope[source]
             )
         return LinearModels(motor, value, slope)
 
-    def _blended(self, u: Array, index: Index, weight: Array) -> tuple[Array, Array]:
+    def _blended(
+        self, u: Array, index: Index, weight: Array
+    ) -> tuple[Array, Array]:
         """Weighted mean (n, o) of the nodes' linear models, and what each predicts (n, m, o)."""
         gap = self.motor.scale.difference(u[:, None], self.motor.units[index])
         of_nodes = self.values[index] + np.einsum(

@@ -50,9 +50,13 @@ class Wiring:
         exponent = (distance / (self.bandwidth * spacing)) ** 2
         a = np.exp(exponent.min(axis=1, keepdims=True) - exponent)  # eq. 6
         rows = np.arange(0, a.size + 1, k)
-        return csr_array((a.ravel(), index.ravel(), rows), shape=(len(u), network.size))
+        return csr_array(
+            (a.ravel(), index.ravel(), rows), shape=(len(u), network.size)
+        )
 
-    def link(self, together: csr_array, motor: Array, sensory: Array) -> Compressed:
+    def link(
+        self, together: csr_array, motor: Array, sensory: Array
+    ) -> Compressed:
         """Links (motor nodes, sensory nodes) at the fixed point of Oja's rule (eq. 5).
 
         Where its mean change vanishes, c_ij = <a_i a_j> / <a_j^2>, or with both sides
@@ -102,7 +106,9 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> Compressed:
     links.data[weak] = 0.0
     links.eliminate_zeros()
     links.sort_indices()
-    data = links.data.astype(np.float32).astype(float)  # as a model file keeps them
+    data = links.data.astype(np.float32).astype(
+        float
+    )  # as a model file keeps them
     return Compressed(data, links.indices, links.indptr, links.shape)
 
 
@@ -132,8 +138,12 @@ class Compressed(ReadOnly):
     def transposed(self) -> Compressed:
         """The same by columns; rows stay ascending within each."""
         columns = self.shape[1]
-        small = self.indices.astype(np.uint16 if columns <= 1 << 16 else np.uint32)
-        order = small.argsort(kind="stable")  # of 16 bits linear in their number
+        small = self.indices.astype(
+            np.uint16 if columns <= 1 << 16 else np.uint32
+        )
+        order = small.argsort(
+            kind="stable"
+        )  # of 16 bits linear in their number
         ends = np.cumsum(np.bincount(self.indices, minlength=columns))
         rows = self.rows[order].astype(self.indices.dtype)
         return Compressed(

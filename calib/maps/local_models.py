@@ -22,7 +22,8 @@ FULL = LOCAL.full
 class LocalModels(ReadOnly):
     """One polynomial per motor node."""
 
-    degree: int  # largest total degree, -1 for none: the smooth part stands alone
+    # largest total degree, -1 for none: the smooth part stands alone
+    degree: int
     samples: int  # number of samples that each was fitted to
     # distance to the first sample that was left out, in the unit box
     radius: Annotated[Array, Shape("nodes")]
@@ -38,7 +39,9 @@ NO_MODELS = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, 2)))
 def exponents(dim: int, degree: int) -> Index:
     """Exponents of all terms of total degree <= `degree`, (terms, dim), lowest first."""
     every = itertools.product(range(degree + 1), repeat=dim)
-    terms = sorted((t for t in every if sum(t) <= degree), key=lambda t: (sum(t), t))
+    terms = sorted(
+        (t for t in every if sum(t) <= degree), key=lambda t: (sum(t), t)
+    )
     return np.array(terms, dtype=np.intp).reshape(-1, dim)
 
 
@@ -47,7 +50,8 @@ def monomials(z: Array, terms: Index) -> Array:
     products = np.ones((*z.shape[:-1], len(terms)))
     for k, column in enumerate(terms.T):
         powers = np.cumprod(
-            np.repeat(z[..., k, None], column.max(initial=0) + 1, axis=-1), axis=-1
+            np.repeat(z[..., k, None], column.max(initial=0) + 1, axis=-1),
+            axis=-1,
         )
         products *= np.concatenate([np.ones_like(z[..., :1]), powers], axis=-1)[
             ..., column
@@ -79,14 +83,19 @@ def fit(
     away = np.random.default_rng(0).standard_normal((LOCAL.ring, dof))
     away *= 0.5 / np.linalg.norm(away, axis=1, keepdims=True)
     ring = places[:, None] + motor.spacings[nodes][:, None, None] * away
-    ring = np.where(scale.periodic, ring, np.clip(ring, 0.0, 1.0)) - places[:, None]
+    ring = (
+        np.where(scale.periodic, ring, np.clip(ring, 0.0, 1.0))
+        - places[:, None]
+    )
     ring /= radius[..., None]
     coefficients = np.zeros((motor.size, len(exponents(dof, degree)), outputs))
     shaky = np.arange(len(nodes))
     for lower in range(degree, -1, -1):
         terms = exponents(dof, lower)
         for part in np.array_split(
-            shaky, 1 + len(shaky) * near.shape[1] * len(terms) // LOCAL.numbers_at_once
+            shaky,
+            1
+            + len(shaky) * near.shape[1] * len(terms) // LOCAL.numbers_at_once,
         ):
             features = monomials(z[part], terms)
             weighted = np.swapaxes(features * kernel[part, :, None], 1, 2)
@@ -101,7 +110,9 @@ def fit(
             solved = np.linalg.solve(moments, right_side)
             variance = np.einsum("nta,nta->na", on_ring, solved[..., outputs:])
             firm = (variance < LOCAL.firm).all(axis=1)
-            coefficients[nodes[part[firm]], : len(terms)] = solved[firm, :, :outputs]
+            coefficients[nodes[part[firm]], : len(terms)] = solved[
+                firm, :, :outputs
+            ]
         shaky = shaky[(coefficients[nodes[shaky]] == 0.0).all(axis=(1, 2))]
     reach = np.full(motor.size, motor.spacing)
     reach[nodes] = radius[:, 0]
@@ -136,7 +147,9 @@ def blend(
     # rule for raw_k / total
     gap = motor.scale.difference(u[:, None], motor.units[index])
     tilt = (
-        2.0 * (gap[:, :-1] - ratio[..., None] * gap[:, -1:]) / (last * last)[..., None]
+        2.0
+        * (gap[:, :-1] - ratio[..., None] * gap[:, -1:])
+        / (last * last)[..., None]
     )
     tilt *= -2.0 * (1.0 - ratio)[..., None]
     tilt = (tilt - weight[..., None] * tilt.sum(axis=1, keepdims=True)) / total[
@@ -159,14 +172,18 @@ def heard(weight: Array, talks: Mask) -> Array:
     talking = np.where(talks, weight, 0.0)
     share = talking.sum(axis=1, keepdims=True)
     t = np.clip((share - SILENT) / (FULL - SILENT), 0.0, 1.0)
-    return np.asarray(talking * (t * t * (3.0 - 2.0 * t) / np.maximum(share, SILENT)))
+    return np.asarray(
+        talking * (t * t * (3.0 - 2.0 * t) / np.maximum(share, SILENT))
+    )
 
 
 def contributions(models: LocalModels, index: Index, gap: Array) -> Array:
     """What the models of the nodes `index` (n, m) say at the offsets `gap` (n, m, d), (n, m, o)."""
     z = gap / models.radius[index][..., None]
     products = monomials(z, exponents(gap.shape[-1], models.degree))
-    return np.asarray(np.einsum("nmt,nmto->nmo", products, models.coefficients[index]))
+    return np.asarray(
+        np.einsum("nmt,nmto->nmo", products, models.coefficients[index])
+    )
 
 
 def predict(

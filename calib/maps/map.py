@@ -111,7 +111,9 @@ class Map:
         """Means (nodes,) over the edges of each node, 0 of a node without one."""
         ends = self.edges.T.ravel()
         total = np.bincount(ends, np.tile(lengths, 2), self.size)
-        return np.asarray(total / np.maximum(np.bincount(ends, minlength=self.size), 1))
+        return np.asarray(
+            total / np.maximum(np.bincount(ends, minlength=self.size), 1)
+        )
 
     def nearest(self, u: Array, k: int = 1) -> tuple[Array, Index]:
         """Distances and indices, (n, k), of the `k` nodes nearest to `u` in the unit box."""
@@ -179,7 +181,9 @@ def search_tree(points: Array, scale: Scale | None = None) -> cKDTree:
         points = scale.wrapped(points)
         box = scale.periodic.astype(float)
     # neither compact nor balanced: built in a fraction of the time, as each epoch needs one
-    return cKDTree(points, boxsize=box, compact_nodes=False, balanced_tree=False)
+    return cKDTree(
+        points, boxsize=box, compact_nodes=False, balanced_tree=False
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,12 +193,18 @@ class Epoch:
     weights: Array  # (nodes, d), weights of the nodes, in the unit box
     lattice: Lattice | Graph  # how they are joined
     sigma: float  # [nodes], neighbourhood radius of this pass
-    error: float  # mean distance of the samples to their winners, in the unit box
-    topographic: float  # share of samples whose two nearest nodes are not joined
+    # mean distance of the samples to their winners, in the unit box
+    error: float
+    # share of samples whose two nearest nodes are not joined
+    topographic: float
 
     @staticmethod
     def of(
-        u: Array, weights: Array, lattice: Lattice | Graph, sigma: float, error: float
+        u: Array,
+        weights: Array,
+        lattice: Lattice | Graph,
+        sigma: float,
+        error: float,
     ) -> Epoch:
         """The state after a pass over all samples `u` (n, d)."""
         topographic = topographic_error(u, search_tree(weights), lattice)
@@ -206,7 +216,9 @@ class Epoch:
         return len(self.weights), self.sigma, self.error, self.topographic
 
 
-def topographic_error(u: Array, tree: cKDTree, lattice: Lattice | Graph) -> float:
+def topographic_error(
+    u: Array, tree: cKDTree, lattice: Lattice | Graph
+) -> float:
     """Topographic error on some 500 of the samples `u`."""
     index = nearest_nodes(tree, u[:: max(1, len(u) // 500)], 2)[1]
     return float(np.mean(~lattice.adjacent(index[:, 0], index[:, 1])))

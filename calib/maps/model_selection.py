@@ -41,10 +41,13 @@ def follows_the_motion(x: Array, residual: Array) -> bool:
     length = np.linalg.norm(motion, axis=1, keepdims=True)
     along = np.einsum("no,no->n", residual, motion / np.maximum(length, 1e-300))
     size = float(np.median(np.linalg.norm(residual, axis=1)))
-    means = np.array([along[part].mean() for part in blocks(len(x), SELECTION.parts)])
+    means = np.array(
+        [along[part].mean() for part in blocks(len(x), SELECTION.parts)]
+    )
     chance = float(means.std()) / np.sqrt(len(means))
     return bool(
-        abs(np.median(means)) > max(SELECTION.sure * chance, SELECTION.along * size)
+        abs(np.median(means))
+        > max(SELECTION.sure * chance, SELECTION.along * size)
     )
 
 
@@ -82,7 +85,9 @@ class Candidates:
 class Choice:
     """Nodes that carry local models of one shape."""
 
-    shape: tuple[int, int]  # degree, and number of samples that each is fitted to
+    shape: tuple[
+        int, int
+    ]  # degree, and number of samples that each is fitted to
     nodes: Index
     remaining: Array  # (n, o), what is left of the candidates' rows
 
@@ -118,7 +123,9 @@ def select(
     for shape in shapes:
         predictions = _fold_predictions(motor, u, residual, candidates, shape)
         choice, gain = _choice(motor, candidates, stands, predictions, shape)
-        total = np.bincount(candidates.part, gain, SELECTION.parts).astype(float)
+        total = np.bincount(candidates.part, gain, SELECTION.parts).astype(
+            float
+        )
         if total.sum() > most and _beyond_chance(total, SELECTION.total_gain):
             most = float(total.sum())
             best = choice
@@ -142,7 +149,9 @@ def _candidates(
     noise = max(difference / (2.0 * np.log(2.0)), rounding, 1e-300)
     calm = np.median(_square(held_out)[near], axis=1) < SELECTION.calm * noise
     index, weight, gap = local.speaking(motor, u)
-    wrongness = _sum_by_node(motor, index, weight * (~calm[:, None] - SELECTION.speaks))
+    wrongness = _sum_by_node(
+        motor, index, weight * (~calm[:, None] - SELECTION.speaks)
+    )
     stands = wrongness > 0.0
     rows = np.flatnonzero(stands[index].any(axis=1))
     candidates = Candidates(
@@ -192,7 +201,9 @@ def _choice(
     gains = []
     for k in range(SELECTION.parts):
         inside = candidates.part == k
-        gains.append(_sum_by_node(motor, candidates.index[inside], by_node[inside]))
+        gains.append(
+            _sum_by_node(motor, candidates.index[inside], by_node[inside])
+        )
     talks = stands & _beyond_chance(np.stack(gains), SELECTION.node_gain)
     remaining, gain = candidates.mended(predictions, talks)
     return Choice(shape, np.flatnonzero(talks), remaining), gain

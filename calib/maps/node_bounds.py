@@ -38,7 +38,8 @@ def learn_bounds(motor: Map, u: Array, errors: Array) -> Array:
             ratio = np.sort(errors[rows] / stated)
             # the finite-sample quantile of conformal prediction
             rank = min(
-                len(ratio) - 1, int(np.ceil((len(ratio) + 1) * BOUNDS.coverage)) - 1
+                len(ratio) - 1,
+                int(np.ceil((len(ratio) + 1) * BOUNDS.coverage)) - 1,
             )
             bound[members] *= max(ratio[rank], BOUNDS.least)
     return bound

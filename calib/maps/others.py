@@ -56,7 +56,9 @@ def present_dsom(
         distances.append(distance)
         if distance == 0.0:
             continue  # the source: h is zero where the winner stands on the sample
-        window, h = lattice.around(winner, *_widths(lattice, distance, dim, elasticity))
+        window, h = lattice.around(
+            winner, *_widths(lattice, distance, dim, elasticity)
+        )
         step = rate * h * away.reshape(lattice.shape)[window] / math.sqrt(dim)
         grid[window] += step[..., None] * (x - grid[window])
     return distances
@@ -80,7 +82,9 @@ def learn_gas(
     for reach in decay(GAS.first_range, GAS.last_range, epochs):
         distance, index = nearest_nodes(search_tree(weights), u, k)
         met = np.zeros((nodes, u.shape[1] + 1))
-        for ranked, share in zip(index.T, np.exp(-np.arange(k) / reach), strict=True):
+        for ranked, share in zip(
+            index.T, np.exp(-np.arange(k) / reach), strict=True
+        ):
             sums = [np.bincount(ranked, column, nodes) for column in columns]
             met += share * np.stack(sums, axis=1)
         pulled = met[:, -1] > 0.0

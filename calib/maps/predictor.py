@@ -59,7 +59,9 @@ class Predictor:
         return np.concatenate([self._value_of(part) for part in _parts(u)])
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:  # noqa: D102
-        values, slopes = zip(*map(self._value_and_slope_of, _parts(u)), strict=True)
+        values, slopes = zip(
+            *map(self._value_and_slope_of, _parts(u)), strict=True
+        )
         return np.concatenate(values), np.concatenate(slopes)
 
     def _value_of(self, u: Array) -> Array:

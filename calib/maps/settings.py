@@ -9,12 +9,14 @@ from dataclasses import dataclass
 class OnlineSettings:
     """The paper's rule, one sample at a time (`vdsom.py`)."""
 
-    alpha: float = 0.5  # learning rate of the maps at the start, alpha_init of eq. 4
+    # learning rate of the maps at the start, alpha_init of eq. 4
+    alpha: float = 0.5
     # learning rate of the links, eta_init of eq. 12: eta beta stays below 1
     eta: float = 0.13
     # samples between two looks at the nodes' spacings (eq. 6) and at a gain
     chunk: int = 250
-    silent: float = 7.0  # exponent of eq. 6 beyond which a node is silent: below 1e-3
+    # exponent of eq. 6 beyond which a node is silent: below 1e-3
+    silent: float = 7.0
     most_links: int = 100_000_000  # that are held densely: 400 MB
 
 
@@ -33,7 +35,8 @@ class BatchSettings:
     first_radius_growing: float = 3.0
     epochs_growing: int = 5  # of the full lattice, of a density that grows
     grown: float = 0.5  # t / T after the coarse lattices
-    sorting_cells: int = 65_535  # parts of the unit box by which samples are sorted
+    # parts of the unit box by which samples are sorted
+    sorting_cells: int = 65_535
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,8 @@ class LinkSettings:
     """Hebbian links and the activity of nodes (`links.py`)."""
 
     bandwidth: float = 0.7  # of a node's activity (eq. 6) [node spacings]
-    nearest: int = 12  # nodes that are active at a time: further ones are below 1e-3
+    # nodes that are active at a time: further ones are below 1e-3
+    nearest: int = 12
     # links below this share of the strongest of their nodes are let go
     weak: float = 0.02
     nothing: float = 1e-6  # and those below this share of the strongest of all
@@ -62,7 +66,8 @@ class LinkSettings:
 class ReadoutSettings:
     """Readouts of the links and branches of the inverse (`association.py`, `linear_models.py`)."""
 
-    joined: float = 1.9  # nodes closer than so many spacings belong to one cluster
+    # nodes closer than so many spacings belong to one cluster
+    joined: float = 1.9
     core: float = 6.0  # reach of a cluster around its strongest node [spacings]
     most_clusters: int = 6  # of each sensory node
     samples_at_once: int = 50_000  # whose activities are held together
@@ -77,7 +82,8 @@ class ReadoutSettings:
 class DynamicSettings:
     """DSOM with the values of its source (`others.py`)."""
 
-    elasticity: float = 3.0  # how far a sample's pull reaches: 1 to 3 in the source
+    # how far a sample's pull reaches: 1 to 3 in the source
+    elasticity: float = 3.0
     rate: float = 0.1  # learning rate epsilon of the source
 
 
@@ -111,7 +117,8 @@ class LocalSettings:
     """Local models of the motor nodes (`local_models.py`)."""
 
     most_degree: int = 5  # of a local model
-    silent: float = 0.3  # share of the weight at which speaking nodes are not heard
+    # share of the weight at which speaking nodes are not heard
+    silent: float = 0.3
     full: float = 0.5  # share of the weight at which they are heard in full
     ring: int = 16  # places around a node where its polynomial has to be firm
     firm: float = 10.0  # variance of an answer there, over that of one sample
@@ -127,20 +134,24 @@ class SelectionSettings:
     shapes: tuple[tuple[int, int], ...] = ((0, 30), (1, 50), (3, 40), (5, 60))
     rounding: float = 1e-9  # share of the extent that is no residual
     rows_around: int = 9  # whose median residual tells whether a row is calm
-    calm: float = 2.0  # times the noise's mean square, below which that median is calm
+    # times the noise's mean square, below which that median is calm
+    calm: float = 2.0
     # weight of a calm row: what mends a defect must not spoil what is right
     harm: float = 30.0
-    speaks: float = 0.5  # of a node's weight on wrong rows, above which it may speak
+    # of a node's weight on wrong rows, above which it may speak
+    speaks: float = 0.5
     # of a log: a gain has to come from several, near-repeats are no evidence
     parts: int = 20
     node_gain: float = 1.0  # standard errors beyond zero of a node's gain
     total_gain: float = 3.0  # standard errors beyond zero of the sum
-    along: float = 0.1  # share of the residuals along the motion that is no chance
+    # share of the residuals along the motion that is no chance
+    along: float = 0.1
     sure: float = 5.0  # standard errors of the same
     rows_averaged: int = 30  # whose residuals are averaged for a map's density
     # standard errors by which a mean square must exceed the common one
     chance: float = 4.0
-    spreads: float = 6.0  # standard deviations of the calm mean squares, the same
+    # standard deviations of the calm mean squares, the same
+    spreads: float = 6.0
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,9 @@ class SOM:
         """
         x = np.asarray(x, dtype=float)
         if x.ndim != 2 or not len(x):
-            raise LogError(f"samples of shape {x.shape}: expected (n, d) with n >= 1")
+            raise LogError(
+                f"samples of shape {x.shape}: expected (n, d) with n >= 1"
+            )
         if not np.isfinite(x).all():
             row = int(np.argmin(np.isfinite(x).all(axis=1)))
             raise LogError(
@@ -207,12 +209,17 @@ class SOM:
     @property
     def _gain(self) -> Gain | None:
         return (
-            gain_of(self.map) if isinstance(self.map, str) else checked_gain(self.map)
+            gain_of(self.map)
+            if isinstance(self.map, str)
+            else checked_gain(self.map)
         )
 
     def _sigma(self, lattice: Lattice) -> tuple[float, float]:
         """First and last radius of the online rule [nodes]."""
-        return self.sigma or (max(lattice.shape) / 2, 0.5 if self.map == "som" else 1.5)
+        return self.sigma or (
+            max(lattice.shape) / 2,
+            0.5 if self.map == "som" else 1.5,
+        )
 
     @property
     def _passes(self) -> int:

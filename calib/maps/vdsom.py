@@ -144,7 +144,9 @@ class VDSOM:
         distances = [np.empty(n) for _ in self.layers]
         for first in range(0, n, ONLINE.chunk):
             chunk = range(first, min(first + ONLINE.chunk, n))
-            bandwidths = [self._squared_bandwidths(layer) for layer in self.layers]
+            bandwidths = [
+                self._squared_bandwidths(layer) for layer in self.layers
+            ]
             gains = self._gains(samples, rates, chunk)
             weights = [
                 np.ascontiguousarray(layer.weights.T) for layer in self.layers
@@ -176,8 +178,12 @@ class VDSOM:
         last = chunk.stop - 1
         progress = float(rates.progress[last])
         return [
-            layer.gains(x[chunk.start : chunk.stop], float(radii[last]), progress)
-            for layer, x, radii in zip(self.layers, samples, rates.sigma, strict=True)
+            layer.gains(
+                x[chunk.start : chunk.stop], float(radii[last]), progress
+            )
+            for layer, x, radii in zip(
+                self.layers, samples, rates.sigma, strict=True
+            )
         ]
 
     def _learn_links(
@@ -194,8 +200,12 @@ class VDSOM:
         j, a_j = sensory.active(weights[1], sample[1], bandwidths[1])
         eta = rates.eta[k]
         beta = rates.beta[k]
-        self._c[j] *= 1.0 - eta * beta * a_j[:, None] ** 2  # eq. 11 (eq. 5): forgetting
-        self._c[j[:, None], i] += eta * np.outer(a_j, a_i)  # eq. 5: active together
+        self._c[j] *= (
+            1.0 - eta * beta * a_j[:, None] ** 2
+        )  # eq. 11 (eq. 5): forgetting
+        self._c[j[:, None], i] += eta * np.outer(
+            a_j, a_i
+        )  # eq. 5: active together
 
     @property
     def links(self) -> NDArray[np.float32]:
@@ -222,7 +232,11 @@ class VDSOM:
         if self.wiring is None:
             return np.ones(1)
         network = layer.map
-        spacing = network.spacings if self.wiring.local else np.array([network.spacing])
+        spacing = (
+            network.spacings
+            if self.wiring.local
+            else np.array([network.spacing])
+        )
         return np.asarray((self.wiring.bandwidth * spacing) ** 2)
 
 
@@ -277,7 +291,9 @@ def _learn_sample(
 
 def zeta(weights: Array, x: Array) -> float:
     """Distortion of a map: mean squared distance of samples (n, d) to their winners (eq. 9)."""
-    return float(np.mean(nearest_nodes(search_tree(weights), x)[0] ** 2))  # eq. 9
+    return float(
+        np.mean(nearest_nodes(search_tree(weights), x)[0] ** 2)
+    )  # eq. 9
 
 
 def passes(

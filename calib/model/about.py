@@ -31,9 +31,13 @@ class About(ReadOnly):
     tip: str  # the frame whose position is sensed
     joint_names: tuple[str, ...]  # active joints from base to tip
     revolute: tuple[bool, ...]  # whether each joint turns (rad) or slides (m)
-    lower: Annotated[Array, Shape("dof")]  # [rad or m], learned range of each joint
+    lower: Annotated[
+        Array, Shape("dof")
+    ]  # [rad or m], learned range of each joint
     upper: Annotated[Array, Shape("dof")]
-    locked: Mapping[str, float]  # other joints and where they are held [rad or m]
+    locked: Mapping[
+        str, float
+    ]  # other joints and where they are held [rad or m]
     # its "origin", "x" and "y" in the root link's frame [m]
     plane: Mapping[str, tuple[float, float, float]] | None
     unit: str  # unit of the positions
@@ -41,8 +45,12 @@ class About(ReadOnly):
     source: str  # "simulation" or "log"
     samples: int  # number of training samples
     seed: int
-    options: Mapping[str, Any]  # "map", "rule", "epochs", "sigma" of the training
-    simulation: Mapping[str, Any] | None  # noise and changes of the simulated arm
+    options: Mapping[
+        str, Any
+    ]  # "map", "rule", "epochs", "sigma" of the training
+    simulation: (
+        Mapping[str, Any] | None
+    )  # noise and changes of the simulated arm
     urdf: str  # the URDF's own text ("" without one)
     # errors per readout as ``calib evaluate --json`` prints them
     errors: Mapping[str, Any] = field(default_factory=dict)
@@ -50,7 +58,9 @@ class About(ReadOnly):
     within: Mapping[str, float] = field(default_factory=dict)
     tested: int = 0  # samples behind those errors
     left_out: int = 0  # samples outside of what was learned from the others
-    notes: tuple[str, ...] = ()  # notes that were printed while the model was made
+    notes: tuple[
+        str, ...
+    ] = ()  # notes that were printed while the model was made
     # columns of its log that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict)
     # whether its log, and so later ones, has turning joints in degrees
@@ -75,7 +85,11 @@ class About(ReadOnly):
     def measured(self, **facts: Any) -> About:
         """The same facts but for these, of a model that now rests on what a sensor read."""
         return replace(
-            self, source="log", bound_of="sensor reading", simulation=None, **facts
+            self,
+            source="log",
+            bound_of="sensor reading",
+            simulation=None,
+            **facts,
         )
 
     def joints_of(self, log: Samples) -> Array:
@@ -107,7 +121,11 @@ class Photo:
 
     def __post_init__(self) -> None:
         left, right, low, high = self.box
-        if not all(map(math.isfinite, self.box)) or left >= right or low == high:
+        if (
+            not all(map(math.isfinite, self.box))
+            or left >= right
+            or low == high
+        ):
             raise ValueError(f"{self.box} is no box")
         if not self.jpeg.startswith(_START) or len(self.jpeg) > _LARGEST:
             raise ValueError("the photo is no JPEG of at most 3 MB")
@@ -121,7 +139,8 @@ class Photo:
                 return np.asarray(opened.convert("RGB"))
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
             raise ModelError(
-                "the model's photo cannot be read", hint="keep another one with `photo`"
+                "the model's photo cannot be read",
+                hint="keep another one with `photo`",
             ) from None
 
 

@@ -49,7 +49,9 @@ class Alignment:
     def swapped(self) -> bool:
         """Whether x and y are exchanged."""
         turned = np.abs(self.matrix / max(self.scale, 1e-300))
-        return self.mirrored and bool(np.min([turned[0, 1], turned[1, 0]]) > 0.9)
+        return self.mirrored and bool(
+            np.min([turned[0, 1], turned[1, 0]]) > 0.9
+        )
 
     @property
     def angle(self) -> float:
@@ -62,7 +64,9 @@ class Alignment:
                 2.0
             )  # 2 scale sin(angle)
             return math.atan2(odd, float(np.trace(matrix)) - self.scale)
-        return math.atan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1])
+        return math.atan2(
+            matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1]
+        )
 
     def words(self, unit: str) -> str:
         """The whole map in words."""
@@ -77,7 +81,9 @@ class Alignment:
         """Rows of [A | b]."""
         return [
             [*row, b]
-            for row, b in zip(self.matrix.tolist(), self.shift.tolist(), strict=True)
+            for row, b in zip(
+                self.matrix.tolist(), self.shift.tolist(), strict=True
+            )
         ]
 
     @classmethod

@@ -28,12 +28,14 @@ SURE = 1e-2
 class AnswerSettings:
     """What counts as an answer, and how far a step goes."""
 
-    reached: float = 1e-9  # of the workspace's extent, that always counts as reached
+    # of the workspace's extent, that always counts as reached
+    reached: float = 1e-9
     in_sight: float = 1e6  # extents of the workspace
     # damping of a step of a servo, as a share of the Jacobian's power
     calm: float = 1e-3
     longest: float = 0.1  # of the joints' range: no step of a servo is longer
-    step: float = 0.01  # of the workspace's extent, of a path where no step is given
+    # of the workspace's extent, of a path where no step is given
+    step: float = 0.01
     most_rows: int = 1_000_000  # of a path
 
 
@@ -96,13 +98,17 @@ def unit_joints(
     return joints
 
 
-def inverse(model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool) -> Array:
+def inverse(
+    model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool
+) -> Array:
     """Joints (n, dof) for targets (n, m); NaN out of reach, or those that come `nearest`."""
     wish = anchor(model, near, len(x))
     there = model.motor.scale.from_unit(wish)
     if near is not None:
         there = on_turn(
-            model, there, rows_for(near, model.about.joint_names, "near", len(x))
+            model,
+            there,
+            rows_for(near, model.about.joint_names, "near", len(x)),
         )
     q = np.full_like(there, np.nan)
     rest = np.arange(len(x))
@@ -132,8 +138,12 @@ def joints_and_reach(
     u, distance = model.solver.solve(in_sight(model, x), near)
     within = np.ones(len(u), dtype=bool)
     far = np.flatnonzero(distance > ANSWER.reached * model.solver.extent)
-    if len(far) and bounded:  # only the expected error can still call these reachable
-        within[far] = distance[far] <= _within_reach(model, model.bound_at(u[far]))
+    if (
+        len(far) and bounded
+    ):  # only the expected error can still call these reachable
+        within[far] = distance[far] <= _within_reach(
+            model, model.bound_at(u[far])
+        )
     return model.motor.scale.from_unit(u), within
 
 
@@ -146,10 +156,14 @@ def in_sight(model: Parts, x: Array) -> Array:
         model.solver.extent + float(np.abs(model.sensory.scale.lower).max())
     )
     furthest = np.abs(x).max(axis=1, keepdims=True)
-    return np.where(furthest > limit, x / np.maximum(furthest, limit) * limit, x)
+    return np.where(
+        furthest > limit, x / np.maximum(furthest, limit) * limit, x
+    )
 
 
-def answer(model: Parts, u: Array, x: Array, position: Array | None = None) -> Answer:
+def answer(
+    model: Parts, u: Array, x: Array, position: Array | None = None
+) -> Answer:
     """Describe joints `u` (n, dof) of the unit box that answer the targets `x` (n, m)."""
     if position is None:
         position = model.predictor.value(u)
@@ -158,7 +172,9 @@ def answer(model: Parts, u: Array, x: Array, position: Array | None = None) -> A
     ):  # the distance of a target at 1e308 may be infinite
         gap = position - x
         distance = (
-            np.hypot(*gap.T) if x.shape[1] == 2 else np.sqrt((gap**2).sum(axis=1))
+            np.hypot(*gap.T)
+            if x.shape[1] == 2
+            else np.sqrt((gap**2).sum(axis=1))
         )
     # steps over a forged model's numbers may overflow; where joints are no numbers, none is within
     finite = np.nan_to_num(u, posinf=0.0, neginf=0.0)
@@ -177,11 +193,15 @@ def _within_reach(model: Parts, bound: Array) -> Array:
     return np.maximum(np.minimum(bound, SURE * extent), ANSWER.reached * extent)
 
 
-def rows_for(values: ArrayLike, names: Sequence[str], what: str, n: int) -> Array:
+def rows_for(
+    values: ArrayLike, names: Sequence[str], what: str, n: int
+) -> Array:
     """Rows (n, d) beside `n` others, one of which may stand for all."""
     rows, _ = checked_rows(values, names, what)
     if len(rows) not in (1, n):
-        raise QueryError(f"{what} has {len(rows)} rows for {n}: give one or {n}")
+        raise QueryError(
+            f"{what} has {len(rows)} rows for {n}: give one or {n}"
+        )
     return np.broadcast_to(rows, (n, len(names)))
 
 
@@ -198,18 +218,26 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
     lower = model.about.lower
     upper = model.about.upper
     # an encoder may stand a hair beyond a limit; a whole range beyond are other units
-    out = ((rows < 2 * lower - upper) | (rows > 2 * upper - lower)) & ~scale.periodic
+    out = (
+        (rows < 2 * lower - upper) | (rows > 2 * upper - lower)
+    ) & ~scale.periodic
     if out.any():
         row, k = np.argwhere(out)[0]
         raise QueryError(
             f"near has {names[k]} = {rows[row, k]:.6g}: expected a value in its range "
             f"{lower[k]:.6g} to {upper[k]:.6g}"
         )
-    return scale.to_unit(np.where(scale.periodic, rows, np.clip(rows, lower, upper)))
+    return scale.to_unit(
+        np.where(scale.periodic, rows, np.clip(rows, lower, upper))
+    )
 
 
 def servo_step(
-    model: Parts, measured: ArrayLike, target: ArrayLike, q: ArrayLike, gain: float
+    model: Parts,
+    measured: ArrayLike,
+    target: ArrayLike,
+    q: ArrayLike,
+    gain: float,
 ) -> Array:
     """One step towards the targets; see :meth:`calib.Model.servo`."""
     if not 0.0 < gain <= 1.0:
@@ -231,7 +259,10 @@ def servo_step(
 
 
 def follow_path(
-    model: Parts, waypoints: ArrayLike, start: ArrayLike | None, step: float | None
+    model: Parts,
+    waypoints: ArrayLike,
+    start: ArrayLike | None,
+    step: float | None,
 ) -> Path:
     """Follow waypoints; see :meth:`calib.Model.path`."""
     corners, single = checked_rows(waypoints, model.axes, "waypoints")
@@ -263,15 +294,23 @@ def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:
     with np.errstate(over="ignore"):
         length = np.linalg.norm(np.diff(corners, axis=0), axis=1)
         total = float(length.sum())
-    if not total / step + len(corners) <= ANSWER.most_rows or not math.isfinite(total):
+    if not total / step + len(corners) <= ANSWER.most_rows or not math.isfinite(
+        total
+    ):
         raise QueryError(
             f"step {step:g} makes more than {ANSWER.most_rows:,} rows of a path {total:.4g} long: "
             "give a longer one"
         )
     # rounding of the length must not add a row
-    parts = np.append(1, np.maximum(1, np.ceil(length / step - 1e-9))).astype(np.intp)
+    parts = np.append(1, np.maximum(1, np.ceil(length / step - 1e-9))).astype(
+        np.intp
+    )
     waypoint = np.repeat(np.arange(len(corners)), parts)
-    share = np.concatenate([np.arange(1, n + 1) / n for n in parts.tolist()])[:, None]
+    share = np.concatenate([np.arange(1, n + 1) / n for n in parts.tolist()])[
+        :, None
+    ]
     before = corners[np.maximum(waypoint - 1, 0)]
     after = corners[waypoint]
-    return np.where(share < 1.0, before + (after - before) * share, after), waypoint
+    return np.where(
+        share < 1.0, before + (after - before) * share, after
+    ), waypoint

@@ -35,7 +35,9 @@ class Seen(ReadOnly):
             np.round(scale.wrapped(u), 3), axis=0
         )  # an arm at rest is at one
         away = nearest_points(places, scale, places, u.shape[1] + 2)[0][:, -1]
-        return Seen(_in_file(places), _in_file(np.minimum(away, np.median(away))))
+        return Seen(
+            _in_file(places), _in_file(np.minimum(away, np.median(away)))
+        )
 
     def beside(self, scale: Scale, u: Array) -> Array:
         """How far points `u` (n, dof) are beyond what the places tell, (n,)."""

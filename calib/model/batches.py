@@ -29,7 +29,8 @@ class NumpyCost:
 
 
 COST = NumpyCost()
-CHUNK = 20_000  # positions at once: their branches fit into the processor's cache
+# positions at once: their branches fit into the processor's cache
+CHUNK = 20_000
 
 
 def prepare(model: Parts, kind: Kind, rows: int) -> Compiled | None:
@@ -80,7 +81,9 @@ def all_rows(model: Parts, x: Array) -> list[Array] | None:
 
     Families of redundant joints are NumPy's.
     """
-    kernel = None if model.solver.redundant else prepare(model, "inverse", len(x))
+    kernel = (
+        None if model.solver.redundant else prepare(model, "inverse", len(x))
+    )
     if kernel is None:
         return None
     ways: list[Array] = []

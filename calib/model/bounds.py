@@ -18,7 +18,8 @@ from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import Predictor
 from .baseline import Seen
 
-MOST_BLENDED = 3  # joints up to which bounds are blended between the motor map's nodes
+# joints up to which bounds are blended between the motor map's nodes
+MOST_BLENDED = 3
 STEEP = 2.0  # extents of the workspace that a position may change by over the range of a joint
 
 
@@ -37,7 +38,12 @@ class PositionBound:
     widest: float  # [unit], with which a position is still an answer
 
     def at(
-        self, u: Array, nodes: Array, *, noise: bool, side_known: Mask | None = None
+        self,
+        u: Array,
+        nodes: Array,
+        *,
+        noise: bool,
+        side_known: Mask | None = None,
     ) -> Array:
         """95 % bound (n,) [unit] at points `u` (n, dof).
 
@@ -66,9 +72,13 @@ class PositionBound:
             # beside a joint that hardly moved the posterior widens within less than a node's
             # spacing: a blended bound would refuse the measured rows themselves
             q = self._motor.scale.from_unit(u[wide])
-            bound[wide] = np.minimum(bound[wide], self.body.bound(q, noise=noise))
+            bound[wide] = np.minimum(
+                bound[wide], self.body.bound(q, noise=noise)
+            )
         if self.rows is not None:
-            bound = bound + STEEP * self.extent * self.rows.beside(self._motor.scale, u)
+            bound = bound + STEEP * self.extent * self.rows.beside(
+                self._motor.scale, u
+            )
         return bound
 
     @property

@@ -34,7 +34,10 @@ def facts(model: Parts, *, degrees: bool = True) -> dict[str, str]:
         places = [f"{name}={value:.6g}" for name, value in about.locked.items()]
         words["locked"] = ", ".join(places)
     if about.plane:
-        axes = [f"{name} {vector(about.plane[name])}" for name in ("origin", "x", "y")]
+        axes = [
+            f"{name} {vector(about.plane[name])}"
+            for name in ("origin", "x", "y")
+        ]
         words["plane"] = ", ".join(axes)
     words |= {
         "positions in": about.unit,
@@ -55,7 +58,9 @@ def facts(model: Parts, *, degrees: bool = True) -> dict[str, str]:
 def learned_range(about: About | Arm, k: int, *, degrees: bool) -> str:
     """Return the learned range of joint `k` in words."""
     factor, unit = unit_of_joint(about.revolute[k], degrees)
-    return f"{about.lower[k] * factor:.6g} to {about.upper[k] * factor:.6g} {unit}"
+    return (
+        f"{about.lower[k] * factor:.6g} to {about.upper[k] * factor:.6g} {unit}"
+    )
 
 
 def shown_errors(
@@ -67,7 +72,10 @@ def shown_errors(
     """
     readouts = [readout for readout in READOUTS if readout in errors]
     joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
-    for direction, units in (("forward", {"orientation": "rad"}), ("inverse", joints)):
+    for direction, units in (
+        ("forward", {"orientation": "rad"}),
+        ("inverse", joints),
+    ):
         for name in errors[readouts[0]][direction]:
             factor, unit = for_people(units.get(name, about.unit))
             statistics: _ErrorRow = {}

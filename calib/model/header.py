@@ -92,7 +92,9 @@ class StartTable:
         nodes = np.flatnonzero(model.visited)
         nodes = nodes[thinned(len(nodes), SIZES.postures)]
         u = np.clip(model.motor.units[nodes], 0.0, 1.0)
-        return StartTable(model.motor.scale.from_unit(u), model.predictor.value(u))
+        return StartTable(
+            model.motor.scale.from_unit(u), model.predictor.value(u)
+        )
 
     @staticmethod
     def of_places(model: Parts) -> StartTable:
@@ -105,23 +107,38 @@ class StartTable:
         corners = np.indices((side,) * dimensions).reshape(dimensions, -1).T
         middles = scale.lower + (corners + 0.5) * step
         cell, u = model.solver.search.starts.of(middles)
-        first = np.append(0, np.cumsum(np.bincount(cell, minlength=len(middles))))
+        first = np.append(
+            0, np.cumsum(np.bincount(cell, minlength=len(middles)))
+        )
         value = model.predictor.value(u)
         return StartTable(
-            model.motor.scale.from_unit(u), value, cells, scale.lower, step, first
+            model.motor.scale.from_unit(u),
+            value,
+            cells,
+            scale.lower,
+            step,
+            first,
         )
 
     @staticmethod
     def none(model: Parts) -> StartTable:
         """No starts: joints are sought from `near` alone."""
         return StartTable(
-            np.zeros((0, len(model.about.lower))), np.zeros((0, len(model.axes)))
+            np.zeros((0, len(model.about.lower))),
+            np.zeros((0, len(model.axes))),
         )
 
     def tables(self) -> dict[str, NDArray[np.generic]]:
         """Its constant arrays of C, by name."""
-        tables: dict[str, NDArray[np.generic]] = {"start_q": self.q, "start_x": self.x}
-        if self.grid is not None and self.lower is not None and self.step is not None:
+        tables: dict[str, NDArray[np.generic]] = {
+            "start_q": self.q,
+            "start_x": self.x,
+        }
+        if (
+            self.grid is not None
+            and self.lower is not None
+            and self.step is not None
+        ):
             assert self.first is not None  # noqa: S101
             tables["grid"] = self.grid.astype(int)
             tables["grid_lower"] = self.lower
@@ -211,7 +228,11 @@ class Header:
     @cached_property
     def starts(self) -> StartTable:
         """Where the inverse begins."""
-        return StartTable.none(self.model) if self.small else StartTable.of(self.model)
+        return (
+            StartTable.none(self.model)
+            if self.small
+            else StartTable.of(self.model)
+        )
 
     def text(
         self,
@@ -235,7 +256,9 @@ class Header:
         dof = len(self.limit)
         models = model.predictor.models
         blended = self.posterior is None and not self.small
-        words: dict[str, object] = asdict(SEARCH) | asdict(SINGLE if single else DOUBLE)
+        words: dict[str, object] = asdict(SEARCH) | asdict(
+            SINGLE if single else DOUBLE
+        )
         words |= self._bound_words(single)
         if self.starts.grid is None:
             words["tries"] = SEARCH.spare_tries
@@ -342,7 +365,9 @@ class Header:
             tables["limit"] = self.limit
             arms += _arm("calib_nominal", self.nominal, single, own=False)
         if self.placement.arm is not None:
-            arms += _arm("calib_drawn_arm", self.placement.arm, single, own=False)
+            arms += _arm(
+                "calib_drawn_arm", self.placement.arm, single, own=False
+            )
         if posterior is not None:
             arms += _sizes(posterior, arm)
             tables |= self._belief_tables(posterior)
@@ -359,14 +384,18 @@ class Header:
         place = {tuple(term): k for k, term in enumerate(terms.tolist())}
         along = [int(np.argmax(term > 0)) for term in terms]
         unit = np.eye(terms.shape[1], dtype=int)
-        below = [[place.get(tuple((t - e).tolist()), 0) for e in unit] for t in terms]
+        below = [
+            [place.get(tuple((t - e).tolist()), 0) for e in unit] for t in terms
+        ]
         flat = models.coefficients.reshape(len(models.coefficients), -1)
         return {
             "radius": models.radius,
             "local_terms": flat,
             "talks": flat.any(axis=1).astype(int),
             "along": np.array(along),
-            "parent": np.array([row[k] for row, k in zip(below, along, strict=True)]),
+            "parent": np.array(
+                [row[k] for row, k in zip(below, along, strict=True)]
+            ),
             "power": terms.ravel().astype(int),
             "below": np.ravel(below),
         }
@@ -394,7 +423,9 @@ class Header:
             directions = posterior.coupled.shape[2]
             waved = posterior.waved[:, :, order]
             tables["waved"] = waved.reshape(len(waved), -1, directions)
-            tables["own"] = posterior.alone.reshape(-1, posterior.alone.shape[2])
+            tables["own"] = posterior.alone.reshape(
+                -1, posterior.alone.shape[2]
+            )
         return tables
 
 
@@ -408,7 +439,9 @@ def _sizes(posterior: CompactPosterior, arm: KernelArm) -> str:
         "BELIEFS": beliefs,
         "WAYS": posterior.coupled.shape[2],
     }
-    listed = ", ".join(f"CALIB_{name} = {number}" for name, number in sizes.items())
+    listed = ", ".join(
+        f"CALIB_{name} = {number}" for name, number in sizes.items()
+    )
     return f"enum {{ {listed} }};\n"
 
 
@@ -418,7 +451,9 @@ def _length(arm: KernelArm) -> float:
     return max(float(np.linalg.norm(links, axis=1).sum()), 1e-9)
 
 
-def _arm_tables(arm: KernelArm, *, bounded: bool) -> dict[str, NDArray[np.generic]]:
+def _arm_tables(
+    arm: KernelArm, *, bounded: bool
+) -> dict[str, NDArray[np.generic]]:
     """Lens, curves, coupling and bending of an arm, those that it has; `bounded` by a posterior."""
     chain = arm.chain
     tables: dict[str, NDArray[np.generic]] = {}
@@ -486,4 +521,7 @@ def compiled_of(model: Parts) -> tuple[Compiled | None, str]:
     except CalibError as error:
         return None, f"queries are answered by the batch in NumPy: {error}"
     seconds = time.perf_counter() - started
-    return compiled, f"queries are answered by compiled C, made in {seconds:.2g} s"
+    return (
+        compiled,
+        f"queries are answered by compiled C, made in {seconds:.2g} s",
+    )

@@ -56,7 +56,11 @@ class Model(Parts):
 
         def __getattr__(self, name: str) -> NoReturn:
             """Name the function where a method is asked for that is none."""
-            hint = f": call `calib.{name}(model, ...)`" if name in FUNCTIONS else ""
+            hint = (
+                f": call `calib.{name}(model, ...)`"
+                if name in FUNCTIONS
+                else ""
+            )
             raise AttributeError(f"a model has no attribute {name!r}{hint}")
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -75,15 +79,23 @@ class Model(Parts):
         if isinstance(parts, Model):
             return parts
         if sensor not in self.remembered:
-            values = {field.name: getattr(parts, field.name) for field in fields(Parts)}
+            values = {
+                field.name: getattr(parts, field.name)
+                for field in fields(Parts)
+            }
             self.remembered[sensor] = Model(**values)
         model: Model = self.remembered[sensor]
         return model
 
     def with_sensor(self, adapted: Model) -> Model:
         """Return the model with one of its sensors adapted, and that one's arm as all see it."""
-        several = [with_arm_of(parts, adapted) for parts in (self, *self.others)]
-        first = {field.name: getattr(several[0], field.name) for field in fields(Parts)}
+        several = [
+            with_arm_of(parts, adapted) for parts in (self, *self.others)
+        ]
+        first = {
+            field.name: getattr(several[0], field.name)
+            for field in fields(Parts)
+        }
         return Model(**{**first, "others": tuple(several[1:])})
 
     def warm_up(self, *, strict: bool = False) -> str:
@@ -137,7 +149,9 @@ class Model(Parts):
         side = np.sign(answers.rows_for(approach, names, "approach", len(rows)))
         return Motion(rows, side), single
 
-    def _single(self, kind: str, joints: ArrayLike, *others: ArrayLike) -> Array | None:
+    def _single(
+        self, kind: str, joints: ArrayLike, *others: ArrayLike
+    ) -> Array | None:
         """What the compiled C answers to one row; None where the batch has to."""
         if self.kernel is None:
             return None
@@ -179,7 +193,11 @@ class Model(Parts):
         """
         if sensor:
             return self.by(sensor).forward(q, readout, approach=approach)
-        if self.kernel is not None and readout in (None, "local") and approach is None:
+        if (
+            self.kernel is not None
+            and readout in (None, "local")
+            and approach is None
+        ):
             quick = self._single("forward", q)
             if quick is not None:
                 return quick
@@ -208,7 +226,11 @@ class Model(Parts):
         readout : {"local", "body", "linear", "activity", "winner"}, the model's default if None
         nearest : whether the nearest reachable point answers a target out of reach instead of NaN
         """
-        if self.kernel is not None and readout in (None, "local") and near is not None:
+        if (
+            self.kernel is not None
+            and readout in (None, "local")
+            and near is not None
+        ):
             quick = self._single_inverse(self.kernel, x, near, nearest=nearest)
             if quick is not None:
                 return quick
@@ -238,7 +260,10 @@ class Model(Parts):
         return kernel.refused(q, _UNREACHED) if self.strict else None
 
     def solve(
-        self, x: ArrayLike, near: ArrayLike | None = None, readout: str | None = None
+        self,
+        x: ArrayLike,
+        near: ArrayLike | None = None,
+        readout: str | None = None,
     ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         readout = self._readout(readout)
@@ -276,7 +301,9 @@ class Model(Parts):
         rows, _ = checked_rows(x, self.axes, "positions")
         ways = batches.all_rows(self, rows)
         if ways is None:
-            ways = [answer.q[answer.reachable] for answer in self.solve_all(rows)]
+            ways = [
+                answer.q[answer.reachable] for answer in self.solve_all(rows)
+            ]
         return ways
 
     def expected_error(
@@ -291,7 +318,9 @@ class Model(Parts):
         """
         return self._bound("bounds", q, approach)
 
-    def model_error(self, q: ArrayLike, *, approach: ArrayLike | None = None) -> Array:
+    def model_error(
+        self, q: ArrayLike, *, approach: ArrayLike | None = None
+    ) -> Array:
         """95 % bound on the true position in the sensor's frame at (n, dof), (n,) [unit].
 
         Without the noise of a single reading; the same as :meth:`expected_error` for a
@@ -333,7 +362,10 @@ class Model(Parts):
         )
 
     def path(
-        self, x: ArrayLike, start: ArrayLike | None = None, step: float | None = None
+        self,
+        x: ArrayLike,
+        start: ArrayLike | None = None,
+        step: float | None = None,
     ) -> Path:
         """Joint values along straight lines through waypoints, on one branch if there is one.
 
@@ -371,7 +403,13 @@ class Model(Parts):
             if quick is not None:
                 return quick
         ways = solve_poses(
-            self, position, quaternion, near, frame=frame, free=free, bounded=False
+            self,
+            position,
+            quaternion,
+            near,
+            frame=frame,
+            free=free,
+            bounded=False,
         )
         q = np.where(ways.reachable[:, None], ways.q, np.nan)
         return q[0] if np.ndim(position) == 1 else q
@@ -396,7 +434,9 @@ class Model(Parts):
             near = 0.5 * (self.about.lower + self.about.upper)
         axis = free_axis(free)
         open_axis = [-1 if axis is None else axis]
-        answer = kernel.ask("inverse_pose", near, position, quaternion, open_axis)
+        answer = kernel.ask(
+            "inverse_pose", near, position, quaternion, open_axis
+        )
         if answer is None:
             return None
         q, sure = answer
@@ -440,7 +480,11 @@ class Model(Parts):
         return (position[0], turns[0]) if single else (position, turns)
 
     def servo(
-        self, x_measured: ArrayLike, target: ArrayLike, q: ArrayLike, gain: float = 0.5
+        self,
+        x_measured: ArrayLike,
+        target: ArrayLike,
+        q: ArrayLike,
+        gain: float = 0.5,
     ) -> Array:
         """Joints (n, dof) a step closer to a target, from where the sensor sees the tip.
 

@@ -55,7 +55,8 @@ def nominal_behind(structure: Structure, beta: Array) -> Array:
 def moves_in_space(model: Parts) -> bool:
     """Whether the arm moves in space: seen in x, y and z, or by a camera from anywhere."""
     return len(model.axes) == 3 or (
-        model.body is not None and isinstance(model.body.structure, SpatialStructure)
+        model.body is not None
+        and isinstance(model.body.structure, SpatialStructure)
     )
 
 
@@ -63,7 +64,9 @@ def visited_joints(model: Parts, most: int) -> Array:
     """Joints (n, dof) of motor nodes that rows visited, at most so many, within the ranges."""
     nodes = np.flatnonzero(model.visited)
     nodes = nodes[thinned(len(nodes), most)]
-    return np.clip(model.motor.weights[nodes], model.about.lower, model.about.upper)
+    return np.clip(
+        model.motor.weights[nodes], model.about.lower, model.about.upper
+    )
 
 
 def nominal_arm(model: Parts) -> PlanarArm | SpatialArm:
@@ -77,11 +80,17 @@ def nominal_arm(model: Parts) -> PlanarArm | SpatialArm:
         )
     planar = not moves_in_space(model)
     return arm_from_urdf(
-        about.urdf, about.joint_names, about.tip, lock=about.locked, planar=planar
+        about.urdf,
+        about.joint_names,
+        about.tip,
+        lock=about.locked,
+        planar=planar,
     )
 
 
-def nominal_for_kernel(model: Parts, arm: KernelArm) -> tuple[KernelArm | None, int]:
+def nominal_for_kernel(
+    model: Parts, arm: KernelArm
+) -> tuple[KernelArm | None, int]:
     """The nominal arm, and what a correction asks for: a position (0), a place (1), a pose (2)."""
     fitted = arm.structure
     simulated = model.about.source == "simulation" and not model.history
@@ -100,7 +109,10 @@ def nominal_for_kernel(model: Parts, arm: KernelArm) -> tuple[KernelArm | None, 
         drawn = nominal_arm(model) if simulated else None
     except CalibError:
         return None, 0
-    if not isinstance(drawn, SpatialArm) or drawn.chain.joints != arm.chain.joints:
+    if (
+        not isinstance(drawn, SpatialArm)
+        or drawn.chain.joints != arm.chain.joints
+    ):
         return None, 0
     there = structure_of(drawn, "base")
     return KernelArm.of(there, there.neutral()), 0

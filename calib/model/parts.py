@@ -46,7 +46,8 @@ class Parts:
     """The fields of a :class:`calib.Model`, as a model file keeps them."""
 
     about: About  # what it is a model of and where it came from
-    association: Association  # motor map, sensory map and the links between them
+    # motor map, sensory map and the links between them
+    association: Association
     # of the motor nodes, for what the body leaves over
     local: Annotated[LocalModels, Own()]
     # [unit], 95 % bounds around each motor node, on what `about.bound_of` says and on the true
@@ -62,10 +63,14 @@ class Parts:
     rows: MeasuredRows | None = None
     # earlier states of this model: trained, adapted, with their errors
     history: tuple[Mapping[str, Any], ...] = ()
-    baseline: Baseline | None = None  # what an undisturbed arm's distortions look like
+    # what an undisturbed arm's distortions look like
+    baseline: Baseline | None = None
     # how long the steps of its training took
-    seconds: dict[str, float] = field(default_factory=dict, metadata={"kept": False})
-    approach: Approach | None = None  # backlash, where the direction of motion counts
+    seconds: dict[str, float] = field(
+        default_factory=dict, metadata={"kept": False}
+    )
+    # backlash, where the direction of motion counts
+    approach: Approach | None = None
     # by the camera that measured the arm, to draw the map over
     photo: Annotated[Photo, Own()] | None = None
     # the same arm as its further sensors see it, each with maps, local models and bounds of its own
@@ -76,14 +81,18 @@ class Parts:
 
     def __post_init__(self) -> None:
         freeze(self, "bounds", "model_bounds", "visited")
-        if np.array_equal(self.bounds, self.model_bounds):  # one answer is enough
+        if np.array_equal(
+            self.bounds, self.model_bounds
+        ):  # one answer is enough
             object.__setattr__(self, "model_bounds", self.bounds)
 
     def __getstate__(self) -> dict[str, object]:
         """What was compiled for single queries stays behind when a model is pickled."""
         left_behind = ("kernel", "remembered")
         return {
-            name: value for name, value in vars(self).items() if name not in left_behind
+            name: value
+            for name, value in vars(self).items()
+            if name not in left_behind
         }
 
     def __repr__(self) -> str:
@@ -92,7 +101,9 @@ class Parts:
         errors = about.errors.get(self.default_readout, {}).get("forward", {})
         mean = errors.get("distance", {}).get("mean")
         error = "unknown" if mean is None else f"{mean:.3g} {about.unit}"
-        title = f"Model of {about.robot or 'a log'}: {', '.join(about.joint_names)}"
+        title = (
+            f"Model of {about.robot or 'a log'}: {', '.join(about.joint_names)}"
+        )
         return (
             f"{one_line(title)}\n"
             f"  {about.samples:,} samples ({about.source}), maps: {self.size_in_words}\n"
@@ -126,7 +137,10 @@ class Parts:
     @property
     def sensors(self) -> tuple[str, ...]:
         """Names of the sensors that saw the arm, the one whose model this is first."""
-        return (self.about.sensor, *(other.about.sensor for other in self.others))
+        return (
+            self.about.sensor,
+            *(other.about.sensor for other in self.others),
+        )
 
     def by(self, sensor: str) -> Parts:
         """Return the parts as one of the sensors sees the arm."""
@@ -135,7 +149,8 @@ class Parts:
         if sensor not in self.sensors:
             choices = ", ".join(self.sensors)
             raise OptionError(
-                f"sensor {sensor!r}: expected one of {choices}", parameter="sensor"
+                f"sensor {sensor!r}: expected one of {choices}",
+                parameter="sensor",
             )
         return self.others[self.sensors.index(sensor) - 1]
 
@@ -149,7 +164,9 @@ class Parts:
         """The default readout: body, or linear models of the links, and the nodes' own models."""
         body = self.body
         scale = self.motor.scale
-        smooth = self.association.linear if body is None else BodyInBox(body, scale)
+        smooth = (
+            self.association.linear if body is None else BodyInBox(body, scale)
+        )
         return Predictor(self.motor, smooth, self.local)
 
     @cached_property
@@ -164,7 +181,9 @@ class Parts:
             raise OptionError(
                 "readout 'body': the model has no body, choose another readout"
             )
-        return Solver(self.association, replace(self.predictor, models=NO_MODELS))
+        return Solver(
+            self.association, replace(self.predictor, models=NO_MODELS)
+        )
 
     @cached_property
     def most_bound(self) -> float:
@@ -201,7 +220,9 @@ class Parts:
         if self.body is None or self.motor.units.shape[1] <= MOST_BLENDED:
             return None
         try:
-            return CompactPosterior.of(self.body, self.about.lower, self.about.upper)
+            return CompactPosterior.of(
+                self.body, self.about.lower, self.about.upper
+            )
         except OptionError:
             return None
 
@@ -227,12 +248,18 @@ class Parts:
         covered = np.asarray(self.in_range(q).all(axis=1))
         if not self.everywhere and covered.any():
             u = self.motor.scale.to_unit(q[covered])
-            bound = self.position_bound.blended(u, self.model_bounds, noise=False)
+            bound = self.position_bound.blended(
+                u, self.model_bounds, noise=False
+            )
             covered[covered] = bound <= self.most_bound
         return covered
 
     def bound_at(
-        self, u: Array, which: BoundName = "bounds", *, side_known: Mask | None = None
+        self,
+        u: Array,
+        which: BoundName = "bounds",
+        *,
+        side_known: Mask | None = None,
     ) -> Array:
         """95 % bound (n,) [unit] at points of the unit box (n, dof): `bounds` or `model_bounds`.
 
@@ -244,7 +271,9 @@ class Parts:
         else:
             nodes = self.bounds
             noise = self.about.bound_of == "sensor reading"
-        return self.position_bound.at(u, nodes, noise=noise, side_known=side_known)
+        return self.position_bound.at(
+            u, nodes, noise=noise, side_known=side_known
+        )
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -254,7 +283,11 @@ class Parts:
     @property
     def default_readout(self) -> str:
         """``local``, the body and its local models; ``linear`` where maps and links stand alone."""
-        return "linear" if isinstance(self.predictor.smooth, LinearModels) else "local"
+        return (
+            "linear"
+            if isinstance(self.predictor.smooth, LinearModels)
+            else "local"
+        )
 
     @property
     def readouts(self) -> tuple[str, ...]:
@@ -271,13 +304,17 @@ class Parts:
             return self.predictor.value(u)
         if readout == "body":
             return self.body_solver.predictor.value(u)
-        return self.sensory.scale.from_unit(self.association.forward(u, readout))
+        return self.sensory.scale.from_unit(
+            self.association.forward(u, readout)
+        )
 
     def _readout(self, name: str | None) -> str:
         """The readout that answers; ``local`` where the predictor does."""
         check_readout(name or "local")
         if name == "local" and self.default_readout == "linear":
-            raise OptionError("readout 'local': the model has no body, choose 'linear'")
+            raise OptionError(
+                "readout 'local': the model has no body, choose 'linear'"
+            )
         if name is None or name == self.default_readout:
             return "local"
         return name

@@ -27,7 +27,9 @@ from .turns import on_turn
 class PoseAnswers(NamedTuple):
     """Answers to poses; without `every` one for each, in their order."""
 
-    target: NDArray[np.intp]  # (k,), which pose each answer belongs to, ascending
+    target: NDArray[
+        np.intp
+    ]  # (k,), which pose each answer belongs to, ascending
     q: Array  # (k, dof) [rad or m], joint values; out of reach those that come nearest
     # (k, 3), (k, 4), where they put the tip, in the frame of the question
     position: Array
@@ -65,7 +67,9 @@ def solve_poses(
     """
     space = Space.of(model)
     if frame != "base" and space.camera:
-        raise QueryError("pixels are no positions in space: ask with frame='base'")
+        raise QueryError(
+            "pixels are no positions in space: ask with frame='base'"
+        )
     p, _ = checked_rows(position, ("x", "y", "z"), "positions")
     n = len(p)
     r = None if quaternion is None else _rotations(quaternion, n)
@@ -131,7 +135,9 @@ def free_axis(name: str | None) -> int | None:
     if name is None:
         return None
     if name not in ("x", "y", "z"):
-        raise QueryError(f"free {name!r}: expected an axis of the tip, 'x', 'y' or 'z'")
+        raise QueryError(
+            f"free {name!r}: expected an axis of the tip, 'x', 'y' or 'z'"
+        )
     return "xyz".index(name)
 
 

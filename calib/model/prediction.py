@@ -75,7 +75,11 @@ class Prediction:
     def slope(self) -> Array:
         """Derivative (n, m, dof) [unit / rad or m] of the readings by the joint values."""
         slope = np.full(
-            (len(self.motion), len(self.model.axes), len(self.model.about.lower)),
+            (
+                len(self.motion),
+                len(self.model.axes),
+                len(self.model.about.lower),
+            ),
             np.nan,
         )
         if self.answered.any():
@@ -98,7 +102,9 @@ class Prediction:
         """
         if readout in ("local", self.model.default_readout):
             return np.zeros(len(self.motion))
-        return np.asarray(np.linalg.norm(self.read(readout) - self.value, axis=1))
+        return np.asarray(
+            np.linalg.norm(self.read(readout) - self.value, axis=1)
+        )
 
     @cached_property
     def _unit(self) -> Array:

@@ -39,7 +39,9 @@ def with_arm_of(parts: Parts, adapted: Parts) -> Parts:
         alone,
         body=body,
         bounds=np.maximum(parts.bounds, body.bound(nodes)),
-        model_bounds=np.maximum(parts.model_bounds, body.bound(nodes, noise=False)),
+        model_bounds=np.maximum(
+            parts.model_bounds, body.bound(nodes, noise=False)
+        ),
         history=adapted.history,
         approach=adapted.approach,
     )

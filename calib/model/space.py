@@ -72,7 +72,9 @@ class Space:
         structure = self.body.structure
         beta = self.body.beta
         motion: Any = structure.move(structure.joint_values(q, beta), beta)
-        slope = structure.by_joints(q, beta, np.concatenate(motion.joints(), axis=1))
+        slope = structure.by_joints(
+            q, beta, np.concatenate(motion.joints(), axis=1)
+        )
         return (
             motion.position.T.copy(),
             np.moveaxis(motion.rotation, 2, 0).copy(),
@@ -95,8 +97,14 @@ class Space:
         Its turn about and its shift along the first joint's axis are a convention.  A camera cannot
         tell the arm's size either: without `size` that is left out too.
         """
-        body = self.body if size else _in_base(self.model.body, size=False) or self.body
-        return body.bound(np.atleast_2d(np.asarray(q, dtype=float)), noise=False)
+        body = (
+            self.body
+            if size
+            else _in_base(self.model.body, size=False) or self.body
+        )
+        return body.bound(
+            np.atleast_2d(np.asarray(q, dtype=float)), noise=False
+        )
 
     def free(self, q: Array, *, posed: bool, axis: int | None = None) -> Array:
         """Directions (k, dof) that leave the position, or the pose, of joints (dof,) as it is.
@@ -117,7 +125,9 @@ class Space:
     @property
     def camera(self) -> bool:
         """Whether the sensor is a camera, so that its readings are pixels."""
-        return self.model.body is not None and is_camera(self.model.body.structure.view)
+        return self.model.body is not None and is_camera(
+            self.model.body.structure.view
+        )
 
     @property
     def sensor(self) -> tuple[Array, Array, float]:
@@ -136,7 +146,9 @@ class Space:
         placed = body.structure.sensor(body.beta)
         return placed.rotation, placed.shift, placed.scale
 
-    def to_sensor(self, position: Array, rotation: Array) -> tuple[Array, Array]:
+    def to_sensor(
+        self, position: Array, rotation: Array
+    ) -> tuple[Array, Array]:
         """Positions (n, 3) [unit] and orientations (n, 3, 3) in the sensor's frame."""
         turn, shift, scale = self.sensor
         return scale * position @ turn.T + shift, turn @ rotation
@@ -192,7 +204,9 @@ class Space:
 
     # Joints for places and poses.
 
-    def beside(self, p: Array, r: Array | None, near: Array) -> tuple[Array, Array]:
+    def beside(
+        self, p: Array, r: Array | None, near: Array
+    ) -> tuple[Array, Array]:
         """Joints (n, dof) beside `near` for places (n, 3), or poses with `r`, and what is missing.
 
         Of a pose a radian of turn counts as the arm's length.
@@ -202,7 +216,9 @@ class Space:
         u, miss = search.newton.refine(self._unit(near), target)
         return self._scale.from_unit(u), miss
 
-    def at_positions(self, p: Array, near: Array, *, keep: bool = False) -> Array:
+    def at_positions(
+        self, p: Array, near: Array, *, keep: bool = False
+    ) -> Array:
         """Joints (n, dof) nearest to `near` (n, dof) for positions (n, 3) of the base frame [m].
 
         Out of reach those whose tip comes nearest.  `keep` holds the orientation that the tip has
@@ -217,7 +233,9 @@ class Space:
     def _turned_least(self, p: Array, u: Array) -> Array:
         """Joints for positions (n, 3), turned as little as possible from where joints `u` are."""
         # positions weigh a thousand times as much as the turn
-        task = Poses(self.evaluate, self._scale, 1e-3 * self.length, self.length)
+        task = Poses(
+            self.evaluate, self._scale, 1e-3 * self.length, self.length
+        )
         target = Poses.target(p, self.evaluate(self._scale.from_unit(u))[1])
         newton = Newton(task, self._scale)
         return newton.refine(u, target, steps=4 * SEARCH.steps)[0]
@@ -271,7 +289,9 @@ class Space:
             edges = np.searchsorted(owner, np.arange(1, len(p)))
             ways = np.split(self._scale.from_unit(u), edges)
         answers: list[Array] = []
-        for rows, goal, wish in zip(ways, target, self._unit(near), strict=True):
+        for rows, goal, wish in zip(
+            ways, target, self._unit(near), strict=True
+        ):
             if not len(rows):
                 rows = search.nearest(goal[None], wish[None])[0]
                 answers.append(self._scale.from_unit(rows))
@@ -289,9 +309,13 @@ class Space:
         """The search for places (n, 3), or for poses (n, 12) of the base frame."""
         key = posed, free
         if key not in self._searches:
-            task: Task = Positions.in_base(self.evaluate, self._scale, self.length)
+            task: Task = Positions.in_base(
+                self.evaluate, self._scale, self.length
+            )
             if posed:
-                task = Poses(self.evaluate, self._scale, self.length, self.length, free)
+                task = Poses(
+                    self.evaluate, self._scale, self.length, self.length, free
+                )
             starts = self._starts(posed=posed, free=free)
             newton = Newton(task, self._scale)
             self._searches[key] = Search(newton, starts, SEARCH.surely)
@@ -371,7 +395,9 @@ def _in_base(body: Body | None, *, size: bool = True) -> Body | None:
     base = without_sensor(structure, body.beta)[0]
     none = np.zeros(3)
     second = body.second and alone(body.second)
-    return replace(alone(body), structure=base, tau=none, residual=none, second=second)
+    return replace(
+        alone(body), structure=base, tau=none, residual=none, second=second
+    )
 
 
 def _drawn(model: Parts) -> Body | None:
@@ -383,7 +409,9 @@ def _drawn(model: Parts) -> Body | None:
         or (about.simulation or {}).get("changes")
     ):
         return None
-    arm = arm_from_urdf(about.urdf, about.joint_names, about.tip, lock=about.locked)
+    arm = arm_from_urdf(
+        about.urdf, about.joint_names, about.tip, lock=about.locked
+    )
     if not isinstance(arm, SpatialArm):
         return None
     structure = structure_of(arm, "base")

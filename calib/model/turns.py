@@ -51,12 +51,18 @@ def on_turn(model: Parts, q: Array, near: Array) -> Array:
         return q
     lower, upper = joint_limits(model).T
     moved = q + TURN * np.round((near - q) / TURN)
-    moved = moved - TURN * np.ceil(np.maximum(moved - upper - _ROUNDED, 0.0) / TURN)
-    moved = moved + TURN * np.ceil(np.maximum(lower - moved - _ROUNDED, 0.0) / TURN)
+    moved = moved - TURN * np.ceil(
+        np.maximum(moved - upper - _ROUNDED, 0.0) / TURN
+    )
+    moved = moved + TURN * np.ceil(
+        np.maximum(lower - moved - _ROUNDED, 0.0) / TURN
+    )
     return np.where(periodic, np.clip(moved, lower, upper), q)
 
 
-def unwound(model: Parts, q: Array, start: Array) -> tuple[Array, NDArray[np.intp]]:
+def unwound(
+    model: Parts, q: Array, start: Array
+) -> tuple[Array, NDArray[np.intp]]:
     """Joints (n, dof) of a path on the turns that follow each other, and rows that turn round.
 
     A joint goes on over the seam of its turn where its limits allow; where they do not, it has to
@@ -87,7 +93,8 @@ def _unwound_joint(
         turns = _possible_turns(float(track[first]), lower, upper, nearest)
         # of the turns on which a joint gets furthest the nearest
         ends = [
-            first + _run(track[first:] + TURN * turn, lower, upper) for turn in turns
+            first + _run(track[first:] + TURN * turn, lower, upper)
+            for turn in turns
         ]
         best = min(
             zip(ends, turns, strict=True),
@@ -102,7 +109,9 @@ def _unwound_joint(
     return out, jumps
 
 
-def _possible_turns(value: float, lower: float, upper: float, nearest: int) -> range:
+def _possible_turns(
+    value: float, lower: float, upper: float, nearest: int
+) -> range:
     """Whole turns that bring a value within limits; without a limit the nearest on that side."""
     least = nearest
     most = nearest

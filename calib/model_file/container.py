@@ -28,15 +28,25 @@ def unpack(data: bytes, name: str) -> tuple[dict[str, object], Tensors]:
     try:
         tensors = load(data)
         length = int.from_bytes(data[:8], "little")
-        header = json.loads(json.loads(data[8 : 8 + length])["__metadata__"][_KEY])
+        header = json.loads(
+            json.loads(data[8 : 8 + length])["__metadata__"][_KEY]
+        )
         return {**header}, tensors
-    except (SafetensorError, ValueError, KeyError, TypeError, RecursionError) as error:
+    except (
+        SafetensorError,
+        ValueError,
+        KeyError,
+        TypeError,
+        RecursionError,
+    ) as error:
         raise ModelError(
             f"{name}: not a model file, or damaged: expected what 'calib train' writes"
         ) from error
 
 
-def check_sum(header: Mapping[str, object], tensors: Tensors, name: str) -> None:
+def check_sum(
+    header: Mapping[str, object], tensors: Tensors, name: str
+) -> None:
     """Refuse a file that does not match its checksum."""
     if header.get("sha256") != _checksum(tensors, header):
         raise ModelError(
@@ -45,7 +55,9 @@ def check_sum(header: Mapping[str, object], tensors: Tensors, name: str) -> None
 
 
 def _canonical(header: Mapping[str, object]) -> str:
-    return json.dumps(header, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return json.dumps(
+        header, sort_keys=True, separators=(",", ":"), ensure_ascii=False
+    )
 
 
 def _checksum(tensors: Tensors, header: Mapping[str, object]) -> str:

@@ -12,7 +12,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache
 from types import NoneType, UnionType
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +76,9 @@ class Hint:
 
     def classes(self, kinds: Kinds) -> dict[str, type]:
         """Return the classes that a value may be of, by name."""
-        classes = [one for kind in self.kinds for one in kinds.get(kind, (kind,))]
+        classes = [
+            one for kind in self.kinds for one in kinds.get(kind, (kind,))
+        ]
         return {_name(one): one for one in classes}
 
 
@@ -76,7 +86,9 @@ class Hint:
 def _hints(kind: type) -> dict[str, Hint]:
     """Return the annotations of a dataclass's fields, but for those that no file keeps."""
     hints = get_type_hints(kind, include_extras=True)
-    names = [part.name for part in fields(kind) if part.metadata.get("kept", True)]
+    names = [
+        part.name for part in fields(kind) if part.metadata.get("kept", True)
+    ]
     return {name: Hint.of(hints[name]) for name in names}
 
 
@@ -88,7 +100,9 @@ def _under(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
 
 
-def write(value: object, kind: type, kinds: Kinds) -> tuple[dict[str, object], Tensors]:
+def write(
+    value: object, kind: type, kinds: Kinds
+) -> tuple[dict[str, object], Tensors]:
     """Return a dataclass of a type as JSON-ready data, and its arrays by name."""
     writer = _Writer(kinds)
     return writer.object_of(value, Hint.of(kind), ""), writer.tensors
@@ -104,12 +118,16 @@ class _Writer:
         if hint.item is not None and isinstance(value, tuple):
             places = [_under(path, str(k)) for k in range(len(value))]
             pairs = zip(value, places, strict=True)
-            return [self.object_of(one, hint.item, place) for one, place in pairs]
+            return [
+                self.object_of(one, hint.item, place) for one, place in pairs
+            ]
         if is_dataclass(value):
             return self.object_of(value, hint, path)
         return _json(value)
 
-    def object_of(self, value: object, hint: Hint, path: str) -> dict[str, object]:
+    def object_of(
+        self, value: object, hint: Hint, path: str
+    ) -> dict[str, object]:
         """Return an object as plain data; its arrays are tensors."""
         data: dict[str, object] = {}
         kind: type = type(value)
@@ -159,11 +177,15 @@ class _Reader:
     tensors: Tensors
     kinds: Kinds
 
-    def value_of(self, hint: Hint, data: object, path: str, sizes: Sizes) -> object:
+    def value_of(
+        self, hint: Hint, data: object, path: str, sizes: Sizes
+    ) -> object:
         """Return the value at a place; `sizes` are those of the object that it is of."""
         if hint.shape is not None:
             if path in self.tensors:
-                return _checked(self.tensors[path], hint, hint.shape, path, sizes)
+                return _checked(
+                    self.tensors[path], hint, hint.shape, path, sizes
+                )
             if hint.optional:
                 return None
             raise ModelError(f"array {path!r} is missing")
@@ -176,12 +198,16 @@ class _Reader:
                 raise ModelError(f"{path} is {data!r:.60}, expected a list")
             places = [_under(path, str(k)) for k in range(len(data))]
             pairs = zip(data, places, strict=True)
-            return tuple(self.value_of(hint.item, one, at, {}) for one, at in pairs)
+            return tuple(
+                self.value_of(hint.item, one, at, {}) for one, at in pairs
+            )
         if is_dataclass(next(iter(hint.classes(self.kinds).values()))):
             return self.object_of(hint, data, path, sizes)
         return _plain(hint.kinds[0], data, path)
 
-    def object_of(self, hint: Hint, data: object, path: str, sizes: Sizes) -> object:
+    def object_of(
+        self, hint: Hint, data: object, path: str, sizes: Sizes
+    ) -> object:
         """Return the object at a place."""
         if not isinstance(data, Mapping):
             raise ModelError(f"{path} is {data!r:.60}, expected an object")
@@ -212,13 +238,18 @@ def _plain(kind: type, value: object, path: str) -> object:
     if kind is float and value is None:
         return math.inf
     if origin is Mapping and isinstance(value, Mapping):
-        return {str(key): _plain(parts[1], part, path) for key, part in value.items()}
+        return {
+            str(key): _plain(parts[1], part, path)
+            for key, part in value.items()
+        }
     if origin is tuple and isinstance(value, list):
         items = parts
         if parts[-1] is ...:
             items = (parts[0],) * len(value)
         if len(items) == len(value):
-            return tuple(_plain(p, v, path) for p, v in zip(items, value, strict=True))
+            return tuple(
+                _plain(p, v, path) for p, v in zip(items, value, strict=True)
+            )
     if type(value) is int or type(value) is float:
         # nor are infinities and NaN below the largest
         if kind in (type(value), float) and abs(value) < LARGEST:
@@ -246,7 +277,9 @@ def _checked(
             array = unpack(array.astype(np.float32), size) if fits else array
     axes: list[int] = []
     for axis, length in zip(shape.axes, array.shape, strict=False):
-        axes.append(sizes.setdefault(axis, length) if isinstance(axis, str) else axis)
+        axes.append(
+            sizes.setdefault(axis, length) if isinstance(axis, str) else axis
+        )
     if not fits or axes != list(array.shape) or len(shape.axes) != array.ndim:
         expected = " x ".join(map(str, shape.axes))
         raise ModelError(

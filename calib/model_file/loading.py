@@ -64,7 +64,13 @@ def load_maps(path: str | os.PathLike[str]) -> Map | Association:
     check_sum(header, tensors, name)
     try:
         maps: Map | Association = read(kind, header["maps"], tensors, {})
-    except (CalibError, ArithmeticError, LookupError, TypeError, ValueError) as error:
+    except (
+        CalibError,
+        ArithmeticError,
+        LookupError,
+        TypeError,
+        ValueError,
+    ) as error:
         reason = " ".join(str(error).split())[:120]
         raise ModelError(f"{name}: not complete ({reason})") from error
     return maps

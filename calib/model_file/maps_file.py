@@ -16,5 +16,6 @@ def save_maps(maps: object, path: str | os.PathLike[str]) -> None:
     header, tensors = write(maps, type(maps), {})
     kind = type(maps).__name__.lower()
     atomic_write(
-        path, pack({"maps": header, "kind": kind, "format": MAPS_VERSION}, tensors)
+        path,
+        pack({"maps": header, "kind": kind, "format": MAPS_VERSION}, tensors),
     )

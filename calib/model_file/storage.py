@@ -89,7 +89,9 @@ def _without_copies(tensors: Tensors) -> tuple[Tensors, list[str]]:
             and np.array_equal(original, tensor)
         ):
             shared.append(name)
-    rest = {name: tensor for name, tensor in tensors.items() if name not in shared}
+    rest = {
+        name: tensor for name, tensor in tensors.items() if name not in shared
+    }
     return rest, sorted(shared)
 
 
@@ -137,7 +139,9 @@ def _check(model: Parts) -> None:
     body = model.body
     scale = model.motor.scale
     # joints are asked in the unit box of the map: other limits would shift every answer
-    apart = np.abs([about.lower - scale.lower, about.upper - about.lower - scale.span])
+    apart = np.abs(
+        [about.lower - scale.lower, about.upper - about.lower - scale.span]
+    )
     seen = None if model.baseline is None else model.baseline.seen
     facts = (
         _about_fits(about),
@@ -180,7 +184,11 @@ def _about_fits(about: About) -> bool:
     changes = (about.simulation or {}).get("changes", ())
     return (
         all(names)
-        and 1 <= len(set(names)) == len(names) == len(about.revolute) == len(sizes)
+        and 1
+        <= len(set(names))
+        == len(names)
+        == len(about.revolute)
+        == len(sizes)
         and bool(((sizes > 0.0) & (sizes < LIMITS.widest)).all())
         and (about.plane is None or {"origin", "x", "y"} <= set(about.plane))
         and all(isinstance(change, str) for change in changes)
@@ -210,7 +218,8 @@ def _maps_fit(maps: Association) -> bool:
             and len(links.data)
         )
         and bool(
-            (links.indices >= 0).all() and (links.indices < maps.sensory.size).all()
+            (links.indices >= 0).all()
+            and (links.indices < maps.sensory.size).all()
         )
         and 1e-3 <= maps.wiring.bandwidth <= 100.0
     )
@@ -219,7 +228,8 @@ def _maps_fit(maps: Association) -> bool:
 def _map_fits(one: Map) -> bool:
     lattice = one.lattice
     joined = (
-        not isinstance(lattice, Graph) or lattice.pairs.max(initial=0) < lattice.size
+        not isinstance(lattice, Graph)
+        or lattice.pairs.max(initial=0) < lattice.size
     )
     # steps and cells are counted in the distance of nodes
     spaced = not (one.scale.span < LIMITS.least).any() and one.spacing > 0.0

@@ -50,7 +50,9 @@ def _episode(setting: Setting, change: str) -> Episode:
     # 20,000 samples, as calib train has them; as many follow the change
     n = min(setting.samples, 20_000)
     samples = setting.babble(seed, n)
-    before = train(samples, size=setting.side, map="vdsom", body="none", seed=seed)
+    before = train(
+        samples, size=setting.side, map="vdsom", body="none", seed=seed
+    )
     stream = setting.babble(seed + _STREAM, n, changes=(change,))
     steps = []
     after = rule = before
@@ -63,7 +65,11 @@ def _episode(setting: Setting, change: str) -> Episode:
     q, old = setting.validation(samples, seed, 40_000)
     _, x = setting.validation(stream, seed, 40_000)
     # the model and what it is asked for: before the change, after it, and once it has followed
-    states = {"trained": (before, old), "changed": (before, x), "adapted": (after, x)}
+    states = {
+        "trained": (before, old),
+        "changed": (before, x),
+        "adapted": (after, x),
+    }
     errors = {
         readout: {
             state: _error(model, q, at, readout)
@@ -71,7 +77,10 @@ def _episode(setting: Setting, change: str) -> Episode:
         }
         for readout in _READOUTS
     }
-    errors["rule"] = {**errors["activity"], "adapted": _error(rule, q, x, "activity")}
+    errors["rule"] = {
+        **errors["activity"],
+        "adapted": _error(rule, q, x, "activity"),
+    }
     distortion = {
         state: zeta(model.sensory.units, model.sensory.scale.to_unit(at))
         for state, (model, at) in states.items()
@@ -89,9 +98,12 @@ def _error(model: Model, q: Array, x: Array, readout: str) -> dict[str, float]:
 def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
     """Both changes: figures, and the curves along the stream."""
     changes = {
-        name: f"{setting.joints[1]}.length={by}" for name, by in _CHANGES.items()
+        name: f"{setting.joints[1]}.length={by}"
+        for name, by in _CHANGES.items()
     }
-    episodes = {name: _episode(setting, change) for name, change in changes.items()}
+    episodes = {
+        name: _episode(setting, change) for name, change in changes.items()
+    }
     data: dict[str, object] = {}
     summary: list[Cells] = []
     curves: list[Cells] = []
@@ -107,14 +119,26 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
         for state in ("trained", "changed", "adapted"):
             cells: Cells = [name, state, e.distortion[state]]
             for readout in (*_READOUTS, "rule"):
-                cells += [1e3 * e.errors[readout][state][k] for k in ("mean", "max")]
+                cells += [
+                    1e3 * e.errors[readout][state][k] for k in ("mean", "max")
+                ]
             summary.append(cells)
         for s in e.steps:
             threshold = s.threshold if np.isfinite(s.threshold) else None
-            told = (s.samples, s.zeta_motor, s.zeta_sensory, threshold, 1e3 * s.error)
-            curves.append([name, *told, s.sigma, s.eta, s.beta, float(s.adapting)])
+            told = (
+                s.samples,
+                s.zeta_motor,
+                s.zeta_sensory,
+                threshold,
+                1e3 * s.error,
+            )
+            curves.append(
+                [name, *told, s.sigma, s.eta, s.beta, float(s.adapting)]
+            )
     header = ["change", "state", "zeta"]
-    header += [f"{r} {k} [mm]" for r in (*_READOUTS, _RULE) for k in ("mean", "max")]
+    header += [
+        f"{r} {k} [mm]" for r in (*_READOUTS, _RULE) for k in ("mean", "max")
+    ]
     columns = [
         "change",
         "samples",
@@ -126,7 +150,14 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
     columns += ["sigma [nodes]", "eta", "beta", "adapting"]
     words = " and ".join(f"{k}: {v}" for k, v in changes.items())
     tables = (
-        Table("adaptation", f"distortion and forward error, {words}", header, summary),
-        Table("adaptation_curves", "along the stream of samples", columns, curves),
+        Table(
+            "adaptation",
+            f"distortion and forward error, {words}",
+            header,
+            summary,
+        ),
+        Table(
+            "adaptation_curves", "along the stream of samples", columns, curves
+        ),
     )
     return Result(data, tables), episodes

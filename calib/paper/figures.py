@@ -46,7 +46,10 @@ def lattice_figure(setting: Setting, path: Path) -> None:
         setting.report(0.5 * len(drawn), f"lattices of the {network}")
         pair = association(samples, network, SAME_SCHEDULE, setting.side, seed)
         errors = activity_errors(pair, q, x)
-        forward = np.linalg.norm(errors[:, :2] * pair.sensory.scale.span, axis=1) * 1e3
+        forward = (
+            np.linalg.norm(errors[:, :2] * pair.sensory.scale.span, axis=1)
+            * 1e3
+        )
         inverse = np.degrees(
             np.linalg.norm(errors[:, 2:] * pair.motor.scale.span, axis=1)
         )
@@ -63,7 +66,15 @@ def lattice_figure(setting: Setting, path: Path) -> None:
                 "forward error [mm]",
                 top[0],
             ),
-            (pair.sensory, x, inverse, 1e3, "mm", "inverse error [deg]", top[1]),
+            (
+                pair.sensory,
+                x,
+                inverse,
+                1e3,
+                "mm",
+                "inverse error [deg]",
+                top[1],
+            ),
         )
         for ax, (net, points, error, factor, unit, label, most) in zip(
             row, parts, strict=True
@@ -71,7 +82,9 @@ def lattice_figure(setting: Setting, path: Path) -> None:
             which, names = (
                 ("sensory", "xy") if unit == "mm" else ("motor", setting.joints)
             )
-            _draw_lattice(ax, net, _node_means(net, points, error), factor, most, label)
+            _draw_lattice(
+                ax, net, _node_means(net, points, error), factor, most, label
+            )
             ax.set(xlabel=f"{names[0]} [{unit}]", ylabel=f"{names[1]} [{unit}]")
             ax.set_title(f"{network.upper()}, {which} map")
             ax.set_aspect("equal" if unit == "mm" else "auto")
@@ -86,13 +99,22 @@ def lattice_figure(setting: Setting, path: Path) -> None:
 def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     """Sensory map before a change, with its distortion there, and after it has followed."""
     figure = _figure(12.4, 3.0 * len(episodes))
-    axes = np.atleast_2d(figure.subplots(len(episodes), 3, sharex="row", sharey="row"))
+    axes = np.atleast_2d(
+        figure.subplots(len(episodes), 3, sharex="row", sharey="row")
+    )
     for row, (name, e) in zip(axes, episodes.items(), strict=True):
         span = float(e.before.sensory.scale.span.mean()) * 1e3
-        sensory = e.before.sensory, e.after.sensory  # in the unit box, then in mm
-        old, new = (n.nearest(n.scale.to_unit(e.x))[0][:, 0] * span for n in sensory)
+        sensory = (
+            e.before.sensory,
+            e.after.sensory,
+        )  # in the unit box, then in mm
+        old, new = (
+            n.nearest(n.scale.to_unit(e.x))[0][:, 0] * span for n in sensory
+        )
         most = float(np.quantile(old, 0.98))
-        error = np.linalg.norm(e.after.forward(e.q, "activity") - e.x, axis=1) * 1e3
+        error = (
+            np.linalg.norm(e.after.forward(e.q, "activity") - e.x, axis=1) * 1e3
+        )
         seen = np.isfinite(error)
         heat = _node_means(e.after.sensory, e.x[seen], error[seen])
         panels = (
@@ -124,10 +146,16 @@ def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
             row, panels, titles, strict=True
         ):
             ax.plot(
-                *(e.x[::20] * 1e3).T, ".", color="#b8c2cb", markersize=1.2, zorder=0
+                *(e.x[::20] * 1e3).T,
+                ".",
+                color="#b8c2cb",
+                markersize=1.2,
+                zorder=0,
             )
             _draw_lattice(ax, net, values, 1e3, top, label)
-            ax.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+            ax.set(
+                title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal"
+            )
     _save(figure, path)
 
 
@@ -140,7 +168,12 @@ def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
         n = np.array([s.samples for s in e.steps])
         series = (
             (axes[0, 0], [s.zeta_sensory for s in e.steps], "-", name),
-            (axes[0, 0], [s.threshold for s in e.steps], ":", f"{name}: threshold"),
+            (
+                axes[0, 0],
+                [s.threshold for s in e.steps],
+                ":",
+                f"{name}: threshold",
+            ),
             (axes[0, 1], [1e3 * s.error for s in e.steps], "-", name),
             (axes[1, 0], [s.sigma for s in e.steps], "-", name),
             (axes[1, 1], [s.eta for s in e.steps], "-", f"{name}: eta"),
@@ -193,7 +226,9 @@ def _draw_lattice(
     a, b = net.edges.T
     both = np.stack([heat[a], heat[b]])
     points = net.weights[:, :2] * factor
-    with np.errstate(invalid="ignore"):  # NaN between nodes without a value: grey
+    with np.errstate(
+        invalid="ignore"
+    ):  # NaN between nodes without a value: grey
         colour = np.nansum(both, axis=0) / np.isfinite(both).sum(axis=0)
     grey = colormaps["plasma"].with_extremes(bad="#d5dbe0")
     segments = list(np.stack([points[a], points[b]], axis=1))

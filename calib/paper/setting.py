@@ -36,13 +36,16 @@ class Setting:
 
     side: int = 70  # nodes along each side of the lattices
     sides: tuple[int, ...] = (30, 50, 70)  # those of Table 2
-    samples: int = 100_000  # babbled samples; the paper does not say how many it used
+    # babbled samples; the paper does not say how many it used
+    samples: int = 100_000
     # each gives other samples, another start and other test points
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
-    quick: bool = False  # small lattices and few samples, to see that everything runs
+    # small lattices and few samples, to see that everything runs
+    quick: bool = False
     report: _Report = _no_report
     robot: str = ROBOT  # a bundled robot or a URDF with two joints that turn
-    named: tuple[str, ...] | None = None  # which two of its joints, where it has more
+    # which two of its joints, where it has more
+    named: tuple[str, ...] | None = None
 
     @staticmethod
     def of(
@@ -111,7 +114,11 @@ class Setting:
     ) -> Samples:
         """Babbled samples of one seed."""
         return babble(
-            self.arm, n or self.samples, seed=seed, noise=noise, changes=tuple(changes)
+            self.arm,
+            n or self.samples,
+            seed=seed,
+            noise=noise,
+            changes=tuple(changes),
         )
 
     def validation(

@@ -30,7 +30,8 @@ UNITS = {"x": "mm", "y": "mm", "shoulder": "deg", "elbow": "deg"}
 def _row(*figures: float) -> dict[str, Printed]:
     """Means and largest errors, in turn, of the four columns."""
     return {
-        name: Printed(*figures[2 * k : 2 * k + 2]) for k, name in enumerate(COLUMNS)
+        name: Printed(*figures[2 * k : 2 * k + 2])
+        for k, name in enumerate(COLUMNS)
     }
 
 
@@ -54,7 +55,9 @@ Cells = list[str | float | None]
 """A row of a table: words and numbers; None is an empty cell."""
 
 _READOUTS = ("winner", "activity", "linear")
-_Columns = Mapping[str, Mapping[str, float]]  # {column: {"mean", "max"}} [m, rad]
+_Columns = Mapping[
+    str, Mapping[str, float]
+]  # {column: {"mean", "max"}} [m, rad]
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,9 @@ class Table:
     def csv(self) -> str:
         """Content of a CSV file, numbers in full."""
         text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([self.header, *self.rows])
+        csv.writer(text, lineterminator="\n").writerows(
+            [self.header, *self.rows]
+        )
         return text.getvalue()
 
 
@@ -89,15 +94,20 @@ def table1(setting: Setting) -> Result:
         trial, searched[network] = best_trial(setting, network)
         best[network] = trial.row(setting)
     same = {
-        n: NetworkTrial(n, SAME_SCHEDULE, setting.side).row(setting) for n in NETWORKS
+        n: NetworkTrial(n, SAME_SCHEDULE, setting.side).row(setting)
+        for n in NETWORKS
     }
     paper = _printed(TABLE1)
     setting.report(1.0, "the default varying density")
-    default = NetworkTrial("vdsom:residual", Schedule(), setting.side).row(setting)
+    default = NetworkTrial("vdsom:residual", Schedule(), setting.side).row(
+        setting
+    )
     schedules = {n: str(found[0].schedule) for n, found in searched.items()}
     ratios = {
         "best": _ratios(best["som"]["activity"], best["vdsom"]["activity"]),
-        "same_schedule": _ratios(same["som"]["activity"], same["vdsom"]["activity"]),
+        "same_schedule": _ratios(
+            same["som"]["activity"], same["vdsom"]["activity"]
+        ),
         "linear": _ratios(best["som"]["linear"], best["vdsom"]["linear"]),
         "default_linear": _ratios(best["som"]["linear"], default["linear"]),
         "paper": _ratios(paper["som"], paper["vdsom"]),
@@ -115,14 +125,18 @@ def table1(setting: Setting) -> Result:
     # another arm or small lattices are not the paper's
     beside = TABLE1 if setting.printed else dict.fromkeys(TABLE1)
     lines = {
-        f"{n.upper()}, best: {schedules[n]}": (best[n], beside[n]) for n in NETWORKS
+        f"{n.upper()}, best: {schedules[n]}": (best[n], beside[n])
+        for n in NETWORKS
     }
     lines |= {
-        f"{n.upper()}, same: {SAME_SCHEDULE}": (same[n], beside[n]) for n in NETWORKS
+        f"{n.upper()}, same: {SAME_SCHEDULE}": (same[n], beside[n])
+        for n in NETWORKS
     }
     lines["VDSOM:residual, the default"] = (default, beside["vdsom"])
     tables = [
-        _comparison("table1", f"Table 1, {size} nodes, {_conditions(setting)}", lines),
+        _comparison(
+            "table1", f"Table 1, {size} nodes, {_conditions(setting)}", lines
+        ),
         _ratio_table(ratios),
         Table(
             "schedules",
@@ -149,20 +163,28 @@ def table2(setting: Setting) -> Result:
         data[f"{side}x{side}"] = row
         paper = TABLE2.get(side) if setting.printed else None
         lines[f"VDSOM {side}x{side}"] = (row, paper)
-    data |= {"paper": _printed({f"{n}x{n}": columns for n, columns in TABLE2.items()})}
+    data |= {
+        "paper": _printed(
+            {f"{n}x{n}": columns for n, columns in TABLE2.items()}
+        )
+    }
     data |= {"schedule": str(trial.schedule), **_size_of(setting)}
     title = f"Table 2, {trial.schedule}, {_conditions(setting)}"
     return Result(data, (_comparison("table2", title, lines),))
 
 
 def _comparison(
-    name: str, title: str, lines: Mapping[str, tuple[Row, Mapping[str, Printed] | None]]
+    name: str,
+    title: str,
+    lines: Mapping[str, tuple[Row, Mapping[str, Printed] | None]],
 ) -> Table:
     """Mean and largest errors, spread over the seeds and share of the range, beside the paper's."""
     header = ["network", "readout", "error", "mean", "+-", "max", "+-"]
     header += ["mean % of range", "max % of range", "paper mean", "paper max"]
     rows: list[Cells] = []
-    for (label, (row, paper)), readout in itertools.product(lines.items(), _READOUTS):
+    for (label, (row, paper)), readout in itertools.product(
+        lines.items(), _READOUTS
+    ):
         for column in columns_of(row):
             cell = row[readout][column]
             unit = unit_of(column)
@@ -193,7 +215,9 @@ def unit_of(column: str) -> str:
     return UNITS.get(column, "deg")
 
 
-def _ratio_table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Table:
+def _ratio_table(
+    found: Mapping[str, Mapping[str, Mapping[str, float]]],
+) -> Table:
     words = {
         "best": "best against best",
         "same_schedule": f"same schedule, {SAME_SCHEDULE}",
@@ -208,7 +232,9 @@ def _ratio_table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Tabl
     for name, columns in found.items():
         cells = [cell[k] for cell in columns.values() for k in ("mean", "max")]
         rows.append([words[name], *cells])
-    return Table("ratios", "errors of the VDSOM over those of the SOM", header, rows)
+    return Table(
+        "ratios", "errors of the VDSOM over those of the SOM", header, rows
+    )
 
 
 def _conditions(setting: Setting) -> str:

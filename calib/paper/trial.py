@@ -28,7 +28,8 @@ Row = dict[str, dict[str, dict[str, float]]]
 class Schedule:
     """How a network is trained."""
 
-    epochs: int | None = None  # passes over the samples, None for coarse to fine
+    # passes over the samples, None for coarse to fine
+    epochs: int | None = None
     # last neighbourhood radius [nodes]; the first is half the lattice
     sigma: float | None = None
     links: str = "reciprocal"  # a name of :data:`calib.maps.links.WIRINGS`
@@ -36,7 +37,11 @@ class Schedule:
 
     def radii(self, side: int) -> tuple[float, float] | None:
         """First and last radius on a lattice of `side` nodes along each axis [nodes]."""
-        return None if self.sigma is None else (max(side / 2, self.sigma), self.sigma)
+        return (
+            None
+            if self.sigma is None
+            else (max(side / 2, self.sigma), self.sigma)
+        )
 
     def __str__(self) -> str:
         if self.epochs is None and self.sigma is None:
@@ -64,22 +69,31 @@ class NetworkTrial:
     def row(self, setting: Setting, n: int | None = None) -> Row:
         """Errors of all seeds, of `n` samples each, on 10,000 exact test points of their own."""
         return joined(
-            [self.errors(setting.babble(seed, n), seed) for seed in setting.seeds]
+            [
+                self.errors(setting.babble(seed, n), seed)
+                for seed in setting.seeds
+            ]
         )
 
     def errors(self, samples: Samples, seed: int) -> SeedErrors:
         """Errors of one seed, on the points on which ``calib train`` tests a model of it."""
-        pair = association(samples, self.network, self.schedule, self.side, seed)
+        pair = association(
+            samples, self.network, self.schedule, self.side, seed
+        )
         simulation = samples.simulation
         assert simulation is not None  # noqa: S101
         q, x = fresh_points(simulation, seed)
         scale = pair.motor.scale
         residuals = Residuals(q, x, {}, {}, {}, samples.joint_names)
         u = scale.to_unit(q)
-        for readout, answer in pair.inverses(pair.sensory.scale.to_unit(x), u).items():
+        for readout, answer in pair.inverses(
+            pair.sensory.scale.to_unit(x), u
+        ).items():
             answer = np.clip(answer, 0.0, 1.0)
             residuals.forward[readout] = pair.predict(q, readout) - x
-            residuals.inverse[readout] = scale.difference(answer, u) * scale.span
+            residuals.inverse[readout] = (
+                scale.difference(answer, u) * scale.span
+            )
             there = simulation.exact(scale.from_unit(answer))
             residuals.distance[readout] = np.linalg.norm(there - x, axis=1)
         # widths of what the samples cover, and of the joints' limits
@@ -103,12 +117,15 @@ def joined(results: Sequence[SeedErrors]) -> Row:
         for direction, columns in directions.items():
             for column in columns:
                 cells = [
-                    result.errors[readout][direction][column] for result in results
+                    result.errors[readout][direction][column]
+                    for result in results
                 ]
                 if column == "distance":
                     row[readout][f"{direction}_distance"] = _mean_cell(cells)
                     continue
-                width = float(np.mean([result.ranges[column] for result in results]))
+                width = float(
+                    np.mean([result.ranges[column] for result in results])
+                )
                 cell = _mean_cell(cells)
                 cell["mean_of_range"] = cell["mean"] / width
                 cell["max_of_range"] = cell["max"] / width
@@ -128,7 +145,11 @@ def _mean_cell(cells: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 
 def association(
-    samples: Samples, network: str | Gain, schedule: Schedule, side: int, seed: int
+    samples: Samples,
+    network: str | Gain,
+    schedule: Schedule,
+    side: int,
+    seed: int,
 ) -> Association:
     """Both maps and their links alone, as ``calib train`` would learn them."""
     scale = unit_box(samples)
@@ -151,7 +172,9 @@ def activity_errors(pair: Association, q: Array, x: Array) -> Array:
     u = motor.to_unit(q)
     v = pair.sensory.scale.to_unit(x)
     forward = pair.forward(u, "activity") - v
-    inverse = motor.difference(np.clip(pair.inverse(v, u, "activity"), 0.0, 1.0), u)
+    inverse = motor.difference(
+        np.clip(pair.inverse(v, u, "activity"), 0.0, 1.0), u
+    )
     return np.asarray(np.abs(np.concatenate([forward, inverse], axis=1)))
 
 
@@ -160,7 +183,8 @@ SAME_SCHEDULE = Schedule(20, 2.0)
 
 _EPOCHS = (20, 40)
 _SIGMAS = (0.4, 0.7, 1.0, 1.5, 2.0)
-_FINALISTS = 4  # candidates that every seed judges: one seed alone is one map's luck
+# candidates that every seed judges: one seed alone is one map's luck
+_FINALISTS = 4
 
 
 class Found(NamedTuple):
@@ -179,7 +203,9 @@ def best_schedule(setting: Setting, network: str) -> list[Found]:
     """
     candidates = schedules(setting)
     dropped: list[Found] = []
-    scores: dict[Schedule, list[float]] = {schedule: [] for schedule in candidates}
+    scores: dict[Schedule, list[float]] = {
+        schedule: [] for schedule in candidates
+    }
     ranking: list[Found] = []
     for k, seed in enumerate(setting.seeds):
         samples = setting.babble(seed)
@@ -190,7 +216,8 @@ def best_schedule(setting: Setting, network: str) -> list[Found]:
             share = (k + (n + 1) / len(candidates)) / len(setting.seeds)
             setting.report(share, f"{network}: {schedule}")
         judged = [
-            Found(schedule, float(np.mean(scores[schedule]))) for schedule in candidates
+            Found(schedule, float(np.mean(scores[schedule])))
+            for schedule in candidates
         ]
         ranking = sorted(judged, key=lambda result: result.score)
         if k + 1 < len(setting.seeds):
@@ -205,7 +232,9 @@ def schedules(setting: Setting) -> list[Schedule]:
     if setting.quick:
         return [Schedule(), Schedule(10, 1.0)]
     compared = [Schedule()]
-    compared += [Schedule(epochs, sigma) for epochs in _EPOCHS for sigma in _SIGMAS]
+    compared += [
+        Schedule(epochs, sigma) for epochs in _EPOCHS for sigma in _SIGMAS
+    ]
     # one bandwidth and one-sided links for the shortest of each: they are behind everywhere
     compared.append(Schedule(links="oja"))
     compared += [Schedule(_EPOCHS[0], sigma, "oja") for sigma in _SIGMAS]
@@ -213,7 +242,9 @@ def schedules(setting: Setting) -> list[Schedule]:
 
 
 @lru_cache(maxsize=8)
-def best_trial(setting: Setting, network: str) -> tuple[NetworkTrial, list[Found]]:
+def best_trial(
+    setting: Setting, network: str
+) -> tuple[NetworkTrial, list[Found]]:
     """The network at its own best schedule, and all that were compared."""
     ranking = best_schedule(setting, network)
     return NetworkTrial(network, ranking[0].schedule, setting.side), ranking

@@ -22,8 +22,10 @@ class Settings:
     rare: float = 50.0
     rounds: int = 5
     half: int = 8  # motions that one half of the pictures has at least
-    split: float = 0.25  # of the variance of some error, that the halves explain
-    better: float = 0.15  # of the misses: one half by itself fits so much better
+    # of the variance of some error, that the halves explain
+    split: float = 0.25
+    # of the misses: one half by itself fits so much better
+    better: float = 0.15
     share: float = 0.4  # of the pictures that must agree
     folds: int = 5
     steps: int = 5  # of a fit to the other folds, which begins at that to all
@@ -45,11 +47,18 @@ class Problem:
     start: Estimate
 
     def solve(
-        self, rows: Index, start: Estimate, steps: int = STEPS, *, learn: bool = True
+        self,
+        rows: Index,
+        start: Estimate,
+        steps: int = STEPS,
+        *,
+        learn: bool = True,
     ) -> Fit:
         """The fit to the pictures of some motions."""
         begin = Estimate(start.unknowns.without_errors(len(rows)), start.noise)
-        return solve(self.bundle.take(rows), self.prior, begin, steps, learn=learn)
+        return solve(
+            self.bundle.take(rows), self.prior, begin, steps, learn=learn
+        )
 
     def predict(self, fit: Fit) -> list[Array]:
         """Pixels (N, 2) of each camera's corners where the motions alone put them."""
@@ -60,7 +69,10 @@ class Problem:
         """Squared distance (n,) of each motion's errors from none, over what is usual."""
         count = self.bundle.motions.count
         still = Fit(
-            fit.unknowns.without_errors(count), fit.noise, fit.covariance, fit.freedom
+            fit.unknowns.without_errors(count),
+            fit.noise,
+            fit.covariance,
+            fit.freedom,
         )
         errors, covariance = motion_errors(self.bundle, still)
         covariance = covariance + np.diag(fit.noise.error[:6] ** 2)
@@ -82,7 +94,11 @@ def agreed(problem: Problem) -> tuple[Fit, Mask]:
         if fits and not _is_split(problem, *fits[0]):
             break
         fit, agreeing = _grow(problem, start)
-        if fit is None or agreeing.mean() < SETTINGS.share or not _is_possible(fit):
+        if (
+            fit is None
+            or agreeing.mean() < SETTINGS.share
+            or not _is_possible(fit)
+        ):
             continue
         fits.append((fit, agreeing))
         misses = rms_by_motion(problem.bundle.cameras, problem.predict(fit))
@@ -131,7 +147,9 @@ def _grow(problem: Problem, start: Mask) -> tuple[Fit | None, Mask]:
         except np.linalg.LinAlgError:
             break
         grown = fit, agreeing
-        usual = max(float(np.median(distances[agreeing])) / SETTINGS.median, 1.0)
+        usual = max(
+            float(np.median(distances[agreeing])) / SETTINGS.median, 1.0
+        )
         before = agreeing
         agreeing = distances < SETTINGS.rare * usual
         if (agreeing == before).all():
@@ -155,7 +173,9 @@ def held_out(problem: Problem, fit: Fit, agreeing: Mask) -> list[Array]:
     pixels = problem.predict(fit)
     folds = np.arange(len(rows)) % min(SETTINGS.folds, len(rows))
     for fold in range(folds.max() + 1):
-        others = problem.solve(rows[folds != fold], fit, SETTINGS.steps, learn=False)
+        others = problem.solve(
+            rows[folds != fold], fit, SETTINGS.steps, learn=False
+        )
         out = rows[folds == fold]
         cameras = zip(
             problem.bundle.cameras, pixels, problem.predict(others), strict=True

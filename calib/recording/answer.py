@@ -39,8 +39,12 @@ def answer(setting: Setting, frames: tuple[str, str]) -> HandEye:
     misses = rms_by_motion(cameras, pixels)
     off = np.concatenate(
         [
-            np.linalg.norm(camera.pixels - predicted, axis=1)[agreeing[camera.motion]]
-            for camera, predicted in zip(cameras, problem.predict(fit), strict=True)
+            np.linalg.norm(camera.pixels - predicted, axis=1)[
+                agreeing[camera.motion]
+            ]
+            for camera, predicted in zip(
+                cameras, problem.predict(fit), strict=True
+            )
         ]
     )
     names = setting.names
@@ -68,7 +72,9 @@ def answer(setting: Setting, frames: tuple[str, str]) -> HandEye:
         },
         left_out=tuple(names[k] for k in np.flatnonzero(~agreeing)),
         cameras=tuple(map(solved.camera_place, range(len(cameras)))),
-        convention=None if setting.choice is None else setting.choice.convention,
+        convention=None
+        if setting.choice is None
+        else setting.choice.convention,
         frames=frames,
         names=tuple(names),
         flange=solved.flange,
@@ -107,7 +113,10 @@ class Solved:
         from scipy.special import stdtrit
 
         motions = self.setting.problem.bundle.motions
-        if isinstance(motions, JointMotions) and self.fit.freedom < motions.count:
+        if (
+            isinstance(motions, JointMotions)
+            and self.fit.freedom < motions.count
+        ):
             return 1.96  # the joints are as good as exact
         return float(stdtrit(max(self.fit.freedom, 3.0), 0.975))
 
@@ -128,7 +137,10 @@ class Solved:
     def both_covariance(self) -> Array:
         """Covariance (12, 12) of turn and shift of the hand's and the base's frame."""
         places = np.concatenate(
-            [self.layout.frame(number) for number in self.carried_and_standing()]
+            [
+                self.layout.frame(number)
+                for number in self.carried_and_standing()
+            ]
         )
         return np.asarray(self.fit.covariance[np.ix_(places, places)])
 
@@ -136,7 +148,9 @@ class Solved:
         """What is in the hand and what stands still, of the first camera."""
         body = self.body(0)
         if body is not None:
-            return self._gauged(held_of(body)), self._gauged(SensorPose.of(body))
+            return self._gauged(held_of(body)), self._gauged(
+                SensorPose.of(body)
+            )
         carried, standing = self.carried_and_standing()
         return self.place(carried), self.place(standing)
 
@@ -148,7 +162,9 @@ class Solved:
         if body is None:
             place = self.place(number)
         else:
-            place = self._gauged(held_of(body) if view.in_hand else SensorPose.of(body))
+            place = self._gauged(
+                held_of(body) if view.in_hand else SensorPose.of(body)
+            )
         first = [other.in_hand for other in views].index(view.in_hand)
         return CameraPlace(
             name=view.name,
@@ -178,8 +194,12 @@ class Solved:
         slope[3:, :3] = cross_matrix(pose[:3, 3])
         slope[3:, 3:6] = -back
         slope[3:, 9:] = back
-        places = np.concatenate([self.layout.frame(first), self.layout.frame(second)])
-        covariance = slope @ self.fit.covariance[np.ix_(places, places)] @ slope.T
+        places = np.concatenate(
+            [self.layout.frame(first), self.layout.frame(second)]
+        )
+        covariance = (
+            slope @ self.fit.covariance[np.ix_(places, places)] @ slope.T
+        )
         return self._place(pose, covariance)
 
     def _place(self, pose: Array, covariance: Array) -> Place:
@@ -191,7 +211,12 @@ class Solved:
     def _gauged(self, place: SensorPose | None) -> Place:
         """A place that joints tell but for what no picture tells of the first and last axis."""
         assert place is not None  # noqa: S101 - the arm has a drawing
-        sizes = (place.position_sd, place.turn_sd, place.told_sd, place.told_turn_sd)
+        sizes = (
+            place.position_sd,
+            place.turn_sd,
+            place.told_sd,
+            place.told_turn_sd,
+        )
         halves = [self.half_width * sd for sd in sizes]
         return _document(place.position, place.quaternion, *halves)
 
@@ -211,7 +236,9 @@ class Solved:
     def lens_facts(self, number: int) -> LensFacts:
         """The lens as JSON, with half-widths of 95 % intervals."""
         lens = self.lens(number)
-        halves = self.half_width * np.sqrt(np.maximum(np.diag(lens.covariance), 0.0))
+        halves = self.half_width * np.sqrt(
+            np.maximum(np.diag(lens.covariance), 0.0)
+        )
         return {
             "focal": float(lens.focal.mean()),
             "centre": lens.centre.tolist(),
@@ -251,7 +278,9 @@ class Solved:
             return None
         number, grey = view.shots.largest
         corners = self.setting.problem.bundle.cameras[0]
-        rows = corners.motion == np.searchsorted(self.setting.rows, view.rows[number])
+        rows = corners.motion == np.searchsorted(
+            self.setting.rows, view.rows[number]
+        )
         jpeg = opencv().imencode(".jpg", grey)[1].tobytes()
         name = view.shots.names[number]
         return Photo(name, 0, jpeg, corners.pixels[rows], predicted[rows])

@@ -63,7 +63,9 @@ def read_bag(
         source = _topic(topics, joints_topic, _JOINTS, "joints_topic")
         names, times, values = _joint_states(reader, source, joints)
         tips = sorted(topic for topic, kind in topics.items() if kind == _TF)
-        others = tip_topic or any(kind in _POSITIONS for kind in topics.values())
+        others = tip_topic or any(
+            kind in _POSITIONS for kind in topics.values()
+        )
         if not tips or (frames is None and tip_topic not in tips and others):
             tips = [_topic(topics, tip_topic, (*_POSITIONS, _TF), "tip_topic")]
         poses, frame = _poses(reader, tips, frames)
@@ -86,7 +88,9 @@ def read_bag(
         dropped[why] = int((usable & wrong).sum())
         usable &= ~wrong
     notes += [
-        f"{count} positions left out: {why}" for why, count in dropped.items() if count
+        f"{count} positions left out: {why}"
+        for why, count in dropped.items()
+        if count
     ]
     if not usable.any():
         hint = "change `max_gap`, `still` or `time_offset`"
@@ -109,11 +113,21 @@ def _reader(path: Path) -> Any:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise LogError(f"reading bags needs rosbags: {INSTALL.format('ros')}") from None
+        raise LogError(
+            f"reading bags needs rosbags: {INSTALL.format('ros')}"
+        ) from None
     try:
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader = AnyReader(
+            [path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)
+        )
         reader.open()
-    except (AnyReaderError, OSError, ValueError, KeyError, AssertionError) as error:
+    except (
+        AnyReaderError,
+        OSError,
+        ValueError,
+        KeyError,
+        AssertionError,
+    ) as error:
         raise LogError(
             f"{path} is no recording that can be read ({error or type(error).__name__}): expected "
             "a ROS 1 .bag, the folder of a ROS 2 bag, or an .mcap file"
@@ -122,7 +136,10 @@ def _reader(path: Path) -> Any:
 
 
 def _topic(
-    topics: Mapping[str, str], chosen: str | None, types: Sequence[str], parameter: str
+    topics: Mapping[str, str],
+    chosen: str | None,
+    types: Sequence[str],
+    parameter: str,
 ) -> str:
     """The topic that was chosen, or the only one of some types."""
     fitting = [
@@ -133,7 +150,8 @@ def _topic(
     if len(fitting) == 1:
         return fitting[0]
     shown = listed(
-        f"{name} ({kind.rpartition('/')[2]})" for name, kind in sorted(topics.items())
+        f"{name} ({kind.rpartition('/')[2]})"
+        for name, kind in sorted(topics.items())
     )
     kinds = ", ".join(kind.rpartition("/")[2] for kind in types)
     raise LogError(
@@ -143,7 +161,9 @@ def _topic(
     )
 
 
-def _messages(reader: Any, topics: Sequence[str]) -> Iterator[tuple[str, float, Any]]:
+def _messages(
+    reader: Any, topics: Sequence[str]
+) -> Iterator[tuple[str, float, Any]]:
     """Topic, time [s] and message of some topics; the message's own stamp where it has one."""
     connections = [c for c in reader.connections if c.topic in topics]
     for connection, received, raw in reader.messages(connections=connections):
@@ -153,7 +173,11 @@ def _messages(reader: Any, topics: Sequence[str]) -> Iterator[tuple[str, float, 
 
 def _seconds(message: Any, received: float) -> float:
     header = getattr(message, "header", None)
-    seconds = 0.0 if header is None else header.stamp.sec + 1e-9 * header.stamp.nanosec
+    seconds = (
+        0.0
+        if header is None
+        else header.stamp.sec + 1e-9 * header.stamp.nanosec
+    )
     return seconds if seconds > 0 else received
 
 
@@ -166,7 +190,11 @@ def _joint_states(
     recorded: set[str] = set()
     for _, time, message in _messages(reader, [topic]):
         there = dict(
-            zip(message.name, np.asarray(message.position).tolist(), strict=False)
+            zip(
+                message.name,
+                np.asarray(message.position).tolist(),
+                strict=False,
+            )
         )
         recorded |= set(message.name)
         names = names or tuple(message.name)
@@ -219,7 +247,9 @@ def _poses(
     for topic, received, message in _messages(reader, topics):
         tf = getattr(message, "transforms", None)
         for child, stamped in (
-            [(topic, message)] if tf is None else [(t.child_frame_id, t) for t in tf]
+            [(topic, message)]
+            if tf is None
+            else [(t.child_frame_id, t) for t in tf]
         ):
             if (
                 parents.setdefault(child, stamped.header.frame_id)
@@ -259,7 +289,9 @@ def _poses(
         matrices = matrix_of(rows[:, 4:])
         place = (matrices @ place[:, :, None])[:, :, 0] + rows[:, 1:4]
         turn = matrices @ turn
-    return np.hstack([edges[measured[0]][:, :1], place, quaternion_of(turn)]), parent
+    return np.hstack(
+        [edges[measured[0]][:, :1], place, quaternion_of(turn)]
+    ), parent
 
 
 def _row(stamped: Any, received: float) -> tuple[float, ...]:
@@ -273,10 +305,16 @@ def _row(stamped: Any, received: float) -> tuple[float, ...]:
     else:
         place = stamped.point
         turn = None
-    turned = (0.0, 0.0, 0.0, 1.0) if turn is None else (turn.x, turn.y, turn.z, turn.w)
+    turned = (
+        (0.0, 0.0, 0.0, 1.0)
+        if turn is None
+        else (turn.x, turn.y, turn.z, turn.w)
+    )
     return _seconds(stamped, received), place.x, place.y, place.z, *turned
 
 
 def _turns(rows: Array) -> bool:
     """Whether quaternions (n, 4) differ from each other; q and -q are one orientation."""
-    return bool(rows.any() and np.abs(np.abs(rows @ rows[0]) - 1).max() >= _SAME)
+    return bool(
+        rows.any() and np.abs(np.abs(rows @ rows[0]) - 1).max() >= _SAME
+    )

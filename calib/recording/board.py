@@ -162,9 +162,13 @@ class Chessboard(_Squares):
             half = int(np.clip(0.25 * min(gaps), 3, 15))
             stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
             start = np.reshape(corners, (-1, 1, 2)).astype(np.float32)
-            corners = cv2.cornerSubPix(grey, start, (half, half), (-1, -1), stop)
+            corners = cv2.cornerSubPix(
+                grey, start, (half, half), (-1, -1), stop
+            )
         else:  # slower, and sees boards in the dark
-            is_there, corners = cv2.findChessboardCornersSB(grey, inner, flags=0)
+            is_there, corners = cv2.findChessboardCornersSB(
+                grey, inner, flags=0
+            )
         if not is_there:
             return {}
         return dict(enumerate(np.asarray(corners, float).reshape(-1, 2)))
@@ -184,7 +188,9 @@ class Board(_Squares):
     def __post_init__(self) -> None:
         most = len(find_dictionary(self.dictionary).bytesList)
         is_large = (self.columns - 1) * (self.rows - 1) >= LEAST_CORNERS
-        if not (is_large and self.tags <= most and 0.0 < self.marker < self.square):
+        if not (
+            is_large and self.tags <= most and 0.0 < self.marker < self.square
+        ):
             raise OptionError(
                 f"board {self.text}: expected {LEAST_CORNERS} inner corners or more, tags smaller "
                 f"than squares, and at most the {most} tags of {self.dictionary} (here "
@@ -285,7 +291,9 @@ class TagGrid(Pattern):
 
     def find(self, grey: Picture) -> dict[int, Array]:
         """Return the corners of the tags that a picture shows, four of each."""
-        tags = TagFinder(self.dictionary, range(self.columns * self.rows)).find(grey)
+        tags = TagFinder(self.dictionary, range(self.columns * self.rows)).find(
+            grey
+        )
         numbers = [tag.number for tag in tags]
         upward = self._upward(tags)
         corners: dict[int, Array] = {}
@@ -305,7 +313,9 @@ class TagGrid(Pattern):
             return False
         rows = np.array([tag.number // self.columns for tag in tags])
         centres = np.array([tag.centre for tag in tags])
-        down = np.mean([tag.corners[3] - tag.corners[0] for tag in tags], axis=0)
+        down = np.mean(
+            [tag.corners[3] - tag.corners[0] for tag in tags], axis=0
+        )
         return bool((rows - rows.mean()) @ (centres @ down) < 0.0)
 
     def marks(self) -> Iterator[Mark]:
@@ -340,7 +350,9 @@ def parse_board(board: Pattern | str) -> Pattern:
     return kind(columns, rows, side, other, *family)
 
 
-def parse_length(text: str, what: str = "length", *, signed: bool = False) -> float:
+def parse_length(
+    text: str, what: str = "length", *, signed: bool = False
+) -> float:
     """Return a length [m] above zero, or where `signed` of either sign, such as of "24mm".
 
     Raises OptionError if the text has no number, or no unit.

@@ -33,7 +33,9 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
         return log
     lens = lens_of_model(model)
     log_lens = Lens.from_json(source["lens"])
-    if (log_lens.parameters == lens.parameters).all() or log.orientation is None:
+    if (
+        log_lens.parameters == lens.parameters
+    ).all() or log.orientation is None:
         return log
     growth = float(log_lens.focal.mean() / lens.focal.mean()) - 1.0
     if log_lens.size != lens.size or abs(growth) > _REFOCUSED:

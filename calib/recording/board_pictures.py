@@ -47,7 +47,8 @@ class BoardPictures:
     count: int  # pictures, with those that do not show the board
     notes: tuple[str, ...]
     episodes: Index | None = None  # (p,), the series that each is of
-    rows: Index | None = None  # (p,), the row of joints or poses that each is of
+    # (p,), the row of joints or poses that each is of
+    rows: Index | None = None
     largest: tuple[int, Picture] | None = None  # the picture with most corners
 
     @property
@@ -61,7 +62,9 @@ class BoardPictures:
         last = len(self.board.points()) - 1
         corners = list(self.corners)
         for k in np.flatnonzero(others):
-            corners[k] = {last - number: place for number, place in corners[k].items()}
+            corners[k] = {
+                last - number: place for number, place in corners[k].items()
+            }
         return replace(self, corners=tuple(corners))
 
     def poses(self, lens: Lens) -> list[Pose]:
@@ -111,7 +114,9 @@ class BoardPictures:
             "size": list(self.size),
             "lens": lens.to_json(),
         }
-        noise = float(np.sqrt(np.einsum("njj->n", covariance[:, :3, :3]).mean() / 3))
+        noise = float(
+            np.sqrt(np.einsum("njj->n", covariance[:, :3, :3]).mean() / 3)
+        )
         source |= {"noise": noise, "noise_of_reference": 0.0, "dropped": {}}
         return Samples(
             self.q,
@@ -122,7 +127,9 @@ class BoardPictures:
             orientation=quaternion_of(turns),
             covariance=covariance,
             pictures=self.names,
-            episode=None if self.episodes is None else self.episodes.astype(float),
+            episode=None
+            if self.episodes is None
+            else self.episodes.astype(float),
         )
 
 
@@ -131,7 +138,9 @@ def held_poses(poses: Sequence[Pose], in_hand: bool) -> tuple[Array, Array]:
     turns, shifts = turns_and_shifts(poses)
     back = np.swapaxes(turns, 1, 2)
     return (
-        (back, -np.einsum("pij,pj->pi", back, shifts)) if in_hand else (turns, shifts)
+        (back, -np.einsum("pij,pj->pi", back, shifts))
+        if in_hand
+        else (turns, shifts)
     )
 
 
@@ -162,7 +171,9 @@ def find_board(
     if is_dataset(pictures):
         table, pictures, notes = read_dataset(str(pictures), names, camera)
     elif table is None:
-        raise OptionError("pictures need the joints beside them: expected `joints`")
+        raise OptionError(
+            "pictures need the joints beside them: expected `joints`"
+        )
     if not isinstance(table, (JointTable, FlangeTable)):
         table = read_joints(table, names, degrees=degrees, prismatic=prismatic)
     rows = list(range(len(table.q)))
@@ -205,7 +216,9 @@ def find_board(
         less = f"fewer than {LEAST_CORNERS} corners of the board"
         notes.append(f"{less} in {len(few)} pictures, left out: {listed(few)}")
     if none:
-        notes.append(f"no board in {len(none)} pictures, left out: {listed(none)}")
+        notes.append(
+            f"no board in {len(none)} pictures, left out: {listed(none)}"
+        )
     places = np.array([row for _, row, _ in shown])
     return BoardPictures(
         board=board,
@@ -240,5 +253,7 @@ def _instead(looked: Sequence[Picture], board: Pattern) -> str:
     if shown(turned, looked):
         return f"they show a board of {turned.columns}x{turned.rows} squares"
     if shown(board, [np.ascontiguousarray(grey[:, ::-1]) for grey in looked]):
-        return "the pictures are mirrored: turn that off in the camera's settings"
+        return (
+            "the pictures are mirrored: turn that off in the camera's settings"
+        )
     return "check the board's columns, rows and dictionary"

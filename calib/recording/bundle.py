@@ -85,7 +85,9 @@ class Layout:
     """Where the unknowns stand: six numbers for each frame, lenses, boards, the arm."""
 
     cameras: int
-    boards: tuple[bool, ...]  # whether each board is that of the cameras in the hand
+    boards: tuple[
+        bool, ...
+    ]  # whether each board is that of the cameras in the hand
     arm: int  # number of the arm's own parameters
 
     @property
@@ -164,7 +166,11 @@ class Corners:
         rows = np.isin(self.motion, motions)
         number = np.searchsorted(motions, self.motion[rows])
         return Corners(
-            self.points[rows], self.pixels[rows], number, self.in_hand, self.outline
+            self.points[rows],
+            self.pixels[rows],
+            number,
+            self.in_hand,
+            self.outline,
         )
 
     @cached_property
@@ -184,7 +190,8 @@ class Sight:
 
     pixels: Array  # (N, 2)
     slopes: Array  # (N, 2, SCENE + LENS + SHAPE), by scene, lens and board
-    chain: Array  # (n, SCENE + LENS + SHAPE, s + e), how these follow the unknowns
+    # (n, SCENE + LENS + SHAPE, s + e), how these follow the unknowns
+    chain: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +210,8 @@ class Bundle:
     def take(self, rows: Index) -> Bundle:
         """What was seen at some motions."""
         return Bundle(
-            tuple(camera.take(rows) for camera in self.cameras), self.motions.take(rows)
+            tuple(camera.take(rows) for camera in self.cameras),
+            self.motions.take(rows),
         )
 
     def predict(self, unknowns: Unknowns) -> list[Array]:
@@ -236,7 +244,9 @@ class Bundle:
         motion[:, :3, 3] += errors[:, 3:6]
         if corners.in_hand:
             motion = inverse(motion)
-        arm_side = inverse(x) @ motion  # what is beyond the motion, before the camera
+        arm_side = (
+            inverse(x) @ motion
+        )  # what is beyond the motion, before the camera
         scene = arm_side @ y
         scale = np.exp(shape[-1])
         points = scale * (corners.points + corners.bending @ shape[:-1])
@@ -257,10 +267,14 @@ class Bundle:
             axis=2,
         )
         rigid = scene_slopes(x, arm_side, scene, corners.in_hand)
-        chain = np.zeros((len(flange), slopes.shape[2], layout.size + layout.errors))
+        chain = np.zeros(
+            (len(flange), slopes.shape[2], layout.size + layout.errors)
+        )
         own_lens = np.arange(SCENE, SCENE + LENS)
         chain[:, :SCENE, layout.frame(number)] = rigid[:, :, :6]
-        chain[:, :SCENE, layout.frame(layout.cameras + board)] = rigid[:, :, 6:12]
+        chain[:, :SCENE, layout.frame(layout.cameras + board)] = rigid[
+            :, :, 6:12
+        ]
         chain[:, :SCENE, layout.arm_values] = rigid[:, :, 12:] @ by_arm
         chain[:, own_lens, layout.lens(number)] = 1.0
         chain[:, SCENE + LENS + np.arange(SHAPE), layout.shape(board)] = 1.0
@@ -269,7 +283,9 @@ class Bundle:
         return Sight(pixels, slopes, chain)
 
 
-def scene_slopes(x: Array, arm_side: Array, scene: Array, in_hand: bool) -> Array:
+def scene_slopes(
+    x: Array, arm_side: Array, scene: Array, in_hand: bool
+) -> Array:
     """How a scene turns and shifts (n, 6, 18) by its camera, its board and the flange's errors.
 
     x : (4, 4), camera;  arm_side, scene : (n, 4, 4), before the camera, without and with the board
@@ -277,7 +293,10 @@ def scene_slopes(x: Array, arm_side: Array, scene: Array, in_hand: bool) -> Arra
     back = np.broadcast_to(x[:3, :3].T, (len(scene), 3, 3))
     onward = arm_side[:, :3, :3]
     turned = scene[:, :3, :3]
-    by_camera = [_about(-np.eye(3) + 0.0 * back, 0.0 * scene[:, :3, 3]), _along(-back)]
+    by_camera = [
+        _about(-np.eye(3) + 0.0 * back, 0.0 * scene[:, :3, 3]),
+        _along(-back),
+    ]
     by_board = [_about(turned, scene[:, :3, 3]), _along(onward)]
     if in_hand:
         flange = np.broadcast_to(-(back[0] @ x[:3, 3]), (len(scene), 3))
@@ -325,7 +344,9 @@ def bending(points: Array, outline: Array) -> Array:
     return out
 
 
-def project(lens: Array, focus: Array, points: Array) -> tuple[Array, Array, Array]:
+def project(
+    lens: Array, focus: Array, points: Array
+) -> tuple[Array, Array, Array]:
     """Pixels (N, 2) of points (N, 3) [m] before a camera, their slopes by point and by lens.
 
     focus : (N,), factors of the focal lengths
@@ -346,7 +367,10 @@ def rms_by_motion(cameras: Sequence[Corners], pixels: Sequence[Array]) -> Array:
     """Rms distance (n,) [px] of the corners at each motion from predicted pixels."""
     motion = np.concatenate([camera.motion for camera in cameras])
     away = np.concatenate(
-        [camera.pixels - seen for camera, seen in zip(cameras, pixels, strict=True)]
+        [
+            camera.pixels - seen
+            for camera, seen in zip(cameras, pixels, strict=True)
+        ]
     )
     counts = np.bincount(motion)
     squares = np.bincount(motion, (away**2).sum(axis=1))

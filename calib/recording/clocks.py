@@ -79,7 +79,9 @@ class Clocks:
     offset: float  # joints' clock less the sensor's in the middle of the recording [s]
     rate: float = 0.0  # how much faster it runs
     middle: float = 0.0  # that middle, by the sensor's clock [s]
-    error: float = np.inf  # median distance that rows are predicted to [px or mm]
+    error: float = (
+        np.inf
+    )  # median distance that rows are predicted to [px or mm]
     doubt: float = (
         np.inf
     )  # standard deviation of the joints' time, at the recording's ends [s]
@@ -104,11 +106,14 @@ class Clocks:
 class _Waves:
     """What joints predict without a chain: blocks of rows by the others'."""
 
-    def __init__(self, q: Array | None = None, track: Array | None = None) -> None:
+    def __init__(
+        self, q: Array | None = None, track: Array | None = None
+    ) -> None:
         self._soft = SOFT
         if q is not None and track is not None:  # the ridge that predicts best
             self._soft = min(
-                CLOCK.softs, key=lambda soft: _median(Judge(q, soft).miss(track))
+                CLOCK.softs,
+                key=lambda soft: _median(Judge(q, soft).miss(track)),
             )
 
     def look(
@@ -120,7 +125,9 @@ class _Waves:
         speed = (judge.predict(ahead, track) - judge.predict(behind, track)) / (
             2.0 * CLOCK.step
         )
-        velocity, apart = (judge.miss(values) for values in (speed, speed * since))
+        velocity, apart = (
+            judge.miss(values) for values in (speed, speed * since)
+        )
         return judge.miss(track), velocity, apart[:, :, None], none, none
 
     def take(self, change: Array) -> None:
@@ -130,10 +137,14 @@ class _Waves:
 class _Chain:
     """A planar chain under a tilted camera, fitted with the clocks: for few rows."""
 
-    def __init__(self, q: Array, track: Array, revolute: tuple[bool, ...]) -> None:
+    def __init__(
+        self, q: Array, track: Array, revolute: tuple[bool, ...]
+    ) -> None:
         from ..body.planar import planar_structure
         from ..body.rows import Rows
-        from ..body.starts import best_starts  # both bring SciPy's linear algebra
+        from ..body.starts import (
+            best_starts,
+        )  # both bring SciPy's linear algebra
 
         names = tuple(f"q{k}" for k in range(q.shape[1]))
         template = planar_structure(
@@ -155,7 +166,9 @@ class _Chain:
         speed = (ahead - behind) / (2.0 * CLOCK.step)
         predicted, columns = structure.linearise(q, beta, self._active)
         velocity = np.einsum("nmd,nd->nm", structure.slope(q, beta), speed)
-        columns = np.concatenate([columns, (velocity * since)[:, :, None]], axis=2)
+        columns = np.concatenate(
+            [columns, (velocity * since)[:, :, None]], axis=2
+        )
         pull = (self._prior.mean - beta)[self._active]
         return (
             track - predicted,
@@ -189,7 +202,9 @@ class _Pair:
         from scipy.signal import correlate, correlation_lags
 
         sensor = np.arange(self.t[0], self.t[-1], 1.0 / CLOCK.grid)
-        joints = np.arange(self.joint_time[0], self.joint_time[-1], 1.0 / CLOCK.grid)
+        joints = np.arange(
+            self.joint_time[0], self.joint_time[-1], 1.0 / CLOCK.grid
+        )
         if min(len(sensor), len(joints)) < 2 * CLOCK.grid:
             return []
         a = _speed(joints_at(sensor, self.t, self.x))
@@ -203,7 +218,9 @@ class _Pair:
         # peaks within 0.2 s of a higher one are its shoulders
         top = np.flatnonzero(c >= maximum_filter1d(c, 21, mode="nearest"))
         top = top[np.argsort(-c[top], kind="stable")][: CLOCK.candidates]
-        return [float(joints[0] - sensor[0] + lags[k] / CLOCK.grid) for k in top]
+        return [
+            float(joints[0] - sensor[0] + lags[k] / CLOCK.grid) for k in top
+        ]
 
     def some(self, clocks: Clocks, rows: int) -> tuple[Array, Array]:
         """Joints' times (n,) and the track (n, m) of some rows."""
@@ -221,7 +238,11 @@ class _Pair:
         when, track = self.some(start, CLOCK.refined[0])
         try:
             there = self.joints(when)
-            model = _Chain(there, track, revolute) if revolute else _Waves(there, track)
+            model = (
+                _Chain(there, track, revolute)
+                if revolute
+                else _Waves(there, track)
+            )
             plain = self.fitted(model, start, CLOCK.refined)
             free = self.fitted(model, plain, CLOCK.refined, rate=True)
         except (CalibError, np.linalg.LinAlgError):
@@ -254,7 +275,9 @@ class _Pair:
                 )
                 precision = np.append(prior_precision, prior)
                 pull = np.append(pull, -clocks.rate)
-                answer = estimate_delay(miss, velocity, columns, precision, pull)
+                answer = estimate_delay(
+                    miss, velocity, columns, precision, pull
+                )
             if answer is None or not np.isfinite(answer[0].value):
                 break
             late, change = answer
@@ -264,15 +287,22 @@ class _Pair:
             clocks = replace(clocks, error=_median(miss), doubt=doubt)
             best = min(best, clocks, key=attrgetter("error"))
             moved = max(abs(late.value), abs(change[-1]) * np.ptp(self.t))
-            if moved < 4e-5 and abs(clocks.error - before) < 1e-3 * clocks.error:
+            if (
+                moved < 4e-5
+                and abs(clocks.error - before) < 1e-3 * clocks.error
+            ):
                 break
             scale = min(1.0, CLOCK.farthest_step / max(abs(late.value), 1e-12))
             model.take(scale * change[:-1])
             low = start.offset - CLOCK.farthest
             high = start.offset + CLOCK.farthest
-            offset = float(np.clip(clocks.offset - scale * late.value, low, high))
+            offset = float(
+                np.clip(clocks.offset - scale * late.value, low, high)
+            )
             clocks = replace(
-                clocks, offset=offset, rate=clocks.rate + float(scale * change[-1])
+                clocks,
+                offset=offset,
+                rate=clocks.rate + float(scale * change[-1]),
             )
         return best
 
@@ -280,7 +310,9 @@ class _Pair:
 def _speed(values: Array) -> Array:
     along = np.gradient(values, 1.0 / CLOCK.grid, axis=0)
     window = np.hanning(15)[1:-1]
-    return np.convolve(np.linalg.norm(along, axis=1), window / window.sum(), "same")
+    return np.convolve(
+        np.linalg.norm(along, axis=1), window / window.sum(), "same"
+    )
 
 
 @one_blas_thread()
@@ -312,20 +344,29 @@ def align_clocks(
         )
     middle = float(pair.t[[0, -1]].mean())
     starts = (Clocks(peak, middle=middle) for peak in peaks)
-    judged = _by_error(pair.fitted(_Waves(), start, CLOCK.judged) for start in starts)
-    apart = [c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])][
-        : CLOCK.fitted
-    ]
+    judged = _by_error(
+        pair.fitted(_Waves(), start, CLOCK.judged) for start in starts
+    )
+    apart = [
+        c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])
+    ][: CLOCK.fitted]
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
     # a planar chain needs fewer rows, so it goes first; an arm in space has none that fits
     fitted = (
-        _by_error(pair.refined(c, kinds) for c in apart) if track.shape[1] == 2 else []
+        _by_error(pair.refined(c, kinds) for c in apart)
+        if track.shape[1] == 2
+        else []
     )
     if not fitted or not fitted[0].error < CLOCK.chain_fits * spread:
         fitted = _by_error(pair.refined(c, None) for c in apart) or judged
     clocks = fitted[0]
-    rival = min((c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf)
-    fits = clocks.error < CLOCK.fits * spread and clocks.error < CLOCK.clearly * rival
+    rival = min(
+        (c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf
+    )
+    fits = (
+        clocks.error < CLOCK.fits * spread
+        and clocks.error < CLOCK.clearly * rival
+    )
     if not (fits and abs(clocks.rate) <= CLOCK.fastest and clocks.doubt < SURE):
         raise ClockError(
             f"no offset between the clocks is sure: the best, {clocks.offset:.3f} s to "

@@ -157,12 +157,15 @@ def choose(
             "that has as many numbers"
         )
     starts = [
-        find_sized_start(reading.flange[rows], boards, 1, unit) for reading in some
+        find_sized_start(reading.flange[rows], boards, 1, unit)
+        for reading in some
     ]
     least = min(start.misfit for start in starts)
     for k, reading in enumerate(some):
         if starts[k].misfit < NEAR_BEST * least:
-            starts[k] = find_sized_start(reading.flange[rows], boards, unit=unit)
+            starts[k] = find_sized_start(
+                reading.flange[rows], boards, unit=unit
+            )
     order = sorted(range(len(some)), key=lambda k: starts[k].rank)
     least = starts[order[0]].rank
     tied = [k for k in order if starts[k].rank < TIED * least]

@@ -23,7 +23,8 @@ class Settings:
 
     huber: float = 4.0  # noise sd, beyond which a corner counts less
     stiff: float = 1e6  # damping from which no step is tried any more
-    least_corner: float = 0.01  # [px], noise that corners are credited with at least
+    # [px], noise that corners are credited with at least
+    least_corner: float = 0.01
     least_error: float = 1e-6  # [rad, m, 1], the same of the motions' errors
     # beyond, a lens was zoomed
     # sd of the log of a focal length: less is below the noise of corners, and cost .003 mm of .032
@@ -57,7 +58,8 @@ class Noise:
     shift: float  # and of its shift along each [m]
     # (c,), sd of the log of each camera's focal length from motion to motion
     focus: Array
-    prior: Array  # (s,), prior sd of the unknowns: infinite of frames, 0 holds one
+    # (s,), prior sd of the unknowns: infinite of frames, 0 holds one
+    prior: Array
 
     @property
     def error(self) -> Array:
@@ -86,7 +88,8 @@ class Fit(Estimate):
     """Where a fit ends."""
 
     covariance: Array  # (s, s)
-    freedom: float  # degrees of freedom that the noise of the motions is known with
+    # degrees of freedom that the noise of the motions is known with
+    freedom: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +132,12 @@ def solve(
     for count in range(steps):
         step = _step(fit, prior, sums, damping)
         if not np.isfinite(step.unknowns).all():
-            raise np.linalg.LinAlgError("the fit of corners and motions diverged")
-        ahead = replace(fit, unknowns=fit.unknowns.moved(step.unknowns, step.errors))
+            raise np.linalg.LinAlgError(
+                "the fit of corners and motions diverged"
+            )
+        ahead = replace(
+            fit, unknowns=fit.unknowns.moved(step.unknowns, step.errors)
+        )
         sums_ahead = _sums(bundle, ahead)
         cost = _cost(ahead, prior, sums_ahead)
         if cost > (1 + 1e-9) * _cost(fit, prior, sums):
@@ -149,7 +156,9 @@ def solve(
     return fit
 
 
-def motion_errors(bundle: Bundle, fit: Fit, rounds: int = 5) -> tuple[Array, Array]:
+def motion_errors(
+    bundle: Bundle, fit: Fit, rounds: int = 5
+) -> tuple[Array, Array]:
     """Errors (n, 6) of motions as the corners alone tell them, and covariances (n, 6, 6).
 
     The unknowns stay as they are; their doubt is part of the covariance.
@@ -164,7 +173,9 @@ def motion_errors(bundle: Bundle, fit: Fit, rounds: int = 5) -> tuple[Array, Arr
         pull = pulls[:, size:] - loose * fit.unknowns.errors
         step = np.einsum("nij,nj->ni", spread, pull)
         fit = replace(fit, unknowns=fit.unknowns.moved(np.zeros(size), step))
-    follow = spread @ products[:, size:, :size]  # how errors follow the unknowns
+    follow = (
+        spread @ products[:, size:, :size]
+    )  # how errors follow the unknowns
     spread = spread + follow @ fit.covariance @ np.swapaxes(follow, 1, 2)
     return fit.unknowns.errors[:, :SCENE], spread[:, :SCENE, :SCENE]
 
@@ -217,7 +228,9 @@ def _weighed(noise: Noise, sums: Sequence[_Sums]) -> tuple[Array, Array]:
     return np.asarray(products), np.asarray(pulls)
 
 
-def _step(fit: Fit, prior: Prior, sums: Sequence[_Sums], damping: float) -> _Step:
+def _step(
+    fit: Fit, prior: Prior, sums: Sequence[_Sums], damping: float
+) -> _Step:
     """Eliminate the motions' errors and solve for the free unknowns."""
     size = len(fit.noise.prior)
     products, pulls = _weighed(fit.noise, sums)
@@ -243,7 +256,9 @@ def _step(fit: Fit, prior: Prior, sums: Sequence[_Sums], damping: float) -> _Ste
     step[free] = np.linalg.solve(damped, target / ruler) / ruler
     errors = np.einsum("nij,nj->ni", spread, pull)
     errors -= np.einsum("nji,j->ni", gain, step[free])
-    variances = np.einsum("nii->ni", spread) + (gain * (covariance @ gain)).sum(axis=1)
+    variances = np.einsum("nii->ni", spread) + (gain * (covariance @ gain)).sum(
+        axis=1
+    )
     all_covariance = np.zeros((size, size))
     all_covariance[np.ix_(free, free)] = covariance
     return _Step(step, errors, all_covariance, variances)
@@ -301,7 +316,9 @@ def _learn(
         # errors of a picture's corners hang together: what is left of them in its pose counts
         open_directions = max(directions - freedom - 12, 0.1 * directions)
         square = max(white, camera.together / open_directions)
-        corner.append(max(_grown(sd, square, corner_rate), SETTINGS.least_corner))
+        corner.append(
+            max(_grown(sd, square, corner_rate), SETTINGS.least_corner)
+        )
     prior_sd = noise.prior.copy()
     away = (fit.unknowns.values - prior.mean) ** 2
     spread = np.diag(fit.covariance)
@@ -344,4 +361,6 @@ def _is_settled(before: Noise, after: Noise) -> bool:
 
 def _huber(lengths: Array, sd: float) -> Array:
     """Weights (N,) of residuals of lengths (N,) [px]."""
-    return np.asarray(np.minimum(1.0, SETTINGS.huber * sd / np.maximum(lengths, 1e-12)))
+    return np.asarray(
+        np.minimum(1.0, SETTINGS.huber * sd / np.maximum(lengths, 1e-12))
+    )

@@ -91,7 +91,9 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
             str(cell or "").strip().replace("\\", "/").rpartition("/")[2]
             for cell in cells
         ]
-        pictures = tuple(name for name, whole in zip(names, good, strict=True) if whole)
+        pictures = tuple(
+            name for name, whole in zip(names, good, strict=True) if whole
+        )
     return _checked(source, values, good, pictures, named)
 
 
@@ -104,13 +106,17 @@ def _columns(header: set[str]) -> tuple[str, list[str]]:
     return "", []
 
 
-def _without_header(path: str | os.PathLike[str] | Source, label: str) -> FlangeTable:
+def _without_header(
+    path: str | os.PathLike[str] | Source, label: str
+) -> FlangeTable:
     if isinstance(path, Source) or os.fspath(path) == "-":
         raise LogError(f"{label} has no header: expected {_expected()}")
     text = Path(path).read_text(encoding="utf-8-sig")
     lines = re.sub(r"[;,\t]", " ", text).splitlines()
     try:
-        values = np.array([line.split() for line in lines if line.strip()], float)
+        values = np.array(
+            [line.split() for line in lines if line.strip()], float
+        )
         count = values.shape[1]
     except ValueError:
         count = 0
@@ -142,7 +148,9 @@ def _checked(
                 f"{source.label}, row {wrong[0] + 1}: a {what} of length {lengths[wrong[0]]:.4g}, "
                 f"expected {expected:.4g}"
             )
-    return FlangeTable(source.label, values, pictures, named, int((~good).sum()))
+    return FlangeTable(
+        source.label, values, pictures, named, int((~good).sum())
+    )
 
 
 def _of_matrices(rows: Array) -> Array:

@@ -75,7 +75,9 @@ def handeye(
     >>> import calib
     >>> calib.handeye(pictures="shots", poses="flange.csv", board="10x7:22mm")  # doctest: +SKIP
     """
-    if (pictures is None) == (boards is None) or (arm is None) == (poses is None):
+    if (pictures is None) == (boards is None) or (arm is None) == (
+        poses is None
+    ):
         raise OptionError(
             "expected pictures or the board's poses, and either an arm with joints or flange poses"
         )
@@ -107,14 +109,23 @@ def handeye(
                         "pictures need the board that they show: expected `board`"
                     )
                 shots = find_board(
-                    shots, table or joints, board, arm, camera, degrees=bool(degrees)
+                    shots,
+                    table or joints,
+                    board,
+                    arm,
+                    camera,
+                    degrees=bool(degrees),
                 )
-            views.append(view_of(name, shots, eyes[name] == "hand", lenses.get(name)))
+            views.append(
+                view_of(name, shots, eyes[name] == "hand", lenses.get(name))
+            )
         if table is not None:
             setting = of_poses(table, views, unit, rotation, degrees)
             return answer(setting, ("base", "flange"))
         assert arm is not None  # noqa: S101 - refused above
-        return answer(of_joints(arm, views), (parse_robot(arm.urdf).root, arm.tip))
+        return answer(
+            of_joints(arm, views), (parse_robot(arm.urdf).root, arm.tip)
+        )
 
 
 def _folders(
@@ -142,7 +153,9 @@ def _flange_table(poses: Path_ | FlangeTable | Array) -> FlangeTable:
         raise OptionError(
             f"poses of shape {matrices.shape}: expected (n, 4, 4), or a table"
         )
-    numbers = np.column_stack([matrices[:, :3, 3], matrices[:, :3, :3].reshape(-1, 9)])
+    numbers = np.column_stack(
+        [matrices[:, :3, 3], matrices[:, :3, :3].reshape(-1, 9)]
+    )
     return FlangeTable("poses", numbers, None, "matrix")
 
 

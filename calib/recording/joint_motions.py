@@ -85,13 +85,19 @@ class JointMotions:
         prior = self.structure.prior(FREE)
         scales = []
         for hyper in prior.hypers:
-            places = layout.arm_values[np.searchsorted(self.active, hyper.indices)]
-            within = FINER if hyper.name.startswith("placement") else hyper.within
+            places = layout.arm_values[
+                np.searchsorted(self.active, hyper.indices)
+            ]
+            within = (
+                FINER if hyper.name.startswith("placement") else hyper.within
+            )
             lowest, highest = hyper.scale * np.array(within)
             scales.append(Scale(hyper.name, places, lowest, highest))
         return scales, np.append(prior.sd[self.active], SIZE_SD)
 
-    def body(self, fit: Fit, layout: Layout, camera: int, in_hand: bool) -> Body:
+    def body(
+        self, fit: Fit, layout: Layout, camera: int, in_hand: bool
+    ) -> Body:
         """What the pictures tell, as a belief of readings of poses of what is in the hand."""
         structure = self.structure
         groups = structure.groups

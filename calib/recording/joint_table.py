@@ -28,7 +28,9 @@ _OTHERS = {
     "qz",
     "qw",
 }
-_TURNS = 4.0 * np.pi  # [rad]; joints that go beyond two turns are taken for degrees
+_TURNS = (
+    4.0 * np.pi
+)  # [rad]; joints that go beyond two turns are taken for degrees
 
 
 def joint_columns(header: Sequence[str]) -> tuple[str, ...]:
@@ -92,14 +94,18 @@ def read_joints(
     if (
         "picture" in source.header
     ):  # one may stand with its folder, of this system or another
-        cells = np.array(source.read(["picture"])["picture"].to_list(), object)[good]
+        cells = np.array(source.read(["picture"])["picture"].to_list(), object)[
+            good
+        ]
         named = (str(cell or "").strip().replace("\\", "/") for cell in cells)
         pictures = tuple(name.rpartition("/")[2] for name in named)
     about = {name: column[good] for name, column in about.items()}
     episodes = about["episode"].astype(np.intp) if "episode" in about else None
     dropped = int((~good).sum())
     time = about.get("time")
-    return JointTable(source.label, tuple(names), q, time, pictures, dropped, episodes)
+    return JointTable(
+        source.label, tuple(names), q, time, pictures, dropped, episodes
+    )
 
 
 class Table(Protocol):
@@ -129,9 +135,13 @@ def read_shots(
     paths = found
     if table.pictures is not None:
         by_name = {
-            name: path for path in reversed(found) for name in (path.stem, path.name)
+            name: path
+            for path in reversed(found)
+            for name in (path.stem, path.name)
         }
-        rows = [row for row, name in enumerate(table.pictures) if name in by_name]
+        rows = [
+            row for row, name in enumerate(table.pictures) if name in by_name
+        ]
         paths = [by_name[table.pictures[row]] for row in rows]
         left = len(table.pictures) - len(rows), len(found) - len(rows)
         kinds = "rows of joints, without a picture", "pictures, without joints"
@@ -145,7 +155,11 @@ def read_shots(
         or len(set(paths)) != len(rows)
         or (table.pictures is None and table.dropped)
     ):
-        named = f", which name {listed(table.pictures, 3)}" if table.pictures else ""
+        named = (
+            f", which name {listed(table.pictures, 3)}"
+            if table.pictures
+            else ""
+        )
         raise LogError(
             f"{len(found)} pictures and {len(table.q) + table.dropped} rows of joints in "
             f"{table.label} ({table.dropped} with a missing value){named}: expected one row for "

@@ -38,7 +38,8 @@ class Lens:
     focal: Array  # focal lengths along x and y (2,) [px]
     centre: Array  # principal point (2,) [px]
     distortion: Array  # k1, k2, p1, p2, k3 (5,)
-    rms: float = 0.0  # distance of the calibration's corners from their places [px]
+    # distance of the calibration's corners from their places [px]
+    rms: float = 0.0
     # of `parameters`; zero where a lens is taken for exact (9, 9)
     covariance: Array = field(default_factory=lambda: np.zeros((9, 9)))
 
@@ -60,7 +61,9 @@ class Lens:
 
     def distort(self, points: ArrayLike) -> Array:
         """Return pixels (n, 2) of points (n, 2) of the plane at distance one."""
-        return np.asarray(self.centre + self.focal * bent(points, self.distortion))
+        return np.asarray(
+            self.centre + self.focal * bent(points, self.distortion)
+        )
 
     def undistort(self, pixels: ArrayLike) -> Array:
         """Return points (n, 2) of the plane at distance one that appear at pixels (n, 2)."""
@@ -77,7 +80,8 @@ class Lens:
     def to_json(self) -> dict[str, Any]:
         """Return it as plain values."""
         fields = {
-            name: np.asarray(value).tolist() for name, value in vars(self).items()
+            name: np.asarray(value).tolist()
+            for name, value in vars(self).items()
         }
         return {"kind": "calib lens", **fields}
 
@@ -88,10 +92,16 @@ class Lens:
         Raises KeyError, TypeError, ValueError if it is none.
         """
         width, height = (int(side) for side in told["size"])
-        shapes = {"focal": 2, "centre": 2, "distortion": 5, "covariance": (9, 9)}
+        shapes = {
+            "focal": 2,
+            "centre": 2,
+            "distortion": 5,
+            "covariance": (9, 9),
+        }
         known = {"covariance": np.zeros((9, 9)), **told}
         values = {
-            name: np.array(known[name], float).reshape(n) for name, n in shapes.items()
+            name: np.array(known[name], float).reshape(n)
+            for name, n in shapes.items()
         }
         if not min(width, height, *values["focal"]) > 0:
             raise ValueError(
@@ -101,11 +111,15 @@ class Lens:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as JSON."""
-        atomic_write(path, (json.dumps(self.to_json(), indent=2) + "\n").encode())
+        atomic_write(
+            path, (json.dumps(self.to_json(), indent=2) + "\n").encode()
+        )
 
 
 def calibrate_lens(
-    corners: Sequence[Mapping[int, Array]], board: Pattern, size: tuple[int, int]
+    corners: Sequence[Mapping[int, Array]],
+    board: Pattern,
+    size: tuple[int, int],
 ) -> tuple[Lens, tuple[str, ...]]:
     """Fit a lens to pictures of a board held at different angles; notes say what makes it doubtful.
 
@@ -127,7 +141,9 @@ def calibrate_lens(
         )
     world = board.corners().astype(np.float32)
     objects = [world[list(c)] for c in usable]
-    images = [np.array([*c.values()], np.float32).reshape(-1, 1, 2) for c in usable]
+    images = [
+        np.array([*c.values()], np.float32).reshape(-1, 1, 2) for c in usable
+    ]
     one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2
     choices = [(one, 1), (one & ~cv2.CALIB_FIX_K2, 2), (cv2.CALIB_FIX_K3, 4)]
     count = 2 * sum(map(len, images))
@@ -138,13 +154,17 @@ def calibrate_lens(
                 objects, images, size, None, None, flags=flags
             )
             # below 0.001 px the misfit is rounding, and its logarithm would decide
-            score = count * np.log(max(fit[0], 1e-3) ** 2) + terms * np.log(count)
+            score = count * np.log(max(fit[0], 1e-3) ** 2) + terms * np.log(
+                count
+            )
             fits.append((float(score), terms, fit))
     doubt = np.inf
     if fits:
         _, terms, fit = min(fits, key=lambda each: each[0])
         rms, matrix, found, _, _, spread, *_ = fit
-        distortion = np.pad(np.ravel(found)[:5], (0, max(5 - np.size(found), 0)))
+        distortion = np.pad(
+            np.ravel(found)[:5], (0, max(5 - np.size(found), 0))
+        )
         focal = np.diag(matrix)[:2].copy()
         doubt = float(np.ravel(spread)[0] / matrix[0, 0])
     if not doubt <= _DOUBT or not focal.max() <= 50 * max(size):
@@ -153,7 +173,9 @@ def calibrate_lens(
             "3 % expected: tilt the board this way and that between them"
         )
     lens = Lens(size, focal, matrix[:2, 2].copy(), distortion, float(rms))
-    lens = replace(lens, covariance=_covariance(objects, lens, terms, *fit[3:5]))
+    lens = replace(
+        lens, covariance=_covariance(objects, lens, terms, *fit[3:5])
+    )
     notes = (
         f"lens: the corners miss their places by {rms:.2g} px rms; check that the board is flat "
         "and printed at its true size, and that the pictures are sharp",
@@ -173,13 +195,19 @@ def _covariance(
     count = 2 * sum(map(len, objects))
     precision = np.zeros((free, free))
     for points, *pose in zip(objects, turns, shifts, strict=True):
-        slopes = opencv().projectPoints(points, *pose, lens.matrix, lens.distortion)[1]
+        slopes = opencv().projectPoints(
+            points, *pose, lens.matrix, lens.distortion
+        )[1]
         by_pose = slopes[:, :6]
         by_lens = slopes[:, 6 : 6 + free]
-        by_lens = by_lens - by_pose @ np.linalg.lstsq(by_pose, by_lens, rcond=None)[0]
+        by_lens = (
+            by_lens - by_pose @ np.linalg.lstsq(by_pose, by_lens, rcond=None)[0]
+        )
         precision += by_lens.T @ by_lens
     # rms is of distances: half of its square along each axis
-    variance = 0.5 * lens.rms**2 * count / max(count - 6 * len(objects) - free, 1)
+    variance = (
+        0.5 * lens.rms**2 * count / max(count - 6 * len(objects) - free, 1)
+    )
     covariance = np.zeros((9, 9))
     covariance[:free, :free] = np.linalg.pinv(precision) * variance
     return covariance
@@ -194,7 +222,9 @@ def _file(path: Path) -> Lens:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
-        raise LogError(f"{path} is no lens ({error}): expected a file of one") from None
+        raise LogError(
+            f"{path} is no lens ({error}): expected a file of one"
+        ) from None
     try:
         document = json.loads(text)
     except ValueError:
@@ -210,7 +240,9 @@ def _file(path: Path) -> Lens:
             )
         return lens
     size, matrix, distortion = read_lens(text, str(path))
-    return Lens(size, np.diag(matrix)[:2].copy(), matrix[:2, 2].copy(), distortion)
+    return Lens(
+        size, np.diag(matrix)[:2].copy(), matrix[:2, 2].copy(), distortion
+    )
 
 
 def lens_of_model(model: Model) -> Lens:

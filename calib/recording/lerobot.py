@@ -66,10 +66,14 @@ class Dataset:
         """Read it.  Raises LogError in one line if it is none that is known."""
         root = Path(source)
         try:
-            info = json.loads((root / "meta" / "info.json").read_text(encoding="utf-8"))
+            info = json.loads(
+                (root / "meta" / "info.json").read_text(encoding="utf-8")
+            )
             features = info["features"]
             names = features[_STATE]["names"]
-            if isinstance(names, dict):  # older ones have a list of names by kind
+            if isinstance(
+                names, dict
+            ):  # older ones have a list of names by kind
                 names = next(iter(names.values()))
             videos = {
                 name: feature
@@ -80,9 +84,12 @@ class Dataset:
                 root=root,
                 version=str(info["codebase_version"]),
                 columns={
-                    str(name).removesuffix(".pos"): k for k, name in enumerate(names)
+                    str(name).removesuffix(".pos"): k
+                    for k, name in enumerate(names)
                 },
-                cameras={name: _codec(feature) for name, feature in videos.items()},
+                cameras={
+                    name: _codec(feature) for name, feature in videos.items()
+                },
                 rate=float(info["fps"]),
                 video_path=str(info["video_path"]),
                 chunk=int(info.get("chunks_size", 1000)),
@@ -107,7 +114,9 @@ class Dataset:
 
     def camera(self, name: str | None) -> str:
         """Return the only camera, or the one whose name ends so.  Raises LogError otherwise."""
-        fitting = [camera for camera in self.cameras if camera.endswith(name or "")]
+        fitting = [
+            camera for camera in self.cameras if camera.endswith(name or "")
+        ]
         if len(fitting) == 1:
             return fitting[0]
         raise LogError(
@@ -117,7 +126,9 @@ class Dataset:
 
     def joints(self, names: Sequence[str] | None) -> tuple[str, ...]:
         """Return these joints, or all but the gripper.  Raises LogError if one is not there."""
-        chosen = tuple(names or (name for name in self.columns if name != _GRIPPER))
+        chosen = tuple(
+            names or (name for name in self.columns if name != _GRIPPER)
+        )
         missing = [name for name in chosen if name not in self.columns]
         if missing:
             raise LogError(
@@ -125,7 +136,9 @@ class Dataset:
             )
         return chosen
 
-    def videos(self, camera: str, episodes: Index) -> dict[int, tuple[Path, float]]:
+    def videos(
+        self, camera: str, episodes: Index
+    ) -> dict[int, tuple[Path, float]]:
         """Return the video of each episode, and where in it the episode begins [s]."""
         import polars as pl
 
@@ -143,7 +156,9 @@ class Dataset:
                 for episode in np.unique(episodes).tolist()
             }
         key = f"videos/{camera}"
-        table = pl.read_parquet(self.root / "meta" / "episodes" / "**" / "*.parquet")
+        table = pl.read_parquet(
+            self.root / "meta" / "episodes" / "**" / "*.parquet"
+        )
         places = {}
         for row in table.iter_rows(named=True):
             path = self.video_path.format(
@@ -189,7 +204,9 @@ def read_dataset(
     chosen = dataset.camera(camera)
     names = dataset.joints(joints)
     wanted = [_STATE, "timestamp", "episode_index"]
-    rows = pl.read_parquet(dataset.root / "data" / "**" / "*.parquet", columns=wanted)
+    rows = pl.read_parquet(
+        dataset.root / "data" / "**" / "*.parquet", columns=wanted
+    )
     state = np.array(rows[_STATE].to_list(), float)[
         :, [dataset.columns[name] for name in names]
     ]
@@ -204,7 +221,9 @@ def read_dataset(
         wanted_frames[path].append((begin + float(time[row]), row))
     frames: list[tuple[int, Picture]] = []
     for path, instants in wanted_frames.items():
-        frames += _frames(path, instants, 0.5 / dataset.rate, dataset.cameras[chosen])
+        frames += _frames(
+            path, instants, 0.5 / dataset.rate, dataset.cameras[chosen]
+        )
     notes = [f"joints of {dataset.root} are read as {unit}"]
     if moving:
         notes.append("the arm hardly stands still: let it rest at each picture")
@@ -217,7 +236,12 @@ def read_dataset(
     )
     episodes = episode[resting_rows].astype(np.intp)
     table = JointTable(
-        str(dataset.root), names, q[resting_rows], None, pictures, episodes=episodes
+        str(dataset.root),
+        names,
+        q[resting_rows],
+        None,
+        pictures,
+        episodes=episodes,
     )
     return table, [picture for _, picture in frames], notes
 
@@ -307,4 +331,6 @@ def _decoded(path: Path, codec: str) -> Iterator[tuple[float, Picture]]:
             for image in container.decode(video=0):
                 yield float(image.time), image.to_ndarray(format="gray")
     except (av.error.FFmpegError, IndexError, TypeError) as error:
-        raise LogError(f"{path} (codec {codec}) cannot be read: {error}") from None
+        raise LogError(
+            f"{path} (codec {codec}) cannot be read: {error}"
+        ) from None

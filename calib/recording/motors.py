@@ -28,7 +28,8 @@ _WHOLE_SHARE = 100.0  # what LeRobot calls either end of a motor's range
 class Motor:
     """One motor of `calibration.json`."""
 
-    homing_offset: int  # [ticks], what the motor takes off its encoder's position
+    # [ticks], what the motor takes off its encoder's position
+    homing_offset: int
     range_min: int  # [ticks], lower end of its range
     range_max: int  # [ticks]
     drive_mode: int = 0  # 1 turns the sign of shares, not that of degrees
@@ -55,7 +56,9 @@ class Motors:
         label = os.fspath(path)
         try:
             document = json.loads(Path(path).read_text(encoding="utf-8"))
-            motors = {str(name): _motor(entry) for name, entry in document.items()}
+            motors = {
+                str(name): _motor(entry) for name, entry in document.items()
+            }
         except OSError as error:
             raise LogError(f"cannot read {label!r}: {error.strerror}") from None
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
@@ -80,6 +83,7 @@ class Motors:
 
 def _motor(entry: Mapping[str, Any]) -> Motor:
     numbers = {
-        key: int(entry[key]) for key in ("homing_offset", "range_min", "range_max")
+        key: int(entry[key])
+        for key in ("homing_offset", "range_min", "range_max")
     }
     return Motor(**numbers, drive_mode=int(entry.get("drive_mode", 0)))

@@ -20,7 +20,9 @@ class Settings:
     """Which poses are drawn, and which are left."""
 
     draws: int = 3000
-    tilt: float = float(np.radians(45.0))  # of the camera against the board [rad]
+    tilt: float = float(
+        np.radians(45.0)
+    )  # of the camera against the board [rad]
     nearer: tuple[float, float] = (0.7, 1.4)  # times the usual distance
     edge: float = 0.05  # share of the picture that stays free
     # of the nearest pose that the arm was in: it may not reach further [m, rad]
@@ -32,7 +34,9 @@ class Settings:
 SETTINGS = Settings()
 
 
-def next_poses(rig: HandEye, count: int = 2, seed: int = 0) -> tuple[Array, Array]:
+def next_poses(
+    rig: HandEye, count: int = 2, seed: int = 0
+) -> tuple[Array, Array]:
     """Flange poses (count, 4, 4) [m], and the 95 % intervals (count, 3) [m] of what is in the hand.
 
     Each interval is that after its pose and those before it.
@@ -53,9 +57,11 @@ def next_poses(rig: HandEye, count: int = 2, seed: int = 0) -> tuple[Array, Arra
     values = np.zeros(layout.size)
     lens = rig.lens
     matrix = lens["matrix"]
-    values[layout.lens(0)] = [matrix[0][0], matrix[1][1], *lens["centre"]] + lens[
-        "distortion"
-    ]
+    values[layout.lens(0)] = [
+        matrix[0][0],
+        matrix[1][1],
+        *lens["centre"],
+    ] + lens["distortion"]
     none = np.zeros((len(flange), layout.errors))
     unknowns = Unknowns(np.stack([hand, base]), values, none)
     pixels = bundle.predict(unknowns)[0].reshape(len(flange), -1, 2)
@@ -90,7 +96,9 @@ def next_poses(rig: HandEye, count: int = 2, seed: int = 0) -> tuple[Array, Arra
     chosen = []
     intervals = []
     for _ in range(count):
-        variances = np.linalg.inv(precision + told).diagonal(axis1=1, axis2=2)[:, :6]
+        variances = np.linalg.inv(precision + told).diagonal(axis1=1, axis2=2)[
+            :, :6
+        ]
         best = int(np.argmin(variances @ weight))
         chosen.append(flange[best])
         intervals.append(1.96 * np.sqrt(variances[best, 3:]))
@@ -104,7 +112,11 @@ def frame_of(place: Place) -> Array:
 
 
 def _candidates(
-    rig: HandEye, hand: Array, base: Array, points: Array, rng: np.random.Generator
+    rig: HandEye,
+    hand: Array,
+    base: Array,
+    points: Array,
+    rng: np.random.Generator,
 ) -> Array:
     """Flange poses (n, 4, 4) near those of the rig, the camera aimed at the board."""
     draws = SETTINGS.draws
@@ -112,7 +124,9 @@ def _candidates(
     if rig.eye == "hand":
         scenes = inverse(scenes)
     middle = points.mean(axis=0)
-    usual = float(np.median((scenes[:, :3, :3] @ middle + scenes[:, :3, 3])[:, 2]))
+    usual = float(
+        np.median((scenes[:, :3, :3] @ middle + scenes[:, :3, 3])[:, 2])
+    )
     tilt = SETTINGS.tilt * np.sqrt(rng.random(draws))
     side = rng.uniform(-np.pi, np.pi, draws)
     turns = exponential(
@@ -130,7 +144,9 @@ def _candidates(
     else:
         flange = base @ scenes @ inverse(hand)
     gaps = np.linalg.norm(flange[:, None, :3, 3] - rig.flange[:, :3, 3], axis=2)
-    relative = np.swapaxes(rig.flange[:, :3, :3], 1, 2) @ flange[:, None, :3, :3]
+    relative = (
+        np.swapaxes(rig.flange[:, :3, :3], 1, 2) @ flange[:, None, :3, :3]
+    )
     angles = np.linalg.norm(logarithm(relative), axis=2)
     is_near = ((gaps < SETTINGS.far) & (angles < SETTINGS.turned)).any(axis=1)
     return np.asarray(flange[is_near])

@@ -19,7 +19,9 @@ from .rig import HandEye
 class Limits:
     """From where on something is told."""
 
-    turn: float = float(np.radians(7.5))  # least spread of the hand's turns [rad]
+    turn: float = float(
+        np.radians(7.5)
+    )  # least spread of the hand's turns [rad]
     open: float = 0.01  # of an interval [m], beyond which a direction is open
     size: float = 4e-3  # of a board's size
     focal: float = 2e-3  # of the focal length of a lens that was given
@@ -91,7 +93,9 @@ def _convention(setting: Setting) -> Iterator[str]:
         yield f"not told apart from it: {'; '.join(setting.choice.ties)}"
 
 
-def _contradicting(setting: Setting, rig: HandEye, agreeing: Mask) -> Iterator[str]:
+def _contradicting(
+    setting: Setting, rig: HandEye, agreeing: Mask
+) -> Iterator[str]:
     names = rig.left_out
     if not names:
         return
@@ -132,7 +136,11 @@ def _size(setting: Setting, rig: HandEye) -> Iterator[str]:
     low, high = rig.square["interval"]
     if abs(measured / stated - 1.0) < LIMITS.size or low < stated < high:
         return
-    source = "the flange's motions" if setting.arm is None else "the drawn arm's size"
+    source = (
+        "the flange's motions"
+        if setting.arm is None
+        else "the drawn arm's size"
+    )
     yield (
         f"the board's squares measure {1e3 * measured:.4g} mm (95 %: {1e3 * low:.4g} to "
         f"{1e3 * high:.4g}) by {source}, {1e3 * stated:.4g} mm as said: the measured size is used; "

@@ -61,7 +61,9 @@ def take_photo(
         )
     reference = None if unit == "px" else PlaneReference.of(about)
     pixels = x if reference is None else reference.pixels(x)
-    inside = ((pixels > -0.5) & (pixels < np.array([width, height]) - 0.5)).all(axis=1)
+    inside = ((pixels > -0.5) & (pixels < np.array([width, height]) - 0.5)).all(
+        axis=1
+    )
     if inside.mean() < 0.25:
         raise LogError(
             f"{name} shows {100 * inside.mean():.0f} % of the positions only: expected a picture "
@@ -76,15 +78,25 @@ def take_photo(
     low = low - margin
     high = high + margin
     step = (high - low).max() / WIDEST
-    along, up = (np.arange(low[k] + 0.5 * step, high[k], step) for k in range(2))
+    along, up = (
+        np.arange(low[k] + 0.5 * step, high[k], step) for k in range(2)
+    )
     plane = np.stack(np.meshgrid(along, up[::-1]), axis=-1)
-    at = reference.pixels(plane.reshape(-1, 2)).reshape(plane.shape).astype(np.float32)
+    at = (
+        reference.pixels(plane.reshape(-1, 2))
+        .reshape(plane.shape)
+        .astype(np.float32)
+    )
     cv2 = opencv()
     white = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": (255, 255, 255)}
-    above = cv2.remap(picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, **white)
+    above = cv2.remap(
+        picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, **white
+    )
     west, bottom = low
     right, top = low + step * np.array([len(along), len(up)])
-    return Photo(_packed(np.asarray(above, np.uint8)), (west, right, bottom, top))
+    return Photo(
+        _packed(np.asarray(above, np.uint8)), (west, right, bottom, top)
+    )
 
 
 def read_photo(path: Path) -> Picture:
@@ -117,7 +129,8 @@ def write_seen(
     """
     cv2 = opencv()
     grey, canvas = (
-        cv2.cvtColor(photo, code) for code in (cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR)
+        cv2.cvtColor(photo, code)
+        for code in (cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR)
     )
     thick = max(1, round(max(canvas.shape) / 640))
 
@@ -125,17 +138,27 @@ def write_seen(
         places: Array, radius: int, colour: tuple[int, int, int], line: int
     ) -> None:
         for u, v in np.round(places).astype(int).tolist():
-            cv2.circle(canvas, (u, v), radius * thick, colour, line, cv2.LINE_AA)
+            cv2.circle(
+                canvas, (u, v), radius * thick, colour, line, cv2.LINE_AA
+            )
 
     circles(places, 3, _PLACES, -1)
     for tag in TagFinder(setting.dictionary).find(grey):
         expected = tag.number in setting.finder.numbers
-        colour = _TIP if tag.number == setting.tag else _BOARD if expected else _OTHER
+        colour = (
+            _TIP
+            if tag.number == setting.tag
+            else _BOARD
+            if expected
+            else _OTHER
+        )
         corners = np.round(tag.corners).astype(np.int32)
         cv2.polylines(canvas, [corners], True, colour, thick + 1, cv2.LINE_AA)
         words = f"{tag.number}" if expected else f"{tag.number} ignored"
         at = (corners.max(axis=0) + 4).tolist()
-        cv2.putText(canvas, words, at, 0, 0.55 * thick, colour, thick, cv2.LINE_AA)
+        cv2.putText(
+            canvas, words, at, 0, 0.55 * thick, colour, thick, cv2.LINE_AA
+        )
     if setting.board is not None:
         circles(
             np.array([*setting.marks(grey, ()).values()]).reshape(-1, 2),

@@ -31,7 +31,9 @@ def opencv() -> Any:
     Raises LogError if it is missing.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read when a video is opened
+    os.environ.setdefault(
+        "OPENCV_FFMPEG_LOGLEVEL", "-8"
+    )  # read when a video is opened
     try:
         return import_module("cv2")
     except ImportError:
@@ -53,15 +55,24 @@ def list_pictures(source: str | os.PathLike[str] | Sequence[str]) -> list[Path]:
     """
     if not isinstance(source, (str, os.PathLike)):
         return sorted(
-            {path for name in source for path in list_pictures(name)}, key=_natural
+            {path for name in source for path in list_pictures(name)},
+            key=_natural,
         )
     text = os.fspath(source)
     paths = [Path(source)]
     if paths[0].is_dir():
-        paths = [path for path in paths[0].iterdir() if path.suffix.lower() in PICTURES]
+        paths = [
+            path
+            for path in paths[0].iterdir()
+            if path.suffix.lower() in PICTURES
+        ]
     elif any(mark in text for mark in "*?["):
         paths = [Path(name) for name in glob(text)]  # noqa: PTH207 - a pattern may start at a root
-    paths = [path for path in paths if path.is_file() and not path.name.startswith(".")]
+    paths = [
+        path
+        for path in paths
+        if path.is_file() and not path.name.startswith(".")
+    ]
     if not paths:
         kinds = ", ".join(PICTURES)
         raise LogError(
@@ -70,7 +81,9 @@ def list_pictures(source: str | os.PathLike[str] | Sequence[str]) -> list[Path]:
     return sorted(paths, key=_natural)
 
 
-def read_picture(path: str | os.PathLike[str], *, colour: bool = False) -> Picture:
+def read_picture(
+    path: str | os.PathLike[str], *, colour: bool = False
+) -> Picture:
     """Read a picture whole: grey (height, width), or red, green, blue (height, width, 3).
 
     By Pillow: OpenCV returns half of a cut JPEG without a word.
@@ -163,12 +176,16 @@ class Video:
             stamp = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
             if not stamp > last:  # a file without times: its rate must do
                 stamp = (
-                    max(last, 0.0) + 1.0 / rate if rate > 0 and last > -np.inf else 0.0
+                    max(last, 0.0) + 1.0 / rate
+                    if rate > 0 and last > -np.inf
+                    else 0.0
                 )
             last = stamp
             frame = read[1]
             yield (
                 stamp,
-                frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY),
+                frame
+                if frame.ndim == 2
+                else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY),
             )
         capture.release()

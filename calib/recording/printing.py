@@ -18,7 +18,9 @@ MARGIN = 8e-3
 def print_tag(number: int, size: float, dictionary: str = DICTIONARY) -> str:
     """Return a tag as SVG whose black square has the side `size` [m]."""
     cells = tag_cells(number, dictionary)
-    border = max(MARGIN, size / len(cells))  # a tag needs a cell of white around it
+    border = max(
+        MARGIN, size / len(cells)
+    )  # a tag needs a cell of white around it
     words = f"{dictionary} {number}, black square {1e3 * size:g} mm"
     return _page([Mark(0.0, 0.0, size, cells)], (size, size), border, words)
 
@@ -61,10 +63,14 @@ def _rectangles(mark: Mark, border: float) -> list[str]:
             x = left + start * cell
             width = (stop - start) * cell
             fill = ' fill="#fff"'
-            rectangles.append(_rectangle(x, top + row * cell, width, cell, fill))
+            rectangles.append(
+                _rectangle(x, top + row * cell, width, cell, fill)
+            )
     return rectangles
 
 
-def _rectangle(x: float, y: float, width: float, height: float, fill: str = "") -> str:
+def _rectangle(
+    x: float, y: float, width: float, height: float, fill: str = ""
+) -> str:
     x, y, width, height = (1e3 * length for length in (x, y, width, height))
     return f'<rect x="{x:.6g}" y="{y:.6g}" width="{width:.6g}" height="{height:.6g}"{fill}/>'

@@ -37,7 +37,10 @@ class Priors:
     # of its size that a print is off by; beyond, as the evidence says
     printed: float = 3e-3
     printed_within: tuple[float, float] = (3e-3, 0.5)
-    controller: tuple[float, float] = (3e-4, 1e-3)  # of a controller's poses [rad, m]
+    controller: tuple[float, float] = (
+        3e-4,
+        1e-3,
+    )  # of a controller's poses [rad, m]
     joints: tuple[float, float] = (3e-5, 3e-5)  # of joints [rad, m]
     focus: float = 2e-3  # of the focal length, from picture to picture
 
@@ -64,7 +67,9 @@ class Setting:
         names = [""] * len(self.rows)
         for view in self.views:
             for place, name in zip(
-                np.searchsorted(self.rows, view.rows), view.shots.names, strict=True
+                np.searchsorted(self.rows, view.rows),
+                view.shots.names,
+                strict=True,
             ):
                 names[place] = names[place] or name
         return names
@@ -78,7 +83,9 @@ def of_joints(arm: SpatialArm, views: Sequence[View]) -> Setting:
         q[np.searchsorted(rows, view.rows)] = view.shots.q
     motions = JointMotions(structure_of(arm, "pose"), q)
     first = views[0]
-    refuse_readings(motions.structure, first.shots.q, first.boards, first.shots.board)
+    refuse_readings(
+        motions.structure, first.shots.q, first.boards, first.shots.board
+    )
     return replace(_setting(views, rows, motions, PRIORS.joints), arm=arm)
 
 
@@ -102,7 +109,9 @@ def of_poses(
     flange[:, :3, 3] /= METRES[choice.convention["unit"]]
     rows = _rows(views)
     motions = FlangePoses(flange[rows])
-    return replace(_setting(views, rows, motions, PRIORS.controller), choice=choice)
+    return replace(
+        _setting(views, rows, motions, PRIORS.controller), choice=choice
+    )
 
 
 def _rows(views: Sequence[View]) -> Index:
@@ -132,7 +141,9 @@ def turning(poses: Array) -> tuple[Array, Array]:
     """Rms turns (3,) [rad] of poses (n, 4, 4) about three axes (3, 3) of theirs, largest first."""
     turns = poses[:, :3, :3]
     vectors = logarithm(nearest_rotation(turns.sum(axis=0)).T @ turns)
-    _, sizes, axes = np.linalg.svd(vectors - vectors.mean(axis=0), full_matrices=False)
+    _, sizes, axes = np.linalg.svd(
+        vectors - vectors.mean(axis=0), full_matrices=False
+    )
     return np.asarray(sizes / np.sqrt(len(vectors))), axes
 
 
@@ -140,7 +151,9 @@ def _refuse_others(choice: Choice, ways: Sequence[Reading], view: View) -> None:
     """Refuse mirrored pictures, and poses that fit far better a row late, early, or not at all."""
     misfit = choice.start.misfit
     flange = choice.reading.flange[view.rows]
-    if choice.start.size == -np.inf:  # lengths along the picture count the other way
+    if (
+        choice.start.size == -np.inf
+    ):  # lengths along the picture count the other way
         unit = choice.convention["unit"]
         sized = find_start(flange, view.boards, unit=unit, sized=True)
         if sized.misfit > max(3.0 * misfit, np.radians(2.0)):
@@ -150,14 +163,18 @@ def _refuse_others(choice: Choice, ways: Sequence[Reading], view: View) -> None:
     if misfit < np.radians(2.0):
         return
     for by, word in ((-1, "late"), (1, "early")):
-        moved = choose(ways, (view.rows - by) % len(choice.reading.flange), view.boards)
+        moved = choose(
+            ways, (view.rows - by) % len(choice.reading.flange), view.boards
+        )
         if moved.start.misfit < 0.3 * misfit:
             raise LogError(
                 f"the pictures fit the poses only if these are a row {word}",
                 hint="check which row is of which picture",
             )
     rng = np.random.default_rng(0)
-    shuffled = [find_start(rng.permutation(flange), view.boards) for _ in range(8)]
+    shuffled = [
+        find_start(rng.permutation(flange), view.boards) for _ in range(8)
+    ]
     usual = float(np.median([start.misfit for start in shuffled]))
     if misfit > 0.2 * usual:
         raise LogError(
@@ -168,7 +185,10 @@ def _refuse_others(choice: Choice, ways: Sequence[Reading], view: View) -> None:
 
 
 def _setting(
-    views: Sequence[View], rows: Index, motions: Motions, errors: tuple[float, float]
+    views: Sequence[View],
+    rows: Index,
+    motions: Motions,
+    errors: tuple[float, float],
 ) -> Setting:
     """The problem, which begins at a closed form of each camera; `errors` are the motions'."""
     flange = motions.poses(np.zeros(motions.size))
@@ -231,12 +251,16 @@ def _start(flange: Array, view: View) -> Start:
     return start
 
 
-def _from_same_end(start: Start, other: Start, half_turn: Array | None) -> Start:
+def _from_same_end(
+    start: Start, other: Start, half_turn: Array | None
+) -> Start:
     """A start with its board numbered from the end that another camera's is."""
     if half_turn is None or start is other:
         return start
     board = start.board @ half_turn
-    if np.linalg.norm(board - other.board) > np.linalg.norm(start.board - other.board):
+    if np.linalg.norm(board - other.board) > np.linalg.norm(
+        start.board - other.board
+    ):
         return start
     return replace(start, board=board, turned=~start.turned)
 
@@ -261,7 +285,14 @@ def _lens_scales(view: View, places: Index) -> list[Scale]:
     """Priors of a lens whose sizes the evidence finds."""
     focal = float(view.lens.focal.mean())
     edge = _reach(view)
-    most = [0.3 * focal, 0.1 * edge * focal, edge**-2, edge**-4, 0.05 / edge, edge**-6]
+    most = [
+        0.3 * focal,
+        0.1 * edge * focal,
+        edge**-2,
+        edge**-4,
+        0.05 / edge,
+        edge**-6,
+    ]
     sure = np.zeros(len(places))
     if view.given is not None:
         sure = np.sqrt(np.maximum(np.diag(view.given.covariance), 0.0))
@@ -283,5 +314,11 @@ def _lens_sizes(view: View) -> Array:
     focal = 0.3 * float(view.lens.focal.mean())
     centre = 0.05 * view.shots.size[0]
     edge = _reach(view)
-    bent = [0.3 * edge**-2, 0.3 * edge**-4, 0.02 / edge, 0.02 / edge, 0.3 * edge**-6]
+    bent = [
+        0.3 * edge**-2,
+        0.3 * edge**-4,
+        0.02 / edge,
+        0.02 / edge,
+        0.3 * edge**-6,
+    ]
     return np.array([focal, focal, centre, centre, *bent])

@@ -50,7 +50,11 @@ def refuse_readings(
     words = ""
     hint = ""
     for values, finding in _others(structure, q, seen):
-        sight = replace(few, in_hand=not few.in_hand) if finding.kind == "eye" else few
+        sight = (
+            replace(few, in_hand=not few.in_hand)
+            if finding.kind == "eye"
+            else few
+        )
         there, _ = misfit(values[some], sight, 1)
         if there < _CLEAR * best:
             best = there
@@ -59,7 +63,9 @@ def refuse_readings(
             if finding.kind == "exchanged":
                 hint = "correct the header of the joints"
     if words:
-        raise LogError(f"the pictures fit the joints only if {words}", hint=hint)
+        raise LogError(
+            f"the pictures fit the joints only if {words}", hint=hint
+        )
     if abs(np.expm1(size)) > _MISSAID and len(structure.joint_names) > 2:
         side = f"{1e3 * board.points().max():.4g} mm"
         raise LogError(
@@ -81,10 +87,15 @@ def _others(
     )
     yield q, Finding("eye", f"the camera {where}", f"give `eye={eye!r}`")
     late = Finding(
-        "late", "they are a row late or early", "check which row is of which picture"
+        "late",
+        "they are a row late or early",
+        "check which row is of which picture",
     )
     units, orders, one, two = readings(
-        q, names, structure.revolute, any_order=len(names) <= DIAGNOSIS.most_ordered
+        q,
+        names,
+        structure.revolute,
+        any_order=len(names) <= DIAGNOSIS.most_ordered,
     )
     yield from units
     for by in (-1, 1):

@@ -46,7 +46,9 @@ class Pose:
 
 def turns_and_shifts(poses: Sequence[Pose]) -> tuple[Array, Array]:
     """Rotations (n, 3, 3) and shifts (n, 3) [m] of poses."""
-    return np.array([p.rotation for p in poses]), np.array([p.shift for p in poses])
+    return np.array([p.rotation for p in poses]), np.array(
+        [p.shift for p in poses]
+    )
 
 
 def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
@@ -69,7 +71,12 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
         projected, slopes = cv2.projectPoints(points, turn, shift, *camera)
         miss = pixels - projected.reshape(-1, 2)
         fits.append(
-            (float((miss**2).sum()), exponential(turn.ravel()), shift.ravel(), slopes)
+            (
+                float((miss**2).sum()),
+                exponential(turn.ravel()),
+                shift.ravel(),
+                slopes,
+            )
         )
     square, rotation, shift, slopes = min(fits, key=lambda fit: fit[0])
     by = slopes[:, 3:6].reshape(-1, 2, 3)
@@ -120,10 +127,12 @@ class PlaneReference:
         values, vectors = np.linalg.eigh(self.pose.covariance)
         for d in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
             turned = exponential(d[:3]) @ self.pose.rotation
-            pose = replace(self.pose, rotation=turned, shift=self.pose.shift + d[3:6])
-            moved = replace(self, lens=self.lens.moved(d[6:]), pose=pose).positions(
-                pixels
+            pose = replace(
+                self.pose, rotation=turned, shift=self.pose.shift + d[3:6]
             )
+            moved = replace(
+                self, lens=self.lens.moved(d[6:]), pose=pose
+            ).positions(pixels)
             variance += ((moved - base) ** 2).sum(1) / 2.0
         return np.sqrt(2.0 * (x**2 + y**2).sum(1)), np.sqrt(variance)
 
@@ -194,7 +203,10 @@ class MarkLayout:
 
 
 def watch(
-    layout: MarkLayout, sightings: Mapping[int, Marks], lens: Lens, height: float = 0.0
+    layout: MarkLayout,
+    sightings: Mapping[int, Marks],
+    lens: Lens,
+    height: float = 0.0,
 ) -> tuple[PlaneReference, frozenset[int]]:
     """Find the reference in a recording, and the pictures in which it is elsewhere.
 
@@ -224,7 +236,9 @@ def watch(
             "pictures: was the camera bumped, is it loose, or does it refocus? fix it and switch "
             "its autofocus off, or make a log of each part"
         )
-    settled = _middle([marks for number, marks in looked.items() if number not in off])
+    settled = _middle(
+        [marks for number, marks in looked.items() if number not in off]
+    )
     points = np.array([[*layout.points[number], 0.0] for number in settled])
     pose = find_pose(lens, points, np.array([*settled.values()]))
     return PlaneReference(lens, pose, height), off
@@ -232,7 +246,9 @@ def watch(
 
 def _middle(group: Sequence[Marks]) -> dict[int, Array]:
     numbers = sorted({n for marks in group for n in marks})
-    return {n: np.median([m[n] for m in group if n in m], axis=0) for n in numbers}
+    return {
+        n: np.median([m[n] for m in group if n in m], axis=0) for n in numbers
+    }
 
 
 def _elsewhere(middle: Marks, marks: Marks) -> bool:
@@ -242,5 +258,6 @@ def _elsewhere(middle: Marks, marks: Marks) -> bool:
     moved = np.linalg.norm(b - a, axis=1)
     growth = similarity(a, b)[2] - 1.0
     return bool(
-        np.median(moved) > _MOVED or (abs(growth) > _STRETCH and moved.max() > _MOVED)
+        np.median(moved) > _MOVED
+        or (abs(growth) > _STRETCH and moved.max() > _MOVED)
     )

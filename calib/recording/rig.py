@@ -56,7 +56,8 @@ class CameraPlace:
     eye: str
     place: Place  # in the hand, or in the base
     lens: LensFacts
-    from_first: Place | None = None  # in the frame of the first camera of its eye
+    # in the frame of the first camera of its eye
+    from_first: Place | None = None
 
     def to_json(self) -> dict[str, object]:
         """What `calib handeye --json` prints of it."""
@@ -111,8 +112,12 @@ class HandEye:
         str, float
     ]  # sd of the arm's poses: position [m], rotation [rad]
     square: Square
-    board: dict[str, object]  # its text, and its corners as fitted, in its frame [m]
-    held_out: dict[str, float]  # rms and median of pictures predicted by others [px]
+    board: dict[
+        str, object
+    ]  # its text, and its corners as fitted, in its frame [m]
+    held_out: dict[
+        str, float
+    ]  # rms and median of pictures predicted by others [px]
     left_out: tuple[str, ...]  # names of pictures
     cameras: tuple[CameraPlace, ...]
     convention: Convention | None  # what the poses mean
@@ -120,9 +125,11 @@ class HandEye:
     names: tuple[str, ...]  # (n,), of the motions' pictures
     flange: Array  # (n, 4, 4), what carries in the base at each motion [m]
     misses: Array  # (n,) [px], rms of the corners at each motion, by a fit without it
-    covariance: Array  # (12, 12), of turn and shift of the hand's and the base's frame
+    # (12, 12), of turn and shift of the hand's and the base's frame
+    covariance: Array
     photo: Photo | None = None
-    poses: Samples | None = None  # of joints: the pictures as `calib log --eye` writes
+    # of joints: the pictures as `calib log --eye` writes
+    poses: Samples | None = None
     body: Body | None = None
 
     @property
@@ -152,7 +159,10 @@ class HandEye:
 
     def document(self) -> dict[str, Any]:
         """All but the log and the body, as plain values."""
-        document: dict[str, Any] = {**self.to_json(), "convention": self.convention}
+        document: dict[str, Any] = {
+            **self.to_json(),
+            "convention": self.convention,
+        }
         document |= {name: getattr(self, name).tolist() for name in ARRAYS}
         document |= {name: list(getattr(self, name)) for name in TUPLES}
         document["photo"] = None
@@ -174,7 +184,9 @@ class HandEye:
         ]
         for camera in self.cameras[1:]:
             parent = tip if camera.eye == "hand" else base
-            lines.append(_line(f"{camera.name} in the frame of {parent}", camera.place))
+            lines.append(
+                _line(f"{camera.name} in the frame of {parent}", camera.place)
+            )
             if camera.from_first is not None:
                 words = f"{camera.name} in the first camera's frame"
                 lines.append(_line(words, camera.from_first))
@@ -201,4 +213,6 @@ def _line(what: str, place: Place) -> str:
     )
     quaternion = ", ".join(f"{value:.5f}" for value in place["quaternion"])
     turn = np.degrees(max(place["rotation_95_up_to_gauge"]))
-    return f"{what}: ({at}) mm, quaternion ({quaternion}) ± {two_digits(turn)} deg"
+    return (
+        f"{what}: ({at}) mm, quaternion ({quaternion}) ± {two_digits(turn)} deg"
+    )

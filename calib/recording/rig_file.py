@@ -46,7 +46,11 @@ def _camera(document: Mapping[str, Any]) -> CameraPlace:
     eye = document["eye"]
     place = document["hand" if eye == "hand" else "base"]
     return CameraPlace(
-        document["name"], eye, place, document["lens"], document.get("from_first")
+        document["name"],
+        eye,
+        place,
+        document["lens"],
+        document.get("from_first"),
     )
 
 
@@ -68,9 +72,13 @@ def load_rig(path: str | os.PathLike[str]) -> HandEye:
     try:
         header, tensors = unpack(Path(path).read_bytes(), name)
     except OSError as error:
-        raise ModelError(f"{name}: cannot be read ({error.strerror})") from error
+        raise ModelError(
+            f"{name}: cannot be read ({error.strerror})"
+        ) from error
     if header.get("kind") != KIND or header.get("format") != VERSION:
-        raise ModelError(f"{name}: no rig: expected what calib handeye -o writes")
+        raise ModelError(
+            f"{name}: no rig: expected what calib handeye -o writes"
+        )
     check_sum(header, tensors, name)
     document: Any = header[KIND]
     try:

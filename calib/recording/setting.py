@@ -23,7 +23,8 @@ from .tags import Tag, TagFinder
 LOOKS = 12
 """Looks at the reference over a video, and pictures that are kept, about."""
 
-_MOST_TWICE = 0.1  # share of the pictures that may show two tags of the tip's id
+# share of the pictures that may show two tags of the tip's id
+_MOST_TWICE = 0.1
 
 
 @dataclass(frozen=True)
@@ -36,15 +37,20 @@ class Setup:
     board: Board | None = None
     tags_at: MarkLayout | None = None
     lens: Lens | None = None  # the camera's
-    tag_size: float | None = None  # side of the tip's tag: its pose needs it [m]
+    # side of the tip's tag: its pose needs it [m]
+    tag_size: float | None = None
     # of the tip's tag above the board, or the tags on the desk [m]
     tag_height: float = 0.0
-    pose: bool = False  # whether z and the orientation of the tag are wanted too
+    # whether z and the orientation of the tag are wanted too
+    pose: bool = False
 
     def __post_init__(self) -> None:
         layout = self.layout
         board = self.board
-        same = board is not None and board.dictionary.lower() == self.dictionary.lower()
+        same = (
+            board is not None
+            and board.dictionary.lower() == self.dictionary.lower()
+        )
         printed = board.tags if board is not None and same else 0
         refusals = {
             "`board` and `tags_at` are both given: expected one of them": board
@@ -71,7 +77,9 @@ class Setup:
     def layout(self) -> MarkLayout | None:
         """What positions are told in, if not pixels."""
         return (
-            MarkLayout.of_board(self.board) if self.board is not None else self.tags_at
+            MarkLayout.of_board(self.board)
+            if self.board is not None
+            else self.tags_at
         )
 
     @cached_property
@@ -102,7 +110,9 @@ class Sightings:
     numbers: Array  # pictures in which the tag is sharp (n,)
     names: tuple[str, ...]  # and theirs
     tags: tuple[Tag, ...]  # the tag in each of them
-    marks: dict[int, Marks]  # what some pictures show of the reference, by number
+    marks: dict[
+        int, Marks
+    ]  # what some pictures show of the reference, by number
     reasons: Counter[str]  # why pictures have no tag, and how many
     count: int  # pictures in all
     size: tuple[int, int]  # width and height of the pictures [px]
@@ -145,7 +155,10 @@ def sight(
     for number, name, grey in frames:
         count = count + 1
         size = (grey.shape[1], grey.shape[0])
-        if setting.lens is not None and setting.lens.size not in (size, UNSTATED):
+        if setting.lens is not None and setting.lens.size not in (
+            size,
+            UNSTATED,
+        ):
             expected = "{}x{}".format(*setting.lens.size)
             raise LogError(
                 f"{name} is {size[0]}x{size[1]}, the lens was calibrated with {expected}"
@@ -174,7 +187,11 @@ def sight(
             n for grey in sample for n in {t.number for t in finder.find(grey)}
         )
         shown = listed(
-            [f"{number} ({times} times)" for number, times in counts.most_common()], 6
+            [
+                f"{number} ({times} times)"
+                for number, times in counts.most_common()
+            ],
+            6,
         )
         raise LogError(
             f"tag {setting.tag} is in none of {count} {what}: {len(sample)} of them show {shown} "
@@ -183,4 +200,6 @@ def sight(
         )
     names, sharp = zip(*sharp_tags.values(), strict=True)
     numbers = np.array(list(sharp_tags))
-    return Sightings(setting, what, numbers, names, sharp, marks, reasons, count, size)
+    return Sightings(
+        setting, what, numbers, names, sharp, marks, reasons, count, size
+    )

@@ -26,12 +26,16 @@ class BoardPoses:
 
     poses: Array  # (n, 4, 4) [m]
     ends: Array  # (k, 3), corners of the board [m]
-    half_turn: Array | None  # (4, 4) [m], of a board that looks the same from its ends
+    half_turn: (
+        Array | None
+    )  # (4, 4) [m], of a board that looks the same from its ends
     in_hand: bool  # whether the camera is in the hand
 
     def take(self, rows: Index) -> BoardPoses:
         """Some of the pictures."""
-        return BoardPoses(self.poses[rows], self.ends, self.half_turn, self.in_hand)
+        return BoardPoses(
+            self.poses[rows], self.ends, self.half_turn, self.in_hand
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +80,9 @@ def find_start(
         turned = half_turned(motions, poses, turn)
     for _ in range(rounds):
         if turn is not None:
-            poses = np.where(turned[:, None, None], boards.poses @ turn, boards.poses)
+            poses = np.where(
+                turned[:, None, None], boards.poses @ turn, boards.poses
+            )
         x, y, scale = closed_form(motions, poses, weights, length)
         predicted = inverse(x) @ motions @ y
         predicted[:, :3, 3] /= scale if abs(scale) > 1e-12 else 1e-12
@@ -87,13 +93,17 @@ def find_start(
             misses = np.minimum(misses, others)
         misfit = float(np.median(misses))
         weights = 1.0 / (1.0 + (misses / (3.0 * misfit + 1e-9)) ** 2) ** 2
-    if turn is not None and turned[0]:  # from which end is free: the first picture's
+    if (
+        turn is not None and turned[0]
+    ):  # from which end is free: the first picture's
         half = turn.copy()
         half[:3, 3] *= scale
         y = y @ half
         turned = ~turned
     lengths = max(scale, 1e-9)
-    unit = unit or min(UNITS, key=lambda name: abs(np.log(lengths / METRES[name])))
+    unit = unit or min(
+        UNITS, key=lambda name: abs(np.log(lengths / METRES[name]))
+    )
     x[:3, 3] /= METRES[unit]
     y[:3, 3] /= METRES[unit]
     size = float(np.log(lengths / METRES[unit]))
@@ -112,8 +122,12 @@ def find_sized_start(
     start = find_start(flange, boards, rounds, unit)
     if abs(start.size) < MISSAID:
         return start
-    distance = max(float(np.median(np.linalg.norm(flange[:, :3, 3], axis=1))), 1e-9)
-    usual = sorted(UNITS, key=lambda name: abs(np.log(distance / METRES[name] / 0.6)))
+    distance = max(
+        float(np.median(np.linalg.norm(flange[:, :3, 3], axis=1))), 1e-9
+    )
+    usual = sorted(
+        UNITS, key=lambda name: abs(np.log(distance / METRES[name] / 0.6))
+    )
     for name in [unit] if unit else usual:
         sized = find_start(flange, boards, rounds, name, sized=True)
         if sized.misfit < max(1.3 * start.misfit, np.radians(0.2)):
@@ -147,7 +161,9 @@ def closed_form(
         shift = np.linalg.lstsq(rows, target, rcond=1e-10)[0]
     else:
         target = target - size * rows[:, 6]
-        shift = np.append(np.linalg.lstsq(rows[:, :6], target, rcond=1e-6)[0], size)
+        shift = np.append(
+            np.linalg.lstsq(rows[:, :6], target, rcond=1e-6)[0], size
+        )
     return rigid(x, shift[:3]), rigid(y, shift[3:6]), float(shift[6])
 
 
@@ -168,8 +184,13 @@ def half_turned(motions: Array, boards: Array, turn: Array) -> Mask:
 
 def _gaps(predicted: Array, boards: Array, ends: Array) -> Array:
     """Angle [rad] between ends of a board as predicted and as they are, rms of each picture."""
-    away = ends @ np.swapaxes(predicted[:, :3, :3], 1, 2) + predicted[:, None, :3, 3]
+    away = (
+        ends @ np.swapaxes(predicted[:, :3, :3], 1, 2)
+        + predicted[:, None, :3, 3]
+    )
     there = ends @ np.swapaxes(boards[:, :3, :3], 1, 2) + boards[:, None, :3, 3]
     depth = np.maximum(away[:, :, 2:], 0.05 * there[:, :, 2:])
     gap = away[:, :, :2] / depth - there[:, :, :2] / there[:, :, 2:]
-    return np.asarray(np.minimum(np.sqrt((gap**2).sum(axis=2).mean(axis=1)), 3.0))
+    return np.asarray(
+        np.minimum(np.sqrt((gap**2).sum(axis=2).mean(axis=1)), 3.0)
+    )

@@ -51,7 +51,9 @@ REST = RestSettings()
 
 
 def log_pictures(
-    source: str | os.PathLike[str] | Sequence[str], joints: JointTable, setting: Setup
+    source: str | os.PathLike[str] | Sequence[str],
+    joints: JointTable,
+    setting: Setup,
 ) -> Samples:
     """Make a log from pictures of an arm with a printed tag on its tip.
 
@@ -74,8 +76,12 @@ def log_pictures(
             f"to {unshifted:.2g} px; is a picture missing?"
         )
     # rows that contradict the others, as a second tag makes them, are found by who learns from them
-    steady = np.flatnonzero(~np.isin(sightings.numbers, list(sightings.reference[1])))
-    reason = "the reference is elsewhere in them: camera bumped, shaken, refocused?"
+    steady = np.flatnonzero(
+        ~np.isin(sightings.numbers, list(sightings.reference[1]))
+    )
+    reason = (
+        "the reference is elsewhere in them: camera bumped, shaken, refocused?"
+    )
     sightings.reasons[reason] = len(q) - len(steady)
     return _assembled(
         sightings,
@@ -143,7 +149,9 @@ def log_video(
         notes.append(clocks.words())
     when = clocks.joints_time(time)
     usable = np.isfinite(pixels[:, 0])
-    doubts = {"a jump of the track": jumps(pixels)} | covered(when, joint_time, max_gap)
+    doubts = {"a jump of the track": jumps(pixels)} | covered(
+        when, joint_time, max_gap
+    )
     for why, wrong in doubts.items():
         reasons[why] = int((usable & wrong).sum())
         usable &= ~wrong
@@ -153,7 +161,8 @@ def log_video(
             f"joints' clock, which has {joint_time[0]:.2f} to {joint_time[-1]:.2f} s"
         )
     slow = usable & (
-        joint_speed(when, joint_time, q) < (REST.rest if still is None else still)
+        joint_speed(when, joint_time, q)
+        < (REST.rest if still is None else still)
     )
     if still is None:
         groups = _rests(when, pixels, slow)
@@ -213,7 +222,9 @@ def _middle(tags: Sequence[Tag]) -> Tag:
     # a median scatters by 1.25 times what a mean does (normal noise)
     noise = max(LEAST_NOISE, 1.25 * scatter / float(np.sqrt(len(tags))))
     return replace(
-        tags[0], corners=np.median([tag.corners for tag in tags], axis=0), noise=noise
+        tags[0],
+        corners=np.median([tag.corners for tag in tags], axis=0),
+        noise=noise,
     )
 
 
@@ -266,7 +277,11 @@ def _assembled(
         about["lens"] = lens.to_json()
     if setting.pose and lens is not None and size is not None:
         # the tag's frame: origin in the middle, x to the right, y up, z out of the paper
-        square = 0.5 * size * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+        square = (
+            0.5
+            * size
+            * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+        )
         turns, x = turns_and_shifts(
             [find_pose(lens, square, tag.corners) for tag in tags]
         )
@@ -282,7 +297,8 @@ def _assembled(
     noise = np.array([tag.noise for tag in tags]) * scale
     dropped = {why: count for why, count in sightings.reasons.items() if count}
     notes = notes + [
-        f"{count} {sightings.what} left out: {why}" for why, count in dropped.items()
+        f"{count} {sightings.what} left out: {why}"
+        for why, count in dropped.items()
     ]
     if steep := sum(tag.upright < 0.5 for tag in tags):
         notes.append(

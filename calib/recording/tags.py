@@ -62,7 +62,8 @@ class Tag:
     number: int  # its id
     # of the black square, clockwise in print from the top left (4, 2) [px]
     corners: Array
-    noise: float = LEAST_NOISE  # standard deviation of the centre along each axis [px]
+    # standard deviation of the centre along each axis [px]
+    noise: float = LEAST_NOISE
     sharp: bool = True  # whether the print can be laid over it
 
     @property
@@ -99,11 +100,15 @@ def find_dictionary(name: str) -> Any:
     Raises OptionError if there is none.
     """
     aruco = opencv().aruco
-    patterns = {key[5:].lower(): key for key in dir(aruco) if key.startswith("DICT_")}
+    patterns = {
+        key[5:].lower(): key for key in dir(aruco) if key.startswith("DICT_")
+    }
     plain = name.lower().removeprefix("dict_")
     key = patterns.get(plain) or patterns.get(f"apriltag_{plain}")
     if key is None:
-        raise OptionError(f"dictionary {name!r}: {suggestion(plain, sorted(patterns))}")
+        raise OptionError(
+            f"dictionary {name!r}: {suggestion(plain, sorted(patterns))}"
+        )
     return aruco.getPredefinedDictionary(getattr(aruco, key))
 
 
@@ -111,12 +116,16 @@ class TagFinder:
     """Finds tags of one dictionary: wanted ids, or all, which takes ten times as long."""
 
     def __init__(
-        self, dictionary: str = DICTIONARY, wanted: Collection[int] | None = None
+        self,
+        dictionary: str = DICTIONARY,
+        wanted: Collection[int] | None = None,
     ) -> None:
         aruco = opencv().aruco
         patterns = find_dictionary(dictionary)
         count = len(patterns.bytesList)
-        self.numbers = tuple(range(count) if wanted is None else sorted(set(wanted)))
+        self.numbers = tuple(
+            range(count) if wanted is None else sorted(set(wanted))
+        )
         for number in {*self.numbers[:1], *self.numbers[-1:]}:
             tag_cells(number, dictionary)  # refuses what is none
         if wanted is not None:
@@ -134,8 +143,12 @@ class TagFinder:
     def find(self, grey: Picture) -> list[Tag]:
         """Find the tags of a picture."""
         squares, ids, _ = self._detector.detectMarkers(grey)
-        numbers = [self.numbers[k] for k in (() if ids is None else np.ravel(ids))]
-        corners = [np.asarray(square, float).reshape(4, 2) for square in squares]
+        numbers = [
+            self.numbers[k] for k in (() if ids is None else np.ravel(ids))
+        ]
+        corners = [
+            np.asarray(square, float).reshape(4, 2) for square in squares
+        ]
         return [
             self._measured(grey, *marker)
             for marker in zip(numbers, corners, strict=True)
@@ -165,7 +178,9 @@ class TagFinder:
         tag = Tag(number, refined)
         # short sides cross at a sharp angle: rendered at 60 to 80 deg the miss is 4 to 13 times as
         # large (benchmarks/camera_real.py)
-        return replace(tag, noise=tag.noise * max(1.0, 0.9 / tag.upright) ** 1.5)
+        return replace(
+            tag, noise=tag.noise * max(1.0, 0.9 / tag.upright) ** 1.5
+        )
 
 
 def tag_cells(number: int, dictionary: str = DICTIONARY) -> NDArray[np.bool_]:
@@ -199,8 +214,12 @@ def lay_corners(
     over = opencv().findHomography(flat, pixels, opencv().RANSAC, 3.0)[0]
     if over is None:
         return {}
-    side = np.linalg.norm(_mapped(over, flat + 0.5) - _mapped(over, flat - 0.5), axis=1)
-    k = int(np.clip(round(TAG.dense * np.median(side) / np.sqrt(2)), *TAG.squares))
+    side = np.linalg.norm(
+        _mapped(over, flat + 0.5) - _mapped(over, flat - 0.5), axis=1
+    )
+    k = int(
+        np.clip(round(TAG.dense * np.median(side) / np.sqrt(2)), *TAG.squares)
+    )
     page = _page(board, k)
     refined = {}
     for number, place, there in zip(corners, flat, pixels, strict=True):
@@ -208,7 +227,11 @@ def lay_corners(
         end = np.round((place + TAG.around) * k).astype(int)
         # of the patch's pixels, via squares, to the picture; the lens shifts it by little
         scale = np.array(
-            [[1 / k, 0, (at[0] + 0.5) / k], [0, 1 / k, (at[1] + 0.5) / k], [0, 0, 1]]
+            [
+                [1 / k, 0, (at[0] + 0.5) / k],
+                [0, 1 / k, (at[1] + 0.5) / k],
+                [0, 0, 1],
+            ]
         )
         shift = np.eye(3)
         shift[:2, 2] = there - _mapped(over, place[None])[0]
@@ -233,7 +256,11 @@ def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
     low = np.maximum(np.floor(outline.min(0)).astype(int) - 8, 0)
     end = np.maximum(np.ceil(outline.max(0)).astype(int) + 9, low + 1)
     back = np.array([[1.0, 0.0, -low[0]], [0.0, 1.0, -low[1]], [0.0, 0.0, 1.0]])
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, TAG.steps, TAG.settled)
+    stop = (
+        cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT,
+        TAG.steps,
+        TAG.settled,
+    )
     guess = back @ start
     try:
         likeness, homography = cv2.findTransformECC(
@@ -259,14 +286,20 @@ def _page(board: Any, k: int) -> Picture:
     # drawn finer and shrunk, at a size at which tags and their cells begin on whole pixels
     sizes = np.arange(TAG.finer[0] * k, TAG.finer[1] * k)
     ends = np.stack([0.5 * (1.0 - share) * sizes, share / cells * sizes])
-    fine = int(sizes[np.argmin(np.abs(ends - np.round(ends)).sum(axis=0).round(6))])
+    fine = int(
+        sizes[np.argmin(np.abs(ends - np.round(ends)).sum(axis=0).round(6))]
+    )
     drawn = board.generateImage(
         (columns * fine, rows * fine), marginSize=0, borderBits=1
     )
     size = (columns * k, rows * k)
-    return np.asarray(opencv().resize(drawn, size, interpolation=opencv().INTER_AREA))
+    return np.asarray(
+        opencv().resize(drawn, size, interpolation=opencv().INTER_AREA)
+    )
 
 
 def _mapped(homography: Array, places: Array) -> Array:
     """Map places (n, 2) by a homography (3, 3)."""
-    return np.asarray(opencv().perspectiveTransform(places[None], homography)[0])
+    return np.asarray(
+        opencv().perspectiveTransform(places[None], homography)[0]
+    )

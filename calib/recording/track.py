@@ -57,7 +57,9 @@ class Judge:
         """Return what the other blocks' fit leaves of values (n, d): linear in them."""
         weights = self._inverse @ (x - x.mean(0))
         miss: Array = np.empty_like(weights)
-        for part in np.array_split(np.arange(len(x)), min(TRACK.blocks, len(x))):
+        for part in np.array_split(
+            np.arange(len(x)), min(TRACK.blocks, len(x))
+        ):
             miss[part] = np.linalg.solve(
                 self._inverse[np.ix_(part, part)], weights[part]
             )
@@ -87,10 +89,15 @@ def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
     if len(q) < TRACK.fewest:
         return 0, np.nan, np.nan
     errors = {
-        shift: error(shift) for shift in range(-TRACK.farthest, TRACK.farthest + 1)
+        shift: error(shift)
+        for shift in range(-TRACK.farthest, TRACK.farthest + 1)
     }
     best = min(errors, key=lambda shift: errors[shift])
-    return best if errors[best] < 0.4 * errors[0] else 0, errors[0], errors[best]
+    return (
+        best if errors[best] < 0.4 * errors[0] else 0,
+        errors[0],
+        errors[best],
+    )
 
 
 def jumps(x: Array) -> Mask:
@@ -103,9 +110,13 @@ def jumps(x: Array) -> Mask:
     result = np.zeros(len(x), bool)
     visible = np.isfinite(x[:, 0])
     if visible.sum() >= TRACK.window:
-        away = x[visible] - median_filter(x[visible], (TRACK.window, 1), mode="nearest")
+        away = x[visible] - median_filter(
+            x[visible], (TRACK.window, 1), mode="nearest"
+        )
         scale = 1.48 * median_filter(
             np.abs(away), (TRACK.window, 1), mode="nearest"
         ).max(axis=1)
-        result[visible] = np.linalg.norm(away, axis=1) > 6.0 * np.maximum(scale, 1.0)
+        result[visible] = np.linalg.norm(away, axis=1) > 6.0 * np.maximum(
+            scale, 1.0
+        )
     return result

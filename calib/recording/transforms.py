@@ -11,7 +11,9 @@ from .rig import HandEye, Place
 from .rigid import rigid
 
 
-def transform_files(rig: HandEye, path: str | os.PathLike[str]) -> dict[Path, str]:
+def transform_files(
+    rig: HandEye, path: str | os.PathLike[str]
+) -> dict[Path, str]:
     """The text of each file: transforms in JSON, and beside it lines and matrices for people."""
     base, tip = rig.frames
     places = {f"{rig.carried}_frame": (tip, rig.hand)}
@@ -32,7 +34,9 @@ def transform_files(rig: HandEye, path: str | os.PathLike[str]) -> dict[Path, st
     }
 
 
-def stamped_transform(parent: str, child: str, place: Place) -> dict[str, object]:
+def stamped_transform(
+    parent: str, child: str, place: Place
+) -> dict[str, object]:
     """A geometry_msgs/TransformStamped."""
     transform = {
         "translation": dict(zip("xyz", place["position"], strict=True)),

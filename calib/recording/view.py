@@ -36,7 +36,9 @@ class View:
         points = self.shots.board.points()
         x, y, _ = np.stack([points.min(axis=0), points.max(axis=0)], axis=1)
         ends = np.array([[left, top, 0.0] for left in x for top in y])
-        return BoardPoses(self.poses, ends, self.shots.board.half_turn, self.in_hand)
+        return BoardPoses(
+            self.poses, ends, self.shots.board.half_turn, self.in_hand
+        )
 
     def turned(self, others: Mask) -> View:
         """The view with the board of some pictures numbered from its other end."""
@@ -61,7 +63,9 @@ class View:
         )
 
 
-def view_of(name: str, shots: BoardPictures, in_hand: bool, given: Lens | None) -> View:
+def view_of(
+    name: str, shots: BoardPictures, in_hand: bool, given: Lens | None
+) -> View:
     """The view, its lens calibrated by its own pictures where none is given."""
     if given is not None and tuple(given.size) == UNSTATED:
         given = replace(given, size=shots.size)

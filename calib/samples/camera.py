@@ -19,7 +19,14 @@ from ..common.rows import numbers
 from ..errors import LogError
 
 # widths and heights [px] that a camera's pictures usually have
-_SIZES = ((640, 480), (800, 600), (1280, 720), (1280, 960), (1920, 1080), (3840, 2160))
+_SIZES = (
+    (640, 480),
+    (800, 600),
+    (1280, 720),
+    (1280, 960),
+    (1920, 1080),
+    (3840, 2160),
+)
 # a lens that nobody calibrated: mean and sd of the focal length, sd of the centre [widths], of k1
 FOCAL = 0.7
 FOCAL_SD = 0.24
@@ -71,7 +78,8 @@ def _uncalibrated(size: object, furthest: Array) -> Camera:
     else:
         large_enough = (usual for usual in _SIZES if (furthest < usual).all())
         width, height = next(
-            large_enough, tuple(np.maximum(furthest.astype(int) + 2, 1).tolist())
+            large_enough,
+            tuple(np.maximum(furthest.astype(int) + 2, 1).tolist()),
         )
         note = f"the camera's pictures are taken to be {width}x{height} px; a known lens says more"
     sd = (FOCAL_SD * width, CENTRE_SD * width, CENTRE_SD * width, K1_SD)

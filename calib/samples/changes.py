@@ -38,7 +38,9 @@ OF_JOINT = {
     "offset": Rule("0.05 [rad or m]", math.isfinite, angle=True),
     "gear": Rule("1.02, not 0 (lock holds a joint)", bool, relative=True),
     "noise": Rule("0.01 [rad or m], not negative", _not_negative, angle=True),
-    "backlash": Rule("0.01 [rad or m], not negative", _not_negative, angle=True),
+    "backlash": Rule(
+        "0.01 [rad or m], not negative", _not_negative, angle=True
+    ),
     "lock": Rule("1.0 [rad or m]", math.isfinite, angle=True),
 }
 OF_SENSOR = {
@@ -57,7 +59,9 @@ PARTS = {
 IN_SPACE = ("scale", "outliers")
 """Changes of the sensor that an arm in space can have."""
 
-_CHOICES = f"JOINT.{'|'.join(OF_JOINT)}, tip.offset, sensor.{'|'.join(OF_SENSOR)}"
+_CHOICES = (
+    f"JOINT.{'|'.join(OF_JOINT)}, tip.offset, sensor.{'|'.join(OF_SENSOR)}"
+)
 _MIRRORS = {"x": (-1.0, 1.0), "y": (1.0, -1.0)}
 
 
@@ -102,9 +106,13 @@ def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
     rule = rules[what]
     relative = rule.relative and value[0] in "+-" and value.endswith("%")
     values = _values(what, value, relative)
-    possible = all(abs(number) < LARGEST and rule.possible(number) for number in values)
+    possible = all(
+        abs(number) < LARGEST and rule.possible(number) for number in values
+    )
     if len(values) != rule.numbers or not possible:
-        raise OptionError(f"change {text!r}: expected a value such as {rule.form}")
+        raise OptionError(
+            f"change {text!r}: expected a value such as {rule.form}"
+        )
     if part in degrees and rule.angle:
         values = (math.radians(values[0]),)
         text = f"{part}.{what}={values[0]!r}"
@@ -118,7 +126,9 @@ def parse_changes(
     parsed: dict[tuple[str, str], Change] = {}
     for item in (changes,) if isinstance(changes, str) else changes:
         change = (
-            item if isinstance(item, Change) else parse_change(item, degrees=degrees)
+            item
+            if isinstance(item, Change)
+            else parse_change(item, degrees=degrees)
         )
         before = parsed.setdefault((change.part, change.what), change)
         if before is not change:
@@ -135,7 +145,8 @@ def _values(what: str, value: str, relative: bool) -> tuple[float, ...]:
     percent = value.endswith("%") and (relative or what == "outliers")
     try:
         numbers = [
-            float(number) for number in value.removesuffix("%" * percent).split(",")
+            float(number)
+            for number in value.removesuffix("%" * percent).split(",")
         ]
     except ValueError:
         return ()

@@ -68,10 +68,18 @@ class Trajectory:
         if samples.time is not None:
             motion = Trajectory(samples.time, samples.q, "s")
         else:
-            rows = np.arange(len(samples)) if samples.rows is None else samples.rows
+            rows = (
+                np.arange(len(samples))
+                if samples.rows is None
+                else samples.rows
+            )
             motion = Trajectory(rows.astype(float), samples.q, "rows")
         joined = motion.joined
-        return motion if joined.mean() >= 0.5 and is_path(samples.q, joined) else None
+        return (
+            motion
+            if joined.mean() >= 0.5 and is_path(samples.q, joined)
+            else None
+        )
 
     @property
     def step(self) -> float:
@@ -83,7 +91,9 @@ class Trajectory:
     def joined(self) -> Mask:
         """Whether each row but the last goes on to the next one without a pause (n - 1,)."""
         step = np.diff(self.time)
-        return np.asarray((step > 0) & (step <= CLOCK.longest_pause * self.step))
+        return np.asarray(
+            (step > 0) & (step <= CLOCK.longest_pause * self.step)
+        )
 
     def before(self, delay: float) -> tuple[Array, Array]:
         """Joints (n, dof) at the rows' times less `delay`, and their velocity [../unit].
@@ -95,7 +105,9 @@ class Trajectory:
         when = self.time - delay
         q = np.full(self.q.shape, np.nan)
         velocity = np.full(self.q.shape, np.nan)
-        for run in np.split(np.arange(len(when)), np.flatnonzero(~self.joined) + 1):
+        for run in np.split(
+            np.arange(len(when)), np.flatnonzero(~self.joined) + 1
+        ):
             if len(run) < 3:
                 continue
             time = self.time[run]
@@ -166,10 +178,16 @@ def estimate_delay(
     if n < CLOCK.fewest_rows or not np.abs(late).max() > 0:
         return None
     size = np.linalg.norm(residual[rows], axis=1)
-    noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * float(np.abs(late).max())
-    weight = (CLOCK.student + m) / (CLOCK.student + (size / noise) ** 2) / noise**2
+    noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * float(
+        np.abs(late).max()
+    )
+    weight = (
+        (CLOCK.student + m) / (CLOCK.student + (size / noise) ** 2) / noise**2
+    )
     beside = _Beside(
-        np.empty((n * m, 0)) if columns is None else columns[rows].reshape(n * m, -1),
+        np.empty((n * m, 0))
+        if columns is None
+        else columns[rows].reshape(n * m, -1),
         np.repeat(weight, m)[:, None],
         np.asarray(precision, float),
     )

@@ -38,7 +38,8 @@ class Finding:
     hint: str = ""  # the remedy, with Python's names of options
     parameter: str | None = None
     value: object = None
-    mistake: bool = True  # whether it can be nothing else; otherwise it may be intended
+    # whether it can be nothing else; otherwise it may be intended
+    mistake: bool = True
 
 
 _Reading = tuple[Array, Finding]
@@ -129,7 +130,9 @@ def diagnose(
             return (wrong,)
     wrong = _other_reading(rows, size, names, revolute)
     findings = (wrong,) if wrong else ()
-    if not (left_handed or affine or (wrong and wrong.mistake)) and _mirrored(rows):
+    if not (left_handed or affine or (wrong and wrong.mistake)) and _mirrored(
+        rows
+    ):
         words = (
             "the positions are mirrored, compared with the robot: the sensor's axes are "
             "left-handed, or one of them is reversed"
@@ -156,7 +159,8 @@ def _other_reading(
     if as_it_is <= DIAGNOSIS.small * size:
         return None
     any_order = (
-        as_it_is > DIAGNOSIS.good * size and len(names) <= DIAGNOSIS.most_ordered
+        as_it_is > DIAGNOSIS.good * size
+        and len(names) <= DIAGNOSIS.most_ordered
     )
     for others in readings(rows.q, names, revolute, any_order=any_order):
         far_better = [
@@ -167,7 +171,9 @@ def _other_reading(
         if far_better:
             # a tool of unknown size explains what a mirror does: by the place alone
             _, best = min(far_better, key=lambda reading: reading[0])
-            best = replace(best, words=f"the log fits the robot only if {best.words}")
+            best = replace(
+                best, words=f"the log fits the robot only if {best.words}"
+            )
             planar = rows.predicted.shape[1] == 2
             if best.kind == "reversed" and planar:  # its signs may be learned
                 best = replace(best, hint="", mistake=False)
@@ -181,10 +187,14 @@ def _mirrored(rows: _Rows) -> bool:
     x = rows.x[rows.answered]
     mirror = np.ones(x.shape[1])
     mirror[0] = -1.0
-    return misfit(predicted, x * mirror) < DIAGNOSIS.far_better * misfit(predicted, x)
+    return misfit(predicted, x * mirror) < DIAGNOSIS.far_better * misfit(
+        predicted, x
+    )
 
 
-def refuse_mistakes(findings: Sequence[Finding], label: str = "the log") -> list[str]:
+def refuse_mistakes(
+    findings: Sequence[Finding], label: str = "the log"
+) -> list[str]:
     """Refuse a log for the first finding that is a mistake; return the others as notes.
 
     Raises LogError.
@@ -226,12 +236,18 @@ def _units(q: Array, revolute: Sequence[bool]) -> Iterator[_Reading]:
         ("radians", np.rad2deg, "leave out `degrees`"),
     ):
         finding = Finding(
-            "degrees", f"{words} {unit}", hint, "degrees", value=unit == "radians"
+            "degrees",
+            f"{words} {unit}",
+            hint,
+            "degrees",
+            value=unit == "radians",
         )
         yield np.where(revolute, convert(q), q), finding
 
 
-def _orders(q: Array, names: Sequence[str], any_order: bool) -> Iterator[_Reading]:
+def _orders(
+    q: Array, names: Sequence[str], any_order: bool
+) -> Iterator[_Reading]:
     for order in itertools.permutations(range(len(names))):
         column_of = {names[k]: names[j] for k, j in enumerate(order) if k != j}
         if len(column_of) == 2 or (column_of and any_order):
@@ -240,7 +256,9 @@ def _orders(q: Array, names: Sequence[str], any_order: bool) -> Iterator[_Readin
             )
             hint = f"give `columns={column_of}`, or correct the header"
             words = f"columns are exchanged ({holds})"
-            finding = Finding("exchanged", words, hint, "columns", list(column_of))
+            finding = Finding(
+                "exchanged", words, hint, "columns", list(column_of)
+            )
             yield q[:, list(order)], finding
 
 
@@ -276,7 +294,9 @@ def _unmoved(q: Array, x: Array, names: Sequence[str]) -> tuple[Finding, ...]:
     """What never moves, and joints that are copies; in space a sensor may see a plane's points."""
     findings = []
     if len(q) < 2:
-        findings.append(Finding("still", "one usable row; learning needs two or more"))
+        findings.append(
+            Finding("still", "one usable row; learning needs two or more")
+        )
     columns = dict(zip(names, q.T, strict=True))
     if x.shape[1] == 2:
         columns |= dict(zip("xy", x.T, strict=True))
@@ -292,7 +312,9 @@ def _unmoved(q: Array, x: Array, names: Sequence[str]) -> tuple[Finding, ...]:
     return tuple(findings)
 
 
-def _turned(place: Array, nominal: Array, x: Array, turns: Array) -> Finding | None:
+def _turned(
+    place: Array, nominal: Array, x: Array, turns: Array
+) -> Finding | None:
     """Quaternions `turns` that do not turn as the joints predict, and the reading that does."""
     answered = np.isfinite(place).all(axis=1) & np.isfinite(nominal).all(axis=1)
     if answered.sum() < DIAGNOSIS.fewest_rows:
@@ -346,7 +368,9 @@ def _pose_misfit(
     angle = logarithm(seen @ np.swapaxes(expected, 1, 2))
     far = x - scale * place @ frame.T - shift
     off = np.linalg.norm(far, axis=1)
-    return float(np.median(off)), float(np.median(np.linalg.norm(angle, axis=1)))
+    return float(np.median(off)), float(
+        np.median(np.linalg.norm(angle, axis=1))
+    )
 
 
 def rows_behind(
@@ -374,12 +398,16 @@ def rows_behind(
 def is_path(q: Array, joined: Mask | slice = slice(None)) -> bool:
     """Whether rows (n, dof) are those of a motion, by the steps that are `joined` (n - 1,)."""
     step = np.median(np.abs(np.diff(q, axis=0)[joined]), axis=0)
-    return bool(np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12)) <= DIAGNOSIS.path)
+    return bool(
+        np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12)) <= DIAGNOSIS.path
+    )
 
 
 def misfit(a: Array, b: Array, *, affine: bool = False) -> float:
     """Median distance of `b` (n, m) from `a` (n, k), `aligned`."""
-    return float(np.median(np.linalg.norm(b - aligned(a, b, affine=affine), axis=1)))
+    return float(
+        np.median(np.linalg.norm(b - aligned(a, b, affine=affine), axis=1))
+    )
 
 
 def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:

@@ -72,7 +72,9 @@ class JointColumn:
         ):  # small ones look like degrees
             as_degrees = beyond(np.deg2rad(values), *self.limits)
             fits = beyond(values, *self.limits) > READING.slack >= as_degrees
-        if not (fits or high - low > 2.02 * TURN or most > READING.most_turns * TURN):
+        if not (
+            fits or high - low > 2.02 * TURN or most > READING.most_turns * TURN
+        ):
             return
         if self.degrees:
             hint = "it is in rad: leave out `degrees`"
@@ -81,9 +83,13 @@ class JointColumn:
         else:
             hint = "if it is in degrees, give `degrees=True`"
         words = self._outside(values, rows, self.limits or (-math.pi, math.pi))
-        raise self.error(words, hint=hint, parameter="degrees", value=self.degrees)
+        raise self.error(
+            words, hint=hint, parameter="degrees", value=self.degrees
+        )
 
-    def settle(self, values: Array, rows: Index) -> tuple[Array, Range, list[str]]:
+    def settle(
+        self, values: Array, rows: Index
+    ) -> tuple[Array, Range, list[str]]:
         """Return values (n,) [rad or m], wrapped where needed, the joint's range, and notes.
 
         rows : (n,), their numbers in the file
@@ -100,7 +106,11 @@ class JointColumn:
             full and extremes[1] - extremes[0] <= TURN
         ):  # the log's turn, whatever its gaps
             middle = sum(extremes) / 2.0
-            turn = limits if excess < 1e-9 else (middle - math.pi, middle + math.pi)
+            turn = (
+                limits
+                if excess < 1e-9
+                else (middle - math.pi, middle + math.pi)
+            )
             return np.clip(values, *turn), turn if self.limits else extremes, []
         wrapped = values
         if self.revolute and (full or excess > READING.slack):
@@ -129,12 +139,16 @@ class JointColumn:
     def _show(self, *values: float) -> str:
         """Values [rad or m] in the unit of the table."""
         factor, unit = unit_of_joint(self.revolute, self.degrees)
-        return f"{'..'.join(f'{factor * value:.6g}' for value in values)} {unit}"
+        return (
+            f"{'..'.join(f'{factor * value:.6g}' for value in values)} {unit}"
+        )
 
     def _outside(self, values: Array, rows: Index, limits: Range) -> str:
         """Name the value (n,) furthest outside of a range."""
         row = _furthest(values, limits)
-        words = f"{self.name} is {self._show(values[row])}, outside of the range"
+        words = (
+            f"{self.name} is {self._show(values[row])}, outside of the range"
+        )
         return f"{self.label}, row {rows[row]}: {words} {self._show(*limits)}"
 
 
@@ -149,10 +163,16 @@ def beyond(values: Array, low: float, high: float) -> float:
     return away / (high - low)
 
 
-def check_ranges(ranges: Mapping[str, Range], revolute: Mapping[str, bool]) -> None:
+def check_ranges(
+    ranges: Mapping[str, Range], revolute: Mapping[str, bool]
+) -> None:
     """Raise OptionError for a joint's range that is none, or more than a turn [rad or m]."""
     for name, (low, high) in ranges.items():
-        if not 0 < high - low <= (TURN + 1e-4 if revolute.get(name) else LARGEST):
+        if (
+            not 0
+            < high - low
+            <= (TURN + 1e-4 if revolute.get(name) else LARGEST)
+        ):
             raise OptionError(
                 f"range {name}={low:g}:{high:g}: expected low:high with low below high, of a joint "
                 "that turns one turn at most [rad]",
@@ -190,7 +210,9 @@ def locked_from_log(
     source = open_source(path)
     column_of = {name: name for name in names if name in source.header}
     column_of |= {
-        name: column for name, column in (columns or {}).items() if name in names
+        name: column
+        for name, column in (columns or {}).items()
+        if name in names
     }
     column_of = {name: column_of[name] for name in names if name in column_of}
     if not column_of:
@@ -219,5 +241,7 @@ def locked_from_log(
                 value=name,
             )
         if off.max() > tolerance.still:
-            notes.append(f"{words}; leave out those rows, or name it in `joints`")
+            notes.append(
+                f"{words}; leave out those rows, or name it in `joints`"
+            )
     return values, notes

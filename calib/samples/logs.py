@@ -99,12 +99,17 @@ def read_log(
     }
     column_of |= columns or {}
     others = {*source.header} - {*(arm.joint_names if arm else joints or ())}
-    if not {*POSITION} & {*source.header, *column_of} and {*PIXELS.values()} <= others:
+    if (
+        not {*POSITION} & {*source.header, *column_of}
+        and {*PIXELS.values()} <= others
+    ):
         column_of |= PIXELS
         unit = unit or "px"
     unit = _unit(source, unit)
     if "point" in source.header or "point" in column_of:
-        return read_touches(source, arm, joints, column_of, degrees=degrees, unit=unit)
+        return read_touches(
+            source, arm, joints, column_of, degrees=degrees, unit=unit
+        )
     roles = find_roles(source, arm, joints, column_of)
     if arm is not None and outputs is None:
         outputs = arm.outputs
@@ -114,7 +119,9 @@ def read_log(
     names = roles.joints
     if arm is not None:
         revolute = tuple(arm.revolute)
-        limits = dict(zip(names, zip(arm.lower, arm.upper, strict=True), strict=True))
+        limits = dict(
+            zip(names, zip(arm.lower, arm.upper, strict=True), strict=True)
+        )
     else:
         _check_prismatic(prismatic, names)
         revolute = tuple(name not in prismatic for name in names)
@@ -123,7 +130,9 @@ def read_log(
 
     drawn, total = source.drawn(most, seed)
     read = [column_of.get(name, name) for name in roles.names]
-    further = [name for name in FURTHER if name in source.header and name not in read]
+    further = [
+        name for name in FURTHER if name in source.header and name not in read
+    ]
     values, numbers = drawn.numbers([*read, *further])
     values, facts = np.split(values, [len(read)], axis=1)
     if degrees:
@@ -135,7 +144,9 @@ def read_log(
         notes.append(
             f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
         )
-        side = np.zeros((most, len(names)))  # nobody knows where joints were before
+        side = np.zeros(
+            (most, len(names))
+        )  # nobody knows where joints were before
     elif np.isfinite(values[:, : len(names)]).all():
         side = directions(values[:, : len(names)])
     sound = SoundRows(source.label, values, numbers, roles, revolute)
@@ -230,9 +241,7 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     True
     """
     if not isinstance(samples, Samples):
-        words = (
-            f"expected samples first and then the path, not {type(samples).__name__}"
-        )
+        words = f"expected samples first and then the path, not {type(samples).__name__}"
         raise OptionError(f"write_log: {words}", parameter="samples")
     about = {**samples.source, "unit": samples.unit} if samples.source else None
     write_table(path, log_columns(samples), about=about)
@@ -251,7 +260,11 @@ def _unit(source: Source, unit: str | None) -> str:
 
 
 def _check_positions(
-    header: set[str], label: str, axes: tuple[str, ...], unit: str, outputs: int | None
+    header: set[str],
+    label: str,
+    axes: tuple[str, ...],
+    unit: str,
+    outputs: int | None,
 ) -> None:
     """Raise LogError for a log without positions, or with too few coordinates."""
     if not header & {*POSITION}:
@@ -272,7 +285,9 @@ def _check_positions(
 def _check_prismatic(prismatic: Sequence[str], names: Sequence[str]) -> None:
     """Raise OptionError for a sliding joint that is none."""
     if not {*prismatic} <= {*names}:
-        words = f"{listed(prismatic)} named as sliding: expected some of the joints"
+        words = (
+            f"{listed(prismatic)} named as sliding: expected some of the joints"
+        )
         raise OptionError(f"{words} {listed(names)}", parameter="prismatic")
 
 
@@ -284,7 +299,9 @@ def _camera(
 ) -> Camera | None:
     """Return the camera of pixels (n, 2) of an arm in space; None of other readings."""
     if arm is not None and arm.outputs == 3 and pixels is not None:
-        return camera_of(source.about if lens is None else {"lens": lens}, pixels)
+        return camera_of(
+            source.about if lens is None else {"lens": lens}, pixels
+        )
     if lens is not None:
         raise OptionError(
             "`lens` is for pixels of an arm in space: expected columns u and v"

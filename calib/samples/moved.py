@@ -26,7 +26,9 @@ def moved_words(samples: Samples, predicted: Array) -> list[str]:
     box = (samples.q - samples.lower) / (samples.upper - samples.lower)
     rows = thinned(len(samples), STEP.rows)
     residual = (samples.x - predicted)[rows]
-    splits = np.linspace(0, len(rows), STEP.parts + 1)[1:-1].astype(int).tolist()
+    splits = (
+        np.linspace(0, len(rows), STEP.parts + 1)[1:-1].astype(int).tolist()
+    )
     jumps = [_jump(box[rows], residual, split) for split in splits]
     largest = max(filter(None, jumps), default=None)
     if largest is None:
@@ -63,13 +65,18 @@ def _jump(q: Array, residual: Array, split: int) -> _Jump | None:
         within.append(((here - beside)[compared] ** 2).sum(axis=1))
         across.append(((here - there)[compared] ** 2).sum(axis=1))
     count = sum(map(len, across))
-    if min(map(len, within)) < STEP.least // 2 or not np.concatenate(within).any():
+    if (
+        min(map(len, within)) < STEP.least // 2
+        or not np.concatenate(within).any()
+    ):
         return None
     # a few wild rows are no step: medians; the noise of each side is half of what lies across
     usual = float(np.mean([np.median(squares) for squares in within]))
     squares = float(np.median(np.concatenate(across)))
     error = 2.0 / np.sqrt(residual.shape[1] * count)
-    ratio = max(squares, 1e-300) / max(usual, 1e-300)  # exact rows leave nothing
+    ratio = max(squares, 1e-300) / max(
+        usual, 1e-300
+    )  # exact rows leave nothing
     gain = float(np.log(ratio) / error)
     if squares <= STEP.times * usual or gain <= STEP.sure:
         return None

@@ -47,7 +47,9 @@ def pose_index(q: Array) -> Index:
         return _numbered(place)
     count = min(ONE_POSE.neighbours + 1, len(distinct))
     tree = cKDTree(distinct)
-    distance, neighbour = map(np.asarray, tree.query(distinct, k=count, p=np.inf))
+    distance, neighbour = map(
+        np.asarray, tree.query(distinct, k=count, p=np.inf)
+    )
     if distance[:, 1].min() > ONE_POSE.most_apart:
         return _numbered(place)
     return _numbered(_joined(distinct, distance, neighbour)[place])
@@ -86,7 +88,9 @@ def _groups(tree: csr_array, longest: float) -> Index:
     edges = tree.copy()
     edges.data = np.where(edges.data <= longest, edges.data, 0.0)
     edges.eliminate_zeros()
-    return np.asarray(connected_components(edges, directed=False)[1], dtype=np.intp)
+    return np.asarray(
+        connected_components(edges, directed=False)[1], dtype=np.intp
+    )
 
 
 def _apart(centres: Array) -> Array:
@@ -111,7 +115,9 @@ def _reading_difference(lengths: Array) -> float:
     growth[: ONE_POSE.least_pairs - 1] = 0.0
     largest = int(growth.argmax())
     return (
-        float(lengths[largest]) if growth[largest] >= ONE_POSE.gap else ONE_POSE.exact
+        float(lengths[largest])
+        if growth[largest] >= ONE_POSE.gap
+        else ONE_POSE.exact
     )
 
 

@@ -106,7 +106,9 @@ def scatter(visits: Visits, x: Array, unit: str = "m") -> Repeatability:
     arm_interval = (math.nan, math.nan)
     if returns:
         noise, (least, most) = (
-            (sensor, sensor_interval) if repeats > returns else (0.0, (0.0, 0.0))
+            (sensor, sensor_interval)
+            if repeats > returns
+            else (0.0, (0.0, 0.0))
         )
         # E[between] = free * noise^2 + size * return^2, with the visits' weights in each pose
         free = axes * returns
@@ -120,18 +122,28 @@ def scatter(visits: Visits, x: Array, unit: str = "m") -> Repeatability:
             math.sqrt(max(share * (high**2 - least**2), 0.0)),
         )
     return Repeatability(
-        sensor, arm, sensor_interval, arm_interval, len(total), repeats, returns, unit
+        sensor,
+        arm,
+        sensor_interval,
+        arm_interval,
+        len(total),
+        repeats,
+        returns,
+        unit,
     )
 
 
-def _deviation(squares: float, freedom: int) -> tuple[float, tuple[float, float]]:
+def _deviation(
+    squares: float, freedom: int
+) -> tuple[float, tuple[float, float]]:
     """Return a standard deviation and its 95 % interval from a sum of squares."""
     from scipy.special import chdtri
 
     if not freedom:
         return math.nan, (math.nan, math.nan)
     low, high = (
-        math.sqrt(squares / float(chdtri(freedom, 1.0 - tail))) for tail in _TAILS
+        math.sqrt(squares / float(chdtri(freedom, 1.0 - tail)))
+        for tail in _TAILS
     )
     return math.sqrt(squares / freedom), (low, high)
 
@@ -151,7 +163,9 @@ def at_poses(samples: Samples) -> Samples:
     x = np.array([np.median(samples.x[rows], axis=0) for rows in groups])
     orientation = samples.orientation
     if orientation is not None:
-        orientation = np.array([_mean_turn(orientation[rows]) for rows in groups])
+        orientation = np.array(
+            [_mean_turn(orientation[rows]) for rows in groups]
+        )
     first = np.array([rows[0] for rows in groups])
     return replace(samples.take(first), q=q, x=x, orientation=orientation)
 

@@ -24,7 +24,9 @@ PIXELS = {"x": "u", "y": "v"}
 QUATERNION = ("qx", "qy", "qz", "qw")
 ANGLES = ("roll", "pitch", "yaw")
 _POSE = (*POSITION, "rx", "ry", "rz")
-COVARIANCE = tuple(f"cov_{a}_{b}" for k, a in enumerate(_POSE) for b in _POSE[k:])
+COVARIANCE = tuple(
+    f"cov_{a}_{b}" for k, a in enumerate(_POSE) for b in _POSE[k:]
+)
 """Columns of a pose's covariance: its upper triangle, row by row, of position [unit] and of a small
 turn [rad] about the sensor's axes, `cov_x_x`, `cov_x_y`, .. `cov_rz_rz`."""
 
@@ -67,7 +69,9 @@ def find_roles(
     among the axes where the log has one.
     """
     names = joint_names(source, arm, joints)
-    locked = tuple(arm.locked) if arm is not None else ()  # named for `locked_from_log`
+    locked = (
+        tuple(arm.locked) if arm is not None else ()
+    )  # named for `locked_from_log`
     for name, column in column_of.items():
         if name not in (*names, *POSITION, *QUATERNION, *ANGLES, *locked):
             raise OptionError(
@@ -114,7 +118,9 @@ def joint_names(
             f"joints {list(joints)}: the arm was loaded with {list(names)}"
         )
     if not names:
-        others = listed(repr(name) for name in source.header if name not in POSITION)
+        others = listed(
+            repr(name) for name in source.header if name not in POSITION
+        )
         raise OptionError(
             f"{source.label}: which columns are the joints, base to tip? choices: {others}",
             hint="name them in `joints`",
@@ -150,7 +156,9 @@ def log_columns(samples: Samples) -> dict[str, Array]:
         row, column = np.triu_indices(6)
         triangle = samples.covariance[:, row, column]
         columns |= dict(zip(COVARIANCE, triangle.T, strict=True))
-    for name, further in zip(FURTHER, (samples.time, samples.episode), strict=True):
+    for name, further in zip(
+        FURTHER, (samples.time, samples.episode), strict=True
+    ):
         if further is not None:
             columns[name] = further
     return columns

@@ -24,7 +24,15 @@ from .sockets import Touches
 
 POSITION = ("x", "y", "z")
 
-_OF_ROWS = ("side", "time", "episode", "orientation", "covariance", "pixels", "rows")
+_OF_ROWS = (
+    "side",
+    "time",
+    "episode",
+    "orientation",
+    "covariance",
+    "pixels",
+    "rows",
+)
 """Fields with an entry for each row, beside `q` and `x`."""
 
 
@@ -56,7 +64,9 @@ class Samples:
     upper: Array = field(default_factory=lambda: np.empty(0))
     revolute: tuple[bool, ...] = ()
     unit: str = "m"  # of the positions: "m", "sensor", or what the user stated
-    arm: Arm | None = field(default=None, repr=False)  # with these joints and ranges
+    arm: Arm | None = field(
+        default=None, repr=False
+    )  # with these joints and ranges
     # of simulated samples what is needed to draw fresh exact ones
     simulation: Simulation | None = field(default=None, repr=False)
 
@@ -86,9 +96,12 @@ class Samples:
     columns: Mapping[str, str] = field(default_factory=dict, repr=False)
     degrees: bool = False
     source: Mapping[str, Any] = field(default_factory=dict, repr=False)
-    pictures: tuple[str, ...] = field(default=(), repr=False)  # that rows were made of
+    pictures: tuple[str, ...] = field(
+        default=(), repr=False
+    )  # that rows were made of
     dropped: int = 0  # rows that missed a value
-    left_out: int = 0  # rows without what a sensor saw: zeros, or no orientation
+    # rows without what a sensor saw: zeros, or no orientation
+    left_out: int = 0
     notes: tuple[str, ...] = ()  # what the user should be told, one line each
 
     def __post_init__(self) -> None:
@@ -117,7 +130,9 @@ class Samples:
                     f"values are missing, not finite or beyond {LARGEST:g}"
                 )
         if not np.size(self.lower):
-            self._set(lower=self.q.min(axis=0) - 1e-9, upper=self.q.max(axis=0) + 1e-9)
+            self._set(
+                lower=self.q.min(axis=0) - 1e-9, upper=self.q.max(axis=0) + 1e-9
+            )
         if self.side is None:
             self._set(side=directions(self.q))
         self._check_arrays()
@@ -150,7 +165,9 @@ class Samples:
                 continue
             array = np.array(values, dtype=float)
             if array.shape != shape:
-                raise LogError(f"{name} has shape {array.shape}, expected {shape}")
+                raise LogError(
+                    f"{name} has shape {array.shape}, expected {shape}"
+                )
             array.flags.writeable = False
             self._set(**{name: array})
 

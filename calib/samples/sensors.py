@@ -51,5 +51,9 @@ def names_of_sensors(source: Source) -> tuple[str, ...]:
     """Names in a table's column `sensor`, in their order; none where it has no such column."""
     if COLUMN not in source.header:
         return ()
-    names = source.read([COLUMN])[COLUMN].cast(str).fill_null("").str.strip_chars()
-    return tuple(name for name in names.unique(maintain_order=True).to_list() if name)
+    names = (
+        source.read([COLUMN])[COLUMN].cast(str).fill_null("").str.strip_chars()
+    )
+    return tuple(
+        name for name in names.unique(maintain_order=True).to_list() if name
+    )

@@ -47,14 +47,16 @@ class OnePose:
     # near pairs of rows below which they may be chance: of random rows one pair in 25 logs
     least_pairs: int = 3
     neighbours: int = 8  # of each row, among which rows of one pose are found
-    most_rows: int = 20_000  # of more, equal rows alone are one pose: 200,000 took 16 s
+    # of more, equal rows alone are one pose: 200,000 took 16 s
+    most_rows: int = 20_000
 
 
 @dataclass(frozen=True)
 class Diagnosis:
     """How a log is read otherwise, and when that explains it."""
 
-    rows: int = 400  # that are looked at: 720 orders of six joints take a second
+    # that are looked at: 720 orders of six joints take a second
+    rows: int = 400
     # rows below which a similarity in space, or a tool of unknown size, explains nearly anything
     fewest_rows: int = 8
     tool_rows: int = 39
@@ -72,7 +74,8 @@ class Diagnosis:
     usual_size: tuple[float, float] = (0.5, 2.0)
     # it is that of another unit within this share: 900 is no millimetre
     same_unit: float = 0.05
-    pixels_ratio: float = 5.0  # times the nominal extent beyond which that of pixels
+    # times the nominal extent beyond which that of pixels
+    pixels_ratio: float = 5.0
     # median turn [rad] beyond which orientations are not those of the joints
     turned: float = 0.3
 
@@ -91,8 +94,10 @@ class WrongRows:
     around: int = 15
     near: float = 2.5
     apart: float = 10.0
-    most: float = 0.25  # share of the rows that can be wrong; beyond it the fit is
-    least_corner: int = 8  # rows that stand together from which on they are told
+    # share of the rows that can be wrong; beyond it the fit is
+    most: float = 0.25
+    # rows that stand together from which on they are told
+    least_corner: int = 8
     # rows that a robust fit of a rigid chain rests on, rows for each of its functions, and how
     # many functions: those of five joints that turn
     fitted: int = 1500
@@ -125,7 +130,8 @@ class Step:
     rows: int = 1000  # that are compared
     parts: int = 32  # between which the log is split
     least: int = 20  # poses that both sides of a split must have measured
-    sure: float = 6.0  # standard errors of the logarithm of the ratio: less is chance
+    # standard errors of the logarithm of the ratio: less is chance
+    sure: float = 6.0
     # square differences across a split over those within a side: .5 mm steps hide in noise
     times: float = 3.0
 

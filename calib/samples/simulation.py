@@ -21,7 +21,8 @@ from .changes import IN_SPACE, PARTS, Change, parse_changes
 if TYPE_CHECKING:
     from ..arm.arm import Arm
 
-_BOX_SAMPLES = 4096  # enough to know the extent of the workspace to a few percent
+# enough to know the extent of the workspace to a few percent
+_BOX_SAMPLES = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,9 @@ class Simulation:
         object.__setattr__(self, "changes", parse_changes(self.changes))
         for change in self.changes:
             self._check(change)
-        _ = self.true_arm  # a change of geometry that is impossible is told here
+        _ = (
+            self.true_arm
+        )  # a change of geometry that is impossible is told here
 
     def _check(self, change: Change) -> None:
         """Refuse a change of a joint that is none, or that an arm in space cannot have."""
@@ -82,8 +85,14 @@ class Simulation:
         arm = self.arm
         for change in self.changes:
             if change.what == "length":
-                usual = self.arm.link_lengths[change.part] if change.relative else 1.0
-                arm = arm.with_link_length(change.part, change.values[0] * usual)
+                usual = (
+                    self.arm.link_lengths[change.part]
+                    if change.relative
+                    else 1.0
+                )
+                arm = arm.with_link_length(
+                    change.part, change.values[0] * usual
+                )
             if change.part == "tip":
                 arm = arm.with_tip_offset(*change.values)
         return arm
@@ -148,7 +157,9 @@ class Simulation:
     @classmethod
     def from_json(cls, arm: Arm, data: Mapping[str, Any]) -> Simulation:
         """Rebuild what `to_json` returned, with the arm as it was described."""
-        return cls(arm, noise=data["noise"], changes=parse_changes(data["changes"]))
+        return cls(
+            arm, noise=data["noise"], changes=parse_changes(data["changes"])
+        )
 
     def _geared(self, theta: Array) -> Array:
         """Where the joints stand when their encoders read `theta`, which changes in place."""
@@ -180,7 +191,11 @@ class Simulation:
         return x.min(axis=0), x.max(axis=0)
 
     def _of_sensor(self, what: str) -> list[tuple[float, ...]]:
-        return [c.values for c in self.changes if c.part == "sensor" and c.what == what]
+        return [
+            c.values
+            for c in self.changes
+            if c.part == "sensor" and c.what == what
+        ]
 
     def _of_joints(self, what: str) -> list[tuple[int, float]]:
         """Columns of the joints that a change concerns, and its values."""
@@ -196,6 +211,7 @@ def _followed(theta: Array, width: float) -> Array:
     """Let a joint (n,) follow its motor (n,), in the order of motion, with play [rad or m]."""
     half = width / 2.0
     joint = accumulate(
-        theta.tolist(), lambda at, motor: min(max(at, motor - half), motor + half)
+        theta.tolist(),
+        lambda at, motor: min(max(at, motor - half), motor + half),
     )
     return np.fromiter(joint, dtype=np.float64)

@@ -57,7 +57,8 @@ class Known:
 class Touches:
     """Which socket each row touched, and what is known of the sockets."""
 
-    number: Index  # (n,), of the socket; -1 where a sensor measured the tip instead
+    # (n,), of the socket; -1 where a sensor measured the tip instead
+    number: Index
     sockets: tuple[tuple[str, str], ...]  # setup and point of each number
     facts: tuple[Known, ...] = ()
 
@@ -104,7 +105,9 @@ class Touches:
             for fact in self.facts
             if place.keys() >= {*fact.points}
         ]
-        number = np.where(self.touched, np.searchsorted(sockets, self.number), -1)
+        number = np.where(
+            self.touched, np.searchsorted(sockets, self.number), -1
+        )
         return number, tuple(facts), sockets
 
     def strays(self, off: Array) -> Mask:
@@ -129,7 +132,8 @@ class Touches:
         for text in planes:
             points = [point.strip() for point in text.split(",")]
             facts += [
-                Known(sockets, None) for sockets in self._in_each_setup(text, points, 4)
+                Known(sockets, None)
+                for sockets in self._in_each_setup(text, points, 4)
             ]
         return replace(self, facts=tuple(facts))
 
@@ -154,7 +158,9 @@ def _distance(text: str) -> tuple[list[str], float, float]:
     """Read `A,B=50mm` or `A,B=50mm+-0.1mm`: the points, their distance and its sd [m]."""
     match = _DISTANCE.fullmatch(text.strip())
     try:
-        one, other, value, unit, interval, its_unit = match.groups() if match else ()
+        one, other, value, unit, interval, its_unit = (
+            match.groups() if match else ()
+        )
         distance = float(value) / METRES[unit]
         sd = float(interval) / METRES[its_unit] / 1.96 if interval else MACHINED
         if not (0 < distance < 1e3 and 0 < sd < 1e3):

@@ -28,7 +28,8 @@ class SoundRows:
         revolute: Sequence[bool],
     ) -> None:
         self.label = label
-        self.values = values  # (n, names), of which wrong ones and wrapped ones change
+        # (n, names), of which wrong ones and wrapped ones change
+        self.values = values
         self.numbers = numbers  # (n,), of the rows in the file
         self.roles = roles
         self.revolute = revolute

@@ -52,8 +52,11 @@ class Source:
     label: str  # what errors call it
     header: tuple[str, ...]
     rows: pl.LazyFrame  # with their numbers as `ROW`
-    about: Mapping[str, Any]  # what the file says of all its rows; see `write_table`
-    text: bool = False  # whether it is CSV, whose blank lines at the end are no rows
+    about: Mapping[
+        str, Any
+    ]  # what the file says of all its rows; see `write_table`
+    # whether it is CSV, whose blank lines at the end are no rows
+    text: bool = False
 
     @property
     def unit(self) -> str | None:
@@ -66,13 +69,17 @@ class Source:
         import polars as pl
 
         with _refusing(self.label):
-            total = int(self.rows.select(pl.len()).collect(engine="streaming").item())
+            total = int(
+                self.rows.select(pl.len()).collect(engine="streaming").item()
+            )
         if total <= most:
             return self, total
         rng = np.random.default_rng(seed)
         numbers = 1 + np.sort(rng.choice(total, most, replace=False))
         # a join would hold the whole file: of 5 million rows of nine columns 1.0 GB, this .4
-        is_drawn = pl.col(ROW).is_in(pl.Series(numbers.astype(np.uint32)).implode())
+        is_drawn = pl.col(ROW).is_in(
+            pl.Series(numbers.astype(np.uint32)).implode()
+        )
         return replace(self, rows=self.rows.filter(is_drawn)), total
 
     def read(self, names: Sequence[str]) -> pl.DataFrame:
@@ -108,7 +115,9 @@ class Source:
             ]
         )
         values = table.select(names).to_numpy(order="c").astype(np.float64)
-        return values.reshape(-1, len(names)), table[ROW].to_numpy().astype(np.intp)
+        return values.reshape(-1, len(names)), table[ROW].to_numpy().astype(
+            np.intp
+        )
 
     def _collected(self, columns: Sequence[pl.Expr]) -> pl.DataFrame:
         """Some columns and `ROW`, without blank lines at the end of a CSV file."""
@@ -118,12 +127,16 @@ class Source:
             with _refusing(self.label):
                 rows = self.rows.select(ROW, *columns)
                 return rows.collect(engine="streaming").sort(ROW)
-        filled = pl.any_horizontal(pl.exclude(ROW).is_not_null()).alias("\0filled")
+        filled = pl.any_horizontal(pl.exclude(ROW).is_not_null()).alias(
+            "\0filled"
+        )
         with _refusing(self.label):
             rows = self.rows.select(ROW, *columns, filled)
             table = rows.collect(engine="streaming").sort(ROW)
         numbers = table["\0filled"].arg_true()
-        return table.drop("\0filled").head(numbers[-1] + 1 if len(numbers) else 0)
+        return table.drop("\0filled").head(
+            numbers[-1] + 1 if len(numbers) else 0
+        )
 
     def _column(self, name: str) -> pl.Expr:
         import polars as pl
@@ -160,10 +173,13 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     label = "standard input" if name == "-" else printable(name)
     file = Path(name)
     try:
-        if file.is_dir() or (file.exists() and file.suffix.lower() in RECORDINGS):
+        if file.is_dir() or (
+            file.exists() and file.suffix.lower() in RECORDINGS
+        ):
             hint = f"of a bag, pictures or a video make a log: calib log {label} -o log.csv"
             raise LogError(
-                f"{label} is no table: expected a CSV or Parquet file", hint=hint
+                f"{label} is no table: expected a CSV or Parquet file",
+                hint=hint,
             )
         content = _content(file)
         head = _head(content)
@@ -183,7 +199,9 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
             {name: name.removesuffix(_POSITION_SUFFIX) for name in suffixed}
         )
         header = tuple(rows.collect_schema())
-    return Source(label, header, rows.with_row_index(ROW, 1), _as_mapping(about), text)
+    return Source(
+        label, header, rows.with_row_index(ROW, 1), _as_mapping(about), text
+    )
 
 
 def _content(file: Path) -> Path | bytes:
@@ -250,9 +268,15 @@ def _refusing(label: str) -> Iterator[None]:
 
     try:
         yield
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
+    except (
+        pl.exceptions.PolarsError,
+        pl.exceptions.PanicException,
+        OSError,
+    ) as error:
         reason = (str(error).strip().splitlines() or ["unreadable"])[0][:100]
-        remedy = "".join(hint for part, hint in _REMEDIES.items() if part in reason)
+        remedy = "".join(
+            hint for part, hint in _REMEDIES.items() if part in reason
+        )
         raise LogError(f"{label} cannot be read: {reason}{remedy}") from None
 
 
@@ -263,7 +287,9 @@ class Batch:
     # (n, k), the columns that are read as `names`; NaN in a row that has no number for each
     values: Array
     names: tuple[str, ...]
-    invalid: tuple[int, ...]  # numbers of the NaN rows; 1 is the first below the header
+    invalid: tuple[
+        int, ...
+    ]  # numbers of the NaN rows; 1 is the first below the header
     table: (
         pl.DataFrame
     )  # all columns in their order, those that are read by their `names`
@@ -275,7 +301,11 @@ class Batch:
             for name, column in self.table.to_dict().items()
             if name in self.names or name not in added
         }
-        return {**columns, **dict(zip(self.names, self.values.T, strict=True)), **added}
+        return {
+            **columns,
+            **dict(zip(self.names, self.values.T, strict=True)),
+            **added,
+        }
 
     def take(self, rows: Index) -> Batch:
         """The table with some of its rows, which may be there more than once."""
@@ -284,7 +314,9 @@ class Batch:
     def notes(self, added: Sequence[str]) -> list[str]:
         """Say how many columns go along."""
         names = [
-            name for name in self.table.columns if name not in (*self.names, *added)
+            name
+            for name in self.table.columns
+            if name not in (*self.names, *added)
         ]
         if not names:
             return []
@@ -315,7 +347,9 @@ def read_batch(
     values, rows = source.numbers(list(name_of))
     invalid = ~np.isfinite(values).all(axis=1)
     values[invalid] = np.nan
-    rest = [name for name in source.header if name in name_of or name not in wanted]
+    rest = [
+        name for name in source.header if name in name_of or name not in wanted
+    ]
     table = source.read(rest).rename(name_of)
     table = table.with_columns(pl.col(pl.String).fill_null(""))
     return Batch(values, tuple(wanted), tuple(rows[invalid].tolist()), table)
@@ -338,7 +372,9 @@ def write_table(
 
     frame = pl.DataFrame(
         {
-            name: column if isinstance(column, pl.Series) else np.asarray(column)
+            name: column
+            if isinstance(column, pl.Series)
+            else np.asarray(column)
             for name, column in columns.items()
         }
     )
@@ -346,7 +382,9 @@ def write_table(
     if Path(path).suffix.lower() in PARQUET:
         # by way of memory: what Polars says of a full disk is no OSError
         content = io.BytesIO()
-        frame.write_parquet(content, metadata={KEY: document} if document else None)
+        frame.write_parquet(
+            content, metadata={KEY: document} if document else None
+        )
         atomic_write(path, content.getvalue())
         return
     # Polars spells it "NaN" otherwise
@@ -357,6 +395,8 @@ def write_table(
     if os.fspath(path) != "-":
         atomic_write(path, text.encode())
         return
-    if sys.stdout.isatty():  # a column may have a name that a terminal would obey
+    if (
+        sys.stdout.isatty()
+    ):  # a column may have a name that a terminal would obey
         text = "\n".join(map(printable, text.split("\n")))
     sys.stdout.write(text)

@@ -64,13 +64,23 @@ def read_touches(
         check_joint_values(q, *limits, degrees=degrees, label=source.label)
         lower = np.minimum(arm.lower, lower)
         upper = np.maximum(arm.upper, upper)
-    sockets = tuple(sorted({pairs[row] for row in np.flatnonzero(sound & touched)}))
+    sockets = tuple(
+        sorted({pairs[row] for row in np.flatnonzero(sound & touched)})
+    )
     place = {socket: number for number, socket in enumerate(sockets)}
-    number = np.array([place.get(pair, -1) for pair in pairs], dtype=np.intp)[sound]
+    number = np.array([place.get(pair, -1) for pair in pairs], dtype=np.intp)[
+        sound
+    ]
     q = q[sound]
     coordinates = coordinates[sound]
-    touches = Touches(number, sockets, _fixture_distances(sockets, number, coordinates))
-    x = np.zeros((len(q), 3)) if arm is None else touches.means(arm.forward(q))[number]
+    touches = Touches(
+        number, sockets, _fixture_distances(sockets, number, coordinates)
+    )
+    x = (
+        np.zeros((len(q), 3))
+        if arm is None
+        else touches.means(arm.forward(q))[number]
+    )
     few = [
         touches.name(socket)
         for socket in range(len(sockets))

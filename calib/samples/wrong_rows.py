@@ -33,9 +33,15 @@ def screen(samples: Samples) -> tuple[Mask, list[str]]:
     rows = np.random.default_rng(0).choice(n, fitted, replace=False)
     enough = WRONG.rows_per_term * terms <= min(samples.poses, fitted)
     if enough and terms <= WRONG.terms:
-        coefficients = robust_solve(_products(samples.q[rows], turns), samples.x[rows])
-        pieces = np.array_split(samples.q, 1 + n // 50_000)  # that are held at once
-        predicted = np.concatenate([_products(q, turns) @ coefficients for q in pieces])
+        coefficients = robust_solve(
+            _products(samples.q[rows], turns), samples.x[rows]
+        )
+        pieces = np.array_split(
+            samples.q, 1 + n // 50_000
+        )  # that are held at once
+        predicted = np.concatenate(
+            [_products(q, turns) @ coefficients for q in pieces]
+        )
     elif samples.arm is not None:
         nominal = samples.arm.forward(samples.q)
         predicted = aligned(nominal, samples.x, affine=samples.unit == "px")
@@ -51,9 +57,9 @@ def _products(q: Array, turns: tuple[bool, ...]) -> Array:
         terms = [np.ones(len(q)), np.cos(values), np.sin(values)]
         if not turning:
             terms = [np.ones(len(q)), values]
-        products = (products[:, :, None] * np.stack(terms, axis=1)[:, None]).reshape(
-            len(q), -1
-        )
+        products = (
+            products[:, :, None] * np.stack(terms, axis=1)[:, None]
+        ).reshape(len(q), -1)
     return products
 
 
@@ -79,15 +85,23 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     around = min(WRONG.around, n - 1)
     box = scale.periodic.astype(float) if scale.periodic.any() else None
     tree = cKDTree(u, boxsize=box)
-    usual = float(np.median(tree.query(u[thinned(n, WRONG.fitted)], k=[around + 1])[0]))
-    reach, near = map(np.asarray, tree.query(u[suspects], k=np.arange(1, around + 2)))
+    usual = float(
+        np.median(tree.query(u[thinned(n, WRONG.fitted)], k=[around + 1])[0])
+    )
+    reach, near = map(
+        np.asarray, tree.query(u[suspects], k=np.arange(1, around + 2))
+    )
     close = reach[:, -1] <= WRONG.near * usual
     suspects = suspects[close]
     near = near[close]
     others = residual[near]
-    others[near == suspects[:, None]] = np.nan  # a row is no neighbour of its own
+    others[near == suspects[:, None]] = (
+        np.nan
+    )  # a row is no neighbour of its own
     middle = np.nanmedian(others, axis=1)
-    scatter = np.nanmedian(np.linalg.norm(others - middle[:, None], axis=2), axis=1)
+    scatter = np.nanmedian(
+        np.linalg.norm(others - middle[:, None], axis=2), axis=1
+    )
     away = np.linalg.norm(residual[suspects] - middle, axis=1)
     wrong = suspects[away > np.maximum(limit, WRONG.apart * scatter)]
     if not 0 < len(wrong) <= WRONG.most * n:
@@ -110,12 +124,17 @@ def contradicting_corner(samples: Samples, residual: Array) -> list[str]:
         return []
     shift = np.median(residual[suspects], axis=0)
     size = float(np.linalg.norm(shift))
-    together = suspects[np.linalg.norm(residual[suspects] - shift, axis=1) < 0.5 * size]
+    together = suspects[
+        np.linalg.norm(residual[suspects] - shift, axis=1) < 0.5 * size
+    ]
     if len(together) < max(WRONG.least_corner, 0.5 * len(suspects)):
         return []
     low, high = np.quantile(samples.q[together], (0.02, 0.98), axis=0)
     inside = ((samples.q >= low) & (samples.q <= high)).all(axis=1)
-    if inside.mean() > 0.5 or np.isin(np.flatnonzero(inside), together).mean() < 0.5:
+    if (
+        inside.mean() > 0.5
+        or np.isin(np.flatnonzero(inside), together).mean() < 0.5
+    ):
         return []  # they are all over the range
     factor, unit = for_people(samples.unit)
     return [
@@ -128,7 +147,9 @@ def contradicting_corner(samples: Samples, residual: Array) -> list[str]:
 
 def row_numbers(samples: Samples, rows: Index) -> str:
     """Name the first of some rows by their numbers in the log's file, counted below its header."""
-    return rows_in_words(rows + 1 if samples.rows is None else samples.rows[rows])
+    return rows_in_words(
+        rows + 1 if samples.rows is None else samples.rows[rows]
+    )
 
 
 def _gross(samples: Samples, residual: Array) -> tuple[Index, float]:

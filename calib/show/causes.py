@@ -54,7 +54,9 @@ class Cause:
     @property
     def words(self) -> str:
         """It with its value and interval: "elbow: zero +0.56 ± 0.003 deg"."""
-        factor, unit = (100.0, "%") if self.unit == "1" else for_people(self.unit)
+        factor, unit = (
+            (100.0, "%") if self.unit == "1" else for_people(self.unit)
+        )
         value = number(abs(factor * self.value))
         if not self.half:
             return f"{self.name} {value} {unit}"
@@ -80,7 +82,9 @@ def causes_of(model: Model) -> list[Cause]:
     of_arm = [k for k in candidates if k in body.active]
     chosen = _independent(columns, of_arm)
     others = [k for k in of_arm if k not in chosen]
-    share = np.linalg.lstsq(columns[:, chosen], columns[:, others], rcond=None)[0]
+    share = np.linalg.lstsq(columns[:, chosen], columns[:, others], rcond=None)[
+        0
+    ]
     root = np.zeros((structure.size, body.root.shape[1]))
     root[body.active] = body.root
     values = away[chosen] + share @ away[others]
@@ -91,13 +95,17 @@ def causes_of(model: Model) -> list[Cause]:
         label = structure.labels[k]
         name = _in_words(label.name, str(label.joint))
         effect = float(size * abs(value))
-        causes.append(Cause(name, float(value), float(half), label.unit, effect))
+        causes.append(
+            Cause(name, float(value), float(half), label.unit, effect)
+        )
     for k, joint in enumerate(structure.joint_names):
         waves = structure.groups[f"curve.{k}"]
         if len(waves) and away[waves].any():
             effect = float(np.linalg.norm(columns[:, waves] @ away[waves]))
             rms = float(np.linalg.norm(away[waves])) / 2**0.5
-            causes.append(Cause(f"{joint}: error curve, rms", rms, 0.0, "rad", effect))
+            causes.append(
+                Cause(f"{joint}: error curve, rms", rms, 0.0, "rad", effect)
+            )
     return sorted(causes, key=lambda cause: -cause.effect)
 
 
@@ -131,11 +139,15 @@ def _motions_of_tip(model: Model, body: Body) -> Array:
     """
     structure = body.structure
     shape = SETTINGS.postures, structure.dof
-    q = np.random.default_rng(0).uniform(model.about.lower, model.about.upper, shape)
+    q = np.random.default_rng(0).uniform(
+        model.about.lower, model.about.upper, shape
+    )
     slope = structure.linearise(q, body.beta)[1][:, : structure.blocks[0]]
     columns = slope.reshape(-1, structure.size) / SETTINGS.postures**0.5
     frame = columns[:, frame_of(model)]
-    return np.asarray(columns - frame @ np.linalg.lstsq(frame, columns, rcond=1e-9)[0])
+    return np.asarray(
+        columns - frame @ np.linalg.lstsq(frame, columns, rcond=1e-9)[0]
+    )
 
 
 def _independent(columns: Array, parameters: list[int]) -> list[int]:

@@ -51,7 +51,9 @@ class ErrorScale:
         """Places and words of three ticks, in one unit; a single one where all is rounding."""
         factor, unit = unit_for(self.top, self.unit)
         if self.empty:
-            return [(0.0, f"below {number(factor * self.top)} {unit} everywhere")]
+            return [
+                (0.0, f"below {number(factor * self.top)} {unit} everywhere")
+            ]
         return [
             (share, f"{number(share * factor * self.top)} {unit}")
             for share in (0.0, 0.5, 1.0)
@@ -91,4 +93,6 @@ def colours(share: Array) -> NDArray[np.uint8]:
     places = np.linspace(0.0, 1.0, len(stops))
     channels = [np.interp(share, places, channel) for channel in stops.T]
     known = np.isfinite(share)[:, None]
-    return np.round(np.where(known, np.stack(channels, axis=1), grey)).astype(np.uint8)
+    return np.round(np.where(known, np.stack(channels, axis=1), grey)).astype(
+        np.uint8
+    )

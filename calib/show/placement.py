@@ -17,8 +17,12 @@ from ..model.model import Model
 from ..model.nominal import nominal_in_plane
 from .robot import Robot
 
-_PICTURE = "the picture is drawn as far from the camera as the tip is on average"
-_KNOWN = "the sensor's frame is not the robot's: positions are drawn in the robot's"
+_PICTURE = (
+    "the picture is drawn as far from the camera as the tip is on average"
+)
+_KNOWN = (
+    "the sensor's frame is not the robot's: positions are drawn in the robot's"
+)
 _NEAR = 0.02  # [m or 1], differences of frames that are not told
 
 
@@ -77,7 +81,9 @@ def place_model(model: Model, robot: Robot | None) -> Placement:
         return Placement.of(sensor.position, axes, note)
     # upright across its line of sight
     q = model.motor.weights[model.visited]
-    tips = robot.tips(np.clip(q[thinned(len(q), 300)], about.lower, about.upper))
+    tips = robot.tips(
+        np.clip(q[thinned(len(q), 300)], about.lower, about.upper)
+    )
     f, u, v, _ = body.beta[structure.groups["lens"]]
     right, down, ahead = sensor.rotation.T
     depth = float(np.mean((tips - sensor.position) @ ahead))
@@ -92,7 +98,9 @@ def seen_by_sensor(model: Model, points: Array) -> Array | None:
     if body is None or len(model.axes) != 2:
         return None
     if isinstance(body.structure, SpatialStructure):
-        return np.asarray(body.structure.sensor(body.beta).look(points.T).values)
+        return np.asarray(
+            body.structure.sensor(body.beta).look(points.T).values
+        )
     seen = _seen_plane(model)
     if seen is None:
         return None
@@ -104,7 +112,9 @@ def _stated_plane(model: Model) -> tuple[Array, Array]:
     plane = model.about.plane
     if plane is None or len(model.axes) == 3:
         return np.zeros(3), np.eye(3)[: len(model.axes)]
-    return np.array(plane["origin"], dtype=float), np.array([plane["x"], plane["y"]])
+    return np.array(plane["origin"], dtype=float), np.array(
+        [plane["x"], plane["y"]]
+    )
 
 
 def _seen_plane(model: Model) -> Array | None:
@@ -124,7 +134,10 @@ def _homography(placed: Placed) -> Array:
     if placed.lens is None:
         return np.vstack([placed.matrix, [0.0, 0.0, 1.0]])
     size, u, v, _ = placed.lens
-    return np.array([[size, 0.0, u], [0.0, size, v], [0.0, 0.0, 1.0]]) @ placed.matrix
+    return (
+        np.array([[size, 0.0, u], [0.0, size, v], [0.0, 0.0, 1.0]])
+        @ placed.matrix
+    )
 
 
 def _mapped(matrix: Array, x: Array) -> Array:

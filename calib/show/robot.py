@@ -30,7 +30,10 @@ class Robot:
             return None
         try:
             urdf = parse_robot(about.urdf, about.robot)
-            links = (urdf.root, *(joint.child for joint in urdf.path(about.tip)))
+            links = (
+                urdf.root,
+                *(joint.child for joint in urdf.path(about.tip)),
+            )
             posture_of(urdf, about.locked)  # without Pinocchio no arm is drawn
         except CalibError:
             return None
@@ -44,7 +47,8 @@ class Robot:
             values = {**self.about.locked, **dict(zip(names, row, strict=True))}
             postures.append(posture_of(self.urdf, values).frames)
         return {
-            link: np.stack([frames[link] for frames in postures]) for link in self.links
+            link: np.stack([frames[link] for frames in postures])
+            for link in self.links
         }
 
     def bones(self, q: ArrayLike) -> Array:

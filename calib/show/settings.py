@@ -12,7 +12,8 @@ Z95 = 1.96
 class Settings:
     """How much is computed and drawn: a figure of 50 kB and a tenth of a second each."""
 
-    fresh: int = 1_000  # samples of a simulated arm: they show a mean to a few percent
+    # samples of a simulated arm: they show a mean to a few percent
+    fresh: int = 1_000
     few_rows: int = 10  # of a log, fewer cannot be judged
     postures: int = 200  # that tell how parameters move the tip
     field: int = 2_500  # postures that a field of bounds is drawn with
@@ -27,11 +28,13 @@ class Settings:
 
     small_effect: float = 0.01  # of the largest: causes with less are not drawn
     same: float = 0.03  # of a column: with less of its own, others tell it
-    lever: float = 0.3  # of a joint's longest: with less, a row says little of it
+    # of a joint's longest: with less, a row says little of it
+    lever: float = 0.3
     arrow: float = 0.08  # of the picture's width: the longest arrows
     long_edge: float = 5.0  # of the median edge: it crosses what no tip reaches
     thin: float = 0.05  # of the median density: a field ends where it is less
-    unseen: float = 1.5  # held-out over learned errors: with more, rows help most
+    # held-out over learned errors: with more, rows help most
+    unseen: float = 1.5
 
 
 SETTINGS = Settings()

@@ -71,7 +71,9 @@ def things_of(model: Model) -> list[Thing]:
     if is_camera(structure.view):
         focal = float(body.beta[structure.groups["lens"]][0])
         picture = model.about.picture or (1280, 720)
-        return [camera_thing(f"camera {name}".strip(), picture, focal, size, frame)]
+        return [
+            camera_thing(f"camera {name}".strip(), picture, focal, size, frame)
+        ]
     if structure.view == "base":
         return _sockets(model, 0.15 * size)
     axes = np.vstack([np.zeros(3), 0.6 * size * np.eye(3)])
@@ -98,11 +100,15 @@ def _hand_eye(
     point = tool - turn @ np.array(pictures["point"])
     carried = transform(flange.T @ turn, flange.T @ (point - tip))
     in_hand = pictures["eye"] == "hand"
-    camera_frame, board_frame = (carried, frame) if in_hand else (frame, carried)
+    camera_frame, board_frame = (
+        (carried, frame) if in_hand else (frame, carried)
+    )
     lens = pictures["lens"]
     focal = float(np.mean(lens["focal"]))
     things = [
-        camera_thing("camera", lens["size"], focal, size, camera_frame, carried=in_hand)
+        camera_thing(
+            "camera", lens["size"], focal, size, camera_frame, carried=in_hand
+        )
     ]
     try:
         board = parse_board(str(pictures["board"])).points()
@@ -122,7 +128,9 @@ def things_of_rig(rig: HandEye) -> list[Thing]:
         name = f"camera {camera.name}" if len(rig.cameras) > 1 else "camera"
         size = lens["size"]
         things.append(
-            camera_thing(name, size, lens["focal"], 0.3 * reach, frame, carried=carried)
+            camera_thing(
+                name, size, lens["focal"], 0.3 * reach, frame, carried=carried
+            )
         )
     in_hand = rig.eye == "hand"
     frame = _frame_of(rig.base if in_hand else rig.hand)
@@ -131,7 +139,9 @@ def things_of_rig(rig: HandEye) -> list[Thing]:
 
 
 def _frame_of(place: Place) -> Array:
-    return transform(matrix_of(place["quaternion"]), np.array(place["position"]))
+    return transform(
+        matrix_of(place["quaternion"]), np.array(place["position"])
+    )
 
 
 def camera_thing(
@@ -145,12 +155,19 @@ def camera_thing(
 ) -> Thing:
     """A camera as a frustum with the lens's angle, `size` [m] deep."""
     width, height = (0.5 * size * side / focal for side in picture)
-    corners = [[-width, -height], [width, -height], [width, height], [-width, height]]
+    corners = [
+        [-width, -height],
+        [width, -height],
+        [width, height],
+        [-width, height],
+    ]
     points = np.vstack([np.zeros(3), [[*corner, size] for corner in corners]])
     return Thing(name, points, _CAMERA, frame, carried, _CAMERA_SIDES)
 
 
-def board_thing(corners: Array, frame: Array, *, carried: bool = False) -> Thing:
+def board_thing(
+    corners: Array, frame: Array, *, carried: bool = False
+) -> Thing:
     """A board as the outline of its corners (n, 3) [m]."""
     low = corners.min(axis=0)
     high = corners.max(axis=0)

@@ -33,7 +33,8 @@ class StudiedRows:
         Array | None
     )  # of the model, which has learned from the row; None of a new log
     source: str  # what the rows are
-    left_out: Array | None = None  # (k, m) [unit], positions of rows that take no part
+    # (k, m) [unit], positions of rows that take no part
+    left_out: Array | None = None
     verdict: Verdict | None = None  # on a new log
 
     @property
@@ -43,7 +44,9 @@ class StudiedRows:
 
     def take(self, rows: Mask) -> StudiedRows:
         """The rows of a mask (n,)."""
-        parts = {name: getattr(self, name)[rows] for name in ("q", "x", "held_out")}
+        parts = {
+            name: getattr(self, name)[rows] for name in ("q", "x", "held_out")
+        }
         learned = None if self.learned is None else self.learned[rows]
         return replace(self, **parts, learned=learned)
 
@@ -85,7 +88,9 @@ class Study:
         if rows is None:
             return None
         errors = (
-            [rows.held_out] if rows.learned is None else [rows.held_out, rows.learned]
+            [rows.held_out]
+            if rows.learned is None
+            else [rows.held_out, rows.learned]
         )
         answered = np.asarray(np.isfinite(np.hstack(errors)).all(axis=1))
         return rows.take(answered) if answered.any() else None
@@ -118,7 +123,9 @@ class Study:
     @property
     def views(self) -> tuple[tuple[int, int], ...]:
         """Pairs of coordinates that positions are projected on."""
-        return ((0, 1), (0, 2), (1, 2)) if len(self.model.axes) == 3 else ((0, 1),)
+        return (
+            ((0, 1), (0, 2), (1, 2)) if len(self.model.axes) == 3 else ((0, 1),)
+        )
 
     @cached_property
     def causes(self) -> list[Cause]:
@@ -131,7 +138,9 @@ class Study:
         largest = max((cause.effect for cause in self.causes), default=0.0)
         least = SETTINGS.small_effect * largest
         return [
-            cause for cause in self.causes if cause.certain and cause.effect > least
+            cause
+            for cause in self.causes
+            if cause.certain and cause.effect > least
         ]
 
 
@@ -182,7 +191,9 @@ def _rows_of_training(model: Model) -> StudiedRows | None:
         return None
     learned = model.rows.x - model.forward(model.rows.q)
     held_out = learned if model.rows.held_out is None else model.rows.held_out
-    return StudiedRows(model.rows.q, model.rows.x, held_out, learned, "rows held out")
+    return StudiedRows(
+        model.rows.q, model.rows.x, held_out, learned, "rows held out"
+    )
 
 
 def _as_delivered(model: Model, q: Array, x: Array) -> Array | None:

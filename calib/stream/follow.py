@@ -31,7 +31,8 @@ _SIGMA_END = 0.5  # neighbourhood radius once settled [nodes]
 _KEPT = 20_000  # latest samples that the local models are fitted to
 _LEAST = 10  # samples since a change that a model can rest on
 _WINDOW = 200.0  # samples that a running mean remembers
-_SETTLED = 1.2  # a re-formed map has settled within this factor of a trained one
+# a re-formed map has settled within this factor of a trained one
+_SETTLED = 1.2
 _FIRED = 4.0  # standard deviations of a running mean that are no chance
 
 
@@ -43,7 +44,8 @@ class Step:
     # running means of the squared distance to the winner, in the unit box (eq. 9)
     zeta_motor: float
     zeta_sensory: float
-    threshold: float  # what the sensory distortion exceeds by chance next to never
+    # what the sensory distortion exceeds by chance next to never
+    threshold: float
     error: float  # [unit], running mean of the error of ``activity`` before a sample was learned
     sigma: float  # [nodes], radius of the sensory map (eq. 10), 0 before a change was noticed
     eta: float  # learning rate of the links (eq. 12)
@@ -60,7 +62,9 @@ def matching_sigma(network: Map, error: float) -> float:
     Returns float, the radius of the whole map where the error is larger than at the start.
     """
     nodes, sigma, past = network.history.T[:3]
-    full = sigma * (network.lattice.size / nodes) ** (1 / len(network.lattice.shape))
+    full = sigma * (network.lattice.size / nodes) ** (
+        1 / len(network.lattice.shape)
+    )
     # the error of an epoch is that of the radius before it
     past = past[1:]
     full = full[:-1]
@@ -91,7 +95,9 @@ class OnlineAdapter:
         self, model: Model, horizon: int = HORIZON, *, force: bool = False
     ) -> None:
         if horizon < 1:
-            raise OptionError(f"horizon {horizon}: expected one or more samples")
+            raise OptionError(
+                f"horizon {horizon}: expected one or more samples"
+            )
         if model.baseline is None:
             raise ModelError(
                 "the model has no baseline of its distortions: train it again"
@@ -113,7 +119,9 @@ class OnlineAdapter:
         self._baseline = model.baseline
         self._horizon = horizon
         self._force = force
-        self._net = VDSOM(layers, model.association.wiring, model.links.toarray())
+        self._net = VDSOM(
+            layers, model.association.wiring, model.links.toarray()
+        )
         self._idle = np.zeros(
             model.sensory.size
         )  # what unvisited nodes should have forgotten
@@ -153,13 +161,17 @@ class OnlineAdapter:
         )  # eq. 9
         latest = np.array([*squares, gap.mean()])
         before = latest if self._mean is None else self._mean
-        self._mean = mean = before + min(1.0, len(u) / _WINDOW) * (latest - before)
+        self._mean = mean = before + min(1.0, len(u) / _WINDOW) * (
+            latest - before
+        )
         expected = self._expected(sensory, winner[:, 0])
         self._seen += len(u)
         kept = slice(None)
         rates = (0.0, 0.0, 0.0)
         motor_zeta, zeta, error = mean.tolist()
-        if self._since < 0 and (self._force or self._left(expected, zeta, error)):
+        if self._since < 0 and (
+            self._force or self._left(expected, zeta, error)
+        ):
             self._since = 0
             # sigma where training had the same distortion (eq. 10)
             for k, part in enumerate((self._model.motor, self._model.sensory)):
@@ -185,12 +197,16 @@ class OnlineAdapter:
         """Whether the distortion (eq. 9) or the links' residual left what is usual."""
         errors = self._model.about.errors
         usual = (
-            errors["activity"]["forward"]["distance"]["mean"] if errors else math.inf
+            errors["activity"]["forward"]["distance"]["mean"]
+            if errors
+            else math.inf
         )
         left = zeta > expected or error > 2.0 * (usual + self._baseline.noise)
         return left and self._seen >= _WINDOW / 2
 
-    def _learn(self, u: Array, v: Array, kept: slice) -> tuple[float, float, float]:
+    def _learn(
+        self, u: Array, v: Array, kept: slice
+    ) -> tuple[float, float, float]:
         """Form maps and links by samples; sigma, eta and beta of the last one."""
         t = self._since + np.arange(len(u))
         rates = Rates.following(
@@ -200,7 +216,11 @@ class OnlineAdapter:
         # eq. 11 forgets where a_j > 0 alone; a node that no sample visits forgets at the
         # mean pace of all, or a shortened arm would promise its old reach for ever
         b = self._model.association.wiring.activity(self._maps()[1], v)
-        forgot = rates.eta * rates.beta @ np.asarray(b.multiply(b).sum(axis=1)).ravel()
+        forgot = (
+            rates.eta
+            * rates.beta
+            @ np.asarray(b.multiply(b).sum(axis=1)).ravel()
+        )
         self._idle += float(forgot) / b.shape[1]
         self._idle[np.unique(b.indices)] = 0.0
         self._since += len(u)
@@ -208,7 +228,11 @@ class OnlineAdapter:
         self._x.append(self._model.sensory.scale.from_unit(v)[kept])
         while sum(map(len, self._x)) - len(self._x[0]) >= _KEPT:
             del self._q[0], self._x[0]
-        return float(rates.sigma[1][-1]), float(rates.eta[-1]), float(rates.beta[-1])
+        return (
+            float(rates.sigma[1][-1]),
+            float(rates.eta[-1]),
+            float(rates.beta[-1]),
+        )
 
     def model(self, links: Literal["rest", "rule"] = "rest") -> Model:
         """The model as it stands, with local models of the latest samples.
@@ -237,7 +261,12 @@ class OnlineAdapter:
 
 
 def follow(
-    model: Model, q: Array, x: Array, *, horizon: int = HORIZON, force: bool = False
+    model: Model,
+    q: Array,
+    x: Array,
+    *,
+    horizon: int = HORIZON,
+    force: bool = False,
 ) -> Iterator[tuple[Step, OnlineAdapter]]:
     """Let a model follow a stream, block by block: the paper's adaptation curves.
 
@@ -254,4 +283,7 @@ def follow(
     """
     adapter = OnlineAdapter(model, horizon, force=force)
     for first in range(0, len(q), BLOCK):
-        yield adapter.feed(q[first : first + BLOCK], x[first : first + BLOCK]), adapter
+        yield (
+            adapter.feed(q[first : first + BLOCK], x[first : first + BLOCK]),
+            adapter,
+        )

@@ -21,10 +21,13 @@ _WATCHED = (
 """Groups whose displacements are looked for; of a lens its first term."""
 
 _WARM = 20  # samples before the first judgement
-_DIRECTIONS = 8  # strongest displacements; further ones are nearly sums of these
-_COLLINEAR = 1e-3  # directions that are so much weaker than the strongest are left out
+# strongest displacements; further ones are nearly sums of these
+_DIRECTIONS = 8
+# directions that are so much weaker than the strongest are left out
+_COLLINEAR = 1e-3
 _CHANCE = 3.0  # standard errors from which an autocorrelation is none of chance
-_MOST_ALIKE = 0.99  # autocorrelation from sample to sample that is counted at most
+# autocorrelation from sample to sample that is counted at most
+_MOST_ALIKE = 0.99
 _FALSE_ALARM = 1e-6  # share of calm samples that may be alarms
 # Times its own bound of 95 % that a model may be off for a while, as where an arm dwells
 _NUISANCE = 1.5
@@ -34,9 +37,11 @@ _CLIP = 8.0  # a residual counts for at most so many times the usual one
 class State(NamedTuple):
     """What is known after a sample."""
 
-    samples: int  # samples seen, without those outside of what the model has learned
+    # samples seen, without those outside of what the model has learned
+    samples: int
     drifted: bool  # whether a signal is above its threshold now
-    score: float  # largest value over threshold; 0 while there are too few samples
+    # largest value over threshold; 0 while there are too few samples
+    score: float
     zeta: float  # distortion of the sensory map (eq. 9) over what is expected there
     # [unit], root mean square of the systematic part of the recent residuals
     links: float
@@ -84,14 +89,20 @@ class Monitor:
             groups = model.body.structure.groups
             watched = [groups[name] for name in _WATCHED if name in groups]
             lens = groups.get("lens", np.zeros(0, np.intp))[:1]
-            self._every = np.unique(np.concatenate([*watched, lens])).astype(np.intp)
-        self._combined = _orthonormal(self._moves(np.clip(model.motor.units, 0.0, 1.0)))
+            self._every = np.unique(np.concatenate([*watched, lens])).astype(
+                np.intp
+            )
+        self._combined = _orthonormal(
+            self._moves(np.clip(model.motor.units, 0.0, 1.0))
+        )
         axes = model.sensory.scale.span.size
         p = self._combined.shape[1]
         self._fade = 1.0 - 1.0 / window
         self._own = _own_error(model)
         self._noise = model.baseline.noise
-        self._least = SIMULATED_FLOOR * float(np.linalg.norm(model.sensory.scale.span))
+        self._least = SIMULATED_FLOOR * float(
+            np.linalg.norm(model.sensory.scale.span)
+        )
         # by numbers of independent samples: what chance explains of noise, in its variances
         free = np.maximum(axes * np.arange(int(2.0 * window) + 2.0) - p, 1.0)
         self._chance = p * np.asarray(fdtri(p, free, 1.0 - _FALSE_ALARM))
@@ -99,12 +110,16 @@ class Monitor:
         self._moments = np.zeros((p + 1, p + 1))
         self._sums = np.zeros(4)
         self._state = State(0, False, 0.0, 0.0, 0.0, 0.0, ())
-        self._change = np.zeros(p)  # what explains the sums, by the combined directions
+        self._change = np.zeros(
+            p
+        )  # what explains the sums, by the combined directions
         # what it left of the last sample; sums that fade of its products with the next, and squares
         self._rest = np.zeros(axes)
         self._lagged = np.zeros(2)
 
-    def update(self, q: Sequence[float] | Array, x: Sequence[float] | Array) -> State:
+    def update(
+        self, q: Sequence[float] | Array, x: Sequence[float] | Array
+    ) -> State:
         """Take one sample, joints (dof,) [rad or m] and position (2,) or (3,) [unit].
 
         A sample that is not finite or outside of what the model has learned changes nothing.
@@ -131,10 +146,17 @@ class Monitor:
             [self._moves(unit)[0] @ self._combined, residual[:, None]], axis=1
         )
         rest = residual - row[:, :-1] @ self._change
-        self._lagged = self._fade * self._lagged + [rest @ self._rest, rest @ rest]
+        self._lagged = self._fade * self._lagged + [
+            rest @ self._rest,
+            rest @ rest,
+        ]
         self._rest = rest
-        away, winner = model.sensory.nearest(model.sensory.scale.to_unit(x[None]))
-        ratio = float(away[0, 0]) ** 2 / float(self._expected[int(winner[0, 0])])
+        away, winner = model.sensory.nearest(
+            model.sensory.scale.to_unit(x[None])
+        )
+        ratio = float(away[0, 0]) ** 2 / float(
+            self._expected[int(winner[0, 0])]
+        )
         fade = self._fade  # sums over a window that forgets
         self._moments = fade * self._moments + row.T @ row
         self._sums = self._sums * [fade, fade**2, fade, fade] + [
@@ -163,7 +185,9 @@ class Monitor:
         explained = max(float(products @ self._change), 0.0) / weight
         seen = self._state.samples + 1
         independent = weight**2 / square
-        independent = max(independent / self._correlation_time(independent), 1.0)
+        independent = max(
+            independent / self._correlation_time(independent), 1.0
+        )
         left = max(float(moments[-1, -1]) / weight - explained, 0.0) / axes
         left /= max(1.0 - p / (axes * independent), 0.1)
         chance = (
@@ -200,7 +224,9 @@ class Monitor:
         if body is None:  # a sensor that is moved
             return affine_columns(model.predictor.value(units))
         q = model.motor.scale.from_unit(units)
-        return np.asarray(body.structure.linearise(q, body.beta, self._every)[1])
+        return np.asarray(
+            body.structure.linearise(q, body.beta, self._every)[1]
+        )
 
 
 def monitor(model: Model) -> Monitor:
@@ -213,7 +239,9 @@ def affine_columns(x: Array, outputs: int | None = None) -> Array:
     n = len(x)
     m = outputs or x.shape[1]
     bent = np.concatenate([np.ones((n, 1)), x], axis=1)
-    return np.asarray(np.einsum("nk,ij->nikj", bent, np.eye(m)).reshape(n, m, -1))
+    return np.asarray(
+        np.einsum("nk,ij->nikj", bent, np.eye(m)).reshape(n, m, -1)
+    )
 
 
 def _orthonormal(moves: Array) -> Array:
@@ -234,9 +262,13 @@ def _own_error(model: Model) -> Array:
     body = model.body
     if body is None:
         bounds = model.model_bounds
-        return np.where(np.isfinite(bounds), bounds, np.nanmax(bounds, initial=0.0))
+        return np.where(
+            np.isfinite(bounds), bounds, np.nanmax(bounds, initial=0.0)
+        )
     # as of a simulation: none of the residual counts as the model's but what is told here
-    own = replace(body, residual=np.hypot(body.residual, body.tau), simulated=True)
+    own = replace(
+        body, residual=np.hypot(body.residual, body.tau), simulated=True
+    )
     q = model.motor.scale.from_unit(np.clip(model.motor.units, 0.0, 1.0))
     # a play of joints or an adaptation in places is beyond the body
     beyond = np.nan_to_num(model.model_bounds) - body.bound(q, noise=False)

@@ -21,7 +21,8 @@ from ..model.about import MeasuredRows
 from ..model.model import Model
 from ..training.bounds import node_bounds
 
-_IMAGINED = 20_000  # samples that links are learned from where the stream is short
+# samples that links are learned from where the stream is short
+_IMAGINED = 20_000
 _ROWS = 3000  # rows that a body is refitted to: more would tell it hardly more
 _FEW_ROWS = 1000  # fewer have no links of their own
 
@@ -55,13 +56,17 @@ def settled_model(
             found = fit(body.structure, told, seed=model.about.seed)
 
     def linked(u: Array, x: Array) -> Association:
-        return Association.learn(motor, u, sensory, sensory.scale.to_unit(x), wiring)
+        return Association.learn(
+            motor, u, sensory, sensory.scale.to_unit(x), wiring
+        )
 
     seen = (u, x)
     predictor = None
     if found is not None:
         smooth = BodyInBox(found.body, scale)
-        predictor, left = select(motor, u[some], x[some], smooth, found.held_out)
+        predictor, left = select(
+            motor, u[some], x[some], smooth, found.held_out
+        )
         rows = np.arange(len(u))[some]
         errors = np.linalg.norm(left, axis=1)
         if len(u) < _FEW_ROWS:
@@ -70,14 +75,20 @@ def settled_model(
             )
             seen = drawn, predictor.value(drawn)
     association = (
-        linked(*seen) if links is None else Association(motor, sensory, links, wiring)
+        linked(*seen)
+        if links is None
+        else Association(motor, sensory, links, wiring)
     )
-    if predictor is None:  # maps and links alone, their errors from every other block
+    if (
+        predictor is None
+    ):  # maps and links alone, their errors from every other block
         folds = blocks(len(u))
         rows = np.arange(len(u))
         errors = np.empty(len(u))
         for half in (0, 1):
-            held, shown = (np.concatenate(folds[k::2]) for k in (half, 1 - half))
+            held, shown = (
+                np.concatenate(folds[k::2]) for k in (half, 1 - half)
+            )
             away = linked(u[shown], x[shown]).linear.value(u[held]) - x[held]
             errors[held] = np.linalg.norm(away, axis=1)
     made = replace(
@@ -85,9 +96,14 @@ def settled_model(
         association=association,
         local=NO_MODELS if predictor is None else predictor.models,
         body=None if found is None else found.body,
-        visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size) > 0,
-        rows=MeasuredRows.of(scale.from_unit(u), x) if model.rows is not None else None,
+        visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size)
+        > 0,
+        rows=MeasuredRows.of(scale.from_unit(u), x)
+        if model.rows is not None
+        else None,
     )
     reading, position = node_bounds(made, u[rows], errors)
     true = model.about.bound_of == "true position"
-    return replace(made, bounds=position if true else reading, model_bounds=position)
+    return replace(
+        made, bounds=position if true else reading, model_bounds=position
+    )

@@ -27,7 +27,10 @@ def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
     body = model.body
     if body is None:
         learned = learn_bounds(motor, u, errors)
-        return learned, learned  # they hold beside the rows, see `calib.model.parts`
+        return (
+            learned,
+            learned,
+        )  # they hold beside the rows, see `calib.model.parts`
     q = motor.scale.from_unit(np.clip(motor.units, 0.0, 1.0))
     reading = body.bound(q)
     position = body.bound(q, noise=False)
@@ -36,7 +39,9 @@ def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
         learned = learn_bounds(motor, u, errors)
         noise = RADIUS_95 * float(np.sqrt(np.mean(body.noise[:2] ** 2)))
         defect = np.sqrt(np.maximum(learned**2 - noise**2, 0.0))
-        position = np.where(learned > reading, np.maximum(position, defect), position)
+        position = np.where(
+            learned > reading, np.maximum(position, defect), position
+        )
         reading = np.maximum(reading, learned)
     return reading, position
 
@@ -66,7 +71,9 @@ def simulated_bounds(
         q = q - play * directions(q)
     inside = model.covers(q)
     if not inside.any():
-        raise OptionError("no test sample is near the motor map's nodes", hint=UNFOLD)
+        raise OptionError(
+            "no test sample is near the motor map's nodes", hint=UNFOLD
+        )
     u = model.motor.scale.to_unit(q[inside])
     errors = np.linalg.norm(model.predictor.value(u) - x[inside], axis=1)
     nodes = learn_bounds(model.motor, u, errors)

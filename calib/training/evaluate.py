@@ -115,7 +115,9 @@ def evaluate(
     """
     require("model", model, Model)
     if frame not in EVALUATED:
-        raise OptionError(f"frame {frame!r}: expected one of {', '.join(EVALUATED)}")
+        raise OptionError(
+            f"frame {frame!r}: expected one of {', '.join(EVALUATED)}"
+        )
     if samples is None:
         simulation = simulation_of(model)
         if simulation is None:
@@ -140,7 +142,9 @@ def evaluate(
         )
         training = _of_training(model)
         left_out = training.left_out + rows_given - count
-        return replace(training, notes=(note,), learned=count, left_out=left_out)
+        return replace(
+            training, notes=(note,), learned=count, left_out=left_out
+        )
     if count:
         notes.append(
             f"{count} of these rows were learned by the model and tell nothing of it"
@@ -160,7 +164,11 @@ def _of_training(model: Model) -> Evaluation:
     about = model.about
     source = "rows held out in contiguous blocks"
     return Evaluation(
-        dict(about.errors), about.tested, about.left_out, source, dict(about.within)
+        dict(about.errors),
+        about.tested,
+        about.left_out,
+        source,
+        dict(about.within),
     )
 
 
@@ -196,11 +204,20 @@ def learned_rows(model: Model, samples: Samples) -> Mask:
     """
     rows = model.rows
     width = samples.x.shape[1]
-    if rows is None or samples.unit != model.about.unit or width != rows.x.shape[1]:
+    if (
+        rows is None
+        or samples.unit != model.about.unit
+        or width != rows.x.shape[1]
+    ):
         return np.zeros(len(samples), dtype=bool)
     readings = {reading.tobytes() for reading in rows.x}
-    pose_is_learned = np.array([x.tobytes() in readings for x in at_poses(samples).x])
-    if model.about.samples > len(rows) and pose_is_learned.sum() > len(rows) // 2:
+    pose_is_learned = np.array(
+        [x.tobytes() in readings for x in at_poses(samples).x]
+    )
+    if (
+        model.about.samples > len(rows)
+        and pose_is_learned.sum() > len(rows) // 2
+    ):
         # of a long log a model keeps some rows alone
         return np.ones(len(samples), dtype=bool)
     return np.asarray(pose_is_learned[samples.pose_index])
@@ -261,6 +278,10 @@ def simulation_of(model: Model) -> Simulation | None:
     limits = zip(about.lower.tolist(), about.upper.tolist(), strict=True)
     ranges = dict(zip(about.joint_names, limits, strict=True))
     arm = arm_from_urdf(
-        about.urdf, about.joint_names, about.tip, lock=about.locked, ranges=ranges
+        about.urdf,
+        about.joint_names,
+        about.tip,
+        lock=about.locked,
+        ranges=ranges,
     )
     return Simulation.from_json(arm, about.simulation)

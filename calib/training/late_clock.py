@@ -38,7 +38,9 @@ def in_time(
     """
     delay = _delay(samples, trajectory, body, start, fresh=fit is not None)
     if start:  # beside which its rest explains little, or nothing
-        delay = delay or Delay(start, 0.1 * trajectory.step, trajectory.unit, 1.0)
+        delay = delay or Delay(
+            start, 0.1 * trajectory.step, trajectory.unit, 1.0
+        )
         delay = replace(delay, share=1.0)
     if delay is None:
         return InTime(samples)
@@ -46,7 +48,9 @@ def in_time(
         return InTime(samples, notes=[delay.note()] if delay.note() else [])
     moved = samples
     part = None
-    for _ in range(LATE_CLOCK.rounds):  # where joints jump, a delay is found by several
+    for _ in range(
+        LATE_CLOCK.rounds
+    ):  # where joints jump, a delay is found by several
         moved = trajectory.moved(samples, delay.value)
         if fit is not None:  # with curves that have not followed the delay
             part = fit(moved)
@@ -59,7 +63,12 @@ def in_time(
 
 
 def _delay(
-    samples: Samples, trajectory: Trajectory, body: Body, start: float, *, fresh: bool
+    samples: Samples,
+    trajectory: Trajectory,
+    body: Body,
+    start: float,
+    *,
+    fresh: bool,
 ) -> Delay | None:
     """Estimate a delay from `start` on, together with the chain and its frame.
 
@@ -79,7 +88,9 @@ def _delay(
         beta[~fitted] = 0.0
         beta[prior.sd == 0] = prior.mean[prior.sd == 0]
     middle = len(trajectory.time) // 2
-    some = slice(max(0, middle - LATE_CLOCK.rows // 2), middle + LATE_CLOCK.rows // 2)
+    some = slice(
+        max(0, middle - LATE_CLOCK.rows // 2), middle + LATE_CLOCK.rows // 2
+    )
     total = start
     share = 0.0
     for _ in range(LATE_CLOCK.steps):

@@ -32,7 +32,13 @@ LATTICE = "vdsom:residual"
 UNFOLD = "give a larger `size`, more `epochs` or samples, or `rule='batch'`"
 """What to do about a map that did not spread over its samples."""
 
-_STREAMS = {"motor": 0, "sensory": 1, "imagined": 2, "bounds": 3, "evaluation": 4}
+_STREAMS = {
+    "motor": 0,
+    "sensory": 1,
+    "imagined": 2,
+    "bounds": 3,
+    "evaluation": 4,
+}
 """Independent random streams of one seed."""
 
 
@@ -92,8 +98,14 @@ class TrainingOptions:
 
     def __post_init__(self) -> None:
         seed = self.seed
-        if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-            raise OptionError(f"seed {seed!r}: expected a whole number, 0 or more")
+        if (
+            isinstance(seed, bool)
+            or not isinstance(seed, int | np.integer)
+            or seed < 0
+        ):
+            raise OptionError(
+                f"seed {seed!r}: expected a whole number, 0 or more"
+            )
         wiring_of(self.links)
         for name, value, choices in (
             ("body", self.body, BODIES),
@@ -109,7 +121,9 @@ class TrainingOptions:
     def shapes(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """The motor and the sensory lattice, where they are given."""
         both = self.size or 70
-        return shape_of(self.motor_size or both), shape_of(self.sensory_size or both)
+        return shape_of(self.motor_size or both), shape_of(
+            self.sensory_size or both
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for a model file."""
@@ -175,13 +189,18 @@ def associate(
         # steps of a few samples hold the interpreter's lock: two threads would fight for it
         run = side_by_side if in_order else in_turn
         motor, sensory = run(
-            lambda: motor_som.fit(scale.from_unit(u), scale=scale, residual=residual),
-            lambda: sensory_som.fit(x, scale=box, residual=residual, progress=report),
+            lambda: motor_som.fit(
+                scale.from_unit(u), scale=scale, residual=residual
+            ),
+            lambda: sensory_som.fit(
+                x, scale=box, residual=residual, progress=report
+            ),
         )
     for name, som in (("motor", motor), ("sensory", sensory)):
         if not som.spacing > LEARNING.collapsed:
             raise OptionError(
-                f"the {name} map did not unfold: its nodes collapsed", hint=UNFOLD
+                f"the {name} map did not unfold: its nodes collapsed",
+                hint=UNFOLD,
             )
     return Association.learn(motor, u, sensory, v, wiring_of(options.links))
 
@@ -211,17 +230,30 @@ def resolved(
     plane = size if len(size) == 2 else (LEARNING.side, LEARNING.side)
     # as many nodes in a lattice of the joints' dimension, and in one of the space
     if motor is None:
-        motor = _of_dimension(dof, size) if len(size) == 2 and dof in (1, 3) else size
+        motor = (
+            _of_dimension(dof, size)
+            if len(size) == 2 and dof in (1, 3)
+            else size
+        )
     if sensory is None:
         sensory = _of_dimension(3, plane) if width == 3 else plane
-    for name, shape, most in (("motor", motor, dof), ("sensory", sensory, width)):
+    for name, shape, most in (
+        ("motor", motor, dof),
+        ("sensory", sensory, width),
+    ):
         if len(shape) > most:
             words = f"{name} size {'x'.join(map(str, shape))}: expected at most {most} numbers"
-            raise OptionError(f"{words}, one for each axis", parameter=f"{name}_size")
+            raise OptionError(
+                f"{words}, one for each axis", parameter=f"{name}_size"
+            )
     options = replace(options, motor_size=motor, sensory_size=sensory)
     if options.map:
         return options, notes
-    by_default = (options.rule, options.epochs, options.sigma) == ("batch", None, None)
+    by_default = (options.rule, options.epochs, options.sigma) == (
+        "batch",
+        None,
+        None,
+    )
     if samples.simulation is None and options.body == "none" and by_default:
         share = _gas_over_lattice(samples, options)
         if share < LEARNING.better:
@@ -247,7 +279,9 @@ def _gas_over_lattice(samples: Samples, options: TrainingOptions) -> float:
     # where it dwells, had the gas at 0.86, all of them at 0.95 of the lattice's error
     for first in range(LEARNING.parts):
         held_out = np.concatenate(folds[first :: LEARNING.parts])
-        learned = np.setdiff1d(np.arange(len(samples)), held_out, assume_unique=True)
+        learned = np.setdiff1d(
+            np.arange(len(samples)), held_out, assume_unique=True
+        )
         for network in error:
             tried = replace(options, map=network)
             pair = associate(scale, u[learned], x[learned], tried)
@@ -262,7 +296,9 @@ def _shape(size: Size | None, name: str) -> tuple[int, ...] | None:
 
 def _side_for_rows(rows: int, body: str) -> int:
     """Nodes along each side of a lattice for so many rows of a log."""
-    least = LEARNING.least_side if body == "none" else LEARNING.least_side_of_body
+    least = (
+        LEARNING.least_side if body == "none" else LEARNING.least_side_of_body
+    )
     side = round(math.sqrt(rows / LEARNING.rows_per_node))
     return min(LEARNING.side, max(least, side))
 

@@ -30,7 +30,9 @@ def play_of(samples: Samples, part: SmoothPart) -> Array | None:
     # a joint near a limit mostly came from one side: its curve has taken that part already
     surprise = samples.side[rows].copy()
     for k, values in enumerate(np.clip(u, 0.0, 1.0).T):
-        powers = np.polynomial.chebyshev.chebvander(2.0 * values - 1.0, PLAY.trend)
+        powers = np.polynomial.chebyshev.chebvander(
+            2.0 * values - 1.0, PLAY.trend
+        )
         trend = np.linalg.lstsq(powers, surprise[:, k], rcond=None)[0]
         surprise[:, k] -= powers @ trend
     return learn_play(samples.x[rows] - value, slope / scale.span, surprise)
@@ -44,7 +46,9 @@ def freed_of_play(
     part : of the samples as they are
     """
     play = np.zeros(samples.dof)
-    for _ in range(PLAY.rounds):  # curves and frame have taken a part of it before
+    for _ in range(
+        PLAY.rounds
+    ):  # curves and frame have taken a part of it before
         more = play_of(at_poses(samples), part)
         if more is None:
             break

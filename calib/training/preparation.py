@@ -34,7 +34,8 @@ class Prepared:
     part: SmoothPart | None = None
     # (dof,), half the play of each joint, which the samples are freed of
     play: Array | None = None
-    readings: Samples | None = None  # of the same poses, each as often as it was read
+    # of the same poses, each as often as it was read
+    readings: Samples | None = None
 
     @property
     def left_out(self) -> int:
@@ -70,7 +71,9 @@ def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
         notes += moved_words(samples, part.fit.body.predict(samples.q))
     notes += part.fit.notes
     part = _of_single_readings(part, samples)
-    return Prepared(at_poses(samples), rows_given, tuple(notes), part, play, samples)
+    return Prepared(
+        at_poses(samples), rows_given, tuple(notes), part, play, samples
+    )
 
 
 def prepare_several(
@@ -78,13 +81,19 @@ def prepare_several(
 ) -> dict[str, Prepared]:
     """Prepare the log of each sensor by itself, then fit one body to all of them."""
     alone = {name: prepare(samples, options) for name, samples in logs.items()}
-    plays = [prepared.play for prepared in alone.values() if prepared.play is not None]
+    plays = [
+        prepared.play
+        for prepared in alone.values()
+        if prepared.play is not None
+    ]
     play = np.mean(plays, axis=0) if plays else None
     readings: dict[str, Samples] = {}
     for name, prepared in alone.items():
         samples = prepared.readings or prepared.samples
         if play is not None:  # the arm's, whichever sensors have shown it
-            shown = np.zeros_like(play) if prepared.play is None else prepared.play
+            shown = (
+                np.zeros_like(play) if prepared.play is None else prepared.play
+            )
             samples = without_play(samples, play - shown)
         readings[name] = samples
     poses = {name: at_poses(samples) for name, samples in readings.items()}
@@ -135,7 +144,8 @@ def logs_by_sensor(
     """
     if options.body == "none":
         raise OptionError(
-            "several sensors share a body: expected `body='auto'`", parameter="body"
+            "several sensors share a body: expected `body='auto'`",
+            parameter="body",
         )
     first = logs[0]
     names = [log.sensor or f"sensor {k}" for k, log in enumerate(logs, start=1)]
@@ -149,7 +159,10 @@ def logs_by_sensor(
                 "one of several logs is of a simulation or of touches: expected measured "
                 "positions; touches beside positions stand in one log"
             )
-        if (log.joint_names, log.revolute) != (first.joint_names, first.revolute):
+        if (log.joint_names, log.revolute) != (
+            first.joint_names,
+            first.revolute,
+        ):
             raise LogError(
                 f"the logs have the joints {', '.join(first.joint_names)} and "
                 f"{', '.join(log.joint_names)}: expected the same ones in one order"

@@ -76,7 +76,9 @@ def _residuals(
     distance = {}
     for readout, answer in answers.items():
         inverse[readout] = scale.difference(answer, u) * scale.span
-        reached = value(answer) if truth is None else truth(scale.from_unit(answer))
+        reached = (
+            value(answer) if truth is None else truth(scale.from_unit(answer))
+        )
         distance[readout] = np.linalg.norm(reached - targets, axis=1)
     return Residuals(q, x, forward, inverse, distance, model.about.joint_names)
 
@@ -102,7 +104,9 @@ def evaluate_residuals(
     near = model.solver.newton.clip(scale.to_unit(motion.q))
     # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
     forward, answers = side_by_side(
-        lambda: {readout: prediction.read(readout) - x for readout in model.readouts},
+        lambda: {
+            readout: prediction.read(readout) - x for readout in model.readouts
+        },
         lambda: unit_joints(model, x, near, model.readouts),
     )
     residuals = _residuals(model, motion.q, x, forward, answers, truth)
@@ -156,7 +160,9 @@ def held_out_residuals(
         targets = pair.sensory.scale.to_unit(x[tested])
         inverses = pair.inverses(targets, near[tested])
         for readout in MAP_READOUTS:
-            forward[readout][tested] = pair.predict(q[tested], readout) - x[tested]
+            forward[readout][tested] = (
+                pair.predict(q[tested], readout) - x[tested]
+            )
             answers[readout][tested] = clip(inverses[readout])
     return replace(_residuals(model, q, x, forward, answers), turned=turned)
 
@@ -216,5 +222,7 @@ def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
     """What 95 % of a model's answers are within [unit], and what share within its own bound."""
     errors = residuals.errors[model.default_readout]
     bound = predict(model, Motion(residuals.q, residuals.side)).bound
-    covered = np.mean(errors <= bound + 1e-12)  # of an exact arm both are rounding
+    covered = np.mean(
+        errors <= bound + 1e-12
+    )  # of an exact arm both are rounding
     return {"p95": float(np.quantile(errors, 0.95)), "covered": float(covered)}

@@ -12,7 +12,8 @@ class Learning:
     """What a model is learned from."""
 
     fewest_poses: int = 10  # that anything can be learned and checked from
-    most_rows: int = 50_000  # of a log that the body and the local models rest on
+    # of a log that the body and the local models rest on
+    most_rows: int = 50_000
     imagined: int = 5  # samples of a body for each motor node
     # nodes along each axis of a plane lattice, as in the paper's best table
     side: int = 70
@@ -41,14 +42,17 @@ class Testing:
     # joints' maps had not ended after ten minutes
     fresh_of_maps: int = 300
     maps: int = 5_000  # rows that maps are tested on
-    body: int = 1_000  # rows that a body is tested on, whose inverses are sought
+    # rows that a body is tested on, whose inverses are sought
+    body: int = 1_000
     # maps are tested on blocks that those of every other block did not show
     folds: int = 20
     # rows that an undisturbed arm's distortions are learned from
     baseline: int = 20_000
-    fewest: int = 10  # rows that were not learned, from which on errors are told
+    # rows that were not learned, from which on errors are told
+    fewest: int = 10
     placed: int = 10  # rows that tell where a frame is
-    nearer: float = 0.5  # of the median error: a frame that moved explains so much
+    # of the median error: a frame that moved explains so much
+    nearer: float = 0.5
     # exact samples that the bounds of a simulation are learned from
     drawn: int = 12_000
     # share of the extent: what an answer in double precision is sure of at best
@@ -80,7 +84,8 @@ class OtherOrder:
     """Whether joints without a robot are in another order."""
 
     rows: int = 150  # that orders are compared by
-    noises: float = 30.0  # the stated noise of a log: such errors are no calibration's
+    # the stated noise of a log: such errors are no calibration's
+    noises: float = 30.0
 
 
 @dataclass(frozen=True)
@@ -88,7 +93,8 @@ class Touching:
     """What arms and sockets are fitted to."""
 
     most: float = 0.25  # share of rows that may be wrong
-    attempts: int = 3  # fits, each without the rows that strayed from the one before
+    # fits, each without the rows that strayed from the one before
+    attempts: int = 3
     few: int = 12  # touches that tell an arm in space at least
     few_of_one: int = 4  # of them in one socket
     # times the usual scatter, within which a stray was in another socket
@@ -96,7 +102,8 @@ class Touching:
     # [rad or m], joints that moved less in each socket tell nothing
     alike: float = 0.05
     clearly: float = 3.0  # sds by which two sizes of an arm have to differ
-    most_doubt: float = 0.05  # relative; no drawing is further from its arm's size
+    # relative; no drawing is further from its arm's size
+    most_doubt: float = 0.05
     # [m or rad] of what no touch tells, and what a belief holds for exact
     gauge: float = 1e-6
     nats: float = 5.0  # of evidence for a change

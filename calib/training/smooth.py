@@ -52,7 +52,9 @@ def find_smooth_parts(
     logs : samples of each sensor by its name, of the same joints; the first one's drawing counts
     """
     rows = {name: _learned_rows(samples) for name, samples in logs.items()}
-    templates = {name: Template.of(logs[name], rows[name], options) for name in logs}
+    templates = {
+        name: Template.of(logs[name], rows[name], options) for name in logs
+    }
     if len(logs) == 1:
         fits = {
             name: fit(template.structure, [template.rows], seed=options.seed)
@@ -103,7 +105,9 @@ def _smooth_part(
     part = SmoothPart.of(samples, fit, rows)
     extent = _extent(samples, rows)
     if samples.simulation is None and part.error > LEARNING.no_arm * extent:
-        planar = "planar " if samples.x.shape[1] == 2 and samples.arm is None else ""
+        planar = (
+            "planar " if samples.x.shape[1] == 2 and samples.arm is None else ""
+        )
         notes.append(
             f"no {planar}arm explains the positions: held-out rows are missed by "
             f"{100 * part.error / extent:.2g} % of their extent; check that `joints` names all "

@@ -44,7 +44,9 @@ def fit_sound_rows(samples: Samples, fit: Fit) -> SoundLog:
     notes: list[str] = []
     play = np.zeros(samples.dof)
     sound, wrong_notes = screen(samples)
-    if not sound.all() and Trajectory.of(samples) is None:  # a lag looks like play
+    if (
+        not sound.all() and Trajectory.of(samples) is None
+    ):  # a lag looks like play
         freed, _, play = freed_of_play(samples, fit(samples), fit)
         if play.any():
             samples = freed
@@ -54,7 +56,9 @@ def fit_sound_rows(samples: Samples, fit: Fit) -> SoundLog:
     trajectory = Trajectory.of(samples)
     delay = 0.0
     if samples.arm is not None and not samples.in_time:
-        shift = rows_behind(samples.arm.forward, samples.q, samples.x, samples.unit)
+        shift = rows_behind(
+            samples.arm.forward, samples.q, samples.x, samples.unit
+        )
         if trajectory is not None:
             delay = shift * trajectory.step
         elif shift:  # poses beside the positions of others
@@ -63,7 +67,9 @@ def fit_sound_rows(samples: Samples, fit: Fit) -> SoundLog:
             notes.append(
                 f"positions are moved by {-shift:+d} rows to those of their joints"
             )
-    part = fit(trajectory.moved(samples, delay) if trajectory and delay else samples)
+    part = fit(
+        trajectory.moved(samples, delay) if trajectory and delay else samples
+    )
     if trajectory is not None:
         mended: InTime = in_time(samples, trajectory, part.fit.body, delay, fit)
         samples = mended.samples
@@ -102,7 +108,9 @@ def _other_order(samples: Samples, part: SmoothPart, fit: Fit) -> list[str]:
         for names in itertools.permutations(samples.joint_names)
     }
     best = min(errors, key=errors.__getitem__)
-    if errors[best] >= min(DIAGNOSIS.far_better * errors[samples.joint_names], most):
+    if errors[best] >= min(
+        DIAGNOSIS.far_better * errors[samples.joint_names], most
+    ):
         return []
     return [
         f"the rows fit far better with the joints in the order {', '.join(best)}: name them so in "

@@ -74,7 +74,9 @@ def _in_space(samples: Samples, view: str) -> bool:
     kinds = _VIEWS
     if not positions:
         kinds = tuple(
-            kind for kind in VIEWS if kind == "auto" or is_camera(kind) == pixels
+            kind
+            for kind in VIEWS
+            if kind == "auto" or is_camera(kind) == pixels
         )
     if view not in kinds:
         message = f"view {view!r}: expected one of {', '.join(kinds)} for these samples"
@@ -97,7 +99,13 @@ def _in_plane_template(samples: Samples, rows: Index, view: str) -> Template:
         )
     x = samples.x[rows]
     structure = planar_structure(
-        x, samples.joint_names, samples.revolute, drawing, view, samples.unit, simulated
+        x,
+        samples.joint_names,
+        samples.revolute,
+        drawing,
+        view,
+        samples.unit,
+        simulated,
     )
     return Template(structure, Rows(samples.q[rows], x))
 
@@ -116,7 +124,9 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
             METRES.get(samples.unit, 1.0),
             samples.simulation is not None,
         )
-        note = "orientations are used together with the robot's URDF: give `robot`"
+        note = (
+            "orientations are used together with the robot's URDF: give `robot`"
+        )
         return Template(unknown, Rows(q, x), _unless_positions(samples, note))
     if samples.camera is not None and x.shape[1] == 2:
         lens = samples.camera.lens

@@ -26,7 +26,9 @@ from .learn import TrainingOptions
 from .settings import LEARNING, TOUCHING
 from .smooth import SmoothPart
 
-NOT_LEARNED = "no row of the log lies within what the model has learned: measure others"
+NOT_LEARNED = (
+    "no row of the log lies within what the model has learned: measure others"
+)
 
 _BASE = (
     "no touch tells where the base stands and how it is turned about the first axis: both stay as "
@@ -51,14 +53,18 @@ class Sockets:
 
     def of_doubtful_size(self, sd: float) -> Sockets:
         """The fit of an arm whose size is known to a relative `sd` alone."""
-        return replace(self, fit=replace(self.fit, body=with_size(self.fit.body, sd)))
+        return replace(
+            self, fit=replace(self.fit, body=with_size(self.fit.body, sd))
+        )
 
     @property
     def ratios(self) -> Array:
         """Stated distances over fitted ones, and the sd of each, (k, 2)."""
         ratios = []
         for fact in self.touch.distances:
-            fitted = float(np.linalg.norm(np.subtract(*self.places[list(fact.points)])))
+            fitted = float(
+                np.linalg.norm(np.subtract(*self.places[list(fact.points)]))
+            )
             if np.isfinite(fitted) and fitted > 0:
                 doubt = np.hypot(fact.tolerance, self.scatter)
                 ratios.append(((fact.value or 0.0) / fitted, doubt / fitted))
@@ -70,7 +76,9 @@ class Sockets:
         ratios = self.ratios
         if not len(ratios):
             return False
-        stretched = abs(size_of(self.fit.body) - 1.0) > TOUCHING.clearly * DRAWN_SIZE
+        stretched = (
+            abs(size_of(self.fit.body) - 1.0) > TOUCHING.clearly * DRAWN_SIZE
+        )
         missed = np.abs(ratios[:, 0] - 1.0) > TOUCHING.clearly * ratios[:, 1]
         return bool(stretched or missed.any())
 
@@ -88,7 +96,9 @@ def fit_sockets(
     touch = samples.touch
     assert touch is not None  # noqa: S101 - samples of touches
     if not isinstance(arm, SpatialArm):
-        raise LogError("touches need the robot in space that made them: give its URDF")
+        raise LogError(
+            "touches need the robot in space that made them: give its URDF"
+        )
     _refuse_alike(samples, touch)
     base_is_measured = not touch.touched.all()
     structure = structure_of(arm, "rigid" if base_is_measured else "base")
@@ -100,7 +110,9 @@ def fit_sockets(
         if sockets.sizes_disagree:
             planes = [fact for fact in touch.facts if fact.value is None]
             undistanced = replace(touch, facts=tuple(planes))
-            by_drawing = _fit_sound_touches(samples, undistanced, structure, seed)
+            by_drawing = _fit_sound_touches(
+                samples, undistanced, structure, seed
+            )
             words, doubt = _size_words(replace(by_drawing, touch=touch))
             if words:
                 notes.append(words)
@@ -122,7 +134,11 @@ def fit_sockets(
             notes.append(_SIZE)
     placed = replace(samples, x=touch.placed(samples.x, sockets.places))
     samples = placed.take(sockets.used)
-    return samples, SmoothPart.of(samples, sockets.fit, np.arange(len(samples))), notes
+    return (
+        samples,
+        SmoothPart.of(samples, sockets.fit, np.arange(len(samples))),
+        notes,
+    )
 
 
 def _fit_sound_touches(
@@ -188,7 +204,8 @@ def _refuse_alike(samples: Samples, touch: Touches) -> None:
     """Refuse touches that are too few or too much alike to tell anything of the arm."""
     sockets, counts = np.unique(touch.number[touch.touched], return_counts=True)
     spans = [
-        np.ptp(samples.q[touch.number == socket], axis=0).max() for socket in sockets
+        np.ptp(samples.q[touch.number == socket], axis=0).max()
+        for socket in sockets
     ]
     alike = max(spans, default=0.0) < TOUCHING.alike
     few = counts.sum() < TOUCHING.few or counts.max() < TOUCHING.few_of_one
@@ -206,10 +223,16 @@ def _stray_words(samples: Samples, sockets: Sockets) -> list[str]:
     if not len(strays):
         return []
     rows = row_numbers(samples, strays)
-    notes = [f"{len(strays)} rows were in no socket of theirs and are left out: {rows}"]
-    distance = np.linalg.norm(sockets.tip[strays, None] - sockets.places, axis=2)
+    notes = [
+        f"{len(strays)} rows were in no socket of theirs and are left out: {rows}"
+    ]
+    distance = np.linalg.norm(
+        sockets.tip[strays, None] - sockets.places, axis=2
+    )
     stray, socket = np.unravel_index(np.nanargmin(distance), distance.shape)
-    if distance[stray, socket] <= max(TOUCHING.in_socket * sockets.scatter, 1e-9):
+    if distance[stray, socket] <= max(
+        TOUCHING.in_socket * sockets.scatter, 1e-9
+    ):
         row = row_numbers(samples, strays[[stray]])
         notes.append(
             f"{row} was in the socket {sockets.touch.name(int(socket))!r}: a wrong name?"
@@ -252,7 +275,9 @@ def in_sockets(
         )
     distances = []
     for fact in touch.distances:
-        predicted = float(np.linalg.norm(np.subtract(*means[list(fact.points)])))
+        predicted = float(
+            np.linalg.norm(np.subtract(*means[list(fact.points)]))
+        )
         if np.isfinite(predicted):
             ends = [list(touch.sockets[number]) for number in fact.points]
             distances.append(
@@ -292,7 +317,9 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     touch = log.touch or touch
     notes = []
     if len(log) < count:
-        notes.append(f"{count - len(log)} touches in no socket of theirs are left out")
+        notes.append(
+            f"{count - len(log)} touches in no socket of theirs are left out"
+        )
     q = model.about.joints_of(log)
     noise = float(body.noise[0]) / structure.metre
     number, facts, sockets = touch.renumbered()
@@ -305,7 +332,9 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
     tip = structure.pose(q, body.beta)[0]
     point = seen.groups["point"]
     beta = belief.beta.copy()
-    beta[point] = np.ravel([tip[number == k].mean(axis=0) for k in range(len(sockets))])
+    beta[point] = np.ravel(
+        [tip[number == k].mean(axis=0) for k in range(len(sockets))]
+    )
     active = belief.active
     variance = np.zeros((seen.size, seen.size))
     gauge = TOUCHING.gauge**2 * np.eye(len(active))
@@ -321,18 +350,25 @@ def as_positions(model: Model, log: Samples) -> tuple[Samples, list[str]]:
         indices = seen.groups[group]
         variance[indices, indices] += sd**2
     changed = _fit_around(seen, rows, beta, variance)
-    if changed.evidence - same.evidence > TOUCHING.nats * changed.autocorrelation:
+    if (
+        changed.evidence - same.evidence
+        > TOUCHING.nats * changed.autocorrelation
+    ):
         sensor = structure.sensor(
             restated(replace(belief, beta=changed.beta), structure).beta
         )
         places = np.full((len(touch.sockets), 3), np.nan)
         at_sockets = changed.beta[point].reshape(-1, 3)
-        places[sockets] = sensor.scale * at_sockets @ sensor.rotation.T + sensor.shift
+        places[sockets] = (
+            sensor.scale * at_sockets @ sensor.rotation.T + sensor.shift
+        )
         log = replace(log, x=touch.placed(log.x, places))
     return replace(log, touch=None), notes
 
 
-def _fit_around(seen: Any, rows: list[Any], beta: Array, variance: Array) -> Fit:
+def _fit_around(
+    seen: Any, rows: list[Any], beta: Array, variance: Array
+) -> Fit:
     """The fit of touches with a prior of some variance (d, d) around parameters (d,)."""
     sd = np.sqrt(np.diag(variance))
     free: Index = np.flatnonzero(sd)

@@ -139,7 +139,9 @@ def _refuse_few(samples: Samples) -> None:
     )
 
 
-def _learned(prepared: Prepared, options: TrainingOptions, clock: _Clock) -> Model:
+def _learned(
+    prepared: Prepared, options: TrainingOptions, clock: _Clock
+) -> Model:
     """Learn maps, links and local models on a body, and measure the errors of them all."""
     samples = prepared.samples
     part = prepared.part
@@ -191,7 +193,10 @@ def _learned(prepared: Prepared, options: TrainingOptions, clock: _Clock) -> Mod
 
 
 def _without_bounds(
-    prepared: Prepared, options: TrainingOptions, association: Association, u: Array
+    prepared: Prepared,
+    options: TrainingOptions,
+    association: Association,
+    u: Array,
 ) -> Model:
     """A model of maps and links alone, whose bounds are not known yet."""
     motor = association.motor
@@ -213,7 +218,10 @@ class _Bounded:
 
 
 def _with_bounds(
-    model: Model, prepared: Prepared, held_out: Array | None, options: TrainingOptions
+    model: Model,
+    prepared: Prepared,
+    held_out: Array | None,
+    options: TrainingOptions,
 ) -> _Bounded:
     """Bound a model by fresh samples of its simulation, or by blocks of rows held out."""
     simulation = prepared.samples.simulation
@@ -229,7 +237,9 @@ def _with_bounds(
         model, prepared.samples, prepared.part, held_out, options
     )
     u = model.motor.scale.to_unit(tested.q)
-    reading, position = node_bounds(model, u, tested.errors[model.default_readout])
+    reading, position = node_bounds(
+        model, u, tested.errors[model.default_readout]
+    )
     model = replace(model, bounds=reading, model_bounds=position)
     return _Bounded(model, tested, u, tested.x)
 
@@ -247,7 +257,9 @@ def _baseline(model: Model, prepared: Prepared, bounded: _Bounded) -> Baseline:
     return baseline
 
 
-def _remembered_rows(prepared: Prepared, held_out: Array | None) -> MeasuredRows | None:
+def _remembered_rows(
+    prepared: Prepared, held_out: Array | None
+) -> MeasuredRows | None:
     """Rows of a log that are kept with its model; None of a simulation."""
     samples = prepared.samples
     if samples.simulation is not None:
@@ -274,7 +286,8 @@ def _about(samples: Samples, options: TrainingOptions) -> About:
     axes = None
     if plane is not None:
         axes = {
-            name: tuple(getattr(plane, name).tolist()) for name in ("origin", "x", "y")
+            name: tuple(getattr(plane, name).tolist())
+            for name in ("origin", "x", "y")
         }
     how = options.to_json()
     if samples.source.get("source") == "board":

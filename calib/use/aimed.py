@@ -36,7 +36,9 @@ class Around:
     were aimed as those of a known one are, and sees 92 to 99 % so.
     """
 
-    distance: tuple[float, float]  # of the one at which the board fills its share
+    distance: tuple[
+        float, float
+    ]  # of the one at which the board fills its share
     aside: float  # sd of the angle at which it is aimed beside the board [rad]
     edge: float  # share of the picture that stays free at its edges
 
@@ -72,7 +74,11 @@ class _Aim:
 
 
 def _led(
-    structure: SpatialStructure, beta: Array, q: Array, target: Array, space: PoseSpace
+    structure: SpatialStructure,
+    beta: Array,
+    q: Array,
+    target: Array,
+    space: PoseSpace,
 ) -> tuple[Array, Array]:
     """Joints (n, dof) led to targets (n, m) within their limits, and how far they are off (n,)."""
     turning = np.zeros(structure.dof, dtype=bool)
@@ -108,7 +114,9 @@ def at_point(
         raise OptionError(
             "touch: expected a robot that moves in space, or a model of one"
         )
-    target = number_rows(np.ravel(point), ("x", "y", "z"), "touch", OptionError)[0][0]
+    target = number_rows(
+        np.ravel(point), ("x", "y", "z"), "touch", OptionError
+    )[0][0]
     start = rng.uniform(space.lower, space.upper, (AIMING.drawn, structure.dof))
     q, distance = _led(
         structure, beta, start, np.tile(target, (AIMING.drawn, 1)), space
@@ -139,7 +147,9 @@ class Scene:
     def distance(self) -> float:
         """From the board to the camera in whose picture it fills its share [m]."""
         focal = self.beta[self.structure.groups["lens"]][0]
-        return float(focal * self.size.max() / (AIMING.filled * self.picture[0]))
+        return float(
+            focal * self.size.max() / (AIMING.filled * self.picture[0])
+        )
 
     @property
     def camera(self) -> SpatialStructure:
@@ -152,11 +162,15 @@ class Scene:
         """Rows (4 n, dof + 3) of the board's outer corners at each posture (n, dof)."""
         signs = np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
         corners = np.column_stack([0.5 * self.size * signs, np.zeros(4)])
-        return np.column_stack([np.repeat(q, 4, axis=0), np.tile(corners, (len(q), 1))])
+        return np.column_stack(
+            [np.repeat(q, 4, axis=0), np.tile(corners, (len(q), 1))]
+        )
 
     def sees(self, q: Array) -> Array:
         """Whether all of the board is in the picture, and not too slanted, (n,)."""
-        pixels = self.camera.predict(self.corners(q), self.beta).reshape(-1, 4, 2)
+        pixels = self.camera.predict(self.corners(q), self.beta).reshape(
+            -1, 4, 2
+        )
         margin = self.around.edge * self.picture
         inside = (pixels > margin) & (pixels < self.picture - margin)
         turn = exponential(self.structure.predict(q, self.beta)[:, 3:])
@@ -229,7 +243,9 @@ def in_sight(
             "handeye: expected a robot that moves in space, or a model that `calib handeye -o` made"
         )
     readings = scene.readings(rng)
-    begin = rng.uniform(space.lower, space.upper, (AIMING.drawn, scene.structure.dof))
+    begin = rng.uniform(
+        space.lower, space.upper, (AIMING.drawn, scene.structure.dof)
+    )
     if start is not None:
         begin[: AIMING.drawn // 2] = start
     q, _ = _led(scene.structure, scene.beta, begin, readings, space)
@@ -243,12 +259,16 @@ def in_sight(
     return Aimed(q, scene.directions(q))
 
 
-def _assumed(arm: SpatialArm, size: Array, in_hand: bool, start: Array) -> Scene:
+def _assumed(
+    arm: SpatialArm, size: Array, in_hand: bool, start: Array
+) -> Scene:
     """Return the scene of an arm whose camera and board are not known yet."""
     structure = structure_of(arm, "pose", lens=AIMING.lens)
     groups = structure.groups
     beta = structure.neutral()
-    scene = Scene(structure, beta, size, in_hand, np.array(AIMING.picture), ASSUMED)
+    scene = Scene(
+        structure, beta, size, in_hand, np.array(AIMING.picture), ASSUMED
+    )
     (tip,), (hand,) = structure.pose(start[None], beta)
     if in_hand:
         facing = hand
@@ -273,7 +293,9 @@ def _known(body: Body, made: dict[str, Any]) -> Scene:
     beta = body.beta.copy()
     focal = np.mean(lens["focal"])
     beta[groups["lens"]] = (focal, *lens["centre"], lens["distortion"][0])
-    if in_hand:  # from the point ahead to the camera, from the corner to the middle
+    if (
+        in_hand
+    ):  # from the point ahead to the camera, from the corner to the middle
         turn = exponential(beta[groups["tool.rotation"]])
         beta[groups["tool"]] -= turn @ made["point"]
         beta[groups["view.shift"]] -= 0.5 * np.array([*size, 0.0])

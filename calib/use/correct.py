@@ -35,7 +35,8 @@ class Corrected:
     # (n, dof) [rad or m], what to command; where the real arm cannot get there what comes nearest
     nearest: Array
     reachable: NDArray[np.bool_]  # (n,), whether the real arm gets there
-    limit: Array  # (dof,) [rad or m], largest change of each joint that is trusted
+    # (dof,) [rad or m], largest change of each joint that is trusted
+    limit: Array
     notes: tuple[str, ...]  # what was assumed
     _wanted: Wanted = field(repr=False)
 
@@ -51,7 +52,9 @@ class Corrected:
     @cached_property
     def change(self) -> Array:
         """Corrected minus given (n, dof) [rad or m], beyond the limit, too; NaN out of reach."""
-        return np.where(self.reachable[:, None], self.nearest - self.given, np.nan)
+        return np.where(
+            self.reachable[:, None], self.nearest - self.given, np.nan
+        )
 
     @cached_property
     def exceeded(self) -> NDArray[np.bool_]:
@@ -151,7 +154,9 @@ def correct(
     """
     require("model", model, Model)
     if orientation not in ("keep", "free"):
-        raise OptionError(f"orientation {orientation!r}: expected 'keep' or 'free'")
+        raise OptionError(
+            f"orientation {orientation!r}: expected 'keep' or 'free'"
+        )
     usual = limit is None and view == "auto" and orientation == "keep"
     if model.kernel is not None and usual:
         quick = _compiled(model, q)
@@ -216,7 +221,9 @@ class _Quick:
         wanted = Wanted.of(model)
         tried = visited_joints(model, CORRECTION.tried)
         gaps = []
-        for q, nearest, reachable in zip(tried, *wanted.solve(tried), strict=True):
+        for q, nearest, reachable in zip(
+            tried, *wanted.solve(tried), strict=True
+        ):
             answer = kernel.ask("correct", q)
             if reachable and answer is not None and answer[1] == 1:
                 gaps.append(np.abs(answer[0] - nearest).max())
@@ -231,7 +238,9 @@ def _compiled(model: Model, q: ArrayLike) -> Corrected | None:
         model.remembered["correcting"] = _Quick.of(model)
     quick: _Quick | None = model.remembered["correcting"]
     kernel = model.kernel
-    answer = None if quick is None or kernel is None else kernel.ask("correct", q)
+    answer = (
+        None if quick is None or kernel is None else kernel.ask("correct", q)
+    )
     if quick is None or kernel is None or answer is None:
         return None
     nearest, sure = answer
@@ -245,4 +254,6 @@ def _compiled(model: Model, q: ArrayLike) -> Corrected | None:
             return None
         reachable = _UNREACHED  # a strict model says no instead of a search
     given = np.array([q], dtype=float)
-    return Corrected(given, nearest, reachable, quick.limit, quick.notes, quick.wanted)
+    return Corrected(
+        given, nearest, reachable, quick.limit, quick.notes, quick.wanted
+    )

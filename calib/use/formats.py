@@ -30,7 +30,11 @@ from .xml_text import numbers
 
 
 def c_header(
-    model: Model, *, prefix: str = "calib_", single: bool = False, small: bool = False
+    model: Model,
+    *,
+    prefix: str = "calib_",
+    single: bool = False,
+    small: bool = False,
 ) -> tuple[str, int]:
     """One C99 header (also valid C++) that answers as the model does, and its tables' bytes.
 
@@ -42,7 +46,9 @@ def c_header(
     Raises OptionError if the model has no body, or the prefix is no C name.
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,40}", prefix):
-        raise OptionError(f"prefix {prefix!r}: expected a C name such as 'calib_'")
+        raise OptionError(
+            f"prefix {prefix!r}: expected a C name such as 'calib_'"
+        )
     with one_blas_thread():  # the same bytes on any number of cores
         header = Header.of(model, small=small)
         if header.nominal is not None:
@@ -90,7 +96,9 @@ def camera_info(model: Model) -> str:
         length, *centre, k1 = body.beta[body.structure.groups["lens"]].tolist()
         focal = [length, length]
         distortion = [k1, 0.0, 0.0, 0.0, 0.0]
-        width, height = model.about.picture or [round(2 * side) for side in centre]
+        width, height = model.about.picture or [
+            round(2 * side) for side in centre
+        ]
     else:
         raise OptionError(
             "the model has no camera: expected one that was learned from pixels of an arm in space"
@@ -103,7 +111,11 @@ def camera_info(model: Model) -> str:
         "rectification_matrix": np.eye(3),
         "projection_matrix": np.column_stack([camera, np.zeros(3)]),
     }
-    lines = [f"image_width: {width}", f"image_height: {height}", "camera_name: camera"]
+    lines = [
+        f"image_width: {width}",
+        f"image_height: {height}",
+        "camera_name: camera",
+    ]
     lines.append("distortion_model: plumb_bob")
     for name, matrix in matrices.items():
         rows, columns = matrix.shape
@@ -132,7 +144,9 @@ def static_transform(model: Model) -> str:
     root = parse_robot(about.urdf, about.robot).root
     if made := about.options.get("board"):
         mount = held_of(body)  # of the point that the log tells
-        hand = replace(mount, position=mount.position - mount.rotation @ made["point"])
+        hand = replace(
+            mount, position=mount.position - mount.rotation @ made["point"]
+        )
         carried, standing = ("camera", "board")
         if made["eye"] == "base":
             carried, standing = ("board", "camera")
@@ -142,7 +156,9 @@ def static_transform(model: Model) -> str:
         ]
         return json.dumps(frames, indent=2) + "\n"
     camera = is_camera(body.structure.view)
-    child = about.frame or ("camera_optical_frame" if camera else "sensor_frame")
+    child = about.frame or (
+        "camera_optical_frame" if camera else "sensor_frame"
+    )
     return json.dumps(_stamped(root, child, sensor), indent=2) + "\n"
 
 
@@ -151,7 +167,11 @@ def _stamped(parent: str, child: str, pose: SensorPose) -> dict[str, Any]:
         "translation": dict(zip("xyz", pose.position.tolist(), strict=True)),
         "rotation": dict(zip("xyzw", pose.quaternion.tolist(), strict=True)),
     }
-    return {"header": {"frame_id": parent}, "child_frame_id": child, "transform": place}
+    return {
+        "header": {"frame_id": parent},
+        "child_frame_id": child,
+        "transform": place,
+    }
 
 
 def corrected_arm(
@@ -175,14 +195,20 @@ def mjcf_text(urdf: str, tip: str) -> str:
     for joint in parse_robot(urdf).path(tip):
         x, y, z, w = quaternion_of(joint.rotation).tolist()
         place = {"pos": numbers(joint.xyz), "quat": numbers([w, x, y, z])}
-        body = ElementTree.SubElement(body, "body", {"name": joint.child, **place})
+        body = ElementTree.SubElement(
+            body, "body", {"name": joint.child, **place}
+        )
         # a body that moves needs a mass; the true ones belong to the arm's own file
         ElementTree.SubElement(
             body, "inertial", pos="0 0 0", mass="1", diaginertia=".01 .01 .01"
         )
         if joint.movable:
             kind = "hinge" if joint.revolute else "slide"
-            attributes = {"name": joint.name, "type": kind, "axis": numbers(joint.axis)}
+            attributes = {
+                "name": joint.name,
+                "type": kind,
+                "axis": numbers(joint.axis),
+            }
             if joint.limits is not None:
                 attributes["range"] = numbers(joint.limits)
             ElementTree.SubElement(body, "joint", attributes)

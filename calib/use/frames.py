@@ -41,4 +41,6 @@ def is_simulated(model: Model) -> bool:
 def frames(model: Model) -> list[Alignment]:
     """Return how adaptations found the sensor's frame moved, one after the other."""
     entries = [state.get("frame") for state in model.history]
-    return [Alignment.from_json(entry) for entry in entries if entry is not None]
+    return [
+        Alignment.from_json(entry) for entry in entries if entry is not None
+    ]

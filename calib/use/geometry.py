@@ -24,7 +24,10 @@ class Quantity:
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data."""
-        return {"value": self.value.tolist(), "interval": self.interval.tolist()}
+        return {
+            "value": self.value.tolist(),
+            "interval": self.interval.tolist(),
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +39,8 @@ class Geometry:
     beta: Array  # (d,)
     covariance: Array  # (d, d), of the posterior, 0 where nothing was fitted
     free: bool  # whether the sensor's frame was fitted; the first joint is nominal then
-    move_tip: bool  # whether the sensed point is the tip; else it is a probe or a tag
+    # whether the sensed point is the tip; else it is a probe or a tag
+    move_tip: bool
     # [m; px], root mean square distance that this geometry, and the nominal one, do not explain,
     # each with the sensor and the tip where they fit best
     residual: float
@@ -84,8 +88,12 @@ class Geometry:
         assert isinstance(self.arm, PlanarArm)  # noqa: S101
         structure = self.structure
         axes = self.arm.plane.basis[:2]
-        shifts = [self._quantity(self._parts(row, axes)) for row in structure.shifts]
-        tool = self._parts(structure.groups["tool"], axes @ self.arm.chain.rotation)
+        shifts = [
+            self._quantity(self._parts(row, axes)) for row in structure.shifts
+        ]
+        tool = self._parts(
+            structure.groups["tool"], axes @ self.arm.chain.rotation
+        )
         return [*shifts, self._quantity(tool)]
 
     @property
@@ -164,7 +172,9 @@ class Geometry:
     def _quantity(self, parts: Array) -> Quantity:
         """Return the sums of parameters with weights `parts` (d,) or (k, d)."""
         variance = np.einsum("...i,ij,...j->...", parts, self.covariance, parts)
-        return Quantity(parts @ self.beta, 1.96 * np.sqrt(np.maximum(variance, 0.0)))
+        return Quantity(
+            parts @ self.beta, 1.96 * np.sqrt(np.maximum(variance, 0.0))
+        )
 
 
 def _plain(quantities: Mapping[str, Quantity]) -> dict[str, Any]:

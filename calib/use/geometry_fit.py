@@ -90,10 +90,12 @@ class Freedom:
     """What is fitted beside the joints' offsets."""
 
     frame: bool  # the sensor's frame; the first joint is nominal then
-    origins: bool = True  # joint origins and lengths; else the drawing's are true
+    # joint origins and lengths; else the drawing's are true
+    origins: bool = True
     base: bool = False  # the first joint's place
     tip: bool = False  # of an arm in space the tip, where the sensed point is
-    probe: bool = False  # where on the last link of an arm in space the sensed point is
+    # where on the last link of an arm in space the sensed point is
+    probe: bool = False
 
 
 def fit_geometry(
@@ -136,7 +138,9 @@ def fit_geometry(
             value=points.unit,
         )
     points = replace(points, x=_before_adaptations(model, points.x))
-    freedom = Freedom(free, not drawn, move_base, move_tip, not is_simulated(model))
+    freedom = Freedom(
+        free, not drawn, move_base, move_tip, not is_simulated(model)
+    )
     if isinstance(arm, SpatialArm):
         return fit_in_space(arm, model.body, points, freedom)
     if free and points.unit == "m" and model.history and model.body is not None:
@@ -204,7 +208,9 @@ def fit_in_space(
         free_groups.append("placement")
     prior = structure.prior(free_groups)
     still: list[Indices] = []
-    if not freedom.probe:  # a simulation's point is the tip, as sure as any other place
+    if (
+        not freedom.probe
+    ):  # a simulation's point is the tip, as sure as any other place
         prior.sd[tool] = SHIFT
         if not freedom.tip:
             still.append(tool)
@@ -271,14 +277,18 @@ def _seen_in_space(
 def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
     """Fit a planar arm, whose sensor turns about the plane's normal alone."""
     x = points.x
-    structure = structure_of(arm, unit=points.unit, extent=points.extent, kind=InPlane)
+    structure = structure_of(
+        arm, unit=points.unit, extent=points.extent, kind=InPlane
+    )
     groups = structure.groups
     tips = arm.chain.poses(points.q)[0]
     turn = arm.plane.basis
     shift = -arm.plane.basis @ arm.plane.origin
     scale = 1.0
     scaled = freedom.frame and points.unit != "m"
-    if freedom.frame:  # a sensor that sees the plane from behind is turned half round
+    if (
+        freedom.frame
+    ):  # a sensor that sees the plane from behind is turned half round
         readings = np.column_stack([x, np.zeros(len(x))])
         turn, shift, scale = similarity(tips, readings)
         if not scaled:
@@ -290,10 +300,14 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
     start[groups["view.scale"]] = np.log(scale)
     ends = np.vstack([structure.shifts[1:], groups["tool"]])
     sd = np.zeros(structure.size)
-    sd[groups["offset"]] = np.where(structure.revolute, FITTING.offset, FITTING.along)
+    sd[groups["offset"]] = np.where(
+        structure.revolute, FITTING.offset, FITTING.along
+    )
     if freedom.origins:
         sd[ends] = FITTING.along
-    if freedom.frame:  # the first joint's offset and a turn of the frame are one
+    if (
+        freedom.frame
+    ):  # the first joint's offset and a turn of the frame are one
         sd[groups["offset"][0]] = 0.0
         sd[groups["view.rotation"][2]] = FITTING.flat
         sd[groups["view.shift"][:2]] = FREE * structure.extent
@@ -302,7 +316,9 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
     if freedom.base:
         sd[structure.shifts[0]] = FREE * structure.chain.reach
     precision = _precision(arm, ends, sd) if freedom.origins else None
-    fit = _maximum(structure, points, x, start, Prior(start, sd, known=precision))
+    fit = _maximum(
+        structure, points, x, start, Prior(start, sd, known=precision)
+    )
     nominal = fit.beta.copy()
     for group in ("offset", "placement", "tool"):
         nominal[groups[group]] = 0.0
@@ -347,16 +363,24 @@ def _held(prior: Prior, still: Indices) -> Prior:
         moves = ~np.isin(hyper.indices, still)
         if moves.any():
             indices = hyper.indices[moves]
-            hypers.append(hyper._replace(indices=indices, shape=hyper.shape[moves]))
+            hypers.append(
+                hyper._replace(indices=indices, shape=hyper.shape[moves])
+            )
     return Prior(prior.mean, sd, tuple(hypers))
 
 
 def _maximum(
-    structure: SpatialStructure, points: Points, z: Array, start: Array, prior: Prior
+    structure: SpatialStructure,
+    points: Points,
+    z: Array,
+    start: Array,
+    prior: Prior,
 ) -> Fit:
     """Return the fit of readings `z` (n, m) at its most probable parameters."""
     floor = np.maximum(FITTING.floor * structure.extents, points.error)
-    fit = Fit(structure, [Rows(points.q, z, floor=floor)], start, prior, nu=STUDENT)
+    fit = Fit(
+        structure, [Rows(points.q, z, floor=floor)], start, prior, nu=STUDENT
+    )
     return fit.maximise(steps=15, tolerance=1e-3)
 
 
@@ -375,11 +399,15 @@ def _covariance(fit: Fit) -> Array:
     inner = slice(len(active))
     outer = slice(len(active), None)
     root = (np.sqrt(fit.weight) / fit.noise).ravel()
-    x = structure.linearise(fit.parts[0].q, fit.beta, both)[1].reshape(len(root), -1)
+    x = structure.linearise(fit.parts[0].q, fit.beta, both)[1].reshape(
+        len(root), -1
+    )
     x = x * root[:, None]
     gram = x.T @ x
     precision = fit.information_share * gram
-    precision[inner, inner] = with_prior(precision[inner, inner], fit.sd, fit.known)
+    precision[inner, inner] = with_prior(
+        precision[inner, inner], fit.sd, fit.known
+    )
     precision[outer, outer] += np.diag(other_sd[others] ** -2.0)
     spread = Factor(precision).inverse()[outer, outer]
     pull = fit.information_share * (x.T @ (root * fit.residual.ravel()))[outer]

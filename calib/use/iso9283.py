@@ -36,7 +36,9 @@ class PoseTest:
     joints: Array  # (dof,) [rad or m], mean of its visits
     cycles: int  # visits
     repeatability: float  # RP [unit]
-    delivered: float | None  # AP by the drawing [unit]; None where the model knows none
+    delivered: (
+        float | None
+    )  # AP by the drawing [unit]; None where the model knows none
     corrected: float  # AP by the model [unit]
 
     def to_json(self) -> dict[str, Any]:
@@ -73,7 +75,9 @@ class Iso9283:
     @property
     def delivered(self) -> float | None:
         """AP [unit] of the worst pose by the drawing; None where there is no drawing."""
-        values = [pose.delivered for pose in self.poses if pose.delivered is not None]
+        values = [
+            pose.delivered for pose in self.poses if pose.delivered is not None
+        ]
         return max(values) if values else None
 
     @property
@@ -87,7 +91,9 @@ class Iso9283:
                 f"{len(self.poses)} with {cycles} or more"
             )
         if self.delivered is None:
-            notes.append("the model knows no URDF: there is no accuracy as delivered")
+            notes.append(
+                "the model knows no URDF: there is no accuracy as delivered"
+            )
         return tuple(notes)
 
     def to_json(self) -> dict[str, Any]:
@@ -127,7 +133,9 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
         barycentre = attained[members].mean(axis=0)
         distance = np.linalg.norm(attained[members] - barycentre, axis=1)
         by_drawing = (
-            None if delivered is None else _apart(delivered[members], barycentre)
+            None
+            if delivered is None
+            else _apart(delivered[members], barycentre)
         )
         test = PoseTest(
             joints=joints[members].mean(axis=0),

@@ -14,12 +14,11 @@ from ..model.model import Model
 from ..recording.motors import TICKS, Motors
 from .geometry_fit import fit_geometry
 
-_LARGEST_OFFSET = 2047  # the register `Homing_Offset` holds a sign and eleven bits
+# the register `Homing_Offset` holds a sign and eleven bits
+_LARGEST_OFFSET = 2047
 _MOST_DOUBT = math.radians(10.0)  # a zero with a wider interval is not told
 
-RANGES_MOVE = (
-    "the ends of the motors' ranges move with their zeros: drive to them with care"
-)
+RANGES_MOVE = "the ends of the motors' ranges move with their zeros: drive to them with care"
 """What whoever writes corrected zeros should be told."""
 
 
@@ -72,8 +71,13 @@ def homed(
             f"the calibration has the motors {listed(calibration.motors)}, not {listed(missing)} "
             "of the model"
         )
-    ticks = {name: -round(value * TICKS / math.tau) for name, value in offsets.items()}
-    document = {name: dict(entry) for name, entry in calibration.document.items()}
+    ticks = {
+        name: -round(value * TICKS / math.tau)
+        for name, value in offsets.items()
+    }
+    document = {
+        name: dict(entry) for name, entry in calibration.document.items()
+    }
     for name, change in ticks.items():
         homing_offset = calibration.motors[name].homing_offset + change
         if abs(homing_offset) > _LARGEST_OFFSET:

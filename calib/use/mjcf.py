@@ -16,7 +16,9 @@ from .xml_text import Edit, numbers, tags_of
 _PLACING = ("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler")
 
 
-def mjcf_edits(text: str, model: Mjcf, moved: Mapping[str, Array]) -> list[Edit]:
+def mjcf_edits(
+    text: str, model: Mjcf, moved: Mapping[str, Array]
+) -> list[Edit]:
     """Return what places bodies and sites so that joints have other origins (4, 4).
 
     Raises RobotError where a joint that has moved is a body's second one, which its body's place
@@ -31,11 +33,15 @@ def mjcf_edits(text: str, model: Mjcf, moved: Mapping[str, Array]) -> list[Edit]
                 f"joint {quoted(name)} shares its body with another joint: give it a body of its "
                 "own, whose place can be corrected"
             )
-        frame = np.linalg.inv(place.before) @ origin @ np.linalg.inv(place.after)
+        frame = (
+            np.linalg.inv(place.before) @ origin @ np.linalg.inv(place.after)
+        )
         x, y, z, w = quaternion_of(frame[:3, :3]).tolist()
         tag = tags[place.element]
         attributes = {
-            key: value for key, value in tag.attributes.items() if key not in _PLACING
+            key: value
+            for key, value in tag.attributes.items()
+            if key not in _PLACING
         }
         attributes["pos"] = numbers(frame[:3, 3])
         attributes["quat"] = numbers([w, x, y, z])

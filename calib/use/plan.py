@@ -89,7 +89,8 @@ class Plan(ReadOnly):
         """
         table = dict(zip(self.joint_names, self.q.T, strict=True))
         table |= {
-            f"expected_{axis}": x for axis, x in zip("xyz", self.x.T, strict=False)
+            f"expected_{axis}": x
+            for axis, x in zip("xyz", self.x.T, strict=False)
         }
         if self.expected_error is not None:
             table["expected_error"] = self.expected_error
@@ -190,7 +191,9 @@ def plan(
     usable, notes = usable_postures(source, q, above)
     q = q[usable]
     if len(q) < n:
-        raise OptionError(f"n {n}: {len(q)} poses were found, expected fewer to choose")
+        raise OptionError(
+            f"n {n}: {len(q)} poses were found, expected fewer to choose"
+        )
     if directions is not None:
         chosen = greedy(directions[usable], n)
     else:
@@ -199,7 +202,9 @@ def plan(
         how += f", beside the {len(measured)} measured ones"
     nodes = np.vstack([begin, q[chosen]])
     # by the span alone: the upper end of a whole turn is not its lower end to a cable
-    away = (np.abs(nodes[:, None] - nodes[None]) / space.scale.span).max(axis=-1)
+    away = (np.abs(nodes[:, None] - nodes[None]) / space.scale.span).max(
+        axis=-1
+    )
     order = shortest_tour(away)
     way = nodes[order]
     rng = np.random.default_rng(0)
@@ -241,14 +246,20 @@ def _chosen(
     source: Arm | Model, space: PoseSpace, q: Array, n: int, measured: Array
 ) -> tuple[Index, str]:
     """Return rows (n,) of postures (m, dof) that tell most beside the measured ones, and why."""
-    if isinstance(source, SpatialArm):  # never measured: the prior says what is unknown
+    if isinstance(
+        source, SpatialArm
+    ):  # never measured: the prior says what is unknown
         chosen = greedy(tells(source, q, measured), n)
         return chosen, "chosen to determine the arm best"
     body = None if isinstance(source, Arm) else source.body
-    if body is not None and not body.simulated:  # exact samples leave nothing to learn
+    if (
+        body is not None and not body.simulated
+    ):  # exact samples leave nothing to learn
         chosen = most_telling(body, q, n, measured)
         return chosen, "chosen to reduce the model's uncertainty most"
-    return farthest(space.scale, q, n, measured), "as far from each other as possible"
+    return farthest(
+        space.scale, q, n, measured
+    ), "as far from each other as possible"
 
 
 def farthest(scale: Scale, q: Array, n: int, measured: Array) -> Index:
@@ -267,7 +278,9 @@ def farthest(scale: Scale, q: Array, n: int, measured: Array) -> Index:
     for k in range(n):
         row = int(away.argmax())
         chosen[k] = row
-        away = np.minimum(away, np.linalg.norm(scale.difference(u, u[row]), axis=1))
+        away = np.minimum(
+            away, np.linalg.norm(scale.difference(u, u[row]), axis=1)
+        )
         away[row] = -1.0  # where points repeat, none is chosen twice
     return chosen
 

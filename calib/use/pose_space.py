@@ -34,7 +34,8 @@ class PoseSpace:
     joint_names: tuple[str, ...]  # base to tip
     lower: Array  # (dof,) [rad or m]
     upper: Array
-    scale: Scale  # the whole range of each joint, without margins, as the unit box
+    # the whole range of each joint, without margins, as the unit box
+    scale: Scale
 
     def start(self, q: ArrayLike | None) -> Array:
         """Joint values (dof,) to set out from, by default zero or what comes nearest to it.
@@ -48,7 +49,9 @@ class PoseSpace:
         )[0][0]
         low = self.scale.lower
         high = self.scale.lower + self.scale.span
-        for k in np.flatnonzero(~((values >= low - 1e-9) & (values <= high + 1e-9))):
+        for k in np.flatnonzero(
+            ~((values >= low - 1e-9) & (values <= high + 1e-9))
+        ):
             raise OptionError(
                 f"start: {self.joint_names[k]} = {values[k]:.6g} is outside of its range "
                 f"{low[k]:.6g} to {high[k]:.6g}"
@@ -68,7 +71,11 @@ class PoseSpace:
         )
         rest = rng.integers(2, size=(len(first), dof - first.shape[1]))
         points = np.concatenate(
-            [np.hstack([first, rest]), faces, rng.random((PLANNING.inside, dof))]
+            [
+                np.hstack([first, rest]),
+                faces,
+                rng.random((PLANNING.inside, dof)),
+            ]
         )
         return np.asarray(self.lower + (self.upper - self.lower) * points)
 
@@ -96,7 +103,9 @@ def space_of(
     if isinstance(source, Arm):
         limits = dict(zip(names, source.limits, strict=True))
     elif source.about.urdf:
-        limits = {j.name: j.travel for j in parse_robot(source.about.urdf, "").joints}
+        limits = {
+            j.name: j.travel for j in parse_robot(source.about.urdf, "").joints
+        }
     lower = low.copy()
     upper = high.copy()
     for name, chosen in (ranges or {}).items():
@@ -138,9 +147,13 @@ def usable_postures(
     """
     about = source if isinstance(source, Arm) else source.about
     usable = np.ones(len(q), dtype=bool)
-    notes = ["obstacles and self-collision are not checked: move slowly the first time"]
+    notes = [
+        "obstacles and self-collision are not checked: move slowly the first time"
+    ]
     in_space = (
-        source.outputs == 3 if isinstance(source, Arm) else moves_in_space(source)
+        source.outputs == 3
+        if isinstance(source, Arm)
+        else moves_in_space(source)
     )
     hits = None
     if in_space and about.urdf:
@@ -244,7 +257,8 @@ def hits_itself(
     results = pin.GeometryData(bodies)
     met = np.zeros((len(q), len(bodies.collisionPairs)), dtype=bool)
     places = [
-        model.joints[model.getJointId(name)].idx_v for name in (*locked, *joint_names)
+        model.joints[model.getJointId(name)].idx_v
+        for name in (*locked, *joint_names)
     ]
     for row, values in zip(met, q, strict=True):
         # a joint without limits has cosine and sine as its configuration: `integrate` fills both

@@ -30,7 +30,9 @@ _TEMPLATES = {
 """Files of the package, and the template of each in `ros2_package`."""
 
 
-def write_ros2_package(model: Model, folder: str | os.PathLike[str]) -> list[Path]:
+def write_ros2_package(
+    model: Model, folder: str | os.PathLike[str]
+) -> list[Path]:
     """Write a package that `colcon build` takes, and return its files.
 
     Its node corrects whole trajectories, publishes where the sensor (and a board) is, and tells by
@@ -82,7 +84,8 @@ def _contents(model: Model, package: str) -> dict[str, bytes]:
     contents["arm.calib"] = to_bytes(model)
     contents["transforms.json"] = _transforms(model).encode()
     offsets = {
-        name: float(zero.value) for name, zero in corrected_arm(model)[1].items()
+        name: float(zero.value)
+        for name, zero in corrected_arm(model)[1].items()
     }
     contents["offsets.xacro"] = offsets_xacro(offsets).encode()
     return contents
@@ -95,7 +98,9 @@ def _transforms(model: Model) -> str:
     except OptionError:
         document = []
     return (
-        json.dumps(document if isinstance(document, list) else [document], indent=2)
+        json.dumps(
+            document if isinstance(document, list) else [document], indent=2
+        )
         + "\n"
     )
 

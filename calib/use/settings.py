@@ -15,13 +15,15 @@ class Planning:
     most: int = 1000  # poses; more are babbled, not planned
     orders: int = 100  # random ones, which the planned one is compared with
     noise: float = 1e-4  # of a sensor that is not known yet [m]
-    widest: float = 10.0  # sd of a prior [m or rad]: wider, 200 poses leave no digits
+    # sd of a prior [m or rad]: wider, 200 poses leave no digits
+    widest: float = 10.0
     margin: float = math.radians(1.0)  # from a joint's limits [rad or m]
     share: float = 0.02  # of a joint's range that the margin takes at most
     inside: int = 1200  # candidates within the ranges
     faces: int = 1000  # with one joint at an end
     corners: int = 8  # joints of which all corners are candidates
-    compared: int = 100  # postures; links that meet in most of them are built so
+    # postures; links that meet in most of them are built so
+    compared: int = 100
     always: float = 0.9  # share of these postures
     stands: float = 1e-6  # a joint's origin that moves less stands still [m]
 
@@ -43,7 +45,9 @@ class Aiming:
     picture: tuple[float, float] = (1280.0, 720.0)  # its [px]
     noise: float = 0.2  # of a corner [px]
     filled: float = 0.25  # share of the picture's width that a board fills
-    tilt: float = math.radians(45.0)  # most of the camera's about the board [rad]
+    tilt: float = math.radians(
+        45.0
+    )  # most of the camera's about the board [rad]
     # least cosine between the line of sight and the board's normal
     upright: float = 0.5
 
@@ -54,7 +58,8 @@ class Correction:
 
     # times the 95 % quantile of the model's own: a larger one is not trusted
     usual: float = 3.0
-    least: float = 0.01  # limit [rad or m]: a smaller one would refuse what is harmless
+    # limit [rad or m]: a smaller one would refuse what is harmless
+    least: float = 0.01
     nodes: int = 200  # at which the model's own corrections are taken
     tried: int = 5  # rows by which the compiled kernel is compared
     same: float = 1e-6  # how close it has to be [rad or m]
@@ -75,7 +80,8 @@ class Fitting:
     along: float = (
         5.0 * SHIFT
     )  # prior sd of a planar arm's places, but for turns of a link [m]
-    flat: float = 100.0  # prior sd of a planar sensor's angle and scale [rad or 1]
+    # prior sd of a planar sensor's angle and scale [rad or 1]
+    flat: float = 100.0
     clearly: float = 3.0  # sds by which a parameter has to be off to be told
     tiny: float = 1e-12  # a smaller change of an origin is rounding [m or rad]
     same: float = 1e-9  # of an origin's numbers: what rounding of angles leaves

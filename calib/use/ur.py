@@ -51,7 +51,9 @@ class Axis:
         sine_squared = 1.0 - cosine**2
         along = float(apart @ self.direction)
         if sine_squared > math.sin(_MOST_TILTED) ** 2:
-            along = (along - cosine * float(apart @ other.direction)) / sine_squared
+            along = (
+                along - cosine * float(apart @ other.direction)
+            ) / sine_squared
         return self.point + along * self.direction
 
 
@@ -69,7 +71,9 @@ def ur_kinematics(urdf: str, tip: str) -> str:
             f"{len(joints)} joints lead to {tip}: expected the six turning ones of a UR"
         )
     base = _base(parsed, joints)
-    frames = _frames(base, _axes(parsed, joints, base), tip_of(parsed, joints, tip))
+    frames = _frames(
+        base, _axes(parsed, joints, base), tip_of(parsed, joints, tip)
+    )
     _compare(parsed, joints, tip, base, frames)
     return _text(frames)
 
@@ -81,7 +85,9 @@ def tip_of(urdf: Urdf, joints: Sequence[Joint], tip: str) -> Array:
 
 def _posture(urdf: Urdf, joints: Sequence[Joint], q: Array) -> dict[str, Array]:
     """Frames (4, 4) of all links in the root link's."""
-    values = {joint.name: float(value) for joint, value in zip(joints, q, strict=True)}
+    values = {
+        joint.name: float(value) for joint, value in zip(joints, q, strict=True)
+    }
     return posture_of(urdf, values).frames
 
 
@@ -104,8 +110,11 @@ def _axes(urdf: Urdf, joints: Sequence[Joint], base: Array) -> list[Axis]:
         axes.append(Axis(child[:3, 3], direction / np.linalg.norm(direction)))
     tilted = [
         joint.name
-        for joint, axis, quarters in zip(joints, axes, _QUARTER_TURNS, strict=True)
-        if _quarter_turns(quarters)[:, 2] @ axis.direction < math.cos(_MOST_TILTED)
+        for joint, axis, quarters in zip(
+            joints, axes, _QUARTER_TURNS, strict=True
+        )
+        if _quarter_turns(quarters)[:, 2] @ axis.direction
+        < math.cos(_MOST_TILTED)
     ]
     if tilted:
         raise OptionError(
@@ -121,7 +130,9 @@ def _quarter_turns(count: int) -> Array:
     angle = count * math.pi / 2
     cosine = round(math.cos(angle))
     sine = round(math.sin(angle))
-    return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
+    return np.array(
+        [[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]]
+    )
 
 
 def _frames(base: Array, axes: Sequence[Axis], tip: Array) -> list[Array]:
@@ -146,7 +157,9 @@ def _frames(base: Array, axes: Sequence[Axis], tip: Array) -> list[Array]:
         wrist[2].point + along * wrist[2].direction,
     ]
     frames = []
-    for axis, origin, quarters in zip(axes, origins, _QUARTER_TURNS, strict=True):
+    for axis, origin, quarters in zip(
+        axes, origins, _QUARTER_TURNS, strict=True
+    ):
         frame = np.eye(4)
         frame[:3, :3] = _turned_onto(axis.direction, _quarter_turns(quarters))
         frame[:3, 3] = origin
@@ -162,12 +175,18 @@ def _turned_onto(z: Array, rotation: Array) -> Array:
 
 
 def _compare(
-    urdf: Urdf, joints: Sequence[Joint], tip: str, base: Array, frames: Sequence[Array]
+    urdf: Urdf,
+    joints: Sequence[Joint],
+    tip: str,
+    base: Array,
+    frames: Sequence[Array],
 ) -> None:
     """Raise OptionError unless the frames, each turning about z, move the tip as the arm does."""
     start = _posture(urdf, joints, np.zeros(len(joints)))[tip]
     tool = np.linalg.inv(base @ frames[-1]) @ start
-    for q in np.random.default_rng(0).uniform(-math.pi, math.pi, (5, len(joints))):
+    for q in np.random.default_rng(0).uniform(
+        -math.pi, math.pi, (5, len(joints))
+    ):
         pose = base
         before = np.eye(4)
         for frame, angle in zip(frames, q, strict=True):
@@ -199,7 +218,8 @@ def _text(frames: Sequence[Array]) -> str:
         keys = ("x", "y", "z", "roll", "pitch", "yaw")
         values = [*origin[:3, 3].tolist(), *angles.tolist()]
         lines += [
-            f"    {key}: {value!r}" for key, value in zip(keys, values, strict=True)
+            f"    {key}: {value!r}"
+            for key, value in zip(keys, values, strict=True)
         ]
     digest = hashlib.sha256("\n".join(lines).encode()).hexdigest()[:20]
     return "\n".join([*lines, f"  hash: calib_{digest}"]) + "\n"

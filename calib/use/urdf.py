@@ -82,7 +82,9 @@ def _joint(tree: Urdf, name: str) -> Joint:
     return joint
 
 
-def _urdf_edits(text: str, tree: Urdf, moved: Mapping[str, Array]) -> list[Edit]:
+def _urdf_edits(
+    text: str, tree: Urdf, moved: Mapping[str, Array]
+) -> list[Edit]:
     """Return what gives joints other origins (4, 4)."""
     edits = []
     tags = tags_of(text)
@@ -100,7 +102,9 @@ def _urdf_edits(text: str, tree: Urdf, moved: Mapping[str, Array]) -> list[Edit]
         if origin is None:
             edits.append(tag.followed_by(tag_text("origin", change)))
         else:
-            edits.append(origin.with_attributes({**origin.attributes, **change}))
+            edits.append(
+                origin.with_attributes({**origin.attributes, **change})
+            )
     return edits
 
 
@@ -111,7 +115,9 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
     beta = geometry.beta
     path = urdf.path(arm.tip)
     tool = structure.deviations(beta)
-    moves = tool.tool_turn.any() or (tool.tool.any() and path[-1].kind != "prismatic")
+    moves = tool.tool_turn.any() or (
+        tool.tool.any() and path[-1].kind != "prismatic"
+    )
     if geometry.move_tip and moves and path[-1].name in geometry.places:
         raise RobotError(
             f"the tip {arm.tip!r} is the origin of joint {path[-1].name!r}: it has no link of its "
@@ -129,11 +135,15 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
     for joint in path:
         if joint.name in geometry.places:
             k = geometry.places.index(joint.name)
-            carried = _placed(motion.places[k, :, 0], motion.frames[k + 1, :, :, 0])
+            carried = _placed(
+                motion.places[k, :, 0], motion.frames[k + 1, :, :, 0]
+            )
             carried = carried @ _placed(-structure.chain.points[k], np.eye(3))
         fitted[joint.child] = carried @ drawn[joint.child]
     if geometry.move_tip:
-        fitted[arm.tip] = _placed(motion.position[:, 0], motion.rotation[:, :, 0])
+        fitted[arm.tip] = _placed(
+            motion.position[:, 0], motion.rotation[:, :, 0]
+        )
     origins = {}
     for joint in path:  # a locked joint's own motion stays behind its origin
         lock = np.linalg.solve(
@@ -156,7 +166,9 @@ def _changed(joint: Joint, moved: Array) -> dict[str, str]:
         # at a pitch of 90 deg SciPy sets one of the others to zero
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
-            change["rpy"] = numbers(Rotation.from_matrix(moved[:3, :3]).as_euler("xyz"))
+            change["rpy"] = numbers(
+                Rotation.from_matrix(moved[:3, :3]).as_euler("xyz")
+            )
     return change
 
 
@@ -202,7 +214,10 @@ def check_output(path: str, nominal: str) -> None:
     """
     same = False
     with suppress(OSError, UnicodeDecodeError):
-        same = Path(path).read_text(encoding="utf-8-sig").strip() == nominal.strip()
+        same = (
+            Path(path).read_text(encoding="utf-8-sig").strip()
+            == nominal.strip()
+        )
     if same:
         raise OptionError(
             f"{path} is the URDF that the model was made with, which is never overwritten",

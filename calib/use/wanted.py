@@ -45,10 +45,14 @@ class Wanted:
 
     model: Model
     free: bool  # whether the sensor's frame was fitted
-    predict: Callable[[Array], Array]  # positions (n, m) of joint values (n, dof)
+    predict: Callable[
+        [Array], Array
+    ]  # positions (n, m) of joint values (n, dof)
     moves: tuple[Alignment, ...] = ()  # of the frame, after `predict`
-    keeps_turn: bool = True  # whether a tool's orientation is kept where the arm can
-    drawn: Array | None = None  # (d,), of a body in space the nominal arm's parameters
+    # whether a tool's orientation is kept where the arm can
+    keeps_turn: bool = True
+    # (d,), of a body in space the nominal arm's parameters
+    drawn: Array | None = None
     # where more than what the sensor reads has to be met: the tool's pose, or before a camera,
     # whose pixel does not say how far away the tip is, its place
     space: Space | None = None
@@ -77,7 +81,9 @@ class Wanted:
             notes.append(FRAME_IS_FITTED)
         if moves_in_space(self.model) and not self.posed:
             notes.append(_POSITIONS)
-        if any(abs(frame.angle) > CORRECTION.turned for frame in frames(self.model)):
+        if any(
+            abs(frame.angle) > CORRECTION.turned for frame in frames(self.model)
+        ):
             notes.append(_MOVED)
         return tuple(notes)
 
@@ -122,14 +128,18 @@ class Wanted:
             nearest = answer.q
             reachable = answer.reachable
         turns = TURN * np.round((q - nearest) / TURN)
-        return nearest + np.where(about.revolute, turns, 0.0), reachable & placed
+        return nearest + np.where(
+            about.revolute, turns, 0.0
+        ), reachable & placed
 
     def _in_range(self, q: Array) -> Array:
         """Joint values (n, dof) with those that turn moved by whole turns into their range."""
         about = self.model.about
         near = q.copy()
         for k in np.flatnonzero(about.revolute):
-            near[:, k] = wrap(q[:, k], float(about.lower[k]), float(about.upper[k]))
+            near[:, k] = wrap(
+                q[:, k], float(about.lower[k]), float(about.upper[k])
+            )
         return near
 
 
@@ -141,7 +151,9 @@ def _wanted(model: Model, view: str) -> Wanted:
     if isinstance(body_structure, PlanarStructure):
         structure, nominal = nominal_in_plane(model, based=not free)
         predict = partial(structure.predict, beta=frozen(nominal))
-        if free:  # the body knows the sensor's frame as it is after all adaptations
+        if (
+            free
+        ):  # the body knows the sensor's frame as it is after all adaptations
             moves = ()
         return Wanted(model, free, predict, moves)
     in_space = moves_in_space(model)
@@ -165,7 +177,9 @@ def _wanted(model: Model, view: str) -> Wanted:
         return wanted
     geometry = fit_geometry(model, view=view)
     nominal = frozen(nominal_behind(geometry.structure, geometry.beta))
-    return Wanted(model, free, partial(geometry.structure.predict, beta=nominal), moves)
+    return Wanted(
+        model, free, partial(geometry.structure.predict, beta=nominal), moves
+    )
 
 
 def nominal_positions(model: Model, q: ArrayLike) -> Array:

@@ -28,14 +28,20 @@ class Tag:
 
     def with_attributes(self, attributes: Mapping[str, str]) -> Edit:
         """Return the edit that gives the tag these attributes and no others."""
-        return self.begin, self.end, tag_text(self.path[-1], attributes, self.is_empty)
+        return (
+            self.begin,
+            self.end,
+            tag_text(self.path[-1], attributes, self.is_empty),
+        )
 
     def followed_by(self, text: str) -> Edit:
         """Return the edit that puts a text behind the tag."""
         return self.end, self.end, text
 
 
-def tag_text(name: str, attributes: Mapping[str, str], is_empty: bool = True) -> str:
+def tag_text(
+    name: str, attributes: Mapping[str, str], is_empty: bool = True
+) -> str:
     """Return the text of a tag."""
     parts = [f"{key}={quoteattr(value)}" for key, value in attributes.items()]
     return f"<{' '.join([name, *parts])}{'/' if is_empty else ''}>"

@@ -30,7 +30,8 @@ def adapt(
     model: opt.ModelFile,
     data: opt.NewLog,
     output: Annotated[
-        str | None, opt.value("--output -o", "MODEL", "Default MODEL.adapted.calib.")
+        str | None,
+        opt.value("--output -o", "MODEL", "Default MODEL.adapted.calib."),
     ] = None,
     method: Annotated[
         MethodWord,
@@ -99,14 +100,18 @@ def adapt(
         ]
     if result.coverage < 0.99:
         share = f"the log measured {100 * result.coverage:.0f} % of the learned range"
-        lines.append(f"limited by coverage: {share}; rows from the rest help most")
+        lines.append(
+            f"limited by coverage: {share}; rows from the rest help most"
+        )
     else:
         lines.append("limited by noise; more rows help most")
     sizes = []
     for when, error in (("before", result.before), ("after", result.after)):
         values = [number(factor * error[key]) for key in ("mean", "p99", "max")]
         sizes.append([when, *values])
-    title = f"distance to held-out rows [{name}], corrected: {result.correction}"
+    title = (
+        f"distance to held-out rows [{name}], corrected: {result.correction}"
+    )
     more: list[Line] = [TextTable(["", "mean", "p99", "max"], sizes, title)]
     if result.kept:
         more.append(f"left as it was: {', '.join(result.kept)}")

@@ -65,11 +65,16 @@ def check(
     }
     lines = _verdict(drift, f"calib adapt {model} --data {data}")
     if bumped and not drift.drifted:
-        lines = [f"DRIFTED in {len(bumped)} of {len(episodes)} episodes", lines[-1]]
+        lines = [
+            f"DRIFTED in {len(bumped)} of {len(episodes)} episodes",
+            lines[-1],
+        ]
     for episode in bumped:
         first = [*episode.explanations, "its cause is unknown"][0]
         lines.append(f"episode {episode.episode}: DRIFTED: {first}")
-    code = 0 if drift.drifted is False and drift.bound_holds and not bumped else NO
+    code = (
+        0 if drift.drifted is False and drift.bound_holds and not bumped else NO
+    )
     return Outcome(document, lines, _details(drift), code=code)
 
 
@@ -108,8 +113,13 @@ def _verdict(drift: Verdict, adapt: str) -> list[str]:
 
 def _remedy(drift: Verdict, adapt: str) -> str:
     if not drift.adapts:
-        return "calib adapt finds nothing that mends it: check the log and the arm"
-    if any(cause.cause == "scale" and cause.interval is None for cause in drift.causes):
+        return (
+            "calib adapt finds nothing that mends it: check the log and the arm"
+        )
+    if any(
+        cause.cause == "scale" and cause.interval is None
+        for cause in drift.causes
+    ):
         return "check the log's unit before calib adapt, which learns the new scale"
     return f"{adapt} re-calibrates it"
 
@@ -163,9 +173,7 @@ def _details(drift: Verdict) -> list[TextTable]:
         "chance: of such rows where nothing changed; below 0.001 the test fired; "
         "smallest: the smallest change that these rows could have shown"
     )
-    zeta = (
-        "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)"
-    )
+    zeta = "zeta: mean squared distance of rows to winning nodes, in the unit box (eq. 9)"
     header = ["what may have changed", "chance", f"smallest [{unit}]", ""]
     signal_header = ["on the maps", "unit", "found", "usual"]
     return [

@@ -61,7 +61,9 @@ def correct(
         if getattr(result, name) is not None:
             table[name] = getattr(result, name)
     rows = np.flatnonzero(valid) + 1
-    limits = ", ".join(joints.change(k, most) for k, most in enumerate(result.limit))
+    limits = ", ".join(
+        joints.change(k, most) for k, most in enumerate(result.limit)
+    )
     beyond = (
         f"a joint would change by more than the limit ({limits}), no answer; if the change is "
         "right, give a larger --limit"
@@ -82,7 +84,9 @@ def correct(
             for (name, size), unit in zip(change.items(), units, strict=True)
         ]
         lines.append(f"mean change: {', '.join(sizes)}")
-    answered = (result.reachable & ~result.exceeded).any() or not result.exceeded.any()
+    answered = (
+        result.reachable & ~result.exceeded
+    ).any() or not result.exceeded.any()
     return query.answer(
         batch,
         beside(batch, valid, table) if answered else None,
@@ -102,5 +106,7 @@ def _changes(about: About, result: Corrected) -> dict[str, dict[str, float]]:
     sizes = zip(size.mean(axis=0), size.max(axis=0), result.limit, strict=True)
     return {
         name: {"mean": float(mean), "max": float(largest), "limit": float(most)}
-        for name, (mean, largest, most) in zip(about.joint_names, sizes, strict=True)
+        for name, (mean, largest, most) in zip(
+            about.joint_names, sizes, strict=True
+        )
     }

@@ -39,7 +39,9 @@ def evaluate(
     frame: Annotated[
         FrameWord,
         opt.word(
-            "--frame", get_args(FrameWord), "free: the sensor's frame is found anew."
+            "--frame",
+            get_args(FrameWord),
+            "free: the sensor's frame is found anew.",
         ),
     ] = "kept",
     sensor: opt.OfSensor = "sensor",

@@ -20,30 +20,40 @@ _ENDINGS = {
 def export(
     model: opt.ModelFile,
     output: Annotated[
-        str | None, opt.value("--output -o", "FILE", "C header; JSON of --lerobot.")
+        str | None,
+        opt.value("--output -o", "FILE", "C header; JSON of --lerobot."),
     ] = None,
     single: Annotated[bool, opt.flag("--float", "Single precision.")] = False,
     small: Annotated[
-        bool, opt.flag("--small", "No tables of bounds and starts, for little memory.")
+        bool,
+        opt.flag(
+            "--small", "No tables of bounds and starts, for little memory."
+        ),
     ] = False,
     prefix: Annotated[
         str, opt.value("--prefix", "NAME", "Prefix of every name in C.")
     ] = "calib_",
     camera: Annotated[
-        str | None, opt.value("--camera", "FILE.yaml", "The lens as ROS camera_info.")
+        str | None,
+        opt.value("--camera", "FILE.yaml", "The lens as ROS camera_info."),
     ] = None,
     transform: Annotated[
-        str | None, opt.value("--transform", "FILE.json", "The sensor in the base.")
+        str | None,
+        opt.value("--transform", "FILE.json", "The sensor in the base."),
     ] = None,
     lerobot: Annotated[
-        str | None, opt.value("--lerobot", "OLD.json", "LeRobot's: -o has new zeros.")
+        str | None,
+        opt.value("--lerobot", "OLD.json", "LeRobot's: -o has new zeros."),
     ] = None,
     ur: Annotated[
         str | None,
-        opt.value("--ur", "FILE.yaml", "Kinematics of a UR, as ROS reads them."),
+        opt.value(
+            "--ur", "FILE.yaml", "Kinematics of a UR, as ROS reads them."
+        ),
     ] = None,
     mjcf: Annotated[
-        str | None, opt.value("--mjcf", "FILE.xml", "Bodies, joints, tip for MuJoCo.")
+        str | None,
+        opt.value("--mjcf", "FILE.xml", "Bodies, joints, tip for MuJoCo."),
     ] = None,
     ros2: Annotated[
         str | None,
@@ -87,7 +97,9 @@ def export(
     texts: dict[str, str] = {}  # all are made before anything is written
     words: dict[str, str] = {}
     if lerobot or ur or mjcf:
-        corrected, zeros = formats.corrected_arm(loaded, drawn=free == "offsets")
+        corrected, zeros = formats.corrected_arm(
+            loaded, drawn=free == "offsets"
+        )
         offsets = {name: float(zero.value) for name, zero in zeros.items()}
         widths = {name: float(zero.interval) for name, zero in zeros.items()}
         document |= {"offsets": offsets, "intervals": widths}
@@ -109,7 +121,9 @@ def export(
         # names of joints may hold any letter, a C99 compiler need not take them in comments
         texts["output"] = text.encode("ascii", "replace").decode()
         document |= {"bytes": len(text), "table_bytes": tables}
-        size = f"tables of {tables / 1024:.1f} kB, {len(text) / 1e3:.0f} kB text"
+        size = (
+            f"tables of {tables / 1024:.1f} kB, {len(text) / 1e3:.0f} kB text"
+        )
         words["output"] = f"{'float' if single else 'double'}, {size}"
     if camera is not None:
         texts["camera"] = formats.camera_info(loaded)

@@ -51,7 +51,9 @@ def handeye(
     poses_file: Annotated[
         str | None,
         opt.value(
-            "--poses-file", "FILE", "Flange poses of a controller, as it has them."
+            "--poses-file",
+            "FILE",
+            "Flange poses of a controller, as it has them.",
         ),
     ] = None,
     camera: opt.DatasetCamera = None,
@@ -69,14 +71,18 @@ def handeye(
     ] = None,
     output: Annotated[
         str | None,
-        opt.value("--output -o", "MODEL", "Keep the rig; with joints, learn a model."),
+        opt.value(
+            "--output -o", "MODEL", "Keep the rig; with joints, learn a model."
+        ),
     ] = None,
     transform: Annotated[
-        str | None, opt.value("--transform", "FILE", "All as static transforms.")
+        str | None,
+        opt.value("--transform", "FILE", "All as static transforms."),
     ] = None,
     degrees: opt.Degrees = False,
     unit: Annotated[
-        str | None, opt.value("--unit", "m|mm|..", "Of the poses (default: found).")
+        str | None,
+        opt.value("--unit", "m|mm|..", "Of the poses (default: found)."),
     ] = None,
     rotation: Annotated[
         str | None,

@@ -33,7 +33,11 @@ def info(
     names = about.joint_names
     units = about.units_of_joints
     # play is stored as the distance from the middle
-    play = None if loaded.approach is None else (2.0 * loaded.approach.play).tolist()
+    play = (
+        None
+        if loaded.approach is None
+        else (2.0 * loaded.approach.play).tolist()
+    )
     limits = zip(about.lower.tolist(), about.upper.tolist(), strict=True)
     # a model knows no seconds: its bytes must not depend on the machine's pace
     document = summary(loaded, model, about.errors, {}) | {
@@ -62,7 +66,9 @@ def info(
     width = max(map(len, words))
     warnings = contradicted(about)
     lines: list[Line] = [*warnings]
-    lines += [f"{name:<{width}}  {as_typed(text)}" for name, text in words.items()]
+    lines += [
+        f"{name:<{width}}  {as_typed(text)}" for name, text in words.items()
+    ]
     if body is not None:
         body_lines = body.describe(about.lower, about.upper)
         lines += ["", "body", *(f"  {printable(line)}" for line in body_lines)]
@@ -71,6 +77,8 @@ def info(
     tested = f"{about.tested} rows"
     line = accuracy(loaded, about.errors, about.within, tested, about.left_out)
     lines += ["", f"accuracy: {line}", advice(loaded, about.errors)]
-    lines += [accuracy_of_sensor(loaded.by(name)) for name in loaded.sensors[1:]]
+    lines += [
+        accuracy_of_sensor(loaded.by(name)) for name in loaded.sensors[1:]
+    ]
     table = error_table(loaded, about.errors, "errors when it was made")
     return Outcome(document, lines, [table], code=code_of(warnings))

@@ -25,12 +25,15 @@ def lerobot(
     dataset: Annotated[
         str,
         Argument(
-            metavar="DATASET", help="The folder of a LeRobotDataset with a board in it."
+            metavar="DATASET",
+            help="The folder of a LeRobotDataset with a board in it.",
         ),
     ],
     calibration: Annotated[
         str,
-        opt.value("--calibration", "FILE", "LeRobot's calibration.json of this arm."),
+        opt.value(
+            "--calibration", "FILE", "LeRobot's calibration.json of this arm."
+        ),
     ],
     board: Annotated[
         str, opt.value("--board", "BOARD", "Such as 7x5:24mm:18mm:5x5_100.")
@@ -41,11 +44,14 @@ def lerobot(
     eye: Annotated[
         Eye,
         opt.word(
-            "--eye", EYES, "hand: the camera is on the arm; base: it stands still."
+            "--eye",
+            EYES,
+            "hand: the camera is on the arm; base: it stands still.",
         ),
     ] = "hand",
     robot: Annotated[
-        str | None, opt.value("--robot", "ROBOT", "Default: the kind of the data set.")
+        str | None,
+        opt.value("--robot", "ROBOT", "Default: the kind of the data set."),
     ] = None,
     camera: opt.DatasetCamera = None,
     model: Annotated[
@@ -63,7 +69,9 @@ def lerobot(
     kind = Dataset.read(dataset).robot
     arm = Selection().load(robot or kind.split("_")[0] or None)
     motors = Motors.read(calibration)
-    table, frames, notes = read_dataset(dataset, arm.joint_names, camera, motors)
+    table, frames, notes = read_dataset(
+        dataset, arm.joint_names, camera, motors
+    )
     say(notes)
     rig = calib.handeye(arm, frames, table, board, eye)
     say(rig.notes)

@@ -28,12 +28,16 @@ def log(
             help="A ROS bag, a folder or files, a video; with --eye a LeRobotDataset.",
         ),
     ],
-    output: Annotated[str, opt.value("--output -o", "LOG", "The log: CSV or Parquet.")],
+    output: Annotated[
+        str, opt.value("--output -o", "LOG", "The log: CSV or Parquet.")
+    ],
     joints_topic: Annotated[
-        str | None, opt.value("--joints-topic", "TOPIC", "JointState, if several.")
+        str | None,
+        opt.value("--joints-topic", "TOPIC", "JointState, if several."),
     ] = None,
     tip_topic: Annotated[
-        str | None, opt.value("--tip-topic", "TOPIC", "Points, poses, tf if several.")
+        str | None,
+        opt.value("--tip-topic", "TOPIC", "Points, poses, tf if several."),
     ] = None,
     frames: Annotated[
         Sequence[str] | None,
@@ -41,11 +45,14 @@ def log(
     ] = None,
     joints: opt.JointNames = None,
     max_gap: Annotated[
-        float, opt.value("--max-gap", "S", "Between joint states [s].", above_zero)
+        float,
+        opt.value("--max-gap", "S", "Between joint states [s].", above_zero),
     ] = 0.1,
     still: Annotated[
         float | None,
-        opt.value("--still", "V", "Drop rows that move faster [rad/s].", above_zero),
+        opt.value(
+            "--still", "V", "Drop rows that move faster [rad/s].", above_zero
+        ),
     ] = None,
     time_offset: opt.TimeOffset = None,
     joints_file: opt.JointsFile = None,
@@ -84,7 +91,10 @@ def log(
     )
     if shooting.is_meant(bag):
         topics = {"joints_topic": joints_topic, "tip_topic": tip_topic}
-        refuse({**topics, "frames": frames}, "is for bags, not for pictures and videos")
+        refuse(
+            {**topics, "frames": frames},
+            "is for bags, not for pictures and videos",
+        )
         rows = shooting.record(
             bag,
             output,
@@ -104,11 +114,15 @@ def log(
         from calib.recording.bags import read_bag
 
         if len(bag) > 1:
-            raise BadOption(f"{len(bag)} names are for pictures: expected one bag")
+            raise BadOption(
+                f"{len(bag)} names are for pictures: expected one bag"
+            )
         pair = None
         if frames is not None:
             if len(frames) != 2:
-                raise BadOption("--frames names two frames: expected SENSOR,TIP")
+                raise BadOption(
+                    "--frames names two frames: expected SENSOR,TIP"
+                )
             pair = (frames[0], frames[1])
         rows = read_bag(
             bag[0],
@@ -131,10 +145,14 @@ def log(
         "unit": rows.unit,
         **rows.source,
         "units": {
-            "joints": {name: "m" if name in sliding else "rad" for name in names},
+            "joints": {
+                name: "m" if name in sliding else "rad" for name in names
+            },
             "positions": rows.unit,
             "time": "s",
         },
     }
     columns = ", ".join(log_columns(rows))
-    return Outcome(document, [f"{output}: {len(rows)} rows of {columns} {units}"])
+    return Outcome(
+        document, [f"{output}: {len(rows)} rows of {columns} {units}"]
+    )

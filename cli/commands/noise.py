@@ -20,7 +20,8 @@ def noise(
     log: Annotated[
         str,
         Argument(
-            metavar="LOG", help="CSV or Parquet with the joints' columns and x, y."
+            metavar="LOG",
+            help="CSV or Parquet with the joints' columns and x, y.",
         ),
     ],
     robot: Annotated[
@@ -40,12 +41,20 @@ def noise(
         from calib.recording.joint_table import joint_columns
 
         joints = joint_columns(source.header)
-        say([f"joints are the columns {', '.join(joints)}; --joints names others"])
+        say(
+            [
+                f"joints are the columns {', '.join(joints)}; --joints names others"
+            ]
+        )
     selection = Selection(joints, degrees=degrees)
     reading = Reading(columns, unit, prismatic=prismatic)
     result = repeatability(measured(robot, selection, source, reading))
     positions = result.unit
-    document = {"log": log, **result.to_json(), "units": {"positions": positions}}
+    document = {
+        "log": log,
+        **result.to_json(),
+        "units": {"positions": positions},
+    }
     sensor = (
         "the sensor reads to: not told by this log; read each pose several times while the arm "
         "stands"
@@ -64,6 +73,8 @@ def noise(
     return Outcome(document, [sensor, arm, rows])
 
 
-def _interval(deviation: float, interval: tuple[float, float], unit: str) -> str:
+def _interval(
+    deviation: float, interval: tuple[float, float], unit: str
+) -> str:
     low, high = (sized(end, unit) for end in interval)
     return f"{sized(deviation, unit)} along an axis ({low} to {high})"

@@ -32,7 +32,8 @@ def plan(
     ],
     output: opt.NewPoses,
     poses: Annotated[
-        int, opt.value("--poses -n", "N", "How many poses.", parsing.whole(1, 1000))
+        int,
+        opt.value("--poses -n", "N", "How many poses.", parsing.whole(1, 1000)),
     ] = 60,
     joints: opt.JointNames = None,
     tip: opt.Tip = None,
@@ -42,22 +43,31 @@ def plan(
     degrees: opt.Degrees = False,
     margin: Annotated[
         float | None,
-        opt.value("--margin", "M", "From limits (1 deg).", parsing.not_negative),
+        opt.value(
+            "--margin", "M", "From limits (1 deg).", parsing.not_negative
+        ),
     ] = None,
     start: Annotated[
         parsing.Numbers | None,
-        opt.value("--from", "Q1,Q2", "Joints before the first pose.", parsing.reals),
+        opt.value(
+            "--from", "Q1,Q2", "Joints before the first pose.", parsing.reals
+        ),
     ] = None,
     data: opt.Data = None,
     columns: opt.Columns = None,
     touch: Annotated[
         parsing.Numbers | None,
-        opt.value("--touch", "X,Y,Z", "A point of the base frame [m].", parsing.reals),
+        opt.value(
+            "--touch", "X,Y,Z", "A point of the base frame [m].", parsing.reals
+        ),
     ] = None,
     above: Annotated[
         float | None,
         opt.value(
-            "--above", "Z", "Stay above this height of the base [m].", parsing.number
+            "--above",
+            "Z",
+            "Stay above this height of the base [m].",
+            parsing.number,
         ),
     ] = None,
     handeye: Annotated[
@@ -77,10 +87,14 @@ def plan(
         why = "is for --handeye of ROBOT: a model knows its board"
         refuse({"board": board, "eye": eye}, why)
     elif board is None:
-        raise BadOption("--handeye needs --board, such as 7x5:24mm:18mm:5x5_100")
+        raise BadOption(
+            "--handeye needs --board, such as 7x5:24mm:18mm:5x5_100"
+        )
     check_file(output, TABLES, stream=True)
     if data is None:
-        refuse({"columns": columns}, "applies to a log: expected --data LOG too")
+        refuse(
+            {"columns": columns}, "applies to a log: expected --data LOG too"
+        )
     if handeye and is_model:
         from calib.recording.rig_file import is_rig
 
@@ -115,7 +129,9 @@ def plan(
         source,
         poses,
         seed=seed,
-        margin=None if margin is None else [margin / factor for factor in shown.typed],
+        margin=None
+        if margin is None
+        else [margin / factor for factor in shown.typed],
         ranges=within,
         start=shown.one_each("--from", start),
         measured=rows,
@@ -159,7 +175,9 @@ def _flange_poses(rig: str, output: str, count: int, seed: int) -> Outcome:
     from calib.samples.tables import write_table
 
     flange, intervals = next_poses(load_rig(rig), count, seed)
-    numbers = np.column_stack([flange[:, :3, 3], quaternion_of(flange[:, :3, :3])])
+    numbers = np.column_stack(
+        [flange[:, :3, 3], quaternion_of(flange[:, :3, :3])]
+    )
     names = ("x", "y", "z", "qx", "qy", "qz", "qw")
     table = dict(zip(names, numbers.T, strict=True))
     write_table(output, table)

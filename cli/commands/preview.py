@@ -16,7 +16,8 @@ from ..pictures import load_drawn, size_of_page
 def preview(
     model: opt.ModelFile,
     html: Annotated[
-        str | None, opt.value("--html", "FILE", "Write the page for any browser.")
+        str | None,
+        opt.value("--html", "FILE", "Write the page for any browser."),
     ] = None,
     columns: opt.Columns = None,
     unit: opt.Unit = None,
@@ -28,7 +29,9 @@ def preview(
     port: Annotated[
         int, opt.value("--port", "N", "Of the page (0: any).", whole(0, 65535))
     ] = 0,
-    no_open: Annotated[bool, opt.flag("--no-open", "Print the address alone.")] = False,
+    no_open: Annotated[
+        bool, opt.flag("--no-open", "Print the address alone.")
+    ] = False,
     live: Annotated[
         bool, opt.flag("--live", "Drag a target, see all its solutions.")
     ] = False,
@@ -36,12 +39,16 @@ def preview(
     import calib
 
     if live and html is not None:
-        raise BadOption("--live needs a running preview: expected it without --html")
+        raise BadOption(
+            "--live needs a running preview: expected it without --html"
+        )
     check_file(html, (".html", ".htm"), option="--html")
     reading = Reading(columns, unit, time_offset, degrees)
     loaded, log = load_drawn(model, data, photo, no_photo, reading)
     browse = not no_open
-    with calib.preview(loaded, html, log, live=live, port=port, browse=browse) as page:
+    with calib.preview(
+        loaded, html, log, live=live, port=port, browse=browse
+    ) as page:
         say(page.notes)
         if html is not None:
             document = {"html": html, "bytes": Path(html).stat().st_size}

@@ -30,7 +30,9 @@ def recognise(
     log = log_for(loaded[0], data, reading)
     result = calib.recognise(loaded, log)
     name = None if result.index is None else models[result.index]
-    fits = [{"model": models[fit.index], **fit.to_json()} for fit in result.fits]
+    fits = [
+        {"model": models[fit.index], **fit.to_json()} for fit in result.fits
+    ]
     factor, shown = for_people(loaded[0].about.unit)
     rows = []
     for fit in result.fits:

@@ -21,7 +21,9 @@ def report(
     output: Annotated[
         str | None, opt.value("--output -o", "FILE.html", "One file.")
     ] = None,
-    png: Annotated[str | None, opt.value("--png", "DIR", "Its figures as PNG.")] = None,
+    png: Annotated[
+        str | None, opt.value("--png", "DIR", "Its figures as PNG.")
+    ] = None,
     figures: Annotated[
         str | None, opt.value("--figures", "FOLDER", "Its figures as SVG.")
     ] = None,

@@ -43,7 +43,8 @@ def reproduce(
         bool, opt.flag("--quick", "Small lattices and few samples.")
     ] = False,
     robot: Annotated[
-        str | None, opt.value("--robot", "ROBOT", "Another arm, two revolute joints.")
+        str | None,
+        opt.value("--robot", "ROBOT", "Another arm, two revolute joints."),
     ] = None,
     joints: opt.JointNames = None,
     seed: opt.Seed = 0,
@@ -55,7 +56,9 @@ def reproduce(
     folder.mkdir(parents=True, exist_ok=True)
     started = time.perf_counter()
     arm = robot or ROBOT
-    setting = Setting.of(seed, quick=quick, report=progress, robot=arm, named=joints)
+    setting = Setting.of(
+        seed, quick=quick, report=progress, robot=arm, named=joints
+    )
     document: dict[str, object] = {}
     tables: list[TextTable] = []
     # the figures bring the adaptation along

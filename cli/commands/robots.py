@@ -9,7 +9,11 @@ def robots() -> Outcome:
     import calib
 
     entries = calib.list_robots()
-    rows = [[entry.name, str(entry.dof), entry.description] for entry in entries]
+    rows = [
+        [entry.name, str(entry.dof), entry.description] for entry in entries
+    ]
     table = TextTable(["robot", "joints", "description"], rows, left=3)
-    document = [fields(entry, "name joints dof description") for entry in entries]
+    document = [
+        fields(entry, "name joints dof description") for entry in entries
+    ]
     return Outcome(document, [table])

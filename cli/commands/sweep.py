@@ -31,14 +31,18 @@ def sweep(
         list[str] | None, Argument(metavar="ROBOT...", help="URDFs, names.")
     ] = None,
     data: Annotated[
-        list[str] | None, opt.value("--data", "LOG", "Logs or patterns; repeatable.")
+        list[str] | None,
+        opt.value("--data", "LOG", "Logs or patterns; repeatable."),
     ] = None,
     output: Annotated[
-        str | None, opt.value("--output -o", "FILE", "CSV or Parquet (- stdout).")
+        str | None,
+        opt.value("--output -o", "FILE", "CSV or Parquet (- stdout)."),
     ] = None,
     size: Annotated[
         Sequence[int | tuple[int, ...]] | None,
-        opt.value("--size", "N|NxN|NxNxN,..", opt.SIZE, several(parsing.lattice_sides)),
+        opt.value(
+            "--size", "N|NxN|NxNxN,..", opt.SIZE, several(parsing.lattice_sides)
+        ),
     ] = None,
     map: Annotated[  # noqa: A002
         Sequence[str] | None,
@@ -47,7 +51,10 @@ def sweep(
     rule: Annotated[
         Sequence[str] | None,
         opt.value(
-            "--rule", "batch|online,..", "Rules.", several(parsing.one_of(RULES))
+            "--rule",
+            "batch|online,..",
+            "Rules.",
+            several(parsing.one_of(RULES)),
         ),
     ] = None,
     epochs: Annotated[
@@ -95,7 +102,9 @@ def sweep(
     robots = robots or []
     check_sources(robots, bool(data), simulated, vars(reading))
     if data and len(robots) > 1:
-        raise BadOption(f"--data with {len(robots)} robots: expected one ROBOT or none")
+        raise BadOption(
+            f"--data with {len(robots)} robots: expected one ROBOT or none"
+        )
     check_file(output, TABLES, stream=True)
     sources: dict[str, Source] = {}
     for text in data or ():  # logs are read here: a worker cannot say its notes
@@ -105,7 +114,13 @@ def sweep(
             sources[path] = measured(robot, selection, path, reading)
     if not data:
         sources = {name: selection.load(name) for name in robots}
-    options = {"size": size, "map": map, "rule": rule, "epochs": epochs, "sigma": sigma}
+    options = {
+        "size": size,
+        "map": map,
+        "rule": rule,
+        "epochs": epochs,
+        "sigma": sigma,
+    }
     grid = {
         name: list(values)
         for name, values in {**options, **simulated}.items()

@@ -14,9 +14,12 @@ from ..parsing import BadOption, check_file, whole
 
 
 def tag(
-    output: Annotated[str, opt.value("--output -o", "FILE.svg", "The page to print.")],
+    output: Annotated[
+        str, opt.value("--output -o", "FILE.svg", "The page to print.")
+    ],
     number: Annotated[
-        int | None, Argument(metavar="ID", parser=whole(0), help="Number of the tag.")
+        int | None,
+        Argument(metavar="ID", parser=whole(0), help="Number of the tag."),
     ] = None,
     size: Annotated[
         str, opt.value("--size", "40mm", "Side of the black square.")

@@ -39,7 +39,8 @@ def train(
     ] = None,
     data: opt.DataOfSensors = None,
     output: Annotated[
-        str | None, opt.value("--output -o", "MODEL", "Default ROBOT.calib, LOG.calib.")
+        str | None,
+        opt.value("--output -o", "MODEL", "Default ROBOT.calib, LOG.calib."),
     ] = None,
     force: Annotated[
         bool, opt.flag("--force", "Replace a model of another robot.")
@@ -72,9 +73,12 @@ def train(
     distance: opt.Distances = None,
     plane: opt.Planes = None,
     lens: Annotated[
-        str | None, opt.value("--lens", "lens.json", "Of a camera in space (fitted).")
+        str | None,
+        opt.value("--lens", "lens.json", "Of a camera in space (fitted)."),
     ] = None,
-    no_rows: Annotated[bool, opt.flag("--no-rows", "Keep no rows of the log.")] = False,
+    no_rows: Annotated[
+        bool, opt.flag("--no-rows", "Keep no rows of the log.")
+    ] = False,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
 ) -> Outcome:
@@ -88,14 +92,18 @@ def train(
     of_logs = {**vars(reading), **of_touches, **of_cameras}
     check_sources([robot] if robot else [], bool(data), simulated, of_logs)
     if photo is not None and no_photo:
-        raise BadOption("--photo and --no-photo are given: expected one of them")
+        raise BadOption(
+            "--photo and --no-photo are given: expected one of them"
+        )
     check_file(output, ())
     if data:
         from calib.samples.sensors import sources_by_sensor
 
         logs = []
         for sensor, source in sources_by_sensor(data).items():
-            log = measured(robot, selection, source, reading, seed, lens, sensor)
+            log = measured(
+                robot, selection, source, reading, seed, lens, sensor
+            )
             logs.append(stated(log, distance, plane))
     else:
         logs = [babbled(robot, selection, samples, noise, change, seed)]
@@ -132,7 +140,9 @@ def train(
         rows = "fresh exact samples"
         learned = f"{about.samples} samples"
     sensors = [model.by(name) for name in model.sensors]
-    warnings = [line for sensor in sensors for line in contradicted(sensor.about)]
+    warnings = [
+        line for sensor in sensors for line in contradicted(sensor.about)
+    ]
     noise_of_log = log.source.get("noise")
     if log.source.get("unit") != about.unit:
         noise_of_log = None

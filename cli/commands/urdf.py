@@ -107,7 +107,9 @@ def _table(geometry: Geometry) -> TextTable:
         factor, unit = for_people(kind)
         values = factor * np.ravel(change["value"])
         intervals = factor * np.ravel(change["interval"])
-        for axis, value, interval in zip("xyz", values, intervals, strict=False):
+        for axis, value, interval in zip(
+            "xyz", values, intervals, strict=False
+        ):
             if interval:  # what was fitted
                 shown = fixed(float(value), 4), number(float(interval))
                 rows.append([name, what.format(axis), unit, *shown])

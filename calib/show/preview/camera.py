@@ -54,7 +54,9 @@ def camera_onto(
     else:
         normal = frame[2]
         upright = abs(normal @ up) < 0.75
-        towards = up if upright else -frame[1]  # from above, y leading up the screen
+        towards = (
+            up if upright else -frame[1]
+        )  # from above, y leading up the screen
         angle = math.radians(tilt)
         direction = math.cos(angle) * normal + math.sin(angle) * towards
         direction = direction / np.linalg.norm(direction)

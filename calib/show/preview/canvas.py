@@ -26,10 +26,16 @@ class Canvas:
     layers: list[dict[str, object]] = field(default_factory=list)
     objects: list[dict[str, object]] = field(default_factory=list)
     labels: list[dict[str, object]] = field(default_factory=list)
-    places: dict[str, list[float]] = field(default_factory=dict)  # by columns, by path
-    tracks: dict[str, str] = field(default_factory=dict)  # of the animation, by path
+    places: dict[str, list[float]] = field(
+        default_factory=dict
+    )  # by columns, by path
+    tracks: dict[str, str] = field(
+        default_factory=dict
+    )  # of the animation, by path
 
-    def layer(self, name: str, colour: str, text: str, *, shown: bool = True) -> str:
+    def layer(
+        self, name: str, colour: str, text: str, *, shown: bool = True
+    ) -> str:
         """Begin a layer of the legend: what is drawn on paths below its name, which is returned."""
         layer = {"name": name, "colour": colour, "text": text, "shown": shown}
         self.layers.append(layer)
@@ -58,7 +64,11 @@ class Canvas:
         points : (n, 3)
         size : [m], width of points, radius of a ball; radius and length
         """
-        drawn: dict[str, object] = {"path": path, "kind": kind, "opacity": opacity}
+        drawn: dict[str, object] = {
+            "path": path,
+            "kind": kind,
+            "opacity": opacity,
+        }
         drawn |= {"size": size, "order": order}
         if isinstance(colour, str):
             drawn["colour"] = colour

@@ -33,7 +33,9 @@ class Panel:
         low = flat.min(axis=0)
         high = flat.max(axis=0)
         middle = (low[1] + high[1] - size) / 2
-        corner = np.array([high[0] + 0.22 * size, middle, np.median(flat[:, 2])])
+        corner = np.array(
+            [high[0] + 0.22 * size, middle, np.median(flat[:, 2])]
+        )
         return Panel(corner @ frame, size * frame[: min(dof, 3)])
 
     def lift(self, u: ArrayLike) -> Array:
@@ -43,7 +45,9 @@ class Panel:
 
     def outline(self) -> tuple[Array, NDArray[np.intp]]:
         """Corners (n, 3) and pairs of them (m, 2) that the box is drawn with."""
-        corners = np.array(list(np.ndindex(*(2,) * len(self.edges))), dtype=float)
+        corners = np.array(
+            list(np.ndindex(*(2,) * len(self.edges))), dtype=float
+        )
         first, second = np.triu_indices(len(corners), 1)
         near = np.abs(corners[first] - corners[second]).sum(axis=1) == 1
         return self.lift(corners), np.stack([first[near], second[near]], axis=1)
@@ -65,8 +69,20 @@ def draw_maps(
     motor_errors, sensory_errors = node_errors(model)
     joints = panel.lift(model.motor.units)
     for name, part, points, text, errors in (
-        ("Sensory map", model.sensory, places, "where they stand", sensory_errors),
-        ("Motor map", model.motor, joints, "over the joints' ranges", motor_errors),
+        (
+            "Sensory map",
+            model.sensory,
+            places,
+            "where they stand",
+            sensory_errors,
+        ),
+        (
+            "Motor map",
+            model.motor,
+            joints,
+            "over the joints' ranges",
+            motor_errors,
+        ),
     ):
         tint = colours(scale.share(errors))
         edges = drawn_edges(part)
@@ -74,7 +90,9 @@ def draw_maps(
         canvas.layer(name, "scale", f"{nodes} nodes {text}", shown=shown)
         canvas.add(f"{name}/lattice", "lines", tint, points, edges)
         lengths = np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1)
-        width = float(np.clip(0.5 * np.median(lengths), 0.003 * size, 0.02 * size))
+        width = float(
+            np.clip(0.5 * np.median(lengths), 0.003 * size, 0.02 * size)
+        )
         canvas.add(f"{name}/nodes", "points", tint, points, size=width)
     canvas.add("Motor map/range", "lines", UNKNOWN, *panel.outline())
     text = "of one node; click the sensory map for another"
@@ -96,9 +114,15 @@ def _label_maps(
         factor, unit = for_people(about.units_of_joints[axis])
         low = f"{number(factor * about.lower[axis])} {unit}"
         high = f"{number(factor * about.upper[axis])} {unit}"
-        for share, text in ((0.5, about.joint_names[axis]), (0.0, low), (1.0, high)):
+        for share, text in (
+            (0.5, about.joint_names[axis]),
+            (0.0, low),
+            (1.0, high),
+        ):
             # the third along the other side, where no other joint's words are
-            place = np.array([-0.12, -0.06, 0.0] if axis < 2 else [1.06, 0.0, 0.0])
+            place = np.array(
+                [-0.12, -0.06, 0.0] if axis < 2 else [1.06, 0.0, 0.0]
+            )
             place[axis] = share
             canvas.label("Motor map", text, panel.lift(place))
 
@@ -121,7 +145,9 @@ def links_of(model: Model, among: NDArray[np.intp]) -> dict[str, object]:
     spreads = []
     for row in partners[among]:
         units = model.motor.units[row[row != nobody]]
-        spreads.append(float(np.ptp(units, axis=0).sum()) if len(units) else 0.0)
+        spreads.append(
+            float(np.ptp(units, axis=0).sum()) if len(units) else 0.0
+        )
     return {
         "each": width,
         "partners": packed(partners, np.uint32),

@@ -12,10 +12,16 @@ from string import Template
 
 def page_of(data: Mapping[str, object], *, live: bool = False) -> str:
     """Return the page of a scene; `live` where a server answers inverse queries."""
-    package = find_spec("meshcat")  # not imported, which takes a quarter of a second
+    package = find_spec(
+        "meshcat"
+    )  # not imported, which takes a quarter of a second
     assert package is not None  # noqa: S101 - it is required
-    viewer = Path(str(package.origin)).parent / "viewer" / "dist" / "main.min.js"
-    text = json.dumps({**data, "live": live}, separators=(",", ":"), allow_nan=False)
+    viewer = (
+        Path(str(package.origin)).parent / "viewer" / "dist" / "main.min.js"
+    )
+    text = json.dumps(
+        {**data, "live": live}, separators=(",", ":"), allow_nan=False
+    )
     folder = files(__package__)
     page = Template((folder / "page.html").read_text(encoding="utf-8"))
     return page.substitute(

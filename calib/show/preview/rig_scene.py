@@ -29,7 +29,9 @@ def data_of_rig(rig: HandEye) -> dict[str, object]:
     canvas.add(f"{ARM}/{base}/ball", "sphere", "#e0853c", size=[0.02 * size])
     canvas.label(ARM, base, np.zeros(3))
     draw_things(canvas, things, flange)
-    canvas.layer("Poses", "scale", "of the flange, in the colour of their pictures")
+    canvas.layer(
+        "Poses", "scale", "of the flange, in the colour of their pictures"
+    )
     tints = colours(scale.share(rig.misses))
     canvas.add("Poses/positions", "points", tints, places, size=0.014 * size)
     canvas.place("Axes", np.diag([*[0.2 * size] * 3, 1.0]))

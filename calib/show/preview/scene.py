@@ -41,7 +41,8 @@ class Motion(NamedTuple):
     """What the arm does when the page is opened."""
 
     q: Array  # (frames, dof)
-    target: Array  # (frames, m) [unit], where the tip should be, or was measured
+    # (frames, m) [unit], where the tip should be, or was measured
+    target: Array
     reached: Array  # (frames, m) [unit], where it is
     step: int  # frames of the page from one to the next
 
@@ -95,7 +96,9 @@ class Scene:
     @cached_property
     def notes(self) -> list[str]:
         """What the user should be told of the drawing."""
-        notes = [placement.note for placement in self.placements if placement.note]
+        notes = [
+            placement.note for placement in self.placements if placement.note
+        ]
         if self.robot is None:
             notes.insert(
                 0,
@@ -111,7 +114,9 @@ class Scene:
     @cached_property
     def things(self) -> list[Thing]:
         """What stands around the arm, as each sensor tells of it."""
-        return [thing for study in self.studies for thing in things_of(study.model)]
+        return [
+            thing for study in self.studies for thing in things_of(study.model)
+        ]
 
     @cached_property
     def nodes(self) -> Array:
@@ -148,8 +153,14 @@ class Scene:
     @cached_property
     def panel(self) -> Panel:
         """The box of the joints, beside all else."""
-        still = [thing.placed(np.eye(4)) for thing in self.things if not thing.carried]
-        around = np.vstack([self.working_points, self.nodes, self.photo, *still])
+        still = [
+            thing.placed(np.eye(4))
+            for thing in self.things
+            if not thing.carried
+        ]
+        around = np.vstack(
+            [self.working_points, self.nodes, self.photo, *still]
+        )
         dof = self.model.motor.units.shape[1]
         return Panel.beside(self.frame, around, 0.75 * self.size, dof)
 
@@ -159,11 +170,17 @@ class Scene:
         eye = self.placements[0].eye
         if len(self.photo) and eye is not None:
             return camera_onto(self.photo, self.frame, eye)
-        around = [thing.placed(np.eye(4)) for thing in self.things if not thing.carried]
+        around = [
+            thing.placed(np.eye(4))
+            for thing in self.things
+            if not thing.carried
+        ]
         around += [self.working_points, self.photo]
         if not moves_in_space(self.model):  # with room for words at each side
             around.append(self.nodes)
-            around.append(self.panel.lift([[-0.3, -0.2, 0.0], [1.1, 1.15, 0.0]]))
+            around.append(
+                self.panel.lift([[-0.3, -0.2, 0.0], [1.1, 1.15, 0.0]])
+            )
         return camera_onto(np.vstack(around), self.frame)
 
     @cached_property
@@ -176,7 +193,9 @@ class Scene:
         """Colours of bounds and errors."""
         errors = [*node_errors(self.model), self.field[1]]
         if self.measured:
-            errors += [study.rows.distance for study in self.studies if study.rows]
+            errors += [
+                study.rows.distance for study in self.studies if study.rows
+            ]
         unit = self.model.about.unit
         return ErrorScale.of(np.concatenate(errors), unit, extent(self.model))
 
@@ -189,12 +208,16 @@ class Scene:
         if self.robot is not None:
             _draw_robot(canvas, self.robot, self.poses, 0.02 * self.size)
             draw_things(canvas, self.things, self.robot.links[-1])
-        draw_maps(canvas, self.model, self.nodes, self.panel, self.scale, self.size)
+        draw_maps(
+            canvas, self.model, self.nodes, self.panel, self.scale, self.size
+        )
         self._draw_reach(canvas)
         self._draw_rows(canvas)
         self._draw_motion(canvas)
         canvas.place("Axes", np.diag([*[0.3 * self.size] * 3, 1.0]))
-        measure = "true position" if about.source == "simulation" else about.bound_of
+        measure = (
+            "true position" if about.source == "simulation" else about.bound_of
+        )
         winners = np.unique(self.model.sensory.winners(self.motion.target))
         normal = self.frame[2].tolist()
         return {
@@ -207,9 +230,14 @@ class Scene:
             "links": links_of(self.model, winners),
             "target": _TARGET,
             "step": self.motion.step,
-            "panel": {name: part.tolist() for name, part in vars(self.panel).items()},
+            "panel": {
+                name: part.tolist() for name, part in vars(self.panel).items()
+            },
             # in which a target is dragged; in space it goes through the middle of the map
-            "plane": {"point": self.nodes.mean(axis=0).tolist(), "normal": normal},
+            "plane": {
+                "point": self.nodes.mean(axis=0).tolist(),
+                "normal": normal,
+            },
             "size": self.size,
             "notes": self.notes,
         }
@@ -231,14 +259,21 @@ class Scene:
         left, right, low, high = photo.box
         share = np.linspace(0.0, 1.0, cells + 1)
         uv = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
-        points = self.placements[0].lift([left, low] + uv * [right - left, high - low])
+        points = self.placements[0].lift(
+            [left, low] + uv * [right - left, high - low]
+        )
         numbers = np.arange(len(uv)).reshape(cells + 1, cells + 1)
         first = numbers[:-1, :-1].ravel()
         corners = (0, 1, cells + 1, 1, cells + 2, cells + 1)  # of two triangles
         triangles = first[:, None] + np.array(corners)
         points = points - 1.7 * self.front
         drawn = canvas.add(
-            "Photo/picture", "image", "#ffffff", points, triangles, opacity=0.999
+            "Photo/picture",
+            "image",
+            "#ffffff",
+            points,
+            triangles,
+            opacity=0.999,
         )
         jpeg = base64.b64encode(photo.jpeg).decode("ascii")
         drawn["image"] = f"data:image/jpeg;base64,{jpeg}"
@@ -247,11 +282,15 @@ class Scene:
     def _draw_reach(self, canvas: Canvas) -> None:
         """Draw reachable points in the colour of the bound; they would hide rows and cameras."""
         shown = moves_in_space(self.model) and not self.measured
-        canvas.layer("Reach", "scale", "bound on the true position", shown=shown)
+        canvas.layer(
+            "Reach", "scale", "bound on the true position", shown=shown
+        )
         x, bound = self.field
         points = self.placements[0].lift(x)
         tints = colours(self.scale.share(bound))
-        canvas.add("Reach/points", "points", tints, points, size=0.005 * self.size)
+        canvas.add(
+            "Reach/points", "points", tints, points, size=0.005 * self.size
+        )
 
     def _draw_rows(self, canvas: Canvas) -> None:
         """Draw rows of each sensor as points in the colour of their errors."""
@@ -271,9 +310,14 @@ class Scene:
     def _draw_motion(self, canvas: Canvas) -> None:
         """Draw the paths of a loop, and the balls that run along."""
         motion = self.motion
-        off = float(np.linalg.norm(motion.reached - motion.target, axis=1).mean())
+        off = float(
+            np.linalg.norm(motion.reached - motion.target, axis=1).mean()
+        )
         mean = f"{length_in_words(off, self.model.about.unit)} off on average"
-        names = ("Target path", "asked for"), ("Reached path", f"by the arm: {mean}")
+        names = (
+            ("Target path", "asked for"),
+            ("Reached path", f"by the arm: {mean}"),
+        )
         if self.measured:
             names = (
                 ("Measured tip", "as measured, row by row"),
@@ -290,7 +334,9 @@ class Scene:
             canvas.layer(name, colour, text)
             points = self.placements[0].lift(x)
             if not self.measured:
-                canvas.add(f"{name}/line", "lines", colour, points + self.front, along)
+                canvas.add(
+                    f"{name}/line", "lines", colour, points + self.front, along
+                )
             ball = f"{name}/ball"
             canvas.add(
                 ball,
@@ -322,7 +368,9 @@ def _loop(model: Model, frames: int = 180) -> Motion:
     target = model.forward(q)
     answer = model.solve(target, q)
     simulation = simulation_of(model)
-    reached = answer.position if simulation is None else simulation.exact(answer.q)
+    reached = (
+        answer.position if simulation is None else simulation.exact(answer.q)
+    )
     return Motion(answer.q, target, reached, step=1)
 
 
@@ -358,7 +406,11 @@ def draw_things(canvas: Canvas, things: list[Thing], tip: str) -> None:
     kinds = dict.fromkeys(thing.kind for thing in things)
     canvas.layer("Setup", _THING, ", ".join(kinds))
     for thing in things:
-        path = f"{ARM}/{tip}/{thing.name}" if thing.carried else f"Setup/{thing.name}"
+        path = (
+            f"{ARM}/{tip}/{thing.name}"
+            if thing.carried
+            else f"Setup/{thing.name}"
+        )
         canvas.add(f"{path}/lines", "lines", _THING, thing.points, thing.pairs)
         if thing.faces:
             canvas.add(

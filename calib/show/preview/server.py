@@ -67,7 +67,9 @@ def preview(
     True
     """
     if live and path is not None:
-        raise OptionError("`live` needs a running preview: expected it without a file")
+        raise OptionError(
+            "`live` needs a running preview: expected it without a file"
+        )
     scene = None
     notes: list[str] = []
     if isinstance(model, HandEye):
@@ -90,9 +92,13 @@ def preview(
             parameter="port",
             value=port,
         ) from error
-    threading.Thread(target=server.serve_forever, args=(0.2,), daemon=True).start()
+    threading.Thread(
+        target=server.serve_forever, args=(0.2,), daemon=True
+    ).start()
     shown = Preview(
-        f"http://{_ADDRESS}:{server.server_address[1]}{server.place}", notes, server
+        f"http://{_ADDRESS}:{server.server_address[1]}{server.place}",
+        notes,
+        server,
     )
     if browse:
         webbrowser.open(shown.url)
@@ -178,7 +184,10 @@ class _Handler(BaseHTTPRequestHandler):
         self, status: int, kind: str = "text/plain", data: bytes = b"not here"
     ) -> None:
         # against DNS rebinding: a page of another name, led here, asks in the user's browser
-        if self.headers.get("Host", "").split(":")[0] not in (_ADDRESS, "localhost"):
+        if self.headers.get("Host", "").split(":")[0] not in (
+            _ADDRESS,
+            "localhost",
+        ):
             status = 404
             data = b"not here"
         self.send_response(status)
@@ -221,7 +230,10 @@ def _answer(scene: Scene, question: Mapping[str, object]) -> dict[str, object]:
         lines.append(", ".join(values))
         error = length_in_words(float(solutions.expected_error[row]), unit)
         lines.append(f"expected error {error}")
-        links = {link: frames[row].T.ravel().tolist() for link, frames in poses.items()}
+        links = {
+            link: frames[row].T.ravel().tolist()
+            for link, frames in poses.items()
+        }
         branches.append({"joints": shares[row].tolist(), "links": links})
     return {
         "reachable": reachable,

@@ -43,7 +43,11 @@ def settings(*, paper: bool = False) -> AbstractContextManager[None]:
     file = Path(__file__).with_name("figure.mplstyle")
     style = mpl.rc_params_from_file(file, use_default_template=False)
     if paper:
-        inks = {name: value for name, value in style.items() if str(value) in _ON_PAPER}
+        inks = {
+            name: value
+            for name, value in style.items()
+            if str(value) in _ON_PAPER
+        }
         style.update({name: _ON_PAPER[ink] for name, ink in inks.items()})
     return mpl.rc_context(style)
 
@@ -55,7 +59,9 @@ def panels(heights: Sequence[float]) -> tuple[Figure, list[Axes]]:
 
     figure = Figure(figsize=(WIDTH, sum(heights)))
     FigureCanvasAgg(figure)
-    axes = figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)
+    axes = figure.subplots(
+        len(heights), 1, squeeze=False, height_ratios=heights
+    )
     return figure, list(axes[:, 0])
 
 
@@ -91,7 +97,9 @@ def name_axes(ax: Axes, unit: str, view: tuple[int, int] = (0, 1)) -> None:
     """Name the axes of two coordinates, in a unit for people."""
     shown = plain_text(for_people(unit)[1])
     across, up = ("xyz"[k] for k in view)
-    ax.set(xlabel=f"{across} [{shown}]", ylabel=f"{up} [{shown}]", aspect="equal")
+    ax.set(
+        xlabel=f"{across} [{shown}]", ylabel=f"{up} [{shown}]", aspect="equal"
+    )
     ax.locator_params(nbins=4)
     if unit == "px":  # a picture's y runs down
         ax.invert_yaxis()
@@ -147,7 +155,13 @@ def colour_bar(
 ) -> Colorbar:
     """Add a bar that tells what the colours mean."""
     bar = figure.colorbar(
-        image, ax=axes, label=label, location="bottom", shrink=0.9, pad=0.02, aspect=30
+        image,
+        ax=axes,
+        label=label,
+        location="bottom",
+        shrink=0.9,
+        pad=0.02,
+        aspect=30,
     )
     bar.outline.set_visible(False)
     return bar
@@ -194,7 +208,9 @@ def to_file(figure: Figure, kind: str) -> bytes:
     """Return a figure as "png" or "svg", the first on white, without date and program."""
     buffer = io.BytesIO()
     engine = figure.get_layout_engine()
-    if engine is not None:  # laid out here: savefig draws a figure twice to lay it out
+    if (
+        engine is not None
+    ):  # laid out here: savefig draws a figure twice to lay it out
         engine.execute(figure)
         figure.set_layout_engine("none")
     if kind == "png":
@@ -204,4 +220,6 @@ def to_file(figure: Figure, kind: str) -> bytes:
         )
     else:
         figure.savefig(buffer, format=kind, dpi=130)
-    return re.sub(rb"<metadata>.*?</metadata>", b"", buffer.getvalue(), flags=re.DOTALL)
+    return re.sub(
+        rb"<metadata>.*?</metadata>", b"", buffer.getvalue(), flags=re.DOTALL
+    )

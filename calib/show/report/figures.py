@@ -41,12 +41,18 @@ def accuracy(study: Study) -> Figure | None:
     if not bars:
         return None
     means, halves = np.array([[bar.mean, bar.half] for bar in bars]).T
-    factor, unit = unit_for(float((means + halves).max()), study.model.about.unit)
+    factor, unit = unit_for(
+        float((means + halves).max()), study.model.about.unit
+    )
     names = []
     for bar in bars:
         name = f"{bar.name}: {number(factor * bar.mean)} {unit}"
-        names.append(f"{name} ± {number(factor * bar.half, 2)}" if bar.half else name)
-    figure, ax = named_rows(names, f"mean error of the tip, 95 % interval [{unit}]")
+        names.append(
+            f"{name} ± {number(factor * bar.half, 2)}" if bar.half else name
+        )
+    figure, ax = named_rows(
+        names, f"mean error of the tip, 95 % interval [{unit}]"
+    )
     shades = [GREY] * (len(bars) - 1) + [ACCENT]
     rows = range(len(bars))
     errors = factor * halves
@@ -63,9 +69,13 @@ def causes(study: Study) -> Figure | None:
     factor, unit = unit_for(largest[0].effect, study.model.about.unit)
     names = [cause.words for cause in largest]
     figure, ax = named_rows(names, f"moves the tip by, rms [{unit}]")
-    effects = [[factor * cause.effect, factor * cause.effect_half] for cause in largest]
+    effects = [
+        [factor * cause.effect, factor * cause.effect_half] for cause in largest
+    ]
     sizes, halves = np.array(effects).T
-    ax.errorbar(sizes, range(len(names)), xerr=halves, fmt="o", ms=5, elinewidth=2.2)
+    ax.errorbar(
+        sizes, range(len(names)), xerr=halves, fmt="o", ms=5, elinewidth=2.2
+    )
     ax.set_xlim(left=0.0)
     return figure
 
@@ -91,10 +101,14 @@ def draw_setup(frames: Array, things: Sequence[Thing]) -> Figure:
     points = np.vstack([bones, *placed])
     across = int(np.argmax(np.ptp(points[:, :2], axis=0)))
     views = ((across, 2), (across, 1 - across))
-    figure, axes = panels([0.35 + 2.9 * _aspect(points, view) for view in views])
+    figure, axes = panels(
+        [0.35 + 2.9 * _aspect(points, view) for view in views]
+    )
     kinds = list(dict.fromkeys(thing.kind for thing in things))
     for ax, view in zip(axes, views, strict=True):
-        ax.plot(*1e3 * bones[:, view].T, "o-", color=GREY, lw=3, ms=5, label="arm")
+        ax.plot(
+            *1e3 * bones[:, view].T, "o-", color=GREY, lw=3, ms=5, label="arm"
+        )
         ax.plot(*1e3 * bones[0, view], "s", color=INK, ms=6, label="base")
         for number_of_kind, kind in enumerate(kinds):
             ax.plot([], [], color=f"C{number_of_kind}", label=kind)
@@ -131,9 +145,13 @@ def where(study: Study) -> Figure | None:
             across, up = factor * rows.x[some][:, view].T
             ax.scatter(across, up, 9, tints, linewidths=0.5, rasterized=True)
             if rows.left_out is not None:
-                ax.plot(*factor * rows.left_out[:, view].T, "x", color=INK, ms=4)
+                ax.plot(
+                    *factor * rows.left_out[:, view].T, "x", color=INK, ms=4
+                )
         name_axes(ax, unit, view)
-    error_bar(figure, image, axes, scale, "95 % bound (field), error of rows (dots)")
+    error_bar(
+        figure, image, axes, scale, "95 % bound (field), error of rows (dots)"
+    )
     return figure
 
 
@@ -163,7 +181,11 @@ def joints(study: Study) -> Figure | None:
     rows = study.rows
     body = study.model.body
     about = study.model.about
-    if rows is None or body is None or body.structure.dof != len(about.joint_names):
+    if (
+        rows is None
+        or body is None
+        or body.structure.dof != len(about.joint_names)
+    ):
         return None
     structure = body.structure
     turning = np.flatnonzero(structure.revolute).tolist()
@@ -172,13 +194,17 @@ def joints(study: Study) -> Figure | None:
     some = thinned(len(rows.q), SETTINGS.dots)
     outputs = structure.blocks[0]
     offsets = structure.groups["offset"]
-    levers = structure.linearise(rows.q[some], body.beta, offsets)[1][:, :outputs]
+    levers = structure.linearise(rows.q[some], body.beta, offsets)[1][
+        :, :outputs
+    ]
     figure, axes = panels([1.25] * len(turning))
     for ax, k in zip(axes, turning, strict=True):
         lever = levers[:, :, k]
         length = np.linalg.norm(lever, axis=1)
         long = length > SETTINGS.lever * length.max()
-        angle = (rows.held_out[some] * lever).sum(axis=1)[long] / length[long] ** 2
+        angle = (rows.held_out[some] * lever).sum(axis=1)[long] / length[
+            long
+        ] ** 2
         q = rows.q[some][long, k]
         grid = np.linspace(about.lower[k], about.upper[k], 200)
         curve, half = error_curve(body, k, grid)
@@ -187,9 +213,13 @@ def joints(study: Study) -> Figure | None:
         curve = 1e3 * curve
         half = 1e3 * half
         ax.plot(np.degrees(q), readings, ".", color=GREY, rasterized=True)
-        ax.fill_between(grid, curve - half, curve + half, color=ACCENT, alpha=0.3)
+        ax.fill_between(
+            grid, curve - half, curve + half, color=ACCENT, alpha=0.3
+        )
         ax.plot(grid, curve, color=ACCENT)
-        most = 1.2 * max(np.quantile(np.abs(readings), 0.97), np.abs(curve).max(), 1e-9)
+        most = 1.2 * max(
+            np.quantile(np.abs(readings), 0.97), np.abs(curve).max(), 1e-9
+        )
         ax.set_ylim(-most, most)
         ax.set_title(plain_text(structure.joint_names[k]))
         ax.locator_params(nbins=4)
@@ -203,7 +233,9 @@ def order(study: Study, window: int = 15) -> Figure | None:
     rows = study.rows
     if rows is None or study.model.about.simulation is not None:
         return None
-    factor, unit = unit_for(float(np.median(rows.distance)), study.model.about.unit)
+    factor, unit = unit_for(
+        float(np.median(rows.distance)), study.model.about.unit
+    )
     errors = factor * rows.distance
     numbers = np.arange(1, len(errors) + 1)
     figure, (ax,) = panels([1.7])
@@ -213,7 +245,9 @@ def order(study: Study, window: int = 15) -> Figure | None:
         middles = numbers[window // 2 :][: len(windows)]
         ax.plot(middles, np.median(windows, axis=1))
     ax.set(
-        xlabel="row of the log", ylabel=f"error [{plain_text(unit)}]", ylim=(0, None)
+        xlabel="row of the log",
+        ylabel=f"error [{plain_text(unit)}]",
+        ylim=(0, None),
     )
     return figure
 
@@ -231,7 +265,12 @@ def arrows(study: Study) -> Figure | None:
         start = factor * (x - error)[:, view].T
         along = factor * error[:, view].T
         drawn = ax.quiver(
-            *start, *along, angles="xy", scale_units="xy", scale=1.0, color=SECOND
+            *start,
+            *along,
+            angles="xy",
+            scale_units="xy",
+            scale=1.0,
+            color=SECOND,
         )
         drawn.set_rasterized(True)
         ax.update_datalim(factor * x[:, view])  # the axes hold both ends
@@ -268,7 +307,9 @@ def trust(study: Study) -> Figure | None:
     percent = 100 * p
     chance = 100 * Z95 * np.sqrt(p * (1.0 - p) / len(ratio))
     figure, (ax,) = panels([2.4])
-    ax.fill_between(percent, percent - chance, percent + chance, color=GREY, alpha=0.3)
+    ax.fill_between(
+        percent, percent - chance, percent + chance, color=GREY, alpha=0.3
+    )
     ax.plot(percent, percent, color=GREY)
     ax.plot(percent, 100 * share, color=ACCENT)
     ax.set(xlim=(0, 100), xlabel="bound that should hold [%]")
@@ -291,7 +332,9 @@ def sockets(study: Study) -> Figure | None:
         errors = {"as delivered": study.delivered, **errors}
     for k, (name, error) in enumerate(errors.items()):
         row = socket_of_row.ravel() + 0.2 * k - 0.1
-        ax.plot(1e3 * np.linalg.norm(error, axis=1), row, ".", alpha=0.6, label=name)
+        ax.plot(
+            1e3 * np.linalg.norm(error, axis=1), row, ".", alpha=0.6, label=name
+        )
     ax.set_xlim(left=0.0)
     figure.legend(loc="outside lower center", ncols=2)
     return figure

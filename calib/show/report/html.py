@@ -64,7 +64,9 @@ def paragraph(text: str) -> str:
 
 def text_of(text: str) -> str:
     """A text for the page; what stands in backticks is typed, no number has an exponent."""
-    text = re.sub(r"\d[\d.]*e[-+]\d+", lambda match: number(float(match[0]), 2), text)
+    text = re.sub(
+        r"\d[\d.]*e[-+]\d+", lambda match: number(float(match[0]), 2), text
+    )
     return re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text))
 
 

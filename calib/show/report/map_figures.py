@@ -31,10 +31,14 @@ def lattices(study: Study) -> Figure | None:
     if len(model.axes) == 3:
         return None
     errors = node_errors(model)
-    scale = ErrorScale.of(np.concatenate(errors), model.about.unit, extent(model))
+    scale = ErrorScale.of(
+        np.concatenate(errors), model.about.unit, extent(model)
+    )
     figure, axes = panels([3.2, 3.7])
     parts = _parts(model.association)
-    for ax, (name, part), values in zip(axes, parts.items(), errors, strict=True):
+    for ax, (name, part), values in zip(
+        axes, parts.items(), errors, strict=True
+    ):
         points = _two_coordinates(ax, part, name)
         lines = draw_lattice(ax, points, drawn_edges(part), values, scale)
         ax.autoscale()
@@ -72,7 +76,9 @@ def _parts(maps: Map | Association) -> dict[str, Map]:
 
 def _two_coordinates(ax: Axes, part: Map, name: str) -> Array:
     """The first two coordinates (nodes, 2) of a map's nodes; of a line the second is 0."""
-    ax.set(title=name, xlabel="first coordinate [range]", ylabel="second [range]")
+    ax.set(
+        title=name, xlabel="first coordinate [range]", ylabel="second [range]"
+    )
     if part.units.shape[1] == 1:
         return np.column_stack([part.units, np.zeros(part.size)])
     return part.units[:, :2]
@@ -95,14 +101,18 @@ def _u_matrices(parts: dict[str, Map]) -> Figure:
         values = u_matrix(part)
         shape = part.lattice.shape
         image: ScalarMappable
-        if len(shape) == 1:  # a graph: its nodes have no place but where they stand
+        if (
+            len(shape) == 1
+        ):  # a graph: its nodes have no place but where they stand
             x, y = _two_coordinates(ax, part, name).T
             image = ax.scatter(x, y, 4, values, linewidths=0.0, rasterized=True)
         else:
             grid = values.reshape(*shape[:2], -1).mean(axis=-1).T
             top = np.quantile(grid, 0.995)
             image = ax.imshow(grid, vmax=top, interpolation="nearest")
-            ax.set(title=name, xlabel="first lattice axis [nodes]", ylabel="second")
+            ax.set(
+                title=name, xlabel="first lattice axis [nodes]", ylabel="second"
+            )
         colour_bar(figure, image, [ax], "distance to the neighbours [range]")
     return figure
 
@@ -146,8 +156,12 @@ def photo(study: Study) -> Figure | None:
         ends = np.stack([x, x - error], axis=1)
         ax.plot(*ends.transpose(2, 1, 0), color=SECOND, linewidth=0.9)
         ax.plot(*x.T, "o", ms=2.5, mfc="#ffffff", mec="#1d2730")
-        mean = length_in_words(float(study.rows.distance.mean()), model.about.unit)
-        title = f"errors ({mean} on average) drawn {number(times)} times as long"
+        mean = length_in_words(
+            float(study.rows.distance.mean()), model.about.unit
+        )
+        title = (
+            f"errors ({mean} on average) drawn {number(times)} times as long"
+        )
         ax.set_title(title, fontsize=8)
     ax.set(xlim=box[:2], ylim=box[2:], xticks=[], yticks=[])
     error_bar(figure, lines, [ax], scale, "expected error")

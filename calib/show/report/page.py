@@ -25,7 +25,12 @@ from . import map_figures as maps
 from . import words
 from .drawing import settings
 from .html import figure_of, filled, paragraph, write_page
-from .rig_page import figures_of_rig, pictures_of_rig, report_rig, verdict_of_rig
+from .rig_page import (
+    figures_of_rig,
+    pictures_of_rig,
+    report_rig,
+    verdict_of_rig,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,7 +101,9 @@ def report(
     with settings():
         bars = _of_sensors(studies, [arm.accuracy])
         first = "".join(bars.values()) + _figures(study, [arm.causes])
-        off = paragraph(words.uncertain(study)) + _figures(studies[0], [arm.setup])
+        off = paragraph(words.uncertain(study)) + _figures(
+            studies[0], [arm.setup]
+        )
         sections = {"What is off": off}
         if rig is not None:
             pictures = pictures_of_rig(rig)
@@ -106,8 +113,13 @@ def report(
             if progress is not None:
                 progress(len(sections) / 4, heading, float("nan"))
             for sensor, content in _of_sensors(studies, draws).items():
-                sections[f"{heading}: {sensor}" if sensor else heading] = content
-        if model.default_readout == "linear" or model.predictor.models.degree >= 0:
+                sections[f"{heading}: {sensor}" if sensor else heading] = (
+                    content
+                )
+        if (
+            model.default_readout == "linear"
+            or model.predictor.models.degree >= 0
+        ):
             sections["The maps"] = _table(model) + _figures(studies[0], _MAPS)
     verdict = words.verdict(studies)
     if rig is not None:
@@ -181,7 +193,9 @@ def figures(
     return drawn
 
 
-def _checked(names: Sequence[str] | None, drawn: Iterable[str]) -> Sequence[str]:
+def _checked(
+    names: Sequence[str] | None, drawn: Iterable[str]
+) -> Sequence[str]:
     """Names of figures, all that there are by default."""
     there = list(drawn)
     for name in names or ():
@@ -195,9 +209,13 @@ def _checked(names: Sequence[str] | None, drawn: Iterable[str]) -> Sequence[str]
     return there if names is None else names
 
 
-def _of_sensors(studies: Sequence[Study], draws: Sequence[Draw]) -> dict[str, str]:
+def _of_sensors(
+    studies: Sequence[Study], draws: Sequence[Draw]
+) -> dict[str, str]:
     """Figures as HTML, by the name of the sensor."""
-    return {study.model.about.sensor: _figures(study, draws) for study in studies}
+    return {
+        study.model.about.sensor: _figures(study, draws) for study in studies
+    }
 
 
 def _figures(study: Study, draws: Sequence[Draw]) -> str:
@@ -228,6 +246,10 @@ def _table(model: Model) -> str:
     factor, unit = unit_for(least, model.about.unit)
     rows = []
     for readout, distance in distances.items():
-        values = [f"{factor * distance[key]:,.3f}" for key in ("mean", "p99", "max")]
-        rows.append(f"<tr><th>{readout}</th><td>{'</td><td>'.join(values)}</td></tr>")
+        values = [
+            f"{factor * distance[key]:,.3f}" for key in ("mean", "p99", "max")
+        ]
+        rows.append(
+            f"<tr><th>{readout}</th><td>{'</td><td>'.join(values)}</td></tr>"
+        )
     return filled("table.html", unit=escape(unit), rows="\n".join(rows))

@@ -22,7 +22,9 @@ def rig_setup(rig: HandEye) -> Figure:
     flange = rig.flange[len(rig.flange) // 2]
     figure = draw_setup(np.array([np.eye(4), flange]), things_of_rig(rig))
     for ax in figure.axes:
-        view = ["xyz".index(name()[0]) for name in (ax.get_xlabel, ax.get_ylabel)]
+        view = [
+            "xyz".index(name()[0]) for name in (ax.get_xlabel, ax.get_ylabel)
+        ]
         ax.plot(*1e3 * rig.flange[:, view, 3].T, ".", color=GREY)
     return figure
 
@@ -52,7 +54,9 @@ def corners(rig: HandEye) -> Figure | None:
     width, height = rig.cameras[rig.photo.camera].lens["size"]
     figure, (ax,) = panels([3.5 * height / width + 0.5])
     box = (-0.5, width - 0.5, height - 0.5, -0.5)
-    ax.imshow(pixels, extent=box, origin="upper", cmap="gray", vmin=-150, vmax=280)
+    ax.imshow(
+        pixels, extent=box, origin="upper", cmap="gray", vmin=-150, vmax=280
+    )
     seen = rig.photo.corners
     off = rig.photo.predicted - seen
     length = float(np.linalg.norm(off, axis=1).max())
@@ -60,7 +64,12 @@ def corners(rig: HandEye) -> Figure | None:
     ends = np.stack([seen, seen + times * off], axis=1)
     ax.plot(*seen.T, "o", ms=3, mfc="none", label="seen")
     ax.plot(*ends.transpose(2, 1, 0), color=SECOND)
-    ax.plot([], [], color=SECOND, label=f"to predicted, {number(times)} times as long")
+    ax.plot(
+        [],
+        [],
+        color=SECOND,
+        label=f"to predicted, {number(times)} times as long",
+    )
     ax.set(xticks=[], yticks=[], xlim=box[:2], ylim=box[2:])
     ax.set_title(rig.photo.name, color=INK)
     figure.legend(loc="outside lower center", ncols=2)

@@ -26,7 +26,10 @@ _CAPTIONS = {
 
 def figures_of_rig(rig: HandEye) -> dict[str, Figure]:
     """Return the figures of a rig by name."""
-    drawn = {"setup": rig_figures.rig_setup(rig), "misses": rig_figures.misses(rig)}
+    drawn = {
+        "setup": rig_figures.rig_setup(rig),
+        "misses": rig_figures.misses(rig),
+    }
     corners = rig_figures.corners(rig)
     return drawn if corners is None else {**drawn, "corners": corners}
 
@@ -67,7 +70,10 @@ def report_rig(rig: HandEye, path: str | os.PathLike[str]) -> str:
             "pictures": f"{rig.used} of {rig.pictures}",
             "left out": ", ".join(rig.left_out) or "none",
             "board": str(rig.board["text"]),
-            **{camera.name: _lens(camera.lens["focal"]) for camera in rig.cameras},
+            **{
+                camera.name: _lens(camera.lens["focal"])
+                for camera in rig.cameras
+            },
         },
         notes=rig.notes,
     )

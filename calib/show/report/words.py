@@ -18,7 +18,9 @@ def verdict(studies: Sequence[Study]) -> str:
     sentences = []
     for study in studies:
         sentences += _changes(study)
-    sentences = list(dict.fromkeys(sentences))  # an adaptation is of all sensors
+    sentences = list(
+        dict.fromkeys(sentences)
+    )  # an adaptation is of all sensors
     for study in studies:
         name = study.model.about.sensor
         start = f"By {clipped(name)}: the" if len(studies) > 1 else "The"
@@ -49,7 +51,9 @@ def _accuracy(study: Study, start: str) -> list[str]:
     if rows is None:
         errors = model.about.errors.get(model.default_readout)
         if not errors:
-            return ["No rows are kept with this model: its errors are not known."]
+            return [
+                "No rows are kept with this model: its errors are not known."
+            ]
         distance = errors["forward"]["distance"]
         factor, unit = unit_for(float(distance["p99"]), model.about.unit)
         return [
@@ -65,7 +69,9 @@ def _accuracy(study: Study, start: str) -> list[str]:
     least = rounding(model.about.unit, extent(model))
     if most < least:
         limit = ", below 1 nm," if model.about.unit == "m" else ""
-        sentences = [f"{start} tip is predicted to rounding{limit} on {rows.source}."]
+        sentences = [
+            f"{start} tip is predicted to rounding{limit} on {rows.source}."
+        ]
     else:
         sentences = [
             f"{start} tip is predicted to {number(factor * rows.distance.mean())} {unit} on "
@@ -82,7 +88,10 @@ def _noise(study: Study) -> list[str]:
     """How much smaller than the distance to noisy readings the model's own error is."""
     model = study.model
     bounds = model.model_bounds[model.visited]
-    if model.about.bound_of != "sensor reading" or not np.isfinite(bounds).any():
+    if (
+        model.about.bound_of != "sensor reading"
+        or not np.isfinite(bounds).any()
+    ):
         return []
     bound = float(np.nanmedian(bounds))
     factor, unit = unit_for(bound, model.about.unit)
@@ -109,9 +118,7 @@ def still_true(study: Study) -> str:
     about = study.model.about
     verdict = None if study.rows is None else study.rows.verdict
     if verdict is not None:
-        share = (
-            f"{100 * verdict.covered:.0f} % of {len(verdict.rows):,} rows of this log"
-        )
+        share = f"{100 * verdict.covered:.0f} % of {len(verdict.rows):,} rows of this log"
         holds = "it holds" if verdict.bound_holds else "it does not hold here"
         return f"The 95 % bound covers {share}: {holds}."
     if study.log is not None:

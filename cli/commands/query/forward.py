@@ -49,10 +49,14 @@ def forward(
     if "qw" in answers:
         turn = [float(answers.pop(name)[0]) for name in TURN]
         document["quaternion"] = turn
-        lines.append("quaternion " + " ".join(fixed(value, 6) for value in turn))
+        lines.append(
+            "quaternion " + " ".join(fixed(value, 6) for value in turn)
+        )
     document |= {name: column[0] for name, column in answers.items()}
     document |= query.meaning
-    outside = joints.beyond(query.model, q[0].tolist()) or query.model.outside(q[0])
+    outside = joints.beyond(query.model, q[0].tolist()) or query.model.outside(
+        q[0]
+    )
     if outside is not None:
         note(f"no answer: {outside}")
         return Outcome(document, code=NO)
@@ -100,8 +104,13 @@ def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
     if query.frame == "base":
         space = Space.of(model)
         position, turn = space.forward(q)
-        answers = dict(zip((*"xyz", *TURN), [*position.T, *turn.T], strict=True))
-        bounds = {**up_to_scale(model, q), **dict.fromkeys(BOUNDS, space.bound(q))}
+        answers = dict(
+            zip((*"xyz", *TURN), [*position.T, *turn.T], strict=True)
+        )
+        bounds = {
+            **up_to_scale(model, q),
+            **dict.fromkeys(BOUNDS, space.bound(q)),
+        }
         answered = np.isfinite(position[:, 0])
         for name, bound in bounds.items():
             answers[name] = np.where(answered, bound, np.nan)

@@ -44,21 +44,30 @@ def inverse(
     ] = None,
     near: Annotated[
         parsing.Numbers | None,
-        opt.value("--near", "Q1,Q2", "The branch nearest to these.", parsing.reals),
+        opt.value(
+            "--near", "Q1,Q2", "The branch nearest to these.", parsing.reals
+        ),
     ] = None,
-    every: Annotated[bool, opt.flag("--all", "Answer with every branch.")] = False,
+    every: Annotated[
+        bool, opt.flag("--all", "Answer with every branch.")
+    ] = False,
     readout: opt.ReadoutKind = None,
     frame: opt.InFrame = "sensor",
     quaternion: Annotated[
         parsing.Numbers | None,
-        opt.value("--quaternion", "QX,QY,QZ,QW", "Orientation.", parsing.quaternion),
+        opt.value(
+            "--quaternion", "QX,QY,QZ,QW", "Orientation.", parsing.quaternion
+        ),
     ] = None,
     rpy: Annotated[
         parsing.Numbers | None,
-        opt.value("--rpy", "R,P,Y", "Roll, pitch, yaw as in a URDF.", parsing.angles),
+        opt.value(
+            "--rpy", "R,P,Y", "Roll, pitch, yaw as in a URDF.", parsing.angles
+        ),
     ] = None,
     keep: Annotated[
-        bool, opt.flag("--keep-orientation", "Turn the tool little from --near.")
+        bool,
+        opt.flag("--keep-orientation", "Turn the tool little from --near."),
     ] = False,
     free: Annotated[
         Literal["x", "y", "z"] | None,
@@ -67,7 +76,10 @@ def inverse(
     on: Annotated[
         parsing.JointValue | None,
         opt.value(
-            "--on", "z=H", "The pixel X Y lies on this plane [m].", parsing.height
+            "--on",
+            "z=H",
+            "The pixel X Y lies on this plane [m].",
+            parsing.height,
         ),
     ] = None,
     input_: opt.Input = None,
@@ -82,7 +94,9 @@ def inverse(
 
     posed = quaternion is not None or rpy is not None
     if every and readout:
-        raise BadOption("--all answers by the default readout: expected no --readout")
+        raise BadOption(
+            "--all answers by the default readout: expected no --readout"
+        )
     if input_ and (posed or keep or on):
         raise BadOption(
             "--input has a column for each number: expected no other target"
@@ -92,9 +106,18 @@ def inverse(
     if free and not (posed or input_):
         raise BadOption("--free: expected --quaternion or --rpy beside it")
     if quaternion and rpy:
-        raise BadOption("--quaternion and --rpy are given: expected one of them")
+        raise BadOption(
+            "--quaternion and --rpy are given: expected one of them"
+        )
     query = Query(
-        model, input_, columns, output, unit, degrees, "base" if on else frame, target
+        model,
+        input_,
+        columns,
+        output,
+        unit,
+        degrees,
+        "base" if on else frame,
+        target,
     )
     anchor = query.joints.one_each("--near", near)
     if anchor is not None:
@@ -110,11 +133,18 @@ def inverse(
         angles = np.array([rpy])
         turn = from_angles(np.radians(angles) if degrees else angles)[0]
     search = Search(
-        None if anchor is None else np.array(anchor), turn, readout, every, keep, free
+        None if anchor is None else np.array(anchor),
+        turn,
+        readout,
+        every,
+        keep,
+        free,
     )
     if input_ is not None:
         return _table(query, search)
-    return _single(query, search, target or (), None if on is None else on.value)
+    return _single(
+        query, search, target or (), None if on is None else on.value
+    )
 
 
 def _single(
@@ -147,7 +177,9 @@ def _single(
     reachable = bool(answers.pop("reachable").any())
     document["reachable"] = reachable
     document["solutions"] = [
-        query.document(one, {name: column[k] for name, column in answers.items()})
+        query.document(
+            one, {name: column[k] for name, column in answers.items()}
+        )
         for k, one in enumerate(q.tolist())
     ]
     if in_space:
@@ -162,7 +194,11 @@ def _single(
     document |= query.meaning
     shown = ["distance", *(["turned"] if posed else []), *query.bounds]
     quantities = {name: answers[name][:count] for name in shown}
-    missed = "" if reachable else f"nearest attainable {'pose' if posed else 'point'}"
+    missed = (
+        ""
+        if reachable
+        else f"nearest attainable {'pose' if posed else 'point'}"
+    )
     table = query.table(q, answers["position"][:count], quantities, missed)
     if reachable:
         alone = [" ".join(joints.cells(row)) for row in q.tolist()]
@@ -173,7 +209,9 @@ def _single(
     return Outcome(document, [table], result=(), code=NO)
 
 
-def _target(query: Query, typed: Sequence[float], height: float | None) -> Array:
+def _target(
+    query: Query, typed: Sequence[float], height: float | None
+) -> Array:
     """Return what was typed, a position in the model's unit or a pixel of a plane."""
     import numpy as np
 
@@ -262,7 +300,9 @@ def _answers(query: Query, x: Array, search: Search) -> dict[str, NDArray[Any]]:
         answer = model.solve(x, near, search.readout)._asdict()
         return {"target": np.arange(len(x)), **answer}
     branches = model.solve_all(x)
-    target = np.repeat(np.arange(len(x)), [len(answer.q) for answer in branches])
+    target = np.repeat(
+        np.arange(len(x)), [len(answer.q) for answer in branches]
+    )
     answers: dict[str, NDArray[Any]] = {"target": target}
     for name, *parts in zip(branches[0]._fields, *branches, strict=True):
         answers[name] = np.concatenate(parts)
@@ -271,7 +311,9 @@ def _answers(query: Query, x: Array, search: Search) -> dict[str, NDArray[Any]]:
     scale = model.motor.scale
     wish = np.atleast_2d(near)[target if near.ndim > 1 else [0]]
     gap = scale.difference(scale.to_unit(answers["q"]), scale.to_unit(wish))
-    order = np.lexsort((np.linalg.norm(gap, axis=1), target))  # the nearest first
+    order = np.lexsort(
+        (np.linalg.norm(gap, axis=1), target)
+    )  # the nearest first
     return {name: column[order] for name, column in answers.items()}
 
 
@@ -286,7 +328,9 @@ def _answers_in_space(
     from ...query import up_to_scale
 
     if search.readout is not None:
-        raise BadOption("--readout is for positions in the sensor's frame alone")
+        raise BadOption(
+            "--readout is for positions in the sensor's frame alone"
+        )
     if query.frame != "base" and Space.of(query.model).camera:
         raise QueryError(
             "a pixel alone is no position in space; give --on z=H or --in base"
