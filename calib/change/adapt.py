@@ -38,16 +38,27 @@ from .settings import LEAST_OWN, TAIL
 from .update import Update
 from .words import frame_between
 
-# of the held-out error that the rows of an adaptation may be missed by
-_CONSISTENT = 1.2
-# Of the error before: a model that misses rows by less is written although the linear equations
-# promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
-_CLEARLY_BETTER = 0.01
-# least spread of rows in any direction, over that of the learned range
-_WIDE = 0.5
-_CELLS = 5  # along each joint, for the share of the range that a log measured
-_BASELINE = 6000  # imagined samples that tell what is usual after an adaptation
-_EVALUATED = 500  # rows that the readouts are evaluated on
+
+@dataclass(frozen=True)
+class AdaptationSettings:
+    """When an adaptation is written."""
+
+    # of the held-out error that the rows of an adaptation may be missed by
+    consistent: float = 1.2
+    # Of the error before: a model that misses rows by less is written although the linear equations
+    # promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
+    clearly_better: float = 0.01
+    # least spread of rows in any direction, over that of the learned range
+    wide: float = 0.5
+    # along each joint, for the share of the range that a log measured
+    cells: int = 5
+    # imagined samples that tell what is usual after an adaptation
+    baseline: int = 6000
+    # rows that the readouts are evaluated on
+    evaluated: int = 500
+
+
+ADAPTING = AdaptationSettings()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -225,8 +236,8 @@ def _few_shot(
         learned.rows
     ]
     rounding = LEAST_OWN * float(evidence.reference.structure.extents[0])
-    if error.mean() >= _CONSISTENT * after.mean() + rounding:
-        if error.mean() >= _CLEARLY_BETTER * before.mean():
+    if error.mean() >= ADAPTING.consistent * after.mean() + rounding:
+        if error.mean() >= ADAPTING.clearly_better * before.mean():
             return _noted(
                 old,
                 "the model that would be written misses these rows by more than promised",
@@ -318,7 +329,7 @@ def _old_model(
         kept=("the arm and the sensor",),
         coverage=_coverage(rows.u),
         notes=(*rows.notes, *notes, *verdict.notes[len(rows.notes) :]),
-        everywhere=least > _WIDE**2 / 12.0,
+        everywhere=least > ADAPTING.wide**2 / 12.0,
         left_out=verdict.left_out,
         verdict=verdict,
     )
@@ -326,12 +337,12 @@ def _old_model(
 
 def _coverage(u: Array) -> float:
     """Share of the learned range that rows visit: of cells of a fifth, over pairs of joints."""
-    cells = (np.clip(u, 0.0, 1.0 - 1e-12) * _CELLS).astype(int)
+    cells = (np.clip(u, 0.0, 1.0 - 1e-12) * ADAPTING.cells).astype(int)
     joints = cells.shape[1]
     shares = []
     for pair in combinations(range(joints), min(joints, 2)):
         visited = np.unique(cells[:, pair], axis=0)
-        shares.append(len(visited) / _CELLS ** len(pair))
+        shares.append(len(visited) / ADAPTING.cells ** len(pair))
     return float(np.mean(shares))
 
 
@@ -457,7 +468,9 @@ def _finished(
             "covered": float(covered),
         },
     )
-    points = np.random.default_rng(0).random((_BASELINE, rows.q.shape[1]))
+    points = np.random.default_rng(0).random(
+        (ADAPTING.baseline, rows.q.shape[1])
+    )
     baseline = learn_baseline(
         fresh.association, points, fresh.predictor.value(points), after
     )
@@ -495,7 +508,7 @@ def _usual_error(model: Model) -> float | None:
 def _errors(fresh: Model, rows: LogRows, residual: Array) -> ErrorTable:
     """Errors of all readouts; held-out residuals (k, m) tell those of the default one."""
     readout = fresh.default_readout
-    some = thinned(len(rows), _EVALUATED)
+    some = thinned(len(rows), ADAPTING.evaluated)
     errors = summarise(
         evaluate_residuals(fresh, rows.q[some], rows.x[some], None)
     )

@@ -23,13 +23,28 @@ from .frame import Reference
 from .settings import CREEP, MARGIN, OWN, Level
 from .system import Information, System
 
-_CAUSES = 3  # that belong together at most
-_BEAM = 4  # sets of causes to which further ones are added
-_BETTER = 1.0  # nats by which one more cause must better the evidence
-_ROUNDS = 3  # in which the system is set up at the best explanation
-_FITTED = 8  # explanations of a round that are fitted to convergence at most
-_STEPS = 12  # of Gauss-Newton at most
-_NOTHING_LEFT = 1e-2  # twice the nats by which a step must better the fit
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How causes are searched."""
+
+    # that belong together at most
+    causes: int = 3
+    # sets of causes to which further ones are added
+    beam: int = 4
+    # nats by which one more cause must better the evidence
+    better: float = 1.0
+    # in which the system is set up at the best explanation
+    rounds: int = 3
+    # explanations of a round that are fitted to convergence at most
+    fitted: int = 8
+    # of Gauss-Newton at most
+    steps: int = 12
+    # twice the nats by which a step must better the fit
+    nothing_left: float = 1e-2
+
+
+SEARCH = SearchSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +161,7 @@ class Search:
             found[(name,)] = self._by_level((name,), (indices,))
         beam: list[tuple[str, ...]] = [()]
         best = found[()][0].evidence
-        for _ in range(_CAUSES):
+        for _ in range(SEARCH.causes):
             longer: dict[tuple[str, ...], list[Candidate]] = {}
             for causes in beam:
                 for name in self.singles:
@@ -155,10 +170,10 @@ class Search:
                         parts = [self.singles[cause] for cause in key]
                         longer[key] = self._by_level(key, parts)
             beam = sorted(longer, key=lambda key: -longer[key][0].evidence)[
-                :_BEAM
+                : SEARCH.beam
             ]
             found.update(longer)
-            if not beam or longer[beam[0]][0].evidence < best + _BETTER:
+            if not beam or longer[beam[0]][0].evidence < best + SEARCH.better:
                 break
             best = longer[beam[0]][0].evidence
         every = [
@@ -235,7 +250,7 @@ class Search:
             key=lambda start: np.nan_to_num(state(start)[-1], nan=np.inf),
         )
         residual, y, noise, cost = state(beta)
-        for _ in range(_STEPS):
+        for _ in range(SEARCH.steps):
             columns = unknown.whiten(
                 structure.linearise(log.q, beta, free)[1] * sd[free]
             )
@@ -245,13 +260,13 @@ class Search:
             step = factor.solve(lead)
             shares = (
                 0.3 ** np.arange(6.0)
-                if float(lead @ step) >= _NOTHING_LEFT
+                if float(lead @ step) >= SEARCH.nothing_left
                 else ()
             )
             for share in shares:
                 full[free] = share * step * sd[free]
                 moved = structure.retract(beta, full)
-                if state(moved, noise)[-1] <= cost - 0.5 * _NOTHING_LEFT:
+                if state(moved, noise)[-1] <= cost - 0.5 * SEARCH.nothing_left:
                     break
             else:
                 break
@@ -280,10 +295,10 @@ class Search:
         best: Explanation | None = None
         for candidate in self.unchanged():
             fits[(candidate.causes, candidate.level)] = self.fitted(candidate)
-        for _ in range(_ROUNDS):
+        for _ in range(SEARCH.rounds):
             candidates = self.candidates()
             promised = candidates[0]
-            for candidate in candidates[:_FITTED]:
+            for candidate in candidates[: SEARCH.fitted]:
                 key = (candidate.causes, candidate.level)
                 explanation = self.fitted(candidate)
                 if key not in fits or explanation.evidence > fits[key].evidence:

@@ -31,22 +31,35 @@ from .settings import (
 )
 from .system import NoisyJoint, System, Unknown, own_columns
 
-_FINER = (
-    0.5,
-    0.7,
-    1.0,
-    1.4,
-    2.0,
-)  # times the noise of an encoder, once one is found
-_POWER = 0.9  # share of logs in which the smallest change that is told would be found
-_LARGEST = 1e8  # statistic beyond which no size of a change is computed
-_LASTING = 10  # rows over which noise may last
 
-_NOTHING = 1e-12  # of the largest precision: less is rounding
-# of a joint's rows that come from either side, or nothing tells its play
-_LEAST_SHARE = 0.1
-# of the squared residuals: what explains less does not pay in `calib.body.approach` either
-_LEAST_EXPLAINED = 0.06
+@dataclass(frozen=True)
+class SignificanceSettings:
+    """When something is no chance."""
+
+    # times the noise of an encoder, once one is found
+    finer: tuple[float, float, float, float, float] = (
+        0.5,
+        0.7,
+        1.0,
+        1.4,
+        2.0,
+    )
+    # share of logs in which the smallest change that is told would be found
+    power: float = 0.9
+    # statistic beyond which no size of a change is computed
+    largest: float = 1e8
+    # rows over which noise may last
+    lasting: int = 10
+    # of the largest precision: less is rounding
+    nothing: float = 1e-12
+    # of a joint's rows that come from either side, or nothing tells its play
+    least_share: float = 0.1
+    # of the squared residuals: what explains less does not pay in `calib.body.approach` either
+    least_explained: float = 0.06
+
+
+SIGNIFICANCE = SignificanceSettings()
+
 
 DRIFT = "drift"
 """Name of the hypotheses that a smooth residual or waves are larger than the model told."""
@@ -219,7 +232,10 @@ def _with_noisy_joint(
     noisier = bool(chance[0] < FALSE_ALARM)
     if best.shape is not None and chance[1] < FALSE_ALARM:
         joint, ratio = best.shape
-        finer = [FreeNoise(system, (joint, ratio * times)) for times in _FINER]
+        finer = [
+            FreeNoise(system, (joint, ratio * times))
+            for times in SIGNIFICANCE.finer
+        ]
         noise = max(finer, key=lambda each: each.likelihood)
     return noise, noisier
 
@@ -289,8 +305,11 @@ class FTests:
         smallest = (
             math.inf
         )  # with hardly a row left for the noise no change is large enough
-        if needed < _LARGEST:
-            needed = float(chndtrinc(needed, freedom, 1.0 - _POWER)) * temper
+        if needed < SIGNIFICANCE.largest:
+            needed = (
+                float(chndtrinc(needed, freedom, 1.0 - SIGNIFICANCE.power))
+                * temper
+            )
             smallest = float(np.sqrt(needed / power[0, 0]) * moves[0])
         change = indices, vectors @ (turned / values), deviation
         chance = self.chance(statistic, freedom)
@@ -363,7 +382,7 @@ def find_play(system: System, side: Array) -> Play | None:
 
     side = side[thinned(len(side), len(system.log.q))]
     shares = [(side > 0).mean(axis=0), (side < 0).mean(axis=0)]
-    joints = np.flatnonzero(np.min(shares, axis=0) > _LEAST_SHARE)
+    joints = np.flatnonzero(np.min(shares, axis=0) > SIGNIFICANCE.least_share)
     if not len(joints):
         return None
     noise = FreeNoise(system)
@@ -375,12 +394,15 @@ def find_play(system: System, side: Array) -> Play | None:
     statistics = np.zeros(len(joints))
     for k, column in enumerate(columns.T):
         # a joint whose play would not move what the sensor sees is no cause
-        if pull[k] <= 0.0 or precision[k] <= _NOTHING * precision.max():
+        if (
+            pull[k] <= 0.0
+            or precision[k] <= SIGNIFICANCE.nothing * precision.max()
+        ):
             continue
         moved = noise.unknown.rest(column, noise.size)
         by_row = (moved * noise.rest).sum(axis=1)
         square = float(by_row.sum()) ** 2
-        if square < _LEAST_EXPLAINED * float(
+        if square < SIGNIFICANCE.least_explained * float(
             (moved**2).sum() * (noise.rest**2).sum()
         ):
             continue
@@ -462,8 +484,10 @@ def alike(rows: Indices, u: Array, residual: Array) -> float:
     from scipy.special import ndtri
 
     # of so many rows at least one is no neighbour in time: noise may last over some rows
-    near = np.asarray(cKDTree(u).query(u, min(2 * _LASTING + 2, len(u)))[1])
-    later = np.abs(rows[near] - rows[:, None]) > _LASTING
+    near = np.asarray(
+        cKDTree(u).query(u, min(2 * SIGNIFICANCE.lasting + 2, len(u)))[1]
+    )
+    later = np.abs(rows[near] - rows[:, None]) > SIGNIFICANCE.lasting
     row = np.flatnonzero(later.any(axis=1))
     if not len(row):
         return 0.0

@@ -25,15 +25,29 @@ from .causes import creep
 from .frame import Reference
 from .settings import OUTLIER, PSEUDO, Level
 
-_ROWS = 300  # of a system: its power grows with them, its work too
-# of the log's own residual; more did not change a verdict on A and C
-_NODES = 40
-_NOISES = 64  # sizes of the noise that are compared
-_COARSER = 3  # where many sets are compared: they share the noise nearly
-# variance of an axis, of that of the noise, which no test tells
-_NOTHING = 1e-10
-_ROBUST_STEPS = 60  # 12 took exact rows of a longer link for outliers
-_ROBUST_ROWS = 400  # of the fit that finds outliers: enough for every parameter
+
+@dataclass(frozen=True)
+class SystemSettings:
+    """How large the system of a log is."""
+
+    # of a system: its power grows with them, its work too
+    rows: int = 300
+    # of the log's own residual; more did not change a verdict on A and C
+    nodes: int = 40
+    # sizes of the noise that are compared
+    noises: int = 64
+    # where many sets are compared: they share the noise nearly
+    coarser: int = 3
+    # variance of an axis, of that of the noise, which no test tells
+    nothing: float = 1e-10
+    # 12 took exact rows of a longer link for outliers
+    robust_steps: int = 60
+    # of the fit that finds outliers: enough for every parameter
+    robust_rows: int = 400
+
+
+SYSTEM = SystemSettings()
+
 
 NoisyJoint = tuple[int, float]
 """A joint whose encoder is noisy, and how much."""
@@ -57,12 +71,12 @@ class Log:
 
 def sound_rows(reference: Reference, q: Array, z: Array, sd: Array) -> Mask:
     """Return which rows (n, dof), (n, m) are near a robust fit of parameters of sd (d,)."""
-    rows = thinned(len(q), _ROBUST_ROWS)
+    rows = thinned(len(q), SYSTEM.robust_rows)
     size = reference.sizes
     prior = Prior(reference.beta, np.hypot(sd, creep(reference.body)))
     measured = [Rows(q[rows], z[rows], floor=size)]
     fit = Fit(reference.structure, measured, reference.beta, prior, nu=STUDENT)
-    fit.maximise(steps=_ROBUST_STEPS)
+    fit.maximise(steps=SYSTEM.robust_steps)
     predicted = reference.structure.predict(q, fit.beta)
     squares = (reference.structure.residual(z, predicted) / size) ** 2
     outputs = squares.shape[1]
@@ -162,7 +176,9 @@ class Unknown:
         They are `least` at least; where that is not given the old noise counts for some rows.
         """
         high = 2.0 * max(float(np.sqrt(np.mean(y**2))), least or 1.0)
-        sizes = np.geomspace(least or max(self.floor, 1e-2), high, _NOISES)
+        sizes = np.geomspace(
+            least or max(self.floor, 1e-2), high, SYSTEM.noises
+        )
         likelihood = self.likelihood(y, sizes)
         if least is None:
             likelihood -= PSEUDO * (np.log(sizes) + 0.5 / sizes**2)
@@ -196,7 +212,7 @@ class System:
         unknown: dict[Level, Unknown] | None = None,
     ) -> None:
         self.reference = reference
-        self.log = log.some(_ROWS)
+        self.log = log.some(SYSTEM.rows)
         self.indices = indices
         structure = reference.structure
         self.at = reference.beta if at is None else at
@@ -232,7 +248,7 @@ class Information:
         y = unknown.whiten(system.residual)
         x = unknown.whiten(system.columns) * sd
         noises, self.likelihood = (
-            part[::_COARSER] for part in unknown.noises(y)
+            part[:: SYSTEM.coarser] for part in unknown.noises(y)
         )
         turned = unknown.axes.T @ x
         turned_y = unknown.axes.T @ y
@@ -273,14 +289,14 @@ def principal_axes(columns: Array) -> tuple[Array, Array]:
         values, axes = np.linalg.eigh(columns @ columns.T)
         return axes, np.maximum(values, 0.0)
     values, turns = np.linalg.eigh(columns.T @ columns)
-    some = values > _NOTHING
+    some = values > SYSTEM.nothing
     return columns @ turns[:, some] / np.sqrt(values[some]), values[some]
 
 
 def own_columns(reference: Reference, log: Log, factor: float) -> Array:
     """A smooth residual of one log (a Gaussian process): (n, m, p m) by its values at p rows."""
     lengths = lengths_of(reference.body, log.q)
-    nodes = log.q[thinned(len(log.q), _NODES)]
+    nodes = log.q[thinned(len(log.q), SYSTEM.nodes)]
     alike = matern(nodes, nodes, lengths)
     alike[np.diag_indices(len(alike))] += 1e-6
     features = np.linalg.solve(

@@ -22,14 +22,25 @@ from .frame import Reference
 from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE
 from .system import Log, own_columns, prior_columns, shared_columns
 
-_ROWS = 600  # that an update takes: linear in them
-# contiguous ones that are held out in turn, each of which tells a gain
-_BLOCKS = 5
-_STEPS = 60  # at most: along the gauge of an arm without a drawing 12 ended on the way
-_NOTHING_LEFT = 1e-3  # nats by which a step must better the fit
-# noises: no step goes along ways by which all rows together move less.  An arm without a drawing
-# may be put together in many ways that look alike, along which no step is a small one.
-_TELLING = 0.3
+
+@dataclass(frozen=True)
+class UpdateSettings:
+    """How a belief is updated."""
+
+    # that an update takes: linear in them
+    rows: int = 600
+    # contiguous ones that are held out in turn, each of which tells a gain
+    blocks: int = 5
+    # at most: along the gauge of an arm without a drawing 12 ended on the way
+    steps: int = 60
+    # nats by which a step must better the fit
+    nothing_left: float = 1e-3
+    # noises: no step goes along ways by which all rows together move less.  An arm without a
+    # drawing may be put together in many ways that look alike, along which no step is small
+    telling: float = 0.3
+
+
+UPDATING = UpdateSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +65,15 @@ def update(evidence: Evidence) -> Update:
     """Update a belief by the rows of a log."""
     changed = evidence.score > 1.0
     explanation = _to_update_by(evidence)
-    body, residual = _updated(explanation, evidence.data.some(_ROWS))
+    body, residual = _updated(explanation, evidence.data.some(UPDATING.rows))
     rows = np.flatnonzero(evidence.sound)
-    rows = rows[thinned(len(rows), _ROWS)]
+    rows = rows[thinned(len(rows), UPDATING.rows)]
     before = evidence.rows.missed[rows]
     gain = before - np.linalg.norm(residual, axis=1)
-    gains = np.array([block.mean() for block in np.array_split(gain, _BLOCKS)])
-    chance = SURE * float(gains.std(ddof=1)) / np.sqrt(_BLOCKS)
+    gains = np.array(
+        [block.mean() for block in np.array_split(gain, UPDATING.blocks)]
+    )
+    chance = SURE * float(gains.std(ddof=1)) / np.sqrt(UPDATING.blocks)
     share = CHANGED if changed else REFINED
     needed = max(chance, (1.0 - share) * float(before.mean()))
     improved = evidence.explained and float(gains.mean()) > needed
@@ -170,7 +183,7 @@ class _Posterior:
         self.smooth = own_columns(
             self.reference, log, explanation.level.residual
         )
-        ways = prior @ _telling(self._columns(prior), _TELLING)
+        ways = prior @ _telling(self._columns(prior), UPDATING.telling)
         away = (self.beta - self.reference.beta)[self.active]
         normals = np.asarray(np.linalg.lstsq(ways, away, rcond=1e-12)[0])
         normals = self._descend(ways, normals)
@@ -226,7 +239,7 @@ class _Posterior:
         """Step along ways (d, k) until no step is better; return the standard normals (k,)."""
         y, smooth, cost = self._state(self.beta, normals)
         size = len(normals)
-        for _ in range(_STEPS):
+        for _ in range(UPDATING.steps):
             columns = np.concatenate([self._columns(ways), smooth], axis=1)
             pull = columns.T @ y
             pull[:size] -= (
@@ -238,7 +251,7 @@ class _Posterior:
                 full[self.active] = ways @ (share * delta)
                 beta = self.reference.structure.retract(self.beta, full)
                 state = self._state(beta, normals + share * delta)
-                if state[-1] < cost - _NOTHING_LEFT:
+                if state[-1] < cost - UPDATING.nothing_left:
                     break
             else:
                 break
@@ -258,7 +271,9 @@ class _Posterior:
         pull[:size] -= self.normals
         residual = np.empty_like(self.y)
         outputs = self.log.z.shape[1]
-        for block in np.array_split(np.arange(len(self.log.z)), _BLOCKS):
+        for block in np.array_split(
+            np.arange(len(self.log.z)), UPDATING.blocks
+        ):
             rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
             x = self.columns[rows]
             delta = Factor(gram - x.T @ x).solve(pull - x.T @ self.y[rows])

@@ -26,14 +26,28 @@ HORIZON = 10_000
 BLOCK = 100
 """Samples between two looks at distortion, gain and search trees."""
 
-_GLANCE = 5  # one sample in so many tells the error
-_SIGMA_END = 0.5  # neighbourhood radius once settled [nodes]
-_KEPT = 20_000  # latest samples that the local models are fitted to
-_LEAST = 10  # samples since a change that a model can rest on
-_WINDOW = 200.0  # samples that a running mean remembers
-# a re-formed map has settled within this factor of a trained one
-_SETTLED = 1.2
-_FIRED = 4.0  # standard deviations of a running mean that are no chance
+
+@dataclass(frozen=True)
+class FollowSettings:
+    """How a stream is followed."""
+
+    # one sample in so many tells the error
+    glance: int = 5
+    # neighbourhood radius once settled [nodes]
+    sigma_end: float = 0.5
+    # latest samples that the local models are fitted to
+    latest: int = 20_000
+    # samples since a change that a model can rest on
+    least: int = 10
+    # samples that a running mean remembers
+    window: float = 200.0
+    # a re-formed map has settled within this factor of a trained one
+    at_rest: float = 1.2
+    # standard deviations of a running mean that are no chance
+    no_chance: float = 4.0
+
+
+FOLLOW = FollowSettings()
 
 
 @dataclass(frozen=True)
@@ -127,7 +141,7 @@ class OnlineAdapter:
         )  # what unvisited nodes should have forgotten
         self._seen = 0
         self._since = -1
-        self._starts = [_SIGMA_END, _SIGMA_END]
+        self._starts = [FOLLOW.sigma_end, FOLLOW.sigma_end]
         # running means: distortions of the motor and the sensory map, and the error
         self._mean: Array | None = None
         self._q: list[Array] = []
@@ -152,8 +166,10 @@ class OnlineAdapter:
 
     def _feed(self, u: Array, v: Array) -> Step:
         motor, sensory = self._maps()
-        said = self._net.said(u[::_GLANCE], self._idle)
-        gap = np.linalg.norm((said - v[::_GLANCE]) * sensory.scale.span, axis=1)
+        said = self._net.said(u[:: FOLLOW.glance], self._idle)
+        gap = np.linalg.norm(
+            (said - v[:: FOLLOW.glance]) * sensory.scale.span, axis=1
+        )
         distance, winner = sensory.nearest(v)
         squares = (
             (motor.nearest(u)[0] ** 2).mean(),
@@ -161,7 +177,7 @@ class OnlineAdapter:
         )  # eq. 9
         latest = np.array([*squares, gap.mean()])
         before = latest if self._mean is None else self._mean
-        self._mean = mean = before + min(1.0, len(u) / _WINDOW) * (
+        self._mean = mean = before + min(1.0, len(u) / FOLLOW.window) * (
             latest - before
         )
         expected = self._expected(sensory, winner[:, 0])
@@ -176,7 +192,9 @@ class OnlineAdapter:
             # sigma where training had the same distortion (eq. 10)
             for k, part in enumerate((self._model.motor, self._model.sensory)):
                 after = math.sqrt(max(mean[k], latest[k]))
-                self._starts[k] = max(_SIGMA_END, matching_sigma(part, after))
+                self._starts[k] = max(
+                    FOLLOW.sigma_end, matching_sigma(part, after)
+                )
             if not self._force:  # this block may have begun before the change
                 kept = slice(0)
         if self._since >= 0:
@@ -187,10 +205,12 @@ class OnlineAdapter:
 
     def _expected(self, sensory: Map, winner: Index) -> float:
         """Sensory distortion that samples of some winners exceed by chance next to never."""
-        chance = _FIRED * math.sqrt(self._baseline.spread[1] / _WINDOW)
+        chance = FOLLOW.no_chance * math.sqrt(
+            self._baseline.spread[1] / FOLLOW.window
+        )
         # distances scale with the lattice: a larger arm's nodes stand further apart
         size = (sensory.spacing / self._model.sensory.spacing) ** 2
-        size *= (_SETTLED if self._since >= 0 else 1.0) * (1.0 + chance)
+        size *= (FOLLOW.at_rest if self._since >= 0 else 1.0) * (1.0 + chance)
         return float(self._baseline.sensory[winner].mean()) * size
 
     def _left(self, expected: float, zeta: float, error: float) -> bool:
@@ -202,7 +222,7 @@ class OnlineAdapter:
             else math.inf
         )
         left = zeta > expected or error > 2.0 * (usual + self._baseline.noise)
-        return left and self._seen >= _WINDOW / 2
+        return left and self._seen >= FOLLOW.window / 2
 
     def _learn(
         self, u: Array, v: Array, kept: slice
@@ -210,7 +230,7 @@ class OnlineAdapter:
         """Form maps and links by samples; sigma, eta and beta of the last one."""
         t = self._since + np.arange(len(u))
         rates = Rates.following(
-            t, self._starts, _SIGMA_END, self._horizon
+            t, self._starts, FOLLOW.sigma_end, self._horizon
         )  # eq. 10, 12
         self._net.show((u, v), rates)
         # eq. 11 forgets where a_j > 0 alone; a node that no sample visits forgets at the
@@ -226,7 +246,7 @@ class OnlineAdapter:
         self._since += len(u)
         self._q.append(self._model.motor.scale.from_unit(u)[kept])
         self._x.append(self._model.sensory.scale.from_unit(v)[kept])
-        while sum(map(len, self._x)) - len(self._x[0]) >= _KEPT:
+        while sum(map(len, self._x)) - len(self._x[0]) >= FOLLOW.latest:
             del self._q[0], self._x[0]
         return (
             float(rates.sigma[1][-1]),
@@ -241,7 +261,7 @@ class OnlineAdapter:
             the change: what is no longer reached is no longer promised.  "rule": those that eq. 11
             and 12 have made so far, step by step, which lag behind the maps
         """
-        if self._since < 0 or sum(map(len, self._x)) < _LEAST:
+        if self._since < 0 or sum(map(len, self._x)) < FOLLOW.least:
             return self._model
         own = (
             without_weak(self._net.links * np.exp(-self._idle))

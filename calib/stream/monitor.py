@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,18 +20,30 @@ _WATCHED = (
 )
 """Groups whose displacements are looked for; of a lens its first term."""
 
-_WARM = 20  # samples before the first judgement
-# strongest displacements; further ones are nearly sums of these
-_DIRECTIONS = 8
-# directions that are so much weaker than the strongest are left out
-_COLLINEAR = 1e-3
-_CHANCE = 3.0  # standard errors from which an autocorrelation is none of chance
-# autocorrelation from sample to sample that is counted at most
-_MOST_ALIKE = 0.99
-_FALSE_ALARM = 1e-6  # share of calm samples that may be alarms
-# Times its own bound of 95 % that a model may be off for a while, as where an arm dwells
-_NUISANCE = 1.5
-_CLIP = 8.0  # a residual counts for at most so many times the usual one
+
+@dataclass(frozen=True)
+class MonitorSettings:
+    """How a stream is watched."""
+
+    # samples before the first judgement
+    warm: int = 20
+    # strongest displacements; further ones are nearly sums of these
+    directions: int = 8
+    # directions that are so much weaker than the strongest are left out
+    collinear: float = 1e-3
+    # standard errors from which an autocorrelation is none of chance
+    chance: float = 3.0
+    # autocorrelation from sample to sample that is counted at most
+    most_alike: float = 0.99
+    # share of calm samples that may be alarms
+    false_alarm: float = 1e-6
+    # Times its own bound of 95 % that a model may be off for a while, as where an arm dwells
+    nuisance: float = 1.5
+    # a residual counts for at most so many times the usual one
+    clip: float = 8.0
+
+
+MONITOR = MonitorSettings()
 
 
 class State(NamedTuple):
@@ -105,7 +117,7 @@ class Monitor:
         )
         # by numbers of independent samples: what chance explains of noise, in its variances
         free = np.maximum(axes * np.arange(int(2.0 * window) + 2.0) - p, 1.0)
-        self._chance = p * np.asarray(fdtri(p, free, 1.0 - _FALSE_ALARM))
+        self._chance = p * np.asarray(fdtri(p, free, 1.0 - MONITOR.false_alarm))
         # sums that fade: products; samples, squared weights, zeta over the usual, squared bounds
         self._moments = np.zeros((p + 1, p + 1))
         self._sums = np.zeros(4)
@@ -141,7 +153,9 @@ class Monitor:
         bound = float(self._own[int(model.motor.nearest(unit)[1][0, 0])])
         usual = math.sqrt(self._moments[-1, -1] / max(self._sums[0], 1.0))
         size = max(float(np.sqrt(residual @ residual)), 1e-300)
-        residual *= min(1.0, _CLIP * max(usual, self._noise, bound) / size)
+        residual *= min(
+            1.0, MONITOR.clip * max(usual, self._noise, bound) / size
+        )
         row = np.concatenate(
             [self._moves(unit)[0] @ self._combined, residual[:, None]], axis=1
         )
@@ -195,8 +209,12 @@ class Monitor:
             * float(self._chance[int(independent)])
             / independent
         )
-        own = _NUISANCE**2 * bound / weight + self._least**2
-        score = math.sqrt(explained / (chance + own)) if seen >= _WARM else 0.0
+        own = MONITOR.nuisance**2 * bound / weight + self._least**2
+        score = (
+            math.sqrt(explained / (chance + own))
+            if seen >= MONITOR.warm
+            else 0.0
+        )
         drifted = score > 1.0
         return State(
             samples=seen,
@@ -212,9 +230,9 @@ class Monitor:
         """Samples that count for one, where noise is alike from each to the next."""
         product, square = self._lagged.tolist()
         alike = product / max(square, 1e-300)
-        if alike < _CHANCE / math.sqrt(samples):
+        if alike < MONITOR.chance / math.sqrt(samples):
             return 1.0
-        alike = min(alike, _MOST_ALIKE)
+        alike = min(alike, MONITOR.most_alike)
         return (1.0 + alike) / (1.0 - alike)
 
     def _moves(self, units: Array) -> Array:
@@ -250,7 +268,9 @@ def _orthonormal(moves: Array) -> Array:
     flat = moves.reshape(n * m, k)
     lengths = np.linalg.norm(flat, axis=0) + 1e-300
     _, size, turn = np.linalg.svd(flat / lengths, full_matrices=False)
-    kept = np.flatnonzero(size > _COLLINEAR * size[0])[:_DIRECTIONS]
+    kept = np.flatnonzero(size > MONITOR.collinear * size[0])[
+        : MONITOR.directions
+    ]
     return np.asarray(turn[kept].T / size[kept] * np.sqrt(n) / lengths[:, None])
 
 
