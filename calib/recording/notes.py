@@ -13,6 +13,7 @@ from .fit import Fit
 from .joint_motions import JointMotions
 from .problem import Setting, turning
 from .rig import HandEye
+from .start import MISSAID
 
 
 @dataclass(frozen=True)
@@ -146,6 +147,11 @@ def _size(setting: Setting, rig: HandEye) -> Iterator[str]:
         f"{1e3 * high:.4g}) by {source}, {1e3 * stated:.4g} mm as said: the measured size is used; "
         "measure the print, and give its size in `board`"
     )
+    if abs(np.log(measured / stated)) > MISSAID:
+        yield (
+            "a fit that begins so far from the board's size may end where it is not best, and call "
+            "a camera refocusing: run it again with the measured size in `board`"
+        )
 
 
 def _lenses(setting: Setting, fit: Fit) -> Iterator[str]:
