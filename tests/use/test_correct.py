@@ -112,6 +112,8 @@ def test_a_change_beyond_the_limit_is_marked_and_not_written(tmp_path, run, turn
     q = np.array([[0.3, 1.0], [0.4, 1.2]])
     found = correct(turning, q, limit=1e-4)
     assert found.exceeded.all()
+    assert np.isnan(found.q).all()  # what exceeds the limit is no command
+    assert np.isfinite(found.nearest).all()
     turning.save(tmp_path / "m.calib")
     (tmp_path / "q.csv").write_text("shoulder,elbow\n0.3,1.0\n0.4,1.2\n")
     old = tmp_path / "out.csv"
@@ -216,6 +218,7 @@ def test_beside_a_wrist_singularity_no_tool_is_tilted_without_a_word():
     answered = found.reachable & ~found.exceeded
     assert found.angle[found.reachable].max() < 1e-5
     assert not answered.all()
+    assert (np.isfinite(found.q).all(axis=1) == answered).all()
     assert np.isfinite(found.nearest).all()
     assert (found.distance[~found.reachable] + found.angle[~found.reachable] > 0).all()
     told = model.warm_up()
