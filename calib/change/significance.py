@@ -60,6 +60,9 @@ class SignificanceSettings:
 
 SIGNIFICANCE = SignificanceSettings()
 
+SHOWN = {"scale": "sensor scale", "tilt": "sensor tilt"}
+"""Groups whose names alone do not say that they are the sensor's."""
+
 
 DRIFT = "drift"
 """Name of the hypotheses that a smooth residual or waves are larger than the model told."""
@@ -313,7 +316,8 @@ class FTests:
             smallest = float(np.sqrt(needed / power[0, 0]) * moves[0])
         change = indices, vectors @ (turned / values), deviation
         chance = self.chance(statistic, freedom)
-        return GroupTest(name, chance, statistic, freedom, change, smallest)
+        shown = SHOWN.get(name, name)
+        return GroupTest(shown, chance, statistic, freedom, change, smallest)
 
     def of_variance(self, columns: Array) -> GroupTest | None:
         """Test whether columns (n, m, k) of standard normals are larger (Satterthwaite 1946)."""
