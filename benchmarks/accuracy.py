@@ -21,6 +21,15 @@ JOINTS = ["shoulder_lift_joint", "elbow_joint"]
 NOISES = (0.0, 1e-4, 1e-3)
 SAMPLES = (1000, 5000, 20_000)
 TESTS = 2000
+SHOULDER = (0.0, 0.1273)  # [m], origin of the planar logs in the drawing's root frame
+
+
+def nominal_errors(log: calib.Samples) -> Any:
+    """Distances (n,) [m] of measured positions from where the UR10's URDF says that they are."""
+    from spatial import UR10
+
+    arm = calib.load_arm(UR10, joints=JOINTS, tip="wrist_1_link")
+    return np.linalg.norm(arm.forward(log.q) - SHOULDER - log.x, axis=1)
 
 
 def simulated(n: int, noise: float, quick: bool) -> list[dict[str, Any]]:
@@ -63,22 +72,33 @@ def measured(folder: Path, quick: bool) -> list[dict[str, Any]]:
     rows = []
     for series in ("c",) if quick else ("a", "c"):
         log = calib.read_log(folder / f"series_{series}.csv", joints=JOINTS)
+        blocks = np.array_split(np.arange(len(log)), 10)[::2]
+        splits = [
+            (log.take(np.setdiff1d(np.arange(len(log)), held)), log.take(held)) for held in blocks
+        ]
+        rows.append(_row(series, len(log), "nominal URDF", 1e3 * nominal_errors(log)))
         for kind in PEERS:
             gaps = []
             try:
-                for held in np.array_split(np.arange(len(log)), 10)[::2]:
-                    some, rest = log.take(np.setdiff1d(np.arange(len(log)), held)), log.take(held)
+                for some, rest in splits:
                     peer = kind().fit_forward(some.q, some.x, some)
                     gaps.append(np.linalg.norm(peer.forward(rest.q) - rest.x, axis=1))
             except ImportError as error:
                 print(f"{kind.name} is left out: {error}", file=sys.stderr)
                 continue
             gap = 1e3 * np.concatenate(gaps)
-            rows.append(
-                {"series": series.upper(), "rows": len(log), "method": kind.name,
-                 "mean [mm]": float(gap.mean()), "max [mm]": float(gap.max())}
-            )  # fmt: skip
+            rows.append(_row(series, len(log), kind.name, gap))
     return rows
+
+
+def _row(series: str, rows: int, method: str, gap: Any) -> dict[str, Any]:
+    return {
+        "series": series.upper(),
+        "rows": rows,
+        "method": method,
+        "mean [mm]": float(gap.mean()),
+        "max [mm]": float(gap.max()),
+    }
 
 
 def main() -> None:
