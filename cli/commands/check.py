@@ -72,10 +72,19 @@ def check(
     for episode in bumped:
         first = [*episode.explanations, "its cause is unknown"][0]
         lines.append(f"episode {episode.episode}: DRIFTED: {first}")
-    code = (
-        0 if drift.drifted is False and drift.bound_holds and not bumped else NO
-    )
+    code = NO if bumped or _needs_action(drift) else 0
     return Outcome(document, lines, _details(drift), code=code)
+
+
+def _needs_action(drift: Verdict) -> bool:
+    """Return whether a script should stop: a change, no answer, or a bound that fails.
+
+    A bound that noisier readings alone exceed is said, and is no change of the arm.
+    """
+    if drift.drifted is not False:
+        return True
+    noisier = any(cause.group == "noise" for cause in drift.causes)
+    return not drift.bound_holds and not noisier
 
 
 def _verdict(drift: Verdict, adapt: str) -> list[str]:

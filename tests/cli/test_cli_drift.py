@@ -72,6 +72,15 @@ def test_a_bound_that_the_rows_contradict_is_written_wider(run, tmp_path):
     assert after.model_error(q).mean() > 2 * before.model_error(q).mean()
 
 
+def test_noisier_readings_are_said_and_are_no_change(folder, run, tmp_path):
+    calib.write_log(log(n=100, noise=5e-3), tmp_path / "noisy.csv")
+    done = run("check", folder / "m.calib", "--data", tmp_path / "noisy.csv", "--json")
+    assert (done.code, done.document["drifted"], done.document["bound_holds"]) == (0, False, False)
+    assert [cause["cause"] for cause in done.document["causes"]] == ["noise"]
+    shown = run("check", folder / "m.calib", "--data", tmp_path / "noisy.csv")
+    assert shown.out.startswith("THE BOUND DOES NOT HOLD")
+
+
 def test_millimetres(folder, run, tmp_path):
     samples = log("elbow.length=+5%", n=100)
     table = np.hstack([samples.q, 1e3 * samples.x])
