@@ -72,6 +72,13 @@ def test_a_bound_that_the_rows_contradict_is_written_wider(run, tmp_path):
     assert after.model_error(q).mean() > 2 * before.model_error(q).mean()
 
 
+def test_rows_too_coarse_for_what_is_tolerated_end_with_exit_code_3(folder, run):
+    line = ("check", folder / "m.calib", "--data", folder / "same.csv", "--tolerance", "1e-6")
+    done = run(*line, "--json")
+    assert (done.code, done.document["drifted"]) == (3, None)
+    assert run(*line).out.startswith("TOO COARSE")
+
+
 def test_noisier_readings_are_said_and_are_no_change(folder, run, tmp_path):
     calib.write_log(log(n=100, noise=5e-3), tmp_path / "noisy.csv")
     done = run("check", folder / "m.calib", "--data", tmp_path / "noisy.csv", "--json")
