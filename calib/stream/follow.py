@@ -166,9 +166,9 @@ class OnlineAdapter:
 
     def _feed(self, u: Array, v: Array) -> Step:
         motor, sensory = self._maps()
-        said = self._net.said(u[:: FOLLOW.glance], self._idle)
+        predicted = self._net.said(u[:: FOLLOW.glance], self._idle)
         gap = np.linalg.norm(
-            (said - v[:: FOLLOW.glance]) * sensory.scale.span, axis=1
+            (predicted - v[:: FOLLOW.glance]) * sensory.scale.span, axis=1
         )
         distance, winner = sensory.nearest(v)
         squares = (
@@ -182,7 +182,7 @@ class OnlineAdapter:
         )
         expected = self._expected(sensory, winner[:, 0])
         self._seen += len(u)
-        kept = slice(None)
+        rows = slice(None)
         rates = (0.0, 0.0, 0.0)
         motor_zeta, zeta, error = mean.tolist()
         if self._since < 0 and (
@@ -196,9 +196,9 @@ class OnlineAdapter:
                     FOLLOW.sigma_end, matching_sigma(part, after)
                 )
             if not self._force:  # this block may have begun before the change
-                kept = slice(0)
+                rows = slice(0)
         if self._since >= 0:
-            rates = self._learn(u, v, kept)
+            rates = self._learn(u, v, rows)
         return Step(
             self._seen, motor_zeta, zeta, expected, error, *rates, self.adapting
         )
@@ -221,11 +221,13 @@ class OnlineAdapter:
             if errors
             else math.inf
         )
-        left = zeta > expected or error > 2.0 * (usual + self._baseline.noise)
-        return left and self._seen >= FOLLOW.window / 2
+        departed = zeta > expected or error > 2.0 * (
+            usual + self._baseline.noise
+        )
+        return departed and self._seen >= FOLLOW.window / 2
 
     def _learn(
-        self, u: Array, v: Array, kept: slice
+        self, u: Array, v: Array, rows: slice
     ) -> tuple[float, float, float]:
         """Form maps and links by samples; sigma, eta and beta of the last one."""
         t = self._since + np.arange(len(u))
@@ -244,8 +246,8 @@ class OnlineAdapter:
         self._idle += float(forgot) / b.shape[1]
         self._idle[np.unique(b.indices)] = 0.0
         self._since += len(u)
-        self._q.append(self._model.motor.scale.from_unit(u)[kept])
-        self._x.append(self._model.sensory.scale.from_unit(v)[kept])
+        self._q.append(self._model.motor.scale.from_unit(u)[rows])
+        self._x.append(self._model.sensory.scale.from_unit(v)[rows])
         while sum(map(len, self._x)) - len(self._x[0]) >= FOLLOW.latest:
             del self._q[0], self._x[0]
         return (
@@ -263,14 +265,14 @@ class OnlineAdapter:
         """
         if self._since < 0 or sum(map(len, self._x)) < FOLLOW.least:
             return self._model
-        own = (
+        rule_links = (
             without_weak(self._net.links * np.exp(-self._idle))
             if links == "rule"
             else None
         )
         q = np.concatenate(self._q)
         x = np.concatenate(self._x)
-        return settled_model(self._model, *self._maps(), q, x, own)
+        return settled_model(self._model, *self._maps(), q, x, rule_links)
 
     def _maps(self) -> tuple[Map, Map]:
         """The motor and the sensory map as they are."""

@@ -145,8 +145,8 @@ class Monitor:
         ):
             if values.shape != (len(names),):
                 raise QueryError(f"{values.size} {what}: expected {len(names)}")
-        known = np.isfinite(q).all() and np.isfinite(x).all()
-        residual = x - model.forward(q) if known else np.full(len(x), np.nan)
+        finite = np.isfinite(q).all() and np.isfinite(x).all()
+        residual = x - model.forward(q) if finite else np.full(len(x), np.nan)
         if not np.isfinite(residual).all():
             return self._state
         unit = model.motor.scale.to_unit(q[None])
@@ -197,32 +197,32 @@ class Monitor:
         gram[np.diag_indices(p)] += 1e-9 * np.trace(gram) / p + 1e-300
         self._change = np.linalg.solve(gram, products)
         explained = max(float(products @ self._change), 0.0) / weight
-        seen = self._state.samples + 1
+        count = self._state.samples + 1
         independent = weight**2 / square
         independent = max(
             independent / self._correlation_time(independent), 1.0
         )
-        left = max(float(moments[-1, -1]) / weight - explained, 0.0) / axes
-        left /= max(1.0 - p / (axes * independent), 0.1)
+        variance = max(float(moments[-1, -1]) / weight - explained, 0.0) / axes
+        variance /= max(1.0 - p / (axes * independent), 0.1)
         chance = (
-            max(left, self._noise**2)
+            max(variance, self._noise**2)
             * float(self._chance[int(independent)])
             / independent
         )
-        own = MONITOR.nuisance**2 * bound / weight + self._least**2
+        nuisance = MONITOR.nuisance**2 * bound / weight + self._least**2
         score = (
-            math.sqrt(explained / (chance + own))
-            if seen >= MONITOR.warm
+            math.sqrt(explained / (chance + nuisance))
+            if count >= MONITOR.warm
             else 0.0
         )
         drifted = score > 1.0
         return State(
-            samples=seen,
+            samples=count,
             drifted=drifted,
             score=score,
             zeta=ratio / weight,
             links=math.sqrt(explained),
-            noise=math.sqrt(left),
+            noise=math.sqrt(variance),
             fired=("links",) if drifted else (),
         )
 
@@ -268,10 +268,12 @@ def _orthonormal(moves: Array) -> Array:
     flat = moves.reshape(n * m, k)
     lengths = np.linalg.norm(flat, axis=0) + 1e-300
     _, size, turn = np.linalg.svd(flat / lengths, full_matrices=False)
-    kept = np.flatnonzero(size > MONITOR.collinear * size[0])[
+    strong = np.flatnonzero(size > MONITOR.collinear * size[0])[
         : MONITOR.directions
     ]
-    return np.asarray(turn[kept].T / size[kept] * np.sqrt(n) / lengths[:, None])
+    return np.asarray(
+        turn[strong].T / size[strong] * np.sqrt(n) / lengths[:, None]
+    )
 
 
 def _own_error(model: Model) -> Array:
@@ -286,10 +288,10 @@ def _own_error(model: Model) -> Array:
             np.isfinite(bounds), bounds, np.nanmax(bounds, initial=0.0)
         )
     # as of a simulation: none of the residual counts as the model's but what is told here
-    own = replace(
+    belief = replace(
         body, residual=np.hypot(body.residual, body.tau), simulated=True
     )
     q = model.motor.scale.from_unit(np.clip(model.motor.units, 0.0, 1.0))
     # a play of joints or an adaptation in places is beyond the body
     beyond = np.nan_to_num(model.model_bounds) - body.bound(q, noise=False)
-    return np.asarray(own.bound(q, noise=False) + np.maximum(beyond, 0.0))
+    return np.asarray(belief.bound(q, noise=False) + np.maximum(beyond, 0.0))

@@ -44,7 +44,7 @@ def settled_model(
     scale = motor.scale
     wiring = model.association.wiring
     body = model.body
-    found = None
+    body_fit = None
     # a short stream may have been shown again and again
     first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
     u = scale.to_unit(q[first])
@@ -52,30 +52,30 @@ def settled_model(
     some = slice(None, None, -(-len(u) // _ROWS))
     if body is not None:
         with suppress(CalibError):  # too few rows, or too close to each other
-            told = [Measured(scale.from_unit(u[some]), x[some])]
-            found = fit(body.structure, told, seed=model.about.seed)
+            measured = [Measured(scale.from_unit(u[some]), x[some])]
+            body_fit = fit(body.structure, measured, seed=model.about.seed)
 
     def linked(u: Array, x: Array) -> Association:
         return Association.learn(
             motor, u, sensory, sensory.scale.to_unit(x), wiring
         )
 
-    seen = (u, x)
+    samples = (u, x)
     predictor = None
-    if found is not None:
-        smooth = BodyInBox(found.body, scale)
-        predictor, left = select(
-            motor, u[some], x[some], smooth, found.held_out
+    if body_fit is not None:
+        smooth = BodyInBox(body_fit.body, scale)
+        predictor, remaining = select(
+            motor, u[some], x[some], smooth, body_fit.held_out
         )
         rows = np.arange(len(u))[some]
-        errors = np.linalg.norm(left, axis=1)
+        errors = np.linalg.norm(remaining, axis=1)
         if len(u) < _FEW_ROWS:
             drawn = np.random.default_rng(model.about.seed).random(
                 (_IMAGINED, u.shape[1])
             )
-            seen = drawn, predictor.value(drawn)
+            samples = drawn, predictor.value(drawn)
     association = (
-        linked(*seen)
+        linked(*samples)
         if links is None
         else Association(motor, sensory, links, wiring)
     )
@@ -86,16 +86,19 @@ def settled_model(
         rows = np.arange(len(u))
         errors = np.empty(len(u))
         for half in (0, 1):
-            held, shown = (
+            held_out_rows, shown = (
                 np.concatenate(folds[k::2]) for k in (half, 1 - half)
             )
-            away = linked(u[shown], x[shown]).linear.value(u[held]) - x[held]
-            errors[held] = np.linalg.norm(away, axis=1)
+            away = (
+                linked(u[shown], x[shown]).linear.value(u[held_out_rows])
+                - x[held_out_rows]
+            )
+            errors[held_out_rows] = np.linalg.norm(away, axis=1)
     made = replace(
         model,
         association=association,
         local=NO_MODELS if predictor is None else predictor.models,
-        body=None if found is None else found.body,
+        body=None if body_fit is None else body_fit.body,
         visited=np.bincount(motor.nearest(u)[1][:, 0], minlength=motor.size)
         > 0,
         rows=MeasuredRows.of(scale.from_unit(u), x)
