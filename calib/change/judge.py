@@ -283,6 +283,10 @@ def judge(
         cause = free
     with plain_numbers():
         model = model.by(log.sensor)
+        if "board" in model.about.options:
+            from ..recording.board_log import with_lens_of
+
+            log = with_lens_of(model, log)
         rows = rows_of(model, log)
         if model.body is None:
             return _of_maps(rows)

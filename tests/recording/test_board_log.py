@@ -35,7 +35,9 @@ def test_a_lens_that_was_fitted_anew_is_no_change(run, tmp_path, tilt, drifted):
         shots = pictures(rig)
     assert len(rig.seen) == len(rig.q) * len(BOARD)
     lens, _ = shots.lens(None)
-    calib.write_log(shots.log(lens, in_hand=True), tmp_path / "log.csv")
+    log = shots.log(lens, in_hand=True)
+    assert calib.check(model, log).drifted is drifted
+    calib.write_log(log, tmp_path / "log.csv")
     done = run("check", tmp_path / "rig.calib", "--data", tmp_path / "log.csv", "--json")
     assert done.document["drifted"] is drifted
     assert "told with the model's lens" in done.err

@@ -5,8 +5,11 @@ import json
 import os
 import re
 import signal
+import socket
+import struct
 import subprocess
 import sys
+import threading
 import urllib.error
 import urllib.request
 from dataclasses import replace
@@ -289,6 +292,35 @@ def test_live_answers_hold_every_branch(full, live):
 @pytest.mark.parametrize("body", [b"[]", b"5", b"{}", b"[" * 5000, b'{"at": [NaN, 0, 0]}', b"x"])
 def test_a_question_without_sense_is_answered(live, body, capfd):
     assert ask(live.url + "ask", body)[0] == 400
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def raw(url: str, length: str, body: bytes, *, drop: bool = False) -> bytes:
+    """What is answered to a body of another length than it says, or to one that is dropped."""
+    _, _, place, path, _ = url.split("/")
+    host, port = place.split(":")
+    with socket.create_connection((host, int(port)), timeout=20) as connection:
+        line = f"POST /{path}/ask HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {length}\r\n\r\n"
+        connection.sendall(line.encode() + body)
+        if drop:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            return b""
+        answer = b""
+        while part := connection.recv(4096):
+            answer += part
+    return answer
+
+
+def test_connections_that_say_less_than_they_promise_hold_no_thread(live, capfd):
+    before = threading.active_count()
+    assert raw(live.url, "500", b"{") == b""
+    raw(live.url, "500", b"{", drop=True)
+    for _ in range(100):
+        if threading.active_count() <= before:
+            break
+        threading.Event().wait(0.1)
+    assert threading.active_count() <= before
+    assert ask(live.url)[0] == 200
     assert "Traceback" not in capfd.readouterr().err
 
 
