@@ -108,8 +108,9 @@ class Clock:
     # median steps of time beyond which two rows are not one motion
     longest_pause: float = 5.0
     fewest_rows: int = 20  # that tell a delay
-    # a delay is corrected beyond so many sds, if it explains this share of the squared residuals: real series of poses at rest stay below .02, a clock that is 1 ms late at
-    # 1 rad/s of a UR5 measured to .1 mm explains .9
+    # a delay is corrected beyond so many sds, if it explains this share of the squared residuals:
+    # real series of poses at rest stay below .02, a clock that is 1 ms late at 1 rad/s of a UR5
+    # measured to .1 mm explains .9
     clear: float = 5.0
     share: float = 0.1
     blocks: int = 20  # of neighbouring rows that vary on their own
