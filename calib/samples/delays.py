@@ -58,16 +58,12 @@ class Trajectory:
         """The motion of a log's rows; None where they are poses, or known to be in time."""
         if samples.in_time or len(samples) < CLOCK.fewest_rows:
             return None
-        time = samples.time
-        unit = "s"
-        if time is None:
-            unit = "rows"
-            time = (
-                np.arange(len(samples))
-                if samples.rows is None
-                else samples.rows
-            )
-        motion = Trajectory(np.asarray(time, dtype=float), samples.q, unit)
+        if samples.time is not None:
+            motion = Trajectory(samples.time, samples.q, "s")
+        else:
+            rows = samples.rows
+            rows = np.arange(len(samples)) if rows is None else rows
+            motion = Trajectory(rows.astype(float), samples.q, "rows")
         joined = motion.joined
         moves = joined.mean() >= 0.5 and is_path(samples.q, joined)
         return motion if moves else None
@@ -177,10 +173,10 @@ def estimate_delay(
     X = np.vstack([root * beside, np.diag(np.sqrt(precision))])
     pulled = np.sqrt(precision) * np.asarray(pull, dtype=float)
     r = np.append(root * residual[rows].reshape(-1, 1), pulled)
-    late = np.append(root * late, np.zeros(len(precision)))
+    late_column = np.append(root * late, np.zeros(len(precision)))
     Q, R = np.linalg.qr(X)
     left_over = r - Q @ (Q.T @ r)
-    alone = late - Q @ (Q.T @ late)
+    alone = late_column - Q @ (Q.T @ late_column)
     information = float(alone @ alone)
     if not information > 0:
         return None
@@ -197,5 +193,5 @@ def estimate_delay(
         fitted = other @ np.linalg.lstsq(other, left_over)[0]
         if fitted @ fitted >= share * squares:
             share = 0.0
-    change = np.linalg.lstsq(R, Q.T @ (r - late * value))[0]
+    change = np.linalg.lstsq(R, Q.T @ (r - late_column * value))[0]
     return Delay(value, sd, unit, share), change
