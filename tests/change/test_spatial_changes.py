@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
+from calib import Samples
 from calib.model.space import Space
-from calib.samples.samples import Samples
 from calib.use.geometry_fit import fit_geometry
 
 NOISE = 2e-4

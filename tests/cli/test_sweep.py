@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.errors import OptionError
+from calib import OptionError
 
 GRID = {"size": [5, (6, 7)], "samples": [300]}
 

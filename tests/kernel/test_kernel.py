@@ -12,7 +12,7 @@ import pytest
 from models import draw, in_pixels, in_plane, in_space, measured, six, trained, turning, warm
 
 import calib
-from calib.errors import OptionError, QueryError
+from calib import OptionError, QueryError
 from calib.model import batches
 from calib.model.header import Header
 

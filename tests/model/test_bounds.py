@@ -107,14 +107,6 @@ def test_without_a_body_the_bound_holds_beside_a_closed_path(shape, tmp_path):
     np.testing.assert_allclose(again.expected_error(some), model.expected_error(some), rtol=1e-6)
 
 
-def test_babbling_without_a_body_is_answered_all_over_the_box():
-    fresh = log(4000, 1e-3, 1)
-    model = calib.train(log(1000, 1e-3), size=14, body="none")
-    share, held = answered(model, fresh.q, fresh.x)
-    assert share > 0.95
-    assert held >= 0.93
-
-
 def test_a_bound_in_space_is_the_same_alone_and_among_many():
     """A BLAS splits large products over threads, which round otherwise where sums cancel."""
     model = six()

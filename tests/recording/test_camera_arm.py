@@ -13,7 +13,7 @@ pytest.importorskip("cv2")
 from rendering import Camera, Desk
 
 import calib
-from calib.errors import CalibError
+from calib import CalibError
 from calib.recording.board import Board
 from calib.recording.lens import Lens
 from calib.recording.reference import MarkLayout, watch

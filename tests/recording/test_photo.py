@@ -11,7 +11,7 @@ from rendering import Camera, Desk
 from scenes import data_of, objects, page_of
 
 import calib
-from calib.errors import CalibError
+from calib import CalibError
 from calib.model.about import Photo
 from calib.model_file.loading import from_bytes
 from calib.model_file.storage import to_bytes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.errors import LogError
+from calib import LogError
 from calib.samples.repeatability import repeatability
 
 SENSOR, RETURN = 1e-5, 4e-5  # [m]

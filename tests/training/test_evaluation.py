@@ -7,7 +7,7 @@ import pytest
 from models import log, papers, trained
 
 import calib
-from calib.errors import LogError
+from calib import LogError
 from calib.training.evaluate import Residuals, summarise
 
 

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from test_arm import pinocchio_pose
 
 import calib
-from calib.arm.loading import arm_from_urdf, load_arm
+from calib import OptionError, RobotError, load_arm
+from calib.arm.loading import arm_from_urdf
 from calib.body.spatial import structure_of
-from calib.errors import OptionError, RobotError
 from calib.use.geometry import Geometry
 from calib.use.geometry_fit import fit_geometry
 from calib.use.urdf import corrected_urdf

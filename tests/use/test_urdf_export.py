@@ -7,9 +7,9 @@ import pytest
 from drifting import arm, log, model
 
 import calib
+from calib import OptionError, RobotError
 from calib.arm.loading import arm_from_urdf
 from calib.body.spatial import structure_of
-from calib.errors import OptionError, RobotError
 from calib.use.geometry import Geometry
 from calib.use.geometry_fit import InPlane, fit_geometry
 from calib.use.urdf import corrected_urdf
