@@ -113,12 +113,6 @@ def test_a_tracker_that_was_turned_bends_no_tool(arm, oriented):
     assert [cause.cause for cause in found.causes] == ["sensor"]
 
 
-def test_orientations_that_the_model_never_learned_are_not_compared_in_silence(arm, model):
-    found = calib.check(model, posed(arm, 14))
-    assert not found.drifted
-    assert any("orientations are not compared" in note for note in found.notes)
-
-
 def test_a_tracker_before_a_simulated_arm_moves_neither_its_commands_nor_its_drawing(arm, tmp_path):
     simulated = calib.train(calib.babble(arm, 100), size=3, motor_size=3)
     log = log_of(arm, 8, n=24, turn=np.eye(3), shift=(0.01, -0.004, 0.006))
