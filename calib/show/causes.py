@@ -14,10 +14,10 @@ from ..body.belief import Body
 from ..body.curves import waves_of
 from ..body.structure import Structure
 from ..common.arrays import Array, Index
+from ..common.wording import sized
 from ..errors import CalibError
 from ..model.model import Model
 from ..model.nominal import nominal_behind, nominal_in_plane
-from .error_scale import sized
 from .settings import SETTINGS, Z95
 
 _ORDER = ("length", "offset", "gain", "elastic", "placement")

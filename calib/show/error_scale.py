@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from ..common.wording import ROUNDED_AWAY, for_people
+from ..common.wording import ROUNDED_AWAY, number, unit_for
 
 # the middle of the "plasma" map (van der Walt and Smith, CC0): its lightness rises evenly,
 # and its two ends, which vanish on dark and on light ground, are left out
@@ -58,41 +58,3 @@ class ErrorScale:
         tints = np.round(np.stack(channels, axis=1))
         tints[np.isnan(share)] = list(bytes.fromhex(UNKNOWN[1:]))
         return tints.astype(np.uint8)
-
-
-def number(value: float, digits: int = 3) -> str:
-    """Return a number with three digits and never an exponent; below a millionth it is 0.
-
-    Examples
-    --------
-    >>> number(1041.7), number(0.12345)
-    ('1040', '0.123')
-    """
-    rounded = float(f"{value:.{digits}g}") if abs(value) >= 1e-6 else 0.0
-    return np.format_float_positional(rounded, trim="-")
-
-
-def sized(value: float, unit: str, half: float = 0.0) -> str:
-    """Return a value in the unit that suits it, with half of its interval if there is one.
-
-    Examples
-    --------
-    >>> sized(0.00012345, "m"), sized(0.01, "rad", 0.0005), sized(1e-12, "m")
-    ('0.123 mm', '0.573 ± 0.029 deg', 'below 1 nm')
-    """
-    if unit == "m" and abs(value) + half < ROUNDED_AWAY:
-        return "below 1 nm"
-    factor, shown = unit_for(abs(value) + half, unit)
-    interval = f" ± {number(factor * half, 2)}" if half else ""
-    return f"{number(factor * value)}{interval} {shown}"
-
-
-def unit_for(largest: float, unit: str) -> tuple[float, str]:
-    """Return the factor from a unit to the one that errors up to `largest` are shown in."""
-    if unit == "1":
-        return 100.0, "%"
-    if unit == "m" and largest < 2e-8:
-        return 1e9, "nm"
-    if unit == "m" and largest < 2e-5:
-        return 1e6, "µm"
-    return for_people(unit)

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...common.arrays import Array
+from ...common.wording import sized
 from ...maps.lattice import Lattice
 from ...model.model import Model
 from ...model.nominal import moves_in_space
-from ..error_scale import UNKNOWN, ErrorScale, sized
+from ..error_scale import UNKNOWN, ErrorScale
 from ..settings import SETTINGS
 from ..workspace import drawn_edges, node_errors
 from .canvas import Canvas, packed

@@ -11,13 +11,14 @@ import numpy as np
 
 from ...common.arrays import Array
 from ...common.rows import thinned
+from ...common.wording import sized
 from ...maps.lattice import Lattice
 from ...model.about import Photo
 from ...model.model import Model
 from ...model.nominal import moves_in_space
 from ...samples.samples import Samples
 from ...training.evaluate import simulation_of
-from ..error_scale import UNKNOWN, ErrorScale, sized
+from ..error_scale import UNKNOWN, ErrorScale
 from ..placement import Placement, place_model
 from ..robot import Robot
 from ..settings import SETTINGS

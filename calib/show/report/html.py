@@ -9,8 +9,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from ...common.atomic import atomic_write
-from ...common.wording import filled
-from ..error_scale import number
+from ...common.wording import filled, number
 from .drawing import to_svg
 
 if TYPE_CHECKING:

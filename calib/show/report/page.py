@@ -8,7 +8,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, TypeVar
 
-from ...common.wording import filled, quoted, suggestion
+from ...common.wording import (
+    filled,
+    number,
+    quoted,
+    sized,
+    suggestion,
+    unit_for,
+)
 from ...errors import OptionError, require
 from ...maps.association import Association
 from ...maps.map import Map
@@ -18,7 +25,6 @@ from ...recording.rig import HandEye
 from ...recording.rig_file import rig_of_model
 from ...samples.samples import Samples
 from ...training.learn import Progress
-from ..error_scale import number, sized, unit_for
 from ..study import Study, studies_of
 from . import figures as arm
 from . import map_figures as maps

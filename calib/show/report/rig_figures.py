@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...common.wording import number
 from ...recording.rig import HandEye
-from ..error_scale import number
 from ..setup import things_of_rig
 from .drawing import GREY, INK, SECOND, panels
 from .figures import draw_setup
@@ -56,10 +56,21 @@ def corners(rig: HandEye) -> Figure | None:
     length = float(np.linalg.norm(off, axis=1).max())
     times = float(f"{max(0.05 * width / max(length, 1e-9), 1.0):.0e}")
     ends = np.stack([seen, seen + times * off])
-    ax.plot(*seen.T, "o", ms=3, mfc="none", label="seen")
+    ax.plot(
+        *seen.T,
+        "o",
+        ms=3,
+        mfc="none",
+        label="seen",
+    )
     lines = ax.plot(*ends.transpose(2, 0, 1), color=SECOND)
     lines[0].set_label(f"to predicted, {number(times)} times as long")
-    ax.set(xticks=[], yticks=[], xlim=box[:2], ylim=box[2:])
+    ax.set(
+        xticks=[],
+        yticks=[],
+        xlim=box[:2],
+        ylim=box[2:],
+    )
     ax.set_title(rig.photo.name, color=INK)
     figure.legend(loc="outside lower center", ncols=2)
     return figure

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...common.wording import clipped, listed, one_line
-from ..error_scale import sized
+from ...common.wording import clipped, listed, one_line, sized
 from ..settings import SETTINGS
 from ..study import Study
 
