@@ -30,10 +30,10 @@ def preview(
         int, opt.value("--port", "N", "Of the page (0: any).", whole(0, 65535))
     ] = 0,
     no_open: Annotated[
-        bool, opt.flag("--no-open", "Print the address alone.")
+        bool, opt.option("--no-open", "Print the address alone.")
     ] = False,
     live: Annotated[
-        bool, opt.flag("--live", "Drag a target, see all its solutions.")
+        bool, opt.option("--live", "Drag a target, see all its solutions.")
     ] = False,
 ) -> Outcome:
     import calib

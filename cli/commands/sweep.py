@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument
 
-from calib.common.choices import MAPS, READOUTS, RULES, ReadoutWord
+from calib.common.choices import MAPS, RULES, ReadoutWord
 from calib.common.wording import for_people
 
 from .. import options as opt
@@ -80,7 +80,7 @@ def sweep(
         int | None, opt.value("--jobs", "N", "Runs at once.", whole(1, 1000))
     ] = None,
     readout: Annotated[
-        ReadoutWord, opt.word("--readout", READOUTS, "Of the printed table.")
+        ReadoutWord, opt.option("--readout", "Of the printed table.")
     ] = "local",
     joints: opt.JointNames = None,
     tip: opt.Tip = None,
