@@ -21,7 +21,7 @@ import typer
 from . import commands
 from . import options as opt
 from .errors import INTERRUPTED, TRACEBACK, report_error
-from .output import SPEECH, Outcome, note, progress_shown, silence
+from .output import SPEECH, Outcome, end_progress, note, silence
 from .parsing import BadOption
 
 FLAGS = ("--json", "--verbose", "-v", "--quiet", "-q")
@@ -52,6 +52,7 @@ def run(arguments: Sequence[str]) -> int:
     except Exception as error:
         if os.environ.get(TRACEBACK):
             raise
+        end_progress()
         return report_error(error, as_json="--json" in arguments)
     if code == INTERRUPTED:
         note("error: interrupted")
@@ -147,8 +148,7 @@ def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:
             raise BadOption(
                 "--json and '-' both want standard output: expected one of them"
             )
-        with progress_shown():
-            outcome = command(**options)
+        outcome = command(**options)
         outcome.show(streamed=streamed)
         raise typer.Exit(outcome.code)
 

@@ -30,7 +30,7 @@ def preview(
         int, opt.value("--port", "N", "Of the page (0: any).", whole(0, 65535))
     ] = 0,
     no_open: Annotated[
-        bool, opt.flag("--no-open", "Print the address alone.")
+        bool, opt.option("--no-open", "Print the address alone.")
     ] = False,
 ) -> Outcome:
     import calib

@@ -12,7 +12,6 @@ from scenes import seen_by_two
 
 import calib
 from calib.show.causes import causes_of
-from calib.show.report.drawing import named_rows, settings, to_svg
 from calib.show.study import Study
 
 WHY = ["where", "coverage", "joints", "arrows"]
@@ -136,14 +135,6 @@ def test_names_from_a_file_reach_a_page_as_text():
     assert "internal" not in page
 
 
-def test_dollar_signs_are_drawn_as_they_are():
-    name = "\\$x$\\frac{1$"
-    with settings():
-        figure, _ = named_rows([name], "")
-    figure.canvas.draw()
-    assert name in to_svg(figure, "a", "a")
-
-
 def test_figures_on_paper():
     drawn = calib.figures(measured(), names=["where", "photo"])
     assert list(drawn) == ["where"]
@@ -166,30 +157,6 @@ def test_figures_of_an_arm_in_space_and_in_pixels():
         rows, curve = ax.lines
         there = np.interp(rows.get_xdata(), curve.get_xdata(), curve.get_ydata())
         assert np.std(rows.get_ydata() - there) < 0.8 * np.std(rows.get_ydata())
-
-
-def test_figures_of_maps_alone():
-    association = trained("two_link", n=400, size=4).association
-    assert list(calib.figures(association)) == ["lattices", "u_matrices", "links"]
-    assert list(calib.figures(association.motor)) == ["lattices", "u_matrices"]
-
-
-def test_a_row_that_contradicts_the_others_is_left_out_and_crossed():
-    """One zero row of a thousand made the headline 2.9 mm."""
-    given = log(300, 1e-4)
-    x = given.x.copy()
-    x[17] = 0.0
-    rows = Study(measured(), replace(given, x=x)).rows
-    np.testing.assert_allclose(rows.left_out, [[0.0, 0.0]])
-    assert rows.distance.mean() < 2e-3
-
-
-def test_results_tell_themselves_in_a_line():
-    evaluation = calib.evaluate(trained("two_link", n=400, size=8))
-    arm = calib.load_arm("two_link")
-    for shown in (evaluation, arm, calib.load_arm("six_axis")):
-        assert len(repr(shown)) < 200, repr(shown)
-    assert "local" in repr(evaluation)
 
 
 def test_command(run, models: Path, model: Path, log: Path, tmp_path: Path):
