@@ -7,7 +7,7 @@ import pytest
 from drifting import arm, log, model
 
 import calib
-from calib import OptionError, RobotError
+from calib import RobotError
 from calib.use.geometry_fit import fit_geometry
 from calib.use.urdf import corrected_urdf
 
@@ -70,12 +70,3 @@ def test_the_users_own_file_is_never_written_over(tmp_path, run):
     assert done.code == 1
     assert "never overwritten" in done.err
     assert nominal.read_text() == arm().urdf
-
-
-def test_the_base_stays_unless_it_is_freed():
-    shifted = calib.adapt(model(), log("elbow.offset=0.01", n=100, noise=0.0)).model
-    assert not fit_geometry(shifted).ends[0].value.any()
-    assert fit_geometry(shifted, move_base=True).ends[0].interval.all()
-    measured = calib.train(replace(log(n=300), simulation=None, arm=arm()), size=10)
-    with pytest.raises(OptionError, match="view='base'"):
-        fit_geometry(measured, move_base=True)
