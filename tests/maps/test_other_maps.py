@@ -5,9 +5,9 @@ import pytest
 from small_maps import points
 
 import calib
+from calib.maps.dsom import present_dsom
 from calib.maps.gng import Gas, insert, present_gng
 from calib.maps.lattice import Lattice
-from calib.maps.others import present_dsom
 
 
 def gas(weights, pairs, age=None, error=None):
