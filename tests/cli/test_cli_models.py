@@ -107,18 +107,6 @@ def test_degrees_apply_to_ranges_locks_and_changes(run):
     assert calib.load("three_link.calib").about.locked["wrist"] == pytest.approx(math.radians(30))
 
 
-def test_train_from_a_log_with_and_without_a_robot(run, log):
-    done = run("train", "two_link", "--data", log, "--size", "10", "--json")
-    assert done.code == 0, done.err
-    assert done.document["robot"] == "two_link"
-    assert done.document["bound_of"] == "sensor reading"
-    done = run("train", "--data", log, "--joints", "shoulder,elbow", "--size", "10", "--json")
-    assert done.code == 0, done.err
-    assert (done.document["model"], done.document["robot"]) == ("measured.calib", None)
-    assert (done.document["tip"], done.document["plane"]) == (None, None)
-    check_errors(done.document["errors"], ["shoulder", "elbow"])
-
-
 def test_info_tells_what_and_whence(run, model):
     done = run("info", model, "--json")
     assert done.document["source"] == "simulation"

@@ -74,16 +74,3 @@ def test_the_commands(run, shot, film, tmp_path):
     assert "--joints-file" in done.err
     done = run("log", shot.pictures, *joints, "--still", "1", "-o", tmp_path / "n.csv")
     assert done.code == 2
-
-
-def test_a_clock_that_cannot_be_found_is_exit_three(run, film, tmp_path):
-    other = np.loadtxt(film.folder / "joints.csv", delimiter=",", skiprows=1)
-    other[:, 1:] = other[::-1, 1:] * [0.3, -1.0]
-    np.savetxt(tmp_path / "other.csv", other, delimiter=",", header="time,a,b", comments="")
-    done = run(
-        "log", film.folder / "run.mp4", "--joints-file", tmp_path / "other.csv", "--tag", 7,
-        "-o", tmp_path / "v.csv",
-    )  # fmt: skip
-    assert done.code == 3
-    assert not (tmp_path / "v.csv").exists()
-    assert "--time-offset" in done.err

@@ -187,7 +187,7 @@ def test_what_changed_on_the_way_is_told(group, step):
     assert any(words in note for note in found.notes), found.notes
 
 
-@pytest.mark.parametrize(("count", "off"), [(5, 1e-3), (3, 2e-3), (2, 0.1)])
+@pytest.mark.parametrize(("count", "off"), [(5, 1e-3), (2, 0.1)])
 def test_arms_of_few_joints_are_known_as_well_as_they_turn(count, off):
     names = calib.load_arm("six_axis").joint_names[:count]
     rig = Rig(True, seed=3, pictures=12, joints=names)
@@ -269,9 +269,7 @@ def watching():
 
 ALIKE = {
     "the camera turned": ({("tool.rotation", 0): 0.006}, {"tool": 0.344}),
-    "about its sight": ({("tool.rotation", 2): 0.006}, {"tool": 0.344}),
     "wrist_3": ({("offset", -1): 0.05}, {"offset:wrist_3": 2.86}),
-    "one direction": ({("offset", -1): 0.02, ("tool.rotation", 0): 0.006}, {"tool": 1.2}),
     "elbow, the camera": (
         {("offset", 2): 0.01, ("tool.rotation", 0): 0.006},
         {"offset:elbow": 0.573, "tool": 0.344},
