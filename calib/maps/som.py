@@ -208,11 +208,9 @@ class SOM:
 
     @property
     def _gain(self) -> Gain | None:
-        return (
-            gain_of(self.map)
-            if isinstance(self.map, str)
-            else checked_gain(self.map)
-        )
+        if isinstance(self.map, str):
+            return gain_of(self.map)
+        return checked_gain(self.map)
 
     def _sigma(self, lattice: Lattice) -> tuple[float, float]:
         """First and last radius of the online rule [nodes]."""

@@ -173,7 +173,7 @@ def activity_errors(pair: Association, q: Array, x: Array) -> Array:
     v = pair.sensory.scale.to_unit(x)
     forward = pair.forward(u, "activity") - v
     inverse = motor.difference(
-        np.clip(pair.inverse(v, u, "activity"), 0.0, 1.0), u
+        np.clip(pair.inverses(v, u)["activity"], 0.0, 1.0), u
     )
     return np.asarray(np.abs(np.concatenate([forward, inverse], axis=1)))
 

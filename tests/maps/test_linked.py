@@ -7,8 +7,9 @@ from scipy.sparse import csr_array
 from calib.common.scale import TURN, Scale
 from calib.maps.association import Association
 from calib.maps.lattice import Lattice
-from calib.maps.links import BANDWIDTH, Compressed
+from calib.maps.links import Compressed
 from calib.maps.map import Map
+from calib.maps.settings import LINKS
 
 
 def line(places, periodic=False, d=1):
@@ -59,14 +60,14 @@ def test_activity_forward_is_the_mean_of_the_partners_weighted_through_the_links
     c = np.array([[0.2, 0.0, 0.7], [0.4, 0.5, 0.0]])
     pair = linked(line([0.0, 1.0]), sensory, c)
     u = np.array([[0.3], [0.5]])
-    a = np.exp(-((u - [[0.0, 1.0]]) ** 2) / BANDWIDTH**2)  # eq. 6, spacing 1
+    a = np.exp(-((u - [[0.0, 1.0]]) ** 2) / LINKS.bandwidth**2)  # eq. 6, spacing 1
     expected = (a @ c @ [0.1, 0.4, 0.9]) / (a @ c).sum(axis=1)
     np.testing.assert_allclose(pair.forward(u, "activity")[:, 0], expected, rtol=1e-12)
 
 
 def test_activity_inverse_blends_what_the_active_nodes_are_linked_to(one_to_one):
     v = np.array([[0.25, 0.0]])
-    a = np.exp(-((0.25 - np.array([0.0, 0.5, 1.0])) ** 2) / (BANDWIDTH * 0.5) ** 2)
+    a = np.exp(-((0.25 - np.array([0.0, 0.5, 1.0])) ** 2) / (LINKS.bandwidth * 0.5) ** 2)
     expected = (a @ [0.0, 0.5, 1.0]) / a.sum()
     said = one_to_one.inverse(v, np.array([[0.5]]), "activity")
     np.testing.assert_allclose(said, [[expected]], rtol=1e-9)

@@ -6,8 +6,9 @@ from scipy.sparse import csr_array
 from small_maps import UNIT_BOX, box, points
 
 from calib.maps.lattice import Lattice
-from calib.maps.links import BANDWIDTH, Wiring
+from calib.maps.links import Wiring
 from calib.maps.map import Map
+from calib.maps.settings import LINKS
 
 
 def grid(n, m=None):
@@ -16,7 +17,7 @@ def grid(n, m=None):
     return Map(lattice.positions() / (np.array(shape) - 1), lattice, UNIT_BOX, np.zeros((0, 4)))
 
 
-def activity(network, u, bandwidth=BANDWIDTH, *, local=False):
+def activity(network, u, bandwidth=LINKS.bandwidth, *, local=False):
     return Wiring(local=local, bandwidth=bandwidth).activity(network, u)
 
 
@@ -44,7 +45,7 @@ def pair():
     return activity(grid(3), u).toarray(), activity(grid(3), v).toarray()
 
 
-@pytest.mark.parametrize("bandwidth", [BANDWIDTH, 1.5])
+@pytest.mark.parametrize("bandwidth", [LINKS.bandwidth, 1.5])
 def test_activity_is_equation_6_relative_to_the_winner(bandwidth):
     network, u = grid(3), points(20)
     a = activity(network, u, bandwidth).toarray()
