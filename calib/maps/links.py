@@ -102,7 +102,12 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> Compressed:
     data = links.data.astype(np.float32).astype(
         float
     )  # as a model file keeps them
-    return Compressed(data, links.indices, links.indptr, links.shape)
+    return Compressed(
+        data,
+        links.indices,
+        links.indptr,
+        links.shape,
+    )
 
 
 def _reached(square: Array) -> Array:

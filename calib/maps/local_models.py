@@ -27,7 +27,12 @@ class LocalModels(ReadOnly):
     coefficients: Annotated[Array, Shape("nodes", "terms", "width")]
 
 
-NO_MODELS = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, 2)))
+NO_MODELS = LocalModels(
+    -1,
+    0,
+    np.zeros(0),
+    np.zeros((0, 0, 2)),
+)
 
 
 @lru_cache(maxsize=32)
@@ -70,7 +75,12 @@ def fit(
     scale = motor.scale
     dof = u.shape[1]
     outputs = residual.shape[1]
-    distance, index = nearest_points(u, scale, places, samples + 1)
+    distance, index = nearest_points(
+        u,
+        scale,
+        places,
+        samples + 1,
+    )
     near = index[:, :-1]
     radius = np.maximum(distance[:, -1:], 1e-12)
     z = scale.difference(u[near], places[:, None]) / radius[..., None]
@@ -104,7 +114,12 @@ def fit(
         coefficients[nodes[part[firm]]] = solved[firm, :, :outputs]
     reach = np.full(motor.size, motor.spacing)
     reach[nodes] = radius[:, 0]
-    return LocalModels(degree, near.shape[1], reach, coefficients)
+    return LocalModels(
+        degree,
+        near.shape[1],
+        reach,
+        coefficients,
+    )
 
 
 def blend_size(dim: int) -> int:

@@ -117,7 +117,12 @@ class Map:
     def nearest(self, u: Array, k: int = 1) -> tuple[Array, Index]:
         """Distances and indices, (n, k), of the `k` nodes nearest to `u` in the unit box."""
         if _few(len(u) * self.size):
-            return nearest_points(self.units, self.scale, u, k)
+            return nearest_points(
+                self.units,
+                self.scale,
+                u,
+                k,
+            )
         return nearest_nodes(self.tree, u, k)
 
     def winners(self, x: Array) -> Index:
@@ -207,7 +212,13 @@ class Epoch:
     ) -> Epoch:
         """The state after a pass over all samples `u` (n, d)."""
         topographic = topographic_error(u, search_tree(weights), lattice)
-        return Epoch(weights, lattice, sigma, error, topographic)
+        return Epoch(
+            weights,
+            lattice,
+            sigma,
+            error,
+            topographic,
+        )
 
     @property
     def row(self) -> tuple[int, float, float, float]:

@@ -69,13 +69,13 @@ def test_activity_inverse_blends_what_the_active_nodes_are_linked_to(one_to_one)
     v = np.array([[0.25, 0.0]])
     a = np.exp(-((0.25 - np.array([0.0, 0.5, 1.0])) ** 2) / (LINKS.bandwidth * 0.5) ** 2)
     expected = (a @ [0.0, 0.5, 1.0]) / a.sum()
-    said = one_to_one.inverse(v, np.array([[0.5]]), "activity")
+    said = one_to_one.inverses(v, np.array([[0.5]]))["activity"]
     np.testing.assert_allclose(said, [[expected]], rtol=1e-9)
 
 
 def test_winner_inverse_is_the_strongest_partner(one_to_one):
     v = np.array([[0.3, 0.0], [0.9, 0.0]])
-    said = one_to_one.inverse(v, np.full((2, 1), 0.5), "winner")
+    said = one_to_one.inverses(v, np.full((2, 1), 0.5))["winner"]
     assert said.tolist() == [[0.5], [1.0]]
 
 
@@ -92,13 +92,13 @@ def test_the_branch_near_to_the_wish_answers_and_branches_are_never_averaged(
     two_branches, near, winner, activity
 ):
     v, wish = np.array([[0.2, 0.0]]), np.array([[near]])
-    assert two_branches.inverse(v, wish, "winner")[0, 0] == pytest.approx(winner)
-    said = two_branches.inverse(v, wish, "activity")[0, 0]
+    assert two_branches.inverses(v, wish)["winner"][0, 0] == pytest.approx(winner)
+    said = two_branches.inverses(v, wish)["activity"][0, 0]
     assert said == pytest.approx(activity)
 
 
 def test_a_branch_across_the_seam_of_a_turn_is_one_branch():
     motor = line([0.05, 0.35, 0.65, 0.95], periodic=True)
     pair = associate(motor, line([0.2, 0.8], d=2), {(0, 0): 1.0, (3, 0): 1.0, (1, 1): 1.0})
-    said = pair.inverse(np.array([[0.2, 0.0]]), np.array([[0.9]]), "activity")[0, 0]
+    said = pair.inverses(np.array([[0.2, 0.0]]), np.array([[0.9]]))["activity"][0, 0]
     assert min(said % 1.0, -said % 1.0) < 0.05
