@@ -47,7 +47,7 @@ def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
     """Leave wrong rows out, bring clocks together, and fit the body; a row a pose is left."""
     rows_given = len(samples) + samples.left_out
     if samples.touch is not None:
-        samples, part, notes = fit_sockets(samples, options)
+        samples, part, notes = fit_sockets(samples, samples.touch, options)
         return Prepared(samples, rows_given, (*notes, *part.fit.notes), part)
     if options.body == "none":
         notes = []
