@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
+from ..common.rows import row_lengths
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import OptionError
@@ -93,7 +94,7 @@ class Touches:
 
     def about_medians(self, x: Array) -> Array:
         """Distances (n,) of positions `x` (n, m) from the median of their socket's."""
-        off = np.linalg.norm(x - self.means(x, np.median)[self.number], axis=1)
+        off = row_lengths(x - self.means(x, np.median)[self.number])
         return np.where(self.touched, off, 0.0)
 
     def renumbered(self) -> tuple[Index, tuple[Known, ...], Index]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..common.arrays import Array, Index
+from ..common.rows import finite_rows
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
@@ -53,8 +54,8 @@ def read_touches(
     pairs = _setups_and_points(source, column_of, len(q))
     coordinates = _coordinates(source, column_of, len(q), unit)
     touched = np.array([bool(point) for _, point in pairs])
-    measured = np.isfinite(coordinates).all(axis=1)
-    sound = np.isfinite(q).all(axis=1) & (touched | measured)
+    measured = finite_rows(coordinates)
+    sound = finite_rows(q) & (touched | measured)
     if not (sound & touched).any():
         raise LogError(f"{source.label} has no row with all joints and a point")
     lower = q[sound].min(axis=0) - 1e-9

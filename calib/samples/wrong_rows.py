@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from ..common.robust import robust_solve
-from ..common.rows import thinned
+from ..common.rows import row_lengths, thinned
 from ..common.scale import Scale
 from .diagnosis import aligned
 from .samples import Samples
@@ -101,7 +101,7 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     scatter = np.nanmedian(
         np.linalg.norm(others - middle[:, None], axis=2), axis=1
     )
-    away = np.linalg.norm(residual[suspects] - middle, axis=1)
+    away = row_lengths(residual[suspects] - middle)
     wrong = suspects[away > np.maximum(limit, WRONG.apart * scatter)]
     if not 0 < len(wrong) <= WRONG.most * n:
         return sound, []
@@ -121,7 +121,7 @@ def row_numbers(samples: Samples, rows: Index) -> str:
 
 def _gross(samples: Samples, residual: Array) -> tuple[Index, float]:
     """Rows whose residual (n, m) is gross by the standard of all rows, and the limit."""
-    size = np.nan_to_num(np.linalg.norm(residual, axis=1))
+    size = np.nan_to_num(row_lengths(residual))
     low, high = np.quantile(samples.x, (0.05, 0.95), axis=0)
     limit = max(
         WRONG.gross * float(np.median(size)),

@@ -10,6 +10,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.choices import MAP_READOUTS
 from ..common.parallel import side_by_side
+from ..common.rows import row_lengths
 from ..errors import LogError
 from ..model.answers import unit_joints
 from ..model.model import Model
@@ -50,7 +51,7 @@ class Residuals:
     def errors(self) -> dict[str, Array]:
         """Distance between predicted and true position, (n,) per readout."""
         return {
-            readout: np.linalg.norm(error, axis=1)
+            readout: row_lengths(error)
             for readout, error in self.forward.items()
         }
 
@@ -79,7 +80,7 @@ def _residuals(
         reached = (
             value(answer) if truth is None else truth(scale.from_unit(answer))
         )
-        distance[readout] = np.linalg.norm(reached - targets, axis=1)
+        distance[readout] = row_lengths(reached - targets)
     return Residuals(q, x, forward, inverse, distance, model.about.joint_names)
 
 
@@ -191,7 +192,7 @@ def summarise(residuals: Residuals) -> ErrorTable:
     table: ErrorTable = {}
     for readout, gap in residuals.forward.items():
         forward = dict(zip("xyz", gap.T, strict=False))
-        forward["distance"] = np.linalg.norm(gap, axis=1)
+        forward["distance"] = row_lengths(gap)
         if residuals.turned is not None and readout in ("local", "body"):
             forward["orientation"] = residuals.turned
         answers = residuals.inverse[readout].T

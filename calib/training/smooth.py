@@ -13,6 +13,7 @@ from ..body.row_notes import warnings_of
 from ..body.sensor_pose import doubtful_depth
 from ..body.views import is_camera
 from ..common.arrays import Array, Index
+from ..common.rows import row_lengths
 from ..maps.model_selection import misfit
 from ..maps.predictor import BodyInBox
 from ..samples.samples import Samples
@@ -37,7 +38,7 @@ class SmoothPart:
     @property
     def error(self) -> float:
         """Mean distance of held-out rows from the body [unit]."""
-        return float(np.linalg.norm(self.fit.held_out, axis=1).mean())
+        return float(row_lengths(self.fit.held_out).mean())
 
 
 Fit = Callable[[Samples], SmoothPart]

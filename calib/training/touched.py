@@ -17,6 +17,7 @@ from ..body.size import DRAWN_SIZE, with_size
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.touch import fit_touches, restated, touching
 from ..common.arrays import Array, Mask
+from ..common.rows import finite_rows, row_lengths
 from ..errors import LogError
 from ..model.model import Model
 from ..samples.samples import Samples
@@ -128,7 +129,7 @@ def _fit_sound_touches(
             seed=seed,
         )
         tip = fit.body.predict(samples.q)
-        distance = np.linalg.norm(tip - places[touch.number], axis=1)
+        distance = row_lengths(tip - places[touch.number])
         sound = ~touch.strays(distance)
         # the rows of the fit are those that are returned: what strays from the last one stays
         too_many = sound.mean() < 1 - TOUCHING.most
@@ -145,7 +146,7 @@ def _size_words(touch: Touches, drawn: Sockets) -> tuple[str, float]:
     The words are empty where both may be true.
     """
     ends = [drawn.places[list(fact.points)] for fact in touch.distances]
-    fitted = np.linalg.norm([one - other for one, other in ends], axis=1)
+    fitted = row_lengths(np.array([one - other for one, other in ends]))
     stated = np.array([fact.value for fact in touch.distances], dtype=float)
     tolerance = np.array([fact.tolerance for fact in touch.distances])
     known = np.isfinite(fitted) & (fitted > 0)
@@ -194,7 +195,7 @@ def in_sockets(
     Rows that are in no socket of theirs are left out.
     """
     tip = model.forward(samples.q)
-    rows = np.flatnonzero(np.isfinite(tip).all(axis=1))
+    rows = np.flatnonzero(finite_rows(tip))
     answered = touch.take(rows)
     rows = rows[~answered.strays(answered.about_medians(tip[rows]))]
     touch = touch.take(rows)
@@ -203,8 +204,9 @@ def in_sockets(
         raise LogError(NOT_LEARNED)
     means = touch.means(tip)
     samples = samples.take(rows)
-    samples = replace(samples, x=touch.placed(samples.x, means))
-    off = np.linalg.norm(tip - samples.x, axis=1)
+    placed = touch.placed(samples.x, means)
+    samples = replace(samples, x=placed, side=np.zeros_like(samples.q))
+    off = row_lengths(tip - samples.x)
     points = []
     for number in np.unique(touch.number[touch.touched]):
         setup, point = touch.sockets[number]

@@ -18,6 +18,7 @@ from ..arm.arm import Arm
 from ..body.approach import Approach
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread, side_by_side
+from ..common.rows import row_lengths
 from ..common.scale import Scale
 from ..errors import LogError
 from ..maps.association import Association
@@ -250,7 +251,7 @@ def _baseline(model: Model, prepared: Prepared, bounded: _Bounded) -> Baseline:
     some = slice(None, None, max(1, len(samples) // TESTING.baseline))
     scale = model.motor.scale
     predicted = model.predictor.value(scale.to_unit(samples.q[some]))
-    miss = np.linalg.norm(predicted - samples.x[some], axis=1)
+    miss = row_lengths(predicted - samples.x[some])
     baseline = learn_baseline(model.association, bounded.u, bounded.x, miss)
     if prepared.part is None and samples.simulation is None:
         baseline = replace(baseline, seen=Seen.of(scale, bounded.u))
