@@ -17,7 +17,7 @@ from ..body.size import DRAWN_SIZE, with_size
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.touch import fit_touches, restated, touching
 from ..common.arrays import Array, Mask
-from ..common.rows import finite_rows, row_lengths
+from ..common.rows import finite_rows, median_length, row_lengths
 from ..errors import LogError
 from ..model.model import Model
 from ..samples.samples import Samples
@@ -129,14 +129,14 @@ def _fit_sound_touches(
             seed=seed,
         )
         tip = fit.body.predict(samples.q)
-        distance = row_lengths(tip - places[touch.number])
-        sound = ~touch.strays(distance)
+        sound = ~touch.strays(tip, places)
         # the rows of the fit are those that are returned: what strays from the last one stays
         too_many = sound.mean() < 1 - TOUCHING.most
         if (sound == used).all() or too_many or attempt == TOUCHING.attempts:
             break
         used = sound
-    scatter = float(np.median(distance[used & touch.touched]))
+    in_place = used & touch.touched
+    scatter = median_length((tip - places[touch.number])[in_place])
     return Sockets(fit, places, used, scatter)
 
 
@@ -197,7 +197,7 @@ def in_sockets(
     tip = model.forward(samples.q)
     rows = np.flatnonzero(finite_rows(tip))
     answered = touch.take(rows)
-    rows = rows[~answered.strays(answered.about_medians(tip[rows]))]
+    rows = rows[~answered.strays(tip[rows])]
     touch = touch.take(rows)
     tip = tip[rows]
     if not touch.touched.any():
