@@ -14,10 +14,11 @@ from ..body.sensor_pose import doubtful_depth
 from ..body.views import is_camera
 from ..common.arrays import Array, Index
 from ..common.rows import row_lengths
+from ..maps.association import Association
 from ..maps.model_selection import misfit
 from ..maps.predictor import BodyInBox
 from ..samples.samples import Samples
-from .learn import TrainingOptions, unit_box
+from .learn import Progress, TrainingOptions, associate, unit_box
 from .settings import LEARNING
 from .template import Template
 
@@ -132,21 +133,19 @@ def wrong_around(part: SmoothPart, samples: Samples, u: Array) -> Array | None:
     return misfit(scale, learned, part.fit.held_out, extent, u)
 
 
-def to_learn(
+def maps_of(
     samples: Samples,
     part: SmoothPart | None,
     options: TrainingOptions,
     rows: slice | Index = slice(None),
-) -> tuple[Array, Array, Array | None]:
-    """What the maps learn from: some rows of the samples, and what the body of `part` imagines.
-
-    Returns u, x : (k, dof), (k, m), joints in the unit box and positions
-    Returns wrong : (k,), how wrong the body is there, None within noise
-    """
-    u = unit_box(samples).to_unit(samples.q[rows])
+    progress: Progress | None = None,
+) -> Association:
+    """Maps and links of some rows of the samples, and of what the body of `part` imagines."""
+    scale = unit_box(samples)
+    u = scale.to_unit(samples.q[rows])
     x = samples.x[rows]
     if part is None:
-        return u, x, None
+        return associate(scale, u, x, options, None, progress)
     # a log may leave parts of the joints' range out, a simulation only has too few samples
     nodes = math.prod(options.shapes[0])
     if samples.simulation is None or len(samples) < nodes:
@@ -155,4 +154,5 @@ def to_learn(
         drawn = rng.random((LEARNING.imagined * nodes, u.shape[1]))
         u = np.concatenate([u[::every], drawn])
         x = np.concatenate([x[::every], part.smooth.value(drawn)])
-    return u, x, wrong_around(part, samples, u)
+    wrong = wrong_around(part, samples, u)
+    return associate(scale, u, x, options, wrong, progress)

@@ -15,19 +15,13 @@ from ..body.rows import Rows
 from ..body.spatial import structure_of, unknown_structure
 from ..body.structure import Structure
 from ..body.views import is_camera
-from ..common.arrays import Array, Index
+from ..common.arrays import Index
 from ..common.choices import VIEWS
 from ..common.scale import METRES
 from ..errors import OptionError
 from ..samples.samples import Samples
 from .learn import TrainingOptions
 
-_VIEWS: tuple[str, ...] = (
-    "auto",
-    "base",
-    "rigid",
-    "similarity",
-)  # of positions in space
 _POSED = {
     "rigid": "pose",
     "base": "base pose",
@@ -48,10 +42,26 @@ class Template:
 
         Raises OptionError if the view is not one of such samples, or no drawing is to be trusted.
         """
+        arm = samples.arm
+        drawn = isinstance(arm, SpatialArm)
+        pixels = samples.camera is not None and drawn
+        in_space = not pixels and samples.x.shape[1] == 3
+        kinds = [
+            kind
+            for kind in VIEWS
+            if kind == "auto" or is_camera(kind) == pixels
+        ]
+        if in_space:
+            kinds = ["auto", "base", "rigid", "similarity"]
         view = options.view
-        if _in_space(samples, view):
+        if view not in kinds:
+            raise OptionError(
+                f"view {view!r}: expected one of {', '.join(kinds)} for these samples",
+                parameter="view",
+                value=view,
+            )
+        if pixels or in_space:
             template = _in_space_template(samples, rows, view)
-            drawn = isinstance(samples.arm, SpatialArm)
         else:
             template = _in_plane_template(samples, rows, view)
             drawn = getattr(template.structure, "nominal", None) is not None
@@ -65,23 +75,6 @@ class Template:
             )
         structure = template.structure.changed(zeros_alone=True)
         return replace(template, structure=structure)
-
-
-def _in_space(samples: Samples, view: str) -> bool:
-    """Whether samples are of an arm in space; OptionError if `view` is not one of such samples."""
-    pixels = samples.camera is not None and isinstance(samples.arm, SpatialArm)
-    positions = not pixels and samples.x.shape[1] == 3
-    kinds = _VIEWS
-    if not positions:
-        kinds = tuple(
-            kind
-            for kind in VIEWS
-            if kind == "auto" or is_camera(kind) == pixels
-        )
-    if view not in kinds:
-        message = f"view {view!r}: expected one of {', '.join(kinds)} for these samples"
-        raise OptionError(message, parameter="view", value=view)
-    return pixels or positions
 
 
 def _in_plane_template(samples: Samples, rows: Index, view: str) -> Template:
@@ -112,58 +105,52 @@ def _in_plane_template(samples: Samples, rows: Index, view: str) -> Template:
 
 def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
     """The template of an arm in space; only a log's URDF is a prior."""
-    q = samples.q[rows]
-    x = samples.x[rows]
     arm = samples.arm
+    unit = samples.unit
+    metre = METRES.get(unit, 1.0)
+    simulation = samples.simulation
+    measured = Rows(samples.q[rows], samples.x[rows])
+    # root mean square distance of positions from their mean
+    off = measured.z - measured.z.mean(axis=0)
+    extent = float(np.sqrt((off**2).sum(axis=1).mean()))
+    notes: tuple[str, ...] = ()
     if not isinstance(arm, SpatialArm):
-        unknown = unknown_structure(
+        simulated = simulation is not None
+        structure = unknown_structure(
             samples.joint_names,
             samples.revolute,
-            _extent(x),
-            samples.unit,
-            METRES.get(samples.unit, 1.0),
-            samples.simulation is not None,
+            extent,
+            unit,
+            metre,
+            simulated,
         )
-        note = (
-            "orientations are used together with the robot's URDF: give `robot`"
-        )
-        return Template(unknown, Rows(q, x), _unless_positions(samples, note))
-    if samples.camera is not None and x.shape[1] == 2:
-        lens = samples.camera.lens
-        sd = samples.camera.lens_sd
+        if samples.orientation is not None:
+            words = "orientations are used together with the robot's URDF"
+            notes = (f"{words}: give `robot`",)
+        return Template(structure, measured, notes)
+    if samples.camera is not None and measured.z.shape[1] == 2:
         pinhole = structure_of(
-            arm, "pinhole", unit="px", extent=_extent(x), lens=lens, lens_sd=sd
+            arm,
+            "pinhole",
+            unit="px",
+            extent=extent,
+            lens=samples.camera.lens,
+            lens_sd=samples.camera.lens_sd,
         )
-        return Template(pinhole, Rows(q, x))
+        return Template(pinhole, measured)
     if view == "auto":
-        view = "rigid" if samples.unit in METRES else "similarity"
-    if samples.simulation is not None:
+        view = "rigid" if unit in METRES else "similarity"
+    if simulation is not None:
         view = "base"
-    structure = structure_of(
-        arm,
-        view,
-        unit=samples.unit,
-        metre=METRES.get(samples.unit, 1.0),
-        extent=_extent(x),
-    )
-    if samples.simulation is not None:
+    structure = structure_of(arm, view, unit=unit, metre=metre, extent=extent)
+    if simulation is not None:
         # the drawing is where the search begins, and no prior
         structure = replace(structure, informed=False, simulated=True)
-        measured = Rows(q, x, noise=samples.simulation.noise or None)
-        note = "orientations are not used of a simulation"
-        return Template(structure, measured, _unless_positions(samples, note))
-    if samples.orientation is not None and view in _POSED:
-        poses = np.hstack([x, logarithm(matrix_of(samples.orientation[rows]))])
-        return Template(structure.with_view(_POSED[view]), Rows(q, poses))
-    note = f"orientations are not used with the view {view!r}"
-    return Template(structure, Rows(q, x), _unless_positions(samples, note))
-
-
-def _unless_positions(samples: Samples, note: str) -> tuple[str, ...]:
-    """A note on orientations, where there are any."""
-    return () if samples.orientation is None else (note,)
-
-
-def _extent(x: Array) -> float:
-    """Root mean square distance [unit] of positions (n, m) from their mean."""
-    return float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        measured = replace(measured, noise=simulation.noise or None)
+    elif samples.orientation is not None and view in _POSED:
+        structure = structure.with_view(_POSED[view])
+        turns = logarithm(matrix_of(samples.orientation[rows]))
+        measured = replace(measured, z=np.hstack([measured.z, turns]))
+    elif samples.orientation is not None:
+        notes = (f"orientations are not used with the view {view!r}",)
+    return Template(structure, measured, notes)
