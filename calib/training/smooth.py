@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.body_fit import BodyFit, fit, fit_sensors
+from ..body.body_fit import BodyFit, fit_sensors
 from ..body.row_notes import warnings_of
 from ..body.sensor_pose import doubtful_depth
 from ..body.views import is_camera
@@ -41,6 +41,10 @@ class SmoothPart:
         """Mean distance of held-out rows from the body [unit]."""
         return float(row_lengths(self.fit.held_out).mean())
 
+    def extent(self, samples: Samples) -> float:
+        """Diagonal of the workspace of the samples [unit]."""
+        return float(np.linalg.norm(np.ptp(samples.x[self.rows], axis=0)))
+
 
 Fit = Callable[[Samples], SmoothPart]
 """Finds the smooth part of samples."""
@@ -53,24 +57,15 @@ def find_smooth_parts(
 
     logs : samples of each sensor by its name, of the same joints; the first one's drawing counts
     """
-    rows = {name: _learned_rows(samples) for name, samples in logs.items()}
     templates = {
-        name: Template.of(logs[name], rows[name], options) for name in logs
+        name: Template.of(samples, options) for name, samples in logs.items()
     }
-    if len(logs) == 1:
-        fits = {
-            name: fit(template.structure, [template.rows], seed=options.seed)
-            for name, template in templates.items()
-        }
-    else:
-        fits = fit_sensors(
-            {name: template.structure for name, template in templates.items()},
-            {name: template.rows for name, template in templates.items()},
-            seed=options.seed,
-        )
+    structures = {name: made.structure for name, made in templates.items()}
+    rows = {name: made.rows for name, made in templates.items()}
+    fits = fit_sensors(structures, rows, seed=options.seed)
     return {
-        name: _smooth_part(logs[name], rows[name], templates[name], fits[name])
-        for name in logs
+        name: _smooth_part(samples, templates[name], fits[name])
+        for name, samples in logs.items()
     }
 
 
@@ -79,15 +74,11 @@ def find_smooth_part(samples: Samples, options: TrainingOptions) -> SmoothPart:
     return find_smooth_parts({"": samples}, options)[""]
 
 
-def _learned_rows(samples: Samples) -> Index:
-    return np.arange(0, len(samples), -(-len(samples) // LEARNING.most_rows))
-
-
 def _smooth_part(
-    samples: Samples, rows: Index, template: Template, fit: BodyFit
+    samples: Samples, template: Template, fit: BodyFit
 ) -> SmoothPart:
     """The body of a fit, with notes on what its rows cannot tell."""
-    q = samples.q[rows]
+    q = template.rows.q
     view = fit.body.structure.view
     travel = samples.upper - samples.lower
     notes = [
@@ -104,15 +95,13 @@ def _smooth_part(
     notes += template.notes
     if template.rows.z.shape[1] == 6:
         fit = fit.of_positions()
-    part = SmoothPart.of(samples, fit, rows)
-    extent = _extent(samples, rows)
-    if samples.simulation is None and part.error > LEARNING.no_arm * extent:
-        planar = (
-            "planar " if samples.x.shape[1] == 2 and samples.arm is None else ""
-        )
+    part = SmoothPart.of(samples, fit, template.index)
+    share = part.error / part.extent(samples)
+    if samples.simulation is None and share > LEARNING.no_arm:
+        planar = samples.x.shape[1] == 2 and samples.arm is None
         notes.append(
-            f"no {planar}arm explains the positions: held-out rows are missed by "
-            f"{100 * part.error / extent:.2g} % of their extent; check that `joints` names all "
+            f"no {'planar ' if planar else ''}arm explains the positions: held-out rows are missed "
+            f"by {100 * share:.2g} % of their extent; check that `joints` names all "
             "that moved, base to tip, that each row's joints and position are of one moment, and "
             "give the URDF of an arm in space; maps and links alone learn what is no arm: "
             "`body='none'`"
@@ -120,16 +109,11 @@ def _smooth_part(
     return replace(part, fit=replace(fit, notes=tuple(notes)))
 
 
-def _extent(samples: Samples, rows: Index) -> float:
-    """Diagonal of the workspace [unit]."""
-    return float(np.linalg.norm(np.ptp(samples.x[rows], axis=0)))
-
-
 def wrong_around(part: SmoothPart, samples: Samples, u: Array) -> Array | None:
     """How wrong (k,) the body is around points `u` (k, dof) of the unit box, None within noise."""
     scale = part.smooth.scale
     learned = scale.to_unit(samples.q[part.rows])
-    extent = _extent(samples, part.rows)
+    extent = part.extent(samples)
     return misfit(scale, learned, part.fit.held_out, extent, u)
 
 

@@ -21,6 +21,7 @@ from ..common.scale import METRES
 from ..errors import OptionError
 from ..samples.samples import Samples
 from .learn import TrainingOptions
+from .settings import LEARNING
 
 _POSED = {
     "rigid": "pose",
@@ -34,11 +35,12 @@ class Template:
 
     structure: Structure
     rows: Rows
+    index: Index  # (k,), of these rows in the samples
     notes: tuple[str, ...] = ()
 
     @staticmethod
-    def of(samples: Samples, rows: Index, options: TrainingOptions) -> Template:
-        """The template of some rows of samples.
+    def of(samples: Samples, options: TrainingOptions) -> Template:
+        """The template of samples, or of evenly spread ones of very many.
 
         Raises OptionError if the view is not one of such samples, or no drawing is to be trusted.
         """
@@ -60,10 +62,12 @@ class Template:
                 parameter="view",
                 value=view,
             )
+        every = -(-len(samples) // LEARNING.most_rows)
+        index = np.arange(0, len(samples), every)
         if pixels or in_space:
-            template = _in_space_template(samples, rows, view)
+            template = _in_space_template(samples, index, view)
         else:
-            template = _in_plane_template(samples, rows, view)
+            template = _in_plane_template(samples, index, view)
             drawn = getattr(template.structure, "nominal", None) is not None
         if options.free == "all":
             return template
@@ -100,7 +104,7 @@ def _in_plane_template(samples: Samples, rows: Index, view: str) -> Template:
         samples.unit,
         simulated,
     )
-    return Template(structure, Rows(samples.q[rows], x))
+    return Template(structure, Rows(samples.q[rows], x), rows)
 
 
 def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
@@ -127,7 +131,7 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
         if samples.orientation is not None:
             words = "orientations are used together with the robot's URDF"
             notes = (f"{words}: give `robot`",)
-        return Template(structure, measured, notes)
+        return Template(structure, measured, rows, notes)
     if samples.camera is not None and measured.z.shape[1] == 2:
         pinhole = structure_of(
             arm,
@@ -137,7 +141,7 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
             lens=samples.camera.lens,
             lens_sd=samples.camera.lens_sd,
         )
-        return Template(pinhole, measured)
+        return Template(pinhole, measured, rows)
     if view == "auto":
         view = "rigid" if unit in METRES else "similarity"
     if simulation is not None:
@@ -153,4 +157,4 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
         measured = replace(measured, z=np.hstack([measured.z, turns]))
     elif samples.orientation is not None:
         notes = (f"orientations are not used with the view {view!r}",)
-    return Template(structure, measured, notes)
+    return Template(structure, measured, rows, notes)
