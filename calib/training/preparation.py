@@ -15,9 +15,8 @@ from ..samples.repeatability import at_poses, noise_beside_poses
 from ..samples.samples import Samples
 from ..samples.wrong_rows import screen
 from .learn import TrainingOptions
-from .play import play_words, without_play
 from .smooth import SmoothPart, find_smooth_part, find_smooth_parts
-from .sound_rows import fit_sound_rows
+from .sound_rows import fit_sound_rows, play_words, without_play
 from .touched import fit_sockets
 
 _Noisy = TypeVar("_Noisy", Body, Second)
