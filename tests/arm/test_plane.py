@@ -60,13 +60,6 @@ def test_a_fit_finds_the_plane_that_its_points_lie_in(normal, seed):
     assert rms < 1e-12
 
 
-def test_a_fit_reports_the_spread_across_the_plane():
-    rng = np.random.default_rng(0)
-    points = np.column_stack([rng.uniform(-1, 1, (5_000, 2)), rng.normal(0, 0.01, 5_000)])
-    _, rms = fit_plane(points)
-    assert rms == pytest.approx(0.01, rel=0.05)
-
-
 @pytest.mark.parametrize(
     ("points", "word"),
     [

@@ -68,17 +68,3 @@ def test_a_log_along_a_path_shows_it_and_a_shuffled_one_does_not():
     q = samples.q[order]
     shuffled = replace(samples, simulation=None, q=q, x=samples.x[order], side=directions(q))
     assert calib.train(shuffled, size=10).approach is None
-
-
-def test_a_file_keeps_it(tmp_path):
-    model = trained("elbow.backlash=0.01")
-    model.save(tmp_path / "m.calib")
-    loaded = calib.load(tmp_path / "m.calib")
-    q = np.array([0.5, 1.2])
-    for side in ([1, 1], [1, -1], None):
-        assert np.allclose(
-            loaded.forward(q, approach=side), model.forward(q, approach=side), atol=1e-9
-        )
-        assert loaded.expected_error(q, approach=side) == pytest.approx(
-            model.expected_error(q, approach=side)
-        )

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import calib
+from calib import OptionError
 from calib.arm.arm import Arm
 from calib.body.body_fit import fit, fit_sensors
 from calib.body.layout import joined
 from calib.body.planar import planar_structure
 from calib.body.rows import Rows
 from calib.body.spatial import structure_of
-from calib.errors import OptionError
 
 NOISE = 5e-5  # [m]
 MARKER = np.array([0.03, -0.02, 0.01])  # [m], of the right sensor's marker beside the left one's

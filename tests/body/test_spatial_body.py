@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from models import built, in_pixels
 
-from calib.arm.loading import load_arm
+from calib import LogError, load_arm
 from calib.arm.rotations import exponential, logarithm
 from calib.body import body_fit
 from calib.body.belief import Body
 from calib.body.rows import Rows
 from calib.body.spatial import structure_of, unknown_structure
 from calib.body.starts import candidates
-from calib.errors import LogError
 from calib.model_file.fields import read, write
 from calib.model_file.storage import KINDS
 

@@ -148,25 +148,6 @@ def test_the_view_is_what_was_asked_for_and_what_was_found(run, log):
     assert run(*train, "--body", "some").code == 2
 
 
-def test_info_tells_the_body_in_words_and_numbers(run, log):
-    train = ("train", "--data", log, "--joints", "shoulder,elbow", "--size", "6", "-o", "m.calib")
-    assert run(*train).code == 0
-    lines = run("info", "m.calib").out.splitlines()
-    words = [line.strip() for line in lines[lines.index("body") + 1 :] if line.startswith("  ")]
-    body = calib.load("m.calib").body
-    assert words == list(body.describe())
-    said = run("info", "m.calib", "--json").document["body"]
-    assert said["words"] == words
-    assert said["member"] == body.member
-    length = next(p for p in said["parameters"] if p["name"] == "elbow.length")
-    assert length["low"] <= 0.25 + 1e-4
-    assert length["high"] >= 0.25 - 1e-4
-    assert length["unit"] == "m"
-    assert run(*train, "--body", "none").code == 0
-    assert "body" not in run("info", "m.calib").out.splitlines()
-    assert run("info", "m.calib", "--json").document["body"] is None
-
-
 def test_babble_writes_what_it_says(run, tmp_path):
     done = run("babble", "two_link", "-n", "20", "--seed", "3", "-o", "log.csv")
     assert (done.out, done.err) == ("log.csv: 20 rows of shoulder, elbow, x, y [rad, m]\n", "")

@@ -11,7 +11,6 @@ from small_maps import grid, points
 import calib
 from calib.maps.node_bounds import blend_nodes, learn_bounds, near_border
 
-ARM = calib.load_arm("two_link")
 CASES = [("two_link", 0.0), ("two_link", 1e-3), ("two_link_full", 1e-3), ("polar", 1e-3)]
 
 
@@ -78,41 +77,6 @@ def test_a_logs_bound_on_what_the_sensor_will_read_holds_for_95_percent(rows):
         assert share > 0.95
         held.append(covered)
     assert 0.93 <= np.mean(held) <= 0.98
-
-
-CLOSED = {
-    "circle": (120, lambda t: (0.3 * np.cos(t), 0.3 * np.sin(t))),
-    "eight": (200, lambda t: (0.4 * np.sin(t), 0.35 * np.sin(2 * t))),
-}
-
-
-@pytest.mark.parametrize("shape", CLOSED)
-def test_without_a_body_the_bound_holds_beside_a_closed_path(shape, tmp_path):
-    n, path = CLOSED[shape]
-    places = np.stack(path(np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)), axis=1)
-    q = ARM.lower + (ARM.upper - ARM.lower) * (0.5 + places)
-    rng = np.random.default_rng(1)
-    x = ARM.forward(q) + rng.normal(scale=1e-3, size=q.shape)
-    rows = calib.Samples(q, x, ARM.joint_names, ARM.lower, ARM.upper, ARM.revolute)
-    model = calib.train(rows, body="none")
-    fresh = rng.uniform(ARM.lower, ARM.upper, (4000, 2))
-    share, held = answered(model, fresh, ARM.forward(fresh) + rng.normal(0, 1e-3, fresh.shape))
-    assert share > 0.02
-    assert held >= 0.93
-    assert np.isfinite(model.expected_error(q)).mean() > 0.7
-    # the file keeps what the bound rests on
-    model.save(tmp_path / "path.calib")
-    again = calib.load(tmp_path / "path.calib")
-    some = fresh[:500]
-    np.testing.assert_allclose(again.expected_error(some), model.expected_error(some), rtol=1e-6)
-
-
-def test_babbling_without_a_body_is_answered_all_over_the_box():
-    fresh = log(4000, 1e-3, 1)
-    model = calib.train(log(1000, 1e-3), size=14, body="none")
-    share, held = answered(model, fresh.q, fresh.x)
-    assert share > 0.95
-    assert held >= 0.93
 
 
 def test_a_bound_in_space_is_the_same_alone_and_among_many():

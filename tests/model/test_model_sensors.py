@@ -7,7 +7,7 @@ import pytest
 from models import draw, in_space
 
 import calib
-from calib.errors import OptionError
+from calib import OptionError
 from calib.model_file.storage import to_bytes
 
 

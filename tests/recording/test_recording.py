@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("cv2")
 import cv2
 import shots
-from rendering import Camera, tag
+from rendering import Camera
 from shots import BOARD, CAMERA, LENS, desk, make, refused, truth_on_board
 
 import calib
@@ -103,18 +103,6 @@ def test_no_such_tag(shot):
     refused(
         r"tag 8 is in none of 16 pictures: .* show .*7 \(\d+ times\)", make, shot.folder, Setup(8)
     )
-
-
-def test_twice_in_a_picture(copy):
-    scene = desk(still=(tag(7, 0.05, (0.1, 0.28, 0, 1)),))
-    for k in (3, 4):
-        picture = scene.picture(copy.q[k], np.random.default_rng(4))
-        cv2.imwrite(str(copy.folder / "p" / f"img_{k}.png"), picture)
-        if k == 3:  # below a tenth they are left out, and told
-            made = make(copy.folder)
-            assert "img_3.png" not in made.pictures
-            assert any("1 pictures left out: tag 7 is there twice" in n for n in made.notes)
-    refused("twice in 2 of 16 pictures \\(img_3.png, img_4.png\\)", make, copy.folder)
 
 
 def test_an_arm_or_a_tag_that_never_moves(copy):

@@ -61,18 +61,6 @@ def test_the_tip_is_found_to_a_tenth_of_a_pixel_among_decoys():
     assert np.abs(np.mean(errors, axis=0)).max() < 0.05
 
 
-def test_a_tag_that_leans_is_credited_with_less():
-    """Its short sides cross at a sharp angle; the log stated a third of the true noise."""
-    rng, q = np.random.default_rng(1), [0.6, 0.9, -0.4]
-    desk = Desk(SMALL, tip_size=0.06, tip_tilt=(0.0, np.radians(62.0), 0.0))
-    (leaning,) = TagFinder(wanted=[7]).find(desk.picture(q, rng))
-    (flat,) = TagFinder(wanted=[7]).find(Desk(SMALL).picture(q, rng))
-    assert flat.upright > 0.85
-    assert leaning.upright < 0.5
-    assert leaning.noise > 2.5 * flat.noise
-    assert np.linalg.norm(leaning.centre - desk.tip_pixels(q)[0]) < 3.0 * leaning.noise
-
-
 def test_board_corners_are_where_the_renderer_puts_them():
     rng = np.random.default_rng(5)
     # the second one is cut by the picture's border

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.errors import OptionError
+from calib import OptionError
 from calib.use.ros2 import write_ros2_package
 
 OFFSET = 0.01  # of the elbow [rad]
