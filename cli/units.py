@@ -147,8 +147,8 @@ def in_si(
 def joints_that_turn(robot: str) -> dict[str, bool]:
     """Return whether each movable joint of a robot turns."""
     from calib.arm.description import parse_robot
+    from calib.arm.robot_text import read_urdf
     from calib.arm.robots import resolve_robot
-    from calib.arm.urdf import read_urdf
 
     # units are wanted before it is known which arm is loaded
     path = resolve_robot(robot)

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm, SpatialArm, checked_range
 from ..arm.description import parse_robot
-from ..arm.urdf import MJCF, Range
+from ..arm.robot_text import MJCF
+from ..arm.urdf import Range
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.rows import each_joint, number_rows

@@ -10,8 +10,8 @@ from models import six
 
 import calib
 from calib.arm.loading import arm_from_urdf
+from calib.arm.robot_text import read_urdf
 from calib.arm.robots import resolve_robot
-from calib.arm.urdf import read_urdf
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, QueryError
 from calib.model.nominal import nominal_behind

@@ -69,7 +69,7 @@ def test_mujoco_bodies_and_ur_entries_are_where_the_arm_is():
     names = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
     assert parts == ["kinematics:", *(f"{name}:" for name in names)]
     first = next(joint for joint in parse_robot(arm.urdf).path(arm.tip) if joint.movable)
-    assert f"z: {float(first.xyz[2])!r}" in lines[2:8]
+    assert f"z: {float(first.origin[2, 3])!r}" in lines[2:8]
 
 
 def test_the_command_writes_them(tmp_path, run):
