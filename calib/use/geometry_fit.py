@@ -269,7 +269,7 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
         structure.revolute, FITTING.offset, FITTING.along
     )
     if freedom.origins:
-        sd[ends] = FITTING.along
+        sd[ends] = SHIFT
     if (
         freedom.frame
     ):  # the first joint's offset and a turn of the frame are one
@@ -278,10 +278,7 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
         sd[groups["view.shift"][:2]] = FREE * structure.extent
     if scaled:
         sd[groups["view.scale"]] = FITTING.flat
-    precision = _precision(arm, ends, sd) if freedom.origins else None
-    fit = _maximum(
-        structure, points, x, start, Prior(start, sd, known=precision)
-    )
+    fit = _maximum(structure, points, x, start, Prior(start, sd))
     nominal = fit.beta.copy()
     for group in ("offset", "placement", "tool"):
         nominal[groups[group]] = 0.0
@@ -296,24 +293,6 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
         before=_unexplained(fit, nominal) / metre,
         reach=_reach(tips),
     )
-
-
-def _precision(arm: PlanarArm, ends: Indices, sd: Array) -> Array:
-    """Prior precision (k, k); links' `ends` (dof, 3) are narrow across, where an offset turns."""
-    active = np.flatnonzero(sd)
-    chain = arm.chain
-    precision = np.diag(sd[active] ** -2)
-    links = np.diff(np.vstack([chain.points, chain.tip]), axis=0)
-    for k in np.flatnonzero(arm.revolute):
-        across = np.cross(arm.plane.normal, links[k])
-        length = float(np.linalg.norm(across))
-        if length > SHIFT:
-            if k + 1 == arm.dof:
-                across = across @ chain.rotation
-            end = np.searchsorted(active, ends[k])
-            narrower = (SHIFT**-2 - FITTING.along**-2) / length**2
-            precision[np.ix_(end, end)] += narrower * np.outer(across, across)
-    return precision
 
 
 def _held(prior: Prior, groups: Sequence[Indices]) -> Prior:

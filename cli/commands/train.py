@@ -143,15 +143,12 @@ def train(
     warnings = [
         line for sensor in sensors for line in contradicted(sensor.about)
     ]
-    noise_of_log = log.source.get("noise")
-    if log.source.get("unit") != about.unit:
-        noise_of_log = None
     cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
     lines = [
         *warnings,
         *(accuracy_of_sensor(sensor) for sensor in sensors),
         *found_by_body(model),
-        advice(model, about.errors, noise_of_log),
+        advice(model, about.errors),
         f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}",
     ]
     table = error_table(model, about.errors, f"errors on {rows}")
@@ -175,16 +172,13 @@ def _check_same_origin(path: str, log: Samples) -> None:
 
     if not Path(path).exists():
         return
-    # what cannot be read is no model of this robot either
-    with suppress(calib.CalibError):
+    with suppress(calib.CalibError):  # what cannot be read is no model of it
         old = calib.load(path)
-        about = old.about
-        same = about.urdf == (log.arm.urdf if log.arm else "")
-        same &= about.joint_names == log.joint_names
-        same &= (about.source == "simulation") == (log.simulation is not None)
+        same = old.about.urdf == (log.arm.urdf if log.arm else "")
+        same &= old.about.joint_names == log.joint_names
+        same &= (old.about.source == "simulation") == bool(log.simulation)
         if old.rows is not None and len(old.rows):  # the first tells logs apart
             same &= np.array_equal(old.rows.q[0], log.q[0])
-            same &= np.array_equal(old.rows.x[0], log.x[0])
         if same:
             return
     raise calib.OptionError(
