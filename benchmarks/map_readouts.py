@@ -93,7 +93,7 @@ def joints() -> None:
     """Quantization error in three and six joints, and the time of one process."""
     rng, rows = np.random.default_rng(0), []
     plane, cube = (70, 70), (17, 17, 17)
-    maps = ("som", plane), ("som", cube), ("gas", plane), ("gng", plane)
+    maps = ("som", plane), ("som", cube), ("gng", plane)
     for dof in (3, 6):
         u, fresh = rng.random((20_000, dof)), rng.random((5000, dof))
         for network, shape in maps:

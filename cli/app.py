@@ -31,7 +31,7 @@ ALL = "*"
 """In place of a command's name: all commands with their options."""
 
 USAGE_ORDER = (
-    "robots plan train query evaluate sweep check adapt recognise correct urdf export babble log "
+    "robots plan train query evaluate check adapt recognise correct urdf export babble log "
     "noise handeye lerobot tag preview report reproduce info"
 )
 """Commands in the order of their use, for `calib --help`; others follow."""

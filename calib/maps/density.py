@@ -191,7 +191,7 @@ def gain_of(name: str) -> Gain | None:
 
 
 def kind_of(network: str | Gain) -> str:
-    """Kind of a network, "som", "dsom", "gng" or "gas", by its name or gain function."""
+    """Kind of a network, "som", "dsom" or "gng", by its name or gain function."""
     if not isinstance(network, str):
         return "som"
     gain_of(network)

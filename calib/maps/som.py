@@ -15,11 +15,11 @@ from ..errors import LogError, OptionError
 from .association import Association
 from .batch import Density, coarse_to_fine, learn_batch
 from .density import Gain, checked_gain, gain_of, kind_of
+from .dsom import learn_dsom
 from .gng import learn_gng
 from .lattice import Lattice, Size, shape_of
 from .links import wiring_of, without_weak
 from .map import Epoch, Map
-from .others import learn_dsom, learn_gas
 from .vdsom import VDSOM, Layer, passes
 
 _Progress = Callable[[float, float], None]
@@ -39,7 +39,7 @@ class SOM:
         takes their number.
     map : str or gain function
         "som", "vdsom" (as the paper means it) or another reading of it ("vdsom:rho"), "dsom",
-        "gng" or one with a varying density ("gng:error"), "gas", or a function of a
+        "gng" or one with a varying density ("gng:error"), or a function of a
         :class:`calib.Visit` that returns a gain per sample.
     rule : {"batch", "online"}
         Batch map (Kohonen 2013), or eq. 1 to 8 one sample at a time (`vdsom.py`).  A dynamic
@@ -224,7 +224,7 @@ class SOM:
     @property
     def _passes(self) -> int:
         """Passes over the samples of the rules that do not go from coarse to fine."""
-        return self.epochs or {"gas": 8, "gng": 10}.get(kind_of(self.map), 5)
+        return self.epochs or (10 if kind_of(self.map) == "gng" else 5)
 
     def _training(
         self, u: Array, scale: Scale, residual: Array | None
@@ -233,8 +233,6 @@ class SOM:
         rng = np.random.default_rng(self.seed)
         lattice = Lattice(shape_of(self.size))
         kind = kind_of(self.map)
-        if kind == "gas":
-            return learn_gas(u, lattice.size, self._passes, rng), self._passes
         if kind == "gng":
             return learn_gng(
                 u, lattice.size, self._gain, self._passes, rng

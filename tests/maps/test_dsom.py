@@ -4,8 +4,8 @@ import numpy as np
 from small_maps import points
 
 import calib
+from calib.maps.dsom import present_dsom
 from calib.maps.lattice import Lattice
-from calib.maps.others import present_dsom
 
 
 def step(weights, x, elasticity, rate, shape):

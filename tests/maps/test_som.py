@@ -101,7 +101,7 @@ def test_a_varying_density_map_reaches_closer_to_the_border(rule):
 
 @pytest.mark.parametrize(
     ("name", "rule"),
-    [("vdsom", "batch"), ("vdsom", "online"), *((n, None) for n in ("dsom", "gas", "gng:error"))],
+    [("vdsom", "batch"), ("vdsom", "online"), *((n, None) for n in ("dsom", "gng:error"))],
 )
 def test_the_same_seed_gives_the_same_map_and_another_seed_another(name, rule):
     x = points(500)
