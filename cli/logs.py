@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from calib.model.model import Model
     from calib.samples.tables import Source
 
-_FOR_LOGS = "applies to a log: expected --data LOG too"
+FOR_LOGS = "applies to a log: expected --data LOG too"
 
 
 @dataclass(frozen=True)
@@ -74,29 +74,6 @@ class Reading:
     time_offset: float | None = None
     degrees: bool | None = None
     prismatic: Sequence[str] | None = None
-
-
-def check_sources(
-    robots: Sequence[str],
-    logged: bool,
-    simulated: Mapping[str, object],
-    of_logs: Mapping[str, object],
-) -> None:
-    """Refuse that there is nothing to learn from, and options that would be without effect."""
-    if not robots and not logged:
-        raise BadOption(
-            "no source to learn from: expected ROBOT, --data LOG, or both"
-        )
-    if logged:
-        refuse(
-            simulated, "applies to simulated babbling, which --data replaces"
-        )
-    else:
-        refuse(of_logs, _FOR_LOGS)
-    if robots and of_logs["prismatic"] is not None:
-        raise BadOption(
-            "--prismatic applies to a log without ROBOT; ROBOT defines its joints"
-        )
 
 
 def babbled(
@@ -282,6 +259,6 @@ def _sensor_of_log(model: Model, source: Source) -> str:
 def log_of(model: Model, path: str | None, reading: Reading) -> Samples | None:
     """Read a log to look at; None where none is given."""
     if path is None:
-        refuse(vars(reading), _FOR_LOGS)
+        refuse(vars(reading), FOR_LOGS)
         return None
     return log_for(model, path, reading)

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument
 
 from .. import options as opt
-from ..logs import Reading, Selection, babbled, check_sources, measured, stated
+from ..logs import FOR_LOGS, Reading, Selection, babbled, measured, stated
 from ..output import Outcome, progress, say
-from ..parsing import BadOption, check_file
+from ..parsing import BadOption, check_file, refuse
 from ..pictures import photo_of_log, with_photo
 from ..summary import (
     accuracy_of_sensor,
@@ -86,11 +86,23 @@ def train(
 
     selection = Selection(joints, tip, planar, lock, ranges, degrees, gravity)
     reading = Reading(columns, unit, time_offset, prismatic=prismatic)
-    simulated = {"samples": samples, "noise": noise, "change": change}
-    of_touches = {"distance": distance, "plane": plane}
-    of_cameras = {"gravity": gravity, "lens": lens, "photo": photo}
-    of_logs = {**vars(reading), **of_touches, **of_cameras}
-    check_sources([robot] if robot else [], bool(data), simulated, of_logs)
+    if robot is None and not data:
+        raise BadOption(
+            "no source to learn from: expected ROBOT, --data LOG, or both"
+        )
+    if data:
+        simulated = {"samples": samples, "noise": noise, "change": change}
+        refuse(
+            simulated, "applies to simulated babbling, which --data replaces"
+        )
+    else:
+        of_touches = {"distance": distance, "plane": plane}
+        of_cameras = {"gravity": gravity, "lens": lens, "photo": photo}
+        refuse({**vars(reading), **of_touches, **of_cameras}, FOR_LOGS)
+    if robot is not None and prismatic is not None:
+        raise BadOption(
+            "--prismatic applies to a log without ROBOT; ROBOT defines its joints"
+        )
     if photo is not None and no_photo:
         raise BadOption(
             "--photo and --no-photo are given: expected one of them"
