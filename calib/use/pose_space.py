@@ -162,6 +162,7 @@ def usable_postures(
             usable = ~hits
             unchecked = "meshes, obstacles and the moves between poses are not"
             notes.append(f"{hits.mean():.1%} {left_out} the arm hits itself")
+    notes.append(f"{unchecked} checked: move slowly the first time")
     body = None if isinstance(source, Arm) else source.body
     if isinstance(source, Model) and body and is_camera(body.structure.view):
         chain = Space.of(source)
@@ -172,7 +173,6 @@ def usable_postures(
             f"{hidden:.0%} {left_out} the tip is outside of the camera's picture there; that a "
             "link hides it is not checked"
         )
-    notes.append(f"{unchecked} checked: move slowly the first time")
     if not isinstance(arm, SpatialArm):
         if height is not None:
             raise OptionError(

@@ -46,19 +46,6 @@ def test_a_joint_without_limits_has_no_margin_and_its_ends_are_one_place(tmp_pat
     assert apart[~np.eye(30, dtype=bool)].min() > 0.08
 
 
-def test_new_poses_go_where_measured_ones_are_not(arm):
-    log = calib.babble(arm, 200, seed=1, ranges={"elbow": (0.3, 1.4)})
-    plan = calib.plan(arm, 12, measured=log)
-    u = (plan.q - arm.lower) / (arm.upper - arm.lower)
-    old = (log.q - arm.lower) / (arm.upper - arm.lower)
-    assert np.linalg.norm(u[:, None] - old[None], axis=2).min() > 0.1
-    assert (plan.q[:, 1] > 1.4).all()
-    swapped = calib.Samples(
-        log.q[:, ::-1], log.x, ("elbow", "shoulder"), arm.lower, arm.upper, (True, True)
-    )
-    np.testing.assert_array_equal(calib.plan(arm, 12, measured=swapped).q, plan.q)
-
-
 @given(st.integers(0, 2**32), st.integers(1, 7))
 @settings(deadline=None, max_examples=40)
 def test_tours_are_permutations_close_to_the_shortest(seed, n):
@@ -102,12 +89,3 @@ def test_command_writes_what_python_plans(run, tmp_path, arm, name):
     assert "joints travel" in done.out
     log = calib.read_log(path, arm, columns={"x": "expected_x", "y": "expected_y"})
     np.testing.assert_array_equal(log.q, calib.plan(arm, 20, seed=3, start=[0.5, 1.0]).q)
-
-
-def test_command_completes_a_log(run, log, tmp_path, arm):
-    done = run("plan", "two_link", "-n", "6", "--data", log, "-o", "-")
-    assert done.code == 0
-    assert "beside the 400 measured ones" in done.err
-    rows = [[float(v) for v in line.split(",")[:2]] for line in done.out.splitlines()[1:]]
-    expected = calib.plan(arm, 6, measured=calib.read_log(log, arm)).q
-    np.testing.assert_array_equal(rows, expected)
