@@ -148,6 +148,12 @@ def _of_joint(text: str) -> OfJoint:
     return OfJoint(name.strip(), finite_number(low), finite_number(high or low))
 
 
+def _lattice_size(text: str) -> str:
+    """Return the size of a lattice as typed, such as 70 or 70x70, where it is one."""
+    sides = map(whole_number, text.strip().lower().split("x"))
+    return text if min(sides) > 1 else ""
+
+
 def _radius_schedule(text: str) -> RadiusSchedule:
     start, end = text.split(":")
     return RadiusSchedule(finite_number(start), finite_number(end))
@@ -193,8 +199,8 @@ names = parser(
 )
 lattice_size = parser(
     "whole numbers of 2 or more such as 70 or 70x70",
-    str,
-    lambda text: min(map(whole_number, text.strip().lower().split("x"))) > 1,
+    _lattice_size,
+    bool,
 )
 joint_value = parser(
     "JOINT=VALUE such as wrist=0.5",

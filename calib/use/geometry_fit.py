@@ -17,9 +17,9 @@ from ..arm.rotations import logarithm, similarity
 from ..body.belief import Body, knows_orientation
 from ..body.fit import Fit
 from ..body.normal import Factor, with_prior
-from ..body.parameters import Indices, Prior
+from ..body.parameters import Hyper, Indices, Prior
 from ..body.rows import Rows
-from ..body.settings import FREE, SHIFT, STUDENT, UNTOLD
+from ..body.settings import FREE, PRIOR, SHIFT, STUDENT, UNTOLD
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.starts import frame
 from ..common.arrays import Array
@@ -268,8 +268,12 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
     sd[groups["offset"]] = np.where(
         structure.revolute, FITTING.offset, FITTING.along
     )
+    hypers = []
     if freedom.origins:
         sd[ends] = SHIFT
+        shape = np.ones(ends.size)
+        hyper = Hyper("link", SHIFT, PRIOR.wider, 0.0, ends.ravel(), shape)
+        hypers.append(hyper)
     if (
         freedom.frame
     ):  # the first joint's offset and a turn of the frame are one
@@ -278,7 +282,7 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
         sd[groups["view.shift"][:2]] = FREE * structure.extent
     if scaled:
         sd[groups["view.scale"]] = FITTING.flat
-    fit = _maximum(structure, points, x, start, Prior(start, sd))
+    fit = _maximum(structure, points, x, start, Prior(start, sd, tuple(hypers)))
     nominal = fit.beta.copy()
     for group in ("offset", "placement", "tool"):
         nominal[groups[group]] = 0.0
