@@ -5,7 +5,7 @@ import pytest
 from small_maps import points
 
 import calib
-from calib.errors import LogError, OptionError
+from calib import OptionError
 
 X, Q = points(600), points(600, seed=1)
 
@@ -50,12 +50,3 @@ def test_maps_and_links_develop_together():
     assert gap.mean() < 0.08
     again = calib.SOM((9, 9), "som", "online", epochs=7).fit_pair(Q, Q**2)
     assert np.array_equal(pair.links.data, again.links.data)
-
-
-def test_what_cannot_be():
-    with pytest.raises(OptionError, match="links 'hebb'"):
-        calib.SOM((4, 4), links="hebb")
-    with pytest.raises(LogError, match="shapes"):
-        calib.SOM((4, 4)).fit_pair(Q, X[:5])
-    with pytest.raises(OptionError, match="a Hebbian link for every pair"):
-        calib.SOM(110, rule="online").fit_pair(Q, Q)

@@ -5,8 +5,7 @@ import pytest
 from small_maps import UNIT_BOX, points
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from calib.errors import LogError, OptionError
-from calib.maps.som import SOM
+from calib import SOM, LogError, OptionError
 from calib.maps.vdsom import VDSOM, Layer, Rates
 
 BOUND = 0.377  # quantization error of the best (hexagonal) quantizer: 0.377 sqrt(A / N)
