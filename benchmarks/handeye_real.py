@@ -38,7 +38,7 @@ def flange_of(rig: calib.HandEye, table: FlangeTable) -> np.ndarray:
     """All flange poses (n, 4, 4) [m] as the rig reads them."""
     found = rig.convention
     names = ("rotation", "angles", "inverse")
-    for reading in readings(table.numbers, table.named):
+    for reading in readings(table):
         if all(getattr(reading, name) == found[name] for name in names):
             flange = reading.flange.copy()
             flange[:, :3, 3] /= METRES[found["unit"]]

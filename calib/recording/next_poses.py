@@ -9,8 +9,8 @@ import numpy as np
 from ..arm.rotations import exponential, logarithm, matrix_of
 from ..common.arrays import Array
 from ..errors import OptionError
-from .bundle import Bundle, Corners, FlangePoses, Unknowns
-from .fit import Estimate, Noise, information
+from .bundle import Bundle, Corners, Motions, Unknowns
+from .fit import Fit, Noise, information
 from .rig import HandEye, Place
 from .rigid import inverse, rigid
 
@@ -52,19 +52,19 @@ def next_poses(
     motion = np.repeat(np.arange(len(flange)), len(points))
     tiled = np.tile(points, (len(flange), 1))
     corners = Corners(tiled, np.zeros((len(tiled), 2)), motion, in_hand, points)
-    bundle = Bundle((corners,), FlangePoses(flange))
+    bundle = Bundle((corners,), Motions(flange))
     layout = bundle.layout
     values = np.zeros(layout.size)
     lens = rig.lens
     matrix = lens["matrix"]
-    values[layout.lens(0)] = [
+    values[layout.lenses[0]] = [
         matrix[0][0],
         matrix[1][1],
         *lens["centre"],
     ] + lens["distortion"]
     none = np.zeros((len(flange), layout.errors))
     unknowns = Unknowns(np.stack([hand, base]), values, none)
-    pixels = bundle.predict(unknowns)[0].reshape(len(flange), -1, 2)
+    pixels = bundle.sights(unknowns)[0].pixels.reshape(len(flange), -1, 2)
     size = np.array(lens["size"])
     margin = SETTINGS.edge * size
     is_in_view = ((pixels > margin) & (pixels < size - margin)).all(axis=(1, 2))
@@ -73,15 +73,15 @@ def next_poses(
             f"{is_in_view.sum()} of {len(flange)} poses near those of the pictures keep the board "
             f"in view: expected {count}"
         )
+    turn = max(rig.repeatability["rotation"], 1e-5)
+    shift = max(rig.repeatability["position"], 1e-5)
     noise = Noise(
         corner=np.array([max(rig.reprojection["mean"] / 10, 0.1)]),
-        turn=max(rig.repeatability["rotation"], 1e-5),
-        shift=max(rig.repeatability["position"], 1e-5),
-        focus=np.array([1e-6]),
+        error=np.repeat([turn, shift, 1e-6], [3, 3, 1]),
         prior=np.full(layout.size, np.inf),
     )
-    products = information(bundle, Estimate(unknowns, noise))
-    frames = np.concatenate([layout.frame(0), layout.frame(1)])
+    products = information(bundle, Fit(unknowns, noise))
+    frames = layout.frames.ravel()
     if not in_hand:
         frames = np.roll(frames, 6)
     errors = np.arange(layout.size, layout.size + layout.errors)

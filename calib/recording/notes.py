@@ -9,6 +9,7 @@ import numpy as np
 
 from ..common.arrays import Mask
 from ..common.wording import listed, two_digits
+from .bundle import SCENE
 from .fit import Fit
 from .joint_motions import JointMotions
 from .problem import Setting, turning
@@ -157,7 +158,7 @@ def _size(setting: Setting, rig: HandEye) -> Iterator[str]:
 def _lenses(setting: Setting, fit: Fit) -> Iterator[str]:
     layout = setting.problem.bundle.layout
     for number, view in enumerate(setting.views):
-        focus = float(fit.noise.focus[number])
+        focus = float(fit.noise.error[SCENE + number])
         if focus > LIMITS.focus:
             yield (
                 f"{view.name}: the focal length changes by {two_digits(100 * focus)} % from "
@@ -167,7 +168,7 @@ def _lenses(setting: Setting, fit: Fit) -> Iterator[str]:
             )
         if view.given is None:
             continue
-        focal = fit.unknowns.values[layout.lens(number)[:2]].mean()
+        focal = fit.unknowns.values[layout.lenses[number, :2]].mean()
         given = float(view.given.focal.mean())
         off = focal / given - 1.0
         if abs(off) > LIMITS.focal:
@@ -206,7 +207,7 @@ def _arm(setting: Setting, fit: Fit, rig: HandEye) -> Iterator[str]:
             "beyond what zeros and geometry explain): play, or joints that were read while it "
             "moved"
         )
-    values = fit.unknowns.values[setting.problem.bundle.layout.arm_values]
+    values = fit.unknowns.values[setting.problem.bundle.layout.arm]
     name, shifted, turned = motions.largest_move(values)
     if shifted > LIMITS.drawing[0] or turned > LIMITS.drawing[1]:
         yield (
