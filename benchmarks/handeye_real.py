@@ -101,7 +101,7 @@ def main() -> None:
     for folder, board, eye in np.reshape(sys.argv[1:], (-1, 3)).tolist():
         path = Path(folder)
         table = read_flange_poses(next(path.glob("*.csv")))
-        shots = find_board(path, table, board)
+        shots = find_board(path, table.joints, board)
         squares: dict[str, list[float]] = {name: [] for name in (*SOLVERS, "calib")}
         number = np.arange(len(shots.names))
         for fold in range(FOLDS):

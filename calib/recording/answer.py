@@ -241,12 +241,10 @@ class Solved:
         return {
             "focal": float(lens.focal.mean()),
             "centre": lens.centre.tolist(),
-            "k1": float(lens.distortion[0]),
             "focal_95": float(halves[:2].mean()),
             "known": self.setting.views[number].given is not None,
             "matrix": lens.matrix.tolist(),
             "distortion": lens.distortion.tolist(),
-            "parameters_95": halves.tolist(),
             "size": list(lens.size),
         }
 

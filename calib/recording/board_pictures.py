@@ -15,7 +15,6 @@ from ..common.wording import listed
 from ..errors import LogError, OptionError
 from ..samples.samples import Samples
 from .board import LEAST_CORNERS, Chessboard, Pattern, parse_board
-from .flange_table import FlangeTable
 from .joint_table import JointTable, read_joints, read_shots
 from .lens import Lens, calibrate_lens
 from .lerobot import is_dataset, read_dataset
@@ -146,8 +145,8 @@ def held_poses(poses: Sequence[Pose], in_hand: bool) -> tuple[Array, Array]:
 
 def find_board(
     pictures: Source,
-    table: Path_ | JointTable | FlangeTable | None,
-    board: Pattern | str,
+    table: Path_ | JointTable | None,
+    board: Pattern | str | None,
     arm: SpatialArm | None = None,
     camera: str | None = None,
     *,
@@ -157,11 +156,15 @@ def find_board(
 ) -> BoardPictures:
     """Find a board in pictures.
 
-    table : of joints or flange poses, or its file, one row for each picture; a dataset brings it
+    table : of joints, or its file, one row for each picture; a dataset brings it
     arm : of which joints are read; else `names` and `prismatic`, see `read_joints`
     camera : of a dataset with several
     Raises LogError if too few pictures show the board; what they show instead is told.
     """
+    if board is None:
+        raise OptionError(
+            "pictures need the board that they show: expected `board`"
+        )
     board = parse_board(board)
     if arm is not None:
         names = arm.joint_names
@@ -174,7 +177,7 @@ def find_board(
         raise OptionError(
             "pictures need the joints beside them: expected `joints`"
         )
-    if not isinstance(table, (JointTable, FlangeTable)):
+    if not isinstance(table, JointTable):
         table = read_joints(table, names, degrees=degrees, prismatic=prismatic)
     rows = list(range(len(table.q)))
     if isinstance(pictures, (str, os.PathLike)):
