@@ -72,9 +72,8 @@ class Noise:
     # (e,), sd of a motion's turn about each axis [rad], of its shift along each [m], and of the
     # log of each camera's focal length
     error: Array
-    prior: (
-        Array  # (s,), prior sd of the unknowns: infinite of frames, 0 holds one
-    )
+    # (s,), prior sd of the unknowns: infinite of frames, 0 holds one
+    prior: Array
 
 
 @dataclass(frozen=True, eq=False)
