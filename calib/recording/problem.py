@@ -38,14 +38,13 @@ class Priors:
     controller: tuple[float, float] = (3e-4, 1e-3)
     joints: tuple[float, float] = (3e-5, 3e-5)  # of joints [rad, m]
     focus: float = 2e-3  # of the focal length, from picture to picture
+    # rms turn about a second axis that flange poses need [rad]
+    turn: float = float(np.radians(1.0))
+    # misfit of the median picture, beyond which poses are not of the pictures [rad]
+    misfit: float = float(np.radians(5.0))
 
 
 PRIORS = Priors()
-LEAST_TURN = float(np.radians(1.0))
-"""Rms turn about a second axis [rad] that flange poses need."""
-
-MOST_MISFIT = float(np.radians(5.0))
-"""Misfit of the median picture [rad], beyond which poses are not of the pictures."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +99,7 @@ def of_poses(
         raise LogError(
             "the pictures are mirrored: turn that off in the camera's settings"
         )
-    if choice.start.misfit > MOST_MISFIT:
+    if choice.start.misfit > PRIORS.misfit:
         raise LogError(
             "no convention explains the pictures: the rows of poses are not those of the "
             "pictures, perhaps a row late or early, or camera or board moved (misfit "
@@ -130,7 +129,7 @@ def _refuse_one_axis(boards: BoardPoses) -> None:
         )
         poses = np.where((turned > plain)[:, None, None], other, poses)
     sizes, _ = turning(poses)
-    if sizes[1] < LEAST_TURN:
+    if sizes[1] < PRIORS.turn:
         raise LogError(
             f"the hand turns about one axis alone (by {np.degrees(sizes[0]):.2g} deg, by "
             f"{np.degrees(sizes[1]):.2g} about a second): where camera and board are along it is "

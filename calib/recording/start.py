@@ -18,7 +18,6 @@ MISSAID = 0.3
 """Log of a board's size over the stated one, that is none."""
 
 UNITS = ("m", "cm", "mm", "in")
-USUAL = 0.6  # distance of a flange from its base [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +70,7 @@ def find_start(
     distances = np.linalg.norm(flange[:, :3, 3], axis=1)
     distance = max(float(np.median(distances)), 1e-9)
     usual = sorted(
-        UNITS, key=lambda name: abs(np.log(distance / METRES[name] / USUAL))
+        UNITS, key=lambda name: abs(np.log(distance / METRES[name] / 0.6))
     )
     for name in [unit] if unit else usual:
         sized = _solved(flange, boards, name, rounds, METRES[name])
