@@ -127,8 +127,8 @@ def test_wrong_usage_points_to_the_help(run):
 )
 def test_unexpected_errors_are_one_line_too(error, line):
     code, told = describe_error(error)
-    assert told.message.startswith(line)
-    assert "\n" not in told.message
+    assert told["message"].startswith(line)
+    assert "\n" not in told["message"]
     assert code == 1
 
 

@@ -13,10 +13,10 @@ from hostile.arms import random_arm
 from hostile.damage import NAMES, NUMBERS, damaged
 from hostile.guard import LONGEST, RAW, Violation, each_seed, guarded
 
-LEFT_OUT = {"sweep", "reproduce", "report", "handeye"}
+LEFT_OUT = {"reproduce", "report", "handeye"}
 """Commands that start processes or draw a dozen figures: their own tests ask them."""
 
-NEVER = {"--camera", "--live", "--port", "--size", "--samples", "--help"}
+NEVER = {"--camera", "--port", "--size", "--samples", "--help"}
 """Options that wait for a device or a user, and those that every line here sets small."""
 
 BAD = (
