@@ -93,7 +93,7 @@ def test_the_model_keeps_its_photo(made):
         ({"reference": {"kind": "flat", "matrix": [0] * 9}}, "m", "does not say where its camera"),
         ({"shift": 5000.0}, "px", "shows 0 % of the positions only"),
         ({"file": "none.png"}, "px", "none.png is no picture"),
-        ({"file": "log.csv"}, "px", "no video that OpenCV can read"),
+        ({"file": "log.csv"}, "px", "cannot be read"),
     ],
 )
 def test_photos_that_do_not_belong(made, change, unit, match):
