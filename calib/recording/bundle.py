@@ -157,9 +157,8 @@ class Sight:
     """What a camera sees at all motions, and how that follows the unknowns."""
 
     pixels: Array  # (N, 2)
-    slopes: Array  # (N, 2, SCENE + LENS + SHAPE), by scene, lens and board
-    # (n, SCENE + LENS + SHAPE, s + e), how these follow the unknowns
-    chain: Array
+    by_scene: Array  # (N, 2, SCENE), slopes by turn and shift of what is before the camera
+    slopes: Array  # (N, 2, s + e), by the unknowns and the errors of the corner's motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,37 +204,34 @@ class Bundle:
         motion = inverse(flange) if corners.in_hand else flange
         # what is beyond the motion, before the camera
         arm_side = inverse(x) @ motion
-        scene = arm_side @ y
+        scene = (arm_side @ y)[corners.motion]
         scale = np.exp(shape[-1])
         points = scale * (corners.points + corners.bending @ shape[:-1])
-        turns = scene[corners.motion, :3, :3]
-        places = np.einsum("nij,nj->ni", turns, points)
-        places += scene[corners.motion, :3, 3]
+        turns = scene[:, :3, :3]
+        places = np.einsum("nij,nj->ni", turns, points) + scene[:, :3, 3]
         focus = np.exp(unknowns.errors[corners.motion, SCENE + number])
         pixels, by_point, by_lens = project(lens, focus, places)
+        by_turn = np.cross(places[:, None], by_point)
+        by_scene = np.concatenate([by_turn, by_point], axis=2)
         inward = by_point @ turns
-        slopes = [
-            np.cross(places[:, None], by_point),
-            by_point,
-            by_lens,
-            scale * inward @ corners.bending,
-            inward @ points[:, :, None],
-        ]
-        by_flange = follow(inverse(x), flange, corners.in_hand)
-        own_lens = SCENE + np.arange(LENS)
-        own_shape = SCENE + LENS + np.arange(SHAPE)
-        chain = np.zeros(
-            (len(flange), own_shape[-1] + 1, layout.size + layout.errors)
+        by_camera = follow(np.eye(4), x, inverted=True)
+        by_board = follow(arm_side, y)[corners.motion]
+        by_flange = follow(inverse(x), flange, corners.in_hand)[corners.motion]
+        by_errors = by_scene @ by_flange
+        slopes = np.zeros((len(points), 2, layout.size + layout.errors))
+        slopes[:, :, layout.frames[number]] = by_scene @ by_camera
+        slopes[:, :, layout.frames[board_frame]] = by_scene @ by_board
+        slopes[:, :, layout.lenses[number]] = by_lens
+        slopes[:, :, layout.shapes[board, :-1]] = (
+            scale * inward @ corners.bending
         )
-        camera = follow(np.eye(4), x, inverted=True)
-        chain[:, :SCENE, layout.frames[number]] = camera
-        chain[:, :SCENE, layout.frames[board_frame]] = follow(arm_side, y)
-        chain[:, :SCENE, layout.arm] = by_flange @ by_arm
-        chain[:, own_lens, layout.lenses[number]] = 1.0
-        chain[:, own_shape, layout.shapes[board]] = 1.0
-        chain[:, :SCENE, layout.size : layout.size + SCENE] = by_flange
-        chain[:, own_lens[:2], layout.size + SCENE + number] = lens[:2]
-        return Sight(pixels, np.concatenate(slopes, axis=2), chain)
+        slopes[:, :, layout.shapes[board, -1:]] = inward @ points[:, :, None]
+        slopes[:, :, layout.arm] = by_errors @ by_arm[corners.motion]
+        slopes[:, :, layout.size : layout.size + SCENE] = by_errors
+        slopes[:, :, layout.size + SCENE + number] = (
+            by_lens[:, :, :2] @ lens[:2]
+        )
+        return Sight(pixels, by_scene, slopes)
 
 
 def follow(before: Array, frame: Array, inverted: bool = False) -> Array:

@@ -148,35 +148,33 @@ def information(bundle: Bundle, fit: Fit) -> Array:
 def _sums(bundle: Bundle, fit: Fit) -> list[_Sums]:
     sights = bundle.sights(fit.unknowns)
     triples = zip(bundle.cameras, sights, fit.noise.corner, strict=True)
-    return [_camera_sums(corners, sight, sd) for corners, sight, sd in triples]
+    count = len(fit.unknowns.errors)
+    return [_camera_sums(*triple, count) for triple in triples]
 
 
-def _camera_sums(corners: Corners, sight: Sight, sd: float) -> _Sums:
+def _camera_sums(
+    corners: Corners, sight: Sight, sd: float, count: int
+) -> _Sums:
     residuals = corners.pixels - sight.pixels
     lengths = np.linalg.norm(residuals, axis=1)
     root = np.sqrt(_huber(lengths, sd))
     residuals = residuals * root[:, None]
     slopes = sight.slopes * root[:, None, None]
+    by_scene = sight.by_scene * root[:, None, None]
     columns = slopes.shape[2]
-    count = len(sight.chain)
     products = np.zeros((count, columns, columns))
     pulls = np.zeros((count, columns))
+    together = 0.0
     for number, part in enumerate(corners.parts(count)):
         flat = slopes[part].reshape(-1, columns)
+        rest = residuals[part].ravel()
+        scene = by_scene[part].reshape(-1, SCENE)
         products[number] = flat.T @ flat
-        pulls[number] = flat.T @ residuals[part].ravel()
-    by_scene = products[:, :SCENE, :SCENE]
-    ridge = 1e-9 * np.trace(by_scene, axis1=1, axis2=2) + 1e-30
-    scene = by_scene + ridge[:, None, None] * np.eye(SCENE)
-    along = np.linalg.solve(scene, pulls[:, :SCENE, None])[:, :, 0]
-    across = np.swapaxes(sight.chain, 1, 2)
-    return _Sums(
-        lengths,
-        squares=float((residuals**2).sum()),
-        together=float((along * pulls[:, :SCENE]).sum()),
-        products=across @ products @ sight.chain,
-        pulls=(across @ pulls[:, :, None])[:, :, 0],
-    )
+        pulls[number] = flat.T @ rest
+        along = np.linalg.lstsq(scene, rest, rcond=1e-9)[0]
+        together += float(rest @ scene @ along)
+    squares = float((residuals**2).sum())
+    return _Sums(lengths, squares, together, products, pulls)
 
 
 def _weighed(noise: Noise, sums: Sequence[_Sums]) -> tuple[Array, Array]:
