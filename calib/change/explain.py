@@ -291,7 +291,9 @@ def explain(
             temper = autocorrelation_time(rest)
         search.temper = max(search.temper, temper)
         if calm:
-            explanations += [search.fitted(some) for some in search.by_level(())]
+            explanations += [
+                search.fitted(some) for some in search.by_level(())
+            ]
         else:
             explanations += search.explanations()
     return tuple(_best_first(explanations))

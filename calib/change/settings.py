@@ -8,8 +8,6 @@ from typing import NamedTuple
 FALSE_ALARM = 1e-3
 OUTLIER = 5.0  # noises from which a row contradicts all others
 PSEUDO = 4.0  # observations that the old noise counts for
-# Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most
-JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)
 # Noise over the usual one from which it is told, where it is no chance, and one encoder's is looked
 # for: that of a log's body is a Student scale, up to 30 % less than the deviation of series C
 NOISIER = 1.5

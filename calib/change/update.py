@@ -166,9 +166,7 @@ class _Posterior(NamedTuple):
     root: Array
 
 
-def _posterior(
-    explanation: Explanation, log: Log
-) -> tuple[_Posterior, Array]:
+def _posterior(explanation: Explanation, log: Log) -> tuple[_Posterior, Array]:
     """All parameters after a log, and residuals (n, m) of held-out blocks of its rows [unit].
 
     Parameters and the log's own residual are standard normals times columns.  Without the rows of
@@ -177,9 +175,7 @@ def _posterior(
     reference = explanation.reference
     structure = reference.structure
     level = explanation.level
-    active, prior = prior_columns(
-        reference, level.waves, freed=explanation.sd
-    )
+    active, prior = prior_columns(reference, level.waves, freed=explanation.sd)
     smooth = own_columns(reference, log, level.residual)
     size = prior.shape[1]
     scale = np.sqrt(explanation.temper) * explanation.noise * reference.sizes
