@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -147,7 +148,7 @@ class Search:
             if not beam or longer[beam[0]][0].evidence < best + SEARCH.better:
                 break
             best = longer[beam[0]][0].evidence
-        return _best_first(sum(candidates.values(), []))
+        return _best_first([*chain.from_iterable(candidates.values())])
 
     def by_level(
         self, causes: tuple[str, ...], levels: Sequence[Level] = OWN

@@ -328,6 +328,7 @@ def group_tests(system: System, probes: Array) -> Tested:
     noisy = noise.noisy_joint(system) if noisier else None
     if noisy is not None:
         noise = FreeNoise(system, noisy)
+        noisier = noise.larger
     tests = FTests(system, noise, len(groups) + 2, noisy)
     power, pull = tests.information(system.columns)
     moves = structure.linearise(probes, system.at, system.indices)[1]

@@ -33,6 +33,9 @@ class UpdateSettings:
     blocks: int = 5
     # Gauss-Newton steps from where the explanation ended
     steps: int = 4
+    # noises: no step goes along ways by which all rows together move less.  An arm without a
+    # drawing may be put together in many ways that look alike, along which no step is small
+    telling: float = 3.0
 
 
 UPDATING = UpdateSettings()
@@ -180,29 +183,35 @@ def _posterior(explanation: Explanation, log: Log) -> tuple[_Posterior, Array]:
     size = prior.shape[1]
     scale = np.sqrt(explanation.temper) * explanation.noise * reference.sizes
     beta = explanation.beta
+    away = (beta - reference.beta)[active]
+    normals = np.linalg.lstsq(prior, away, rcond=1e-12)[0]
     for _ in range(UPDATING.steps):
         predicted, x = structure.linearise(log.q, beta, active)
-        away = (beta - reference.beta)[active]
-        y = structure.residual(log.z, predicted) + x @ away
         shared = shared_columns(reference, log, predicted)
         columns = np.concatenate([x @ prior, smooth, shared], axis=2)
-        columns = (columns / scale[:, None]).reshape(y.size, -1)
-        y = (y / scale).ravel()
+        columns = (columns / scale[:, None]).reshape(log.z.size, -1)
+        y = (structure.residual(log.z, predicted) / scale).ravel()
         gram = columns.T @ columns
-        gram[np.diag_indices(len(gram))] += 1.0
-        factor = Factor(gram)
-        normals = factor.solve(columns.T @ y)
+        pull = columns.T @ y
+        pull[:size] -= normals  # the log's own part is followed anew
+        values, axes = np.linalg.eigh(gram)
+        telling = values > UPDATING.telling**2
+        along = axes[:, telling].T @ pull / (values[telling] + 1.0)
+        delta = (axes[:, telling] @ along)[:size]
         step = np.zeros(structure.size)
-        step[active] = prior @ normals[:size] - away
+        step[active] = prior @ delta
         beta = structure.retract(beta, step)
-    covariance = prior @ factor.inverse()[:size, :size] @ prior.T
+        normals = normals + delta
+    gram[np.diag_indices(len(gram))] += 1.0
+    inverse = Factor(gram).inverse()[:size, :size]
+    covariance = prior @ inverse @ prior.T
     residual = np.empty_like(y)
     outputs = log.z.shape[1]
     for block in np.array_split(np.arange(len(log.z)), UPDATING.blocks):
         rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
         x = columns[rows]
         others = Factor(gram - x.T @ x)
-        normals = others.solve(columns.T @ y - x.T @ y[rows])
-        residual[rows] = y[rows] - x[:, :size] @ normals[:size]
+        delta = others.solve(pull - x.T @ y[rows])
+        residual[rows] = y[rows] - x[:, :size] @ delta[:size]
     posterior = _Posterior(beta, active, root_of(covariance))
     return posterior, residual.reshape(log.z.shape) * scale
