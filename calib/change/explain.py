@@ -130,7 +130,8 @@ class Search:
 
     def candidates(self) -> list[Explanation]:
         """Return nothing, sets that belong together, and causes added one by one, best first."""
-        candidates = {(): self.by_level(())}
+        candidates: dict[tuple[str, ...], list[Explanation]] = {}
+        candidates[()] = self.by_level(())
         for name in self.sets:
             candidates[(name,)] = self.by_level((name,))
         beam: list[tuple[str, ...]] = [()]

@@ -25,9 +25,6 @@ SURE = 2.0
 # The same where nothing changed, and of the error that a belief expects of itself: rows of half of
 # series A were added to a model of the other, which was then 1.15 times as far off
 REFINED = 0.85
-# 95 % quantile over median of the distances that is no noise (in the plane that of noise is 2.1):
-# a bump of 5 mm that 3 of 30 rows saw, as in tests/change/test_drawing.py
-TAIL = 3.0
 
 CREPT = 0.25
 """Of the usual creep of an unchanged arm's parameters, what the tests allow for: the last rows of

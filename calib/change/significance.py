@@ -17,7 +17,7 @@ from ..body.parameters import Indices
 from ..body.structure import Structure
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
-from .causes import FRAME, freedom, indices_of, single_causes
+from .causes import FRAME, changeable, freedom, indices_of, single_causes
 from .rows import LogRows
 from .settings import BEYOND, CREPT, FALSE_ALARM, LARGE, NOISIER, OWN
 from .system import NoisyJoint, System, Unknown, own_columns
@@ -33,6 +33,8 @@ class SignificanceSettings:
     power: float = 0.9
     # statistic beyond which no size of a change is computed
     largest: float = 1e8
+    # rows over which noise may last
+    lasting: int = 10
     # of a joint's rows that come from either side, or nothing tells its play
     least_share: float = 0.1
     # of the squared residuals: what explains less does not pay in `calib.body.approach` either
@@ -162,13 +164,11 @@ class FreeNoise:
     def __init__(self, system: System, noisy: NoisyJoint | None = None) -> None:
         reference = system.reference
         # the unit weights of a payload would leave few rows no freedom
-        groups = [
-            group
-            for group in reference.structure.groups
-            if not group.startswith(("curve", "payload"))
-        ]
+        groups = set(changeable(reference.structure)) - {"payload"}
         sd = freedom(
-            reference.body, tuple(groups), forgotten=reference.forgotten
+            reference.body,
+            tuple(sorted(groups)),
+            forgotten=reference.forgotten,
         )
         unknown = Unknown(
             reference, system.log, OWN[0], crept=CREPT, freed=sd, noisy=noisy
@@ -178,6 +178,8 @@ class FreeNoise:
         self.unknown = unknown
         # in `Reference.sizes`
         self.size = unknown.most_likely_noise(y, unknown.usual)
+        self.likelihood = float(unknown.likelihood(y, self.size)[0])
+        self.shape = noisy
         self.rest = unknown.rest(y, self.size)
         # rows that err together count once
         self.temper = autocorrelation_time(self.rest)
@@ -188,60 +190,54 @@ class FreeNoise:
     @property
     def larger(self) -> bool:
         """Whether it is larger than usual, and that is no chance."""
-        from scipy.special import chdtrc
-
-        sizes = np.array([self.size, self.unknown.usual])
-        if sizes[0] <= NOISIER * sizes[1]:
+        usual = self.unknown.usual
+        if self.size <= NOISIER * usual:
             return False
-        likelihood, usual = self.unknown.likelihood(self.y, sizes).tolist()
-        gain = 2.0 * (likelihood - usual) / self.temper
-        return bool(chdtrc(1, max(gain, 0.0)) < FALSE_ALARM)
+        likelihood = float(self.unknown.likelihood(self.y, usual)[0])
+        return self.chance_beside(likelihood) < FALSE_ALARM
 
-    def noisy_joint(self, system: System) -> NoisyJoint | None:
-        """The joint whose encoder alone makes it larger, and its noise over that of the sensor."""
+    def chance_beside(self, likelihood: float) -> float:
+        """The chance of so much more likelihood by one more number."""
         from scipy.special import chdtrc
 
+        gain = 2.0 * (self.likelihood - likelihood) / self.temper
+        return float(chdtrc(1, max(gain, 0.0)))
+
+    def of_one_joint(self, system: System) -> FreeNoise:
+        """The same where the encoder of one joint alone makes it larger."""
         reference = system.reference
         slope = reference.structure.slope(system.log.q, reference.beta)
         slope = slope / reference.sizes[:, None]
-        rest = self.rest * self.size
-        square = (rest**2).sum(axis=1)
-        best = None
-        best_gain = 0.0
-        for joint in range(slope.shape[2]):
-            g = slope[..., joint]
-            along = (g * rest).sum(axis=1) ** 2
-            length = (g**2).sum(axis=1)
-            typical = math.sqrt(float(length.mean()))
-            if not typical > 0.0:
-                continue
-            for times in SIGNIFICANCE.joint_noises:  # at the tip
-                ratio = times / typical
-                value = 1.0 + ratio**2 * length
-                variance = (square - ratio**2 * along / value).mean()
-                gain = rest.size * float(np.log(square.mean() / variance))
-                gain -= float(np.log(value).sum())
-                if gain > best_gain:
-                    best = joint, ratio
-                    best_gain = gain
-        chance = chdtrc(1, best_gain / self.temper) * (1 + slope.shape[2])
-        return best if chance < FALSE_ALARM else None
+        square = (self.rest**2).sum(axis=1)[:, None]
+        along = np.einsum("nmd,nm->nd", slope, self.rest) ** 2
+        length = (slope**2).sum(axis=1)
+        # so that at the tip all are alike
+        typical = np.sqrt(np.maximum(length.mean(axis=0), 1e-300))
+        gains = []
+        for times in SIGNIFICANCE.joint_noises:
+            ratio = (times / typical) ** 2
+            value = 1.0 + ratio * length
+            variance = (square - ratio * along / value).mean(axis=0)
+            gain = self.rest.size * np.log(square.mean() / variance)
+            gains.append(gain - np.log(value).sum(axis=0))
+        joint = int(np.argmax(np.max(gains, axis=0)))
+        shaped = [
+            FreeNoise(system, (joint, times / float(typical[joint])))
+            for times in SIGNIFICANCE.joint_noises
+        ]
+        best = max(shaped, key=lambda noise: noise.likelihood)
+        chance = best.chance_beside(self.likelihood) * (1 + len(typical))
+        return best if chance < FALSE_ALARM else self
 
 
 class FTests:
     """F tests of columns, each beside what an unchanged arm may show."""
 
-    def __init__(
-        self,
-        system: System,
-        noise: FreeNoise,
-        count: int,
-        noisy: NoisyJoint | None,
-    ) -> None:
+    def __init__(self, system: System, noise: FreeNoise, count: int) -> None:
         self.noise = noise
         self.count = count  # of tests, of which one may fire by chance
         self.unknown = Unknown(
-            system.reference, system.log, OWN[0], crept=CREPT, noisy=noisy
+            system.reference, system.log, OWN[0], crept=CREPT, noisy=noise.shape
         )
         self.y = self.unknown.whiten(system.residual)
 
@@ -325,11 +321,11 @@ def group_tests(system: System, probes: Array) -> Tested:
     groups = groups_of(structure)
     noise = FreeNoise(system)
     noisier = not len(reference.forgotten) and noise.larger
-    noisy = noise.noisy_joint(system) if noisier else None
-    if noisy is not None:
-        noise = FreeNoise(system, noisy)
+    if noisier:
+        noise = noise.of_one_joint(system)
         noisier = noise.larger
-    tests = FTests(system, noise, len(groups) + 2, noisy)
+    noisy = noise.shape
+    tests = FTests(system, noise, len(groups) + 2)
     power, pull = tests.information(system.columns)
     moves = structure.linearise(probes, system.at, system.indices)[1]
     moves = moves[:, : structure.blocks[0]]
@@ -416,8 +412,10 @@ def bound_test(
     """
     from scipy.special import bdtrc, chdtri
 
-    away = (rows.x - rows.predicted)[sound]
-    bound = limit[sound]
+    index = np.flatnonzero(sound)
+    away = (rows.x - rows.predicted)[index]
+    bound = limit[index]
+    usual = float(np.median(bound))
     square = (away**2).sum(axis=1)
     outputs = away.shape[1]
     # squared, of 95 % of a Gaussian, in deviations
@@ -425,6 +423,8 @@ def bound_test(
     # half of the rows of a noisier sensor are nearer than its median
     median = float(np.median(square)) / float(chdtri(outputs, 0.5))
     noise = max(tests.noise**2, median) - tests.usual**2
+    if noise > 0.0 and alike(index, rows.u[index], away) * radius > usual**2:
+        noise = 0.0
     variance = np.full(len(away), max(noise, 0.0))
     if tests.noisy is not None:
         joint, sd = tests.noisy
@@ -439,6 +439,25 @@ def bound_test(
     independent = math.ceil(len(over) / time)
     chance = float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
     beyond = float(np.mean(square > bound**2 + radius * shared))
-    return BoundTest(
-        beyond, float(np.median(bound)), GroupTest("bound", chance)
-    )
+    return BoundTest(beyond, usual, GroupTest("bound", chance))
+
+
+def alike(rows: Indices, u: Array, residual: Array) -> float:
+    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
+    from scipy.spatial import cKDTree
+    from scipy.special import ndtri
+
+    # of so many rows at least one is no neighbour in time: noise may last over some rows
+    lasting = SIGNIFICANCE.lasting
+    near = cKDTree(u).query(u, min(2 * lasting + 2, len(u)))[1]
+    near = np.asarray(near)
+    later = np.abs(rows[near] - rows[:, None]) > lasting
+    row = np.flatnonzero(later.any(axis=1))
+    if not len(row):
+        return 0.0
+    pairs = np.stack([row, near[row, later[row].argmax(axis=1)]], axis=1)
+    first, second = np.unique(np.sort(pairs, axis=1), axis=0).T
+    product = (residual[first] * residual[second]).sum(axis=1)
+    # whatever its size, noise makes either sign as likely
+    sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
+    return float(product.mean()) / residual.shape[1] if sure else 0.0

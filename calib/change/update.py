@@ -32,10 +32,14 @@ class UpdateSettings:
     # contiguous ones that are held out in turn, each of which tells a gain
     blocks: int = 5
     # Gauss-Newton steps from where the explanation ended
-    steps: int = 4
+    steps: int = 8
+    # nats by which a step must promise to better the fit
+    nothing_left: float = 1e-3
+    # what is left of one that does not better the fit
+    shorter: float = 0.3
     # noises: no step goes along ways by which all rows together move less.  An arm without a
     # drawing may be put together in many ways that look alike, along which no step is small
-    telling: float = 3.0
+    telling: float = 0.3
 
 
 UPDATING = UpdateSettings()
@@ -185,23 +189,39 @@ def _posterior(explanation: Explanation, log: Log) -> tuple[_Posterior, Array]:
     beta = explanation.beta
     away = (beta - reference.beta)[active]
     normals = np.linalg.lstsq(prior, away, rcond=1e-12)[0]
+    step = np.zeros(size)
+    least = np.inf
     for _ in range(UPDATING.steps):
-        predicted, x = structure.linearise(log.q, beta, active)
+        full = np.zeros(structure.size)
+        full[active] = prior @ step
+        there = structure.retract(beta, full)
+        predicted, x = structure.linearise(log.q, there, active)
         shared = shared_columns(reference, log, predicted)
-        columns = np.concatenate([x @ prior, smooth, shared], axis=2)
-        columns = (columns / scale[:, None]).reshape(log.z.size, -1)
-        y = (structure.residual(log.z, predicted) / scale).ravel()
+        trial = np.concatenate([x @ prior, smooth, shared], axis=2)
+        trial = (trial / scale[:, None]).reshape(log.z.size, -1)
+        y_there = (structure.residual(log.z, predicted) / scale).ravel()
+        # what the log's own residual does not follow
+        own = trial[:, size:]
+        follows = Factor(own.T @ own + np.eye(own.shape[1]))
+        rest = y_there - own @ follows.solve(own.T @ y_there)
+        cost = float(y_there @ rest + ((normals + step) ** 2).sum())
+        if not cost < least:
+            step = UPDATING.shorter * step
+            continue
+        beta = there
+        normals = normals + step
+        least = cost
+        columns = trial
+        y = y_there
         gram = columns.T @ columns
         pull = columns.T @ y
         pull[:size] -= normals  # the log's own part is followed anew
         values, axes = np.linalg.eigh(gram)
         telling = values > UPDATING.telling**2
         along = axes[:, telling].T @ pull / (values[telling] + 1.0)
-        delta = (axes[:, telling] @ along)[:size]
-        step = np.zeros(structure.size)
-        step[active] = prior @ delta
-        beta = structure.retract(beta, step)
-        normals = normals + delta
+        step = (axes[:, telling] @ along)[:size]
+        if float(pull[:size] @ step) < UPDATING.nothing_left:
+            break
     gram[np.diag_indices(len(gram))] += 1.0
     inverse = Factor(gram).inverse()[:size, :size]
     covariance = prior @ inverse @ prior.T
