@@ -245,31 +245,21 @@ def distortions(rows: LogRows) -> dict[str, Signal]:
     predicted = sensory.scale.to_unit(rows.predicted[some])
     nodes = sensory.units[sensory.nearest(measured)[1][:, 0]]
     nodes_predicted = sensory.units[sensory.nearest(predicted)[1][:, 0]]
-    away = search_tree(np.unique(nodes, axis=0), sensory.scale).query(
-        nodes_predicted
-    )[0]
+    tree = search_tree(np.unique(nodes, axis=0), sensory.scale)
+    away = np.asarray(tree.query(nodes_predicted)[0])
     bound = rows.bound[some]
     usual = np.where(np.isfinite(bound), bound, 0.0)
+    links = np.sqrt(np.mean([rows.missed[some] ** 2, usual**2], axis=1))
     return {
         "motor": _zeta(model.motor, rows.u[some], baseline.motor),
         "sensory": _zeta(sensory, measured, baseline.sensory),
-        "reverse": Signal(
-            float(np.mean(np.asarray(away) ** 2)), sensory.spacing**2
-        ),
-        "links": Signal(
-            _root_mean_square(rows.missed[some]), _root_mean_square(usual)
-        ),
+        "reverse": Signal(float(np.mean(away**2)), sensory.spacing**2),
+        "links": Signal(*links.tolist()),
     }
 
 
 def _zeta(network: Map, points: Array, expected: Array) -> Signal:
     """Distortion (eq. 9) of points (n, p) in the unit box, beside the winners' own (nodes,)."""
     distance, winner = network.nearest(points)
-    return Signal(
-        float(np.mean(distance[:, 0] ** 2)),
-        float(expected[winner[:, 0]].mean()),
-    )
-
-
-def _root_mean_square(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    usual = expected[winner[:, 0]].mean()
+    return Signal(float(np.mean(distance[:, 0] ** 2)), float(usual))

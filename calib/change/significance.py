@@ -365,36 +365,34 @@ def find_play(system: System, side: Array) -> Play | None:
     from scipy.special import fdtrc
 
     side = side[thinned(len(side), len(system.log.q))]
-    shares = [(side > 0).mean(axis=0), (side < 0).mean(axis=0)]
-    joints = np.flatnonzero(np.min(shares, axis=0) > SIGNIFICANCE.least_share)
-    if not len(joints):
-        return None
     noise = FreeNoise(system)
+    unknown = noise.unknown
     reference = system.reference
     slope = reference.structure.slope(system.log.q, reference.beta)
-    best: Play | None = None
-    for joint in joints.tolist():
-        column = -slope[..., joint] * side[:, joint, None]
-        x = noise.unknown.whiten(column)[:, None]
-        power, pull = noise.unknown.information(noise.y, x, noise.size)
-        size = float(pull[0]) / max(float(power[0, 0]), 1e-300)
-        moved = noise.unknown.rest(x[:, 0], noise.size)
-        by_row = (moved * noise.rest).sum(axis=1)
-        square = float(by_row.sum()) ** 2
-        most = float((moved**2).sum() * (noise.rest**2).sum())
-        if size <= 0.0 or square <= SIGNIFICANCE.least_explained * most:
-            continue
-        # an encoder that is noisy moves the tip along the same slope, to either side
-        by_chance = square / (len(by_row) * float(by_row.var()) + 1e-300)
-        statistic = min(size * float(pull[0]) / noise.temper, by_chance)
-        chance = fdtrc(1.0, max(noise.left - 1.0, 1e-3), statistic)
-        test = GroupTest("backlash", min(1.0, len(joints) * float(chance)))
-        if test.score > (1.0 if best is None else best.score):
-            half = np.zeros(side.shape[1])
-            half[joint] = size
-            deviation = math.sqrt(noise.temper / float(power[0, 0]))
-            best = Play(joint, half, deviation, test.score)
-    return best
+    columns = unknown.whiten(-slope * side[:, None])
+    power, pull = unknown.information(noise.y, columns, noise.size)
+    precision = np.maximum(np.diag(power), 1e-300)
+    half = pull / precision
+    moved = unknown.rest(columns, noise.size)
+    by_row = np.einsum("nmd,nm->nd", moved, noise.rest)
+    square = by_row.sum(axis=0) ** 2
+    most = (moved**2).sum(axis=(0, 1)) * (noise.rest**2).sum()
+    # an encoder that is noisy moves the tip along the same slope, to either side
+    by_chance = square / (len(by_row) * by_row.var(axis=0) + 1e-300)
+    statistic = np.minimum(half * pull / noise.temper, by_chance)
+    shares = np.minimum((side > 0).mean(axis=0), (side < 0).mean(axis=0))
+    may_play = (shares > SIGNIFICANCE.least_share) & (half > 0.0)
+    may_play &= square > SIGNIFICANCE.least_explained * most
+    statistic *= may_play
+    best = int(np.argmax(statistic))
+    freedom = max(noise.left - 1.0, 1e-3)
+    chance = len(half) * float(fdtrc(1.0, freedom, statistic[best]))
+    test = GroupTest("backlash", min(1.0, chance))
+    if test.score <= 1.0:
+        return None
+    half *= np.arange(len(half)) == best
+    deviation = math.sqrt(noise.temper / float(precision[best]))
+    return Play(best, half, deviation, test.score)
 
 
 def bound_test(

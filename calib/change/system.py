@@ -193,11 +193,12 @@ class Unknown:
         sizes, likelihood = self.noises(y, least)
         return float(sizes[int(np.argmax(likelihood))])
 
-    def rest(self, y: Array, noise: float) -> Array:
-        """Return what the unknown does not follow of the residuals, (n, m) in noises."""
+    def rest(self, x: Array, noise: float) -> Array:
+        """Return what the unknown does not follow of residuals or columns, by rows, in noises."""
         share = self.values / (noise**2 + self.values)
-        rest = y - self.axes @ (share * (self.axes.T @ y))
-        return np.asarray(rest.reshape(len(self.white), -1) / noise)
+        rest = x - self.axes @ ((self.axes.T @ x).T * share).T
+        shape = (len(self.white), -1, *x.shape[1:])
+        return np.asarray(rest.reshape(shape) / noise)
 
 
 class System:
