@@ -15,6 +15,7 @@ from ..body.belief import Body, Second
 from ..body.covariance import root_of
 from ..body.normal import Factor
 from ..body.parameters import Indices
+from ..body.settings import STUDENT
 from ..common.arrays import Array
 from ..common.rows import thinned
 from .evidence import Evidence
@@ -187,32 +188,40 @@ def _posterior(explanation: Explanation, log: Log) -> tuple[_Posterior, Array]:
     size = prior.shape[1]
     scale = np.sqrt(explanation.temper) * explanation.noise * reference.sizes
     beta = explanation.beta
-    away = (beta - reference.beta)[active]
-    normals = np.linalg.lstsq(prior, away, rcond=1e-12)[0]
+    moved = (beta - reference.beta)[active]
+    normals = np.linalg.lstsq(prior, moved, rcond=1e-12)[0]
     step = np.zeros(size)
     least = np.inf
+    n, outputs = log.z.shape
+    weight = np.ones(n * outputs)  # root of that of each number
     for _ in range(UPDATING.steps):
         full = np.zeros(structure.size)
         full[active] = prior @ step
         there = structure.retract(beta, full)
         predicted, x = structure.linearise(log.q, there, active)
         shared = shared_columns(reference, log, predicted)
-        trial = np.concatenate([x @ prior, smooth, shared], axis=2)
-        trial = (trial / scale[:, None]).reshape(log.z.size, -1)
-        y_there = (structure.residual(log.z, predicted) / scale).ravel()
-        # what the log's own residual does not follow
-        own = trial[:, size:]
+        all_columns = np.concatenate([x @ prior, smooth, shared], axis=2)
+        all_columns = (all_columns / scale[:, None]).reshape(n * outputs, -1)
+        away = structure.residual(log.z, predicted) / scale
+        # what the log's own residual does not follow is Student's
+        own = all_columns[:, size:] * weight[:, None]
         follows = Factor(own.T @ own + np.eye(own.shape[1]))
-        rest = y_there - own @ follows.solve(own.T @ y_there)
-        cost = float(y_there @ rest + ((normals + step) ** 2).sum())
+        followed = follows.solve(own.T @ (weight * away.ravel()))
+        rest = away.ravel() - all_columns[:, size:] @ followed
+        square = explanation.temper * (rest.reshape(n, -1) ** 2).sum(axis=1)
+        energy = (STUDENT + outputs) * np.log1p(square / STUDENT).sum()
+        cost = float(energy) / explanation.temper + float(followed @ followed)
+        cost += float(((normals + step) ** 2).sum())
         if not cost < least:
             step = UPDATING.shorter * step
             continue
         beta = there
         normals = normals + step
         least = cost
-        columns = trial
-        y = y_there
+        root = np.sqrt((STUDENT + outputs) / (STUDENT + square))
+        weight = np.repeat(root, outputs)
+        columns = all_columns * weight[:, None]
+        y = away.ravel() * weight
         gram = columns.T @ columns
         pull = columns.T @ y
         pull[:size] -= normals  # the log's own part is followed anew
@@ -226,12 +235,11 @@ def _posterior(explanation: Explanation, log: Log) -> tuple[_Posterior, Array]:
     inverse = Factor(gram).inverse()[:size, :size]
     covariance = prior @ inverse @ prior.T
     residual = np.empty_like(y)
-    outputs = log.z.shape[1]
-    for block in np.array_split(np.arange(len(log.z)), UPDATING.blocks):
+    for block in np.array_split(np.arange(n), UPDATING.blocks):
         rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
         x = columns[rows]
         others = Factor(gram - x.T @ x)
         delta = others.solve(pull - x.T @ y[rows])
         residual[rows] = y[rows] - x[:, :size] @ delta[:size]
     posterior = _Posterior(beta, active, root_of(covariance))
-    return posterior, residual.reshape(log.z.shape) * scale
+    return posterior, (residual / weight).reshape(n, -1) * scale
