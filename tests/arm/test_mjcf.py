@@ -89,17 +89,6 @@ def test_arms_move_as_mujoco_moves_them(text):
         np.testing.assert_allclose(model.joint(name).range, limits, atol=1e-12)
 
 
-def test_the_ur5e_reaches_as_its_data_sheet_says():
-    """Stretched along x it reaches over upper arm, forearm and wrist."""
-    arm = arm_from_urdf(UR5E)
-    assert arm.tip == "attachment_site"
-    assert arm.travel[0] == (-6.28319, 6.28319)
-    x = arm.forward(np.zeros(6))
-    np.testing.assert_allclose(
-        np.abs(x), [0.425 + 0.392, 0.138 - 0.131 + 0.127 + 0.1, 0.063], atol=1e-9
-    )
-
-
 def test_a_joint_beside_its_bodys_origin_turns_about_its_own_place():
     text = """<mujoco><worldbody><body name="a"><joint name="j" axis="0 0 1" pos="1 0 0"/>
         <body name="b" pos="2 0 0"><joint name="k" axis="0 0 1" ref="90"/>

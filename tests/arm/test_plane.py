@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calib import LogError
 from calib.arm.plane import fit_plane, plane_of
-from calib.errors import LogError
 
 ROOT_HALF = np.sqrt(0.5)
 
@@ -58,13 +58,6 @@ def test_a_fit_finds_the_plane_that_its_points_lie_in(normal, seed):
     np.testing.assert_allclose(np.abs(found.normal @ plane.normal), 1, atol=1e-9)
     np.testing.assert_allclose(lifted(found, found.project(points)), points, atol=1e-9)
     assert rms < 1e-12
-
-
-def test_a_fit_reports_the_spread_across_the_plane():
-    rng = np.random.default_rng(0)
-    points = np.column_stack([rng.uniform(-1, 1, (5_000, 2)), rng.normal(0, 0.01, 5_000)])
-    _, rms = fit_plane(points)
-    assert rms == pytest.approx(0.01, rel=0.05)
 
 
 @pytest.mark.parametrize(

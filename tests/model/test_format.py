@@ -14,7 +14,7 @@ from safetensors.numpy import load as unpack
 from safetensors.numpy import save as pack
 
 import calib
-from calib.errors import ModelError
+from calib import ModelError
 from calib.model_file.loading import from_bytes
 from calib.model_file.storage import VERSION, to_bytes
 
