@@ -62,7 +62,7 @@ class GroupTest:
     # (p,), its parameters, how each changed, and the standard deviation of that
     change: tuple[Indices, Array, Array] | None = None
     # [unit], root mean square displacement, over the learned range, of the smallest change of the
-    # parameter that moves the tip most which these rows would show nine times in ten
+    # parameter that these rows show best which they would show nine times in ten
     smallest: float = 0.0
 
     @property
@@ -269,8 +269,7 @@ class FTests:
         from scipy.special import chndtrinc, fdtri
 
         precision = np.diag(power)
-        first = int(np.argmax(moves * (precision > 0.0)))
-        if not precision[first] > 0.0:  # a tracker has no lens
+        if not precision.max() > 0.0:  # a tracker has no lens
             return None
         size = np.sqrt(np.maximum(precision, 1e-300))
         values, vectors = np.linalg.eigh(power / size[:, None] / size)
@@ -288,8 +287,8 @@ class FTests:
         smallest = math.inf
         if needed < SIGNIFICANCE.largest:
             shown = chndtrinc(needed, freedom, 1.0 - SIGNIFICANCE.power)
-            least = float(shown) * temper / precision[first]
-            smallest = float(np.sqrt(least) * moves[first])
+            least = moves[precision > 0.0] / size[precision > 0.0]
+            smallest = float(np.sqrt(shown * temper) * least.min())
         return GroupTest(
             name=SHOWN.get(name, name),
             p_value=self.chance(statistic, freedom),

@@ -15,7 +15,6 @@ import numpy as np
 from ..body.covariance import root_of
 from ..body.fit import Fit
 from ..body.information import lengths_of, matern
-from ..body.normal import Factor
 from ..body.parameters import Indices, Prior
 from ..body.rows import Rows
 from ..body.settings import SIMULATED_FLOOR, STUDENT
@@ -38,7 +37,7 @@ class SystemSettings:
     # sizes of the noise that are compared
     noises: int = 64
     # where many sets are compared: they share the noise nearly
-    coarser: int = 6
+    coarser: int = 3
     # variance of an axis, of that of the noise, which no test tells
     nothing: float = 1e-10
     # 12 took exact rows of a longer link for outliers
@@ -245,8 +244,6 @@ class System:
 class Information:
     """What rows tell at one level: the evidence of any freed parameters is a sub-block.
 
-    Its noise is the likeliest where all of them are free.
-
     sd : (k,), standard deviations by which the system's parameters may have changed
     """
 
@@ -254,35 +251,36 @@ class Information:
         unknown = system.unknown(level)
         y = unknown.whiten(system.residual)
         x = unknown.whiten(system.columns) * sd
-        best = -np.inf
-        noises, likelihoods = unknown.noises(y)
-        for k in range(0, len(noises), SYSTEM.coarser):
-            power, pull = unknown.information(y, x, float(noises[k]))
-            evidence, _ = evidence_of(float(likelihoods[k]), power, pull)
-            if evidence > best:
-                best = evidence
-                self.likelihood = float(likelihoods[k])
-                self.power = power
-                self.pull = pull
+        noises, self.likelihood = (
+            part[:: SYSTEM.coarser] for part in unknown.noises(y)
+        )
+        turned = unknown.axes.T @ x
+        turned_y = unknown.axes.T @ y
+        shares = unknown.values / (noises[:, None] ** 2 + unknown.values)
+        less = np.stack([(turned.T * share) @ turned for share in shares])
+        self.power = (x.T @ x - less) / noises[:, None, None] ** 2
+        self.pull = (x.T @ y - (shares * turned_y) @ turned) / noises[
+            :, None
+        ] ** 2
 
     def evidence(self, places: Indices, temper: float) -> tuple[float, Array]:
         """Return the evidence of freeing parameters at places (p,) [nats], and their steps (p,).
 
         temper : rows that count for one
         """
-        power = self.power[np.ix_(places, places)] / temper
-        pull = self.pull[places] / temper
-        return evidence_of(self.likelihood / temper, power, pull)
-
-
-def evidence_of(
-    likelihood: float, power: Array, pull: Array
-) -> tuple[float, Array]:
-    """Return the evidence [nats] of freeing standard normals of information (k, k), and them."""
-    factor = Factor(power + np.eye(len(pull)))
-    step = factor.solve(pull)
-    gain = 0.5 * float(pull @ step) - 0.5 * factor.log_determinant()
-    return likelihood + gain, step
+        power = self.power[:, places][:, :, places] / temper + np.eye(
+            len(places)
+        )
+        pull = self.pull[:, places] / temper
+        root = np.linalg.cholesky(power)
+        half = np.linalg.solve(root, pull[..., None])[..., 0]
+        volume = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+        evidence = (
+            self.likelihood / temper + 0.5 * (half**2).sum(axis=1) - volume
+        )
+        best = int(np.argmax(evidence))
+        step = np.linalg.solve(power[best], pull[best])
+        return float(evidence[best]), step
 
 
 def principal_axes(columns: Array) -> tuple[Array, Array]:
