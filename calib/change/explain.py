@@ -42,8 +42,8 @@ class SearchSettings:
     # Gauss-Newton steps at most, and what is left of one that does not better the fit
     steps: int = 12
     shorter: float = 0.3
-    # nats by which a step must better the fit
-    nothing_left: float = 5e-3
+    # twice the nats by which a step must promise to better the fit
+    nothing_left: float = 1e-2
 
 
 SEARCH = SearchSettings()
@@ -217,8 +217,7 @@ class Search:
                 noise = unknown.most_likely_noise(y)
                 fit = float(unknown.likelihood(y, noise)[0]) / self.temper
                 fit -= 0.5 * float(((moved + step) ** 2).sum())
-            gain = fit - best_fit
-            if not gain > 0.0:
+            if not fit > best_fit:
                 step = SEARCH.shorter * step
                 continue
             moved = moved + step
@@ -236,8 +235,9 @@ class Search:
                 noise=noise,
                 residual=residual,
             )
-            step = factor.solve(pull / self.temper - moved)
-            if gain < SEARCH.nothing_left:
+            lead = pull / self.temper - moved
+            step = factor.solve(lead)
+            if float(lead @ step) < SEARCH.nothing_left:
                 break
         return best
 
