@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from ..common.arrays import TRIANGLE, Array, Own, Shape
+from ..common.arrays import TRIANGLE, Array, Shape
 from .covariance import radius_95, spread_of
 from .parameters import Gaussian, Indices
 from .sensor_pose import SensorPose
@@ -72,10 +72,7 @@ class Body(OfStructure):
     # whether the rows were exact samples of a simulation
     simulated: bool = False
     member: str = ""  # name of the gate's member
-    second: (
-        Annotated[Second, Own(parameters="parameters", outputs="outputs")]
-        | None
-    ) = None
+    second: Second | None = None
     # sd of readings that repeated poses show [unit]; 0 where no pose was repeated
     repeat: float = 0.0
 

@@ -17,7 +17,6 @@ from .belief import Body, Second
 from .covariance import as_kept
 from .fit import Fit
 from .gate import Passed, leave_blocks_out, pass_gate
-from .gravity import other_direction
 from .layout import joined
 from .parameters import Prior
 from .rows import Rows
@@ -133,9 +132,7 @@ def _fit(
         _seen_by(k, passed, whole, wide, root, rows[k])
         for k in range(len(rows))
     ]
-    direction = other_direction(passed, some)
-    notes = () if direction is None else (direction,)
-    return replace(fits[0], beside=tuple(fits[1:]), notes=notes)
+    return replace(fits[0], beside=tuple(fits[1:]))
 
 
 def _least_noise(structure: Structure, rows: Rows) -> Array:

@@ -210,6 +210,16 @@ class Layout:
         return (*blocks, *self.geometry())
 
     @cached_property
+    def own_blocks(self) -> tuple[str, ...]:
+        """Names of the blocks of what it sees as, and of what else is measured."""
+        measurements = (self.viewpoint, *self.others)
+        return tuple(
+            block.name
+            for measurement in measurements
+            for block in measurement.parameters(self.arm_size)
+        )
+
+    @cached_property
     def labels(self) -> tuple[Label, ...]:
         """What each parameter (d,) is."""
         return tuple(

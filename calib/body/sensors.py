@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..arm.rotations import cross_matrix, exponential
+from ..arm.rotations import exponential
 from ..common.arrays import Array
 from .parameters import Block, Hyper
 from .settings import FREE, PRIOR
@@ -21,16 +21,12 @@ from .views import (
     PLANAR,
     SPATIAL,
     ArmSize,
-    By,
     Measurement,
     Placed,
     Scene,
     View,
     ViewKind,
 )
-
-_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
-_STRETCH = np.array([[[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
 
 Lens = tuple[float, float, float, float]
 """Focal length, centre [px] and k1 of a camera."""
@@ -148,22 +144,10 @@ class InSpace(Sensor):
         scale = float(np.exp(beta["view.scale"][0]))
         if not self.camera:
             scale *= self.metre
-        eye = np.eye(3)
         turn = exponential(beta["view.rotation"])
-        arm = np.hstack([scale * turn, np.zeros((3, 1))])
-        by = {
-            "view.rotation": lambda: By(cross_matrix(eye) @ arm, eye),
-            "view.shift": lambda: By(eye[:, :, None] * np.eye(4)[3]),
-            "view.scale": lambda: By(arm[None]),
-        }
-        lens: Array | None = None
-        if self.camera:
-            lens = beta["lens"]
-            by["lens"] = lambda: By(np.zeros((4, 3, 4)), lens=np.eye(4))
         return Placed(
-            matrix=np.column_stack([arm[:, :3], beta["view.shift"]]),
-            lens=lens,
-            by=by,
+            matrix=np.column_stack([scale * turn, beta["view.shift"]]),
+            lens=beta["lens"] if self.camera else None,
             posed=self.outputs == 6,
             rotation=turn,
             scale=scale,
@@ -213,46 +197,20 @@ class InPlane(Sensor):
     def place(self, beta: Mapping[str, Array]) -> Placed:
         """Return the plane as a picture, or without tilt and bend positions as they are."""
         size = PRIOR.lens_size * self.extent
-        eye = np.eye(3)
         radial = beta["lens"][0]
         middle = self.centre + size * beta["lens"][1:]
         shift = beta["view.shift"]
         angle = beta["view.rotation"][0]
-        turn = np.array(
-            [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-        )
-        turned = self.metre * np.exp(beta["view.scale"][0]) * turn
+        turn = exponential([0.0, 0.0, angle])[:2, :2]
         stretch, shear = beta["view.shear"]
         sides = np.array([[1 + stretch, shear], [shear, 1 - stretch]])
-        flip = np.diag([1.0, self.mirror])
-        linear = turned @ sides @ flip
-        by_shear = _STRETCH @ flip
-        # the matrix is A / size and the product of (t - middle, size) / size with (h, 1)
+        scale = self.metre * np.exp(beta["view.scale"][0])
+        linear = scale * turn @ sides @ np.diag([1.0, self.mirror])
+        tilt = beta["view.tilt"]
+        if not radial and not tilt.any() and self.view != "homography":
+            return Placed(np.column_stack([linear, shift]))
+        # A / size in the corner, and the product of (t - middle, size) / size with (h, 1)
         start = np.append((shift - middle) / size, 1.0)
-        tilt = np.append(beta["view.tilt"], 1.0)
-        across = eye[:2, :, None] * tilt
-        # without a bend its centre is nowhere
-        by_lens = np.concatenate([np.zeros((1, 3, 3)), -across])
-        lens_order = np.diag([1.0, size, size]) @ np.eye(4)[[3, 1, 2]]
-        by = {
-            "view.rotation": lambda: By(
-                _corner(_QUARTER_TURN @ linear[None]) / size
-            ),
-            "view.scale": lambda: By(_corner(linear[None]) / size),
-            "view.shear": lambda: By(_corner(turned @ by_shear) / size),
-            "view.shift": lambda: By(across / size),
-            "view.tilt": lambda: By(start[:, None] * eye[:2, None]),
-            "lens": lambda: By(by_lens, lens=lens_order),
-        }
-        picture = _corner(linear) / size + np.outer(start, tilt)
-        whole = Placed(picture, np.array([size, *middle, radial]), by)
-        if radial or beta["view.tilt"].any():
-            return whole
-        return Placed(np.column_stack([linear, shift]), None, by, whole=whole)
-
-
-def _corner(linear: Array) -> Array:
-    """Return matrices (..., 3, 3) of those (..., 2, 2) in their corner."""
-    out = np.zeros((*linear.shape[:-2], 3, 3))
-    out[..., :2, :2] = linear
-    return out
+        picture = np.outer(start, np.append(tilt, 1.0))
+        picture[:2, :2] += linear / size
+        return Placed(picture, np.array([size, *middle, radial]))

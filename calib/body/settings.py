@@ -138,10 +138,6 @@ class FitSettings:
     noise_steps: int = 12  # of the reweighting that finds a Student noise
     # share of a posterior sd that the last step of a log's member moves at most
     settled: float = 0.2
-    # [nats] by which gravity along another axis has to explain rows better before it is told,
-    # and linearisations of each
-    other_gravity: float = 10.0
-    gravity_steps: int = 3
     # share of the extent beyond which held-out rows doubt a planar arm's drawing
     doubted: float = 0.02
     # nats against joint curves from which the bound needs no second fit with large ones

@@ -19,7 +19,8 @@ from ..common.rows import thinned
 from ..errors import LogError
 from .fit import Fit
 from .parameters import Prior
-from .planar import PlanarStructure, placed_in_plane, planar_starts
+from .planar import PlanarStructure
+from .planar_starts import framed, planar_starts
 from .rows import Rows
 from .settings import SIMULATED_FLOOR, START, STUDENT
 from .spatial import SpatialStructure
@@ -99,7 +100,7 @@ def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
         seen = structure.as_seen_by(further.sensor)
         some = further.take(thinned(len(further), START.rows))
         if isinstance(seen, PlanarStructure):
-            seen, beta = placed_in_plane(seen, some.q, some.z, beta)
+            seen, beta = framed(seen, some.q, some.z, beta)
         elif isinstance(seen, SpatialStructure):
             beta = _placed_in_space(seen, some, beta)
         structure = seen.as_seen_by(structure.viewpoint.name)

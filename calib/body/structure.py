@@ -26,6 +26,7 @@ Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
 """Parameters of a chain's geometry, and how the tip moves with each of them."""
 
 _BELIEFS = 8  # whose constants are remembered
+_STEP = 1e-5  # of a sensor's parameters, in derivatives
 
 S = TypeVar("S", bound="Structure")
 
@@ -272,8 +273,8 @@ class Structure(Layout):
         groups = self.groups
         fixed = self.fixed(beta)
         joints = q[:, : self.dof]
-        for name, columns in sight.columns():
-            yield groups[name], columns
+        for name in self.own_blocks:
+            yield groups[name], partial(self._by_sensor, name, q, beta, motion)
         chained = sight.push(*motion.joints())
         led = self.led(chained)
 
@@ -301,6 +302,23 @@ class Structure(Layout):
             yield indices, partial(_pushed, sight, moved)
         for k in range(self.dof):
             yield groups[f"curve.{k}"], partial(_waved, joints[:, k], led[k])
+
+    def _by_sensor(
+        self, name: str, q: Array, beta: Array, motion: Motion
+    ) -> Array:
+        """How outputs (k, m, n) move with a block of the sensor's own, by differences."""
+        indices = self.groups[name]
+
+        def look(step: Array) -> Array:
+            moved = self.retract(beta, step)[indices]
+            blocks = {**self.fixed(beta).blocks, name: moved}
+            placed = self.viewpoint.place(blocks)
+            scene = Scene(blocks, placed, motion, q[:, self.dof :])
+            return self.measurement.look(scene).values
+
+        steps = _STEP * np.eye(self.size)[indices]
+        moved = [self.residual(look(step), look(-step)).T for step in steps]
+        return np.array(moved) / (2 * _STEP)
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""

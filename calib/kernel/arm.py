@@ -215,8 +215,6 @@ def _planar(structure: Any, beta: Array) -> KernelArm:
     ):
         flex[:, i, k] = pair
     sensor = structure.sensor(beta)
-    if structure.view == "homography":
-        sensor = sensor.whole or sensor
     view = np.zeros((3, 4))
     size = len(sensor.matrix)
     view[:size, :2], view[:size, 3] = sensor.matrix[:, :2], sensor.shift

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..body.approach import Approach
 from ..body.belief import Body
-from ..common.arrays import Array, Mask, Own, Shape, freeze
+from ..common.arrays import Array, Mask, Shape, freeze
 from ..common.choices import MAP_READOUTS
 from ..common.wording import one_line
 from ..errors import OptionError
@@ -49,7 +49,7 @@ class Parts:
     # motor map, sensory map and the links between them
     association: Association
     # of the motor nodes, for what the body leaves over
-    local: Annotated[LocalModels, Own()]
+    local: LocalModels
     # [unit], 95 % bounds around each motor node, on what `about.bound_of` says and on the true
     # position in the sensor's frame
     bounds: Annotated[Array, Shape("nodes")]
@@ -58,7 +58,7 @@ class Parts:
         Mask, Shape("nodes")
     ]  # motor nodes that training samples have visited
     # the kinematic model under the maps, with intervals
-    body: Annotated[Body, Own()] | None = None
+    body: Body | None = None
     # measured rows that are kept with the model of a log
     rows: MeasuredRows | None = None
     # earlier states of this model: trained, adapted, with their errors
@@ -72,7 +72,7 @@ class Parts:
     # backlash, where the direction of motion counts
     approach: Approach | None = None
     # by the camera that measured the arm, to draw the map over
-    photo: Annotated[Photo, Own()] | None = None
+    photo: Photo | None = None
     # the same arm as its further sensors see it, each with maps, local models and bounds of its own
     others: tuple[Parts, ...] = ()
 

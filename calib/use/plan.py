@@ -255,7 +255,7 @@ def _chosen(
     if (
         body is not None and not body.simulated
     ):  # exact samples leave nothing to learn
-        chosen = most_telling(body, q, n, measured)
+        chosen = most_telling(body, q, n)
         return chosen, "chosen to reduce the model's uncertainty most"
     return farthest(
         space.scale, q, n, measured

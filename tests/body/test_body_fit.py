@@ -167,7 +167,6 @@ def test_odd_input_gives_a_finite_body_whose_bound_covers_its_rows(name, simulat
         (lambda q: np.c_[q[:, 0], q[:, 0]], "move together"),
         (lambda q: np.c_[q[:, 0], 0.01 * q[:, 1]], "deg only"),
         (lambda q: np.c_[q[:, 0], 1 - 0.5 * q[:, 0]], "move together"),
-        (lambda q: np.c_[np.cos(10 * q[:, 0]), np.sin(10 * q[:, 0])], "path"),
     ],
 )
 def test_what_rows_cannot_tell_is_said(columns, match):
