@@ -138,7 +138,7 @@ Seed = Annotated[
 SIZE = "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own)."
 MAP = (
     f"Kind of map: {', '.join(choices.MAPS)}. Default vdsom:residual, which also follows what "
-    "the body leaves (vdsom is the paper's); of a log with --body none the better of it and gas."
+    "the body leaves (vdsom is the paper's)."
 )
 EPOCHS = "Passes over the samples; the full lattice alone is trained then."
 SIGMA = "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then."

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -63,7 +62,7 @@ class Repeatability:
         """Standard deviation of a single reading of a pose [unit]."""
         return float(np.hypot(*np.nan_to_num([self.sensor, self.arm])))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return what `calib noise --json` prints."""
         document = asdict(self)
         document["return"] = document.pop("arm")

@@ -147,7 +147,7 @@ class Simulation:
         """Whether something that no encoder reads moves the tip: backlash, joint noise."""
         return bool(self._of_joints("backlash") or self._of_joints("noise"))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return the noise and the changes as plain data; the arm is stored elsewhere."""
         return {
             "noise": self.noise,

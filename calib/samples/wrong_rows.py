@@ -1,4 +1,4 @@
-"""Wrong rows of a log: single ones that contradict their neighbours, and corners that contradict.
+"""Wrong rows of a log: single ones that contradict their neighbours.
 
 One policy for whoever learns from a log or compares it: `screen` before anything is fitted,
 `contradictions` with what a fit or a model predicts.
@@ -12,7 +12,6 @@ from ..common.arrays import Array, Index, Mask
 from ..common.robust import robust_solve
 from ..common.rows import thinned
 from ..common.scale import Scale
-from ..common.wording import for_people
 from .diagnosis import aligned
 from .samples import Samples
 from .settings import WRONG
@@ -110,38 +109,6 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     return sound, [
         f"left out, of learning and of the errors, {len(wrong):,} of {n:,} rows that "
         f"contradict their neighbours: {row_numbers(samples, wrong)}"
-    ]
-
-
-def contradicting_corner(samples: Samples, residual: Array) -> list[str]:
-    """Say that rows which stand together are all off by the same, if some are.
-
-    residual : (n, m), measured less predicted positions; the prediction is one that few rows do
-        not move, such as a fit with Student noise
-    """
-    suspects, _ = _gross(samples, residual)
-    if not WRONG.least_corner <= len(suspects) <= WRONG.most * len(samples):
-        return []
-    shift = np.median(residual[suspects], axis=0)
-    size = float(np.linalg.norm(shift))
-    together = suspects[
-        np.linalg.norm(residual[suspects] - shift, axis=1) < 0.5 * size
-    ]
-    if len(together) < max(WRONG.least_corner, 0.5 * len(suspects)):
-        return []
-    low, high = np.quantile(samples.q[together], (0.02, 0.98), axis=0)
-    inside = ((samples.q >= low) & (samples.q <= high)).all(axis=1)
-    if (
-        inside.mean() > 0.5
-        or np.isin(np.flatnonzero(inside), together).mean() < 0.5
-    ):
-        return []  # they are all over the range
-    factor, unit = for_people(samples.unit)
-    return [
-        f"a corner contradicts the rest: {len(together):,} of {len(samples):,} rows that stand "
-        f"together are off by {factor * size:.3g} {unit}, all the same way; was the sensor or the "
-        f"arm disturbed there? measure these again or leave them out: "
-        f"{row_numbers(samples, together)}"
     ]
 
 

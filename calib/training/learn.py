@@ -52,9 +52,8 @@ class TrainingOptions:
         Nodes along each axis of both lattices, or of one.  70 by default, which stands for 70x70
         and, with three joints, a 17x17x17 motor map; for a log about five rows per node.
     map : str or gain function, optional
-        Network: "vdsom:residual" (default; "gas" where held-out blocks of a log without a body
-        prefer it) or another name that :class:`calib.SOM` knows, or a function of a
-        :class:`calib.Visit`.
+        Network: "vdsom:residual" (default) or another name that :class:`calib.SOM` knows, or a
+        function of a :class:`calib.Visit`.
     rule : {"batch", "online"}
         Kohonen's batch map, or the paper's eq. 1 to 8, sample by sample.
     epochs : int, optional
@@ -246,48 +245,10 @@ def resolved(
             raise OptionError(
                 f"{words}, one for each axis", parameter=f"{name}_size"
             )
-    options = replace(options, motor_size=motor, sensory_size=sensory)
-    if options.map:
-        return options, notes
-    by_default = (options.rule, options.epochs, options.sigma) == (
-        "batch",
-        None,
-        None,
-    )
-    if samples.simulation is None and options.body == "none" and by_default:
-        share = _gas_over_lattice(samples, options)
-        if share < LEARNING.better:
-            notes.append(
-                f"maps without a lattice (gas), which have {share:.2f} of a VDSOM's error on "
-                "held-out blocks of the log; `map` chooses another"
-            )
-            return replace(options, map="gas"), notes
-    return replace(options, map=LATTICE), notes
-
-
-def _gas_over_lattice(samples: Samples, options: TrainingOptions) -> float:
-    """Error of a gas on held-out blocks of a log over that of a lattice, readout ``linear``.
-
-    A lattice folds over a few paths which cross in the workspace; but a gas follows no stream.
-    """
-    folds = np.array_split(np.arange(len(samples)), LEARNING.blocks)
-    scale = unit_box(samples)
-    u = scale.to_unit(samples.q)
-    x = samples.x
-    error = {"gas": 0.0, LATTICE: 0.0}
-    # each row is held out once: of an uneven log a third of the blocks alone, most of them from
-    # where it dwells, had the gas at 0.86, all of them at 0.95 of the lattice's error
-    for first in range(LEARNING.parts):
-        held_out = np.concatenate(folds[first :: LEARNING.parts])
-        learned = np.setdiff1d(
-            np.arange(len(samples)), held_out, assume_unique=True
-        )
-        for network in error:
-            tried = replace(options, map=network)
-            pair = associate(scale, u[learned], x[learned], tried)
-            miss = pair.linear.value(u[held_out]) - x[held_out]
-            error[network] += float(np.linalg.norm(miss, axis=1).sum())
-    return error["gas"] / max(error[LATTICE], 1e-300)
+    network = options.map or LATTICE
+    return replace(
+        options, motor_size=motor, sensory_size=sensory, map=network
+    ), notes
 
 
 def _shape(size: Size | None, name: str) -> tuple[int, ...] | None:

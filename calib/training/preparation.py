@@ -11,7 +11,6 @@ import numpy as np
 from ..body.belief import Body, Second
 from ..common.arrays import Array
 from ..errors import LogError, OptionError
-from ..samples.moved import moved_words
 from ..samples.repeatability import at_poses, noise_beside_poses
 from ..samples.samples import Samples
 from ..samples.wrong_rows import screen
@@ -67,8 +66,6 @@ def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
     play = log.play if log.play.any() else None
     if play is not None:
         notes.append(play_words(samples, play))
-    if samples.simulation is None:
-        notes += moved_words(samples, part.fit.body.predict(samples.q))
     notes += part.fit.notes
     part = _of_single_readings(part, samples)
     return Prepared(

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.rows import thinned
 from ..errors import LogError
 from ..model.model import Model
 from ..model.prediction import predict
@@ -16,10 +14,9 @@ from ..samples.delays import Trajectory
 from ..samples.diagnosis import aligned, rows_behind
 from ..samples.samples import Samples
 from ..samples.settings import DIAGNOSIS
-from ..samples.wrong_rows import contradicting_corner, contradictions, screen
+from ..samples.wrong_rows import contradictions, screen
 from .late_clock import InTime, in_time
 from .play import freed_of_play
-from .settings import LEARNING, OTHER_ORDER
 from .smooth import Fit, SmoothPart
 
 
@@ -75,7 +72,6 @@ def fit_sound_rows(samples: Samples, fit: Fit) -> SoundLog:
         samples = mended.samples
         part = mended.part or part
         notes += mended.notes
-    notes += _other_order(samples, part, fit)
     samples, part, more = freed_of_play(samples, part, fit)
     play = play + more
     sound, wrong_notes = contradictions(samples, _residual(samples, part))
@@ -83,39 +79,11 @@ def fit_sound_rows(samples: Samples, fit: Fit) -> SoundLog:
         samples = samples.take(sound)
         samples, part, more = freed_of_play(samples, fit(samples), fit)
         play = play + more
-    corner = contradicting_corner(samples, _residual(samples, part))
-    return SoundLog(samples, part, play, [*notes, *wrong_notes, *corner])
+    return SoundLog(samples, part, play, [*notes, *wrong_notes])
 
 
 def _residual(samples: Samples, part: SmoothPart) -> Array:
     return samples.x - part.fit.body.predict(samples.q)
-
-
-def _other_order(samples: Samples, part: SmoothPart, fit: Fit) -> list[str]:
-    """Say that joints without a robot fit far better in another order from base to tip."""
-    most = LEARNING.no_arm * float(np.linalg.norm(np.ptp(samples.x, axis=0)))
-    noise = samples.source.get("noise")
-    usual = OTHER_ORDER.noises * noise if isinstance(noise, float) else most
-    if (
-        samples.arm is not None
-        or not 2 <= samples.dof <= 3
-        or part.error <= min(most, usual)
-    ):
-        return []
-    some = samples.take(thinned(len(samples), OTHER_ORDER.rows))
-    errors = {
-        names: fit(some.reordered(names)).error
-        for names in itertools.permutations(samples.joint_names)
-    }
-    best = min(errors, key=errors.__getitem__)
-    if errors[best] >= min(
-        DIAGNOSIS.far_better * errors[samples.joint_names], most
-    ):
-        return []
-    return [
-        f"the rows fit far better with the joints in the order {', '.join(best)}: name them so in "
-        "`joints`, from base to tip"
-    ]
 
 
 def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:

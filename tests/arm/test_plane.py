@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calib import LogError
 from calib.arm.plane import fit_plane, plane_of
-from calib.errors import LogError
 
 ROOT_HALF = np.sqrt(0.5)
 

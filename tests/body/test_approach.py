@@ -8,7 +8,6 @@ import pytest
 from drifting import arm
 
 import calib
-from calib.body.approach import learn_play
 from calib.samples.motion import directions
 
 PLAY = 0.01
@@ -27,12 +26,6 @@ def true_rows(*changes, n=2000):
     rng = np.random.default_rng(4)
     q = simulation.draw(n, rng)
     return q, simulation.true(q, rng)
-
-
-def test_a_joint_keeps_the_side_that_it_came_from():
-    q = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, -1.0], [0.5, -1.0], [0.5, -1.0]])
-    expected = [[0, 0], [1, 0], [1, -1], [-1, -1], [-1, -1]]
-    assert directions(q).tolist() == expected
 
 
 @pytest.mark.parametrize("change", ["elbow.backlash=0.01", "elbow.noise=0.005"])
@@ -75,18 +68,6 @@ def test_a_log_along_a_path_shows_it_and_a_shuffled_one_does_not():
     q = samples.q[order]
     shuffled = replace(samples, simulation=None, q=q, x=samples.x[order], side=directions(q))
     assert calib.train(shuffled, size=10).approach is None
-
-
-def test_no_play_is_found_where_there_is_none():
-    assert trained("elbow.noise=0.005").approach is None
-    assert trained(as_log=True).approach is None
-    rng = np.random.default_rng(3)
-    n = (200, 2)
-    found = [
-        learn_play(rng.normal(size=n), rng.normal(size=(*n, 2)), np.sign(rng.normal(size=n)))
-        for _ in range(200)
-    ]
-    assert sum(play is not None for play in found) <= 1
 
 
 def test_a_file_keeps_it(tmp_path):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from calib.body.belief import Body
 from calib.body.covariance import radius_95, root_of, spread_of
 from calib.body.drawing import PlanarDrawing
 from calib.body.fit import Fit
@@ -66,21 +65,3 @@ def test_leave_block_out_equals_the_refit():
         refit = z[a:b] - s.predict(q[a:b], again.beta)
         assert np.allclose(held.residual[a:b], refit, atol=5e-6)
         assert not np.allclose(f.residual[a:b], refit, atol=3e-5)
-
-
-def body_of(kappa=1.0, residual=0.0):
-    s, prior, _, q, z = known(30, 4)
-    f = fitted(s, prior, q, z)
-    root, own = root_of(f.covariance), np.full(2, residual)
-    return q, Body(s, f.beta, f.active, root, f.noise, kappa, f.noise, own, f.nu, 1.0)
-
-
-def test_parameters_hold_their_intervals():
-    _, body = body_of()
-    parameters = {p.name: p for p in body.parameters()}
-    length = parameters["a.length"]
-    assert length.low < length.value < length.high
-    assert (length.unit, length.joint, length.group) == ("m", "a", "length")
-    k = int(body.structure.groups["length"][0])
-    at = list(body.active).index(k)
-    assert length.high - length.low == pytest.approx(2 * 1.96 * np.sqrt(body.covariance[at, at]))

@@ -22,32 +22,6 @@ def joints(arm: Arm, n: int, rng: np.random.Generator) -> np.ndarray:
     return rng.uniform(arm.lower, arm.upper, (n, len(arm.lower)))
 
 
-def two_views(arm: Arm):
-    """A tracker and a camera of one arm."""
-    tracker = structure_of(arm, "rigid")
-    camera = structure_of(arm, "pinhole", unit="px", extent=200.0)
-    return joined({"left": tracker, "right": camera})
-
-
-def test_a_structure_has_one_layout_whichever_sensor_it_sees_as():
-    left = two_views(calib.load_arm("spatial_three"))
-    right = left.as_seen_by("right")
-    names = [label.name for label in left.labels]
-    assert len(set(names)) == len(names) == left.size
-    assert [label.name for label in right.labels] == names
-    assert "right.view.rotation.x" in names
-    assert np.array_equal(left.groups["right.lens"], right.groups["lens"])
-    assert np.array_equal(left.groups["view.shift"], right.groups["left.view.shift"])
-    assert np.array_equal(left.neutral(), right.neutral())
-    assert (left.outputs, right.outputs) == (3, 2)
-    assert right.as_seen_by("left").viewpoint == left.viewpoint
-    everything = (*left.frame_groups, "placement", "offset", "elastic", "curve")
-    again = (*right.frame_groups, "placement", "offset", "elastic", "curve")
-    assert np.array_equal(left.prior(everything).sd, right.prior(again).sd)
-    with pytest.raises(OptionError, match="expected one of left, right"):
-        left.as_seen_by("top")
-
-
 def test_two_trackers_tell_more_of_one_arm_than_one():
     arm = calib.load_arm("spatial_three")
     structure = structure_of(arm, "rigid")

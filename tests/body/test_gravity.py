@@ -73,13 +73,6 @@ def test_the_other_half_of_a_sagging_arms_range_is_within_the_bound():
     assert covered > 0.85
 
 
-def test_exact_rows_of_an_arm_without_masses_are_learned_to_rounding():
-    arm = arm_from_urdf(BARE)
-    model = calib.train(calib.babble(arm, 300, seed=0), size=3)
-    q = random_joints(arm, 50, seed=1)
-    assert np.abs(model.forward(q) - arm.forward(q)).max() < 1e-9
-
-
 def test_an_arm_on_a_wall_is_believed():
     q = random_joints(FULL, 250)
     x = sagging(q, 3e-3, (9.81, 0.0, 0.0))

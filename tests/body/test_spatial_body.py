@@ -4,16 +4,15 @@ import json
 
 import numpy as np
 import pytest
-from models import built, in_pixels, in_space
+from models import built, in_pixels
 
 from calib.arm.loading import load_arm
 from calib.arm.rotations import exponential, logarithm
 from calib.body import body_fit
 from calib.body.belief import Body
 from calib.body.rows import Rows
-from calib.body.sensor_pose import SensorPose, without_gauge
 from calib.body.spatial import structure_of, unknown_structure
-from calib.body.starts import candidates, frame
+from calib.body.starts import candidates
 from calib.errors import LogError
 from calib.model_file.fields import read, write
 from calib.model_file.storage import KINDS
@@ -59,17 +58,6 @@ def test_a_fit_finds_the_arm_and_its_bound_holds_the_errors():
     words = " ".join(body.describe())
     assert "zero by convention" in words
     assert "elbow" in words
-
-
-def test_curves_are_found_where_they_are():
-    arm, structure, beta, _ = built(curves=True)
-    q, z, fresh, true = measured(arm, structure, beta, 150, 3e-5)
-    body = fitted(structure, q, z)
-    assert body.member == "curves"
-    plain = structure.neutral()  # the arm as drawn, without curves
-    plain[: structure.groups["curve.0"][0]] = beta[: structure.groups["curve.0"][0]]
-    waves = np.linalg.norm(structure.predict(fresh, plain) - true, axis=1)
-    assert missed(body, fresh, true)[0].mean() < 0.25 * waves.mean()
 
 
 def test_a_pose_tells_the_tools_orientation():
@@ -127,15 +115,6 @@ def test_shuffled_orientations_and_pixels_are_refused_in_one_line():
         candidates(body.structure, Rows(q, rng.permutation(pixels)))
 
 
-def test_ten_rows_tell_no_less_than_the_drawing_with_its_frames():
-    arm, structure, beta, _ = built()
-    q, z, fresh, true = measured(arm, structure, beta, 10, 2e-4)
-    error, _ = missed(body := fitted(structure, q, z), fresh, true)
-    plain = structure.predict(fresh, frame(structure.with_sensor(extent=spread(z)), q, z))
-    assert error.mean() <= np.linalg.norm(plain - true, axis=1).mean()
-    assert np.mean(error <= body.bound(fresh)) > 0.93
-
-
 @pytest.mark.parametrize(("n", "noise", "most"), [(60, 1e-4, 3e-4), (200, 0.0, 1e-12)])
 def test_without_a_drawing_the_chain_is_found(n, noise, most):
     arm = load_arm("spatial_three")
@@ -148,28 +127,3 @@ def test_without_a_drawing_the_chain_is_found(n, noise, most):
     assert error.mean() < most
     assert exact or covered > 0.9
     assert body.member == "chain" or not exact
-
-
-def test_a_joint_that_never_moved_keeps_its_drawing_and_a_wide_bound():
-    arm, structure, beta, _ = built()
-    q = rows(arm, 100, 1)
-    q[:, 1] = 0.3
-    z = structure.predict(q, beta) + np.random.default_rng(3).normal(0, 5e-5, (len(q), 3))
-    body = fitted(structure, q, z)
-    moved = q + np.array([0.0, 1.0, 0.0])
-    error, _ = missed(body, moved, structure.predict(moved, beta))
-    assert np.mean(error <= body.bound(moved)) > 0.93
-    assert np.median(body.bound(moved)) > 1.5 * np.median(body.bound(q))
-
-
-def test_a_gauge_is_what_no_reading_tells():
-    body = in_space().body
-    structure, active = body.structure, body.active
-    left = without_gauge(structure, body, size=True)
-    q = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
-    x = structure.linearise(q, body.beta, active)[1].reshape(-1, len(active))
-    spreads = [((x @ root) ** 2).sum(axis=1) for root in (body.root, left)]
-    np.testing.assert_allclose(*spreads, rtol=1e-4)  # of readings: nothing is lost
-    tracker = SensorPose.of(body)
-    assert tracker.told_sd.max() < 0.1 * tracker.position_sd.max()
-    assert "no reading tells" in " ".join(tracker.words("sensor's frame"))

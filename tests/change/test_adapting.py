@@ -1,6 +1,5 @@
 """What adaptation reports and stores, on small maps that imagine few samples."""
 
-import re
 from dataclasses import replace
 from functools import partial
 
@@ -121,18 +120,6 @@ def test_wrong_detections_are_counted_and_left_out():
     assert not any("contradict" in note for note in none.notes)
 
 
-def test_a_moved_camera_is_named_with_its_frame():
-    found = calib.adapt(model(), log("sensor.rotate=0.2", "sensor.shift=0.03,0.01"))
-    assert found.correction == "frame"
-    (sensor,) = [c for c in found.changed if c.cause == "sensor"]
-    assert sensor.value == pytest.approx(0.2, abs=1e-4)
-    assert re.search(r"turned 11\.5 deg, scaled 1, shifted 30, 10 mm", sensor.words)
-    assert "the links' lengths" in found.kept
-    frame = np.array(found.model.history[0]["frame"])
-    c, s = np.cos(0.2), np.sin(0.2)
-    np.testing.assert_allclose(frame, [[c, -s, 0.03], [s, c, 0.01]], atol=1e-4)
-
-
 @pytest.mark.parametrize(
     ("scale", "unit", "expected"), [(1000.0, "m", "sensor"), (1.1, "m", "m"), (1000.0, "mm", "mm")]
 )
@@ -141,10 +128,3 @@ def test_the_unit_is_the_logs_or_the_sensors_own(scale, unit, expected):
     found = calib.adapt(model(), replace(samples, x=scale * samples.x, simulation=None, unit=unit))
     assert found.improved
     assert found.model.about.unit == expected
-
-
-def test_how_much_of_the_range_a_log_measured():
-    samples = log("elbow.length=+20%", n=600)
-    low = samples.take(samples.q[:, 0] < 0.4 * model().about.upper[0])
-    assert calib.adapt(model(), low).coverage == pytest.approx(0.4, abs=0.01)
-    assert calib.adapt(model(), samples).coverage == 1.0

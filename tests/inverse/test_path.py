@@ -77,17 +77,6 @@ def test_rows_lie_on_the_lines_at_most_a_step_apart():
     np.testing.assert_allclose(two_link(path.q), path.target, atol=1e-8)
 
 
-def test_out_of_reach_joints_stay_as_close_as_they_can():
-    model = full()
-    path = model.path([[0.35, 0.35], [0.45, 0.45], [0.30, 0.40]])
-    out = ~path.reachable
-    assert out.any()
-    assert not out.all()
-    assert len(path.jumps) == 0
-    far = np.linalg.norm(path.target[out], axis=1) - 0.55
-    np.testing.assert_allclose(path.distance[out], far, atol=1e-4)
-
-
 def test_a_redundant_arm_follows_a_circle_without_a_jump():
     model, arm = trained("three_link"), calib.load_arm("three_link")
     turn = np.linspace(0, 2 * np.pi, 25)

@@ -10,14 +10,6 @@ import calib
 LINKS = (0.30, 0.25, 0.15)
 
 
-def test_no_move_along_the_self_motion_leads_closer():
-    model = trained("three_link", n=8000)
-    x, near = model.forward(draw(model, 200, seed=2)), draw(model, 200, seed=3)
-    scale, newton = model.motor.scale, model.solver.newton
-    u, wish = scale.to_unit(model.inverse(x, near=near)), scale.to_unit(near)
-    assert np.abs(newton.tangent(u, x, wish - u)).max() < 1e-4
-
-
 def test_each_family_has_one_representative():
     model = trained("three_link", n=8000)
     lower, upper = model.about.lower, model.about.upper
@@ -70,32 +62,6 @@ def test_four_to_seven_joints(joints, slide, tmp_path):
     for k, solutions in enumerate(found):
         assert 1 <= len(solutions) < 10
         assert np.linalg.norm(arm.forward(solutions) - x[k], axis=1).max() < 1e-8
-
-
-def test_a_move_is_damped_least_squares_and_the_projection_onto_the_null_space():
-    newton = trained("three_link").solver.newton
-    rng = np.random.default_rng(0)
-    u, wish = rng.uniform(0.1, 0.9, (50, 3)), rng.uniform(-0.5, 0.5, (50, 3))
-    gap = rng.uniform(-5e-3, 5e-3, (50, 2))
-    slope = newton.task.residual(u, gap)[1]
-    power = np.einsum("noi,noi->n", slope, slope)
-    square = slope @ np.swapaxes(slope, 1, 2) + 1e-3 * power[:, None, None] * np.eye(2)
-    expected = np.einsum("noi,no->ni", slope, np.linalg.solve(square, gap[..., None])[..., 0])
-    damping = np.full(50, 1e-3)
-    np.testing.assert_allclose(newton.move(u, gap, slope, damping), expected, rtol=1e-9)
-    expected = wish - np.einsum("nio,noj,nj->ni", np.linalg.pinv(slope), slope, wish)
-    np.testing.assert_allclose(newton.tangent(u, gap, wish), expected, atol=1e-9)
-
-
-def test_a_step_ends_on_its_target_within_the_limits():
-    model = trained("three_link")
-    q = draw(model, 200, seed=4, margin=0.1)
-    q[:, 0] = model.about.lower[0]  # the shoulder at its limit
-    near = np.clip(q + 0.1, model.about.lower, model.about.upper)
-    joints = model.inverse(model.forward(q), near=near)
-    np.testing.assert_allclose(model.forward(joints), model.forward(q), atol=1e-12)
-    assert (joints >= model.about.lower).all()
-    assert (joints <= model.about.upper).all()
 
 
 def test_positions_of_six_joints_name_each_family_once():

@@ -1,10 +1,7 @@
 """Queries by a model's own compiled C are those of the batch in NumPy, and safe to ask for."""
 
-import gc
-import os
 import pickle
 import shutil
-import stat
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -148,14 +145,6 @@ def test_one_pose_is_that_of_the_batch():
 
 
 @needs_compiler
-def test_the_batch_names_every_branch_of_a_position_once():
-    model = trained("two_link_full")
-    x = model.forward(draw(model, 300, seed=2))
-    for compiled, expected in zip(warm(model).inverse_all(x), model.inverse_all(x), strict=True):
-        np.testing.assert_allclose(compiled, expected, atol=1e-6)
-
-
-@needs_compiler
 def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond_and_stays_so():
     model = cold(six())
     model.warm_up(strict=True)
@@ -233,20 +222,3 @@ def test_no_text_of_a_model_gets_into_the_source():
     text = Header.of(replace(model, about=about)).text()[0]
     assert "hacked" not in text
     assert "stdlib" not in text
-
-
-@needs_compiler
-def test_a_compiler_that_knows_few_options_serves_and_its_folder_goes(monkeypatch, tmp_path):
-    plain = tmp_path / "plain-cc"
-    plain.write_text('#!/bin/sh\ncase "$*" in *tree-pre*) exit 1;; esac\nexec cc "$@"\n')
-    plain.chmod(0o700)
-    monkeypatch.setenv("CC", str(plain))
-    fast = cold(trained("two_link", 600, 6))
-    assert "compiled C" in fast.warm_up()
-    folder = Path(fast.kernel._folder.name)
-    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    assert folder.stat().st_uid == os.getuid()
-    assert not cold(fast).warm
-    del fast
-    gc.collect()
-    assert not folder.exists()

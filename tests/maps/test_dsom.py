@@ -24,27 +24,6 @@ def test_one_sample_moves_a_3x3_map_as_the_source_says():
     np.testing.assert_allclose(step(w, x, 1.5, 0.1, (3, 3)), expected, atol=2e-4)
 
 
-def test_learning_does_not_depend_on_time():
-    """The same sample and the same map: the same step, however old the map is."""
-    w, x = points(16, seed=2), points(1, seed=5)
-    young = step(w, x, 2.0, 0.1, (4, 4))
-    old = w.copy()
-    present_dsom(old, Lattice((4, 4)), np.repeat(w[:1], 1000, axis=0), 2.0, 0.1)
-    np.testing.assert_allclose(old, w, atol=1e-12)
-    np.testing.assert_allclose(step(old, x, 2.0, 0.1, (4, 4)), young, atol=1e-12)
-
-
-def test_an_old_map_still_follows_a_change():
-    lattice, w = Lattice((6, 6)), Lattice((6, 6)).positions() / 10
-    first, then = 0.5 * points(4000), 0.5 + 0.5 * points(4000, seed=1)
-    errors = []
-    for samples in (first, then):
-        errors.append(np.mean(present_dsom(w.copy(), lattice, then[:200], 2.0, 0.0)))
-        present_dsom(w, lattice, samples, 2.0, 0.1)
-    errors.append(np.mean(present_dsom(w.copy(), lattice, then[:200], 2.0, 0.0)))
-    assert errors[2] < 0.3 * errors[1]
-
-
 def test_density_is_not_followed():
     """Nine of ten samples lie in one half, yet a SOM puts more nodes there than a DSOM."""
     rng = np.random.default_rng(0)

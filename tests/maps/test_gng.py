@@ -62,12 +62,3 @@ def test_a_gas_leaves_a_hole_empty_that_a_lattice_crosses():
         w = calib.SOM((10, 10), name).fit(x).weights
         gap[name] = int(np.sum(np.linalg.norm(w - 0.5, axis=1) < 0.22))
     assert gap["gng"] == 0 < gap["som"]
-
-
-def test_a_node_without_an_edge_hands_its_turn_to_the_worst_edge():
-    weights = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [5.0, 5.0]])
-    g = Gas(weights, np.array([1.0, 2.0, 4.0, 9.0]), np.array([[0, 1], [0, 2]]), np.zeros(2))
-    new = insert(g)
-    assert g.error[3] == 0.0
-    np.testing.assert_allclose(g.weights[new], [0.0, 0.5])
-    assert set(edges(g)) == {(0, 1), (0, new), (2, new)}

@@ -6,7 +6,7 @@ from scipy.sparse import csr_array
 from small_maps import UNIT_BOX, box, points
 
 from calib.maps.lattice import Lattice
-from calib.maps.links import BANDWIDTH, NEAREST, Wiring
+from calib.maps.links import BANDWIDTH, Wiring
 from calib.maps.map import Map
 
 
@@ -49,16 +49,6 @@ def test_activity_is_equation_6_relative_to_the_winner(bandwidth):
     network, u = grid(3), points(20)
     a = activity(network, u, bandwidth).toarray()
     np.testing.assert_allclose(a, equation_6(network, u, bandwidth), rtol=1e-9, atol=1e-300)
-
-
-def test_of_many_nodes_the_nearest_are_active_and_the_others_would_hardly_be():
-    network, u = grid(20), points(50)
-    a, dense = activity(network, u), equation_6(network, u, BANDWIDTH)
-    assert (np.diff(a.indptr) == NEAREST).all()
-    sparse = a.toarray()
-    kept = sparse > 0
-    np.testing.assert_allclose(sparse[kept], dense[kept], rtol=1e-9)
-    assert dense[~kept].max() < 2e-2
 
 
 def test_a_local_bandwidth_is_that_of_each_node():

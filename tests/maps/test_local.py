@@ -44,16 +44,6 @@ def test_polynomials_of_the_models_degree_are_reproduced_with_their_slopes(d, de
     np.testing.assert_allclose(tilt, slope(fresh), atol=1e-4)
 
 
-def test_predictions_have_no_steps_where_the_speaking_nodes_change():
-    motor, u = grid(7), points(2000)
-    ripple = np.stack([np.sin(9 * u[:, 0]), np.cos(9 * u[:, 1])], axis=1)
-    models = fitted(motor, u, ripple, 1, 50)
-    path = np.linspace([0.1, 0.2], [0.9, 0.7], 20_001)
-    said = local.predict(models, motor, path)[0]
-    step = np.linalg.norm(np.diff(said, axis=0), axis=1)
-    assert step.max() < 40 * np.linalg.norm(path[1] - path[0])
-
-
 def test_models_join_at_the_seam_of_a_joint_that_turns_round():
     motor, u = grid(9, (True, False)), points(4000)
 
@@ -83,16 +73,6 @@ def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius
         features = np.prod(z[rows, None] ** exponents(2, degree), axis=2)
         expected = np.linalg.lstsq(root * features, root * x[rows], rcond=None)[0]
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
-
-
-def test_rows_on_a_line_do_not_multiply_their_noise_beside_it():
-    """Unchecked, the largest answer half a spacing away is 20 times the noise."""
-    motor = grid(12)
-    u = np.stack([np.linspace(0, 1, 600), np.full(600, 0.5)], axis=1) + 1e-4 * points(600, seed=4)
-    noise = np.random.default_rng(3).normal(scale=1e-3, size=(600, 2))
-    near = np.flatnonzero(np.abs(motor.units[:, 1] - 0.5) < 0.1)[:, None]
-    beside = np.full((len(near), 1, 2), 0.04)
-    assert np.abs(local.contributions(fitted(motor, u, noise, 2, 24), near, beside)).max() < 5e-3
 
 
 def test_nodes_that_speak_are_heard_smoothly_by_their_share():

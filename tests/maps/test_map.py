@@ -5,9 +5,9 @@ import sys
 import numpy as np
 import pytest
 
-from calib.common.scale import TURN, Scale
+from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
-from calib.maps.map import Map, nearest_points, search_tree
+from calib.maps.map import Map, nearest_points
 
 
 def box(lower, upper, revolute=None):
@@ -67,11 +67,6 @@ def test_topographic_error_counts_samples_between_nodes_that_are_no_neighbours()
     assert folded.topographic_error([fold, middle, middle, middle]) == 0.25
 
 
-def test_diagonal_neighbours_are_no_topographic_error(square):
-    crossed = network(square.units[[0, 3, 2, 1]], (2, 2), square.scale)
-    assert crossed.topographic_error([[0.1, -1.0]]) == 0.0
-
-
 def test_spacings_are_the_mean_distances_to_joined_nodes():
     plane = box([0, 0], [1, 1], [False, False])
     units = [[0.0, 0.0], [0.0, 0.2], [0.4, 0.0], [0.3, 0.3]]
@@ -80,12 +75,3 @@ def test_spacings_are_the_mean_distances_to_joined_nodes():
     assert kite.spacing == pytest.approx(np.mean(list(sides.values())))
     own = [np.mean([d for pair, d in sides.items() if k in pair]) for k in range(4)]
     np.testing.assert_allclose(kite.spacings, own)
-
-
-def test_coordinates_that_round_up_to_a_whole_turn_are_found_at_its_start():
-    ring = box([0.0], [TURN], [True])
-    points = np.array([[-1e-18], [0.5], [1.0], [1.25]])
-    distance, index = search_tree(points, ring).query(np.array([[0.0], [0.24], [0.6]]), k=1)
-    assert index[1:].tolist() == [3, 1]
-    assert index[0] in (0, 2)
-    np.testing.assert_allclose(distance, [0.0, 0.01, 0.1], atol=1e-12)

@@ -41,15 +41,6 @@ def test_nodes_that_no_sample_reaches_stay_where_they_are(step):
     assert (new[0] != weights[0]).any()
 
 
-def test_a_step_goes_from_the_winner_towards_its_samples():
-    lattice = Lattice((3,))
-    weights = np.array([[0.0], [1.0], [2.0]])
-    sums = np.zeros((3, 2))
-    sums[1] = [4 * 1.25, 4.0]  # the middle node won four samples whose mean is at 1.25
-    new = moved(weights, sums, lattice, 0.5, 0.4)
-    np.testing.assert_allclose(new - weights, 0.4 * 0.25)  # all follow the winner's step
-
-
 @pytest.mark.parametrize("shape", [(70, 70), (17, 17, 17), (300,), (6, 6, 6, 6)])
 def test_a_start_fills_the_box_in_order(shape):
     """Of samples of a uniform box each lattice axis runs one way, by one coordinate."""
@@ -59,10 +50,3 @@ def test_a_start_fills_the_box_in_order(shape):
         steps = np.diff(grid, axis=k)
         assert (steps[..., k] > 0.0).all()
         assert np.abs(np.delete(steps, k, axis=-1)).max(initial=0.0) < 1e-12
-
-
-def test_a_sheet_starts_in_the_plane_in_which_samples_vary_most():
-    u = random(500, 4) * [0.01, 1.0, 0.02, 0.5]
-    nodes = spread_out(u, Lattice((20, 20)))
-    assert (np.ptp(nodes, axis=0) / np.ptp(u, axis=0))[[1, 3]] == pytest.approx(1.0, abs=0.15)
-    assert np.ptp(nodes, axis=0)[[0, 2]].max() < 0.02

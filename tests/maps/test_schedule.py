@@ -9,8 +9,6 @@ from small_maps import UNIT_BOX
 from calib.maps.batch import coarse_to_fine, decay
 from calib.maps.lattice import Lattice
 from calib.maps.map import Map
-from calib.maps.settings import ONLINE
-from calib.maps.vdsom import Rates
 from calib.stream.follow import matching_sigma
 
 
@@ -58,19 +56,3 @@ def test_between_two_epochs_the_radius_is_interpolated_geometrically():
     assert matching_sigma(network, 0.05) == pytest.approx(1.0)
     assert matching_sigma(network, 0.4) == pytest.approx(8.0)
     assert matching_sigma(network, 0.41) == 15.0
-
-
-def test_a_radius_of_a_coarse_lattice_is_the_same_share_of_the_full_one():
-    network = trained_like((100, 2.0, 0.5), (100, 1.0, 0.4), (900, 1.0, 0.2), (900, 0.5, 0.1))
-    assert matching_sigma(network, 0.4) == pytest.approx(6.0)
-    assert matching_sigma(network, 0.3) == pytest.approx(6.0 * 0.5**0.5)
-    assert matching_sigma(network, 0.2) == pytest.approx(3.0)
-
-
-def test_after_a_change_links_learn_fast_and_radii_fall_to_their_end():
-    rates = Rates.following(np.array([0, 50, 100, 400]), (8.0, 4.0), 0.5, 100)
-    for radii, start in zip(rates.sigma, (8.0, 4.0), strict=True):
-        np.testing.assert_allclose(radii[[0, 2, 3]], [start, 0.5, 0.5])  # eq. 10
-        assert radii[1] == pytest.approx((start * 0.5) ** 0.5)
-    np.testing.assert_allclose(rates.beta, np.exp([1.0, 0.5, 0.0, 0.0]))  # eq. 12
-    np.testing.assert_allclose(rates.eta, ONLINE.eta * rates.beta)

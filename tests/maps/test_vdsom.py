@@ -71,18 +71,6 @@ def test_eq_7_and_8_weigh_a_sample_and_never_beyond_its_place():
         np.testing.assert_allclose(net.layers[0].weights, w + step * (x - w), atol=1e-3)
 
 
-def test_eq_7_of_the_whole_lattice_is_smallest_at_the_border():
-    lattice = Lattice((9, 9))
-    w = lattice.positions() / 8
-    every = Visit(1.0, np.arange(81), np.zeros(81), w, lattice)
-    rho = np.exp(-np.array([np.sum((w - at) ** 2) for at in w]) / 27.0)
-    assert rho.argmin() in (0, 8, 72, 80)
-    gain = READINGS["rho"](every)  # 1 + (t mean / (rho T))^4, largest where rho is smallest
-    assert gain.argmax() in (0, 8, 72, 80)
-    start = READINGS["rho"](Visit(0.0, np.arange(81), np.zeros(81), w, lattice))
-    np.testing.assert_array_equal(start, 1.0)
-
-
 def test_eq_8_as_printed_gathers_all_nodes_in_one_place_and_only_online():
     x = np.random.default_rng(0).random((2000, 2))
     printed, stable = (

@@ -5,7 +5,7 @@ Border queries are fewer, so that chance moves their share by up to two percent 
 
 import numpy as np
 import pytest
-from models import draw, log, measured, six, trained
+from models import draw, log, six, trained
 from small_maps import grid, points
 
 import calib
@@ -34,25 +34,6 @@ def test_bounds_of_nodes_hold_for_95_percent_inside_and_at_the_border():
     border = near_border(motor, fresh)
     for group in (np.ones(len(fresh), dtype=bool), border, ~border):
         assert 0.93 <= coverage(motor, bounds, fresh[group], errors[group]) <= 0.97
-
-
-def test_few_errors_give_bounds_that_hold_rather_too_often():
-    """Averaged over many draws of 40 errors, as conformal prediction promises."""
-    motor, held = grid(12), []
-    for seed in range(30):
-        u = points(40, seed)
-        bounds = learn_bounds(motor, u, uneven(u, seed + 100))
-        fresh = points(500, seed + 200)
-        held.append(coverage(motor, bounds, fresh, uneven(fresh, seed + 300)))
-    assert 0.90 <= np.mean(held) <= 0.99
-
-
-def test_so_many_errors_are_within_their_bounds_as_conformal_prediction_asks():
-    motor, u = grid(12), 0.3 + 0.4 * points(200)  # no sample is near a limit
-    errors = np.random.default_rng(1).random(200)
-    share = np.sort(errors / blend_nodes(motor, learn_bounds(motor, u, errors), u))
-    rank = int(np.ceil(0.95 * (len(errors) + 1))) - 1  # a fresh error exceeds it in 5 %
-    assert share[rank] == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(("robot", "noise"), CASES)
@@ -132,12 +113,6 @@ def test_babbling_without_a_body_is_answered_all_over_the_box():
     share, held = answered(model, fresh.q, fresh.x)
     assert share > 0.95
     assert held >= 0.93
-
-
-def test_info_says_in_which_session_the_bounds_of_a_log_hold(tmp_path, run):
-    for model, told in ((measured(), True), (trained("two_link", 600, 6), False)):
-        model.save(tmp_path / "m.calib")
-        assert ("in the session of the log" in run("info", tmp_path / "m.calib").out) is told
 
 
 def test_a_bound_in_space_is_the_same_alone_and_among_many():

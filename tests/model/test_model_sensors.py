@@ -62,19 +62,6 @@ def test_a_file_keeps_the_arm_once(tmp_path):
         np.testing.assert_allclose(*bounds, rtol=1e-12)
 
 
-def test_what_one_sensor_learns_of_the_arm_all_have():
-    model = two_eyed()
-    right = model.by("right")
-    offset = right.body.structure.groups["offset"]
-    beta = right.body.beta.copy()
-    beta[offset[1]] += 0.01
-    adapted = replace(right, body=replace(right.body, beta=beta))
-    both = model.with_sensor(adapted)
-    assert both.sensors == model.sensors
-    assert both.body.beta[offset[1]] == beta[offset[1]]
-    assert both.by("right").body is adapted.body
-
-
 def test_a_log_is_judged_as_its_sensor_sees_the_arm():
     model = two_eyed()
     right = model.by("right")

@@ -24,19 +24,6 @@ def test_beyond_a_turn_or_without_a_number_there_is_no_arm(far):
     assert np.isfinite(near[:2]).all()
 
 
-def test_it_is_what_the_queries_answer():
-    model = trained()
-    q = draw(model, 20)
-    found = predict(model, Motion(q))
-    assert np.array_equal(found.value, model.forward(q))
-    assert np.array_equal(found.bound, model.expected_error(q))
-    assert np.array_equal(found.true_bound, model.model_error(q))
-    assert np.array_equal(found.slope, model.jacobian(q))
-    assert (
-        found.apart("winner") >= np.linalg.norm(found.read("winner") - found.value, axis=1)
-    ).all()
-
-
 @pytest.mark.parametrize("robot", ["two_link", "spatial_three", "six_axis"])
 def test_a_known_side_is_never_less_sure(robot):
     """An unknown side adds the play of every joint, whatever number of joints there is."""

@@ -133,12 +133,6 @@ def test_missing_files_and_folders_are_told_in_one_line(tmp_path):
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no /dev/zero here")
-def test_a_device_without_end_is_not_read():
-    with pytest.raises(ModelError, match="is a device"):
-        calib.load("/dev/zero")
-
-
 def test_errors_that_could_not_be_measured_are_stored_as_null(tmp_path):
     """A log of one circle left NaN in the inverse errors, and a file that nothing could read."""
     nan = {"mean": float("nan"), "max": float("nan"), "p99": float("nan")}
@@ -167,17 +161,3 @@ def test_an_older_file_is_replaced_only_by_one_that_was_read_back(tmp_path):
         broken.save(path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["m.calib"]
-
-
-def test_a_log_along_one_circle_gives_a_model_that_can_be_read(tmp_path):
-    turn = np.linspace(0.1, 1.4, 120)
-    q = np.stack([turn, np.full_like(turn, 1.2) + 1e-3 * np.sin(9 * turn)], axis=1)
-    arm = calib.load_arm("two_link")
-    s = calib.Samples(q, arm.forward(q), arm.joint_names, q.min(0), q.max(0), arm.revolute)
-    path = tmp_path / "circle.calib"
-    try:
-        calib.train(s, size=8).save(path)
-    except calib.CalibError:
-        assert not path.exists()
-    else:
-        assert calib.load(path).about.samples == 120

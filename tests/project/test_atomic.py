@@ -16,15 +16,6 @@ def beside(path: Path) -> list[str]:
     return sorted(p.name for p in path.parent.iterdir() if p != path)
 
 
-def test_bytes_and_callable_reach_the_file(tmp_path):
-    path = tmp_path / "a"
-    atomic_write(path, b"one")
-    assert path.read_bytes() == b"one"
-    atomic_write(str(path), lambda file: file.write(b"two"))
-    assert path.read_bytes() == b"two"
-    assert [p.name for p in tmp_path.iterdir()] == ["a"]
-
-
 @pytest.mark.parametrize(
     ("error", "words"),
     [

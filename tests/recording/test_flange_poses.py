@@ -95,14 +95,6 @@ def test_tables_are_read_as_controllers_write_them(tmp_path):
         read_flange_poses(path)
 
 
-def test_poses_of_the_board_alone_are_enough():
-    world = World(1)
-    there = np.linalg.inv(world.camera) @ np.linalg.inv(world.flange) @ world.placed
-    rig = calib.handeye(poses=world.flange, boards=there, eye="hand")
-    assert np.allclose(rig.hand["position"], world.camera[:3, 3], atol=1e-6)
-    assert rig.notes[0].startswith("poses are read as matrix by rows, flange in base")
-
-
 @pytest.mark.parametrize("in_hand", [True, False])
 def test_planned_poses_show_the_board_and_tell_what_is_promised(in_hand, tmp_path, run):
     world = World(0, in_hand, axes=(0.5, 0.05, 1.0))

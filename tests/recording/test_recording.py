@@ -12,13 +12,11 @@ from rendering import Camera, tag
 from shots import BOARD, CAMERA, LENS, desk, make, refused, truth_on_board
 
 import calib
-from calib.recording.board import Board
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens, load_lens
-from calib.recording.pictures import list_pictures, read_picture
+from calib.recording.pictures import list_pictures
 from calib.recording.reference import MarkLayout
 from calib.recording.setting import Setup
-from calib.recording.tag_logs import log_pictures
 from calib.samples.tables import open_source
 
 shot, copy = shots.shot, shots.copy
@@ -59,12 +57,6 @@ def test_metres_by_the_board_and_the_height(shot):
     assert 0.3 * np.sqrt((miss**2).mean()) < 2 * made.source["noise"] < 5e-3
     flat = make(shot.folder, Setup(7, board=BOARD, lens=LENS))
     assert np.linalg.norm(flat.x - made.x, axis=1).max() > 5e-3
-
-
-def test_metres_by_tags_around(shot):
-    layout = MarkLayout.read(shot.folder / "corners.csv")
-    made = make(shot.folder, Setup(7, tags_at=layout, lens=LENS, tag_height=0.025))
-    assert np.linalg.norm(made.x - shot.scene.tip(shot.q), axis=1).max() < 1e-3
 
 
 def test_the_pose_of_the_tag(shot):
@@ -158,16 +150,6 @@ def test_counts_and_sizes_and_damage(copy):
     refused("no picture in .* can be read", make, folder)
 
 
-def test_where_there_are_no_pictures(shot, tmp_path):
-    joints = read_joints(shot.folder / "joints.csv")
-    refused("no pictures in", log_pictures, tmp_path / "none", joints, Setup(7))
-    refused("no pictures in", log_pictures, tmp_path, joints, Setup(7))
-    found = list_pictures(str(shot.pictures / "img_1*.png"))
-    assert [p.name for p in found] == ["img_1.png", *(f"img_1{k}.png" for k in range(6))]
-    named = [str(path) for path in reversed(found)]  # what a shell makes of an unquoted pattern
-    assert list_pictures(named) == found
-
-
 def test_pictures_may_be_named_one_by_one(run, shot, tmp_path):
     names = [str(path) for path in list_pictures(shot.pictures)]
     line = ("--joints-file", shot.folder / "joints.csv", "--tag", "7", "-o", tmp_path / "log.csv")
@@ -192,29 +174,9 @@ def test_settings_that_cannot_be(shot):
     refused("may be off by centimetres", Setup, 7, tags_at=layout)
 
 
-def test_a_reference_that_is_not_there(shot, tmp_path):
-    other = Board.parse("5x4:40mm:31mm:4x4_50")
-    refused("at most 0 found .* 8 expected", make, shot.folder, Setup(7, board=other, lens=LENS))
-    refused("the board is in 0 of 16 pictures", load_lens, shot.pictures, other)
-    (tmp_path / "three.csv").write_text("tag,x,y\n1,0,0\n2,1,0\n3,1,1\n")
-    refused("expected four", MarkLayout.read, tmp_path / "three.csv")
-
-
 def test_degrees_are_noticed(copy):
     np.savetxt(
         copy.folder / "deg.csv", np.rad2deg(copy.q), delimiter=",", header="a,b,c", comments=""
     )
     refused("are these degrees", read_joints, copy.folder / "deg.csv")
     assert np.allclose(read_joints(copy.folder / "deg.csv", degrees=True).q, copy.q)
-
-
-def test_rotated_and_deep_pictures_are_read(tmp_path):
-    grey = np.arange(96, dtype=np.uint8).reshape(8, 12)
-    cv2.imwrite(str(tmp_path / "deep.png"), grey.astype(np.uint16) * 256)
-    assert (read_picture(tmp_path / "deep.png") == grey).all()
-    from PIL import Image
-
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    Image.fromarray(grey).save(tmp_path / "turned.png", exif=exif)
-    assert read_picture(tmp_path / "turned.png").shape == (12, 8)

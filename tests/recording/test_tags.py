@@ -12,7 +12,6 @@ pytest.importorskip("cv2")
 import cv2
 from rendering import Camera, Desk, board, board_shots, tag
 
-from calib.errors import OptionError
 from calib.recording.board import (
     Board,
     Chessboard,
@@ -74,23 +73,6 @@ def test_a_tag_that_leans_is_credited_with_less():
     assert np.linalg.norm(leaning.centre - desk.tip_pixels(q)[0]) < 3.0 * leaning.noise
 
 
-def test_a_twin_is_told_and_a_blurred_tag_is_not_measured():
-    rng = np.random.default_rng(3)
-    desk = Desk(SMALL, still=(tag(7, 0.05, (0.4, 0.2, 0, 1)),))
-    assert len(TagFinder(wanted=[7]).find(desk.picture([0.4, 0.9, 0.2], rng))) == 2
-    picture = desk.picture([0.4, 0.9, 0.2], rng)
-    smeared = cv2.blur(picture, (1, 15))
-    assert all(not t.sharp or t.noise >= 0.03 for t in TagFinder(wanted=[7]).find(smeared))
-
-
-@pytest.mark.parametrize(
-    "text", ["7x5", "7x5:24:18:5x5_100", "7x5:18mm:24mm:5x5_100", "30x30:24mm:18mm:5x5_100"]
-)
-def test_boards_that_cannot_be(text):
-    with pytest.raises(OptionError):
-        Board.parse(text)
-
-
 def test_board_corners_are_where_the_renderer_puts_them():
     rng = np.random.default_rng(5)
     # the second one is cut by the picture's border
@@ -142,22 +124,6 @@ def test_a_lens_is_calibrated_from_pictures_of_a_board():
     again = lens.undistort(seen)
     # what a pose cannot make good: the rays' angles between each other
     assert np.abs((again - again.mean(0)) - (grid.reshape(-1, 2) - grid.mean((0, 1)))).max() < 6e-3
-
-
-def test_a_folder_of_pictures_becomes_a_lens_that_is_kept(tmp_path):
-    desk = Desk(Camera(size=(640, 360), focal=550.0))
-    sticker = board(7, 5, 0.024, 0.018, (0, 0, 0, 0))
-    pictures, _ = board_shots(desk, sticker, 5, np.random.default_rng(8))
-    for number, picture in enumerate(pictures):
-        cv2.imwrite(str(tmp_path / f"{number}.png"), picture)
-    (tmp_path / "cut.png").write_bytes((tmp_path / "0.png").read_bytes()[:2000])
-    lens, notes = load_lens(tmp_path, BOARD, tmp_path / "lens.json")
-    assert abs(lens.focal[0] / desk.camera.focal - 1) < 0.01
-    assert notes[0] == "cut.png is cut off; left out"
-    assert notes[1].startswith("lens of 5 pictures")
-    again, none = load_lens(tmp_path / "lens.json", None)
-    assert none == ()
-    assert (again.parameters == lens.parameters).all()
 
 
 def rasterised(svg, per_mm):

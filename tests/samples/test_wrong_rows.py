@@ -133,17 +133,3 @@ def test_quaternions_of_zeros_are_left_out_and_told(tmp_path):
 def _read(tmp_path, table, arm):
     write_table(tmp_path / "log.csv", table)
     return calib.read_log(tmp_path / "log.csv", arm)
-
-
-@pytest.mark.parametrize("share", [0.05, 0.1, 0.2])
-def test_a_corner_that_contradicts_the_rest_is_told(share):
-    """Rows that stand together, all off by the same, were learned without a word."""
-    log = log_of("two_link", 400, noise=1e-4)
-    corner = log.q[:, 0] <= np.quantile(log.q[:, 0], share)
-    moved = replace(log, x=log.x + corner[:, None] * [0.02, -0.01])
-    model = calib.train(moved, size=8)
-    # few are left out, as each has right ones around it
-    told = "contradict their neighbours" if share < 0.1 else "a corner contradicts the rest"
-    assert any(told in note for note in model.about.notes)
-    model = calib.train(log, size=8)
-    assert not any("corner" in note for note in model.about.notes)

@@ -21,12 +21,11 @@ from boards import Rig
 from flange_worlds import World
 from models import in_pixels, in_space, log, trained
 from PIL import Image
-from scenes import data_of, objects, page_of, project, seen_by_two, tracks, unpacked
+from scenes import data_of, objects, page_of, seen_by_two, tracks
 
 import calib
 from calib.arm.loading import arm_from_urdf
 from calib.body.sensor_pose import SensorPose
-from calib.model.about import Photo
 from calib.recording.board import Board
 from calib.recording.board_pictures import BoardPictures
 from calib.recording.lens import Lens
@@ -64,30 +63,6 @@ def test_an_arm_moves_along_its_path_at_its_true_place(robot: str):
         nodes, arm.plane.origin + model.sensory.weights @ arm.plane.basis[:2], atol=1e-6
     )
     assert np.linalg.matrix_rank(data["panel"]["edges"]) == arm.dof
-
-
-def test_the_links_of_a_page_are_the_strongest_first():
-    model = trained("two_link", n=3000, size=20)
-    told = data_of(page_of(model))["links"]
-    partners = unpacked(told["partners"], "<u4").reshape(model.sensory.size, told["each"])
-    links = model.links.toarray()
-    for node in (5, 100, 399):
-        known = partners[node][partners[node] < model.motor.size]
-        best = np.sort(links[:, node])[::-1][: len(known)]
-        np.testing.assert_allclose(links[known, node], best)
-
-
-def test_everything_is_in_the_window_x_right_and_y_up():
-    data = data_of(page_of(small()))
-    points = np.concatenate([o["points"] for o in objects(data).values() if "points" in o])
-    for width, height, panel in ((900, 700, 280), (1440, 900, 280), (500, 900, 0)):
-        pixels = project(data["camera"], points, width, height, panel)
-        assert (pixels > [panel, 0]).all()
-        assert (pixels < [width, height]).all()
-    pixels = project(data["camera"], 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), 800, 600)
-    assert pixels[1, 0] > pixels[0, 0] + 5
-    assert abs(pixels[1, 1] - pixels[0, 1]) < 1
-    assert pixels[2, 1] < pixels[0, 1] - 5
 
 
 def test_an_arm_in_space_has_its_reach_its_rows_and_no_maps_until_they_are_asked_for():
@@ -172,34 +147,6 @@ def test_a_sensor_sees_the_tip_where_it_is_predicted_through_the_lens(planar):
         placed = place_model(model, Robot.of(model.about))
         np.testing.assert_allclose(placed.drop(tips), seen_by_sensor(model, tips), atol=1e-6)
         np.testing.assert_allclose(placed.lift(placed.drop(tips)), tips, atol=1e-9)
-
-
-def undistorted(body):
-    beta = body.beta.copy()
-    beta[body.structure.groups["lens"][3]] = 0.0
-    return replace(body, beta=beta)
-
-
-def test_a_photo_is_seen_from_where_it_was_taken():
-    model = in_pixels()
-    jpeg = io.BytesIO()
-    Image.new("RGB", (64, 36)).save(jpeg, "jpeg")
-    model = replace(model, photo=Photo(jpeg.getvalue(), (-0.5, 1279.5, 719.5, -0.5)))
-    data = data_of(page_of(model))
-    camera = data["camera"]
-    eye = np.array(camera["target"]) + camera["eye"] * np.array(camera["direction"])
-    np.testing.assert_allclose(eye, SensorPose.of(model.body).position, atol=1e-6)
-    # what is seen in pixels stands where the camera sees it
-    nodes = objects(data)["Sensory map/nodes"]["points"]
-    assert 1.5 < np.linalg.norm(nodes[0] - eye) < 2.5
-    np.testing.assert_allclose(
-        seen_by_sensor(replace(model, body=undistorted(model.body)), nodes),
-        model.sensory.weights,
-        atol=1e-2,
-    )
-    photo = objects(data)["Photo/picture"]
-    assert len(unpacked(photo["uv"], "<f4")) == 2 * len(photo["points"])
-    assert {"photo"} == set(calib.figures(model, names=["photo"]))
 
 
 @pytest.mark.parametrize("in_hand", [True, False])

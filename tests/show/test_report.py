@@ -7,19 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from models import babbled, in_pixels, in_space, log, measured, no_arm, trained
 from scenes import seen_by_two
 from touching import World
 
 import calib
-from calib.common.scale import Scale
-from calib.maps.lattice import Lattice
-from calib.maps.map import Map
 from calib.samples.sockets import Touches
 from calib.show.causes import causes_of
-from calib.show.report.drawing import plain_text
-from calib.show.report.map_figures import u_matrix
 from calib.show.study import Study
 
 WHY = ["where", "coverage", "joints", "arrows"]
@@ -143,14 +137,6 @@ def test_names_from_a_file_reach_a_page_as_text():
     assert "internal" not in page
 
 
-@pytest.mark.parametrize("name", ["$\\foo$", "$", "$$", "a$b$c", "\\$x$", "$\\frac{1$"])
-def test_dollar_signs_are_drawn_as_they_are(name):
-    figure = Figure(figsize=(2, 2))
-    drawn = figure.text(0.5, 0.5, plain_text(name))
-    figure.canvas.draw()
-    assert drawn._preprocess_math(drawn.get_text()) == (name, False)
-
-
 def test_figures_on_paper():
     drawn = calib.figures(measured(), names=["where", "photo"])
     assert list(drawn) == ["where"]
@@ -175,22 +161,6 @@ def test_figures_of_an_arm_in_space_and_in_pixels():
         assert np.std(rows.get_ydata() - there) < 0.8 * np.std(rows.get_ydata())
 
 
-def test_figures_of_maps_alone():
-    association = trained("two_link", n=400, size=4).association
-    assert list(calib.figures(association)) == ["lattices", "u_matrices", "links"]
-    assert list(calib.figures(association.motor)) == ["lattices", "u_matrices"]
-
-
-def test_a_row_that_contradicts_the_others_is_left_out_and_crossed():
-    """One zero row of a thousand made the headline 2.9 mm."""
-    given = log(300, 1e-4)
-    x = given.x.copy()
-    x[17] = 0.0
-    rows = Study(measured(), replace(given, x=x)).rows
-    np.testing.assert_allclose(rows.left_out, [[0.0, 0.0]])
-    assert rows.distance.mean() < 2e-3
-
-
 def test_touches_are_drawn_by_socket_as_delivered_and_held_out():
     world = World(2, each=15)
     touch = Touches(world.number, tuple(("", name) for name in "ABCD"))
@@ -201,23 +171,6 @@ def test_touches_are_drawn_by_socket_as_delivered_and_held_out():
     delivered, held_out = (line.get_xdata() for line in ax.lines)
     assert len(ax.texts) == 4
     assert held_out.mean() < 0.5 * delivered.mean()
-
-
-def test_results_tell_themselves_in_a_line():
-    evaluation = calib.evaluate(trained("two_link", n=400, size=8))
-    arm = calib.load_arm("two_link")
-    sweep = calib.sweep(calib.babble(arm, 200), {"size": [4, 5]}, jobs=1)
-    for shown in (evaluation, sweep, arm, calib.load_arm("six_axis")):
-        assert len(repr(shown)) < 200, repr(shown)
-    assert "local" in repr(evaluation)
-    assert repr(sweep).startswith("Sweep of 2 trainings")
-
-
-def test_u_matrix_of_a_map_made_by_hand():
-    units = np.array([[0.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.5, 1.0]])
-    box = Scale(np.zeros(2), np.ones(2), np.zeros(2, dtype=bool))
-    part = Map(units, Lattice((2, 2)), box, np.empty((0, 4)))
-    np.testing.assert_allclose(u_matrix(part), 0.75)
 
 
 def test_command(run, models: Path, model: Path, log: Path, tmp_path: Path):

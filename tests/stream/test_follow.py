@@ -10,7 +10,7 @@ from models import trained
 import calib
 from calib.change import adapt as adapting
 from calib.maps.model_selection import blocks
-from calib.stream.follow import BLOCK, OnlineAdapter, follow
+from calib.stream.follow import BLOCK, OnlineAdapter
 
 
 @pytest.fixture(autouse=True)
@@ -82,14 +82,6 @@ def test_distortion_is_the_running_mean_of_equation_9():
         assert not step.adapting
         assert (step.sigma, step.eta, step.beta) == (0.0, 0.0, 0.0)
     assert adapter.model() is model()
-
-
-def test_a_stream_is_followed_block_by_block():
-    samples = log("elbow.length=+20%", n=250)
-    steps = [step for step, _ in follow(model(), samples.q, samples.x, horizon=500, force=True)]
-    assert [s.samples for s in steps] == [100, 200, 250]
-    adapter = OnlineAdapter(model(), 500, force=True)
-    assert adapter.feed(samples.q, samples.x) == steps[-1]
 
 
 def test_a_short_stream_is_learned_and_its_nodes_are_those_that_were_visited():

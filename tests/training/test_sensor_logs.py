@@ -88,16 +88,6 @@ def test_poses_that_are_read_again_are_no_new_poses(logs):
     assert twice.about.samples == 40
 
 
-def test_a_row_that_was_learned_tells_nothing_of_the_model(logs):
-    log, _ = logs[0]
-    fresh, _ = log_of("left", 20, 3, 0.0)
-    model = calib.train(log, size=3)
-    known = calib.evaluate(model, log)
-    assert known.learned == 40
-    assert known.errors == model.about.errors
-    assert calib.evaluate(model, fresh).learned == 0
-
-
 def test_a_sensor_is_asked_by_its_name(logs, run, tmp_path):
     model = calib.train([log for log, _ in logs], size=3)
     path = tmp_path / "two.calib"

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from models import draw, log, measured, no_arm, papers, trained, two_link
-from planar import chain_urdf
 
 import calib
 from calib.training.learn import resolved
@@ -71,31 +70,6 @@ def test_a_noisy_log_reports_its_error_on_blocks_that_were_held_out():
     # what a reading differs from the true position, and hardly more
     assert printed == pytest.approx(MM * np.sqrt(np.pi / 2), rel=0.1)
     assert mean_error(model) < 0.3 * MM
-
-
-def test_blocks_held_out_are_contiguous():
-    """The first tenth of the rows is held out: spoilt rows there do not spoil the others."""
-    clean = log(300)
-    x = clean.x.copy()
-    shift = 3e-5  # [m] too little for an outlier, that would be left out
-    x[:30] += [shift, 0.0]
-    spoilt = calib.Samples(clean.q, x, clean.joint_names, clean.lower, clean.upper, clean.revolute)
-    errors = calib.train(spoilt, size=8).about.errors["local"]["forward"]["x"]
-    # one of the five blocks held out is wrong by that, seen from rows without the fault
-    assert 0.9 * shift < errors["max"] < 1.1 * shift
-
-
-def test_an_arm_whose_limits_no_sample_came_near_is_learned(tmp_path):
-    # nothing can be said about the joints' limits there, which is no reason to say nothing
-    path = tmp_path / "chain.urdf"
-    path.write_text(chain_urdf(3))
-    samples = calib.babble(calib.load_arm(path), 300, seed=1)
-    model = calib.train(samples, size=5)
-    answers = model.forward(samples.q)
-    known = np.isfinite(answers[:, 0])
-    assert known.mean() > 0.5
-    gap = np.linalg.norm(answers - samples.x, axis=1)
-    assert (gap <= model.expected_error(samples.q))[known].mean() > 0.8
 
 
 def test_ripples_of_a_gear_are_learned_by_the_local_models():
@@ -176,13 +150,6 @@ def test_what_is_no_arm_is_told_and_has_local_models():
     assert any("body='none'" in note for note in model.about.notes)
 
 
-def test_training_leaves_global_random_numbers_alone():
-    np.random.seed(5)  # noqa: NPY002
-    expected = np.random.RandomState(5).rand()
-    calib.train(calib.babble(calib.load_arm("two_link"), 200), size=5)
-    assert np.random.rand() == expected  # noqa: NPY002
-
-
 @pytest.mark.parametrize("rule", ["batch", "online"])
 @pytest.mark.parametrize("name", ["som", "vdsom:error", "vdsom:rho"])
 def test_every_network_and_rule_trains_maps_that_read_out_well(name, rule):
@@ -191,29 +158,6 @@ def test_every_network_and_rule_trains_maps_that_read_out_well(name, rule):
     assert model.about.options["rule"] == rule
     most = 0.03 if rule == "batch" else 0.07
     assert model.about.errors["activity"]["forward"]["distance"]["mean"] < most
-
-
-def test_progress_grows_from_stage_to_stage_up_to_1():
-    calls = []
-    samples = calib.babble(calib.load_arm("two_link"), 1000)
-    calib.train(samples, size=8, progress=lambda *call: calls.append(call))
-    shares = [share for share, _, _ in calls]
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
-    stages = list(dict.fromkeys(stage for _, stage, _ in calls))
-    assert stages[:3] == ["body", "maps", "local models"]
-    assert stages[-1] == "done"
-
-
-def test_positions_that_no_planar_arm_explains_are_told():
-    rng = np.random.default_rng(0)
-    arm = calib.load_arm("spatial_three")
-    q = rng.uniform(arm.lower, arm.upper, (60, 3))
-    x = arm.forward(q)
-    seen = 900 * x[:, :2] / (x[:, 2:] + 3.0)  # a camera above an arm in space
-    log = calib.Samples(q, seen, arm.joint_names, arm.lower, arm.upper, (True,) * 3, unit="px")
-    notes = calib.train(log, size=4).about.notes
-    assert any("no planar arm explains the positions" in note for note in notes), notes
 
 
 @pytest.mark.parametrize(

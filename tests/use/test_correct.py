@@ -16,7 +16,6 @@ from calib.body.spatial import structure_of
 from calib.errors import OptionError, QueryError
 from calib.model.nominal import nominal_behind
 from calib.use.correct import correct
-from calib.use.geometry_fit import fit_geometry
 
 Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
 
@@ -173,25 +172,6 @@ def test_the_frame_of_a_tracker_is_not_corrected():
     based = correct(calib.train(replace(changed, simulation=None), size=12), Q, view="base")
     assert based.notes == ()
     assert np.linalg.norm(truth(based.q) - arm().forward(Q), axis=1).max() < 1e-3
-
-
-def test_a_free_frame_hides_the_first_joints_offset_until_the_cause_is_said():
-    def seen(*changes, n):
-        made = log(*changes, n=n, noise=1e-5)
-        turned = made.x @ np.array([[0.6, 0.8], [-0.8, 0.6]]) + [3.0, -2.0]
-        return replace(made, x=turned, simulation=None, arm=arm())
-
-    learned = calib.train(seen(n=200), size=6)
-    later = seen("shoulder.offset=0.02", n=60)
-    turned, offset = (calib.adapt(learned, later, cause=c).model for c in (None, "joints"))
-    assert np.abs(correct(turned, Q).change).max() < 1e-4
-    assert any("cause='joints'" in note for note in correct(turned, Q).notes)
-    np.testing.assert_allclose(correct(offset, Q).change[:, 0], -0.02, atol=2e-4)
-    for model_, size in ((turned, 0.0), (offset, 0.02)):
-        geometry = fit_geometry(model_)
-        assert geometry.offsets()["shoulder"].value == pytest.approx(size, abs=5e-4)
-        # what the prior holds to 1 mm is no more open than a few of them
-        assert max(end.interval.max() for end in geometry.ends) < 0.05
 
 
 def test_six_joints_keep_the_tools_orientation():

@@ -9,10 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import calib
-from calib.body.information import greedy
 from calib.common.scale import TURN
-from calib.errors import OptionError
-from calib.use.plan import length, shortest_tour, tells
+from calib.use.plan import length, shortest_tour
 
 DEGREE = math.radians(1.0)
 
@@ -73,14 +71,6 @@ def test_tours_are_permutations_close_to_the_shortest(seed, n):
     assert best - 1e-12 <= length(away, order) <= 1.35 * best + 1e-12
 
 
-def test_many_poses_of_an_arm_never_measured_can_be_planned():
-    """Priors of a free frame were so wide that rounding made covariances negative."""
-    arm = calib.load_arm("six_axis")
-    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (260, 6))
-    chosen = greedy(tells(arm, q, q[:0]), 100)
-    assert sorted(chosen) == sorted(set(chosen.tolist()))
-
-
 def test_travel_is_that_of_the_rows_and_short(arm):
     plan = calib.plan(arm, 60, start=[1.0, 1.0])
     np.testing.assert_array_equal(plan.start, [1.0, 1.0])
@@ -91,26 +81,6 @@ def test_travel_is_that_of_the_rows_and_short(arm):
     assert plan.length < 0.3 * plan.random_length
     # a random move is 0.47 of a range long in the mean of the larger of two uniform moves
     assert plan.random_length == pytest.approx(0.52 * 60, rel=0.15)
-
-
-@pytest.mark.parametrize(
-    ("n", "options", "part"),
-    [
-        (0, {}, "n is 0"),
-        (1001, {}, "1 to 1,000"),
-        (5, {"margin": -0.1}, "margin -0.1"),
-        (5, {"margin": [0.1, 0.1, 0.1]}, "one for each of shoulder, elbow"),
-        (5, {"margin": 2.0}, "no room is left in shoulder"),
-        (5, {"ranges": {"elbow": (0.0, 1.0)}}, "within the joint's limits"),
-        (5, {"start": [0.5]}, "start of shape (1,): expected (2,)"),
-        (5, {"start": [0.5, 9.0]}, "elbow = 9 is outside of its range"),
-    ],
-)
-def test_what_is_impossible_is_told_in_one_line(arm, n, options, part):
-    with pytest.raises(calib.OptionError) as told:
-        calib.plan(arm, n, **options)
-    assert part in str(told.value)
-    assert "\n" not in str(told.value)
 
 
 def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
@@ -166,17 +136,3 @@ def test_command_errors_are_one_line_and_write_nothing(run, model, tmp_path, arg
     assert len(done.err.strip().splitlines()) == 1
     assert done.out == ""
     assert not path.exists()
-
-
-def test_tips_stay_above_a_table():
-    """Seven of thirty poses of a plan were below it."""
-    arm = calib.load_arm("six_axis")
-    plan = calib.plan(arm, 12, above=0.05)
-    motion = arm.chain.motion(plan.q)
-    assert plan.x[:, 2].min() > 0.05
-    assert motion.places[2:, 2].min() > 0.05
-    deep = calib.plan(arm, 12)
-    assert deep.x[:, 2].min() < 0.0
-    assert any("give its height with `above`" in note for note in deep.notes)
-    with pytest.raises(OptionError, match="moves in space"):
-        calib.plan(calib.load_arm("two_link"), 5, above=0.1)

@@ -6,9 +6,7 @@ import numpy as np
 from models import in_pixels, trained
 
 import calib
-from calib.body.information import greedy
-from calib.use.plan import farthest, tells
-from calib.use.pose_space import hits_itself, space_of
+from calib.use.pose_space import hits_itself
 
 DEGREE = math.radians(1.0)
 
@@ -31,36 +29,6 @@ def test_a_model_of_a_log_plans_within_what_was_measured():
     plan = calib.plan(model, 10)
     np.testing.assert_allclose(plan.q.min(axis=0), log.q.min(axis=0))
     np.testing.assert_allclose(plan.q.max(axis=0), log.q.max(axis=0))
-
-
-def test_the_most_telling_poses_are_those_of_the_posterior():
-    """Greedy choice by downdates is greedy choice by determinants."""
-    rng = np.random.default_rng(0)
-    told = rng.normal(size=(12, 3, 7)) * rng.uniform(0.2, 2.0, (12, 1, 1))
-    precision, left, chosen = np.eye(7), list(range(12)), []
-    for _ in range(5):
-        volumes = [np.linalg.slogdet(precision + told[k].T @ told[k])[1] for k in left]
-        chosen.append(left.pop(int(np.argmax(volumes))))
-        precision = precision + told[chosen[-1]].T @ told[chosen[-1]]
-    assert greedy(told, 5).tolist() == chosen
-
-
-def test_a_plan_in_space_tells_more_than_a_spread_one():
-    arm = calib.load_arm("spatial_three")
-    plan = calib.plan(arm, 12)
-    space, none = space_of(arm), np.zeros((0, 3))
-    points = np.random.default_rng(0).uniform(space.lower, space.upper, (7000, 3))
-    spread = points[farthest(space.scale, points, 12, none)]
-    volumes = []
-    for q in (plan.q, spread):
-        rows = tells(arm, q, none).reshape(36, -1)
-        volumes.append(np.linalg.slogdet(np.eye(36) + rows @ rows.T)[1])
-    assert volumes[0] > volumes[1] + 5
-    assert list(plan.columns())[3:] == ["expected_x", "expected_y", "expected_z"]
-    assert any("hits itself" in note for note in plan.notes)
-    hits = hits_itself(arm.urdf, arm.joint_names, arm.locked, plan.q)
-    assert hits is not None
-    assert not hits.any()
 
 
 def test_links_that_meet_are_seen_and_those_that_are_built_so_are_not():

@@ -11,7 +11,7 @@ import pytest
 
 import calib
 from calib.errors import OptionError
-from calib.use.ros2 import offsets_xacro, write_ros2_package
+from calib.use.ros2 import write_ros2_package
 
 OFFSET = 0.01  # of the elbow [rad]
 
@@ -165,8 +165,3 @@ def test_other_folders_are_left_alone(package, tmp_path):
     with pytest.raises(OptionError, match="holds other files"):
         write_ros2_package(model, tmp_path / "notes")
     assert [path.name for path in (tmp_path / "notes").iterdir()] == ["text.txt"]
-
-
-def test_names_cannot_leave_their_attributes():
-    entry = ElementTree.fromstring(offsets_xacro({'a"b<': 0.5}))[0]
-    assert entry.get("name") == 'a"b<_offset'

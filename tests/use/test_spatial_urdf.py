@@ -5,17 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import in_pixels, in_space, six
+from chains import FOLLOWED, MIXED
+from models import in_pixels, in_space
 from scipy.spatial.transform import Rotation
-from test_spatial_arm import FOLLOWED, MIXED, pinocchio_pose
+from test_arm import pinocchio_pose
 
 import calib
 from calib.arm.loading import arm_from_urdf, load_arm
 from calib.body.spatial import structure_of
 from calib.errors import OptionError, RobotError
 from calib.use.geometry import Geometry
-from calib.use.geometry_fit import Freedom, Points, fit_geometry, fit_in_space
-from calib.use.urdf import corrected_urdf, what_no_urdf_holds
+from calib.use.geometry_fit import fit_geometry
+from calib.use.urdf import corrected_urdf
 
 LOCKED = MIXED.replace('name="lift"', 'name="held"')
 
@@ -91,26 +92,6 @@ def test_what_is_not_this_arm_is_refused(tmp_path, run):
         fit_geometry(model, move_base=True)
 
 
-@pytest.mark.parametrize(("move_tip", "least"), [(False, 1e-6), (True, 1e-4)])
-def test_in_simulation_the_tip_is_no_probe_and_offsets_are_written(move_tip, least):
-    """A tip that may be anywhere took 7 mm of an elbow's offset, which was not written then."""
-    arm = load_arm("spatial_three")
-    structure = structure_of(arm, "base")
-    beta = structure.neutral()
-    beta[structure.groups["offset"][2]] = 0.03
-    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (100, 3))
-    geometry = fit_in_space(
-        arm,
-        None,
-        Points(q, structure.predict(q, beta)),
-        Freedom(frame=False, tip=move_tip),
-    )
-    again = arm_from_urdf(corrected_urdf(geometry))
-    assert np.abs(again.forward(q) - structure.predict(q, beta)).max() < least
-    assert geometry.before > 1e-3
-    assert geometry.beta[structure.groups["offset"]][2] == pytest.approx(0.03, abs=1e-2)
-
-
 def test_pixels_tell_offsets():
     geometry = fit_geometry(in_pixels())
     assert geometry.unit == "px"
@@ -141,12 +122,6 @@ def test_poses_turn_the_wrist_too():
     tip = (truth.inv() * base.inv() * fitted).mean()
     left = (base * truth * tip).inv() * fitted
     assert np.degrees(left.magnitude().mean()) < 0.03
-
-
-def test_what_a_urdf_cannot_hold_is_told():
-    (note,) = what_no_urdf_holds(six())
-    assert "bends under gravity" in note
-    assert what_no_urdf_holds(calib.train(calib.babble(load_arm("two_link"), 300), size=4)) == ()
 
 
 def test_a_zero_is_one_number_with_an_interval_that_holds(tmp_path, run):

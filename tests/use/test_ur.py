@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 import calib
 from calib.arm.loading import arm_from_urdf
-from calib.errors import OptionError
 from calib.use.ur import NAMES, ur_kinematics
 
 # ur_description/config/ur10/default_kinematics.yaml, in its order: x, y, z [m], roll, pitch, yaw
@@ -97,11 +96,3 @@ def test_a_corrected_arm_moves_as_its_entries_do():
         if tool is None:
             tool = np.linalg.inv(pose) @ tip
         assert np.allclose(pose @ tool, tip, atol=1e-9)
-
-
-def test_an_arm_that_is_no_ur_is_refused():
-    arm = calib.load_arm("six_axis")
-    with pytest.raises(OptionError, match="axes of"):
-        ur_kinematics(arm.urdf.replace('"0 1 0"', '"1 0 0"'), arm.tip)
-    with pytest.raises(OptionError, match="six"):
-        ur_kinematics(calib.load_arm("spatial_three").urdf, calib.load_arm("spatial_three").tip)
