@@ -41,8 +41,6 @@ def test_the_tip_is_found_from_sockets_alone(world, unscaled):
     assert apart == pytest.approx(np.linalg.norm(world.points[0] - world.points[1]), abs=0.2 * MM)
 
 
-
-
 def test_touches_beside_positions_are_one_fit_of_stacked_rows(world):
     structure, rng = structure_of(world.arm, "rigid"), np.random.default_rng(3)
     number = np.where(rng.random(len(world.q)) < 0.3, -1, world.number)
