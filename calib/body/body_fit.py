@@ -21,7 +21,7 @@ from .layout import joined
 from .parameters import Prior
 from .rows import Rows
 from .settings import FIT, LOG_FLOOR, SIMULATED_FLOOR, STUDENT
-from .starts import Start, best_starts, with_other_sensors
+from .starts import Start, best_start, with_other_sensors
 from .structure import Structure
 
 
@@ -117,12 +117,12 @@ def _fit(
     for part in rows:  # a draw in the order of the log
         drawn = np.sort(rng.permutation(len(part))[: structure.gate_rows])
         some.append(part.take(drawn))
-    starts = [Start(structure, np.zeros(0) if begin is None else begin)]
     if begin is None:
-        starts = best_starts(structure, rows[0], chain)
-        starts = [with_other_sensors(start, rows) for start in starts]
-    candidates = [pass_gate(start, chain, some, nu) for start in starts]
-    passed = max(candidates, key=lambda candidate: candidate.fit.evidence)
+        best = best_start(structure, rows[0], chain)
+        start = with_other_sensors(best, rows)
+    else:
+        start = Start(structure, begin)
+    passed = pass_gate(start, chain, some, nu)
     whole = _over_all_rows(passed.fit, rows)
     wide = None
     if not structure.simulated and not structure.zeros_alone:

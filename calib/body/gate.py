@@ -105,7 +105,7 @@ def leave_blocks_out(
     for k, (rows, x) in enumerate(part.by_blocks(fit.beta, fit.active)):
         derivatives.append(x[::every])
         with suppress(np.linalg.LinAlgError):
-            step = fit.without(slice(k, k + 1)).step
+            step = fit.without(slice(k, k + 1))[1]
             residual[rows] = part.residual[rows] - x @ step
 
     p = part.structure.blocks[0]
@@ -118,13 +118,12 @@ def leave_blocks_out(
         ratios[count] = np.full(n, np.nan)
         for first, last in pairwise(limits.round().astype(int).tolist()):
             # of no partition the fit itself
-            others = fit.without(slice(first, last) if count else slice(0))
+            blocks = slice(first, last) if count else slice(0)
             try:
-                step = others.step
-                softer = fit.softer(others.gram)
-            except (
-                np.linalg.LinAlgError
-            ):  # the other blocks leave the parameters open
+                gram, step = fit.without(blocks)
+                softer = fit.softer(gram)
+            # the other blocks leave the parameters open
+            except np.linalg.LinAlgError:
                 continue
             for block in range(first, last):
                 rows = slice(edges[block], edges[block + 1], every)
@@ -233,13 +232,6 @@ def pass_gate(
         tried.append(set(free))
         try:
             member = _member(start.structure, free, rows, begin, nu)
-            if _is_exact(member) and set(free) != set(groups):
-                # what passed before may have been a makeshift
-                alone = _member(start.structure, groups, rows, begin, nu)
-                if _is_exact(alone):
-                    name = member_name
-                    free = groups
-                    member = alone
             held_out = leave_blocks_out(member, (FIT.blocks,))
         except np.linalg.LinAlgError:
             continue

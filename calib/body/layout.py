@@ -117,13 +117,17 @@ class Layout:
         return None if None in tools else tools[0]
 
     @property
-    def other_groups(self) -> tuple[str, ...]:
-        """Blocks of further sensors and measurements that every member of the gate fits."""
-        groups: list[str] = []
+    def frame_groups(self) -> tuple[str, ...]:
+        """Blocks that every member of the gate fits: those of its sensor, and of all others."""
+        groups = [*self.viewpoint.groups]
         for place, sensor in enumerate(self.sensors):
             prefix = "" if sensor is self.viewpoint else f"{sensor.name}."
             if prefix:
-                groups += [prefix + block for block in sensor.frame]
+                groups += [
+                    prefix + block
+                    for block in sensor.groups
+                    if not block.startswith("tool")
+                ]
             if place and sensor.marked:
                 groups.append(f"{prefix}marker")
         for other in self.others:

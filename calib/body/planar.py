@@ -85,7 +85,7 @@ def _pairs(values: Complex) -> Array:
     return np.stack([values.real, values.imag], axis=-2)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlanarStructure(Structure):
     """The structure of a planar body, whose parameters are full lengths [m] and offsets.
 
@@ -125,7 +125,9 @@ class PlanarStructure(Structure):
     def reversals(self) -> int:
         """How many joints turn against their drawing, and whether the sensor sees a mirror."""
         drawn = self.nominal.signs if self.nominal else self.signs
-        return int(np.not_equal(drawn, self.signs).sum()) + (self.mirror < 0)
+        return int(np.not_equal(drawn, self.signs).sum()) + (
+            self.viewpoint.mirror < 0
+        )
 
     @cached_property
     def loads(self) -> Mapping[str, PlanarLoads]:
@@ -151,16 +153,6 @@ class PlanarStructure(Structure):
             return ArmSize(2.0 * link, unit)
         reach = max(sum(drawing.lengths), 1e-12)
         return ArmSize(reach, unit, drawing.rotation, drawing.shift)
-
-    @property
-    def mirror(self) -> int:
-        """-1 where its sensor sees the plane from behind, else 1."""
-        return self.viewpoint.mirror
-
-    @property
-    def centre(self) -> tuple[float, float]:
-        """Mean position [unit] of its sensor's rows; origin of the lens."""
-        return self.viewpoint.centre
 
     def guard(self, block: str) -> Array | None:
         """Prior sds of the lens in the second fit: its bend alone is free."""
@@ -263,15 +255,15 @@ class PlanarStructure(Structure):
         """The gate's members from simple to rich."""
         turns = any(self.revolute)
         exact = self.simulated
-        others = self.other_groups
         joints = ("length", "offset", "gain")
-        frame = (*self.viewpoint.seen_as.groups, *others)
+        frame = self.frame_groups
         if self.zeros_alone:
             return (
                 ("frame", frame or ("offset",)),
                 ("chain", (*frame, "offset")),
             )
-        few = (*PLANAR["similarity"].groups, *others, *joints)
+        bent = ("view.shear", "view.tilt")
+        few = (*(group for group in frame if group not in bent), *joints)
         chain = (*frame, *joints)
         ladder = (
             ("frame", frame or ("offset",), self.nominal is not None),

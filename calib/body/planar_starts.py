@@ -85,7 +85,9 @@ def _linear(structure: PlanarStructure, q: Array, z: Array) -> Array:
     """Parameters of the chain that fits positions (n, 2) best."""
     beta = structure.neutral()
     groups = structure.groups
-    columns = waves(q, structure.signs, structure.mirror, structure.revolute)
+    columns = waves(
+        q, structure.signs, structure.viewpoint.mirror, structure.revolute
+    )
     columns = np.column_stack([columns, np.ones(len(q))])
     size = np.sqrt(np.mean(np.abs(columns) ** 2, axis=0)) + 1e-300
     # a joint that hardly moves makes columns alike: they share what they cannot tell apart
@@ -96,7 +98,7 @@ def _linear(structure: PlanarStructure, q: Array, z: Array) -> Array:
         links[:-1],
         complex(links[-1]),
         structure.signs,
-        structure.mirror,
+        structure.viewpoint.mirror,
         structure.revolute,
     )
     turning = np.asarray(structure.revolute)

@@ -56,17 +56,9 @@ class Sensor(Measurement):
         return self.seen_as.outputs
 
     @property
-    def focuses(self) -> bool:
-        """Whether the rows tell of its lens in every member of the gate."""
-        return False
-
-    @property
-    def frame(self) -> tuple[str, ...]:
-        """Return the blocks that place it, which every member of the gate fits."""
-        groups = [
-            group for group in self.seen_as.groups if group.startswith("view.")
-        ]
-        return (*groups, "lens") if self.focuses else tuple(groups)
+    def groups(self) -> tuple[str, ...]:
+        """Return the blocks that every member of the gate fits: its place, the tip that it sees."""
+        return self.seen_as.groups
 
     def place(self, beta: Mapping[str, Array]) -> Placed:
         """Return the sensor at its parameters, by block."""
@@ -108,9 +100,12 @@ class InSpace(Sensor):
         return self.outputs == 2
 
     @property
-    def focuses(self) -> bool:
-        """Whether the rows tell of its lens in every member of the gate."""
-        return self.camera and any(self.lens_sd)
+    def groups(self) -> tuple[str, ...]:
+        """Return the blocks that every member of the gate fits; of a camera its lens, too."""
+        groups = self.seen_as.groups
+        return (
+            (*groups, "lens") if self.camera and any(self.lens_sd) else groups
+        )
 
     @property
     def tool(self) -> Hyper | None:  # type: ignore[override]

@@ -96,11 +96,6 @@ class StartSettings:
     )  # damped steps of all runs, and of the best
     runs: int = 8  # that are carried on
     turned_ways: int = 16  # combinations of signs and mirrors that are refined
-    probes: int = 100  # joint values at which arms are compared
-    # a rival has at most so many times the best one's residuals, and is another arm where it
-    # differs by this share of the extents: joint curves may prefer the wrong one of a path
-    rival: float = 2.0
-    apart: float = 0.05
     guessed_rows: int = 60  # that guesses of a frame use
     guess_steps: int = 10  # damped, of a guess
     steps: int = 40  # damped, of the best guess, and of a chain

@@ -20,7 +20,7 @@ from ..common.arrays import Array
 from .curves import curve_shape
 from .layout import Ladder
 from .parameters import Block, Hyper, Indices
-from .sensors import InSpace, Lens
+from .sensors import InSpace
 from .settings import FIT, PRIOR, SHIFT, TURN
 from .structure import Moving, Structure
 from .views import ArmSize, Measurement, compose
@@ -55,11 +55,6 @@ class SpatialStructure(Structure):
     )
 
     @property
-    def based(self) -> bool:
-        """Whether the sensor's frame is the robot's root frame."""
-        return self.view.startswith("base")
-
-    @property
     def camera(self) -> bool:
         """Whether a camera sees the arm, in pixels."""
         return self.outputs == 2
@@ -69,16 +64,6 @@ class SpatialStructure(Structure):
         """The sensor that it sees as, or beside which it measures something else."""
         beside = self.place >= len(self.sensors)
         return self.sensors[0 if beside else self.place]
-
-    @property
-    def lens(self) -> Lens:
-        """Focal length, centre [px] and k1 of its camera as they are known before the rows."""
-        return self.viewpoint.lens
-
-    @property
-    def lens_sd(self) -> Lens:
-        """How sure they are."""
-        return self.viewpoint.lens_sd
 
     @property
     def arm_size(self) -> ArmSize:
@@ -313,14 +298,6 @@ class SpatialStructure(Structure):
         if bends:
             ladder.append(("curves", (*bent, "curve")))
         return tuple(ladder)
-
-    @property
-    def frame_groups(self) -> tuple[str, ...]:
-        """Blocks that every member fits: the sensor's place and the tip that it sees."""
-        groups = (*self.viewpoint.seen_as.groups, *self.other_groups)
-        if self.camera and any(self.lens_sd):
-            groups = (*groups, "lens")
-        return groups
 
     def with_view(self, view: str, **fields: Any) -> SpatialStructure:
         """Return the structure with another view."""

@@ -10,7 +10,7 @@ with loads ``load_e = gravity . lever_e(q)``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -25,7 +25,7 @@ from .views import Moved, Placed, Scene, Sight, compose
 Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
 """Parameters of a chain's geometry, and how the tip moves with each of them."""
 
-_BELIEFS = 8  # whose constants are remembered
+_BELIEFS = 16  # whose constants are remembered
 _STEP = 1e-5  # of a sensor's parameters, in derivatives
 
 S = TypeVar("S", bound="Structure")
@@ -130,41 +130,16 @@ class Structure(Layout):
         return out
 
     def fixed(self, beta: Array) -> Fixed:
-        """What follows from parameters (d,) alone, remembered: a body's are read-only."""
-        key = None if beta.flags.writeable else id(beta)
-        last, fixed = self._fixed.get(key, (None, None))
-        same = (
-            last is beta
-            if key
-            else last is not None and np.array_equal(last, beta)
-        )
-        if fixed is None or not same:
-            if len(self._fixed) > _BELIEFS:
-                self._fixed.clear()
-            fixed = self._fixed_at(beta)
-            self._fixed[key] = (beta if key else beta.copy(), fixed)
-        return fixed
-
-    @cached_property
-    def _fixed(self) -> dict[int | None, tuple[Array, Fixed]]:
-        """What follows from parameters, by their id; of those that may change under None."""
-        return {}
+        """What follows from parameters (d,) alone, remembered."""
+        return _fixed(self, beta.tobytes())
 
     @cached_property
     def _last_levers(self) -> dict[str, tuple[Array, Array]]:
         """The last rows of each block of elasticity, and their levers."""
         return {}
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What is pickled: not what is remembered."""
-        forgotten = ("_fixed", "_last_levers")
-        return {
-            name: value
-            for name, value in vars(self).items()
-            if name not in forgotten
-        }
-
-    def _fixed_at(self, beta: Array) -> Fixed:
+    def fixed_at(self, beta: Array) -> Fixed:
+        """What follows from parameters (d,) alone."""
         blocks = {name: beta[indices] for name, indices in self.groups.items()}
         bent = [k for k in range(self.dof) if blocks[f"curve.{k}"].any()]
         curves = np.reshape(
@@ -353,11 +328,11 @@ class Structure(Layout):
         """How outputs move (t, m, n) as gravity moves along `ways` (t, g)."""
         moved = np.zeros((len(ways), *chained.shape[1:]))
         for block, elastic in fixed.elastic.items():
-            levers = self._levers(block, q)
+            bends = elastic[:, None] * np.einsum(
+                "tg,egn->ten", ways, self._levers(block, q)
+            )
             bent = chained[self.loads[block].joints]
-            for way, out in zip(ways, moved, strict=True):
-                bends = elastic[:, None] * loads_of(levers, way)
-                out += (bent * bends[:, None]).sum(axis=0)
+            moved += np.einsum("emn,ten->tmn", bent, bends)
         return moved
 
     def slope(self, q: Array, beta: Array) -> Array:
@@ -375,12 +350,14 @@ def _waved(q: Array, led: Array) -> Array:
     return waves_of(q)[:, None] * led
 
 
+@lru_cache(_BELIEFS)
+def _fixed(structure: Structure, beta: bytes) -> Fixed:
+    return structure.fixed_at(np.frombuffer(beta))
+
+
 def loads_of(levers: Array, gravity: Array) -> Array:
     """Loads (e, n) of levers (e, g, n) under gravity (g,)."""
-    loads: Array = levers[:, 0] * gravity[0]
-    for k in range(1, len(gravity)):
-        loads += levers[:, k] * gravity[k]
-    return loads
+    return np.asarray(np.einsum("egn,g->en", levers, gravity))
 
 
 class OfStructure(Gaussian):

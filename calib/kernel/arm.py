@@ -16,6 +16,7 @@ from ..arm.gravity import Loads
 from ..arm.rotations import exponential
 from ..arm.spatial_chain import Deviations, Links, SpatialChain, move
 from ..body.curves import HARMONICS
+from ..body.planar import PlanarStructure
 from ..body.structure import loads_of
 from ..body.views import pixels
 from ..common.arrays import Array
@@ -110,7 +111,7 @@ class KernelArm:
     @staticmethod
     def of(structure: Any, beta: Array) -> KernelArm:
         """The arm of a body's structure at parameters (d,)."""
-        if structure.kind == "planar":
+        if isinstance(structure, PlanarStructure):
             return _planar(structure, beta)
         return _spatial(structure, beta)
 

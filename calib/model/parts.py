@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
 from .about import About, MeasuredRows, Photo
 from .baseline import Baseline, Seen
-from .bounds import MOST_BLENDED, PositionBound
+from .bounds import MOST_BLENDED, BoundName, blended_bound, position_bound
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -36,9 +36,6 @@ MOST_SHARE = 0.1
 # of a joint's range by which values beyond it are answered: an encoder at its stop reads a hair
 # beyond the limit
 ROUNDED = 1e-5
-
-BoundName = Literal["bounds", "model_bounds"]
-"""On what `about.bound_of` says, or on the true position in the sensor's frame."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -198,21 +195,12 @@ class Parts:
         structure = self.body.structure
         return float(structure.extents[: structure.blocks[0]].max())
 
-    @cached_property
-    def position_bound(self) -> PositionBound:
-        """The bound on positions, wherever the joints are."""
-        rows: Seen | None = None
-        if self.baseline is not None and self.body is None:
-            rows = self.baseline.seen
-        return PositionBound(
-            predictor=self.predictor,
-            body=self.body,
-            posterior=self.posterior,
-            play=None if self.approach is None else self.approach.play,
-            rows=rows,
-            extent=self.solver.extent,
-            widest=self.most_bound,
-        )
+    @property
+    def seen(self) -> Seen | None:
+        """Where rows were, of a log without a body."""
+        if self.baseline is None or self.body is not None:
+            return None
+        return self.baseline.seen
 
     @cached_property
     def posterior(self) -> CompactPosterior | None:
@@ -230,7 +218,7 @@ class Parts:
     def everywhere(self) -> bool:
         """Whether there is an answer wherever joints are within their range."""
         within = bool((self.model_bounds <= self.most_bound).all())
-        return within and self.position_bound.rows is None
+        return within and self.seen is None
 
     def in_range(self, q: Array) -> Mask:
         """Which joint values (n, dof) [rad or m] are within the joints' range.
@@ -248,9 +236,7 @@ class Parts:
         covered = np.asarray(self.in_range(q).all(axis=1))
         if not self.everywhere and covered.any():
             u = self.motor.scale.to_unit(q[covered])
-            bound = self.position_bound.blended(
-                u, self.model_bounds, noise=False
-            )
+            bound = blended_bound(self, u, self.model_bounds, noise=False)
             covered[covered] = bound <= self.most_bound
         return covered
 
@@ -263,17 +249,9 @@ class Parts:
     ) -> Array:
         """95 % bound (n,) [unit] at points of the unit box (n, dof): `bounds` or `model_bounds`.
 
-        side_known : (n,), see `PositionBound.at`
+        side_known : (n,), see `position_bound`
         """
-        if which == "model_bounds":
-            nodes = self.model_bounds
-            noise = False
-        else:
-            nodes = self.bounds
-            noise = self.about.bound_of == "sensor reading"
-        return self.position_bound.at(
-            u, nodes, noise=noise, side_known=side_known
-        )
+        return position_bound(self, u, which, side_known)
 
     @property
     def axes(self) -> tuple[str, ...]:

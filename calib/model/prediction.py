@@ -14,7 +14,8 @@ import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..samples.motion import Motion
-from .parts import BoundName, Parts
+from .bounds import BoundName
+from .parts import Parts
 
 
 @dataclass(frozen=True, eq=False)

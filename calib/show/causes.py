@@ -12,6 +12,7 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.curves import waves_of
+from ..body.planar import PlanarStructure
 from ..common.arrays import Array, Index
 from ..common.wording import for_people
 from ..errors import CalibError
@@ -71,7 +72,7 @@ def causes_of(model: Model) -> list[Cause]:
         return []
     structure = body.structure
     drawing = structure.neutral()
-    if structure.kind == "planar":
+    if isinstance(structure, PlanarStructure):
         try:
             drawing = nominal_in_plane(model)[1]
         except CalibError:

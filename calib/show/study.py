@@ -12,7 +12,7 @@ from ..change.judge import Verdict, judge
 from ..common.arrays import Array, Mask
 from ..errors import CalibError
 from ..model.model import Model
-from ..model.nominal import nominal_arm, nominal_behind, nominal_in_plane
+from ..model.nominal import nominal_arm, nominal_before
 from ..samples.samples import Samples
 from ..training.evaluate import learned_rows, simulation_of
 from .causes import Cause, causes_of, frame_of
@@ -205,11 +205,7 @@ def _as_delivered(model: Model, q: Array, x: Array) -> Array | None:
             return np.asarray(x - nominal_arm(model).forward(q))
         if body is None or not about.urdf:
             return None
-        structure = body.structure
-        if structure.kind == "planar":
-            structure, beta = nominal_in_plane(model)
-        else:
-            beta = nominal_behind(structure, body.beta)
+        structure, beta = nominal_before(model)
     except CalibError:
         return None
     outputs = structure.blocks[0]
