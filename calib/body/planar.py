@@ -11,7 +11,6 @@ import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..common.scale import METRES
-from ..errors import OptionError
 from .curves import curve_shape
 from .drawing import Complex, PlanarDrawing
 from .layout import Ladder
@@ -19,7 +18,7 @@ from .parameters import Block, Hyper, Indices
 from .sensors import InPlane
 from .settings import FIT, PRIOR, SHIFT, TURN
 from .structure import Moving, Structure
-from .views import PLANAR, ArmSize, Moved
+from .views import ArmSize, Moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,14 +292,6 @@ def planar_structure(
     simulated: bool = False,
 ) -> PlanarStructure:
     """The structure that the rows and options ask for, signs and mirror still open."""
-    if view not in ("auto", *PLANAR):
-        raise OptionError(
-            f"view {view!r}, expected one of auto, {', '.join(PLANAR)}"
-        )
-    if view == "base" and nominal is None:
-        raise OptionError(
-            "view 'base' needs the nominal geometry of a robot; give nominal"
-        )
     if view == "auto":
         view = "rigid" if unit in METRES else "homography"
     centre = z.mean(axis=0)

@@ -26,7 +26,7 @@ Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
 """Parameters of a chain's geometry, and how the tip moves with each of them."""
 
 _BELIEFS = 16  # whose constants are remembered
-_STEP = 1e-5  # of a sensor's parameters, in derivatives
+_STEP = 1e-4  # of a sensor's parameters, in derivatives
 
 S = TypeVar("S", bound="Structure")
 

@@ -115,6 +115,8 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
 
 def _check(model: Parts) -> None:
     """Refuse a model without an answer; ModelError or what breaks of its parts."""
+    # of links to nowhere
+    model.association.links.check_format()
     middle = np.full((1, len(model.about.lower)), 0.5)
     answer = model.predictor.value(middle)
     if model.body is not None:
