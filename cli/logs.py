@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .output import say
-from .parsing import BadOption, JointRange, JointValue, refuse
+from .parsing import BadOption, OfJoint, refuse
 from .units import in_si, joints_that_turn
 
 if TYPE_CHECKING:
@@ -27,8 +27,8 @@ class Selection:
     joints: Sequence[str] | None = None
     tip: str | None = None
     planar: bool = False
-    lock: Sequence[JointValue] | None = None
-    ranges: Sequence[JointRange] | None = None
+    lock: Sequence[OfJoint] | None = None
+    ranges: Sequence[OfJoint] | None = None
     degrees: bool = False
     gravity: Sequence[float] | None = None
 
@@ -49,13 +49,14 @@ class Selection:
         # which joints turn is wanted before the arm is loaded: the file is read twice
         if self.degrees and (self.lock or self.ranges):
             turns = joints_that_turn(robot)
+        lock = in_si("--lock", self.lock, turns, self.degrees)
         return calib.load_arm(
             robot,
             self.joints,
             self.tip,
             lock={
                 **(locked or {}),
-                **in_si("--lock", self.lock, turns, self.degrees),
+                **{name: value for name, (value, _) in lock.items()},
             },
             ranges=in_si("--range", self.ranges, turns, self.degrees),
             planar=self.planar,

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING
 
 from calib.common.wording import for_people, unit_of_joint
 from calib.model.facts import learned_range
 
 from .output import fixed, sized
-from .parsing import BadOption, bad_value
+from .parsing import BadOption, OfJoint, bad_value
 
 if TYPE_CHECKING:
     from calib.arm.arm import Arm
     from calib.model.about import About
     from calib.model.model import Model
-
-_T = TypeVar("_T", covariant=True)
 
 
 def units_of(about: About, positions: str | None = None) -> dict[str, object]:
@@ -127,35 +125,23 @@ class JointFormat:
         return f"{self.names[k]} {sized(abs(value), self._about.units_of_joints[k])}"
 
 
-class JointPart(Protocol[_T]):
-    """What is typed for a joint: a value or a range."""
-
-    @property
-    def joint(self) -> str:
-        """Its name."""
-
-    def scaled(self, factor: float) -> _T:
-        """Return it in another unit."""
-
-
 def in_si(
     option: str,
-    typed: Sequence[JointPart[_T]] | None,
+    typed: Sequence[OfJoint] | None,
     turns: Mapping[str, bool],
     degrees: bool,
-) -> dict[str, _T]:
-    """Return what was typed for joints, a value or a range each, in SI units by joint."""
-    parts: dict[str, _T] = {}
+) -> dict[str, tuple[float, float]]:
+    """Return what was typed for joints in SI units, by joint."""
+    values: dict[str, tuple[float, float]] = {}
     for part in typed or ():
-        if part.joint in parts:
+        if part.joint in values:
             raise BadOption(
                 f"{option} {part.joint!r} is given twice: expected each joint once"
             )
         in_degrees = degrees and turns.get(part.joint, True)
-        parts[part.joint] = part.scaled(
-            math.radians(1.0) if in_degrees else 1.0
-        )
-    return parts
+        factor = math.radians(1.0) if in_degrees else 1.0
+        values[part.joint] = (factor * part.low, factor * part.high)
+    return values
 
 
 def joints_that_turn(robot: str) -> dict[str, bool]:

@@ -34,7 +34,6 @@ ROOMS = (
     ("use", "correct, plan, URDF, C header"),
     ("paper", "the paper's tables, figures, experiments"),
     ("show", "figures, preview, report"),
-    ("sweeps", "many trainings"),
     ("cli", "the command line"),
 )
 

@@ -26,7 +26,7 @@ def correct(
     view: opt.LogView = "auto",
     orientation: Annotated[
         Literal["keep", "free"],
-        opt.flag("--orientation", "Of six joints: the tool's turn."),
+        opt.option("--orientation", "Of six joints: the tool's turn."),
     ] = "keep",
     input_: opt.Input = None,
     columns: opt.Columns = None,

@@ -12,7 +12,7 @@ from typing import Annotated
 
 from typer import Argument
 
-from calib.common.choices import EYES, Eye
+from calib.common.choices import Eye
 
 from .. import options as opt
 from ..logs import Selection
@@ -43,9 +43,8 @@ def lerobot(
     ],
     eye: Annotated[
         Eye,
-        opt.word(
+        opt.option(
             "--eye",
-            EYES,
             "hand: the camera is on the arm; base: it stands still.",
         ),
     ] = "hand",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument
 
-from calib.common.choices import EYES, Eye
+from calib.common.choices import Eye
 
 from .. import options as opt
 from .. import parsing
@@ -71,11 +71,11 @@ def plan(
         ),
     ] = None,
     handeye: Annotated[
-        bool, opt.flag("--handeye", "A camera sees --board in all poses.")
+        bool, opt.option("--handeye", "A camera sees --board in all poses.")
     ] = False,
     board: opt.BoardSpec = None,
     eye: Annotated[
-        Eye | None, opt.word("--eye", EYES, "Of --handeye (default hand).")
+        Eye | None, opt.option("--eye", "Of --handeye (default hand).")
     ] = None,
     seed: opt.Seed = 0,
 ) -> Outcome:

@@ -43,7 +43,7 @@ def train(
         opt.value("--output -o", "MODEL", "Default ROBOT.calib, LOG.calib."),
     ] = None,
     force: Annotated[
-        bool, opt.flag("--force", "Replace a model of another robot.")
+        bool, opt.option("--force", "Replace a model of another robot.")
     ] = False,
     joints: opt.JointNames = None,
     tip: opt.Tip = None,
@@ -77,7 +77,7 @@ def train(
         opt.value("--lens", "lens.json", "Of a camera in space (fitted)."),
     ] = None,
     no_rows: Annotated[
-        bool, opt.flag("--no-rows", "Keep no rows of the log.")
+        bool, opt.option("--no-rows", "Keep no rows of the log.")
     ] = False,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,

@@ -26,12 +26,6 @@ def urdf(
         str, opt.value("--output -o", "URDF", "The corrected description.")
     ],
     view: opt.LogView = "auto",
-    move_base: Annotated[
-        bool, opt.flag("--move-base", "Fit the first joint's place.")
-    ] = False,
-    move_tip: Annotated[
-        bool, opt.flag("--move-tip", "The tip is sensed, no probe.")
-    ] = False,
     free: opt.Free = "all",
 ) -> Outcome:
     import calib
@@ -52,8 +46,6 @@ def urdf(
     geometry = fit_geometry(
         loaded,
         view=view,
-        move_base=move_base,
-        move_tip=move_tip,
         drawn=free == "offsets",
     )
     explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
@@ -95,8 +87,7 @@ def _table(geometry: Geometry) -> TextTable:
         changes.append((name, "far end of its link, along {}", "m", change))
     places = dict(parameters.get("places", {}))
     if "tip" in parameters:
-        written = "" if parameters["tip"]["written"] else ", not written"
-        places[f"sensed point{written}"] = parameters["tip"]
+        places["sensed point, not written"] = parameters["tip"]
     for name, change in places.items():
         changes.append((name, "origin along {}", "m", change["shift"]))
         changes.append((name, "origin about {}", "rad", change["turn"]))

@@ -45,7 +45,6 @@ CONTRACT = [
     ("babble two_link -n 5 -o b.csv", 0, "log robot joints samples seed noise changes unit units"),
     ("plan m.calib -n 5 -o p.csv", 0, "output rows joints seed travel poses start length "
      "random_length unit why units"),
-    ("sweep two_link --size 5 -n 300 --jobs 1", 0, "output trainings failed units rows"),
     ("tag 7 -o tag.svg", 0, "output what"),
 ]  # fmt: skip
 

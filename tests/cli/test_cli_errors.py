@@ -61,6 +61,23 @@ CASES = [
     ("adapt . --data few.csv", 1, "directory"),
     ("babble two_link -n 10 -o - --json", 2, "--json"),
     ("frobnicate", 2, "frobnicate"),
+    # endings that are not of what is written: SVG was written into tag.png
+    ("tag 7 -o tag.png", 2, "tag.png"),
+    ("query inverse good.calib --input few.csv --output k.xlsx", 2, "k.xlsx"),
+    ("babble two_link -n 5 -o log.json", 2, "log.json"),
+    ("export good.calib -o arm.py", 2, "arm.py"),
+    ("report good.calib -o page.pdf", 2, "page.pdf"),
+    # plans
+    ("plan two_link", 2, "-o"),
+    ("plan two_link -n 3 -o poses.xlsx", 2, "poses.xlsx"),
+    ("plan two_link -n 5000 -o p.csv", 2, "1000"),
+    ("plan two_link --margin -1 -o p.csv", 2, "zero"),
+    ("plan two_link --margin 2 -o p.csv", 1, "room shoulder"),
+    ("plan two_link --from 1 -o p.csv", 2, "2 values"),
+    ("plan two_link --from 1,9 -o p.csv", 1, "elbow 9"),
+    ("plan two_linc -o p.csv", 1, "two_link"),
+    ("plan good.calib --tip t -o p.csv", 2, "--tip ROBOT"),
+    ("plan good.calib --range elbow=0:9 -o p.csv", 1, "limits"),
 ]
 
 
@@ -110,8 +127,8 @@ def test_wrong_usage_points_to_the_help(run):
 )
 def test_unexpected_errors_are_one_line_too(error, line):
     code, told = describe_error(error)
-    assert told.message.startswith(line)
-    assert "\n" not in told.message
+    assert told["message"].startswith(line)
+    assert "\n" not in told["message"]
     assert code == 1
 
 
@@ -151,6 +168,7 @@ def test_library_errors_name_parameters_and_the_command_line_options(run):
         lambda model, log: calib.write_log("log.csv", log),
         lambda model, log: calib.figures((model.motor, model.sensory)),
         lambda model, log: calib.train(log, size=5, sigma=(5,)),
+        lambda model, log: calib.babble("two_link"),
     ],
 )
 def test_arguments_of_python_that_are_exchanged_are_told_in_one_line(model, call):

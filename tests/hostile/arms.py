@@ -24,7 +24,6 @@ class RandomArm:
     tip: str = ""
     normal: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))  # of its plane
     values: dict[str, float] = field(default_factory=dict)  # where other joints stand [rad or m]
-    mimics: dict[str, tuple[str, float, float]] = field(default_factory=dict)
     refused: str | None = None  # what the reason has to name, "not planar" where a plane is asked
 
 
@@ -69,9 +68,6 @@ class _Builder:
             if rng.random() < 0.3:
                 self._branch(link)
         arm.tip = self._locked(link, fixed=True)
-        if rng.random() < 0.3:  # a joint beside the arm that follows one of its joints
-            name, _ = self._joint("revolute", arm.tip, self._direction(), limits=(-3.0, 3.0))
-            self._mimic(name, rng.choice(arm.joints))
         arm.refused = "two or more" if count == 1 else "not planar" if bent is not None else None
         rng.shuffle(self.nodes)
         robot = ET.Element("robot", name=self._name("robot"))
@@ -107,9 +103,6 @@ class _Builder:
         name, link = self._joint(kind, parent, axis, limits=limits)
         if kind != "fixed":
             value = min(max(0.0, limits[0]), limits[1])
-            leaders = [n for n in self.arm.values if n not in self.arm.mimics]
-            if leaders and rng.random() < 0.3:
-                value = self._mimic(name, rng.choice(leaders))
             self.arm.values[name] = value
             if kind == "revolute":
                 self.frame = self.frame @ turned(axis, value)
@@ -124,13 +117,6 @@ class _Builder:
             if kind != "fixed":
                 self.arm.values[name] = 0.0
         self.frame = frame
-
-    def _mimic(self, name: str, leader: str) -> float:
-        multiplier, offset = self.rng.choice(((1.0, 0.0), (-0.5, 0.1), (2.0, 0.0)))
-        ET.SubElement(self.nodes[-1], "mimic", joint=leader, multiplier=f"{multiplier}",
-                      offset=f"{offset}")  # fmt: skip
-        self.arm.mimics[name] = (leader, multiplier, offset)
-        return multiplier * self.arm.values.get(leader, 0.0) + offset
 
     def _joint(self, kind, parent, axis, *, limits, rpy=None) -> tuple[str, str]:
         """Add a joint and its link; all that follows stands in its frame."""
@@ -157,12 +143,7 @@ class _Builder:
 
     def _link(self) -> str:
         name = self._name("link")
-        node = ET.Element("link", name=name)
-        if self.rng.random() < 0.3:
-            inertial = ET.SubElement(node, "inertial")
-            ET.SubElement(inertial, "mass", value="1.5")
-            ET.SubElement(inertial, "inertia", ixx="1", ixy="0", ixz="0", iyy="1", iyz="0", izz="1")
-        self.nodes.append(node)
+        self.nodes.append(ET.Element("link", name=name))
         return name
 
     def _name(self, what: str) -> str:

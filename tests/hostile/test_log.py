@@ -14,7 +14,6 @@ from hostile.guard import each_seed, guarded, one_line
 
 ARM = calib.load_arm("two_link")
 LARGEST = 1e15
-UNITS = {"m": 1.0, "mm": 1e3, "cm": 1e2, "in": 39.3700787, "px": 640.0}
 
 
 def table(rng: Random):
@@ -80,19 +79,8 @@ def as_parquet(rng, header, rows):
     frame = {}
     for k, name in enumerate(header):
         cells = [number(row[k]) for row in rows if len(row) == len(header)]
-        frame[name] = pl.Series(cells, dtype=pl.Float64, strict=False)
-        if rng.random() < 0.12:  # a column of another type
-            frame[name] = rng.choice((
-                lambda c: pl.Series([str(v) for v in c], dtype=pl.String),
-                lambda c: pl.Series([v > 0 for v in c], dtype=pl.Boolean),
-                lambda c: pl.Series([[v] for v in c], dtype=pl.List(pl.Float64)),
-                lambda c: pl.Series([{"a": v} for v in c], dtype=pl.Struct({"a": pl.Float64})),
-                lambda c: pl.Series([None for _ in c], dtype=pl.Null),
-                lambda c: pl.Series([2**64 - 1 - k for k in range(len(c))], dtype=pl.UInt64),
-                lambda c: pl.Series(c, dtype=pl.Float32, strict=False),
-                lambda c: pl.Series([b"\xff" for _ in c], dtype=pl.Binary),
-                lambda c: pl.Series([1 for _ in c], dtype=pl.Datetime),
-            ))(cells)  # fmt: skip
+        kind = rng.choice((pl.Float64, pl.Float64, pl.Float64, pl.Float32, pl.String))
+        frame[name] = pl.Series(cells, dtype=pl.Float64, strict=False).cast(kind)
     out = io.BytesIO()
     try:
         pl.DataFrame(frame).write_parquet(out, compression=rng.choice(("zstd", "snappy", "lz4")))
@@ -191,32 +179,3 @@ def test_damaged_and_odd_tables_are_read_as_they_are_or_refused(tmp_path):
 
     found = each_seed(120, judge)
     assert min(found["read"], found["refused"]) > 10
-
-
-def test_logs_in_other_units_than_is_said_are_refused_noted_or_right(tmp_path):
-    def judge(rng):
-        unit, draws = rng.choice(list(UNITS)), np.random.default_rng(rng.getrandbits(32))
-        said = unit if rng.random() < 0.4 else "m"
-        degrees, told, exchanged = (rng.random() < share for share in (0.4, 0.4, 0.2))
-        q = draws.uniform(ARM.lower, ARM.upper, (int(draws.integers(12, 80)), 2))
-        turn = np.exp(1j * draws.uniform(-np.pi, np.pi))
-        seen = ARM.forward(q) @ np.array([[turn.real, turn.imag], [-turn.imag, turn.real]])
-        x = UNITS[unit] * (seen + draws.normal(size=2))
-        typed = np.degrees(q) if degrees else q
-        typed = typed[:, ::-1] if exchanged else typed
-        path = tmp_path / "log.csv"
-        np.savetxt(path, np.hstack([typed, x]), delimiter=",", fmt="%.17g", comments="",
-                   header="shoulder,elbow,x,y")  # fmt: skip
-        try:
-            with guarded(tmp_path):
-                log = calib.read_log(path, ARM, degrees=told, unit=said)
-        except calib.CalibError as error:
-            one_line(str(error))
-            return "refused"
-        right = degrees == told and not exchanged
-        assert said != "m" or unit == "m", f"{unit} were read as m without a word"
-        assert right or log.notes, "read without a word"
-        assert not right or np.allclose(log.q, q, atol=1e-9)
-        return "read"
-
-    assert len(each_seed(60, judge)) == 2

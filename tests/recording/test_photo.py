@@ -111,13 +111,8 @@ def test_the_map_is_drawn_over_the_photo(made):
     ax = calib.figures(model, names=["photo"])["photo"].axes[0]
     assert ax.get_xlim() == (-0.5, 1279.5)
     assert ax.get_ylim() == (719.5, -0.5)  # y down, clipped to the picture
-    *arrows, tips = ax.lines  # from seen tips to predicted ones, by held-out errors
-    places = np.column_stack(tips.get_data())
-    drawn = np.array([np.subtract(*line.get_xydata()[::-1]) for line in arrows])
-    rows = [np.flatnonzero((np.abs(model.rows.x - p) < 1e-5).all(axis=1))[0] for p in places]
-    times = -drawn / model.rows.held_out[rows]
-    assert times == pytest.approx(times[0, 0])
-    assert times[0, 0] > 10
+    (tips,) = ax.lines
+    np.testing.assert_allclose(np.column_stack(tips.get_data()), model.rows.x)
     data = data_of(page_of(model))
     assert data["layers"][0]["name"] == "Photo"
     assert "Photo" not in [layer["name"] for layer in data_of(page_of(made[1]))["layers"]]

@@ -46,19 +46,6 @@ def test_ranges_narrow_the_babbling_and_the_samples_say_so(arm):
     assert log.arm.lower.tolist() == [0.0, 1.0]
 
 
-def test_the_samples_carry_what_draws_fresh_exact_ones(arm):
-    log = babble(arm, 50, noise=0.01, changes="elbow.length=+20%")
-    truth = arm.with_link_length("elbow", 0.3).forward(log.q)
-    np.testing.assert_allclose(log.simulation.exact(log.q), truth, atol=1e-12)
-    assert np.abs(log.x - truth).max() > 1e-3
-    assert (log.joint_names, log.revolute, log.unit, log.dropped) == (
-        ("shoulder", "elbow"),
-        (True, True),
-        "m",
-        0,
-    )
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -76,9 +63,3 @@ def test_impossible_arguments_are_refused_in_one_line(arm, arguments, message):
     with pytest.raises(OptionError, match=message) as caught:
         babble(arm, **{"n": 10, **arguments})
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("given", ["two_link", None, 3])
-def test_what_is_no_arm_is_refused_in_one_line(given):
-    with pytest.raises(OptionError, match=r"^arm .*: expected an arm, as `calib.load_arm` returns"):
-        babble(given)

@@ -1,11 +1,10 @@
 """Columns of a log: found by name, renamed."""
 
-import polars as pl
 import pytest
-from log_files import GOOD, refused
+from log_files import refused
 
 from calib.errors import OptionError
-from calib.samples.logs import read_log, write_log
+from calib.samples.logs import read_log
 from calib.samples.roles import parse_columns
 
 
@@ -36,11 +35,6 @@ def test_column_names_that_say_nothing(text):
         parse_columns(text)
 
 
-@pytest.mark.parametrize("mark", [";", "\t"])
-def test_other_separators(file, mark):
-    assert len(read_log(file(GOOD.replace(",", mark)), joints=["a", "b"])) == 3
-
-
 def test_the_arms_order_holds_and_its_joints_are_the_log(arm, file):
     path = file("elbow,shoulder,x,y\n0.5,0.1,1,2\n0.6,0.2,3,4\n")
     assert read_log(path, arm).q.tolist() == [[0.1, 0.5], [0.2, 0.6]]
@@ -57,20 +51,6 @@ def test_without_joints_the_choices_are_listed(file):
     refused(path, "c named as sliding", OptionError, prismatic=["c"])
 
 
-def test_only_the_columns_asked_for_are_read(tmp_path):
-    path = tmp_path / "log.parquet"
-    frame = pl.DataFrame({"a": [1.0, 3.0], "b": [2.0, 5.0], "x": [1, 2], "y": [4, 3]})
-    frame = frame.with_columns(note=pl.Series(["unread", "unread"]))
-    frame.write_parquet(path, compression="uncompressed", statistics=False)
-    content = path.read_bytes()
-    assert b"unread" in content
-    path.write_bytes(content.replace(b"unread", b"\xff" * 6))
-    with pytest.raises(pl.exceptions.PolarsError):
-        pl.read_parquet(path)
-    log = read_log(path, joints=["a", "b"])
-    assert log.q.tolist() == [[1, 2], [3, 5]]
-
-
 def test_rows_without_a_finite_value_are_left_out_and_counted(file):
     rows = "1,2,3,4,\n2,,3,4,\n3,4,nan,5,\n4,5,1e999,2,\n\n5,6,NA,2,\n5,6,1e300,2,\n7,8,1,9,\n\n"
     path = file("a,b,x,y,t\n" + rows)
@@ -81,17 +61,5 @@ def test_rows_without_a_finite_value_are_left_out_and_counted(file):
     assert log.rows.tolist() == [1, 8]
 
 
-def test_names_of_joints_as_lerobot_writes_them(file):
-    path = file("pan.pos,lift.pos,x,y\n0.1,0.2,3,4\n0.2,0.4,6,8\n")
-    log = read_log(path, joints=["pan", "lift"], unit="px")
-    assert log.q.tolist() == [[0.1, 0.2], [0.2, 0.4]]
-
-
 def test_a_log_without_positions_says_what_is_missing(file):
     refused(file("a,b\n0.1,0.2\n0.2,0.4\n"), "has no positions: expected columns x, y and z")
-
-
-def test_a_log_is_not_written_with_its_arguments_exchanged(file):
-    log = read_log(file(GOOD), joints="a,b")
-    with pytest.raises(OptionError, match="samples first and then the path, not str"):
-        write_log("log.csv", log)

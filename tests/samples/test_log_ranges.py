@@ -39,19 +39,6 @@ def test_sliding_joints_are_never_in_degrees(file):
     assert log.revolute == (True, False)
 
 
-def test_values_just_beyond_the_limits_widen_the_range_aloud(arm, file):
-    rows = "shoulder,elbow,x,y\n-0.05,0.5,1,2\n1.5708,1,2,3\n1,{},3,4\n"
-    log = read_log(file(rows.format(2.0)), arm)
-    assert log.lower[0] == -0.05
-    assert log.upper[0] == 1.5708
-    assert log.arm.lower[0] == -0.05
-    assert len(log.notes) == 1
-    assert "shoulder: the log goes beyond" in log.notes[0]
-    refused(
-        file(rows.format(3.0)), "row 3: elbow is 3 rad.*ranges={'elbow': ", arm=arm, joints=None
-    )
-
-
 def test_the_row_that_is_named_counts_the_rows_left_out(arm, file):
     rows = "shoulder,elbow,x,y\n,0.5,1,2\n1,1,2,3\n1.1,3,3,4\n"
     refused(file(rows), "row 3: elbow", arm=arm, joints=None)
@@ -69,14 +56,6 @@ def test_a_chosen_range_goes_before_the_limits(arm, file):
     refused(
         file(rows), "4 of 4 rows have elbow outside", arm=arm, joints=None, ranges={"elbow": (4, 5)}
     )
-
-
-def test_whole_turns_are_taken_off_where_that_meets_the_limits(arm, file):
-    elbow = np.linspace(0.3, 2.6, 40)
-    path = file(table({"shoulder": np.linspace(0, 1.5, 40), "elbow": elbow + TURN}))
-    log = read_log(path, arm)
-    np.testing.assert_allclose(log.q[:, 1], elbow, atol=1e-12)
-    assert "elbow: 40 values wrapped" in log.notes[0]
 
 
 def test_more_than_one_turn_becomes_one(file):

@@ -14,11 +14,5 @@ def test_each_joint_came_from_the_side_of_its_last_motion():
     assert side[:, 1].tolist() == [0, 0, -1, 1, 1]
 
 
-def test_rows_that_are_picked_keep_their_side():
-    motion = SAMPLES.motion.take([3, 1])
-    assert motion.side[:, 0].tolist() == [-1, 1]
-    assert (motion.q == Q[[3, 1]]).all()
-
-
 def test_rows_at_one_pose_share_its_number():
     assert SAMPLES.pose_index.tolist() == [0, 1, 2, 0, 0]

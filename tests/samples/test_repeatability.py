@@ -52,9 +52,3 @@ def test_what_a_log_cannot_tell_is_not_told():
     assert at_rest.sensor == pytest.approx(SENSOR, rel=0.4)
     with pytest.raises(LogError, match="none of the log's"):
         repeatability(visited(cycles=1, readings=1))
-
-
-def test_a_dense_log_of_different_poses_repeats_nothing():
-    arm = calib.load_arm("two_link")
-    with pytest.raises(LogError):
-        repeatability(calib.babble(arm, 4000))

@@ -60,12 +60,6 @@ def test_a_device_without_end_is_refused():
         calib.read_log("/dev/zero", joints=["a", "b"])
 
 
-def test_a_closed_input_is_an_empty_table(model):
-    done = shell(f'"$@" query forward "{model}" --input - <&-')
-    assert done.returncode == 1
-    assert b"standard input is empty" in done.stderr
-
-
 def test_names_beyond_the_alphabet_of_a_terminal(tmp_path):
     rng = np.random.default_rng(0)
     path = tmp_path / "log.csv"

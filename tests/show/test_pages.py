@@ -11,7 +11,6 @@ from scenes import data_of, objects, page_of, project, seen_by_two, tracks, unpa
 
 import calib
 from calib.show.error_scale import STOPS
-from calib.show.preview.page import page_of as written
 
 SIZE = (900, 700)
 PANEL = 280  # pixels that the page's panel covers
@@ -129,25 +128,6 @@ def test_the_tip_is_on_its_ball_and_partners_of_the_linked_node_are_dots(page, s
     strongest = nodes[partners[data["links"]["node"]][:3]]
     pixels = project(data["camera"], strongest, *SIZE, PANEL)
     assert (near(sight, pixels, np.tile(rgb(data["links"]["link"]), (3, 1)), 1) < 40).all()
-
-
-def test_a_live_page_draws_every_branch(page, tmp_path, monkeypatch):
-    data, model = data_of(page), full()
-    target = model.forward([0.6, 0.7])
-    asked = f"<script>calib.ask({[*target.tolist(), 0.0]})</script></body>"
-    monkeypatch.setattr(
-        "calib.show.preview.server.page_of",
-        lambda data, **live: written(data, **live).replace("</body>", asked),
-    )
-    with calib.preview(model, live=True, browse=False) as shown:
-        sight = look(shown.url, tmp_path, size=SIZE)
-    branches = model.inverse_all(target[None])[0]
-    assert len(branches) == 2
-    u = model.motor.scale.to_unit(branches)
-    dots = np.array(data["panel"]["corner"]) + u @ np.array(data["panel"]["edges"])
-    pixels = project(data["camera"], dots, *SIZE, PANEL)
-    wanted = np.array([rgb("#1c7ed6"), rgb("#e8590c")])
-    assert (near(sight, pixels, wanted, 1) < 40).all()
 
 
 @pytest.mark.usefixtures("pages")

@@ -111,28 +111,3 @@ def test_command_completes_a_log(run, log, tmp_path, arm):
     rows = [[float(v) for v in line.split(",")[:2]] for line in done.out.splitlines()[1:]]
     expected = calib.plan(arm, 6, measured=calib.read_log(log, arm)).q
     np.testing.assert_array_equal(rows, expected)
-
-
-@pytest.mark.parametrize(
-    ("args", "code", "part"),
-    [
-        (["two_link"], 2, "-o"),
-        (["two_link", "-n", "5000"], 2, "at most 1000"),
-        (["two_link", "--margin", "-1"], 2, "zero or more"),
-        (["two_link", "--from", "1"], 2, "2 values"),
-        (["two_link", "--from", "1,9"], 1, "elbow = 9"),
-        (["two_linc"], 1, "did you mean two_link"),
-        (["MODEL", "--tip", "t"], 2, "--tip is for ROBOT"),
-        (["MODEL", "--range", "elbow=0:9"], 1, "limits"),
-    ],
-)
-def test_command_errors_are_one_line_and_write_nothing(run, model, tmp_path, args, code, part):
-    path = tmp_path / "p.csv"
-    words = [str(model) if arg == "MODEL" else arg for arg in args]
-    output = [] if part == "-o" else ["-o", str(path)]
-    done = run("plan", *words, *output)
-    assert done.code == code
-    assert part in done.err
-    assert len(done.err.strip().splitlines()) == 1
-    assert done.out == ""
-    assert not path.exists()

@@ -9,7 +9,7 @@ from drifting import arm, log, model
 import calib
 from calib.arm.loading import arm_from_urdf
 from calib.body.spatial import structure_of
-from calib.errors import OptionError, RobotError
+from calib.errors import RobotError
 from calib.use.geometry import Geometry
 from calib.use.geometry_fit import InPlane, fit_geometry
 from calib.use.urdf import corrected_urdf
@@ -60,7 +60,7 @@ def test_a_diff_shows_the_changed_attributes_alone():
     beta, zero = structure.neutral(), np.zeros((structure.size, structure.size))
     beta[structure.groups["offset"][1]] = 0.02
     beta[structure.shifts[1]] = 0.003, 0.0, 0.0
-    geometry = Geometry(nominal, structure, beta, zero, False, True, 0.0, 0.0, 0.5)
+    geometry = Geometry(nominal, structure, beta, zero, False, 0.0, 0.0, 0.5)
     new = corrected_urdf(geometry)
     before, after = text.splitlines(), new.splitlines()
     assert len(before) == len(after)
@@ -105,12 +105,3 @@ def test_the_users_own_file_is_never_written_over(tmp_path, run):
     assert done.code == 1
     assert "never overwritten" in done.err
     assert nominal.read_text() == arm().urdf
-
-
-def test_the_base_stays_unless_it_is_freed():
-    shifted = calib.adapt(model(), log("elbow.offset=0.01", n=100, noise=0.0)).model
-    assert not fit_geometry(shifted).ends[0].value.any()
-    assert fit_geometry(shifted, move_base=True).ends[0].interval.all()
-    measured = calib.train(replace(log(n=300), simulation=None, arm=arm()), size=10)
-    with pytest.raises(OptionError, match="view='base'"):
-        fit_geometry(measured, move_base=True)

@@ -49,7 +49,7 @@ def inverse(
         ),
     ] = None,
     every: Annotated[
-        bool, opt.flag("--all", "Answer with every branch.")
+        bool, opt.option("--all", "Answer with every branch.")
     ] = False,
     readout: opt.ReadoutKind = None,
     frame: opt.InFrame = "sensor",
@@ -67,14 +67,14 @@ def inverse(
     ] = None,
     keep: Annotated[
         bool,
-        opt.flag("--keep-orientation", "Turn the tool little from --near."),
+        opt.option("--keep-orientation", "Turn the tool little from --near."),
     ] = False,
     free: Annotated[
         Literal["x", "y", "z"] | None,
-        opt.flag("--free", "Of a pose: the tool may turn about."),
+        opt.option("--free", "Of a pose: the tool may turn about."),
     ] = None,
     on: Annotated[
-        parsing.JointValue | None,
+        parsing.OfJoint | None,
         opt.value(
             "--on",
             "z=H",
@@ -142,9 +142,7 @@ def inverse(
     )
     if input_ is not None:
         return _table(query, search)
-    return _single(
-        query, search, target or (), None if on is None else on.value
-    )
+    return _single(query, search, target or (), None if on is None else on.low)
 
 
 def _single(
