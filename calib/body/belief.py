@@ -93,11 +93,8 @@ class Body(OfStructure):
         noise : whether the sensor's noise is part of the distance
         """
         q = np.asarray(q, dtype=float)
-        bound = np.zeros(len(q))
-        for start in range(0, len(q), _CHUNK):
-            rows = slice(start, start + _CHUNK)
-            bound[rows] = self._bound(q[rows], noise)
-        return bound
+        parts = np.split(q, range(_CHUNK, len(q), _CHUNK))
+        return np.concatenate([self._bound(part, noise) for part in parts])
 
     def unexplained(self, *, noise: bool) -> Array:
         """Variance (p,) of positions that no parameter explains, of readings or of the truth.

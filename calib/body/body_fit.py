@@ -167,12 +167,10 @@ def _seen_by(
     part = whole.parts[k]
     structure = part.structure
     simulated = structure.simulated
+    held_out = leave_blocks_out(whole, sensor=k)
     kappa = FIT.unknown_kappa
     if isinstance(rows.sensor, str) or k == 0:
-        held_out = leave_blocks_out(whole, sensor=k)
         kappa = max(1.0, held_out.ratio())
-    else:
-        held_out = leave_blocks_out(whole, (), sensor=k)
     repeat = 0.0
     if not simulated:
         repeat = _repeatability(rows.q, rows.z[:, : structure.blocks[0]])
