@@ -120,7 +120,7 @@ def leave_blocks_out(
                 length = np.linalg.norm(missed[::every, :p], axis=1)
                 x = by_all[::every, :p]
                 y = softer.whiten(x.reshape(-1, x.shape[2]).T)
-                y = y.reshape(-1, *x.shape[:2])
+                y = y.reshape(len(y), *x.shape[:2])
                 spread = np.einsum("kni,knj->nij", y, y)
                 spread += np.diag(part.noise[:p] ** 2)
                 some = slice(rows.start, rows.stop, every)

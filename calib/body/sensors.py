@@ -78,9 +78,8 @@ class Sensor(Measurement):
         """Return its parameters with its own name before theirs."""
         blocks = self.parameters(arm)
         if further and self.marked:
-            axes = [f"marker.{axis}" for axis in "xyz"]
             apart = Hyper(f"{self.name}.marker", PRIOR.marker, PRIOR.markers)
-            blocks = (*blocks, Block.of("marker", "m", axes, scales=(apart,)))
+            blocks = (*blocks, Block.of("marker", "m", "xyz", scales=(apart,)))
         return tuple(block.named(self.name) for block in blocks)
 
 
@@ -117,8 +116,6 @@ class InSpace(Sensor):
         unit, size = (
             (arm.unit, arm.reach) if self.camera else (self.unit, self.extent)
         )
-        turns = [f"view.rotation.{axis}" for axis in "xyz"]
-        shifts = [f"view.shift.{axis}" for axis in "xyz"]
         lens = (
             (None, "lens.focal", "px"),
             (None, "lens.centre.u", "px"),
@@ -126,9 +123,9 @@ class InSpace(Sensor):
             (None, "lens.k1", "1"),
         )
         return (
-            Block.of("view.rotation", "rad", turns, 100.0),
-            Block.of("view.shift", unit, shifts, FREE * size),
-            Block.of("view.scale", "1", ["view.scale"], 100.0),
+            Block.of("view.rotation", "rad", "xyz", 100.0),
+            Block.of("view.shift", unit, "xyz", FREE * size),
+            Block.of("view.scale", "1", "", 100.0),
             Block(
                 "lens", lens, np.asarray(self.lens), np.asarray(self.lens_sd)
             ),
@@ -172,21 +169,15 @@ class InPlane(Sensor):
         if self.view == "base":
             rotation = arm.rotation
             shift = self.metre * np.asarray(arm.shift)
-        shifts = ["view.shift x", "view.shift y"]
-        shears = ["view.stretch", "view.shear"]
-        tilts = ["view.tilt x", "view.tilt y"]
-        lens = ["lens.radial", "lens.centre x", "lens.centre y"]
+        slope = f"1/{arm.unit}"
+        middle = ("radial", "centre x", "centre y")
         return (
-            Block.of(
-                "view.rotation", "rad", ["view.rotation"], 100.0, rotation
-            ),
-            Block.of("view.scale", "1", ["view.log scale"], 100.0),
-            Block.of("view.shear", "1", shears, 1.0),
-            Block.of(
-                "view.shift", self.unit, shifts, FREE * self.extent, shift
-            ),
-            Block.of("view.tilt", f"1/{arm.unit}", tilts, 1.0 / arm.reach),
-            Block.of("lens", "1", lens, 0.5),
+            Block.of("view.rotation", "rad", "", 100.0, rotation),
+            Block.of("view.scale", "1", "", 100.0),
+            Block.of("view.shear", "1", ("stretch", "shear"), 1.0),
+            Block.of("view.shift", self.unit, "xy", FREE * self.extent, shift),
+            Block.of("view.tilt", slope, "xy", 1.0 / arm.reach),
+            Block.of("lens", "1", middle, 0.5),
         )
 
     def place(self, beta: Mapping[str, Array]) -> Placed:

@@ -110,13 +110,11 @@ class SpatialStructure(Structure):
 
     def _tool(self) -> tuple[Block, Block]:
         """Where the tip is; what one orientation does not tell is held."""
-        shifts = [f"tool.{axis}" for axis in "xyz"]
-        turns = [f"tool.rotation.{axis}" for axis in "xyz"]
         scales = (self.tool,) if self.tool is not None and self.informed else ()
         turn = TURN if self.sensors[0].view == "base pose" else 3.0
         return (
-            Block.of("tool", "m", shifts, self._reach, scales=scales),
-            Block.of("tool.rotation", "rad", turns, turn),
+            Block.of("tool", "m", "xyz", self._reach, scales=scales),
+            Block.of("tool.rotation", "rad", "xyz", turn),
         )
 
     def _placement(self) -> Block:
@@ -163,10 +161,8 @@ class SpatialStructure(Structure):
                 labels.append((names[joint], name, "rad"))
             scale = Hyper(block, PRIOR.elastic, pseudo=1.0)
             yield Block(block, tuple(labels), scales=(scale,))
-        tilts = tuple(
-            (None, f"gravity.{'xyz'[axis]}", "rad") for axis in self._across
-        )
-        yield Block("gravity", tilts, sd=PRIOR.tilt)
+        axes = ["xyz"[axis] for axis in self._across]
+        yield Block.of("gravity", "rad", axes, PRIOR.tilt)
 
     def _coupling(self) -> Block:
         """How much each joint moves with the motor of the one before it."""

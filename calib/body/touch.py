@@ -43,9 +43,7 @@ class Touch(Measurement):
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
         """The sockets."""
-        names = [
-            f"point.{k}.{axis}" for k in range(self.count) for axis in "xyz"
-        ]
+        names = [f"{k}.{axis}" for k in range(self.count) for axis in "xyz"]
         return (Block.of("point", "m", names, FREE * arm.reach),)
 
     def look(self, scene: Scene) -> _Misses:
