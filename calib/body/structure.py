@@ -90,11 +90,6 @@ class Structure(Layout):
         """What bends the joints, by the block of elasticity that has a parameter for each."""
         raise NotImplementedError
 
-    @property
-    def tilts(self) -> Mapping[str, Array]:
-        """Blocks that tilt gravity, and the ways (t, g) in which their parameters move it."""
-        return {}
-
     def gravity_at(self, beta: Array) -> Array:  # noqa: ARG002
         """What (g,) loads are of their levers, at parameters (d,)."""
         return np.ones(1)
@@ -140,7 +135,7 @@ class Structure(Layout):
 
     def fixed_at(self, beta: Array) -> Fixed:
         """What follows from parameters (d,) alone."""
-        blocks = {name: beta[indices] for name, indices in self.groups.items()}
+        blocks = self._blocks(beta)
         bent = [k for k in range(self.dof) if blocks[f"curve.{k}"].any()]
         curves = np.reshape(
             [blocks[f"curve.{k}"] for k in bent], (-1, 2 * HARMONICS)
@@ -248,8 +243,13 @@ class Structure(Layout):
         groups = self.groups
         fixed = self.fixed(beta)
         joints = q[:, : self.dof]
+        look = partial(self._look, q, motion)
         for name in self.own_blocks:
-            yield groups[name], partial(self._by_sensor, name, q, beta, motion)
+            yield groups[name], partial(self._by_differences, name, look, beta)
+        if "gravity" in groups:
+            look = partial(self.predict, q)
+            name = "gravity"
+            yield groups[name], partial(self._by_differences, name, look, beta)
         chained = sight.push(*motion.joints())
         led = self.led(chained)
 
@@ -261,11 +261,6 @@ class Structure(Layout):
 
         for block in self.loads:
             yield groups[block], partial(by_loads, block)
-        for block, ways in self.tilts.items():
-            yield (
-                groups[block],
-                partial(self._by_gravity, q, fixed, chained, ways),
-            )
         if "coupling" in groups:
             yield groups["coupling"], lambda: led[1:] * joints.T[:-1, None]
         yield groups["offset"], lambda: led
@@ -278,22 +273,27 @@ class Structure(Layout):
         for k in range(self.dof):
             yield groups[f"curve.{k}"], partial(_waved, joints[:, k], led[k])
 
-    def _by_sensor(
-        self, name: str, q: Array, beta: Array, motion: Motion
+    def _by_differences(
+        self, block: str, predict: Callable[[Array], Array], beta: Array
     ) -> Array:
-        """How outputs (k, m, n) move with a block of the sensor's own, by differences."""
-        indices = self.groups[name]
-
-        def look(step: Array) -> Array:
-            moved = self.retract(beta, step)[indices]
-            blocks = {**self.fixed(beta).blocks, name: moved}
-            placed = self.viewpoint.place(blocks)
-            scene = Scene(blocks, placed, motion, q[:, self.dof :])
-            return self.measurement.look(scene).values
-
-        steps = _STEP * np.eye(self.size)[indices]
-        moved = [self.residual(look(step), look(-step)).T for step in steps]
+        """How outputs (k, m, n) of parameters (d,) move with those of a block."""
+        steps = _STEP * np.eye(self.size)[self.groups[block]]
+        moved: list[Array] = []
+        for step in steps:
+            ahead = predict(self.retract(beta, step))
+            behind = predict(self.retract(beta, -step))
+            moved.append(self.residual(ahead, behind).T)
         return np.array(moved) / (2 * _STEP)
+
+    def _look(self, q: Array, motion: Motion, beta: Array) -> Array:
+        """What a sensor at parameters (d,) sees of a motion, (n, m)."""
+        blocks = self._blocks(beta)
+        placed = self.viewpoint.place(blocks)
+        scene = Scene(blocks, placed, motion, q[:, self.dof :])
+        return self.measurement.look(scene).values
+
+    def _blocks(self, beta: Array) -> dict[str, Array]:
+        return {name: beta[indices] for name, indices in self.groups.items()}
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
@@ -321,19 +321,6 @@ class Structure(Layout):
             )
             moved += np.einsum("emn,ekn->kmn", chained[loads.joints], slopes)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))
-
-    def _by_gravity(
-        self, q: Array, fixed: Fixed, chained: Array, ways: Array
-    ) -> Array:
-        """How outputs move (t, m, n) as gravity moves along `ways` (t, g)."""
-        moved = np.zeros((len(ways), *chained.shape[1:]))
-        for block, elastic in fixed.elastic.items():
-            bends = elastic[:, None] * np.einsum(
-                "tg,egn->ten", ways, self._levers(block, q)
-            )
-            bent = chained[self.loads[block].joints]
-            moved += np.einsum("emn,ten->tmn", bent, bends)
-        return moved
 
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""
