@@ -159,7 +159,7 @@ def _seen_by(
     k: int,
     passed: Passed,
     whole: Fit,
-    wide: _Wide | None,
+    wide: tuple[Fit, Array] | None,
     root: Array,
     rows: Rows,
 ) -> BodyFit:
@@ -171,6 +171,11 @@ def _seen_by(
     kappa = FIT.unknown_kappa
     if isinstance(rows.sensor, str) or k == 0:
         kappa = max(1.0, held_out.ratio())
+    second: Second | None = None
+    if wide is not None:
+        other, spread = wide
+        noise = other.parts[k].noise
+        second = Second(other.beta, other.active, spread, noise)
     repeat = 0.0
     if not simulated:
         repeat = _repeatability(rows.q, rows.z[:, : structure.blocks[0]])
@@ -189,7 +194,7 @@ def _seen_by(
         rows=len(rows),
         simulated=simulated,
         member=passed.name,
-        second=None if wide is None else wide.second(k),
+        second=second,
         repeat=repeat,
     )
     # where the other blocks determine nothing, they predict their mean
@@ -208,25 +213,13 @@ def _repeatability(q: Array, z: Array) -> float:
     return float(np.sqrt(squares.sum() / (freedom * z.shape[1])))
 
 
-@dataclass(frozen=True, eq=False)
-class _Wide:
-    """A fit with a wider prior, and the root (k, k) of what the rows leave of its covariance."""
-
-    fit: Fit
-    root: Array
-
-    def second(self, sensor: int) -> Second:
-        """Return the belief as a sensor sees it."""
-        noise = self.fit.parts[sensor].noise
-        return Second(self.fit.beta, self.fit.active, self.root, noise)
-
-
 def _wide_fit(
     passed: Passed, chain: tuple[str, ...], rows: Sequence[Rows]
-) -> _Wide | None:
+) -> tuple[Fit, Array] | None:
     """Return a fit of what the member left out, for the bound: the whole chain, larger curves.
 
-    Lens and elasticity too.  None where the member has them and the rows speak against curves.
+    Lens and elasticity too; and the root (k, k) of what rows leave of its covariance.  None where
+    the member has them and the rows speak against curves.
     """
     first = passed.fit
     structure = first.structure
@@ -264,4 +257,4 @@ def _wide_fit(
     if len(rows[0]) < structure.few_rows:
         ratio = leave_blocks_out(wide).ratio()
         share = float(np.clip(ratio, FIT.least_share, 1.0))
-    return _Wide(wide, as_kept(share**2 * wide.covariance))
+    return wide, as_kept(share**2 * wide.covariance)
