@@ -171,7 +171,7 @@ def test_exact_simulated_worlds_are_found_by_the_member_that_holds_them(name):
     body = fit(q, world(q), simulated=True).body
     ask = rows(100, 2, seed=28, reach=1.0)
     assert np.abs(body.predict(ask) - world(ask)).max() < 1e-9
-    assert body.member == member
+    assert body.member.endswith(member)
 
 
 def with_slide(q):
