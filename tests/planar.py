@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib.arm.arm import PlanarArm
+from calib import PlanarArm
 
 
 def chain_urdf(joints: int, reach: float = 0.6, half: float = 1.4, slide: int | None = None) -> str:

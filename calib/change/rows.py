@@ -99,7 +99,7 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     cause = None
     if log.touch is not None:  # which no sensor saw
         cause = "joints"
-        log, notes = as_positions(model, log)
+        log, notes = as_positions(model, log, log.touch)
     rows_in_file = log.left_out + len(log)
     left_out_before = log.left_out
     unit = log.unit

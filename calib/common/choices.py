@@ -20,7 +20,6 @@ MAPS = (
     "gng",
     "gng:error",
     "gng:border",
-    "gas",
 )
 MAP_READOUTS = ("linear", "activity", "winner")  # of maps and links alone
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Mask
+from ..common.rows import finite_rows, row_lengths
 from ..errors import LogError
 from .diagnosis import is_path
 from .samples import Samples
@@ -106,7 +107,7 @@ class Trajectory:
     def moved(self, samples: Samples, delay: float) -> Samples:
         """The rows whose joints are known `delay` [unit] before, with these."""
         q, _ = self.before(delay)
-        inside = np.asarray(np.isfinite(q).all(axis=1))
+        inside = finite_rows(q)
         return replace(samples.take(inside), q=q[inside])
 
 
@@ -120,7 +121,7 @@ def with_offset(samples: Samples, offset: float) -> Samples:
             "`time_offset` needs the times of the rows: expected a column `time` [s]"
         )
     motion = Trajectory(samples.time, samples.q, "s")
-    inside = np.isfinite(motion.before(-offset)[0]).all(axis=1)
+    inside = finite_rows(motion.before(-offset)[0])
     if not inside.any():
         raise LogError(
             f"`time_offset={offset:g}`: no row's joints are known {offset:g} s later"
@@ -154,14 +155,14 @@ def estimate_delay(
     play : (n, m, j), what else could explain the residual: the better explanation counts
     Returns the delay and how the parameters change with it (k,), None where nothing moves.
     """
-    finite = np.isfinite(np.hstack([velocity, residual])).all(axis=1)
+    finite = finite_rows(np.hstack([velocity, residual]))
     rows = np.flatnonzero(finite)
     n = len(rows)
     m = residual.shape[1]
     late = -velocity[rows].reshape(-1, 1)
     if n < CLOCK.fewest_rows or not np.abs(late).max() > 0:
         return None
-    size = np.linalg.norm(residual[rows], axis=1)
+    size = row_lengths(residual[rows])
     noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * np.abs(late).max()
     weight = (CLOCK.student + m) / (CLOCK.student + (size / noise) ** 2)
     root = np.repeat(np.sqrt(weight) / noise, m)[:, None]

@@ -15,7 +15,7 @@ import numpy as np
 from ..arm.rotations import logarithm, matrix_of, nearest_rotation, similarity
 from ..common.arrays import Array, Mask
 from ..common.robust import solve_least_squares
-from ..common.rows import thinned
+from ..common.rows import finite_rows, median_length, row_lengths, thinned
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
@@ -85,7 +85,7 @@ def diagnose(
     q = q[some]
     x = x[some]
     predicted = predict(q)
-    answered = np.isfinite(predicted).all(axis=1)
+    answered = finite_rows(predicted)
     places = len(np.unique(x, axis=0))  # of touches few, which fit anything
     few = places < DIAGNOSIS.fewest_rows or answered.mean() <= 0.5
     if few or not np.ptp(predicted[answered], axis=0).any():
@@ -107,7 +107,7 @@ def diagnose(
     def missed(q: Array, *, tool: bool = True) -> float:
         """Median distance that is left of rows read otherwise; `tool`: one of unknown size."""
         predicted = predict(q)
-        answered = np.isfinite(predicted).all(axis=1)
+        answered = finite_rows(predicted)
         if answered.mean() < 0.6:
             return float("inf")
         if not tool or pose is None or len(q) < DIAGNOSIS.tool_rows:
@@ -251,8 +251,8 @@ def unit_hint(ratio: float) -> str:
 
 def spread(x: Array) -> float:
     """Median distance of rows (n, m) from their middle: one wrong row does not move it."""
-    x = x[np.isfinite(x).all(axis=1)]
-    return float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1)))
+    x = x[finite_rows(x)]
+    return median_length(x - np.median(x, axis=0))
 
 
 def _unmoved(q: Array, x: Array, names: Sequence[str]) -> tuple[Finding, ...]:
@@ -280,7 +280,7 @@ def _turned(
     place: Array, nominal: Array, x: Array, turns: Array
 ) -> Finding | None:
     """Quaternions `turns` that do not turn as the joints predict, and the reading that does."""
-    answered = np.isfinite(np.hstack([place, nominal])).all(axis=1)
+    answered = finite_rows(np.hstack([place, nominal]))
     if answered.sum() < DIAGNOSIS.fewest_rows:
         return None
     place = place[answered]
@@ -295,7 +295,7 @@ def _turned(
         between = (np.swapaxes(drawn, 1, 2) @ frame.T @ seen).sum(axis=0)
         expected = frame @ drawn @ nearest_rotation(between)
         off = logarithm(seen @ np.swapaxes(expected, 1, 2))
-        return float(np.median(np.linalg.norm(off, axis=1)))
+        return median_length(off)
 
     as_it_is = angle(x, seen)
     if as_it_is <= DIAGNOSIS.turned:
@@ -359,7 +359,7 @@ def is_path(q: Array, joined: Mask | slice = slice(None)) -> bool:
 def misfit(a: Array, b: Array, *, affine: bool = False) -> float:
     """Median distance of `b` (n, m) from `a` (n, k), `aligned`."""
     off = b - aligned(a, b, affine=affine)
-    return float(np.median(np.linalg.norm(off, axis=1)))
+    return median_length(off)
 
 
 def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
@@ -371,7 +371,7 @@ def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
     affine = affine or a.shape[1] != b.shape[1]
     features = np.column_stack([a, np.ones(len(a))])
     # spreads about the median: single wrong rows decide nothing
-    away = np.linalg.norm(b - np.median(b, axis=0), axis=1)
+    away = row_lengths(b - np.median(b, axis=0))
     agree = away <= 5.0 * np.median(away) + 1e-300
     for _ in range(4):
         if affine:
@@ -379,6 +379,6 @@ def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
         else:
             turn, shift, scale = similarity(a[agree], b[agree])
             moved = scale * a @ turn.T + shift
-        away = np.linalg.norm(b - moved, axis=1)
+        away = row_lengths(b - moved)
         agree = away <= 3.0 * np.median(away) + 1e-300
     return np.asarray(moved)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index
-from ..common.rows import LARGEST
+from ..common.rows import LARGEST, finite_rows
 from ..common.scale import TURN
 from ..common.wording import for_people, unit_of_joint
 from ..errors import CalibError, LogError, OptionError
@@ -43,7 +43,7 @@ def check_joint_values(
     lower, upper : (dof,) [rad or m], the joints' learned range
     degrees : whether the values were given in degrees, and converted
     """
-    rows = np.flatnonzero(np.isfinite(q).all(axis=1))
+    rows = np.flatnonzero(finite_rows(q))
     for k in np.flatnonzero(revolute).tolist():
         limits = (float(lower[k]), float(upper[k]))
         joint = JointColumn(label, names[k], True, limits, degrees, error)

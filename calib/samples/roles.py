@@ -10,6 +10,7 @@ import numpy as np
 
 from ..arm.rotations import exponential, quaternion_of
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..common.wording import listed
 from ..errors import LogError, OptionError
 from .samples import POSITION, Samples
@@ -175,5 +176,5 @@ def from_angles(angles: Array) -> Array:
 
 def unit_quaternions(turns: Array) -> Array:
     """Quaternions (n, 4) of length 1 whose qw is not negative."""
-    unit = turns / np.linalg.norm(turns, axis=1)[:, None]
+    unit = turns / row_lengths(turns)[:, None]
     return np.asarray(np.where(unit[:, 3:] < 0, -unit, unit))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index, Mask
-from ..common.rows import LARGEST
+from ..common.rows import LARGEST, row_lengths
 from ..common.wording import listed
 from ..errors import LogError
 from .joint_values import wrap
@@ -77,7 +77,7 @@ def sound_rows(
         words = "hold zeros for a position, as where a sensor saw nothing"
         rows.left_out = rows.leave_out(zero, words)
     if roles.turns == QUATERNION:
-        length = np.linalg.norm(turns, axis=1)
+        length = row_lengths(turns)
         wrong = rows.sound & (np.abs(length - 1) > ROUNDING)
         words = f"qx, qy, qz, qw of length {length[np.argmax(wrong)]:.4g}, expected 1"
         rows.left_out += rows.leave_out(wrong, f"hold no orientation: {words}")

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Index
 from ..common.atomic import atomic_write
+from ..common.rows import finite_rows
 from ..common.wording import clipped, listed, printable, quoted
 from ..errors import LogError
 
@@ -345,7 +346,7 @@ def read_batch(
             wanted += group
     name_of = {column_of.get(name, name): name for name in wanted}
     values, rows = source.numbers(list(name_of))
-    invalid = ~np.isfinite(values).all(axis=1)
+    invalid = ~finite_rows(values)
     values[invalid] = np.nan
     rest = [
         name for name in source.header if name in name_of or name not in wanted

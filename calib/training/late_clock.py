@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..body.belief import Body
+from ..common.rows import finite_rows
 from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.motion import directions
 from ..samples.samples import Samples
@@ -88,7 +89,7 @@ def _delay(
     for _ in range(LATE_CLOCK.steps):
         q, speed = trajectory.before(total)
         q = q[some]
-        inside = np.asarray(np.isfinite(q).all(axis=1))
+        inside = finite_rows(q)
         if inside.mean() < 0.5:
             return None
         q = q[inside]

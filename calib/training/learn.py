@@ -209,59 +209,43 @@ def resolved(
 ) -> tuple[TrainingOptions, list[str]]:
     """The options with lattices and map for these samples, and what the user is told."""
     notes: list[str] = []
+    shapes = {
+        name: shape_of(size, name)
+        for name, size in vars(options).items()
+        if name.endswith("size") and size is not None
+    }
+    if not shapes and samples.simulation is None:
+        count = len(samples)
+        least = LEARNING.least_side_of_body
+        if options.body == "none":
+            least = LEARNING.least_side
+        side = max(least, round(math.sqrt(count / LEARNING.rows_per_node)))
+        side = min(LEARNING.side, side)
+        shapes["size"] = (side, side)
+        notes = [
+            f"lattices of {side}x{side} nodes for {count:,} rows, `size` chooses others"
+        ]
+    square: tuple[int, ...] = (LEARNING.side, LEARNING.side)
+    motor = shapes.get("size", square)
+    sensory = motor if len(motor) == 2 else square
     dof = samples.dof
     width = samples.x.shape[1]
-    size = _shape(options.size, "size")
-    motor = _shape(options.motor_size, "motor_size")
-    sensory = _shape(options.sensory_size, "sensory_size")
-    if (
-        size is None
-        and motor is None
-        and sensory is None
-        and samples.simulation is None
-    ):
-        side = _side_for_rows(len(samples), options.body)
-        notes = [
-            f"lattices of {side}x{side} nodes for {len(samples):,} rows, `size` chooses others"
-        ]
-        size = (side, side)
-    size = size or (LEARNING.side, LEARNING.side)
-    plane = size if len(size) == 2 else (LEARNING.side, LEARNING.side)
     # as many nodes in a lattice of the joints' dimension, and in one of the space
-    if motor is None:
-        motor = (
-            _of_dimension(dof, size)
-            if len(size) == 2 and dof in (1, 3)
-            else size
-        )
-    if sensory is None:
-        sensory = _of_dimension(3, plane) if width == 3 else plane
-    for name, shape, most in (
-        ("motor", motor, dof),
-        ("sensory", sensory, width),
-    ):
+    if len(motor) == 2 and dof in (1, 3):
+        motor = _of_dimension(dof, motor)
+    if width == 3:
+        sensory = _of_dimension(3, sensory)
+    lattices: dict[str, Any] = {"motor_size": motor, "sensory_size": sensory}
+    for name, most in (("motor_size", dof), ("sensory_size", width)):
+        shape = shapes.get(name, lattices[name])
+        lattices[name] = shape
         if len(shape) > most:
-            words = f"{name} size {'x'.join(map(str, shape))}: expected at most {most} numbers"
+            words = f"{name.replace('_', ' ')} {'x'.join(map(str, shape))}"
             raise OptionError(
-                f"{words}, one for each axis", parameter=f"{name}_size"
+                f"{words}: expected at most {most} numbers, one for each axis",
+                parameter=name,
             )
-    network = options.map or LATTICE
-    return replace(
-        options, motor_size=motor, sensory_size=sensory, map=network
-    ), notes
-
-
-def _shape(size: Size | None, name: str) -> tuple[int, ...] | None:
-    return None if size is None else shape_of(size, name)
-
-
-def _side_for_rows(rows: int, body: str) -> int:
-    """Nodes along each side of a lattice for so many rows of a log."""
-    least = (
-        LEARNING.least_side if body == "none" else LEARNING.least_side_of_body
-    )
-    side = round(math.sqrt(rows / LEARNING.rows_per_node))
-    return min(LEARNING.side, max(least, side))
+    return replace(options, map=options.map or LATTICE, **lattices), notes
 
 
 def _of_dimension(dim: int, nodes: tuple[int, ...]) -> tuple[int, ...]:

@@ -15,9 +15,8 @@ from ..samples.repeatability import at_poses, noise_beside_poses
 from ..samples.samples import Samples
 from ..samples.wrong_rows import screen
 from .learn import TrainingOptions
-from .play import play_words, without_play
 from .smooth import SmoothPart, find_smooth_part, find_smooth_parts
-from .sound_rows import fit_sound_rows
+from .sound_rows import fit_sound_rows, play_words, without_play
 from .touched import fit_sockets
 
 _Noisy = TypeVar("_Noisy", Body, Second)
@@ -47,7 +46,7 @@ def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
     """Leave wrong rows out, bring clocks together, and fit the body; a row a pose is left."""
     rows_given = len(samples) + samples.left_out
     if samples.touch is not None:
-        samples, part, notes = fit_sockets(samples, options)
+        samples, part, notes = fit_sockets(samples, samples.touch, options)
         return Prepared(samples, rows_given, (*notes, *part.fit.notes), part)
     if options.body == "none":
         notes = []
@@ -60,14 +59,14 @@ def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
         return find_smooth_part(at_poses(rows), options)
 
     log = fit_sound_rows(samples, fit)
-    samples = log.samples
-    part = log.part
     notes = log.notes
-    play = log.play if log.play.any() else None
-    if play is not None:
+    play = None
+    if log.play.any():
+        play = log.play
         notes.append(play_words(samples, play))
-    notes += part.fit.notes
-    part = _of_single_readings(part, samples)
+    notes += log.part.fit.notes
+    samples = log.samples
+    part = _of_single_readings(log.part, samples)
     return Prepared(
         at_poses(samples), rows_given, tuple(notes), part, play, samples
     )
@@ -78,30 +77,28 @@ def prepare_several(
 ) -> dict[str, Prepared]:
     """Prepare the log of each sensor by itself, then fit one body to all of them."""
     alone = {name: prepare(samples, options) for name, samples in logs.items()}
-    plays = [
-        prepared.play
-        for prepared in alone.values()
-        if prepared.play is not None
-    ]
+    shown = {
+        name: np.zeros(logs[name].dof) if log.play is None else log.play
+        for name, log in alone.items()
+    }
+    # the arm's, whichever sensors have shown it
+    plays = [play for play in shown.values() if play.any()]
     play = np.mean(plays, axis=0) if plays else None
     readings: dict[str, Samples] = {}
-    for name, prepared in alone.items():
-        samples = prepared.readings or prepared.samples
-        if play is not None:  # the arm's, whichever sensors have shown it
-            shown = (
-                np.zeros_like(play) if prepared.play is None else prepared.play
-            )
-            samples = without_play(samples, play - shown)
+    for name, log in alone.items():
+        samples = log.readings or log.samples
+        if play is not None:
+            samples = without_play(samples, play - shown[name])
         readings[name] = samples
     poses = {name: at_poses(samples) for name, samples in readings.items()}
     parts = find_smooth_parts(poses, options)
     together: dict[str, Prepared] = {}
-    for name, prepared in alone.items():
+    for name, log in alone.items():
         part = _of_single_readings(parts[name], readings[name])
-        notes_of_fit = prepared.part.fit.notes if prepared.part else ()
-        notes = [note for note in prepared.notes if note not in notes_of_fit]
+        notes_of_fit = log.part.fit.notes if log.part else ()
+        notes = [note for note in log.notes if note not in notes_of_fit]
         together[name] = replace(
-            prepared,
+            log,
             samples=poses[name],
             part=part,
             play=play,

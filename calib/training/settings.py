@@ -83,8 +83,6 @@ class Touching:
     attempts: int = 3
     few: int = 12  # touches that tell an arm in space at least
     few_of_one: int = 4  # of them in one socket
-    # times the usual scatter, within which a stray was in another socket
-    in_socket: float = 5.0
     # [rad or m], joints that moved less in each socket tell nothing
     alike: float = 0.05
     clearly: float = 3.0  # sds by which two sizes of an arm have to differ

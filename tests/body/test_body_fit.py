@@ -6,7 +6,6 @@ import pytest
 from calib.body import body_fit
 from calib.body.drawing import PlanarDrawing
 from calib.body.planar import planar_structure
-from calib.body.row_notes import warnings_of
 from calib.body.rows import Rows
 
 LENGTHS = np.array([0.3, 0.25, 0.15])
@@ -124,21 +123,6 @@ def test_odd_input_gives_a_finite_body_whose_bound_covers_its_rows(name, simulat
     assert np.isfinite(bound).all()
     assert np.isfinite(fitted.held_out).all()
     assert np.mean(error <= bound + 1e-9) >= 0.9
-
-
-@pytest.mark.parametrize(
-    ("columns", "match"),
-    [
-        (lambda q: np.c_[q[:, 0], np.full(len(q), 0.2)], "never moves"),
-        (lambda q: np.c_[q[:, 0], q[:, 0]], "move together"),
-        (lambda q: np.c_[q[:, 0], 0.01 * q[:, 1]], "deg only"),
-        (lambda q: np.c_[q[:, 0], 1 - 0.5 * q[:, 0]], "move together"),
-    ],
-)
-def test_what_rows_cannot_tell_is_said(columns, match):
-    q = columns(rows(300, 2, seed=25, reach=0.3))
-    notes = warnings_of(q, ("a", "b"), (True, True))
-    assert any(match in note for note in notes)
 
 
 def lens_about(z, k=0.8, centre=(0.2, 0.25)):

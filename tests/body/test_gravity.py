@@ -10,9 +10,9 @@ import pytest
 from reference import random_joints
 
 import calib
+from calib import OptionError
 from calib.arm.gravity import Loads
 from calib.arm.loading import arm_from_urdf
-from calib.errors import OptionError
 
 TEXT = (Path(__file__).parents[2] / "robots/six_axis.urdf").read_text(encoding="utf-8")
 BARE = re.sub(r"<inertial>.*?</inertial>", "", TEXT, flags=re.DOTALL)

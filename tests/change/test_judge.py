@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.errors import OptionError
+from calib import OptionError
 
 NOISE = 2e-4
 DEGREE = float(np.radians(1.0))

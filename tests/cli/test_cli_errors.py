@@ -1,10 +1,16 @@
 """Bad input: one clear line on standard error, nothing on standard output, no file."""
 
+import math
 import re
 from pathlib import Path
 
 import pytest
+import typer
+from calib_cli import parsing
 from calib_cli.errors import describe_error
+from calib_cli.output import plain
+from hypothesis import given
+from hypothesis import strategies as st
 
 import calib
 
@@ -199,3 +205,35 @@ def test_no_message_of_the_library_names_an_option():
                 if flag and id(node) not in docs and not foreign:
                     found.append(f"{path.name}:{node.lineno} {flag[0]}")
     assert found == []
+
+
+@given(st.text())
+def test_readers_answer_or_say_what_they_expected(text):
+    readers = [
+        parsing.count,
+        parsing.not_negative,
+        parsing.above_zero,
+        parsing.lattice_sides,
+        parsing.sigma,
+        parsing.names,
+        parsing.reals,
+        parsing.column_names,
+        parsing.joint_value,
+        parsing.joint_range,
+        parsing.one_of(("batch", "online")),
+        parsing.height,
+    ]
+    told = []
+    for read in readers:
+        try:
+            read(text)
+        except typer.BadParameter as error:
+            told.append(error.format_message())
+    assert all(told)
+
+
+def test_json_holds_no_number_that_is_not_finite():
+    assert plain({"a": [math.nan, math.inf, 1.0], 2: (True, None, "x")}) == {
+        "a": [None, None, 1.0],
+        "2": [True, None, "x"],
+    }

@@ -20,6 +20,7 @@ def lab(tmp_path_factory, run):
     q = np.repeat(np.tile(poses, (30, 1)), 2, axis=0)
     attained = np.repeat(rng.normal(0.0, RETURN, (150, 2)), 2, axis=0)
     x = arm.forward(q + np.array([0.0, OFFSET])) + attained + rng.normal(0.0, SENSOR, (300, 2))
+    q = q + rng.normal(0.0, 1e-5, q.shape)  # encoders read one pose a little otherwise
     calib.write_log(calib.Samples(q, x, arm.joint_names), folder / "cycles.csv")
     learned = calib.babble(arm, 120, noise=2e-5, changes=[f"elbow.offset={OFFSET}"], seed=1)
     calib.write_log(learned, folder / "log.csv")

@@ -122,18 +122,6 @@ def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, pictu
     assert "--on z=H" in alone.err
 
 
-def test_a_mirrored_picture_and_a_view_of_another_arm_are_told_in_one_line(run, pictures):
-    _, folder, _ = pictures
-    out = ("-o", folder / "no.calib")
-    done = run("train", "spatial_three", "--data", folder / "mirrored.csv", "--size", 5, *out)
-    assert done.code == 1
-    assert "mirrored picture" in done.err.splitlines()[-1]
-    done = run("train", "two_link", "-n", 50, "--size", 5, "--view", "pinhole", *out)
-    assert done.code == 1
-    assert "pinhole" in done.err.splitlines()[-1]
-    assert not (folder / "no.calib").exists()
-
-
 def test_the_camera_goes_to_ros(run, pictures):
     _, folder, _ = pictures
     files = {"--camera": folder / "camera.yaml", "--transform": folder / "camera.json"}

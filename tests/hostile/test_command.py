@@ -3,13 +3,12 @@
 import json
 import re
 import unicodedata
-from random import Random
 
 import pytest
 import typer
 from calib_cli.app import application
 
-from hostile.arms import random_arm
+import calib
 from hostile.damage import NAMES, NUMBERS, damaged
 from hostile.guard import LONGEST, RAW, Violation, each_seed, guarded
 
@@ -116,7 +115,7 @@ def home(tmp_path_factory, run):
         (folder / "q.csv").write_text("shoulder,elbow\n0.5,1\n1,2\n-9,0\n")
         (folder / "x.csv").write_text("x,y\n0.3,0.3\n0.3,0.31\n")
         (folder / "far.csv").write_text("x,y\n0.3,0.3\n1e308,-1e308\nnan,1\na,b\n")
-        (folder / "r.urdf").write_bytes(random_arm(Random(5)).text.encode())
+        (folder / "r.urdf").write_text(calib.load_arm("two_link").urdf)
         yield folder
 
 

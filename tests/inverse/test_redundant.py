@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from models import draw, six, trained
+from models import draw, trained
 from planar import chain_urdf, families_3r
 
 import calib
@@ -62,35 +62,3 @@ def test_four_to_seven_joints(joints, slide, tmp_path):
     for k, solutions in enumerate(found):
         assert 1 <= len(solutions) < 10
         assert np.linalg.norm(arm.forward(solutions) - x[k], axis=1).max() < 1e-8
-
-
-def test_positions_of_six_joints_name_each_family_once():
-    """Three or four of up to nine families were found, and one of them twice."""
-    arm, model = calib.load_arm("six_axis"), six()
-    span, x = arm.upper - arm.lower, model.forward(draw(model, 3, seed=8, margin=0.2))
-
-    def joined(u, goal, target):
-        """Whether small steps that keep the position lead from joints to others."""
-        for _ in range(75):
-            wish = goal - u
-            slope = model.jacobian(arm.lower + u * span) * span
-            move = wish - np.linalg.pinv(slope) @ (slope @ wish)
-            length = np.linalg.norm(move)
-            if np.linalg.norm(wish) < 0.02 or length < 0.02 * np.linalg.norm(wish):
-                return np.linalg.norm(wish) < 0.02
-            u = np.clip(u + move * min(1.0, 0.04 / length), 0.0, 1.0)
-            slope = model.jacobian(arm.lower + u * span) * span
-            u = u + np.linalg.pinv(slope) @ (target - model.forward(arm.lower + u * span))
-            if u.min() < 0.0 or u.max() > 1.0:
-                return False
-        return False
-
-    for target, found in zip(x, model.inverse_all(x), strict=True):
-        assert len(found) >= 1
-        np.testing.assert_allclose(
-            model.forward(found), np.tile(target, (len(found), 1)), atol=1e-8
-        )
-        units = (found - arm.lower) / span
-        for i, a in enumerate(units):
-            for j, b in enumerate(units):
-                assert i <= j or not joined(a, b, target)

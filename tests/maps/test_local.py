@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from small_maps import grid, points
 
-from calib.common.scale import TURN
+from calib import SOM, Association
+from calib.common.scale import TURN, Scale
 from calib.maps import local_models as local
+from calib.maps.links import WIRINGS
 from calib.maps.local_models import exponents
 
 
@@ -81,3 +83,23 @@ def test_nodes_that_speak_are_heard_smoothly_by_their_share():
     answers = local.heard(weight, speaking)[:, 0]
     ramp = 0.25**2 * (3 - 2 * 0.25)  # a quarter of the way from silent to full
     np.testing.assert_allclose(answers, [0.0, ramp, 0.5, 1 - ramp, 1.0], atol=1e-12)
+
+
+def associated(truth, n=9, rows=20_000):
+    u = points(rows)
+    x = truth(u)
+    scale = Scale.of_data(x)
+    sensory = SOM((n, n), "som").fit(x, scale=scale)
+    return Association.learn(grid(n), u, sensory, scale.to_unit(x), WIRINGS["reciprocal"])
+
+
+def test_slopes_are_finite_differences_of_the_blended_value():
+    affine = associated(lambda u: np.stack([np.sin(2 * u[:, 0]), u[:, 0] * u[:, 1]], axis=1))
+    u, h = 0.05 + 0.9 * points(300, seed=3), 1e-6
+    value, slope = affine.linear.value_and_slope(u)
+    np.testing.assert_allclose(value, affine.linear.value(u), rtol=0, atol=1e-15)
+    for k in range(2):
+        step = h * np.eye(2)[k]
+        found = (affine.linear.value(u + step) - affine.linear.value(u - step)) / (2 * h)
+        # but for a point or two whose nearest nodes change within the step
+        assert np.quantile(np.abs(found - slope[:, :, k]), 0.99) < 1e-6

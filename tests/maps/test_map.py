@@ -4,10 +4,13 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from calib import Map
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
-from calib.maps.map import Map, nearest_points
+from calib.maps.map import nearest_points
 
 
 def box(lower, upper, revolute=None):
@@ -75,3 +78,31 @@ def test_spacings_are_the_mean_distances_to_joined_nodes():
     assert kite.spacing == pytest.approx(np.mean(list(sides.values())))
     own = [np.mean([d for pair, d in sides.items() if k in pair]) for k in range(4)]
     np.testing.assert_allclose(kite.spacings, own)
+
+
+shapes = st.lists(st.integers(2, 6), min_size=1, max_size=3).map(tuple)
+
+
+@given(shapes)
+def test_edges_join_exactly_the_nodes_at_lattice_distance_one(shape):
+    lattice = Lattice(shape)
+    r = lattice.positions()
+    distance = np.abs(r[:, None] - r[None]).sum(axis=2)
+    expected = {(i, j) for i, j in np.argwhere(distance == 1).tolist() if i < j}
+    edges = [tuple(e) for e in lattice.edges().tolist()]
+    assert set(edges) == expected
+    assert len(edges) == len(expected)
+
+
+@given(shapes, shapes)
+def test_resampling_keeps_linear_functions_of_the_cell_middles(coarse, fine):
+    if len(coarse) != len(fine):
+        fine = (fine * 3)[: len(coarse)]
+    slope = np.arange(1.0, len(coarse) + 1)
+
+    def plane(lattice):
+        middles = (lattice.positions() + 0.5) / lattice.shape
+        return np.stack([middles @ slope, 1 - middles @ slope], axis=1)
+
+    old, new = Lattice(coarse), Lattice(fine)
+    np.testing.assert_allclose(old.resample(plane(old), new), plane(new), atol=1e-12)

@@ -5,8 +5,8 @@ import pytest
 from small_maps import UNIT_BOX
 
 import calib
-from calib.errors import OptionError
-from calib.maps.density import READINGS, Visit
+from calib import OptionError, Visit
+from calib.maps.density import READINGS
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS
 from calib.maps.settings import ONLINE

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import draw, log, trained, two_link
+from models import draw, log, trained, turning, two_link
 
 import calib
-from calib.errors import QueryError
+from calib import QueryError
 
 
 @pytest.fixture(scope="module")
@@ -113,3 +113,16 @@ def test_what_is_no_query_is_refused_in_one_line(model, query, message):
         query(model)
     assert "\n" not in str(caught.value)
     assert isinstance(caught.value, calib.CalibError)
+
+
+@pytest.mark.parametrize(
+    "far", [[np.nan, 1.0], [np.inf, 1.0], [1e9, 1.0], [-1e30, 1.0], [9.5, 1.0]]
+)
+def test_beyond_a_turn_or_without_a_number_there_is_no_arm(far):
+    model = turning()  # its first joint turns round and round, from -pi to pi
+    for answer in (model.forward(far), model.expected_error(far), model.jacobian(far)):
+        assert np.isnan(answer).all()
+    near = model.forward([[3.3, 1.0], [3.3 - 2 * np.pi, 1.0], far])
+    np.testing.assert_allclose(near[0], near[1], atol=1e-12)
+    assert np.isnan(near[2]).all()
+    assert np.isfinite(near[:2]).all()

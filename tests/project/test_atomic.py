@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from calib import CalibError
 from calib.common.atomic import atomic_write
-from calib.errors import CalibError
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and permissions of POSIX")
 

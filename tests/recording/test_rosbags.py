@@ -7,7 +7,7 @@ import pytest
 from models import two_link
 
 import calib
-from calib.errors import LogError
+from calib import LogError
 from calib.recording.bags import read_bag
 
 rosbags = pytest.importorskip("rosbags")

@@ -10,11 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from log_files import GOOD, refused
 
-from calib import train
-from calib.errors import CalibError, LogError
+from calib import CalibError, LogError, Samples, babble, read_log, train, write_log
 from calib.samples.joint_values import locked_from_log
-from calib.samples.logs import read_log, write_log
-from calib.samples.samples import Samples, babble
 from calib.samples.tables import read_batch, write_table
 
 

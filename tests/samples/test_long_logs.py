@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 
 import calib
-from calib.samples.logs import read_log
+from calib import read_log
 from calib.samples.tables import open_source
 
 N = 3000

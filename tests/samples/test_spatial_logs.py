@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from calib.arm.loading import load_arm
+from calib import LogError, load_arm, read_log, write_log
 from calib.arm.rotations import exponential, matrix_of
-from calib.errors import LogError
-from calib.samples.logs import read_log, write_log
 
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow")
 

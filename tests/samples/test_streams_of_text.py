@@ -38,23 +38,6 @@ def test_a_named_pipe_is_read_like_a_file(tmp_path, log):
     np.testing.assert_array_equal(read.x, direct.x)
 
 
-def test_a_piped_log_tells_where_locked_joints_stood(tmp_path, run):
-    arm = calib.load_arm("three_link", ["shoulder", "elbow"], "tip", lock={"wrist": 0.3})
-    samples = calib.babble(arm, 60)
-    rows = np.column_stack([samples.q, np.full(60, 0.3), samples.x])
-    path = tmp_path / "log.csv"
-    np.savetxt(path, rows, delimiter=",", header="shoulder,elbow,wrist,x,y", comments="")
-    train = "train three_link --joints shoulder,elbow --tip tip --size 5"
-    out = f'--data /dev/stdin -o "{tmp_path}/piped.calib"'
-    piped = shell(f'cat "{path}" | "$@" {train} {out}')
-    assert piped.returncode == 0, piped.stderr
-    direct = run(*train.split(), "--data", path, "-o", tmp_path / "direct.calib")
-    assert direct.code == 0, direct.err
-    model = calib.load(tmp_path / "piped.calib")
-    assert model.about.locked == {"wrist": pytest.approx(0.3)}
-    assert (tmp_path / "piped.calib").read_bytes() == (tmp_path / "direct.calib").read_bytes()
-
-
 def test_a_device_without_end_is_refused():
     with pytest.raises(calib.LogError, match="is a device"):
         calib.read_log("/dev/zero", joints=["a", "b"])

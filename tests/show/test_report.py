@@ -11,8 +11,6 @@ from models import babbled, in_pixels, in_space, log, measured, no_arm, trained
 from scenes import seen_by_two
 
 import calib
-from calib.show.causes import causes_of
-from calib.show.study import Study
 
 WHY = ["where", "coverage", "joints", "arrows"]
 
@@ -59,25 +57,6 @@ def test_one_small_file_without_addresses_in_the_page_own_ink():
     assert not re.search("#010203|#020304", page)
     assert not re.search(r"\de[-+]\d", re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL))
     assert report(model) == page
-
-
-def test_bars_tell_the_held_out_error_of_the_training_and_the_arm_as_delivered():
-    model = in_space()
-    bars = {bar.name: bar for bar in Study(model).bars}
-    mean = model.about.errors["local"]["forward"]["distance"]["mean"]
-    assert bars["on rows held out"].mean == pytest.approx(mean, rel=1e-6)
-    assert bars["as calibrated"].mean <= bars["on rows held out"].mean
-    assert bars["as delivered"].mean > 5 * bars["on rows held out"].mean
-    assert all(0 < bar.half < bar.mean for bar in bars.values())
-
-
-def test_the_largest_cause_is_what_was_changed_with_an_interval_that_holds_it():
-    model = longer_elbow()
-    cause = causes_of(model)[0]
-    assert cause.name == "elbow: link length"
-    assert abs(cause.value - 0.05 * 0.25) < 1.5 * cause.half
-    assert cause.certain
-    assert cause.effect == pytest.approx(Study(model).bars[0].mean, rel=0.3)
 
 
 @pytest.mark.usefixtures("unrendered")

@@ -7,9 +7,9 @@ import pytest
 from drifting import arm, error, log, model
 
 import calib
-from calib.errors import OptionError
+from calib import OptionError, follow
 from calib.maps.lattice import Graph
-from calib.stream.follow import BLOCK, OnlineAdapter, follow
+from calib.stream.follow import BLOCK, OnlineAdapter
 
 HORIZON = 3000
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.samples.samples import Samples
+from calib import Samples
 
 
 def moving(robot, late, n=400, rate=25.0, noise=1e-4, seed=1):

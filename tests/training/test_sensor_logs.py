@@ -6,7 +6,7 @@ import pytest
 from models import built
 
 import calib
-from calib.errors import LogError
+from calib import LogError
 
 NOISE = 1e-4  # [m]
 

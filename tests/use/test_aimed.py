@@ -7,8 +7,8 @@ import pytest
 from boards import Rig
 
 import calib
+from calib import OptionError
 from calib.body.spatial import structure_of
-from calib.errors import OptionError
 from calib.recording.board import Board
 from calib.recording.board_pictures import BoardPictures
 from calib.recording.lens import Lens

@@ -9,13 +9,10 @@ from drifting import arm, log, model
 from models import six
 
 import calib
+from calib import OptionError, correct
 from calib.arm.loading import arm_from_urdf
-from calib.arm.robots import resolve_robot
-from calib.arm.urdf import read_urdf
 from calib.body.spatial import structure_of
-from calib.errors import OptionError, QueryError
 from calib.model.nominal import nominal_behind
-from calib.use.correct import correct
 
 Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
 
@@ -85,7 +82,7 @@ def test_command(tmp_path, run):
 @pytest.fixture(scope="module")
 def turning():
     """A model of an arm whose first joint turns all the way round, adapted to an offset."""
-    text = read_urdf(resolve_robot("two_link")).replace(
+    text = arm().urdf.replace(
         '<limit lower="0.0" upper="1.5707963267948966"', '<limit lower="-6.2" upper="6.2"'
     )
     nominal = arm_from_urdf(text)
@@ -130,18 +127,6 @@ def test_a_change_beyond_the_limit_is_marked_and_not_written(tmp_path, run, turn
     assert np.isfinite(np.loadtxt(old, delimiter=",", skiprows=1)).all()
     assert "elbow" in done.out
     assert "deg" in done.out
-
-
-def test_degrees_for_radians_are_refused(tmp_path, run, turning):
-    with pytest.raises(QueryError, match=r"-166 rad.*degrees=True"):
-        calib.correct(turning, [[-166.0, 60.0], [12.0, 70.0]])
-    turning.save(tmp_path / "m.calib")
-    (tmp_path / "q.csv").write_text("shoulder,elbow\n-166,60\n12,70\n")
-    for words in (["correct"], ["query", "forward"]):
-        done = run(*words, tmp_path / "m.calib", "--input", tmp_path / "q.csv")
-        assert done.code == 1, words
-        assert "--degrees" in done.err
-        assert done.out == ""
 
 
 def test_other_columns_go_along_in_place(tmp_path, run, turning):

@@ -12,8 +12,8 @@ import pytest
 from models import in_pixels, in_plane, in_space, six
 
 import calib
+from calib import OptionError
 from calib.arm.rotations import logarithm
-from calib.errors import OptionError
 from calib.model.nominal import nominal_behind, nominal_in_plane
 from calib.use.formats import c_header
 

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from test_arm import pinocchio_pose
 
 import calib
-from calib.arm.loading import arm_from_urdf, load_arm
+from calib import load_arm
+from calib.arm.loading import arm_from_urdf
 from calib.body.spatial import structure_of
 from calib.use.geometry import Geometry
 from calib.use.geometry_fit import fit_geometry

@@ -7,11 +7,8 @@ import pytest
 from drifting import arm, log, model
 
 import calib
-from calib.arm.loading import arm_from_urdf
-from calib.body.spatial import structure_of
-from calib.errors import RobotError
-from calib.use.geometry import Geometry
-from calib.use.geometry_fit import InPlane, fit_geometry
+from calib import RobotError
+from calib.use.geometry_fit import fit_geometry
 from calib.use.urdf import corrected_urdf
 
 
@@ -46,38 +43,6 @@ def test_command(tmp_path, run):
     found = run("urdf", path, "-o", tmp_path / "c.urdf", "--json").document
     assert found["moved"]["elbow"]["value"][0] == pytest.approx(0.01, abs=1e-5)
     assert calib.load_arm(tmp_path / "c.urdf").link_lengths["elbow"] == pytest.approx(0.26)
-
-
-def test_a_diff_shows_the_changed_attributes_alone():
-    text = arm().urdf.replace(
-        "</robot>",
-        '<!-- <joint name="elbow"><origin xyz="9 9 9"/></joint> -->\n'
-        '  <gazebo reference="tip"><a b="1 > 0"/></gazebo>\n'
-        '  <transmission name="t"><joint name="elbow"/></transmission>\n</robot>',
-    )
-    nominal = replace(arm(), urdf=text)
-    structure = structure_of(nominal, kind=InPlane)
-    beta, zero = structure.neutral(), np.zeros((structure.size, structure.size))
-    beta[structure.groups["offset"][1]] = 0.02
-    beta[structure.shifts[1]] = 0.003, 0.0, 0.0
-    geometry = Geometry(nominal, structure, beta, zero, False, 0.0, 0.0, 0.5)
-    new = corrected_urdf(geometry)
-    before, after = text.splitlines(), new.splitlines()
-    assert len(before) == len(after)
-    changed = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
-    assert len(changed) == 1
-    assert "<origin" in changed[0][1]
-    again = arm_from_urdf(new)
-    assert again.link_lengths["shoulder"] == pytest.approx(0.303, abs=1e-12)
-    np.testing.assert_allclose(
-        again.forward([0.3, 1.0]), two_link_changed(0.3, 1.02, 0.303), atol=1e-12
-    )
-    assert corrected_urdf(replace(geometry, beta=structure.neutral())) == text
-
-
-def two_link_changed(a, b, first):
-    ends = first * np.exp(1j * a) + 0.25 * np.exp(1j * (a + b))
-    return [ends.real, ends.imag]
 
 
 def test_what_geometry_does_not_explain_is_not_written(tmp_path, run):
