@@ -166,9 +166,9 @@ class Body(OfStructure):
         sd = self.deviations
         groups = self.structure.groups
         last = groups["offset"][-1]
-        told = UNTOLD * self.scales.get("offset", np.inf)
+        vague = UNTOLD * self.scales.get("offset", np.inf)
         tool_is_free = sd[groups.get("tool", [])].any()
-        if tool_is_free and self.structure.revolute[-1] and sd[last] >= told:
+        if tool_is_free and self.structure.revolute[-1] and sd[last] >= vague:
             sd[last] = np.pi / 1.96
         return sd
 

@@ -101,12 +101,12 @@ def held_of(body: Body) -> SensorPose:
 
     def hand_at_encoder(beta: Array) -> tuple[Array, Array]:
         """What a deviation of the last joint of its own does goes to the hand."""
-        position, held = hand(beta)
+        position, axes = hand(beta)
         turned = axis @ beta[turn] + turns * beta[offset]
         slid = axis @ beta[shift] + (not turns) * beta[offset]
         back = exponential(turned * axis_in_tip)
         moved = origin + back @ (position - origin) + slid * axis_in_tip
-        return moved, back @ held
+        return moved, back @ axes
 
     index = np.concatenate([tool, tool_turn, shift, turn, [offset]])
     return SensorPose.at(hand, hand_at_encoder, body, index, body.root)

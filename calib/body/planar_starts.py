@@ -32,8 +32,8 @@ def planar_starts(
         elif _differs(signs, structure.revolute):
             turned = structure.changed(signs=signs)
             for mirror in (1, -1):
-                seen = turned.with_sensor(mirror=mirror)
-                starts.append((seen, _linear(seen, q, z)))
+                side = turned.with_sensor(mirror=mirror)
+                starts.append((side, _linear(side, q, z)))
     starts.sort(key=lambda start: _miss(start, q, z))
     if drawing is not None and not structure.viewpoint.seen_as.scaled:
         as_drawn = [

@@ -95,18 +95,18 @@ class SensorPose:
         fitted = np.intersect1d(index, body.active)
         rows = np.searchsorted(body.active, fitted)
         whole = _slope(place, body, fitted) @ body.root[rows]
-        told = _slope(place_up_to_gauge, body, fitted) @ up_to_gauge[rows]
+        sure = _slope(place_up_to_gauge, body, fitted) @ up_to_gauge[rows]
         position, rotation = place_up_to_gauge(body.beta)
         sd = np.linalg.norm(whole, axis=1)
-        told_sd = np.linalg.norm(told, axis=1)
+        sure_sd = np.linalg.norm(sure, axis=1)
         along = rotation[:, 2] @ whole[:3]
         return SensorPose(
             position=position,
             rotation=rotation,
             position_sd=sd[:3],
             turn_sd=sd[3:],
-            told_sd=told_sd[:3],
-            told_turn_sd=told_sd[3:],
+            told_sd=sure_sd[:3],
+            told_turn_sd=sure_sd[3:],
             depth_sd=float(np.linalg.norm(along)),
             first=first,
         )

@@ -225,9 +225,11 @@ class SpatialStructure(Structure):
             self._down + beta[self.groups["gravity"]] @ self.tilts["gravity"]
         )
 
-    def coupled(self, own: Array) -> Array:
+    def coupled(self, values: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
-        return np.asarray(self.chain.coupling @ own + self.chain.bias[:, None])
+        return np.asarray(
+            self.chain.coupling @ values + self.chain.bias[:, None]
+        )
 
     def led(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
@@ -265,9 +267,9 @@ class SpatialStructure(Structure):
         for block, view in self.groups.items():
             if block.endswith("view.rotation") and delta[view].any():
                 out[view] = compose(delta[view], beta[view])
-        own = np.vstack([self.groups["tool.rotation"], self.turns])
-        if delta[own].any():
-            out[own] = compose(beta[own], delta[own])
+        turns = np.vstack([self.groups["tool.rotation"], self.turns])
+        if delta[turns].any():
+            out[turns] = compose(beta[turns], delta[turns])
         return out
 
     def members(self) -> Ladder:

@@ -75,19 +75,19 @@ def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
     for further in rows[1:]:
         if not isinstance(further.sensor, str):
             continue
-        seen = structure.as_seen_by(further.sensor)
+        there = structure.as_seen_by(further.sensor)
         some = further.take(thinned(len(further), START.rows))
-        if isinstance(seen, PlanarStructure):
-            seen, beta = framed(seen, some.q, some.z, beta)
-        elif isinstance(seen, SpatialStructure):
-            alone = frame(seen, some.q, some.z, arm=beta)
-            tool = seen.groups["tool"]
-            alone[seen.groups["marker"]] += alone[tool] - beta[tool]
-            placed = [seen.groups[block] for block in (*_FRAME, "marker")]
+        if isinstance(there, PlanarStructure):
+            there, beta = framed(there, some.q, some.z, beta)
+        elif isinstance(there, SpatialStructure):
+            alone = frame(there, some.q, some.z, arm=beta)
+            tool = there.groups["tool"]
+            alone[there.groups["marker"]] += alone[tool] - beta[tool]
+            placed = [there.groups[block] for block in (*_FRAME, "marker")]
             index = np.concatenate(placed)
             beta = beta.copy()
             beta[index] = alone[index]
-        structure = seen.as_seen_by(structure.viewpoint.name)
+        structure = there.as_seen_by(structure.viewpoint.name)
     return replace(start, structure=structure, beta=beta)
 
 

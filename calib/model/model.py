@@ -17,9 +17,8 @@ from ..kernel.compiled import NOTHING, Compiled
 from ..samples.motion import Motion
 from . import answers, batches
 from .answers import Answer, Path
-from .bounds import BoundName
 from .header import compiled_of
-from .parts import MOST_SHARE, Parts
+from .parts import MOST_SHARE, BoundName, Parts
 from .prediction import predict
 from .sensors import with_arm_of
 

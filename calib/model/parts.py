@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -22,20 +22,27 @@ from ..maps.association import Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map
+from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import BodyInBox, Predictor
 from .about import About, MeasuredRows, Photo
 from .baseline import Baseline, Seen
-from .bounds import MOST_BLENDED, BoundName, blended_bound, position_bound
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
+# joints up to which bounds are blended between the motor map's nodes
+MOST_BLENDED = 3
+# extents of the workspace that a position may change by over the range of a joint
+STEEP = 2.0
 # of the reach: where the bound on the position exceeds it, there is no answer
 MOST_SHARE = 0.1
 # of a joint's range by which values beyond it are answered: an encoder at its stop reads a hair
 # beyond the limit
 ROUNDED = 1e-5
+
+BoundName = Literal["bounds", "model_bounds"]
+"""On what `about.bound_of` says, or on the true position in the sensor's frame."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -236,7 +243,7 @@ class Parts:
         covered = np.asarray(self.in_range(q).all(axis=1))
         if not self.everywhere and covered.any():
             u = self.motor.scale.to_unit(q[covered])
-            bound = blended_bound(self, u, self.model_bounds, noise=False)
+            bound = self._blended(u, self.model_bounds, noise=False)
             covered[covered] = bound <= self.most_bound
         return covered
 
@@ -247,11 +254,45 @@ class Parts:
         *,
         side_known: Mask | None = None,
     ) -> Array:
-        """95 % bound (n,) [unit] at points of the unit box (n, dof): `bounds` or `model_bounds`.
+        """95 % bound (n,) [unit] at points `u` of the unit box (n, dof).
 
-        side_known : (n,), see `position_bound`
+        It is the sum of three: what is believed of the arm, how far joint values are beside the
+        rows of a log without a body, and what play leaves open.
+
+        side_known : (n,), whether `u` is where the joints stand; where None it is where they read,
+            and they may stand anywhere within their play
         """
-        return position_bound(self, u, which, side_known)
+        noise = which == "bounds" and self.about.bound_of == "sensor reading"
+        scale = self.motor.scale
+        belief = self.posterior or self.body
+        if belief is not None and u.shape[1] > MOST_BLENDED:
+            # a lattice covers too little of their box to blend between its nodes
+            bound = belief.bound(scale.from_unit(u), noise=noise)
+        else:
+            bound = self._blended(u, getattr(self, which), noise=noise)
+        if self.approach is None:
+            return bound
+        # with all joints at the worst side of their play
+        slope = self.predictor.value_and_slope(u)[1] / scale.span
+        reach = np.linalg.norm(slope * self.approach.play, axis=1).sum(axis=1)
+        if side_known is not None:
+            reach = np.where(side_known, 0.0, reach)
+        return np.asarray(bound + reach)
+
+    def _blended(self, u: Array, nodes: Array, *, noise: bool) -> Array:
+        """Bounds (n,) at points `u` (n, dof), from those of the nodes (nodes,)."""
+        bound = blend_nodes(self.motor, nodes, u)
+        scale = self.motor.scale
+        wide = bound > self.most_bound
+        if self.body is not None and wide.any():
+            # beside a joint that hardly moved the posterior widens within less than a node's
+            # spacing: a blended bound would refuse the measured rows themselves
+            belief = self.body.bound(scale.from_unit(u[wide]), noise=noise)
+            bound[wide] = np.minimum(bound[wide], belief)
+        if self.seen is not None:
+            beside = self.seen.beside(scale, u)
+            bound = bound + STEEP * self.solver.extent * beside
+        return bound
 
     @property
     def axes(self) -> tuple[str, ...]:

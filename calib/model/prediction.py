@@ -14,8 +14,7 @@ import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..samples.motion import Motion
-from .bounds import BoundName
-from .parts import Parts
+from .parts import BoundName, Parts
 
 
 @dataclass(frozen=True, eq=False)
