@@ -83,32 +83,6 @@ def forged(data, change):
     return sealed(tensors, description)
 
 
-def probe(model):
-    """Joint values within the model's range."""
-    about = model.about
-    draws = np.random.default_rng(0).random((20, len(about.joint_names)))
-    return about.lower + (about.upper - about.lower) * draws
-
-
-def ask(model):
-    """Ask a forged model everything: answers or one line, whatever it holds."""
-    about, q = model.about, probe(model)
-    x = np.random.default_rng(1).normal(0, 0.1, (len(q), 2))
-    told = "answers"
-    for question in (
-        lambda: model.inverse(model.forward(q)[:3]),
-        lambda: model.inverse_all(model.forward(q, "winner")[:3]),
-        lambda: calib.evaluate(model),
-        lambda: calib.check(model, calib.Samples(q, x, about.joint_names, about.lower, about.upper,
-                                                 about.revolute)),
-    ):  # fmt: skip
-        try:
-            question()
-        except calib.CalibError as error:
-            told = one_line(str(error)) and "refuses"
-    return told
-
-
 def places(value):
     found = []
     if isinstance(value, dict | list):
@@ -149,7 +123,7 @@ def spoil_tensor(rng, tensors):
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # numbers of a forged file may overflow
-def test_damaged_and_forged_files_are_refused_the_same_or_answer_in_order(files, load, tmp_path):
+def test_damaged_and_forged_files_are_refused_the_same_or_read(files, load, tmp_path):
     def judge(rng):
         data, way = files[rng.choice(sorted(files))], rng.random()
         if way < 0.5:  # the checksum tells
@@ -171,11 +145,10 @@ def test_damaged_and_forged_files_are_refused_the_same_or_answer_in_order(files,
             data = forged(data, change)
         except UnicodeEncodeError:  # lone surrogates cannot be written
             return "the same"
-        model = load(data)
-        return "forged, refused" if isinstance(model, str) else f"forged, {ask(model)}"
+        return "forged, refused" if isinstance(load(data), str) else "forged, read"
 
     found = each_seed(100, judge)
-    assert min(found["refused"], found["forged, refused"], found["forged, answers"]) > 0
+    assert min(found["refused"], found["forged, refused"], found["forged, read"]) > 0
 
 
 def test_what_is_wrong_with_a_file_is_told(files, load):
