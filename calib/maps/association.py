@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Own, Shape, freeze
+from ..common.arrays import Array, Index, Shape, freeze
 from ..common.choices import READOUTS
 from ..common.parallel import side_by_side
 from ..errors import OptionError
@@ -58,9 +58,9 @@ class Association:
         spacings and half precision, as a model file keeps it; 0 where not known.
     """
 
-    motor: Annotated[Map, Own(nodes="nodes", d="dof")]
-    sensory: Annotated[Map, Own(nodes="places", d="width")]
-    linked: Annotated[Compressed, Own()]
+    motor: Map
+    sensory: Map
+    linked: Compressed
     wiring: Wiring = WIRINGS["reciprocal"]
     motor_shifts: Annotated[Array, Shape("nodes", "dof", kept="f2")] | None = (
         None

@@ -17,7 +17,7 @@ from ..common.arrays import Array, Index
 from ..common.wording import sized
 from ..errors import CalibError
 from ..model.model import Model
-from ..model.nominal import nominal_behind, nominal_in_plane
+from ..model.nominal import nominal_before
 from .settings import SETTINGS, Z95
 
 _ORDER = ("length", "offset", "gain", "elastic", "placement")
@@ -53,13 +53,10 @@ class Cause:
 
 def drawing_behind(model: Model) -> tuple[Structure, Array] | None:
     """Structure and parameters of the drawing's arm behind the sensor that the body knows."""
-    body = model.body
-    if body is None or not model.about.urdf:
+    if model.body is None or not model.about.urdf:
         return None
-    if body.structure.kind != "planar":
-        return body.structure, nominal_behind(body.structure, body.beta)
     try:
-        return nominal_in_plane(model)
+        return nominal_before(model)
     except CalibError:
         return None
 
