@@ -78,9 +78,11 @@ def test_curves_pass_the_gate_where_there_are_curves_and_only_there():
     error = np.linalg.norm(with_curves.body.predict(ask) - curved(ask), axis=1)
     assert error.mean() < 2e-4
     assert np.mean(error <= with_curves.body.bound(ask, noise=False)) > 0.9
-    found = [line for line in with_curves.body.describe() if line.startswith("joint curve of j0")]
+    found = [line for line in with_curves.body.describe() if "joint curve" in line]
     assert found
-    assert float(found[0].split()[4]) == pytest.approx(2 / np.sqrt(2), rel=0.5)
+    assert float(found[0].split("joint curve ")[1].split()[0]) == pytest.approx(
+        2 / np.sqrt(2), rel=0.5
+    )
 
 
 @pytest.mark.parametrize("lengths", [(0.6, 0.05), (300.0, 250.0), (3e-4, 2.5e-4)])
@@ -153,7 +155,7 @@ def test_exact_simulated_worlds_are_found_by_the_member_that_holds_them(name):
     body = fit(q, world(q), simulated=True).body
     ask = rows(100, 2, seed=28, reach=1.0)
     assert np.abs(body.predict(ask) - world(ask)).max() < 1e-9
-    assert body.member == member
+    assert body.member.endswith(member)
 
 
 def with_slide(q):
