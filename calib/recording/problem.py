@@ -151,7 +151,8 @@ def _setting(
         board = boards.setdefault(view.in_hand, start)
         start = _from_same_end(start, board, view.boards.half_turn)
         starts.append(start)
-        numbered.append(view.turned(start.turned))
+        shots = view.shots.turned(start.turned)
+        numbered.append(replace(view, shots=shots))
     bundle = Bundle(tuple(view.corners(rows) for view in numbered), motions)
     layout = bundle.layout
     mean = np.zeros(layout.size)
