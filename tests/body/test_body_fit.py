@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.body import body_fit
+from calib.body.body_fit import fit as fit_body
 from calib.body.drawing import PlanarDrawing
 from calib.body.planar import planar_structure
 from calib.body.rows import Rows
@@ -27,7 +27,7 @@ def rows(n, dof, seed=0, reach=1.5):
 
 def fit(q, z, **options):
     names = [f"j{i}" for i in range(q.shape[1])]
-    return body_fit.fit(planar_structure(z, names, [True] * len(names), **options), [Rows(q, z)])
+    return fit_body(planar_structure(z, names, [True] * len(names), **options), [Rows(q, z)])
 
 
 def test_a_log_in_millimetres_is_that_in_metres():
@@ -178,7 +178,7 @@ def turning(dof, mirror):
 def test_a_simulated_arm_is_found_to_rounding(world, revolute):
     q, ask = rows(200, len(revolute)), rows(100, len(revolute), seed=1)
     structure = planar_structure(world(q), "abc"[: len(revolute)], revolute, simulated=True)
-    body = body_fit.fit(structure, [Rows(q, world(q))]).body
+    body = fit_body(structure, [Rows(q, world(q))]).body
     assert np.abs(body.predict(ask) - world(ask)).max() < 1e-12
     assert (body.bound(ask, noise=False) < 1e-6).all()
     if all(revolute):
