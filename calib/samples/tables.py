@@ -312,18 +312,6 @@ class Batch:
         """The table with some of its rows, which may be there more than once."""
         return replace(self, values=self.values[rows], table=self.table[rows])
 
-    def notes(self, added: Sequence[str]) -> list[str]:
-        """Say how many columns go along."""
-        names = [
-            name
-            for name in self.table.columns
-            if name not in (*self.names, *added)
-        ]
-        if not names:
-            return []
-        words = f"other column{'s' * (len(names) > 1)} copied to the output unchanged"
-        return [f"{len(names)} {words}: {listed(names)}"]
-
 
 def read_batch(
     path: str | os.PathLike[str],
