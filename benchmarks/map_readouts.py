@@ -41,7 +41,7 @@ def trained(
 def errors(pair: Association, u: np.ndarray, v: np.ndarray, readout: str) -> np.ndarray:
     """Absolute errors (n, 4): x, y [mm], shoulder, elbow [deg]."""
     forward = np.abs(pair.forward(u, readout) - v) * pair.sensory.scale.span * 1e3
-    inverse = np.abs(np.clip(pair.inverse(v, u, readout), 0.0, 1.0) - u)
+    inverse = np.abs(np.clip(pair.inverses(v, u)[readout], 0.0, 1.0) - u)
     return np.concatenate([forward, np.degrees(inverse * pair.motor.scale.span)], axis=1)
 
 

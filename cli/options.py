@@ -110,13 +110,23 @@ Gravity = Annotated[
 ]
 
 # simulated babbling
-SAMPLES = "How many samples to babble (default 20000)."
-NOISE = "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
 Number = Annotated[
-    int | None, value("--samples -n", "N", SAMPLES, parsing.count)
+    int | None,
+    value(
+        "--samples -n",
+        "N",
+        "How many samples to babble (default 20000).",
+        parsing.count,
+    ),
 ]
 Noise = Annotated[
-    float | None, value("--noise", "S", NOISE, parsing.not_negative)
+    float | None,
+    value(
+        "--noise",
+        "S",
+        "Noise of the simulated sensor along each axis, standard deviation [m] (default 0).",
+        parsing.not_negative,
+    ),
 ]
 Changes = Annotated[
     list[str] | None,
@@ -131,15 +141,20 @@ Seed = Annotated[
 ]
 
 # training
-SIZE = "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own)."
 MAP = (
     f"Kind of map: {', '.join(choices.MAPS)}. Default vdsom:residual, which also follows what "
     "the body leaves (vdsom is the paper's)."
 )
-EPOCHS = "Passes over the samples; the full lattice alone is trained then."
-SIGMA = "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then."
 _SIZE = parsing.lattice_size
-MapSize = Annotated[str | None, value("--size", "N|NxN|NxNxN", SIZE, _SIZE)]
+MapSize = Annotated[
+    str | None,
+    value(
+        "--size",
+        "N|NxN|NxNxN",
+        "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own).",
+        _SIZE,
+    ),
+]
 MotorSize = Annotated[
     str | None, value("--motor-size", "N|NxN", "Of the motor map.", _SIZE)
 ]
@@ -150,10 +165,23 @@ MapName = Annotated[
     str | None, value("--map", "NAME", MAP, parsing.one_of(choices.MAPS))
 ]
 TrainingRule = Annotated[choices.RuleWord, option("--rule", "Training rule.")]
-Epochs = Annotated[int | None, value("--epochs", "N", EPOCHS, parsing.count)]
+Epochs = Annotated[
+    int | None,
+    value(
+        "--epochs",
+        "N",
+        "Passes over the samples; the full lattice alone is trained then.",
+        parsing.count,
+    ),
+]
 Sigma = Annotated[
     parsing.RadiusSchedule | None,
-    value("--sigma", "START:END", SIGMA, parsing.sigma),
+    value(
+        "--sigma",
+        "START:END",
+        "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then.",
+        parsing.sigma,
+    ),
 ]
 BodyKind = Annotated[
     choices.BodyWord,

@@ -129,18 +129,6 @@ def one_of(choices: Sequence[str]) -> Parser[str]:
     return parse
 
 
-def several(parse_one: Parser[_T]) -> Parser[tuple[_T, ...]]:
-    """Return a parser of values with commas between them, each once."""
-
-    def parse(text: str) -> tuple[_T, ...]:
-        values = tuple(parse_one(part.strip()) for part in text.split(","))
-        if len(set(values)) < len(values):
-            raise bad_value(text, "each value once")
-        return values
-
-    return parse
-
-
 def column_names(text: str) -> Mapping[str, str]:
     """Return the columns of a log by role, from `x=cam_u,y=cam_v`."""
     from calib.samples.roles import parse_columns
@@ -160,24 +148,15 @@ def _of_joint(text: str) -> OfJoint:
     return OfJoint(name.strip(), finite_number(low), finite_number(high or low))
 
 
-def _lattice_sides(text: str) -> int | tuple[int, ...]:
-    sides = tuple(
-        whole_number(side) for side in text.strip().lower().split("x")
-    )
-    if min(sides) < 2:
-        raise ValueError(text)
-    return sides[0] if len(sides) == 1 else sides
+def _lattice_size(text: str) -> str:
+    """Return the size of a lattice as typed, such as 70 or 70x70, where it is one."""
+    sides = map(whole_number, text.strip().lower().split("x"))
+    return text if min(sides) > 1 else ""
 
 
 def _radius_schedule(text: str) -> RadiusSchedule:
     start, end = text.split(":")
     return RadiusSchedule(finite_number(start), finite_number(end))
-
-
-def lattice_size(text: str) -> str:
-    """Return the size of a lattice as typed, such as 70 or 70x70, where it is one."""
-    lattice_sides(text)
-    return text
 
 
 number = parser("a number", finite_number)
@@ -213,9 +192,15 @@ sigma = parser(
     _radius_schedule,
     lambda radius: min(radius) > 0.0,
 )
-names = several(parser("names with commas between them such as a,b", str, bool))
-lattice_sides = parser(
-    "whole numbers of 2 or more such as 70 or 70x70", _lattice_sides
+names = parser(
+    "names with commas between them such as a,b, each once",
+    lambda text: tuple(name.strip() for name in text.split(",")),
+    lambda names: all(names) and len(set(names)) == len(names),
+)
+lattice_size = parser(
+    "whole numbers of 2 or more such as 70 or 70x70",
+    _lattice_size,
+    bool,
 )
 joint_value = parser(
     "JOINT=VALUE such as wrist=0.5",

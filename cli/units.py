@@ -28,33 +28,6 @@ def units_of(about: About, positions: str | None = None) -> dict[str, object]:
     }
 
 
-class PositionFormat:
-    """How a model's positions are typed and printed."""
-
-    def __init__(
-        self, about: About, frame: str = "sensor", unit: str | None = None
-    ) -> None:
-        self.unit = "m" if frame == "base" else about.unit
-        self.factor, self.shown = for_people(self.unit)
-        self.typed = 1.0
-        """Factor from the model's unit to what is typed, and written to tables of answers."""
-        if unit is not None:
-            from calib.common.scale import METRES
-
-            fitting = METRES if self.unit in METRES else {self.unit: 1.0}
-            if unit not in fitting:
-                units = ", ".join(fitting)
-                expected = f"a unit that positions in {self.unit} have: {units}"
-                raise bad_value(unit, expected, "--unit")
-            self.typed = fitting[unit] / fitting[self.unit]
-            self.factor = self.typed
-            self.shown = unit
-
-    def words(self, length: float) -> str:
-        """Return a length [the model's unit] in words."""
-        return f"{length * self.factor:.4g} {self.shown}"
-
-
 class JointFormat:
     """How the values of a model's joints are typed and printed."""
 
@@ -147,8 +120,8 @@ def in_si(
 def joints_that_turn(robot: str) -> dict[str, bool]:
     """Return whether each movable joint of a robot turns."""
     from calib.arm.description import parse_robot
+    from calib.arm.robot_text import read_urdf
     from calib.arm.robots import resolve_robot
-    from calib.arm.urdf import read_urdf
 
     # units are wanted before it is known which arm is loaded
     path = resolve_robot(robot)

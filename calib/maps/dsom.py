@@ -23,7 +23,14 @@ def learn_dsom(
         error = float(
             np.mean(present_dsom(weights, lattice, u[rng.permutation(len(u))]))
         )
-        sigma = max(_widths(lattice, error, u.shape[1], DYNAMIC.elasticity))
+        sigma = max(
+            _widths(
+                lattice,
+                error,
+                u.shape[1],
+                DYNAMIC.elasticity,
+            )
+        )
         yield Epoch.of(u, weights, lattice, sigma, error)
 
 

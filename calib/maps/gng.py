@@ -73,7 +73,13 @@ def learn_gng(
             first += len(block)
             done += len(block)
             progress = min(1.0, done / (GROWING.growing * epochs * shown))
-            total += present_gng(gas, block, decay, gain, progress)
+            total += present_gng(
+                gas,
+                block,
+                decay,
+                gain,
+                progress,
+            )
             while len(gas.weights) < 2 + int((nodes - 2) * progress) and len(
                 gas.pairs
             ):
@@ -98,7 +104,13 @@ def present_gng(
     second = index[:, 1]
     error = distances[:, 0] ** 2
     if gain is not None:
-        visit = Visit(progress, winner, distances[:, 0], gas.weights, gas.graph)
+        visit = Visit(
+            progress,
+            winner,
+            distances[:, 0],
+            gas.weights,
+            gas.graph,
+        )
         error = error * gain(visit)
     n = len(gas.weights)
     gas.error = (gas.error + np.bincount(winner, error, n)) * decay ** len(

@@ -121,8 +121,20 @@ def select(
     best: Choice | None = None
     most = 0.0
     for shape in shapes:
-        predictions = _fold_predictions(motor, u, residual, candidates, shape)
-        choice, gain = _choice(motor, candidates, stands, predictions, shape)
+        predictions = _fold_predictions(
+            motor,
+            u,
+            residual,
+            candidates,
+            shape,
+        )
+        choice, gain = _choice(
+            motor,
+            candidates,
+            stands,
+            predictions,
+            shape,
+        )
         total = np.bincount(candidates.part, gain, SELECTION.parts).astype(
             float
         )
@@ -133,7 +145,13 @@ def select(
         return plain, held_out
     mended = held_out.copy()
     mended[candidates.rows] = best.remaining
-    models = local.fit(motor, best.nodes, u, residual, best.shape)
+    models = local.fit(
+        motor,
+        best.nodes,
+        u,
+        residual,
+        best.shape,
+    )
     return Predictor(motor, smooth, models), mended
 
 
@@ -181,7 +199,13 @@ def _fold_predictions(
         rows = np.flatnonzero(inside)
         others = np.setdiff1d(np.arange(len(u)), fold, assume_unique=True)
         nodes = np.unique(candidates.index[rows])
-        models = local.fit(motor, nodes, u[others], residual[others], shape)
+        models = local.fit(
+            motor,
+            nodes,
+            u[others],
+            residual[others],
+            shape,
+        )
         predictions[rows] = local.contributions(
             models, candidates.index[rows], candidates.gap[rows]
         )

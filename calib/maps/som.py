@@ -126,7 +126,12 @@ class SOM:
                 history.append(epoch.row)
                 if progress is not None:
                     progress(len(history) / total, epoch.error)
-        return Map(epoch.weights, epoch.lattice, scale, np.array(history))
+        return Map(
+            epoch.weights,
+            epoch.lattice,
+            scale,
+            np.array(history),
+        )
 
     def fit_pair(self, q: Array, x: Array) -> Association:
         """Train two maps of this kind on paired samples, and the links between them.
@@ -161,7 +166,13 @@ class SOM:
         motor_seed, sensory_seed = np.random.SeedSequence(entropy).spawn(2)
         motor = replace(self, seed=motor_seed).fit(q, scale=scales[0])
         sensory = replace(self, seed=sensory_seed).fit(x, scale=scales[1])
-        return Association.learn(motor, u, sensory, v, wiring_of(self.links))
+        return Association.learn(
+            motor,
+            u,
+            sensory,
+            v,
+            wiring_of(self.links),
+        )
 
     def developed(
         self,
@@ -197,22 +208,31 @@ class SOM:
                 layers, np.array(history).swapaxes(0, 1), strict=True
             )
         )
-        return Association(motor, sensory, without_weak(net.links), wiring)
+        return Association(
+            motor,
+            sensory,
+            without_weak(net.links),
+            wiring,
+        )
 
     def _layer(
         self, lattice: Lattice, scale: Scale, u: Array, rng: np.random.Generator
     ) -> Layer:
         """A map at its random start."""
         weights = rng.random((lattice.size, u.shape[1]))
-        return Layer(weights, lattice, scale, self._gain, len(u) / lattice.size)
+        return Layer(
+            weights,
+            lattice,
+            scale,
+            self._gain,
+            len(u) / lattice.size,
+        )
 
     @property
     def _gain(self) -> Gain | None:
-        return (
-            gain_of(self.map)
-            if isinstance(self.map, str)
-            else checked_gain(self.map)
-        )
+        if isinstance(self.map, str):
+            return gain_of(self.map)
+        return checked_gain(self.map)
 
     def _sigma(self, lattice: Lattice) -> tuple[float, float]:
         """First and last radius of the online rule [nodes]."""
@@ -241,9 +261,20 @@ class SOM:
             return learn_dsom(u, lattice, self._passes, rng), self._passes
         if self.rule == "online":
             net = VDSOM([self._layer(lattice, scale, u, rng)])
-            one_map = passes(net, [u], self._passes, self._sigma(lattice), rng)
+            one_map = passes(
+                net,
+                [u],
+                self._passes,
+                self._sigma(lattice),
+                rng,
+            )
             return (epoch for (epoch,) in one_map), self._passes
-        stages = coarse_to_fine(lattice, self.epochs, self.sigma, self._density)
+        stages = coarse_to_fine(
+            lattice,
+            self.epochs,
+            self.sigma,
+            self._density,
+        )
         epochs = sum(len(stage.sigma) for stage in stages)
         return learn_batch(u, stages, self._gain, rng, residual), epochs
 

@@ -21,7 +21,8 @@ from ..kernel.arm import KernelArm
 from ..kernel.compiled import Compiled, compile_source
 from ..kernel.posterior import CompactPosterior
 from ..kernel.source import braces, c_number, c_source, source, table
-from ..maps.local_models import FULL, SILENT, blend_size, exponents
+from ..maps.local_models import blend_size, exponents
+from ..maps.settings import LOCAL
 from ..samples.roles import ROUNDING
 from .answers import SURE
 from .nominal import nominal_for_kernel
@@ -280,8 +281,8 @@ class Header:
             "projective": arm.lens is not None,
             "nearest": LEAST_DEPTH,
             "local": self.local,
-            "silent": SILENT,
-            "full": float(FULL),
+            "silent": LOCAL.silent,
+            "full": LOCAL.full,
             "terms": models.coefficients.shape[1] if self.local else 1,
             "slides_slack": SEARCH.slack,
             "slack": -float(ROUNDED),

@@ -18,8 +18,9 @@ from ..common.parallel import one_blas_thread
 from ..errors import CalibError, ModelError
 from ..maps.association import Association
 from ..maps.lattice import Graph
-from ..maps.local_models import MOST_DEGREE, LocalModels, exponents
+from ..maps.local_models import LocalModels, exponents
 from ..maps.map import Map
+from ..maps.settings import LOCAL
 from ..model.about import MOST_ROWS, About
 from ..model.alignment import Alignment
 from ..model.facts import shown_errors
@@ -240,7 +241,7 @@ def _local_fits(models: LocalModels, maps: Association) -> bool:
     nodes, dof = maps.motor.units.shape
     width = maps.sensory.units.shape[1]
     return (
-        models.degree <= MOST_DEGREE
+        models.degree <= LOCAL.most_degree
         and models.coefficients.shape
         == (nodes, len(exponents(dof, models.degree)), width)
         and len(models.radius) == nodes

@@ -43,7 +43,13 @@ def lattice_figure(setting: Setting, path: Path) -> None:
     tops: list[float] = []
     for k, network in enumerate(NETWORKS):
         setting.report(0.5 * k, f"lattices of the {network}")
-        pair = association(samples, network, SAME_SCHEDULE, setting.side, seed)
+        pair = association(
+            samples,
+            network,
+            SAME_SCHEDULE,
+            setting.side,
+            seed,
+        )
         motor = pair.motor
         sensory = pair.sensory
         errors = activity_errors(pair, q, x)
@@ -55,13 +61,38 @@ def lattice_figure(setting: Setting, path: Path) -> None:
             tops = [np.quantile(part, 0.99) for part in (forward, inverse)]
         ax = figure.add_subplot(2, 2, 2 * k + 1)
         heat = _node_means(motor, q, forward)
-        _draw_map(ax, motor, heat, 180 / np.pi, tops[0], "forward error [mm]")
-        ax.set(xlabel=f"{first} [deg]", ylabel=f"{second} [deg]")
+        _draw_map(
+            ax,
+            motor,
+            heat,
+            180 / np.pi,
+            tops[0],
+            "forward error [mm]",
+        )
+        ax.set(
+            xlabel=f"{first} [deg]",
+            ylabel=f"{second} [deg]",
+        )
         ax.set_title(f"{network.upper()}, motor map")
-        ax = figure.add_subplot(2, 2, 2 * k + 2, aspect="equal")
+        ax = figure.add_subplot(
+            2,
+            2,
+            2 * k + 2,
+            aspect="equal",
+        )
         heat = _node_means(sensory, x, inverse)
-        _draw_map(ax, sensory, heat, 1e3, tops[1], "inverse error [deg]")
-        ax.set(xlabel="x [mm]", ylabel="y [mm]")
+        _draw_map(
+            ax,
+            sensory,
+            heat,
+            1e3,
+            tops[1],
+            "inverse error [deg]",
+        )
+        ax.set(
+            xlabel="x [mm]",
+            ylabel="y [mm]",
+        )
         ax.set_title(f"{network.upper()}, sensory map")
     figure.suptitle(
         f"{setting.side}x{setting.side} nodes, {setting.samples:,} samples, {SAME_SCHEDULE}, "
@@ -96,7 +127,14 @@ def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
         for ax, title, label in zip(row, panels, labels, strict=True):
             net, values, highest = panels[title]
             across, up = 1e3 * e.x[::20].T
-            ax.plot(across, up, ".", color="#b8c2cb", markersize=1.2, zorder=0)
+            ax.plot(
+                across,
+                up,
+                ".",
+                color="#b8c2cb",
+                markersize=1.2,
+                zorder=0,
+            )
             _draw_map(ax, net, values, 1e3, highest, label)
             ax.set(
                 title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal"
@@ -122,20 +160,52 @@ def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
             (rates, [s.beta for s in e.steps], "--", ": beta"),
         )
         for ax, values, dash, what in series:
-            ax.plot(n, values, dash, color=colour, label=name + what)
-        zeta.axhline(e.distortion["trained"], color=colour, linewidth=0.6)
-    zeta.set(ylabel="distortion zeta, eq. 9 [unit box]", yscale="log")
-    error.set(ylabel="error before learning a sample [mm]", yscale="log")
-    sigma.set(ylabel="sigma, eq. 10 [nodes]", xlabel="samples after the change")
-    rates.set(ylabel="eta and beta, eq. 12", xlabel="samples after the change")
+            ax.plot(
+                n,
+                values,
+                dash,
+                color=colour,
+                label=name + what,
+            )
+        zeta.axhline(
+            e.distortion["trained"],
+            color=colour,
+            linewidth=0.6,
+        )
+    zeta.set(
+        ylabel="distortion zeta, eq. 9 [unit box]",
+        yscale="log",
+    )
+    error.set(
+        ylabel="error before learning a sample [mm]",
+        yscale="log",
+    )
+    sigma.set(
+        ylabel="sigma, eq. 10 [nodes]",
+        xlabel="samples after the change",
+    )
+    rates.set(
+        ylabel="eta and beta, eq. 12",
+        xlabel="samples after the change",
+    )
     for ax in axes.flat:
         ax.grid(alpha=0.3)
-        ax.legend(frameon=False, fontsize=8)
+        ax.legend(
+            frameon=False,
+            fontsize=8,
+        )
     _save(figure, path)
 
 
 def _save(figure: Figure, path: Path) -> None:
-    atomic_write(path, partial(figure.savefig, format="png", dpi=160))
+    atomic_write(
+        path,
+        partial(
+            figure.savefig,
+            format="png",
+            dpi=160,
+        ),
+    )
 
 
 def _distortion(net: Map, x: Array) -> Array:
@@ -158,7 +228,12 @@ def _draw_map(
     """Draw the edges of a map, coloured by the mean of their nodes' values, up to `top`."""
     points = factor * net.weights[:, :2]
     lines = draw_lattice(ax, points, net.edges, heat, top)
-    bar = ax.figure.colorbar(lines, ax=ax, shrink=0.7, extend="max")
+    bar = ax.figure.colorbar(
+        lines,
+        ax=ax,
+        shrink=0.7,
+        extend="max",
+    )
     bar.set_label(label)
 
 
@@ -167,6 +242,9 @@ def _figure(width: float, height: float) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(
+        figsize=(width, height),
+        layout="constrained",
+    )
     FigureCanvasAgg(figure)
     return figure

@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arm.rotations import logarithm
-from ..body.covariance import radius_95, spread_of
-from ..body.settings import SHARED
 from ..common.arrays import Array
 from ..common.rows import checked_rows, each_joint
 from ..errors import OptionError, QueryError, require
@@ -91,29 +89,6 @@ class Corrected:
         real = wanted.space.evaluate(self.nearest)[1]
         turn = logarithm(real @ np.swapaxes(nominal, 1, 2))
         return np.asarray(np.linalg.norm(turn, axis=1))
-
-    @cached_property
-    def placement_error(self) -> Array | None:
-        """95 % bound on the distance of the corrected tip from where the nominal arm would be.
-
-        (n,) [unit], with what is unsure of the sensor's frame and of the probe.  None where the
-        frame is known.
-        """
-        body = self._wanted.model.body
-        drawn = self._wanted.drawn
-        if body is None or drawn is None:
-            return None
-        structure = body.structure
-        position = slice(structure.blocks[0])
-        _, real = structure.linearise(self.nearest, body.beta)
-        _, nominal = structure.linearise(self.given, drawn)
-        for name, indices in structure.groups.items():
-            if not name.startswith(("view.", "tool", "lens")):  # the arm's own
-                nominal[:, :, indices] = 0.0
-        apart = (real - nominal)[:, position][:, :, body.active]
-        spread = SHARED**2 * spread_of(apart, body.root)
-        unexplained = np.diag(body.residual[position] ** 2)
-        return np.asarray(body.kappa * radius_95(spread + unexplained))
 
     @property
     def _unit(self) -> Array:

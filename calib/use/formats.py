@@ -193,8 +193,11 @@ def mjcf_text(urdf: str, tip: str) -> str:
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     body = ElementTree.SubElement(root, "worldbody")
     for joint in parse_robot(urdf).path(tip):
-        x, y, z, w = quaternion_of(joint.rotation).tolist()
-        place = {"pos": numbers(joint.xyz), "quat": numbers([w, x, y, z])}
+        x, y, z, w = quaternion_of(joint.origin[:3, :3]).tolist()
+        place = {
+            "pos": numbers(joint.origin[:3, 3]),
+            "quat": numbers([w, x, y, z]),
+        }
         body = ElementTree.SubElement(
             body, "body", {"name": joint.child, **place}
         )

@@ -17,9 +17,9 @@ from ..arm.rotations import logarithm, similarity
 from ..body.belief import Body, knows_orientation
 from ..body.fit import Fit
 from ..body.normal import Factor, with_prior
-from ..body.parameters import Indices, Prior
+from ..body.parameters import Hyper, Indices, Prior
 from ..body.rows import Rows
-from ..body.settings import FREE, SHIFT, STUDENT, UNTOLD
+from ..body.settings import FREE, PRIOR, SHIFT, STUDENT, UNTOLD
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.starts import frame
 from ..common.arrays import Array
@@ -268,8 +268,12 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
     sd[groups["offset"]] = np.where(
         structure.revolute, FITTING.offset, FITTING.along
     )
+    hypers = []
     if freedom.origins:
-        sd[ends] = FITTING.along
+        sd[ends] = SHIFT
+        shape = np.ones(ends.size)
+        hyper = Hyper("link", SHIFT, PRIOR.wider, 0.0, ends.ravel(), shape)
+        hypers.append(hyper)
     if (
         freedom.frame
     ):  # the first joint's offset and a turn of the frame are one
@@ -278,10 +282,7 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
         sd[groups["view.shift"][:2]] = FREE * structure.extent
     if scaled:
         sd[groups["view.scale"]] = FITTING.flat
-    precision = _precision(arm, ends, sd) if freedom.origins else None
-    fit = _maximum(
-        structure, points, x, start, Prior(start, sd, known=precision)
-    )
+    fit = _maximum(structure, points, x, start, Prior(start, sd, tuple(hypers)))
     nominal = fit.beta.copy()
     for group in ("offset", "placement", "tool"):
         nominal[groups[group]] = 0.0
@@ -296,24 +297,6 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
         before=_unexplained(fit, nominal) / metre,
         reach=_reach(tips),
     )
-
-
-def _precision(arm: PlanarArm, ends: Indices, sd: Array) -> Array:
-    """Prior precision (k, k); links' `ends` (dof, 3) are narrow across, where an offset turns."""
-    active = np.flatnonzero(sd)
-    chain = arm.chain
-    precision = np.diag(sd[active] ** -2)
-    links = np.diff(np.vstack([chain.points, chain.tip]), axis=0)
-    for k in np.flatnonzero(arm.revolute):
-        across = np.cross(arm.plane.normal, links[k])
-        length = float(np.linalg.norm(across))
-        if length > SHIFT:
-            if k + 1 == arm.dof:
-                across = across @ chain.rotation
-            end = np.searchsorted(active, ends[k])
-            narrower = (SHIFT**-2 - FITTING.along**-2) / length**2
-            precision[np.ix_(end, end)] += narrower * np.outer(across, across)
-    return precision
 
 
 def _held(prior: Prior, groups: Sequence[Indices]) -> Prior:

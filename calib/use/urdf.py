@@ -16,9 +16,10 @@ import numpy as np
 
 from ..arm.arm import PlanarArm
 from ..arm.description import parse_robot
-from ..arm.posture import origin_of, posture_of
+from ..arm.posture import posture_of
+from ..arm.robot_text import MJCF, parse_xml
 from ..arm.spatial_chain import move
-from ..arm.urdf import MJCF, Joint, Urdf, parse_xml
+from ..arm.urdf import Joint, Urdf
 from ..common.arrays import Array
 from ..common.wording import for_people, listed, quoted
 from ..errors import OptionError, RobotError
@@ -59,7 +60,7 @@ def corrected_urdf(geometry: Geometry) -> str:
     moved = {
         name: origin
         for name, origin in origins.items()
-        if np.abs(origin_of(_joint(tree, name)) - origin).max() > FITTING.tiny
+        if np.abs(_joint(tree, name).origin - origin).max() > FITTING.tiny
     }
     root = parse_xml(text)
     corrected = edited(
@@ -70,7 +71,7 @@ def corrected_urdf(geometry: Geometry) -> str:
     )
     tree = parse_robot(corrected)
     for name, origin in origins.items():
-        error = np.abs(origin_of(_joint(tree, name)) - origin).max()
+        error = np.abs(_joint(tree, name).origin - origin).max()
         if error > FITTING.same * max(1.0, np.abs(origin).max()):
             raise RobotError(
                 f"joint {quoted(name)} reads back with another origin than was written"
@@ -142,7 +143,7 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
     origins = {}
     for joint in path:  # a locked joint's own motion stays behind its origin
         lock = np.linalg.solve(
-            drawn[joint.child], drawn[joint.parent] @ origin_of(joint)
+            drawn[joint.child], drawn[joint.parent] @ joint.origin
         )
         origin = np.linalg.solve(fitted[joint.parent], fitted[joint.child])
         origins[joint.name] = origin @ lock
@@ -152,7 +153,7 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
 def _changed(joint: Joint, moved: Array) -> dict[str, str]:
     """Return the attributes of a joint's origin that differ from `moved` (4, 4)."""
     change: dict[str, str] = {}
-    drawn = origin_of(joint)
+    drawn = joint.origin
     if np.abs(moved[:3, 3] - drawn[:3, 3]).max() > FITTING.tiny:
         change["xyz"] = numbers(moved[:3, 3])
     if np.abs(moved[:3, :3] - drawn[:3, :3]).max() > FITTING.tiny:

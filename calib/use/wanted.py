@@ -51,8 +51,6 @@ class Wanted:
     moves: tuple[Alignment, ...] = ()  # of the frame, after `predict`
     # whether a tool's orientation is kept where the arm can
     keeps_turn: bool = True
-    # (d,), of a body in space the nominal arm's parameters
-    drawn: Array | None = None
     # where more than what the sensor reads has to be met: the tool's pose, or before a camera,
     # whose pixel does not say how far away the tip is, its place
     space: Space | None = None
@@ -171,7 +169,7 @@ def _wanted(model: Model, view: str) -> Wanted:
     ):
         drawn = frozen(nominal_behind(body_structure, body.beta))
         predict = partial(body_structure.predict, beta=drawn)
-        wanted = Wanted(model, free, predict, drawn=drawn)
+        wanted = Wanted(model, free, predict)
         if body_structure.dof >= CORRECTION.posed or body_structure.camera:
             wanted = replace(wanted, space=Space.of(model))
         return wanted

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import calib
 from calib.common.choices import MethodWord
-from calib.common.wording import for_people
 
 from .. import options as opt
 from ..logs import Reading, log_for
@@ -15,10 +14,8 @@ from ..output import (
     NO,
     Line,
     Outcome,
-    TextTable,
     as_typed,
     fields,
-    number,
     progress,
     say,
     sized,
@@ -77,8 +74,8 @@ def adapt(
         "unit": about.unit,
         "units": units_of(about),
     }
-    errors = {"before": result.before, "after": result.after}
-    before, after = (sized(e["mean"], about.unit) for e in errors.values())
+    before = sized(result.before["mean"], about.unit)
+    after = sized(result.after["mean"], about.unit)
     rows = f"on rows that it did not learn from; {result.samples} samples of {data}"
     if result.outliers:
         rows += f", {result.outliers} left out"
@@ -102,15 +99,7 @@ def adapt(
             "rows from the rest help most"
         )
     lines.append(f"limited by {limit}")
-    factor, name = for_people(about.unit)
-    sizes = [
-        [when, *(number(factor * error[key]) for key in ("mean", "p99", "max"))]
-        for when, error in errors.items()
-    ]
-    title = (
-        f"distance to held-out rows [{name}], corrected: {result.correction}"
-    )
-    more: list[Line] = [TextTable(["", "mean", "p99", "max"], sizes, title)]
+    more: list[Line] = [f"corrected: {result.correction}"]
     if result.kept:
         more.append(f"left as it was: {', '.join(result.kept)}")
     return Outcome(document, lines, more, code=0 if result.improved else NO)

@@ -13,7 +13,6 @@ from ..summary import (
     accuracy,
     accuracy_of_sensor,
     advice,
-    answers_back,
     code_of,
     contradicted,
     error_table,
@@ -83,7 +82,6 @@ def evaluate(
     lines = [
         *warnings,
         f"{model}: {accuracy(loaded, result.errors, result.within, tested, result.left_out)}",
-        answers_back(loaded, result.errors),
         *(accuracy_of_sensor(loaded.by(name)) for name in others),
         *limit,
     ]

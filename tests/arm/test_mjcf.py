@@ -24,7 +24,7 @@ EVERY_FORM = """<mujoco model="every form">
         <body name="one" pos="0 0.1 .2" xyaxes="1 0.2 0 0 1 .3">
           <inertial pos="0 0 0.05" mass="2" diaginertia=".01 .01 .01"/>
           <joint name="a" pos="0.01 0.02 0.03"/>
-          <body name="two" pos=".3 0 0" zaxis="0.2 0.1 1">
+          <body name="two" pos=".3 0 0" quat="1 0.1 0.2 0.3">
             <inertial pos="0 0 0.05" mass="2" diaginertia=".01 .01 .01"/>
             <joint name="b" class="slower"/>
             <joint name="c" axis="1 0 0.5" pos="0 0 0.1"/>

@@ -44,29 +44,6 @@ def test_the_report_of_a_few_samples_is_what_was_measured():
     assert all(isinstance(error, float) for *_, error in told)
 
 
-def test_ten_rows_of_a_corner_answer_little_and_honestly():
-    """Ten rows of a corner, of a sensor that was moved and shows all larger."""
-    arm = calib.load_arm("two_link")
-    coarse = calib.train(calib.babble(arm, 400, seed=0), size=3)
-    rng = np.random.default_rng(1)
-    q = arm.lower + (arm.upper - arm.lower) * (0.5 + 0.02 * (rng.random((10, 2)) - 0.5))
-
-    def seen(q):
-        return 1.3 * arm.forward(q + np.array([0.5, 0.2])) + 0.1
-
-    x = seen(q) + rng.normal(0.0, 2e-4, q.shape)
-    corner = calib.Samples(q, x, arm.joint_names, arm.lower, arm.upper, (True, True))
-    found = calib.adapt(coarse, corner)
-    assert found.after["mean"] < 0.01 * found.before["mean"]
-    assert not found.everywhere
-    asked = rng.uniform(arm.lower, arm.upper, (500, 2))
-    bound = found.model.model_error(asked)
-    miss = np.linalg.norm(found.model.forward(asked) - seen(asked), axis=1)
-    known = np.isfinite(bound)
-    assert known.mean() < 0.5
-    assert np.mean(miss[known] <= bound[known]) > 0.95
-
-
 def test_what_is_known_of_an_adapted_model():
     samples = replace(log("elbow.length=+20%", noise=2e-4), unit="m")
     found = calib.adapt(model(), samples)
@@ -76,23 +53,10 @@ def test_what_is_known_of_an_adapted_model():
     assert about.unit == "m"
     assert about.notes == found.notes
     assert about.errors["local"]["forward"]["distance"] == found.after
-    assert {"local", "activity", "winner"} <= set(about.errors)
-    assert fresh.seconds == {}
     (event,) = fresh.history
-    usual = model().about.errors["local"]["forward"]["distance"]["mean"]
-    assert event["event"] == "adapted"
-    assert event["method"] == "few-shot"
-    assert (event["samples"], event["outliers"]) == (60, 0)
+    assert (event["event"], event["method"], event["samples"]) == ("adapted", "few-shot", 60)
     assert (event["before"], event["after"]) == (found.before, found.after)
-    assert event["changed"] == [cause.to_json() for cause in found.changed]
-    assert event["kept"] == list(found.kept)
-    assert event["coverage"] == found.coverage
-    assert event["from"] == {
-        "source": "simulation",
-        "samples": 2500,
-        "simulation": model().about.simulation,
-        "mean": usual,
-    }
+    assert event["from"]["samples"] == 2500
     # a bound for every place that the old model knew, and it holds
     other = log("elbow.length=+20%", n=300, noise=2e-4, seed=5)
     miss = np.linalg.norm(fresh.forward(other.q) - other.x, axis=1)

@@ -87,7 +87,7 @@ def test_millimetres(folder, run, tmp_path):
     assert "--unit mm" in raw.err
     assert raw.document["unit"] == "sensor"
     table = run("adapt", folder / "m.calib", "--data", path, "-o", tmp_path / "c", "-v").out
-    assert "held-out rows [sensor]" in table  # and not mm, which it was not told
+    assert " sensor before" in table  # and not mm, which it was not told
     assert "--unit mm" in table
     looked = run("check", folder / "m.calib", "--data", path, "-v")
     assert looked.code == 3

@@ -13,8 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import calib
-from calib import RobotError
-from calib.common.wording import one_line, printable
 
 URDF = Path(__file__).parents[2] / "robots" / "two_link.urdf"
 ROWS = "0.1,1.0,0.1,0.2\n0.2,1.1,0.2,0.3\n0.3,1.2,0.3,0.4\n"
@@ -239,11 +237,3 @@ def test_json_holds_no_number_that_is_not_finite():
         "a": [None, None, 1.0],
         "2": [True, None, "x"],
     }
-
-
-@given(st.text())
-def test_what_is_printable_stays_and_all_else_is_written_out(text):
-    shown = printable(text)
-    assert shown.isprintable()
-    assert (shown == text) == text.isprintable()
-    assert str(RobotError(text)) == one_line(text)

@@ -57,18 +57,6 @@ def test_quiet_is_one_line_and_no_note(run, folder, monkeypatch, words):
     assert len(done.out.splitlines()) == 1
 
 
-def test_evaluate_says_that_a_model_does_not_hold_for_a_log(run, folder):
-    """Of an arm that had drifted it said that noise limits the accuracy."""
-    done = run("evaluate", folder / "m.calib", "--data", folder / "same.csv")
-    assert done.out.splitlines()[-1].startswith("limited by ")
-    done = run("evaluate", folder / "m.calib", "--data", folder / "moved.csv")
-    assert done.code == 3
-    verdict = done.out.splitlines()[0]
-    assert "does not hold" in verdict
-    assert "calib check" in verdict
-    assert "limited by" not in done.out
-
-
 def test_positions_are_typed_and_printed_in_the_unit_asked_for(run, folder):
     path = folder / "m.calib"
     plain = run("query", "inverse", path, "0.1", "0.4", "--json").document

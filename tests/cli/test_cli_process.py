@@ -137,3 +137,24 @@ def test_a_signal_at_any_stage_leaves_the_old_file_whole(stage, number, code, to
     assert (done.returncode, done.stdout, done.stderr) == (code, b"", told)
     assert [path.name for path in tmp_path.iterdir()] == ["two_link.calib"]
     assert (tmp_path / "two_link.calib").read_bytes() == b"old"
+
+
+STREAMS = [  # what a shell runs as "$@", with its code
+    ('cat q.csv | "$@" query forward m.calib --input -', 0),
+    ('"$@" query forward m.calib --input - <&-', 1),
+    ('"$@" query inverse m.calib 0.1 0.4 >/dev/full', 1),
+    ('"$@" info m.calib --json | true', 0),
+    ('COLUMNS=1 PYTHONIOENCODING=ascii "$@" info m.calib 2>/dev/full', 0),
+    ('PYTHONIOENCODING=ascii "$@" train two_link --lock é世=1 >&-', 1),
+]
+
+
+@pytest.mark.parametrize(("line", "code"), STREAMS)
+def test_streams_that_are_closed_full_or_narrow_end_in_order(model, tmp_path, line, code):
+    (tmp_path / "m.calib").write_bytes(model.read_bytes())
+    (tmp_path / "q.csv").write_text("shoulder,elbow\n0.5,1.0\n")
+    words = ["sh", "-c", line, "sh", sys.executable, "-m", "calib_cli"]
+    done = subprocess.run(words, capture_output=True, check=False, cwd=tmp_path, timeout=100)
+    assert done.returncode == code
+    assert b"Traceback" not in done.stderr
+    assert not code or done.stderr

@@ -3,7 +3,6 @@
 import pickle
 import shutil
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ from models import draw, in_pixels, in_plane, in_space, measured, six, trained, 
 
 import calib
 from calib import OptionError, QueryError
-from calib.model.header import Header
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
@@ -183,12 +181,3 @@ def test_what_is_no_query_is_still_refused(bad):
         fast.forward(bad)
     with pytest.raises(QueryError):
         fast.inverse([0.3, 0.3], near=bad if bad is not None else [np.inf, 0.0])
-
-
-def test_no_text_of_a_model_gets_into_the_source():
-    model = trained("two_link", 600, 6)
-    evil = '*/ int hacked(void); /* " \\ ??/ \n #include <stdlib.h>'
-    about = replace(model.about, robot=evil, tip=evil, joint_names=(evil, "b"))
-    text = Header.of(replace(model, about=about)).text()[0]
-    assert "hacked" not in text
-    assert "stdlib" not in text

@@ -8,7 +8,8 @@ from small_maps import UNIT_BOX, box, points
 from calib import Association, Map
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
-from calib.maps.links import BANDWIDTH, Compressed, Wiring
+from calib.maps.links import Compressed, Wiring
+from calib.maps.settings import LINKS
 
 
 def grid(n, m=None):
@@ -17,7 +18,7 @@ def grid(n, m=None):
     return Map(lattice.positions() / (np.array(shape) - 1), lattice, UNIT_BOX, np.zeros((0, 4)))
 
 
-def activity(network, u, bandwidth=BANDWIDTH, *, local=False):
+def activity(network, u, bandwidth=LINKS.bandwidth, *, local=False):
     return Wiring(local=local, bandwidth=bandwidth).activity(network, u)
 
 
@@ -45,7 +46,7 @@ def pair():
     return activity(grid(3), u).toarray(), activity(grid(3), v).toarray()
 
 
-@pytest.mark.parametrize("bandwidth", [BANDWIDTH, 1.5])
+@pytest.mark.parametrize("bandwidth", [LINKS.bandwidth, 1.5])
 def test_activity_is_equation_6_relative_to_the_winner(bandwidth):
     network, u = grid(3), points(20)
     a = activity(network, u, bandwidth).toarray()
@@ -151,22 +152,22 @@ def test_activity_forward_is_the_mean_of_the_partners_weighted_through_the_links
     c = np.array([[0.2, 0.0, 0.7], [0.4, 0.5, 0.0]])
     pair = linked(line([0.0, 1.0]), sensory, c)
     u = np.array([[0.3], [0.5]])
-    a = np.exp(-((u - [[0.0, 1.0]]) ** 2) / BANDWIDTH**2)  # eq. 6, spacing 1
+    a = np.exp(-((u - [[0.0, 1.0]]) ** 2) / LINKS.bandwidth**2)  # eq. 6, spacing 1
     expected = (a @ c @ [0.1, 0.4, 0.9]) / (a @ c).sum(axis=1)
     np.testing.assert_allclose(pair.forward(u, "activity")[:, 0], expected, rtol=1e-12)
 
 
 def test_activity_inverse_blends_what_the_active_nodes_are_linked_to(one_to_one):
     v = np.array([[0.25, 0.0]])
-    a = np.exp(-((0.25 - np.array([0.0, 0.5, 1.0])) ** 2) / (BANDWIDTH * 0.5) ** 2)
+    a = np.exp(-((0.25 - np.array([0.0, 0.5, 1.0])) ** 2) / (LINKS.bandwidth * 0.5) ** 2)
     expected = (a @ [0.0, 0.5, 1.0]) / a.sum()
-    said = one_to_one.inverse(v, np.array([[0.5]]), "activity")
+    said = one_to_one.inverses(v, np.array([[0.5]]))["activity"]
     np.testing.assert_allclose(said, [[expected]], rtol=1e-9)
 
 
 def test_winner_inverse_is_the_strongest_partner(one_to_one):
     v = np.array([[0.3, 0.0], [0.9, 0.0]])
-    said = one_to_one.inverse(v, np.full((2, 1), 0.5), "winner")
+    said = one_to_one.inverses(v, np.full((2, 1), 0.5))["winner"]
     assert said.tolist() == [[0.5], [1.0]]
 
 
@@ -183,13 +184,13 @@ def test_the_branch_near_to_the_wish_answers_and_branches_are_never_averaged(
     two_branches, near, winner, activity
 ):
     v, wish = np.array([[0.2, 0.0]]), np.array([[near]])
-    assert two_branches.inverse(v, wish, "winner")[0, 0] == pytest.approx(winner)
-    said = two_branches.inverse(v, wish, "activity")[0, 0]
+    assert two_branches.inverses(v, wish)["winner"][0, 0] == pytest.approx(winner)
+    said = two_branches.inverses(v, wish)["activity"][0, 0]
     assert said == pytest.approx(activity)
 
 
 def test_a_branch_across_the_seam_of_a_turn_is_one_branch():
     motor = line([0.05, 0.35, 0.65, 0.95], periodic=True)
     pair = associate(motor, line([0.2, 0.8], d=2), {(0, 0): 1.0, (3, 0): 1.0, (1, 1): 1.0})
-    said = pair.inverse(np.array([[0.2, 0.0]]), np.array([[0.9]]), "activity")[0, 0]
+    said = pair.inverses(np.array([[0.2, 0.0]]), np.array([[0.9]]))["activity"][0, 0]
     assert min(said % 1.0, -said % 1.0) < 0.05

@@ -7,7 +7,6 @@ from small_maps import grid, points
 from calib import SOM, Association
 from calib.common.scale import TURN, Scale
 from calib.maps import local_models as local
-from calib.maps.linear_models import regress
 from calib.maps.links import WIRINGS
 from calib.maps.local_models import exponents
 
@@ -104,20 +103,3 @@ def test_slopes_are_finite_differences_of_the_blended_value():
         found = (affine.linear.value(u + step) - affine.linear.value(u - step)) / (2 * h)
         # but for a point or two whose nearest nodes change within the step
         assert np.quantile(np.abs(found - slope[:, :, k]), 0.99) < 1e-6
-
-
-def test_the_regression_is_that_of_the_normal_equations():
-    rng = np.random.default_rng(5)
-    place, value, weight = (
-        rng.normal(size=(1, 12, 2)),
-        rng.normal(size=(1, 12, 3)),
-        rng.random((1, 12)),
-    )
-    middle, mean, slope = regress(place, value, weight)
-    w = weight[0] / weight.sum()
-    np.testing.assert_allclose(middle[0], w @ place[0])
-    np.testing.assert_allclose(mean[0], w @ value[0])
-    z = place[0] - middle[0]
-    power = z.T @ (w[:, None] * z)
-    power += 1e-2 * np.trace(power) / 2 * np.eye(2)
-    np.testing.assert_allclose(slope[0], np.linalg.solve(power, z.T @ (w[:, None] * value[0])))

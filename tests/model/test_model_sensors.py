@@ -8,7 +8,6 @@ from models import draw, in_space
 
 import calib
 from calib import OptionError
-from calib.model_file.storage import to_bytes
 
 
 def two_eyed() -> calib.Model:
@@ -46,20 +45,6 @@ def test_each_sensor_answers_in_its_own_frame():
         model.by("top")
     alone = replace(model, others=(), about=replace(model.about, sensor=""))
     assert alone.by("any") is alone
-
-
-def test_a_file_keeps_the_arm_once(tmp_path):
-    model = two_eyed()
-    model.save(tmp_path / "two.calib")
-    loaded = calib.load(tmp_path / "two.calib")
-    assert to_bytes(loaded) == to_bytes(model)
-    alone = replace(model, others=())
-    assert len(to_bytes(model)) < len(to_bytes(alone)) + 20_000
-    q = draw(model, 5)
-    for sensor in model.sensors:
-        assert np.array_equal(loaded.forward(q, sensor=sensor), model.forward(q, sensor=sensor))
-        bounds = [each.by(sensor).expected_error(q) for each in (loaded, model)]
-        np.testing.assert_allclose(*bounds, rtol=1e-12)
 
 
 def test_a_log_is_judged_as_its_sensor_sees_the_arm():

@@ -33,8 +33,8 @@ def test_videos_that_make_no_log(film, tmp_path):
     refused("clocks are apart", log_video, run, joints, Setup(7), time_offset=500.0)
     refused("never rests", log_video, run, joints, Setup(7), time_offset=51.3)
     (tmp_path / "text.mp4").write_text("no video\n" * 200)
-    refused("no video that OpenCV can read", log_video, tmp_path / "text.mp4", joints, Setup(7))
-    refused("cannot read", log_video, tmp_path / "none.mp4", joints, Setup(7))
+    refused("cannot be read", log_video, tmp_path / "text.mp4", joints, Setup(7))
+    refused("cannot be read", log_video, tmp_path / "none.mp4", joints, Setup(7))
     refused("lens was calibrated with 640x480", log_video, run, joints, Setup(7, lens=LENS))
     twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.05, (0.1, 0.1, 0, 1)),))
     frames = [twins.picture(q, np.random.default_rng(0)) for q in joints.q[:600:50]]
@@ -74,16 +74,3 @@ def test_the_commands(run, shot, film, tmp_path):
     assert "--joints-file" in done.err
     done = run("log", shot.pictures, *joints, "--still", "1", "-o", tmp_path / "n.csv")
     assert done.code == 2
-
-
-def test_a_clock_that_cannot_be_found_is_exit_three(run, film, tmp_path):
-    other = np.loadtxt(film.folder / "joints.csv", delimiter=",", skiprows=1)
-    other[:, 1:] = other[::-1, 1:] * [0.3, -1.0]
-    np.savetxt(tmp_path / "other.csv", other, delimiter=",", header="time,a,b", comments="")
-    done = run(
-        "log", film.folder / "run.mp4", "--joints-file", tmp_path / "other.csv", "--tag", 7,
-        "-o", tmp_path / "v.csv",
-    )  # fmt: skip
-    assert done.code == 3
-    assert not (tmp_path / "v.csv").exists()
-    assert "--time-offset" in done.err

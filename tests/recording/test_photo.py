@@ -1,7 +1,5 @@
 """The map over a photo: what is kept in the model, and that positions are where they were seen."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -11,8 +9,6 @@ from rendering import Camera, Desk
 from scenes import data_of, objects, page_of
 
 import calib
-from calib.model.about import Photo
-from calib.recording.photo import WIDEST, take_photo
 from calib.samples.tables import write_table
 
 CAMERA = Camera(size=(1280, 720))
@@ -29,7 +25,7 @@ def marked(pixels: np.ndarray, path) -> None:
     Image.fromarray(np.clip(grey, 0, 255).astype(np.uint8)).save(path)
 
 
-def spot(photo: Photo, near: np.ndarray) -> np.ndarray:
+def spot(photo, near: np.ndarray) -> np.ndarray:
     """Return where the bright spot near a position is, by the photo's own borders."""
     pixels = photo.pixels().astype(float)[..., 0]
     left, right, low, high = photo.box
@@ -43,8 +39,8 @@ def spot(photo: Photo, near: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    """A small model of pixels, its log, and a photo with spots where three tips were seen."""
+def made(tmp_path_factory, run):
+    """Models of pixels with and without a photo, with spots where three tips were seen."""
     folder = tmp_path_factory.mktemp("photo")
     rng = np.random.default_rng(0)
     q = rng.uniform([0.0, 0.2], [1.3, 1.6], (40, 2))
@@ -52,25 +48,24 @@ def made(tmp_path_factory):
     columns = {"a": q[:, 0], "b": q[:, 1], "x": x[:, 0], "y": x[:, 1]}
     write_table(folder / "log.csv", columns, about=SOURCE)
     marked(x[:3], folder / "seen.png")
-    model = calib.train(calib.read_log(folder / "log.csv", joints=["a", "b"]), size=8)
-    return folder, model, x
-
-
-def with_photo(made) -> calib.Model:
-    folder, model, x = made
-    return replace(model, photo=take_photo(folder / "seen.png", x, "px", SOURCE))
+    train = ("train", "--data", folder / "log.csv", "--joints", "a,b", "--size", 8)
+    shown = ("--photo", folder / "seen.png", "-o", folder / "with.calib")
+    for line in (shown, ("--no-photo", "-o", folder / "bare.calib")):
+        done = run(*train, *line)
+        assert done.code == 0, done.err
+    return calib.load(folder / "with.calib"), calib.load(folder / "bare.calib"), x
 
 
 def test_a_kept_photo_shows_each_pixel_where_it_was(made):
-    photo = with_photo(made).photo
-    assert max(photo.pixels().shape) == WIDEST
-    for place in made[2][:3]:
-        assert np.allclose(spot(photo, place), place, atol=0.3)
+    model, bare, x = made
+    assert bare.photo is None
+    for place in x[:3]:
+        assert np.allclose(spot(model.photo, place), place, atol=0.3)
 
 
 def test_the_map_is_drawn_over_the_photo(made):
-    model = with_photo(made)
-    assert "photo" not in calib.figures(made[1])
+    model, bare, _ = made
+    assert "photo" not in calib.figures(bare)
     ax = calib.figures(model, names=["photo"])["photo"].axes[0]
     assert ax.get_xlim() == (-0.5, 1279.5)
     assert ax.get_ylim() == (719.5, -0.5)  # y down, clipped to the picture
@@ -78,7 +73,7 @@ def test_the_map_is_drawn_over_the_photo(made):
     np.testing.assert_allclose(np.column_stack(tips.get_data()), model.rows.x)
     data = data_of(page_of(model))
     assert data["layers"][0]["name"] == "Photo"
-    assert "Photo" not in [layer["name"] for layer in data_of(page_of(made[1]))["layers"]]
+    assert "Photo" not in [layer["name"] for layer in data_of(page_of(bare))["layers"]]
     # the picture's first row is up, seen from where the camera of the page is
     points = objects(data)["Photo/picture"]["points"]
     assert points[-1][1] > points[0][1]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from calib.recording.clocks import SURE, ClockError, align_clocks, joints_at
-from calib.recording.track import row_shift
 
 LENGTHS = np.array([0.18, 0.14, 0.09])
 
@@ -62,12 +61,3 @@ def test_what_is_doubtful_is_refused(case):
         q = q[:1] + 0 * q
     with pytest.raises(ClockError, match="never moves" if "still" in case else "no offset"):
         align_clocks(time, x, joint_time, q)
-
-
-@pytest.mark.parametrize("shift", [-2, 1])
-def test_a_shift_of_rows_is_noticed(shift):
-    rng = np.random.default_rng(8)
-    q = rng.uniform(-1, 1, (58, 3))
-    x = pixels(q) + rng.normal(0, 0.05, (58, 2))
-    assert row_shift(q, x)[0] == 0
-    assert row_shift(np.roll(q, shift, axis=0), x)[0] == shift

@@ -32,12 +32,6 @@ def test_columns_with_other_names(file):
     refused(path, "taken twice", OptionError, columns={"a": "b"})
 
 
-@pytest.mark.parametrize("text", ["", "x", "x=", "=x", "x=u,,y=v", "x=u,x=v"])
-def test_column_names_that_say_nothing(text):
-    with pytest.raises(OptionError, match="columns"):
-        parse_columns(text)
-
-
 def test_the_arms_order_holds_and_its_joints_are_the_log(arm, file):
     path = file("elbow,shoulder,x,y\n0.5,0.1,1,2\n0.6,0.2,3,4\n")
     assert read_log(path, arm).q.tolist() == [[0.1, 0.5], [0.2, 0.6]]

@@ -256,3 +256,35 @@ def test_maps_that_did_not_unfold_are_refused_in_one_line():
     samples = calib.babble(calib.load_arm("two_link"), 100, seed=0)
     with pytest.raises(OptionError, match=r"map.*`size`"):
         calib.train(samples, size=4, map="som", epochs=3, sigma=(1e9, 1e9))
+
+
+MISFITS = {  # of a log in space: joints, positions, orientations, what the refusal says
+    "still": (lambda q, x, r: (q, 0 * x + 0.1, None), "same in every row"),
+    "shuffled": (lambda q, x, r: (q, x[::-1], None), "does not explain"),
+    "exchanged": (lambda q, x, r: (q[:, ::-1], x, None), "explain|exchanged"),
+    "mirrored": (lambda q, x, r: (q, x[:, [1, 0, 2]], None), "does not explain"),
+    "turned": (lambda q, x, r: (q, x, r[::-1]), "do not turn as the joints do"),
+}
+
+
+@pytest.mark.parametrize("case", MISFITS)
+def test_rows_that_no_arm_in_space_explains_are_refused_in_one_line(case):
+    arm = calib.load_arm("spatial_three")
+    q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (60, 3))
+    change, words = MISFITS[case]
+    q, x, turns = change(q, *arm.pose(q))
+    log = calib.Samples(q, x, arm.joint_names, arm.lower, arm.upper, arm=arm, orientation=turns)
+    with pytest.raises(LogError, match=words) as caught:
+        calib.train(log, size=3)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("n", "noise", "most"), [(60, 1e-4, 3e-4), (200, 0.0, 1e-12)])
+def test_without_a_drawing_a_chain_in_space_is_found(n, noise, most):
+    arm = calib.load_arm("spatial_three")
+    rows = replace(calib.babble(arm, n, noise=noise), arm=None)
+    model = calib.train(rows if noise == 0.0 else replace(rows, simulation=None), size=3)
+    q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (100, 3))
+    error = np.linalg.norm(model.forward(q) - arm.forward(q), axis=1)
+    assert error.mean() < most
+    assert noise == 0.0 or np.mean(error <= model.model_error(q)) > 0.9

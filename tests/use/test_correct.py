@@ -11,8 +11,6 @@ from models import six
 import calib
 from calib import OptionError, correct
 from calib.arm.loading import arm_from_urdf
-from calib.arm.robots import resolve_robot
-from calib.arm.urdf import read_urdf
 from calib.body.spatial import structure_of
 from calib.model.nominal import nominal_behind
 
@@ -84,7 +82,7 @@ def test_command(tmp_path, run):
 @pytest.fixture(scope="module")
 def turning():
     """A model of an arm whose first joint turns all the way round, adapted to an offset."""
-    text = read_urdf(resolve_robot("two_link")).replace(
+    text = arm().urdf.replace(
         '<limit lower="0.0" upper="1.5707963267948966"', '<limit lower="-6.2" upper="6.2"'
     )
     nominal = arm_from_urdf(text)

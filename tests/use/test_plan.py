@@ -22,19 +22,6 @@ def test_poses_keep_their_margin_and_touch_it(robot):
     np.testing.assert_allclose(plan.x, arm.forward(plan.q), atol=1e-12)
 
 
-def test_new_poses_go_where_measured_ones_are_not(arm):
-    log = calib.babble(arm, 200, seed=1, ranges={"elbow": (0.3, 1.4)})
-    plan = calib.plan(arm, 12, measured=log)
-    u = (plan.q - arm.lower) / (arm.upper - arm.lower)
-    old = (log.q - arm.lower) / (arm.upper - arm.lower)
-    assert np.linalg.norm(u[:, None] - old[None], axis=2).min() > 0.1
-    assert (plan.q[:, 1] > 1.4).all()
-    swapped = calib.Samples(
-        log.q[:, ::-1], log.x, ("elbow", "shoulder"), arm.lower, arm.upper, (True, True)
-    )
-    np.testing.assert_array_equal(calib.plan(arm, 12, measured=swapped).q, plan.q)
-
-
 def test_travel_is_that_of_the_rows_and_short(arm):
     plan = calib.plan(arm, 60, start=[1.0, 1.0])
     np.testing.assert_array_equal(plan.start, [1.0, 1.0])
@@ -66,15 +53,6 @@ def test_command_writes_what_python_plans(run, tmp_path, arm, name):
     assert "joints travel" in done.out
     log = calib.read_log(path, arm, columns={"x": "expected_x", "y": "expected_y"})
     np.testing.assert_array_equal(log.q, calib.plan(arm, 20, seed=3, start=[0.5, 1.0]).q)
-
-
-def test_command_completes_a_log(run, log, tmp_path, arm):
-    done = run("plan", "two_link", "-n", "6", "--data", log, "-o", "-")
-    assert done.code == 0
-    assert "beside the 400 measured ones" in done.err
-    rows = [[float(v) for v in line.split(",")[:2]] for line in done.out.splitlines()[1:]]
-    expected = calib.plan(arm, 6, measured=calib.read_log(log, arm)).q
-    np.testing.assert_array_equal(rows, expected)
 
 
 MODELS_DEGREE = math.radians(1.0)

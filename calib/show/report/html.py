@@ -48,10 +48,8 @@ def write_page(
     atomic_write(path, page.encode("utf-8"))
 
 
-def figure_of(figure: Figure | None, name: str, caption: str) -> str:
-    """A figure with its caption; "" for none."""
-    if figure is None:
-        return ""
+def figure_of(figure: Figure, name: str, caption: str) -> str:
+    """A figure with its caption."""
     words = escape(caption)
     svg = to_svg(figure, name, words)
     return (

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from html import escape
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NamedTuple
 
 from ...common.wording import (
     filled,
@@ -36,49 +36,89 @@ from .html import figure_of, paragraph, write_page
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_Subject = TypeVar("_Subject")
-Captions = Mapping[Callable[[_Subject], "Figure | None"], str]
-"""What draws a figure of a subject, None where there is nothing to show, and what it shows."""
 
-ARM: dict[str, Captions[Study]] = {
-    "": {
-        arm.accuracy: "How far predictions are from measured positions.",
-        arm.causes: "What differs from the drawing, by how much it moves the tip; lines are "
-        "95 % intervals.",
-    },
-    "What is off": {
-        arm.setup: "What stands around the arm and what it carries, to scale.",
-    },
-    "Where": {
-        arm.where: "The model's own 95 % bound on the true position; dots are rows, in the "
-        "colour of their error; crosses are rows that were left out.",
-        arm.coverage: "Which part of each joint's range the rows covered.",
-        arm.arrows: "From the predicted position to the measured one, a dot.",
-        maps.photo: "The sensory map and the rows as the camera sees them.",
-    },
-    "Why so": {
-        arm.joints: "What rows say of each joint's own error (dots), the learned error curve "
-        "and its band.",
-        arm.order: "Drift and steps show as slopes; the line is a running median.",
-        arm.trust: "A bound that holds follows the diagonal or lies above it; grey is what "
-        "chance does.",
-    },
-    "The maps": {
-        maps.lattices: "Nodes joined to their neighbours on the lattice.",
-        maps.u_matrices: "Ridges are folds and borders of the map.",
-    },
-}
-"""Figures of an arm, by section."""
+class Entry(NamedTuple):
+    """A figure of a page."""
 
-RIG: dict[str, Captions[HandEye]] = {
-    "": {
-        rigs.setup: "Base, flange, cameras and board, to scale.",
-    },
-    "The pictures": {
-        rigs.misses: "Each picture is predicted by a fit that did not see it.",
-        rigs.corners: "Corners over a picture that the fit did not see.",
-    },
-}
+    heading: str  # of its section
+    # of a study or a rig, None where there is nothing to show
+    draw: Callable[..., Figure | None]
+    caption: str
+
+
+ARM = (
+    Entry("", arm.accuracy, "How far predictions are from measured positions."),
+    Entry(
+        "",
+        arm.causes,
+        "What differs from the drawing, by how much it moves the tip; lines are 95 % intervals.",
+    ),
+    Entry(
+        "What is off",
+        arm.setup,
+        "What stands around the arm and what it carries, to scale.",
+    ),
+    Entry(
+        "Where",
+        arm.where,
+        "The model's own 95 % bound on the true position; dots are rows, in the colour of their "
+        "error; crosses are rows that were left out.",
+    ),
+    Entry(
+        "Where",
+        arm.coverage,
+        "Which part of each joint's range the rows covered.",
+    ),
+    Entry(
+        "Where",
+        arm.arrows,
+        "From the predicted position to the measured one, a dot.",
+    ),
+    Entry(
+        "Where",
+        maps.photo,
+        "The sensory map and the rows as the camera sees them.",
+    ),
+    Entry(
+        "Why so",
+        arm.joints,
+        "What rows say of each joint's own error (dots), the learned error curve and its band.",
+    ),
+    Entry(
+        "Why so",
+        arm.order,
+        "Drift and steps show as slopes; the line is a running median.",
+    ),
+    Entry(
+        "Why so",
+        arm.trust,
+        "A bound that holds follows the diagonal or lies above it; grey is what chance does.",
+    ),
+    Entry(
+        "The maps",
+        maps.lattices,
+        "Nodes joined to their neighbours on the lattice.",
+    ),
+    Entry(
+        "The maps",
+        maps.u_matrices,
+        "Ridges are folds and borders of the map.",
+    ),
+)
+RIG = (
+    Entry("", rigs.setup, "Base, flange, cameras and board, to scale."),
+    Entry(
+        "The pictures",
+        rigs.misses,
+        "Each picture is predicted by a fit that did not see it.",
+    ),
+    Entry(
+        "The pictures",
+        rigs.corners,
+        "Corners over a picture that the fit did not see.",
+    ),
+)
+HEADINGS = ("", "What is off", "The pictures", "Where", "Why so", "The maps")
 
 
 def report(
@@ -115,24 +155,23 @@ def report(
     studies = studies_of(model, log)
     study = next((one for one in studies if one.log is not None), studies[0])
     verdict = words.verdict(studies)
-    sections = {"": "", "What is off": paragraph(words.uncertain(study))}
+    sections = dict.fromkeys(HEADINGS, "")
+    sections["What is off"] = paragraph(words.uncertain(study))
     rig = rig_of_model(model)
-    with settings():
-        if rig is not None:
-            verdict = f"{verdict_of_rig(rig)} {verdict}"
-            sections["The pictures"] = _html(RIG["The pictures"], rig)
-        for done, (heading, captions) in enumerate(ARM.items()):
-            if progress is not None:
-                progress(done / len(ARM), heading, float("nan"))
-            for one in studies:
-                sensor = one.model.about.sensor
-                label = f"{sensor}: " if len(studies) > 1 else ""
-                content = _html(captions, one, one.suffix, label)
-                sections[heading] = sections.get(heading, "") + content
-    if model.default_readout == "linear" or model.predictor.models.degree >= 0:
-        sections["The maps"] += _table(model)
-    else:
-        del sections["The maps"]
+    if rig is not None:
+        verdict = f"{verdict_of_rig(rig)} {verdict}"
+        _add(sections, RIG[1:], rig)
+    entries: Sequence[Entry] = ARM[:-2]
+    linear = model.default_readout == "linear"
+    if linear or model.predictor.models.degree >= 0:
+        sections["The maps"] = _table(model)
+        entries = ARM
+    for k, one in enumerate(studies):
+        if progress is not None:
+            progress(k / len(studies), "figures", float("nan"))
+        sensor = one.model.about.sensor
+        label = f"{sensor}: " if len(studies) > 1 else ""
+        _add(sections, entries, one, label)
     write_page(
         path,
         title=model.about.robot or "An arm, learned from a log",
@@ -178,72 +217,60 @@ def figures(
     >>> list(calib.figures(model.association))
     ['lattices', 'u_matrices', 'links']
     """
-    with settings():
-        if isinstance(model, Map | Association):
-            drawn = maps.figures_of_maps(model)
-            chosen = _checked(names, drawn)
-            return {name: drawn[name] for name in chosen}
-        if isinstance(model, HandEye):
-            chosen = _checked(names, _names(RIG))
-            return _figures(RIG, model, chosen)
-        require("model", model, Model)
-        chosen = _checked(names, _names(ARM))
-        drawn = {}
-        for study in studies_of(model, log):
-            drawn |= _figures(ARM, study, chosen, study.suffix)
-        return drawn
-
-
-def _names(sections: Mapping[str, Captions[_Subject]]) -> list[str]:
-    return [
-        draw.__name__ for captions in sections.values() for draw in captions
-    ]
-
-
-def _checked(
-    names: Sequence[str] | None, there: Iterable[str]
-) -> Sequence[str]:
-    """Names of figures, all that there are by default."""
-    known = list(there)
+    known = [entry.draw.__name__ for entry in (*ARM, *RIG)]
     for name in names or ():
-        if name not in known:
+        if name not in (*known, "links"):
             raise OptionError(
                 f"`names`: {quoted(name)} is no figure",
                 hint=suggestion(name, known),
                 parameter="names",
                 value=name,
             )
-    return known if names is None else names
+    if isinstance(model, Map | Association):
+        with settings():
+            drawn = maps.figures_of_maps(model)
+    elif isinstance(model, HandEye):
+        drawn = {name: figure for _, name, figure in _drawn(RIG, model)}
+    else:
+        require("model", model, Model)
+        drawn = {
+            name: figure
+            for study in studies_of(model, log)
+            for _, name, figure in _drawn(ARM, study, names)
+        }
+    return {
+        name: figure
+        for name, figure in drawn.items()
+        if names is None or name.partition("-")[0] in names
+    }
 
 
-def _figures(
-    sections: Mapping[str, Captions[_Subject]],
-    subject: _Subject,
-    names: Sequence[str],
-    suffix: str = "",
-) -> dict[str, Figure]:
-    """Figures by name, of those that have something to show."""
-    drawn = {}
-    for captions in sections.values():
-        for draw in captions:
-            figure = draw(subject) if draw.__name__ in names else None
-            if figure is not None:
-                drawn[draw.__name__ + suffix] = figure
-    return drawn
+def _drawn(
+    entries: Sequence[Entry],
+    subject: Study | HandEye,
+    names: Sequence[str] | None = None,
+) -> Iterator[tuple[Entry, str, Figure]]:
+    """Yield the figures that have something to show, with their names."""
+    suffix = subject.suffix if isinstance(subject, Study) else ""
+    with settings():
+        for entry in entries:
+            name = entry.draw.__name__
+            if names is None or name in names:
+                figure = entry.draw(subject)
+                if figure is not None:
+                    yield entry, f"{name}{suffix}", figure
 
 
-def _html(
-    captions: Captions[_Subject],
-    subject: _Subject,
-    suffix: str = "",
+def _add(
+    sections: dict[str, str],
+    entries: Sequence[Entry],
+    subject: Study | HandEye,
     label: str = "",
-) -> str:
-    """Figures as HTML; "" for those that have nothing to show."""
-    parts = []
-    for draw, caption in captions.items():
-        name = draw.__name__ + suffix
-        parts.append(figure_of(draw(subject), name, f"{label}{caption}"))
-    return "".join(parts)
+) -> None:
+    """Add figures as HTML to the sections of a page."""
+    for entry, name, figure in _drawn(entries, subject):
+        content = figure_of(figure, name, f"{label}{entry.caption}")
+        sections[entry.heading] += content
 
 
 def _table(model: Model) -> str:
@@ -270,10 +297,8 @@ def _table(model: Model) -> str:
 
 def _report_rig(rig: HandEye, path: str | os.PathLike[str]) -> str:
     """Write a report of a rig, and return its verdict in words."""
-    with settings():
-        sections = {
-            heading: _html(captions, rig) for heading, captions in RIG.items()
-        }
+    sections = dict.fromkeys(HEADINGS, "")
+    _add(sections, RIG, rig)
     verdict = verdict_of_rig(rig)
     spread = rig.repeatability
     square = rig.square
