@@ -38,7 +38,7 @@ def refuse_readings(
         values: Array, sight: BoardPoses, rounds: int = 4
     ) -> tuple[float, float]:
         places, turns = base.pose(values, neutral)
-        start = find_start(rigid(turns, places), sight, rounds, unit="m")
+        start = find_start(rigid(turns, places), sight, "m", rounds)
         return start.misfit, start.size
 
     own, size = misfit(q, seen)

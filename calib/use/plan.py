@@ -234,7 +234,7 @@ def _chosen(
     if body is None or body.simulated:  # exact samples leave nothing to learn
         chosen = farthest(space.scale, q, n)
         return chosen, "as far from each other as possible"
-    chosen = most_telling(body, q, n, np.zeros((0, q.shape[1])))
+    chosen = most_telling(body, q, n)
     return chosen, "chosen to reduce the model's uncertainty most"
 
 

@@ -85,17 +85,6 @@ def test_a_log_that_nothing_explains(spoil):
     assert any("nothing explains the log" in note for note in found.notes)
 
 
-def test_order_and_repeated_rows_do_not_matter():
-    samples = log("elbow.length=+5%")
-    order = np.random.default_rng(0).permutation(len(samples))
-    twice = samples.take(np.concatenate([order, order]))
-    one, two = calib.check(model(1e-3), samples), calib.check(model(1e-3), twice)
-    assert two.samples == one.samples
-    # rows that err together count once: their order tells which do
-    assert two.score == pytest.approx(one.score, rel=0.3)
-    assert any("repeated" in note for note in two.notes)
-
-
 def test_a_sensor_moved_by_its_own_noise_is_found():
     arm = calib.load_arm("two_link")
     trained = calib.train(replace(calib.babble(arm, 1000, noise=1e-4), simulation=None), size=8)

@@ -87,11 +87,6 @@ def _set(rng, _robot, node):
     node.set(key, "x" if unreadable and rng.random() < 0.9 else value)
 
 
-def _unset(rng, _robot, node):
-    if node.attrib:
-        del node.attrib[rng.choice(list(node.attrib))]
-
-
 def _remove(rng, robot, node):
     for parent in robot.iter():
         if node in list(parent):
@@ -104,11 +99,7 @@ def _double(rng, robot, node):
         rng.choice([robot, *robot]).insert(0, deepcopy(node))
 
 
-def _rename(rng, _robot, node):
-    node.tag = rng.choice(("link", "joint", "robot", "mimic", "axis", "xacro", "origin", "a:b"))
-
-
-EDITS = (_set, _set, _set, _set, _unset, _remove, _double, _rename)
+EDITS = (_set, _set, _set, _remove, _double)
 
 
 def edited(rng, data):

@@ -33,8 +33,8 @@ def test_videos_that_make_no_log(film, tmp_path):
     refused("clocks are apart", log_video, run, joints, Setup(7), time_offset=500.0)
     refused("never rests", log_video, run, joints, Setup(7), time_offset=51.3)
     (tmp_path / "text.mp4").write_text("no video\n" * 200)
-    refused("no video that OpenCV can read", log_video, tmp_path / "text.mp4", joints, Setup(7))
-    refused("cannot read", log_video, tmp_path / "none.mp4", joints, Setup(7))
+    refused("cannot be read", log_video, tmp_path / "text.mp4", joints, Setup(7))
+    refused("cannot be read", log_video, tmp_path / "none.mp4", joints, Setup(7))
     refused("lens was calibrated with 640x480", log_video, run, joints, Setup(7, lens=LENS))
     twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.05, (0.1, 0.1, 0, 1)),))
     frames = [twins.picture(q, np.random.default_rng(0)) for q in joints.q[:600:50]]
