@@ -85,7 +85,7 @@ class Map:
         """Distance of the two nodes of each edge, (m,), in the unit box."""
         a, b = self.edges.T
         gap = self.scale.difference(self.units[a], self.units[b])
-        return np.asarray(np.linalg.norm(gap, axis=1))
+        return frozen(np.asarray(np.linalg.norm(gap, axis=1)))
 
     @cached_property
     def spacing(self) -> float:
