@@ -247,7 +247,7 @@ class Structure(Layout):
         for name in self.own_blocks:
             yield groups[name], partial(self._by_differences, name, look, beta)
         if "gravity" in groups:
-            look = partial(self.predict, q)
+            look = partial(Structure.predict, self, q)
             name = "gravity"
             yield groups[name], partial(self._by_differences, name, look, beta)
         chained = sight.push(*motion.joints())
