@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..common.arrays import Array, Shape
 
@@ -22,9 +22,9 @@ class Approach:
     # [rad or m], half the play of each joint, 0 where the log shows none
     play: Annotated[Array, Shape("dof")]
 
-    def effective(self, q: Array, direction: ArrayLike) -> Array:
+    def effective(self, q: Array, direction: Array) -> Array:
         """Where joints (n, dof) stand that came from a direction, 1, -1 or 0 (unknown)."""
-        return np.asarray(q - self.play * np.asarray(direction, dtype=float))
+        return np.asarray(q - self.play * direction)
 
     def known(self, direction: Array) -> NDArray[np.bool_]:
         """Whether the direction (n, dof) is known of all joints with play, (n,)."""
