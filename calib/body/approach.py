@@ -59,7 +59,8 @@ def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:
     inverse = np.linalg.inv(gram)
     solution = inverse @ (a.T @ b)
     # one row's coordinates are one measurement: robust to what they share
-    score = (
-        (a * (b - a @ solution)[:, None]).reshape(features.shape).sum(axis=1)
-    )
-    return solution, np.sqrt(np.diag(inverse @ (score.T @ score) @ inverse))
+    missed = b - a @ solution
+    scores = (a * missed[:, None]).reshape(features.shape)
+    score = scores.sum(axis=1)
+    covariance = inverse @ (score.T @ score) @ inverse
+    return solution, np.sqrt(np.diag(covariance))

@@ -280,10 +280,11 @@ class Structure(Layout):
 
     def _by_gravity(self, q: Array, beta: Array, chained: Array) -> Array:
         """How outputs (t, m, n) move as gravity tilts."""
-        bends = [
-            self.bends(q, beta, way)[:, None] for way in self.tilts["gravity"]
-        ]
-        return np.array([(chained * bend).sum(axis=0) for bend in bends])
+        moved: list[Array] = []
+        for way in self.tilts["gravity"]:
+            bends = self.bends(q, beta, way)
+            moved.append((chained * bends[:, None]).sum(axis=0))
+        return np.array(moved)
 
     def _by_differences(
         self, block: str, predict: Callable[[Array], Array], beta: Array
