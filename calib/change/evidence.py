@@ -17,7 +17,6 @@ from ..body.parameters import Indices, Prior
 from ..body.rows import Rows
 from ..body.settings import FREE, STUDENT
 from ..common.arrays import Array, Mask
-from ..samples.diagnosis import rows_behind
 from .causes import Cause
 from .explain import Explanation, is_changed
 from .frame import Reference
@@ -130,7 +129,6 @@ class TurnedTool:
         default_factory=lambda: np.zeros(3)
     )  # [rad], in the tool's own axes
     covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
-    notes: tuple[str, ...] = ()  # why orientations were not compared
 
     @property
     def cause(self) -> Cause:
@@ -172,13 +170,8 @@ def turned_tool(
     from scipy.special import chdtri
 
     old = rows.body
-    if rows.orientation is None:
+    if rows.orientation is None or not knows_orientation(old):
         return TurnedTool()
-    if not knows_orientation(old):
-        why = (
-            "orientations are not compared: the model was learned without them"
-        )
-        return TurnedTool(notes=(why,))
     tool = structure.groups["tool.rotation"]
     sd = np.zeros(len(beta))
     if deviation is not None:
@@ -296,18 +289,8 @@ class Evidence:
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""
-        reference = self.reference
-        z = self.rows.x.copy()
-        z[self.sound] = self.data.z
-        lag = rows_behind(
-            lambda q: reference.structure.predict(q, reference.beta),
-            self.rows.q,
-            z,
-        )
-        check = "check that joints and positions of a row belong together and are of this arm"
-        if lag:
-            check = f"positions follow the joints by {lag} rows: align the clocks of both"
         return (
             f"nothing explains the log: its positions are {100 * self.misfit:.0f} % of their "
-            f"spread away from any change of the arm or the sensor; {check}"
+            "spread away from any change of the arm or the sensor; check that joints and "
+            "positions of a row belong together, are of this arm, and of one moment"
         )
