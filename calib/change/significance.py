@@ -26,8 +26,8 @@ from .system import NoisyJoint, System, Unknown, own_columns
 class SignificanceSettings:
     """When something is no chance."""
 
-    # noise of one encoder over that of the sensor, at the tip: a factor of two is .1 nats at most
-    joint_noises: tuple[float, ...] = (0.5, 0.7, 1, 1.4, 2, 2.8, 4, 8, 16, 32)
+    # noise of one encoder over that of the sensor, at the tip: steps of two left 2 of 90 drifted
+    joint_noises: tuple[float, ...] = tuple(2.0 ** np.arange(-1.0, 6.5, 0.5))
     # share of logs in which the smallest change that is told would be found
     power: float = 0.9
     # statistic beyond which no size of a change is computed
