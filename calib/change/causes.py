@@ -15,6 +15,7 @@ from ..body.belief import Body
 from ..body.covariance import root_of
 from ..body.parameters import Indices
 from ..body.settings import LOG_FLOOR, SHIFT, TURN
+from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..common.arrays import Array
 from ..errors import OptionError
@@ -294,9 +295,8 @@ def as_built(body: Body) -> Body:
     if not body.simulated:
         return body
     sd = _deviations(body, _arms(body), "built", BUILT_CURVE, 1.0)
-    if (
-        structure.kind == "spatial"
-    ):  # the first origin's place is the frame's own
+    # the first origin's place is the frame's own
+    if isinstance(structure, SpatialStructure):
         sd[np.concatenate([structure.shifts[0], structure.turns[0]])] = 0.0
     # What the samples left open stays correlated: along the gauge of a chain without a drawing,
     # deviations alone, of radians, would say that nothing was learned.

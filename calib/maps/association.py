@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Own, Shape, freeze
+from ..common.arrays import Array, Index, Shape, freeze
 from ..common.choices import READOUTS
 from ..common.parallel import side_by_side
 from ..errors import OptionError
@@ -58,9 +58,9 @@ class Association:
         spacings and half precision, as a model file keeps it; 0 where not known.
     """
 
-    motor: Annotated[Map, Own(nodes="nodes", d="dof")]
-    sensory: Annotated[Map, Own(nodes="places", d="width")]
-    linked: Annotated[Compressed, Own()]
+    motor: Map
+    sensory: Map
+    linked: Compressed
     wiring: Wiring = WIRINGS["reciprocal"]
     motor_shifts: Annotated[Array, Shape("nodes", "dof", kept="f2")] | None = (
         None
@@ -97,20 +97,13 @@ class Association:
         motor: Map, u: Array, sensory: Map, v: Array, wiring: Wiring
     ) -> Association:
         """Link two maps by samples (n, dof) and (n, 2) in their unit boxes."""
-        from scipy.sparse import csr_array
-
-        together = csr_array((motor.size, sensory.size))  # sums of a_i a_j
-        motor_sums = np.zeros((motor.size, motor.units.shape[1] + 2))
-        sensory_sums = np.zeros((sensory.size, sensory.units.shape[1] + 2))
-        for first in range(0, len(u), READOUT.samples_at_once):
-            part = slice(first, first + READOUT.samples_at_once)
-            a_i, a_j = side_by_side(
-                partial(wiring.activity, motor, u[part]),
-                partial(wiring.activity, sensory, v[part]),
-            )
-            together = (a_i.T @ a_j).tocsr() + together
-            motor_sums += _sums(motor, a_i, u[part])
-            sensory_sums += _sums(sensory, a_j, v[part])
+        a_i, a_j = side_by_side(
+            partial(wiring.activity, motor, u),
+            partial(wiring.activity, sensory, v),
+        )
+        together = (a_i.T @ a_j).tocsr()  # sums of a_i a_j
+        motor_sums = _sums(motor, a_i, u)
+        sensory_sums = _sums(sensory, a_j, v)
         return Association(
             motor,
             sensory,

@@ -153,9 +153,7 @@ def _renew_edges(gas: Gas, winner: Index, second: Index) -> None:
         np.minimum(winner, second) * n + np.maximum(winner, second)
     )
     keys = gas.pairs[:, 0] * n + gas.pairs[:, 1]
-    # the new keys are sorted: a search is sooner than np.isin, which sorts all edges
-    place = np.minimum(np.searchsorted(new_keys, keys), len(new_keys) - 1)
-    stays = new_keys[place] != keys
+    stays = ~np.isin(keys, new_keys)
     new_pairs = np.stack(np.divmod(new_keys, n), axis=1)
     gas.pairs = np.concatenate([gas.pairs[stays], new_pairs])
     gas.age = np.concatenate([gas.age[stays], np.zeros(len(new_keys))])

@@ -70,7 +70,6 @@ class ReadoutSettings:
     joined: float = 1.9
     core: float = 6.0  # reach of a cluster around its strongest node [spacings]
     most_clusters: int = 6  # of each sensory node
-    samples_at_once: int = 50_000  # whose activities are held together
     active: float = 1e-9  # activity below which a node was never active
     # [spacings], the largest number in half precision is a little more
     furthest: float = 6e4

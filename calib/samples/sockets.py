@@ -34,24 +34,18 @@ class Known:
     value: float | None  # their distance [m]; None: a plane
     tolerance: float = MACHINED  # sd [m]
 
-    def misfit(self, places: Array) -> tuple[Array, Array]:
-        """How far places (p, 3) are off (k,) [m], and the derivative (k, p, 3)."""
-        numbers = list(self.points)
-        points = places[numbers]
+    def misfit(self, places: Array) -> Array:
+        """How far places (p, 3) are off (k,) [m]."""
+        points = places[list(self.points)]
         if self.value is not None:
-            apart = points[0] - points[1]
-            length = max(float(np.linalg.norm(apart)), 1e-12)
-            slope = np.zeros((1, len(places), 3))
-            slope[0, numbers] = np.outer([1.0, -1.0], apart / length)
-            return np.array([length - self.value]), slope
+            apart = np.linalg.norm(points[:1] - points[1:], axis=1)
+            return np.asarray(apart - self.value)
         centred = points - points.mean(axis=0)
-        *_, axes = np.linalg.svd(centred)
-        # to first order a point leaves the fitted plane by what the plane does not follow
-        basis = np.column_stack([np.ones(len(points)), centred @ axes[:2].T])
-        outside = np.eye(len(points)) - basis @ np.linalg.pinv(basis)
-        slope = np.zeros((len(points), len(places), 3))
-        slope[:, numbers] = outside[:, :, None] * axes[2]
-        return centred @ axes[2], slope
+        normal = np.linalg.svd(centred)[2][2]
+        # of both senses of the normal always the same one
+        return np.asarray(
+            centred @ normal * np.sign(normal[np.abs(normal).argmax()])
+        )
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from ..common.arrays import Array, Index
 from ..common.wording import sized
 from ..errors import CalibError
 from ..model.model import Model
-from ..model.nominal import nominal_behind, nominal_in_plane
+from ..model.nominal import nominal_before
 from .settings import SETTINGS, Z95
 
 _ORDER = ("length", "offset", "gain", "elastic", "placement")
@@ -53,13 +53,10 @@ class Cause:
 
 def drawing_behind(model: Model) -> tuple[Structure, Array] | None:
     """Structure and parameters of the drawing's arm behind the sensor that the body knows."""
-    body = model.body
-    if body is None or not model.about.urdf:
+    if model.body is None or not model.about.urdf:
         return None
-    if body.structure.kind != "planar":
-        return body.structure, nominal_behind(body.structure, body.beta)
     try:
-        return nominal_in_plane(model)
+        return nominal_before(model)
     except CalibError:
         return None
 
@@ -73,20 +70,12 @@ def causes_of(model: Model) -> list[Cause]:
     structure = body.structure
     away = body.beta - drawn[1]
     columns = _motions_of_tip(model, body)
-    candidates = np.concatenate(
-        [structure.groups.get(name, []) for name in _ORDER]
-    )
-    of_arm = candidates[np.isin(candidates, body.active)].astype(np.intp)
-    # the part of each column that none before it has
-    rest = np.abs(np.diag(np.linalg.qr(columns[:, of_arm], mode="r")))
+    candidates = [k for name in _ORDER for k in structure.groups.get(name, ())]
+    of_arm = [k for k in candidates if k in body.active]
+    chosen = _independent(columns, of_arm)
+    others = [k for k in of_arm if k not in chosen]
+    share = _in_terms_of(columns[:, chosen], columns[:, others])
     sizes = np.linalg.norm(columns, axis=0)
-    rounding = 1e-9 * sizes[of_arm].max(initial=0.0)
-    apart = rest > np.maximum(SETTINGS.same * sizes[of_arm], rounding)
-    chosen = of_arm[apart]
-    others = of_arm[~apart]
-    share = np.linalg.lstsq(columns[:, chosen], columns[:, others], rcond=None)[
-        0
-    ]
     root = np.zeros((structure.size, body.root.shape[1]))
     root[body.active] = body.root
     values = away[chosen] + share @ away[others]
@@ -144,8 +133,25 @@ def _motions_of_tip(model: Model, body: Body) -> Array:
     slope = structure.linearise(q, body.beta)[1][:, : structure.blocks[0]]
     columns = slope.reshape(-1, structure.size) / SETTINGS.postures**0.5
     frame = columns[:, frame_of(model)]
-    taken_up = np.linalg.lstsq(frame, columns, rcond=1e-9)[0]
-    return np.asarray(columns - frame @ taken_up)
+    return np.asarray(columns - frame @ _in_terms_of(frame, columns))
+
+
+def _independent(columns: Array, parameters: list[int]) -> list[int]:
+    """Parameters whose columns are independent, the first ones first."""
+    sizes = np.linalg.norm(columns, axis=0)
+    rounding = 1e-9 * sizes[parameters].max(initial=0.0)
+    chosen: list[int] = []
+    for k in parameters:
+        others = columns[:, chosen]
+        rest = columns[:, k] - others @ _in_terms_of(others, columns[:, k])
+        if np.linalg.norm(rest) > max(SETTINGS.same * sizes[k], rounding):
+            chosen.append(k)
+    return chosen
+
+
+def _in_terms_of(columns: Array, others: Array) -> Array:
+    """Shares of columns (m, k) that add up to others (m, l) best."""
+    return np.asarray(np.linalg.lstsq(columns, others, rcond=1e-9)[0])
 
 
 def _in_words(name: str, joint: str) -> str:

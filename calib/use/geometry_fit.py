@@ -97,9 +97,7 @@ class Freedom:
     probe: bool = False
 
 
-def fit_geometry(
-    model: Model, *, view: str = "auto", drawn: bool = False
-) -> Geometry:
+def fit_geometry(model: Model, *, drawn: bool = False) -> Geometry:
     """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
 
     Unknown are the joints' offsets and places (of an arm in space six numbers for each joint
@@ -108,12 +106,11 @@ def fit_geometry(
     intervals hold that freedom.
 
     model : it must have a URDF
-    view : {"auto", "base"}, "base" says that a log's positions are in the root link's frame
     drawn : whether the drawing's lengths and axes are true, so that joints' zeros alone are fitted,
         beside the sensor's frame and the probe
     """
     arm = nominal_arm(model)
-    free = frame_is_free(model, view)
+    free = frame_is_free(model)
     points = Points.of(model)
     if not free and points.unit != "m":
         raise OptionError(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.body import body_fit
+from calib.body.body_fit import fit as fit_body
 from calib.body.drawing import PlanarDrawing
 from calib.body.planar import planar_structure
 from calib.body.rows import Rows
@@ -27,7 +27,7 @@ def rows(n, dof, seed=0, reach=1.5):
 
 def fit(q, z, **options):
     names = [f"j{i}" for i in range(q.shape[1])]
-    return body_fit.fit(planar_structure(z, names, [True] * len(names), **options), [Rows(q, z)])
+    return fit_body(planar_structure(z, names, [True] * len(names), **options), [Rows(q, z)])
 
 
 def test_a_log_in_millimetres_is_that_in_metres():
@@ -78,9 +78,11 @@ def test_curves_pass_the_gate_where_there_are_curves_and_only_there():
     error = np.linalg.norm(with_curves.body.predict(ask) - curved(ask), axis=1)
     assert error.mean() < 2e-4
     assert np.mean(error <= with_curves.body.bound(ask, noise=False)) > 0.9
-    found = [line for line in with_curves.body.describe() if line.startswith("joint curve of j0")]
+    found = [line for line in with_curves.body.describe() if "joint curve" in line]
     assert found
-    assert float(found[0].split()[4]) == pytest.approx(2 / np.sqrt(2), rel=0.5)
+    assert float(found[0].split("joint curve ")[1].split()[0]) == pytest.approx(
+        2 / np.sqrt(2), rel=0.5
+    )
 
 
 @pytest.mark.parametrize("lengths", [(0.6, 0.05), (300.0, 250.0), (3e-4, 2.5e-4)])
@@ -153,7 +155,7 @@ def test_exact_simulated_worlds_are_found_by_the_member_that_holds_them(name):
     body = fit(q, world(q), simulated=True).body
     ask = rows(100, 2, seed=28, reach=1.0)
     assert np.abs(body.predict(ask) - world(ask)).max() < 1e-9
-    assert body.member == member
+    assert body.member.endswith(member)
 
 
 def with_slide(q):
@@ -176,7 +178,7 @@ def turning(dof, mirror):
 def test_a_simulated_arm_is_found_to_rounding(world, revolute):
     q, ask = rows(200, len(revolute)), rows(100, len(revolute), seed=1)
     structure = planar_structure(world(q), "abc"[: len(revolute)], revolute, simulated=True)
-    body = body_fit.fit(structure, [Rows(q, world(q))]).body
+    body = fit_body(structure, [Rows(q, world(q))]).body
     assert np.abs(body.predict(ask) - world(ask)).max() < 1e-12
     assert (body.bound(ask, noise=False) < 1e-6).all()
     if all(revolute):

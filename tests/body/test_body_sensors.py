@@ -34,7 +34,7 @@ def test_two_sensors_see_a_planar_arm_from_both_sides():
         structures[name] = planar_structure(z, arm.joint_names, arm.revolute)
     both = fit_sensors(structures, logs)
     fresh = joints(arm, 100, rng)
-    sides = {name: found.body.structure.mirror for name, found in both.items()}
+    sides = {name: found.body.structure.viewpoint.mirror for name, found in both.items()}
     assert sides == {"front": 1, "back": -1}
     for name, mirror in (("front", 1.0), ("back", -1.0)):
         expected = arm.forward(fresh) * (1.0, mirror) + (0.1, mirror)

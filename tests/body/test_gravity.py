@@ -73,16 +73,12 @@ def test_the_other_half_of_a_sagging_arms_range_is_within_the_bound():
     assert covered > 0.85
 
 
-def test_an_arm_on_a_wall_is_told_and_believed():
+def test_an_arm_on_a_wall_is_believed():
     q = random_joints(FULL, 250)
     x = sagging(q, 3e-3, (9.81, 0.0, 0.0))
     x = x + np.random.default_rng(0).normal(0.0, NOISE, x.shape)
     arm = arm_from_urdf(BARE)
-    notes = " ".join(trained(arm, q[:100], x[:100]).about.notes)
-    assert "gravity points along the root's +x" in notes
-    assert "`gravity=1,0,0`" in notes
     right = trained(replace(arm, gravity=(9.81, 0.0, 0.0)), q[:100], x[:100])
-    assert "gravity" not in " ".join(right.about.notes)
     assert errors(right, q[100:], x[100:])[0] < 3e-4
 
 

@@ -1,5 +1,6 @@
 """What adaptation reports and stores, on small maps that imagine few samples."""
 
+import sys
 from dataclasses import replace
 from functools import partial
 
@@ -92,3 +93,12 @@ def test_the_unit_is_the_logs_or_the_sensors_own(scale, unit, expected):
     found = calib.adapt(model(), replace(samples, x=scale * samples.x, simulation=None, unit=unit))
     assert found.improved
     assert found.model.about.unit == expected
+
+
+def test_a_model_that_misses_its_rows_by_more_than_promised_is_not_written(monkeypatch):
+    module = sys.modules[calib.adapt.__module__]
+    strict = replace(module.ADAPTING, consistent=0.0, clearly_better=0.0)
+    monkeypatch.setattr(module, "ADAPTING", strict)
+    found = calib.adapt(model(), log("elbow.length=+20%", noise=2e-4))
+    assert not found.improved
+    assert any("more than promised" in note for note in found.notes)

@@ -6,13 +6,12 @@ from small_maps import grid, points
 
 from calib import SOM, Association
 from calib.common.scale import TURN, Scale
-from calib.maps import local_models as local
 from calib.maps.links import WIRINGS
-from calib.maps.local_models import exponents
+from calib.maps.local_models import exponents, fit, heard, predict
 
 
 def fitted(motor, u, x, degree, samples):
-    return local.fit(motor, np.arange(motor.size), u, x, (degree, samples))
+    return fit(motor, np.arange(motor.size), u, x, (degree, samples))
 
 
 def polynomial(degree, d=2, seed=0):
@@ -41,7 +40,7 @@ def test_polynomials_of_the_models_degree_are_reproduced_with_their_slopes(d, de
     motor, u = grid({2: 18, 3: 7}[d], (False,) * d), points(3000, d=d)
     models = fitted(motor, u, value(u), degree, samples)
     fresh = points(300, seed=1, d=d)
-    said, tilt = local.predict(models, motor, fresh, slope=True)
+    said, tilt = predict(models, motor, fresh, slope=True)
     np.testing.assert_allclose(said, value(fresh), atol=1e-6)
     np.testing.assert_allclose(tilt, slope(fresh), atol=1e-4)
 
@@ -56,7 +55,7 @@ def test_models_join_at_the_seam_of_a_joint_that_turns_round():
     models = fitted(motor, u, truth(u), 2, 60)
     y = np.linspace(0.05, 0.95, 50)
     before, after = (np.stack([np.full(50, x), y], axis=1) for x in (1 - 1e-9, 1e-9))
-    low, high = (local.predict(models, motor, p)[0] for p in (before, after))
+    low, high = (predict(models, motor, p)[0] for p in (before, after))
     np.testing.assert_allclose(low, high, atol=1e-6)
     np.testing.assert_allclose(high, truth(after), atol=5e-3)
 
@@ -80,7 +79,7 @@ def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius
 def test_nodes_that_speak_are_heard_smoothly_by_their_share():
     weight = np.array([[0.2, 0.8], [0.35, 0.65], [0.4, 0.6], [0.45, 0.55], [0.6, 0.4]])
     speaking = np.tile([True, False], (5, 1))
-    answers = local.heard(weight, speaking)[:, 0]
+    answers = heard(weight, speaking)[:, 0]
     ramp = 0.25**2 * (3 - 2 * 0.25)  # a quarter of the way from silent to full
     np.testing.assert_allclose(answers, [0.0, ramp, 0.5, 1 - ramp, 1.0], atol=1e-12)
 

@@ -1,10 +1,12 @@
 """Which nodes carry local models: defects ask for some, noise and a late clock for none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small_maps import UNIT_BOX, grid, points
 
-from calib.maps.model_selection import follows_the_motion, misfit, select
+from calib.maps.model_selection import SELECTION, follows_the_motion, misfit, select
 
 N = 6000
 MOTOR = grid(20)
@@ -91,3 +93,11 @@ def test_a_defect_stands_out_of_noise_where_it_is_and_only_there():
     assert (found[np.linalg.norm(u - 0.5, axis=1) < 0.08] > 0).all()
     assert (found[np.linalg.norm(u - 0.5, axis=1) > 0.2] == 0).mean() > 0.995
     np.testing.assert_allclose(np.median(found[inside]), 2 * 9e-6, rtol=0.3)
+
+
+def test_a_gain_within_what_chance_brings_is_not_believed(monkeypatch):
+    u = points(N)
+    assert chosen(u, bump(u) + noise())[0].models.degree >= 0
+    strict = replace(SELECTION, total_gain=1e9)
+    monkeypatch.setattr("calib.maps.model_selection.SELECTION", strict)
+    assert chosen(u, bump(u) + noise())[0].models.degree == -1

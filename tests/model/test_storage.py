@@ -127,22 +127,6 @@ def test_missing_files_and_folders_are_told_in_one_line(tmp_path):
         assert "\n" not in str(caught.value)
 
 
-def test_errors_that_could_not_be_measured_are_stored_as_null(tmp_path):
-    """A log of one circle left NaN in the inverse errors, and a file that nothing could read."""
-    nan = {"mean": float("nan"), "max": float("nan"), "p99": float("nan")}
-    model = trained()
-    errors = {
-        "local": {
-            "forward": dict.fromkeys(("x", "y", "distance"), nan),
-            "inverse": dict.fromkeys((*model.about.joint_names, "distance"), nan),
-        }
-    }
-    path = tmp_path / "m.calib"
-    calib.Model.save(replace(model, about=replace(model.about, errors=errors)), path)
-    read = calib.load(path).about.errors["local"]["inverse"]["distance"]
-    assert read == {"mean": None, "max": None, "p99": None}
-
-
 def test_an_older_file_is_replaced_only_by_one_that_was_read_back(tmp_path):
     path = tmp_path / "m.calib"
     model = trained()

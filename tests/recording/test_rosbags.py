@@ -191,15 +191,6 @@ def test_the_command_writes_a_log_that_can_be_learned_from(tmp_path, run):
     assert run("log", path, "-o", out, "--max-gap", "-1").code == 2
 
 
-def test_clocks_that_are_years_apart_are_brought_together(tmp_path):
-    """They were told as positions outside of the joints' times."""
-    apart = write(tmp_path / "apart", n=1500, latency=1.7e9)
-    made = read_bag(apart)
-    assert any("-1700000" in note or "-17000" in note for note in made.notes)
-    q = q_at(made.time + 0.013)
-    assert np.abs(made.q[:, ::-1] - q).max() < 3e-3 or np.abs(made.q - q).max() < 3e-3
-
-
 def test_a_bag_in_a_log_s_place_names_the_command(tmp_path):
     bag = write(tmp_path / "bag", n=60)
     with pytest.raises(LogError, match="calib log"):

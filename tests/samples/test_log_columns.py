@@ -8,7 +8,6 @@ import pytest
 from log_files import GOOD, refused
 
 from calib import OptionError, read_log
-from calib.samples.roles import parse_columns
 
 
 def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):
@@ -23,7 +22,7 @@ def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):
 
 def test_columns_with_other_names(file):
     path = file("j1,b,cam_u,cam_v,x\n1,2,3,4,9\n2,4,6,8,9\n")
-    mapping = parse_columns("x=cam_u, y=cam_v,a=j1")
+    mapping = {"x": "cam_u", "y": "cam_v", "a": "j1"}
     log = read_log(path, joints="a,b", columns=mapping)
     assert log.joint_names == ("a", "b")
     assert log.q.tolist() == [[1, 2], [2, 4]]

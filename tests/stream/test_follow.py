@@ -9,7 +9,6 @@ from models import trained
 from small_maps import UNIT_BOX
 
 import calib
-from calib.change import adapt as adapting
 from calib.maps.lattice import Lattice
 from calib.maps.model_selection import blocks
 from calib.stream.follow import BLOCK, OnlineAdapter, matching_sigma
@@ -17,7 +16,7 @@ from calib.stream.follow import BLOCK, OnlineAdapter, matching_sigma
 
 @pytest.fixture(autouse=True)
 def _brief(monkeypatch, one_blas_thread):
-    monkeypatch.setattr(adapting, "HORIZON", 1500)
+    monkeypatch.setattr("calib.change.adapt.HORIZON", 1500)
 
 
 model = partial(trained, n=2500, size=10)

@@ -1,7 +1,5 @@
 """The monitor: a stream of samples, one at a time."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from drifting import log, model
@@ -36,26 +34,6 @@ def test_a_change_within_a_stream(change):
     monitor = calib.monitor(model(1e-3))
     assert alarm(monitor, log(n=300)) is None
     assert alarm(monitor, log(change, n=200, seed=2)) is not None
-
-
-@pytest.fixture(scope="module", params=[100])
-def read_log_model(request):
-    """A model of rows that no simulation is known of, as those of a file."""
-    return calib.train(replace(log(n=request.param, seed=4), simulation=None), size=15)
-
-
-def test_a_model_of_a_log_is_calm(read_log_model):
-    assert alarm(calib.monitor(read_log_model), log(n=2000, seed=5)) is None
-
-
-@pytest.mark.parametrize(
-    ("change", "most"),  # twice what a monitor of chance alone needs with 100 rows
-    [("elbow.offset=0.0174533", 190), ("elbow.length=+5%", 150), ("sensor.shift=0.005,0", 140)],
-)
-def test_the_noise_of_a_log_hides_no_change(read_log_model, change, most):
-    monitor = calib.monitor(read_log_model)
-    assert alarm(monitor, log(n=400, seed=6)) is None
-    assert alarm(monitor, log(change, n=most, seed=7)) is not None
 
 
 def test_an_alarm_ends_when_the_change_is_undone():
