@@ -17,6 +17,7 @@ from ..body.parameters import Indices, Prior
 from ..body.rows import Rows
 from ..body.settings import FREE, STUDENT
 from ..common.arrays import Array, Mask
+from ..samples.diagnosis import rows_behind
 from .causes import Cause
 from .explain import Explanation, is_changed
 from .frame import Reference
@@ -289,8 +290,18 @@ class Evidence:
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""
+        reference = self.reference
+        z = self.rows.x.copy()
+        z[self.sound] = self.data.z
+        lag = rows_behind(
+            lambda q: reference.structure.predict(q, reference.beta),
+            self.rows.q,
+            z,
+        )
+        check = "check that joints and positions of a row belong together and are of this arm"
+        if lag:
+            check = f"positions follow the joints by {lag} rows: align the clocks of both"
         return (
             f"nothing explains the log: its positions are {100 * self.misfit:.0f} % of their "
-            "spread away from any change of the arm or the sensor; check that joints and "
-            "positions of a row belong together, are of this arm, and of one moment"
+            f"spread away from any change of the arm or the sensor; {check}"
         )
