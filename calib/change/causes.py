@@ -222,20 +222,15 @@ def single_causes(
 
 
 def rich_sets(
-    structure: Structure, cause: str | None = None
+    structure: Structure, singles: dict[str, Indices]
 ) -> dict[str, Indices]:
-    """Return the parameters of causes that may have changed together.
-
-    cause : as of `single_causes`
-    """
-    if cause == "sensor":
-        return {}
-    sets: tuple[tuple[str, ...], ...] = _SETS
-    if cause == "joints":
-        sets = tuple(groups for groups in _SETS if FRAME[0] not in groups)
-    elif cause == "offsets":
-        sets = (("offset",), ("offset", *FRAME))
-    return {"+".join(groups): indices_of(structure, groups) for groups in sets}
+    """Return the parameters of single causes that may have changed together."""
+    allowed = np.concatenate([*singles.values()])
+    sets = {}
+    for groups in _SETS:
+        indices = indices_of(structure, groups)
+        sets["+".join(groups)] = indices[np.isin(indices, allowed)]
+    return sets
 
 
 def is_sensors(group: str) -> bool:

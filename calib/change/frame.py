@@ -126,8 +126,7 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     if float(np.median(missed)) < PLACING.far * extent:
         return Reference(body, body.beta)
     if is_camera(old.view):
-        starts = [body.beta, _camera_anew(body, q, z)]
-        beta = _placed(old, q, z, starts, FRAME)
+        beta = _placed(old, q, z, _camera_anew(body, q, z), FRAME)
         return Reference(body, beta, forgotten=indices_of(old, FRAME))
     fits = []
     for sense in _senses(old):
@@ -153,7 +152,7 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     shift = structure.groups["view.shift"]
     residual = structure.residual(z, structure.predict(q, start))
     start[shift] += np.median(residual, axis=0)[: len(shift)]
-    beta = _placed(structure, q, z, [start], groups)
+    beta = _placed(structure, q, z, start, groups)
     if causes and causes[0].cause == "mirror":
         seen = structure.predict(q, beta)
         if Alignment.between(predicted, seen).swapped:
@@ -250,17 +249,13 @@ def _placed(
     structure: Structure,
     q: Array,
     z: Array,
-    starts: list[Array],
+    start: Array,
     groups: tuple[str, ...],
 ) -> Array:
-    """The frame alone fitted to the rows, from the best of some starts."""
+    """The frame alone fitted to the rows, from a start (d,)."""
     from ..body.starts import Start
 
     sd = np.zeros(structure.size)
     anywhere = 1e3 * max(1.0, float(structure.extents[0]))
     sd[indices_of(structure, groups)] = anywhere
-    runs = [
-        Start(structure, start).run(q, z, Prior(start, sd), 30)
-        for start in starts
-    ]
-    return min(runs, key=lambda run: run.cost).beta
+    return Start(structure, start).run(q, z, Prior(start, sd), 30).beta
