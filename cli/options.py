@@ -261,10 +261,6 @@ Output = Annotated[
     str | None,
     value("--output", "FILE", "CSV or Parquet (default standard output)."),
 ]
-LogView = Annotated[
-    choices.LogFrameWord,
-    option("--view", "base: the log is in the root frame."),
-]
 WhatChanged = Annotated[
     choices.CauseWord | None,
     option("--cause", "What changed, if known."),

@@ -206,7 +206,6 @@ class Query:
 
 def beside(batch: Batch, valid: Mask, added: Columns) -> Columns:
     """Columns of a table of queries with answers of rows that are `valid` (n,), else NaN or 0."""
-    say(batch.notes(list(added)))
     answers: dict[str, ArrayLike] = {}
     for name, column in added.items():
         whole = np.full(len(valid), 0 if name == "reachable" else np.nan)

@@ -23,7 +23,7 @@ from ..common.wording import quoted
 from ..errors import RobotError
 from .robot_text import Vector, numbers_of
 from .rotations import exponential, matrix_of
-from .urdf import Joint, Urdf
+from .urdf import Joint, Range, Urdf
 
 WORLD = "world"
 """The root link."""
@@ -185,23 +185,14 @@ class _Reader:
         moving = [part for part in inside if part.node.tag == "joint"]
         link = parent
         for part in moving:
-            attributes = self.attributes(part)
-            number = self.numbers[part.node]
-            joint = self._joint(attributes, part.frame, f"joint_{number}")
-            pivot, back = self._pivot(attributes, part.frame, joint)
-            whole = part is moving[-1] and not back[:3, 3].any()
-            child = (
-                name
-                if whole
-                else self._new_link(f"{name}:{joint.name}", "link")
-            )
-            place = origin @ pivot
-            self.joints.append(
-                replace(joint, parent=link, child=child, origin=place)
-            )
+            joint, back = self._joint(part, link)
             if part is moving[0]:
-                self._place(joint.name, element, pivot)
-            link = child
+                self._place(joint.name, element, joint.origin)
+            link = name
+            if part is not moving[-1] or back[:3, 3].any():
+                link = self._new_link(f"{name}:{joint.name}", "link")
+            place = origin @ joint.origin
+            self.joints.append(replace(joint, child=link, origin=place))
             origin = back
         if link != name:
             joint_name = f"{name}:frame"
@@ -224,11 +215,11 @@ class _Reader:
         self.links.append(name)
         return name
 
-    def _joint(
-        self, attributes: Attributes, frame: Array, default: str
-    ) -> Joint:
-        """Return a joint of a body, in the body's frame, that joins no links yet."""
-        name = attributes.get("name") or default
+    def _joint(self, part: Element, parent: str) -> tuple[Joint, Array]:
+        """Return a joint at zero in its body's frame, and the way (4, 4) back to that frame."""
+        attributes = self.attributes(part)
+        frame = part.frame
+        name = attributes.get("name") or f"joint_{self.numbers[part.node]}"
         where = f"joint {quoted(name)}"
         kind = attributes.get("type", "hinge")
         if kind not in ("hinge", "slide"):
@@ -247,41 +238,30 @@ class _Reader:
             raise RobotError(
                 f"{where} has the axis 0 0 0: give a direction such as 0 0 1"
             )
+        axis = axis / length
         limited = attributes.get("limited", "auto")
         if limited == "auto" and self.autolimits and "range" in attributes:
             limited = "true"
-        limits = None
+        limits: Range | None = None
         if limited == "true":
-            limits = numbers_of(attributes, "range", (0.0, 0.0), where)
-            if kind == "hinge":
-                limits = tuple(map(self.angle, limits))
-        turning = "continuous" if limits is None else "revolute"
-        return Joint(
-            name,
-            kind=turning if kind == "hinge" else "prismatic",
-            parent="",
-            child="",
-            axis=tuple((axis / length).tolist()),
-            limits=None if limits is None else (limits[0], limits[1]),
-        )
-
-    def _pivot(
-        self, attributes: Attributes, frame: Array, joint: Joint
-    ) -> tuple[Array, Array]:
-        """From a body's frame to that of a joint at zero, and from there on back to the body's."""
-        where = f"joint {quoted(joint.name)}"
-        place = (
-            frame[:3, :3] @ numbers_of(attributes, "pos", _ZERO, where)
-            + frame[:3, 3]
-        )
+            low, high = numbers_of(attributes, "range", (0.0, 0.0), where)
+            limits = low, high
+        place = frame @ [*numbers_of(attributes, "pos", _ZERO, where), 1.0]
         (reference,) = numbers_of(attributes, "ref", (0.0,), where)
-        back = _transform(_AXES, -place)
-        axis = np.array(joint.axis)
-        if joint.kind == "prismatic":
-            return _transform(_AXES, place - reference * axis), back
-        return _transform(
-            exponential(-self.angle(reference) * axis), place
-        ), back
+        back = _transform(_AXES, -place[:3])
+        pivot = _transform(_AXES, place[:3])
+        if kind == "slide":
+            kind = "prismatic"
+            pivot[:3, 3] -= reference * axis
+        else:
+            kind = "continuous"
+            if limits is not None:
+                kind = "revolute"
+                limits = self.angle(limits[0]), self.angle(limits[1])
+            pivot[:3, :3] = exponential(-self.angle(reference) * axis)
+        direction = tuple(axis.tolist())
+        joint = Joint(name, kind, parent, "", pivot, direction, limits)
+        return joint, back
 
     def _add_fixed(
         self, name: str, parent: str, child: str, origin: Array

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array
-from ..samples.poses import means_of, pose_index
 from .belief import Body, Second
 from .covariance import as_kept
 from .fit import Fit
@@ -176,9 +175,6 @@ def _seen_by(
         other, spread = wide
         noise = other.parts[k].noise
         second = Second(other.beta, other.active, spread, noise)
-    repeat = 0.0
-    if not simulated:
-        repeat = _repeatability(rows.q, rows.z[:, : structure.blocks[0]])
     body = Body(
         structure=structure,
         beta=whole.beta,
@@ -195,22 +191,11 @@ def _seen_by(
         simulated=simulated,
         member=passed.name,
         second=second,
-        repeat=repeat,
     )
     # where the other blocks determine nothing, they predict their mean
     unknown = rows.z - rows.z.mean(axis=0)
     residual = held_out.residual
     return BodyFit(body, np.where(np.isfinite(residual), residual, unknown))
-
-
-def _repeatability(q: Array, z: Array) -> float:
-    """Return the sd of readings `z` (n, p) [unit] along an axis at one pose; 0 of few repeats."""
-    pose = pose_index(q)
-    freedom = len(q) - int(pose.max()) - 1
-    if freedom < FIT.repeats:
-        return 0.0
-    squares = (z - means_of(pose, z)[pose]) ** 2
-    return float(np.sqrt(squares.sum() / (freedom * z.shape[1])))
 
 
 def _wide_fit(

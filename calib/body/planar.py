@@ -153,6 +153,11 @@ class PlanarStructure(Structure):
         reach = max(sum(drawing.lengths), 1e-12)
         return ArmSize(reach, unit, drawing.rotation, drawing.shift)
 
+    @property
+    def mirror(self) -> int:
+        """-1 where its sensor sees the plane from behind, else 1."""
+        return self.viewpoint.mirror
+
     def guard(self, block: str) -> Array | None:
         """Prior sds of the lens in the second fit: its bend alone is free."""
         return np.array([FIT.guard_lens, 0.0, 0.0]) if block == "lens" else None

@@ -153,8 +153,6 @@ class FitSettings:
     unknown_kappa: float = 1.5
     # rows times parameters beyond which only some rows get a predicted spread
     spread_work: float = 5e5
-    # further readings of poses that tell of the sensor's noise
-    repeats: int = 10
 
 
 PRIOR = PriorSettings()

@@ -105,7 +105,7 @@ def _interval(value: float, half: float, unit: str, sign: str = "") -> str:
         half *= 1e3
         suffix = " mm"
     # two digits of the interval
-    digits = int(np.clip(1 - np.floor(np.log10(max(half, 1e-9))), 0, 8))
+    digits = int(np.clip(1 - np.floor(np.log10(max(half, 1e-9))), 0, 10))
     return f"{value:{sign}.{digits}f} ± {half:.{digits}f}{suffix}"
 
 

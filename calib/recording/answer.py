@@ -274,7 +274,7 @@ class Solved:
         rows = corners.motion == motion
         jpeg = opencv().imencode(".jpg", grey)[1].tobytes()
         name = view.shots.names[number]
-        return Photo(name, 0, jpeg, corners.pixels[rows], predicted[rows])
+        return Photo(name, jpeg, corners.pixels[rows], predicted[rows])
 
     def log(self, rig: HandEye) -> Samples | None:
         """The first camera's pictures as a log of poses that knows the rig; None without joints."""

@@ -41,9 +41,6 @@ MAKERS = {
 TIED = 1.3
 """Readings with less than this times the least misfit are not told apart."""
 
-NEAR_BEST = 3.0
-"""Times the least misfit of one round, up to which readings get the other rounds."""
-
 
 class Convention(TypedDict):
     """What a table of poses means, as JSON tells it."""
@@ -143,12 +140,8 @@ def choose(
             "that has as many numbers"
         )
     starts = [
-        find_start(reading.flange[rows], boards, unit, 1) for reading in some
+        find_start(reading.flange[rows], boards, unit) for reading in some
     ]
-    least = min(start.misfit for start in starts)
-    for k, reading in enumerate(some):
-        if starts[k].misfit < NEAR_BEST * least:
-            starts[k] = find_start(reading.flange[rows], boards, unit)
     order = sorted(range(len(some)), key=lambda k: starts[k].rank)
     least = starts[order[0]].rank
     tied = [k for k in order if starts[k].rank < TIED * least]

@@ -157,17 +157,12 @@ def _matrices(name: str, values: Array) -> Array:
     return matrices
 
 
-def pictures_of_boards(
-    boards: Array, share: float = 0.08
-) -> tuple[BoardPictures, Lens]:
-    """Corners that a camera without errors sees of boards (n, 4, 4), and its lens.
-
-    share : of the distance, that two neighbouring corners are apart
-    """
+def pictures_of_boards(boards: Array) -> tuple[BoardPictures, Lens]:
+    """Corners that a camera without errors sees of boards (n, 4, 4), and its lens."""
     boards = _matrices("boards", boards)
     if not (boards[:, 2, 3] > 0.0).all():
         raise OptionError("boards: expected each before the camera (z > 0)")
-    side = share * float(np.median(boards[:, 2, 3]))
+    side = 0.08 * float(np.median(boards[:, 2, 3]))
     pattern = TagGrid(2, 2, side, side)
     middle = np.array([1000.0, 1000.0])
     lens = Lens((2000, 2000), middle, middle, np.zeros(5))

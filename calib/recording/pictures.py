@@ -94,12 +94,6 @@ def read_picture(
         with Image.open(io.BytesIO(Path(path).read_bytes())) as opened:
             opened.load()
             image = ImageOps.exif_transpose(opened)
-            if image.mode.startswith("I") or image.mode == "F":
-                values = np.asarray(image, float)
-                scale = 256.0 if values.max(initial=0.0) > 255 else 1.0
-                image = Image.fromarray(
-                    np.clip(values / scale, 0, 255).astype(np.uint8)
-                )
             return np.array(image.convert("RGB" if colour else "L"))
     except (
         OSError,

@@ -20,7 +20,7 @@ from .fit import Fit, Noise, Prior, Scale
 from .flange_table import FlangeTable
 from .joint_motions import JointMotions
 from .readings import refuse_readings
-from .start import MISSAID, BoardPoses, Start, find_start
+from .start import MISSAID, Start, find_start
 from .view import View
 
 
@@ -38,8 +38,8 @@ class Priors:
     controller: tuple[float, float] = (3e-4, 1e-3)
     joints: tuple[float, float] = (3e-5, 3e-5)  # of joints [rad, m]
     focus: float = 2e-3  # of the focal length, from picture to picture
-    # rms turn about a second axis that flange poses need [rad]
-    turn: float = float(np.radians(1.0))
+    # rms turn about a second axis that flange poses need [deg]
+    turn: float = 1.0
     # misfit of the median picture, beyond which poses are not of the pictures [rad]
     misfit: float = float(np.radians(5.0))
 
@@ -93,8 +93,15 @@ def of_poses(
     Raises LogError where they turn about one axis alone, or are not of the pictures.
     """
     most = max(views, key=lambda view: len(view.rows))
-    _refuse_one_axis(most.boards)
     choice = choose(table, most.rows, most.boards, unit, rotation, degrees)
+    flange = choice.reading.flange.copy()
+    sizes = np.degrees(turning(flange[most.rows])[0])
+    if sizes[1] < PRIORS.turn:
+        raise LogError(
+            f"the hand turns about one axis alone (by {sizes[0]:.2g} deg, by {sizes[1]:.2g} about "
+            "a second): where camera and board are along it is open",
+            hint="add two pictures with the hand turned by 30 deg about each of two other axes",
+        )
     if choice.start.size == -np.inf:
         raise LogError(
             "the pictures are mirrored: turn that off in the camera's settings"
@@ -105,7 +112,6 @@ def of_poses(
             "pictures, perhaps a row late or early, or camera or board moved (misfit "
             f"{np.degrees(choice.start.misfit):.2g} deg)"
         )
-    flange = choice.reading.flange.copy()
     flange[:, :3, 3] /= METRES[choice.convention["unit"]]
     rows = _rows(views)
     motions = Motions(flange[rows])
@@ -116,26 +122,6 @@ def of_poses(
 
 def _rows(views: Sequence[View]) -> Index:
     return np.unique(np.concatenate([view.rows for view in views]))
-
-
-def _refuse_one_axis(boards: BoardPoses) -> None:
-    """Refuse boards that turn about one axis alone: no place along it is told."""
-    poses = boards.poses
-    if boards.half_turn is not None:  # of both ends the one that is turned less
-        other = poses @ boards.half_turn
-        turned, plain = (
-            np.einsum("ij,nij->n", poses[0, :3, :3], part[:, :3, :3])
-            for part in (other, poses)
-        )
-        poses = np.where((turned > plain)[:, None, None], other, poses)
-    sizes, _ = turning(poses)
-    if sizes[1] < PRIORS.turn:
-        raise LogError(
-            f"the hand turns about one axis alone (by {np.degrees(sizes[0]):.2g} deg, by "
-            f"{np.degrees(sizes[1]):.2g} about a second): where camera and board are along it is "
-            "open",
-            hint="add two pictures with the hand turned by 30 deg about each of two other axes",
-        )
 
 
 def turning(poses: Array) -> tuple[Array, Array]:
@@ -165,7 +151,8 @@ def _setting(
         board = boards.setdefault(view.in_hand, start)
         start = _from_same_end(start, board, view.boards.half_turn)
         starts.append(start)
-        numbered.append(view.turned(start.turned))
+        shots = view.shots.turned(start.turned)
+        numbered.append(replace(view, shots=shots))
     bundle = Bundle(tuple(view.corners(rows) for view in numbered), motions)
     layout = bundle.layout
     mean = np.zeros(layout.size)

@@ -81,7 +81,6 @@ class Photo:
     """A picture that the fit did not see, with its corners [px]."""
 
     name: str
-    camera: int
     jpeg: bytes
     corners: Array  # (m, 2), as they are
     predicted: Array  # (m, 2)
@@ -90,7 +89,6 @@ class Photo:
         """As plain values."""
         return {
             "name": self.name,
-            "camera": self.camera,
             "jpeg": base64.b64encode(self.jpeg).decode(),
             "corners": self.corners.tolist(),
             "predicted": self.predicted.tolist(),
@@ -101,7 +99,6 @@ class Photo:
         """The photo that `to_json` told."""
         return cls(
             document["name"],
-            document["camera"],
             base64.b64decode(document["jpeg"]),
             corners=np.array(document["corners"], float).reshape(-1, 2),
             predicted=np.array(document["predicted"], float).reshape(-1, 2),

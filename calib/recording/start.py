@@ -17,6 +17,9 @@ from .rigid import inverse, rigid
 MISSAID = 0.3
 """Log of a board's size over the stated one, that is none."""
 
+ROUNDS = 4
+"""Rounds in which pictures that contradict are weighed down."""
+
 UNITS = ("m", "cm", "mm", "in")
 
 
@@ -54,7 +57,7 @@ class Start:
 
 
 def find_start(
-    flange: Array, boards: BoardPoses, unit: str | None = None, rounds: int = 4
+    flange: Array, boards: BoardPoses, unit: str | None = None
 ) -> Start:
     """Solve for camera and board; where the motions tell no lengths, with the board as stated.
 
@@ -62,9 +65,8 @@ def find_start(
 
     flange : (n, 4, 4), in the base
     unit : of its lengths; by default the one in which the board is nearest to its stated size
-    rounds : in which pictures that contradict are weighed down
     """
-    start = _solved(flange, boards, unit, rounds)
+    start = _solved(flange, boards, unit)
     if abs(start.size) < MISSAID:
         return start
     distances = np.linalg.norm(flange[:, :3, 3], axis=1)
@@ -73,7 +75,7 @@ def find_start(
         UNITS, key=lambda name: abs(np.log(distance / METRES[name] / 0.6))
     )
     for name in [unit] if unit else usual:
-        sized = _solved(flange, boards, name, rounds, METRES[name])
+        sized = _solved(flange, boards, name, METRES[name])
         if sized.misfit < max(1.3 * start.misfit, np.radians(0.2)):
             return sized
     return start
@@ -83,7 +85,6 @@ def _solved(
     flange: Array,
     boards: BoardPoses,
     unit: str | None,
-    rounds: int,
     length: float | None = None,
 ) -> Start:
     """Camera and board; `length` is that of a metre in the flange's unit, where boards tell it."""
@@ -95,7 +96,7 @@ def _solved(
     if turn is not None:
         turned = _half_turned(motions, poses, turn)
         poses = np.where(turned[:, None, None], poses @ turn, poses)
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         x, y, scale = _closed_form(motions, poses, weights, length)
         predicted = inverse(x) @ motions @ y
         predicted[:, :3, 3] /= scale if abs(scale) > 1e-12 else 1e-12

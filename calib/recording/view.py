@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Index
 from ..errors import LogError
 from .board_pictures import BoardPictures
 from .bundle import Corners
@@ -38,10 +38,6 @@ class View:
     def eye(self) -> str:
         """Where the camera is."""
         return "hand" if self.in_hand else "base"
-
-    def turned(self, others: Mask) -> View:
-        """The view with the board of some pictures numbered from its other end."""
-        return replace(self, shots=self.shots.turned(others))
 
     def corners(self, rows: Index) -> Corners:
         """The corners, in the order of the motions at some rows."""

@@ -91,9 +91,7 @@ class JointColumn:
         rows : (n,), their numbers in the file
         """
         extremes = (float(values.min()), float(values.max()))
-        if self.limits is None and not self.revolute:
-            return values, extremes, []
-        limits = self.limits or _TURN
+        limits = self.limits or (_TURN if self.revolute else extremes)
         full = self.revolute and limits[1] - limits[0] >= TURN - 1e-9
         excess = beyond(values, *limits)
         if self.revolute and excess > 0:
@@ -159,7 +157,7 @@ class JointColumn:
 def beyond(values: Array, low: float, high: float) -> float:
     """Return by how much values (n,) leave a range, as a share of its width."""
     away = max(low - float(values.min()), float(values.max()) - high, 0.0)
-    return away / (high - low)
+    return away / max(high - low, 1e-300)
 
 
 def check_ranges(

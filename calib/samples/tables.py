@@ -42,6 +42,8 @@ _REMEDIES = {
     "more fields": ": write decimals with a point, and quote text that holds a comma",
 }
 
+_HEAD = 1 << 16  # [bytes], of a file, in which its header is
+
 _POSITION_SUFFIX = ".pos"
 """LeRobot ends the names of its joints' columns with it; they are read without."""
 
@@ -173,17 +175,19 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     name = os.fspath(path)
     label = "standard input" if name == "-" else printable(name)
     file = Path(name)
+    recorded = file.suffix.lower() in RECORDINGS
     try:
-        if file.is_dir() or (
-            file.exists() and file.suffix.lower() in RECORDINGS
-        ):
-            hint = f"of a bag, pictures or a video make a log: calib log {label} -o log.csv"
+        if file.is_dir() or (file.exists() and recorded):
             raise LogError(
                 f"{label} is no table: expected a CSV or Parquet file",
-                hint=hint,
+                hint=f"of a bag, pictures or a video make a log: calib log {label} -o log.csv",
             )
         content = _content(file)
-        head = _head(content)
+        if isinstance(content, bytes):
+            head = content[:_HEAD]
+        else:
+            with content.open("rb") as stream:
+                head = stream.read(_HEAD)
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise LogError(f"cannot read {label!r}: {why}") from None
@@ -194,15 +198,19 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         else:
             rows = pl.scan_parquet(content, glob=False)
             about = pl.read_parquet_metadata(content).get(KEY, "")
-        names = [*rows.collect_schema()]
-        suffixed = [name for name in names if name.endswith(_POSITION_SUFFIX)]
-        rows = rows.rename(
-            {name: name.removesuffix(_POSITION_SUFFIX) for name in suffixed}
-        )
+        names = {
+            name: name.removesuffix(_POSITION_SUFFIX)
+            for name in rows.collect_schema()
+        }
+        rows = rows.rename(names)
         header = tuple(rows.collect_schema())
-    return Source(
-        label, header, rows.with_row_index(ROW, 1), _as_mapping(about), text
-    )
+    try:
+        document = json.loads(about or "{}")
+    except ValueError:
+        document = {}
+    if not isinstance(document, dict):
+        document = {}
+    return Source(label, header, rows.with_row_index(ROW, 1), document, text)
 
 
 def _content(file: Path) -> Path | bytes:
@@ -214,16 +222,6 @@ def _content(file: Path) -> Path | bytes:
     if file.is_block_device() or file.is_char_device():
         raise OSError("it is a device, expected a CSV or Parquet file")
     return file.read_bytes() if file.is_fifo() else file
-
-
-def _head(content: Path | bytes) -> bytes:
-    """The first 64 kB."""
-    with (
-        content.open("rb")
-        if isinstance(content, Path)
-        else io.BytesIO(content) as stream
-    ):
-        return stream.read(1 << 16)
 
 
 def _scanned_text(
@@ -252,14 +250,6 @@ def _scanned_text(
         ],
     )
     return rows, about
-
-
-def _as_mapping(about: str) -> dict[str, Any]:
-    try:
-        document = json.loads(about or "{}")
-    except ValueError:
-        return {}
-    return document if isinstance(document, dict) else {}
 
 
 @contextmanager
@@ -311,18 +301,6 @@ class Batch:
     def take(self, rows: Index) -> Batch:
         """The table with some of its rows, which may be there more than once."""
         return replace(self, values=self.values[rows], table=self.table[rows])
-
-    def notes(self, added: Sequence[str]) -> list[str]:
-        """Say how many columns go along."""
-        names = [
-            name
-            for name in self.table.columns
-            if name not in (*self.names, *added)
-        ]
-        if not names:
-            return []
-        words = f"other column{'s' * (len(names) > 1)} copied to the output unchanged"
-        return [f"{len(names)} {words}: {listed(names)}"]
 
 
 def read_batch(

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import numpy as np
 from numpy.random import SeedSequence
 
 from ..common.arrays import Array
 from ..common.choices import BODIES, FREED, VIEWS
 from ..common.parallel import in_turn, side_by_side
+from ..common.rows import whole
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.association import Association
@@ -96,15 +96,7 @@ class TrainingOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        seed = self.seed
-        if (
-            isinstance(seed, bool)
-            or not isinstance(seed, int | np.integer)
-            or seed < 0
-        ):
-            raise OptionError(
-                f"seed {seed!r}: expected a whole number, 0 or more"
-            )
+        whole("seed", self.seed, 0, 2**63 - 1)
         wiring_of(self.links)
         for name, value, choices in (
             ("body", self.body, BODIES),

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 
-from ..body.belief import Body, Second
 from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from ..samples.repeatability import at_poses, noise_beside_poses
@@ -18,8 +16,6 @@ from .learn import TrainingOptions
 from .smooth import SmoothPart, find_smooth_part, find_smooth_parts
 from .sound_rows import fit_sound_rows, play_words, without_play
 from .touched import fit_sockets
-
-_Noisy = TypeVar("_Noisy", Body, Second)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,19 +110,14 @@ def _of_single_readings(part: SmoothPart, samples: Samples) -> SmoothPart:
     repeat, hidden = noise_beside_poses(samples)
     if not hidden:
         return part
-    width = samples.x.shape[1]
-    body = replace(_noisier(part.fit.body, hidden, width), repeat=repeat)
-    if body.second is not None:
-        body = replace(body, second=_noisier(body.second, hidden, width))
+    body = part.fit.body
+    second = body.second
+    if second is not None:
+        second = replace(second, noise=np.hypot(second.noise, hidden))
+    noise = np.hypot(body.noise, hidden)
+    body = replace(body, noise=noise, second=second, repeat=repeat)
     fit = replace(part.fit, body=body)
     return replace(part, fit=fit, smooth=replace(part.smooth, body=body))
-
-
-def _noisier(belief: _Noisy, hidden: float, width: int) -> _Noisy:
-    """A belief with more noise of each coordinate [unit]."""
-    noise = belief.noise.copy()
-    noise[:width] = np.hypot(noise[:width], hidden)
-    return replace(belief, noise=noise)
 
 
 def logs_by_sensor(
@@ -141,29 +132,23 @@ def logs_by_sensor(
             "several sensors share a body: expected `body='auto'`",
             parameter="body",
         )
-    first = logs[0]
-    names = [log.sensor or f"sensor {k}" for k, log in enumerate(logs, start=1)]
-    if len({*names}) < len(names):
-        raise LogError(
-            f"sensors {', '.join(names)}: expected a name of its own for each log"
-        )
-    for log in logs:
+    by_sensor: dict[str, Samples] = {}
+    for number, log in enumerate(logs, start=1):
         if log.simulation is not None or log.touch is not None:
             raise LogError(
                 "one of several logs is of a simulation or of touches: expected measured "
                 "positions; touches beside positions stand in one log"
             )
-        if (log.joint_names, log.revolute) != (
-            first.joint_names,
-            first.revolute,
-        ):
+        name = log.sensor or f"sensor {number}"
+        if name in by_sensor:
             raise LogError(
-                f"the logs have the joints {', '.join(first.joint_names)} and "
-                f"{', '.join(log.joint_names)}: expected the same ones in one order"
+                f"sensor {name} twice: expected a name of its own for each log"
             )
-    lower = np.min([log.lower for log in logs], axis=0)
-    upper = np.max([log.upper for log in logs], axis=0)
+        log = log.reordered(logs[0].joint_names)
+        by_sensor[name] = replace(log, sensor=name)
+    lower = np.min([log.lower for log in by_sensor.values()], axis=0)
+    upper = np.max([log.upper for log in by_sensor.values()], axis=0)
     return {
-        name: replace(log, sensor=name, lower=lower, upper=upper)
-        for name, log in zip(names, logs, strict=True)
+        name: replace(log, lower=lower, upper=upper)
+        for name, log in by_sensor.items()
     }

@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -103,21 +102,19 @@ class _Clock:
 
     def __init__(self, progress: Progress) -> None:
         self.progress = progress
-        self.marks: list[tuple[str, float]] = []
+        self.seconds = {"total": 0.0}  # how long each stage took, and all
+        self.stage = ""
+        self.since = time.perf_counter()
 
     def begin(self, share: float, stage: str) -> None:
         """Begin a stage, with the share of the work that is done."""
-        self.marks.append((stage, time.perf_counter()))
+        now = time.perf_counter()
+        for name in filter(None, (self.stage, "total")):
+            before = self.seconds.get(name, 0.0)
+            self.seconds[name] = before + now - self.since
+        self.stage = stage
+        self.since = now
         self.progress(share, stage, float("nan"))
-
-    @property
-    def seconds(self) -> dict[str, float]:
-        """How long each stage took, and all."""
-        seconds: dict[str, float] = {}
-        for (stage, start), (_, end) in pairwise(self.marks):
-            seconds[stage] = seconds.get(stage, 0.0) + end - start
-        seconds["total"] = sum(seconds.values())
-        return seconds
 
 
 def _refuse_few(samples: Samples) -> None:
@@ -213,7 +210,7 @@ def _learned(
         about=about,
         baseline=baseline,
         rows=measured,
-        seconds=clock.seconds,
+        seconds=dict(clock.seconds),
     )
 
 

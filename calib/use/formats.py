@@ -6,7 +6,6 @@ import hashlib
 import json
 import re
 from dataclasses import replace
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -162,7 +161,7 @@ def static_transform(model: Model) -> str:
     return json.dumps(_stamped(root, child, sensor), indent=2) + "\n"
 
 
-def _stamped(parent: str, child: str, pose: SensorPose) -> dict[str, Any]:
+def _stamped(parent: str, child: str, pose: SensorPose) -> dict[str, object]:
     place = {
         "translation": dict(zip("xyz", pose.position.tolist(), strict=True)),
         "rotation": dict(zip("xyzw", pose.quaternion.tolist(), strict=True)),

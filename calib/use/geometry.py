@@ -22,7 +22,7 @@ class Quantity:
     value: Array
     interval: Array
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return plain data."""
         return {
             "value": self.value.tolist(),
@@ -175,5 +175,5 @@ class Geometry:
         )
 
 
-def _plain(quantities: Mapping[str, Quantity]) -> dict[str, Any]:
+def _plain(quantities: Mapping[str, Quantity]) -> dict[str, object]:
     return {name: quantity.to_json() for name, quantity in quantities.items()}

@@ -97,9 +97,7 @@ class Freedom:
     probe: bool = False
 
 
-def fit_geometry(
-    model: Model, *, view: str = "auto", drawn: bool = False
-) -> Geometry:
+def fit_geometry(model: Model, *, drawn: bool = False) -> Geometry:
     """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
 
     Unknown are the joints' offsets and places (of an arm in space six numbers for each joint
@@ -108,12 +106,11 @@ def fit_geometry(
     intervals hold that freedom.
 
     model : it must have a URDF
-    view : {"auto", "base"}, "base" says that a log's positions are in the root link's frame
     drawn : whether the drawing's lengths and axes are true, so that joints' zeros alone are fitted,
         beside the sensor's frame and the probe
     """
     arm = nominal_arm(model)
-    free = frame_is_free(model, view)
+    free = frame_is_free(model)
     points = Points.of(model)
     if not free and points.unit != "m":
         raise OptionError(
@@ -344,7 +341,7 @@ def _covariance(fit: Fit) -> Array:
     both = np.concatenate([active, others])
     inner = slice(len(active))
     outer = slice(len(active), None)
-    root = (np.sqrt(fit.weight) / fit.noise).ravel()
+    root = (np.sqrt(fit.parts[0].weight) / fit.noise).ravel()
     x = structure.linearise(fit.parts[0].q, fit.beta, both)[1].reshape(
         len(root), -1
     )
@@ -356,7 +353,10 @@ def _covariance(fit: Fit) -> Array:
     )
     precision[outer, outer] += np.diag(other_sd[others] ** -2.0)
     spread = Factor(precision).inverse()[outer, outer]
-    pull = fit.information_share * (x.T @ (root * fit.residual.ravel()))[outer]
+    pull = (
+        fit.information_share
+        * (x.T @ (root * fit.parts[0].residual.ravel()))[outer]
+    )
     mean = spread @ pull
     bent = Factor(fit.precision).solve(gram[inner, outer])
     covariance = np.zeros((structure.size, structure.size))

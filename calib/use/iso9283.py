@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -42,7 +41,7 @@ class PoseTest:
     )  # AP by the drawing [unit]; None where the model knows none
     corrected: float  # AP by the model [unit]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return plain data."""
         return {
             "joints": self.joints.tolist(),
@@ -69,7 +68,7 @@ class Iso9283:
     cycles: int  # visits of the pose with the fewest
     notes: tuple[str, ...]  # where the test falls short of the standard
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return what `calib evaluate --iso9283 --json` prints as `"iso9283"`."""
         return {
             "AP": self.corrected,

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arm.arm import Arm, SpatialArm
 from ..body.information import greedy, most_telling
@@ -79,7 +79,7 @@ class Plan(ReadOnly):
         """Number of rows."""
         return len(self.q)
 
-    def columns(self) -> dict[str, NDArray[Any]]:
+    def columns(self) -> dict[str, Array]:
         """Columns of the plan's table: the joints' names, then what is expected.
 
         The positions are called `expected_x`, `expected_y` and in space `expected_z`, so that

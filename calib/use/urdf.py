@@ -52,7 +52,7 @@ def corrected_urdf(geometry: Geometry) -> str:
             f"joint offsets and link placements leave {factor * geometry.residual:.4g} {unit} rms "
             f"unexplained, {100.0 * share:.3g} % of the reach (at most {MOST_UNEXPLAINED:.0%})",
             hint="check the joints, the tip and the unit of the log; a log in the robot's root "
-            "frame needs `view='base'`, one in a sensor's frame must not have it",
+            "frame needs `view='base'` in training, one in a sensor's frame must not have it",
         )
     text = geometry.arm.urdf
     tree = parse_robot(text)

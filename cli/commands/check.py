@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Annotated
 
 import calib
@@ -46,8 +47,10 @@ def check(
 ) -> Outcome:
     loaded = calib.load(model)
     reading = Reading(columns, unit, time_offset, degrees)
-    with log_of_pictures(loaded, data, joints_file, camera, degrees) as path:
-        log = log_for(loaded, path, reading)
+    if joints_file is None and not Path(data).is_dir():
+        log = log_for(loaded, data, reading)
+    else:
+        log = log_of_pictures(loaded, data, joints_file, camera, degrees)
     episodes = _episodes(loaded, log, cause)
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     say(drift.notes)

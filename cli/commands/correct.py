@@ -19,7 +19,6 @@ def correct(
         float | None,
         opt.value("--limit", "L", "Largest change (3 x usual).", above_zero),
     ] = None,
-    view: opt.LogView = "auto",
     orientation: Annotated[
         Literal["keep", "free"],
         opt.option("--orientation", "Of six joints: the tool's turn."),
@@ -44,7 +43,6 @@ def correct(
         query.model,
         batch.values[valid] / factors,
         limit=None if limit is None else limit / factors,
-        view=view,
         orientation=orientation,
     )
     say(result.notes)

@@ -25,7 +25,6 @@ def urdf(
     output: Annotated[
         str, opt.value("--output -o", "URDF", "The corrected description.")
     ],
-    view: opt.LogView = "auto",
     free: opt.Free = "all",
 ) -> Outcome:
     import calib
@@ -45,7 +44,6 @@ def urdf(
     check_output(output, loaded.about.urdf)
     geometry = fit_geometry(
         loaded,
-        view=view,
         drawn=free == "offsets",
     )
     explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
@@ -66,7 +64,7 @@ def urdf(
     if not explained:
         note(
             f"offsets and placements leave {rms} unexplained, more than {MOST_UNEXPLAINED:.0%}: "
-            "nothing was written; check the joints, the tip and the unit of the log, and --view"
+            "nothing was written; check the joints, the tip and the unit of the log"
         )
         return Outcome(document, [_table(geometry)], code=NO)
     before = sized(geometry.before, unit)

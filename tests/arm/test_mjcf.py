@@ -104,7 +104,7 @@ def test_a_model_is_trained_from_an_mjcf_and_written_back(run, tmp_path):
     train = ("train", file, "--data", log, "--view", "base", "--size", "3", "-o", model)
     assert run(*train).code == 0
     out = tmp_path / "corrected.xml"
-    assert run("urdf", model, "-o", out, "--view", "base").code == 0
+    assert run("urdf", model, "-o", out).code == 0
     assert out.read_text().count("<body") == UR5E.count("<body")
     written = calib.load_arm(out)
     before = np.linalg.norm(arm.forward(q) - rows[:, 6:], axis=1).mean()

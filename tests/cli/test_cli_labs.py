@@ -62,7 +62,7 @@ def test_iso_9283_is_as_delivered_and_as_corrected(lab, run):
 
 
 def test_zeros_alone_are_told_to_a_fraction_of_all(lab, run):
-    urdf = ("urdf", lab / "m.calib", "--view", "base", "-o", lab / "new.urdf", "--json")
+    urdf = ("urdf", lab / "m.calib", "-o", lab / "new.urdf", "--json")
     everything = run(*urdf).document["offsets"]["elbow"]
     alone = run(*urdf, "--free", "offsets").document["offsets"]["elbow"]
     assert alone["value"] == pytest.approx(OFFSET, abs=2e-4)

@@ -38,23 +38,23 @@ AIMS = Style(tokens=8.8, packed=5, anys=4, constants=8, participles=4, skips=0)
 # tokens a line, packed, Any, constants, participles, skips
 LIMITS = {
     "calib": (7.6, 0, 13, 5, 0, 0),
-    "cli": (7.2, 0, 1, 4, 1, 0),
-    "arm": (8.4, 1, 1, 5, 0, 0),
-    "body": (9.3, 0, 3, 8, 4, 0),
+    "cli": (7.1, 0, 1, 4, 1, 0),
+    "arm": (8.3, 1, 1, 5, 0, 0),
+    "body": (9.3, 0, 3, 8, 3, 0),
     "change": (8.4, 0, 2, 11, 4, 0),
     "common": (7.3, 0, 4, 8, 3, 0),
     "inverse": (11.0, 0, 0, 6, 0, 0),
     "kernel": (9.0, 2, 9, 3, 1, 0),
     "maps": (8.9, 0, 0, 3, 1, 0),
     "model": (8.4, 0, 7, 6, 3, 0),
-    "model_file": (8.3, 0, 2, 6, 3, 0),
+    "model_file": (8.2, 0, 2, 6, 3, 0),
     "paper": (7.4, 0, 0, 6, 5, 0),
     "recording": (8.8, 1, 7, 8, 3, 0),
     "samples": (8.7, 0, 5, 6, 2, 0),
     "show": (8.8, 0, 1, 4, 3, 0),
-    "stream": (8.8, 0, 0, 10, 1, 0),
+    "stream": (8.9, 0, 0, 10, 1, 0),
     "training": (8.1, 0, 4, 0, 2, 0),
-    "use": (8.3, 1, 6, 3, 1, 0),
+    "use": (8.3, 1, 3, 2, 1, 0),
 }
 
 

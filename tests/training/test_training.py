@@ -209,7 +209,7 @@ def test_a_drawing_that_is_trusted_leaves_zeros_and_frame(name):
         ({"size": "70x"}, "expected whole numbers"),
         ({"size": (5, 5, 5)}, "5x5x5: expected at most 2 numbers"),
         ({"sensory_size": (5, 5, 5)}, "sensory size 5x5x5: expected at most 2 numbers"),
-        ({"seed": -1}, "seed -1: expected a whole number"),
+        ({"seed": -1}, "seed is -1, expected a whole number"),
         ({"map": "vsom"}, "map 'vsom' is unknown, choose one of"),
         ({"rule": "magic"}, "rule 'magic' is unknown, choose one of batch, online"),
         ({"body": "some"}, "body 'some': expected one of auto, none"),

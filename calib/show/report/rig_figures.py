@@ -45,7 +45,7 @@ def corners(rig: HandEye) -> Figure | None:
 
     with Image.open(io.BytesIO(rig.photo.jpeg)) as opened:
         pixels = np.asarray(opened.convert("L"))
-    width, height = rig.cameras[rig.photo.camera].lens["size"]
+    width, height = rig.lens["size"]
     figure, (ax,) = panels([3.5 * height / width + 0.5])
     box = (-0.5, width - 0.5, height - 0.5, -0.5)
     ax.imshow(
