@@ -127,3 +127,18 @@ def test_orientations_that_are_none_are_told_in_one_line(run, tracked, log, word
     done = run("train", "six_axis", "--data", folder / log, "--size", 4, "-o", out)
     assert (done.code, out.exists()) == (1, False)
     assert words in done.err.splitlines()[-1]
+
+
+def test_a_tool_turns_less_where_its_orientation_is_to_stay(run, tracked):
+    truth, folder, _ = tracked
+    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
+    target = seen(truth, q + 0.05)[0][0]
+    ask = ("query", "inverse", folder / "m.calib", *target, "--near", ",".join(map(str, q)))
+    before = seen(truth, q)[1][0]
+    turned = []
+    for more in (("--keep-orientation",), ()):
+        answer = run(*ask, *more, "--json").document["solutions"][0]
+        places, turns = seen(truth, np.array([list(answer["joints"].values())]))
+        assert np.linalg.norm(places[0] - target) < 3e-4
+        turned.append(np.linalg.norm(pin.log3(before.T @ turns[0])))
+    assert turned[0] < 0.5 * turned[1]

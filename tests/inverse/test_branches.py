@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from models import draw, trained, turning, two_link, two_link_inverse
+from models import draw, trained, turning, two_link, two_link_inverse, warm
 
 import calib
 from calib.common.scale import TURN
@@ -15,9 +15,10 @@ def away(model, q, near):
     return np.linalg.norm((q - near) / (model.about.upper - model.about.lower), axis=-1)
 
 
+@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize(("robot", "least"), [("two_link", 1.0), ("two_link_full", 1.1)])
-def test_all_branches_and_no_others(robot, least):
-    model = trained(robot)
+def test_all_branches_and_no_others(robot, least, compiled):
+    model = warm(trained(robot)) if compiled else trained(robot)
     x = two_link(draw(model, 2000, seed=1))
     ways = np.stack([two_link_inverse(x, sign) for sign in (1.0, -1.0)], axis=1)
     inside = ((ways >= model.about.lower) & (ways <= model.about.upper)).all(axis=2)

@@ -112,6 +112,15 @@ def test_planned_poses_show_the_board_and_tell_what_is_promised(in_hand, tmp_pat
     assert after < 1.2 * np.max(done.document["position_95"][-1])
 
 
+def test_poses_of_the_board_alone_are_enough():
+    world = World(1)
+    there = np.linalg.inv(world.camera) @ np.linalg.inv(world.flange) @ world.placed
+    rig = calib.handeye(poses=world.flange, boards=there, eye="hand")
+    np.testing.assert_allclose(rig.hand["position"], world.camera[:3, 3], atol=1e-6)
+    with pytest.raises(OptionError, match="z > 0"):
+        calib.handeye(poses=world.flange, boards=-there, eye="hand")
+
+
 def test_mirrored_pictures_are_refused():
     world = World(1)
     mirrored = [corners * (-1, 1) + (SIZE[0], 0) for corners in world.corners[0]]

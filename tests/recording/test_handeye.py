@@ -78,6 +78,16 @@ def test_camera_and_board_are_found_from_pictures(in_hand):
     assert abs(found.lens["focal"] - rig.lens[0]) < 2.0 + found.lens["focal_95"]
 
 
+def test_what_pictures_without_the_board_show_is_told():
+    rig, pictures, joints = shots(True)
+    few, table = pictures[:6], replace(joints, q=joints.q[:6])
+    flipped = [np.ascontiguousarray(picture[:, ::-1]) for picture in few]
+    with pytest.raises(LogError, match="mirrored"):
+        handeye(rig.arm, flipped, table, SPEC, "hand")
+    with pytest.raises(LogError, match="7x5"):
+        handeye(rig.arm, few, table, "5x7:24mm:18mm:5x5_100", "hand")
+
+
 def corners(rig, seen=None, q=None, board=SPEC):
     """The corners of a rig as if they were found in pictures."""
     seen = rig.seen if seen is None else seen
