@@ -25,10 +25,10 @@ class SearchSettings:
     hardest: float = 1e3  # ends a search
     easier: float = 30.0  # factor on the damping after a step
     # Slides of redundant joints along their self-motion.
-    rough: float = 1e-2  # residual from which on joints slide
+    rough: float = 3e-2  # residual from which on joints slide
     slides: int = 80
     settled: float = 3e-5  # of the way that is left: joints have settled
-    stuck: float = 1e-3  # share of the way that a slide goes at least
+    stuck: float = 1e-6  # share of the way that a slide goes at least
     # a joint so close to its limit does not slide towards it
     slack: float = 2e-5
     # Solutions.

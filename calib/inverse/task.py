@@ -99,7 +99,7 @@ class Poses:
 
 
 def turn_left(start: Array, goal: Array, axis: int | None = None) -> Array:
-    """Rotation vectors (n, 3) from orientations (n, 3, 3) to others, or between one axis of each."""
+    """Rotation vectors (n, 3) from orientations (n, 3, 3) to others, or of one axis alone."""
     if axis is None:
         return logarithm(goal @ np.swapaxes(start, 1, 2))
     first = start[:, :, axis]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..kernel.compiled import Compiled
@@ -71,7 +72,7 @@ def bound_rows(model: Parts, q: Array, which: str) -> Array | None:
     return bound if _settled(model, valid) else None
 
 
-def _settled(model: Parts, valid: Array) -> bool:
+def _settled(model: Parts, valid: NDArray[np.int8]) -> bool:
     """Whether NumPy has nothing to add: where rows were refused it may know better."""
     return model.everywhere or bool(valid.all())
 

@@ -109,8 +109,9 @@ static inline int calib_asked(const calib_real *b, calib_task *task) {
 
 static inline int calib_nearest_pose(const calib_real *b, calib_real *q) {
   calib_task task;
-  calib_search search = {0};
+  calib_search search;
   int sure = 0;
+  search.met = 0;
   if (calib_asked(b, &task)) sure = calib_try_near(&search, &task, b);
   if (sure == 2 && b[25] >= 0) { /* all that starts lead to is looked at */
     short row[CALIB_POSTURES];
