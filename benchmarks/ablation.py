@@ -143,7 +143,7 @@ def measure(case: Case, trained: Trained) -> dict[str, float | None]:
         if readout != "linear":  # that of the maps that stand alone is above
             forward(readout, pair.sensory.scale.from_unit(pair.forward(u, readout)))
         maps = trained.alone if readout == "linear" else pair
-        inverse(readout, np.clip(maps.inverse(v, near, readout), 0.0, 1.0), u)
+        inverse(readout, np.clip(maps.inverses(v, near)[readout], 0.0, 1.0), u)
     solver = search_by_links(pair, trained.predictors["local"])
     some = slice(None, None, max(1, len(x) // TARGETS))
     inverse("local", solver.solve(x[some], near[some])[0], u[some])

@@ -38,7 +38,7 @@ def flange_of(rig: calib.HandEye, table: FlangeTable) -> np.ndarray:
     """All flange poses (n, 4, 4) [m] as the rig reads them."""
     found = rig.convention
     names = ("rotation", "angles", "inverse")
-    for reading in readings(table.numbers, table.named):
+    for reading in readings(table):
         if all(getattr(reading, name) == found[name] for name in names):
             flange = reading.flange.copy()
             flange[:, :3, 3] /= METRES[found["unit"]]
@@ -101,7 +101,7 @@ def main() -> None:
     for folder, board, eye in np.reshape(sys.argv[1:], (-1, 3)).tolist():
         path = Path(folder)
         table = read_flange_poses(next(path.glob("*.csv")))
-        shots = find_board(path, table, board)
+        shots = find_board(path, table.joints, board)
         squares: dict[str, list[float]] = {name: [] for name in (*SOLVERS, "calib")}
         number = np.arange(len(shots.names))
         for fold in range(FOLDS):

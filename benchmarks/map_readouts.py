@@ -1,19 +1,12 @@
 """Figures of docs/paper.md and docs/maps.md: readouts, small lattices, eq. 7 and 8, many joints.
 
-python benchmarks/map_readouts.py linear|small|rho|rules|joints|time|choices [--samples N]
-    [--seeds N] [--data FOLDER]
-
-`choices` tells which map `--body none` takes for a log, and how both do where they are asked.
-FOLDER holds series_a.csv and series_c.csv of a UR10; two of ten blocks are held out.
+python benchmarks/map_readouts.py linear|small|rho|rules|joints|time [--samples N] [--seeds N]
 """
 
 import argparse
 import time
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-from ablation_cases import Case, measured, simulated
 from tables import table
 
 import calib
@@ -21,7 +14,7 @@ from calib.common.choices import MAP_READOUTS
 from calib.common.parallel import one_blas_thread
 from calib.common.scale import Scale
 from calib.maps.association import Association
-from calib.training.learn import TrainingOptions, associate, resolved
+from calib.training.learn import TrainingOptions, associate
 
 ROBOT = "two_link"
 TESTED = 10_000
@@ -48,7 +41,7 @@ def trained(
 def errors(pair: Association, u: np.ndarray, v: np.ndarray, readout: str) -> np.ndarray:
     """Absolute errors (n, 4): x, y [mm], shoulder, elbow [deg]."""
     forward = np.abs(pair.forward(u, readout) - v) * pair.sensory.scale.span * 1e3
-    inverse = np.abs(np.clip(pair.inverse(v, u, readout), 0.0, 1.0) - u)
+    inverse = np.abs(np.clip(pair.inverses(v, u)[readout], 0.0, 1.0) - u)
     return np.concatenate([forward, np.degrees(inverse * pair.motor.scale.span)], axis=1)
 
 
@@ -100,7 +93,7 @@ def joints() -> None:
     """Quantization error in three and six joints, and the time of one process."""
     rng, rows = np.random.default_rng(0), []
     plane, cube = (70, 70), (17, 17, 17)
-    maps = ("som", plane), ("som", cube), ("gas", plane), ("gng", plane)
+    maps = ("som", plane), ("som", cube), ("gng", plane)
     for dof in (3, 6):
         u, fresh = rng.random((20_000, dof)), rng.random((5000, dof))
         for network, shape in maps:
@@ -139,41 +132,13 @@ def times(n: int, seeds: int) -> None:
     table("Time", ({"network": name, "seconds": s, "over som": r} for name, s, r in told))
 
 
-def choices(folder: Path | None) -> None:
-    """Which map `--body none` chooses for a log, and mean errors [mm] of `linear` with either."""
-    logs = {f"UR10 {s}": [measured(folder, s, k, 10) for k in (2, 7)] for s in "AC" if folder}
-    for n, seed in ((n, seed) for n in (3000, 20_000) for seed in range(5)):
-        logs[f"uneven, {n:,}, seed {seed}"] = [simulated("uneven", n, 4000, seed)]
-    table("Chosen maps", [_chosen(*log, side) for log in logs.items() for side in (20, None)])
-
-
-def _chosen(label: str, held: list[Case], side: int | None) -> dict[str, object]:
-    found, taken, sides = [], [], set()
-    for case in held:
-        log = case.samples
-        options, _ = resolved(log, TrainingOptions(side, body="none"))
-        sides.add("x".join(map(str, options.shapes[0])))
-        taken.append(options.map)
-        scale = Scale.of_range(log.lower, log.upper, log.revolute)
-        miss = {}
-        for network in ("vdsom", "gas"):
-            pair = associate(scale, scale.to_unit(log.q), log.x, replace(options, map=network))
-            off = pair.linear.value(scale.to_unit(case.q)) - case.x
-            miss[network] = 1e3 * float(np.linalg.norm(off, axis=1).mean())
-        found.append(miss)
-    told = {"log": label, "rows": len(held[0].samples), "nodes": "/".join(sorted(sides))}
-    means = {k: float(np.mean([miss[k] for miss in found])) for k in found[0]}
-    return {**told, "chosen": "/".join(dict.fromkeys(taken)), **means}
-
-
 def main() -> None:
     """Print one part."""
-    parts = ("linear", "small", "rho", "rules", "joints", "time", "choices")
+    parts = ("linear", "small", "rho", "rules", "joints", "time")
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("part", choices=parts)
     parser.add_argument("--samples", type=int, default=100_000)
     parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--data", type=Path)
     given = parser.parse_args()
     n, seeds = given.samples, given.seeds
     plain = [(k, s, None) for s in (70, 50, 30) for k in ("som", "vdsom", "vdsom:residual")]
@@ -185,7 +150,6 @@ def main() -> None:
         "rules": lambda: rules(n, seeds),
         "time": lambda: times(n, seeds),
         "joints": joints,
-        "choices": lambda: choices(given.data),
     }
     with one_blas_thread():
         runs[given.part]()

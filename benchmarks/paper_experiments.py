@@ -37,7 +37,7 @@ def networks(setting: Setting) -> None:
     n = min(setting.samples, _ROWS)
     few = replace(setting, seeds=setting.seeds[: 1 if setting.quick else 2])
     names = ["som", *(f"vdsom:{name}" for name in READINGS if name != "printed")]
-    names += ["dsom", "gng", "gng:error", "gng:border", "gas"]
+    names += ["dsom", "gng", "gng:error", "gng:border"]
     rows: dict[str, Row] = {}
     for k, name in enumerate(names):
         setting.report(k / len(names), name)

@@ -39,9 +39,6 @@ from .show.report.page import report as report
 from .stream.follow import follow as follow
 from .stream.monitor import Monitor as Monitor
 from .stream.monitor import monitor as monitor
-from .sweeps import Sweep as Sweep
-from .sweeps import Trial as Trial
-from .sweeps import sweep as sweep
 from .training.evaluate import Evaluation as Evaluation
 from .training.evaluate import evaluate as evaluate
 from .training.learn import TrainingOptions as TrainingOptions

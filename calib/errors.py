@@ -52,17 +52,6 @@ class CalibError(Exception):
             else f"{self.message}; {self.hint}"
         )
 
-    def __reduce__(self) -> tuple[object, ...]:
-        """Pickle with all fields, as process pools do."""
-        fields = (
-            type(self),
-            self.message,
-            self.hint,
-            self.parameter,
-            self.value,
-        )
-        return _restored, fields
-
     def within(self: _E, label: str) -> _E:
         """Return the same error with the place of what is wrong, such as a file, before it."""
         return type(self)(
@@ -71,16 +60,6 @@ class CalibError(Exception):
             parameter=self.parameter,
             value=self.value,
         )
-
-
-def _restored(
-    kind: type[_E],
-    message: str,
-    hint: str | None,
-    parameter: str | None,
-    value: object,
-) -> _E:
-    return kind(message, hint=hint, parameter=parameter, value=value)
 
 
 class RobotError(CalibError):

@@ -21,7 +21,7 @@ import typer
 from . import commands
 from . import options as opt
 from .errors import INTERRUPTED, TRACEBACK, report_error
-from .output import SPEECH, Outcome, note, progress_shown, silence
+from .output import SPEECH, Outcome, end_progress, note, silence
 from .parsing import BadOption
 
 FLAGS = ("--json", "--verbose", "-v", "--quiet", "-q")
@@ -31,7 +31,7 @@ ALL = "*"
 """In place of a command's name: all commands with their options."""
 
 USAGE_ORDER = (
-    "robots plan train query evaluate sweep check adapt recognise correct urdf export babble log "
+    "robots plan train query evaluate check adapt recognise correct urdf export babble log "
     "noise handeye lerobot tag preview report reproduce info"
 )
 """Commands in the order of their use, for `calib --help`; others follow."""
@@ -52,6 +52,7 @@ def run(arguments: Sequence[str]) -> int:
     except Exception as error:
         if os.environ.get(TRACEBACK):
             raise
+        end_progress()
         return report_error(error, as_json="--json" in arguments)
     if code == INTERRUPTED:
         note("error: interrupted")
@@ -147,8 +148,7 @@ def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:
             raise BadOption(
                 "--json and '-' both want standard output: expected one of them"
             )
-        with progress_shown():
-            outcome = command(**options)
+        outcome = command(**options)
         outcome.show(streamed=streamed)
         raise typer.Exit(outcome.code)
 

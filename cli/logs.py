@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .output import say
-from .parsing import BadOption, JointRange, JointValue, refuse
+from .parsing import BadOption, OfJoint, refuse
 from .units import in_si, joints_that_turn
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from calib.model.model import Model
     from calib.samples.tables import Source
 
-_FOR_LOGS = "applies to a log: expected --data LOG too"
+FOR_LOGS = "applies to a log: expected --data LOG too"
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Selection:
     joints: Sequence[str] | None = None
     tip: str | None = None
     planar: bool = False
-    lock: Sequence[JointValue] | None = None
-    ranges: Sequence[JointRange] | None = None
+    lock: Sequence[OfJoint] | None = None
+    ranges: Sequence[OfJoint] | None = None
     degrees: bool = False
     gravity: Sequence[float] | None = None
 
@@ -49,13 +49,14 @@ class Selection:
         # which joints turn is wanted before the arm is loaded: the file is read twice
         if self.degrees and (self.lock or self.ranges):
             turns = joints_that_turn(robot)
+        lock = in_si("--lock", self.lock, turns, self.degrees)
         return calib.load_arm(
             robot,
             self.joints,
             self.tip,
             lock={
                 **(locked or {}),
-                **in_si("--lock", self.lock, turns, self.degrees),
+                **{name: value for name, (value, _) in lock.items()},
             },
             ranges=in_si("--range", self.ranges, turns, self.degrees),
             planar=self.planar,
@@ -73,29 +74,6 @@ class Reading:
     time_offset: float | None = None
     degrees: bool | None = None
     prismatic: Sequence[str] | None = None
-
-
-def check_sources(
-    robots: Sequence[str],
-    logged: bool,
-    simulated: Mapping[str, object],
-    of_logs: Mapping[str, object],
-) -> None:
-    """Refuse that there is nothing to learn from, and options that would be without effect."""
-    if not robots and not logged:
-        raise BadOption(
-            "no source to learn from: expected ROBOT, --data LOG, or both"
-        )
-    if logged:
-        refuse(
-            simulated, "applies to simulated babbling, which --data replaces"
-        )
-    else:
-        refuse(of_logs, _FOR_LOGS)
-    if robots and of_logs["prismatic"] is not None:
-        raise BadOption(
-            "--prismatic applies to a log without ROBOT; ROBOT defines its joints"
-        )
 
 
 def babbled(
@@ -279,29 +257,8 @@ def _sensor_of_log(model: Model, source: Source) -> str:
 
 
 def log_of(model: Model, path: str | None, reading: Reading) -> Samples | None:
-    """Read a log to look at, with a note where it does not fit the model; None for none."""
-    import numpy as np
-
-    from calib.samples.diagnosis import spread, unit_hint
-
+    """Read a log to look at; None where none is given."""
     if path is None:
-        refuse(vars(reading), _FOR_LOGS)
+        refuse(vars(reading), FOR_LOGS)
         return None
-    log = log_for(model, path, reading)
-    predicted = model.forward(log.q)
-    answered = np.isfinite(predicted[:, 0])
-    if log.touch is not None or not answered.any():
-        return log
-    # medians: single wrong rows decide nothing; the bound of an ideal arm is rounding
-    gap = float(np.nanmedian(np.linalg.norm(predicted - log.x, axis=1)))
-    bound = float(np.nanmedian(model.expected_error(log.q)))
-    size = spread(predicted)
-    if gap > max(3.0 * bound, 0.02 * size):
-        hint = unit_hint(spread(log.x[answered]) / max(size, 1e-300))
-        far = f"{gap / size:.2g} times their spread{hint}; calib check names the cause"
-        say(
-            [
-                f"the log does not fit the model: measured positions are off by {far}"
-            ]
-        )
-    return log
+    return log_for(model, path, reading)

@@ -27,25 +27,20 @@ def value(
     return Option(*flags.split(), metavar=form, parser=parser, help=help_text)
 
 
-def word(flag: str, words: Sequence[str], help_text: str) -> object:
-    """Return an option whose value is one word out of several."""
-    return value(flag, "|".join(words), help_text, parsing.one_of(words))
-
-
-def flag(flags: str, help_text: str) -> object:
-    """Return an option without a value."""
+def option(flags: str, help_text: str) -> object:
+    """Return an option without a value, or with a word of its type's."""
     return Option(*flags.split(), help=help_text)
 
 
 # how every command prints: `cli/app.py` takes these wherever they stand
 Json = Annotated[
-    bool, flag("--json", "One JSON document on standard output, in SI units.")
+    bool, option("--json", "One JSON document on standard output, in SI units.")
 ]
 Verbose = Annotated[
-    bool, flag("--verbose -v", "Print what the answer rests on too.")
+    bool, option("--verbose -v", "Print what the answer rests on too.")
 ]
 Quiet = Annotated[
-    bool, flag("--quiet -q", "Print the result alone, without notes.")
+    bool, option("--quiet -q", "Print the result alone, without notes.")
 ]
 
 # files that commands work on
@@ -88,20 +83,21 @@ Tip = Annotated[
     str | None, value("--tip", "FRAME", "The frame whose position is sensed.")
 ]
 Planar = Annotated[
-    bool, flag("--planar", "Take the planar part of a robot in space: x, y.")
+    bool, option("--planar", "Take the planar part of a robot in space: x, y.")
 ]
 Lock = Annotated[
-    list[parsing.JointValue] | None,
+    list[parsing.OfJoint] | None,
     value(
         "--lock", "JOINT=VALUE", "Hold it there [rad, m].", parsing.joint_value
     ),
 ]
 Ranges = Annotated[
-    list[parsing.JointRange] | None,
+    list[parsing.OfJoint] | None,
     value("--range", "JOINT=LO:HI", "Part of its range.", parsing.joint_range),
 ]
 Degrees = Annotated[
-    bool, flag("--degrees", "Joint values typed, read and printed are in deg.")
+    bool,
+    option("--degrees", "Joint values typed, read and printed are in deg."),
 ]
 Gravity = Annotated[
     parsing.Numbers | None,
@@ -114,13 +110,23 @@ Gravity = Annotated[
 ]
 
 # simulated babbling
-SAMPLES = "How many samples to babble (default 20000)."
-NOISE = "Noise of the simulated sensor along each axis, standard deviation [m] (default 0)."
 Number = Annotated[
-    int | None, value("--samples -n", "N", SAMPLES, parsing.count)
+    int | None,
+    value(
+        "--samples -n",
+        "N",
+        "How many samples to babble (default 20000).",
+        parsing.count,
+    ),
 ]
 Noise = Annotated[
-    float | None, value("--noise", "S", NOISE, parsing.not_negative)
+    float | None,
+    value(
+        "--noise",
+        "S",
+        "Noise of the simulated sensor along each axis, standard deviation [m] (default 0).",
+        parsing.not_negative,
+    ),
 ]
 Changes = Annotated[
     list[str] | None,
@@ -135,15 +141,20 @@ Seed = Annotated[
 ]
 
 # training
-SIZE = "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own)."
 MAP = (
     f"Kind of map: {', '.join(choices.MAPS)}. Default vdsom:residual, which also follows what "
-    "the body leaves (vdsom is the paper's); of a log with --body none the better of it and gas."
+    "the body leaves (vdsom is the paper's)."
 )
-EPOCHS = "Passes over the samples; the full lattice alone is trained then."
-SIGMA = "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then."
 _SIZE = parsing.lattice_size
-MapSize = Annotated[str | None, value("--size", "N|NxN|NxNxN", SIZE, _SIZE)]
+MapSize = Annotated[
+    str | None,
+    value(
+        "--size",
+        "N|NxN|NxNxN",
+        "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own).",
+        _SIZE,
+    ),
+]
 MotorSize = Annotated[
     str | None, value("--motor-size", "N|NxN", "Of the motor map.", _SIZE)
 ]
@@ -153,23 +164,33 @@ SensorySize = Annotated[
 MapName = Annotated[
     str | None, value("--map", "NAME", MAP, parsing.one_of(choices.MAPS))
 ]
-TrainingRule = Annotated[
-    choices.RuleWord, word("--rule", choices.RULES, "Training rule.")
+TrainingRule = Annotated[choices.RuleWord, option("--rule", "Training rule.")]
+Epochs = Annotated[
+    int | None,
+    value(
+        "--epochs",
+        "N",
+        "Passes over the samples; the full lattice alone is trained then.",
+        parsing.count,
+    ),
 ]
-Epochs = Annotated[int | None, value("--epochs", "N", EPOCHS, parsing.count)]
 Sigma = Annotated[
     parsing.RadiusSchedule | None,
-    value("--sigma", "START:END", SIGMA, parsing.sigma),
+    value(
+        "--sigma",
+        "START:END",
+        "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then.",
+        parsing.sigma,
+    ),
 ]
 BodyKind = Annotated[
     choices.BodyWord,
-    word("--body", choices.BODIES, "none: maps and links alone."),
+    option("--body", "none: maps and links alone."),
 ]
 SensorView = Annotated[
     choices.ViewWord,
-    word(
+    option(
         "--view",
-        choices.VIEWS,
         "What the sensor measures: base is the robot's root frame; auto is rigid for "
         "lengths, homography for pixels, pinhole for pixels of an arm in space.",
     ),
@@ -195,14 +216,15 @@ Prismatic = Annotated[
     value("--prismatic", "A,B", "Joints that slide.", parsing.names),
 ]
 LogDegrees = Annotated[
-    bool | None, flag("--degrees/--radians", "Of the log (default: as before).")
+    bool | None,
+    option("--degrees/--radians", "Of the log (default: as before)."),
 ]
 PhotoFile = Annotated[
     str | None,
     value("--photo", "FILE", "Of the log's camera, to draw the map over."),
 ]
 NoPhoto = Annotated[
-    bool, flag("--no-photo", "Keep no photo in the model and draw none.")
+    bool, option("--no-photo", "Keep no photo in the model and draw none.")
 ]
 Distances = Annotated[
     list[str] | None, value("--distance", "A,B=50mm", "Of touched points.")
@@ -214,7 +236,7 @@ Planes = Annotated[
 # queries and what else asks a model
 ReadoutKind = Annotated[
     choices.ReadoutWord | None,
-    word("--readout", choices.READOUTS, "Default local, or linear."),
+    option("--readout", "Default local, or linear."),
 ]
 StartJoints = Annotated[
     parsing.Numbers | None,
@@ -239,27 +261,22 @@ Output = Annotated[
     str | None,
     value("--output", "FILE", "CSV or Parquet (default standard output)."),
 ]
-LogView = Annotated[
-    choices.LogFrameWord,
-    word("--view", choices.LOG_FRAMES, "base: the log is in the root frame."),
-]
 WhatChanged = Annotated[
     choices.CauseWord | None,
-    word("--cause", choices.CAUSES, "What changed, if known."),
+    option("--cause", "What changed, if known."),
 ]
 Free = Annotated[
     choices.FreeWord,
-    word(
+    option(
         "--free",
-        choices.FREED,
         "offsets: the drawing's geometry is true, the joints' zeros are not.",
     ),
 ]
 
 # cameras
 _EYE = "hand: the camera is on the arm; base: it stands still."
-Eye = Annotated[choices.Eye | None, word("--eye", choices.EYES, _EYE)]
-OneEye = Annotated[choices.Eye, word("--eye", choices.EYES, _EYE)]
+Eye = Annotated[choices.Eye | None, option("--eye", _EYE)]
+OneEye = Annotated[choices.Eye, option("--eye", _EYE)]
 Dictionary = Annotated[
     str, value("--dictionary", "NAME", "Dictionary of the tags.")
 ]
@@ -285,7 +302,7 @@ TagHeight = Annotated[
     str | None, value("--tag-height", "25mm", "Of the tip's, above the desk.")
 ]
 WholePose = Annotated[
-    bool, flag("--pose", "z and the quaternion too, in space.")
+    bool, option("--pose", "z and the quaternion too, in space.")
 ]
 SeenPicture = Annotated[
     str | None, value("--picture", "seen.png", "Draw what was seen on a photo.")

@@ -12,10 +12,10 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from threading import Timer
+from time import monotonic
 from typing import TYPE_CHECKING, TextIO
 
 from calib.common.wording import for_people, one_line, printable
@@ -142,6 +142,7 @@ class Outcome:
 
     def show(self, *, streamed: bool) -> None:
         """Print the result; lines go to standard error where a table was `streamed`."""
+        end_progress()
         if SPEECH.as_json:
             print_json(self.document)
             return
@@ -152,13 +153,13 @@ class Outcome:
             from calib.samples.tables import write_table
 
             write_table("-", self.columns)
-        if self.columns is not None or streamed:
-            if not SPEECH.quiet:
-                for line in lines:
-                    note(str(line))
-            return
+            streamed = True
         for line in lines:
-            print(one_line(as_typed(line)) if isinstance(line, str) else line)
+            text = one_line(as_typed(line)) if isinstance(line, str) else line
+            if not streamed:
+                print(text)
+            elif not SPEECH.quiet:
+                note(str(line))
 
 
 @dataclass
@@ -169,6 +170,7 @@ class Speech:
     verbose: bool = False  # what the answer rests on, too
     quiet: bool = False  # nothing but errors and what a batch leaves unanswered
     notes: set[str] = field(default_factory=set)  # that were said already
+    began: float = 0.0  # [s]
     bar: Progress | None = None  # on a terminal, while a command works
 
     def start(self, as_json: bool, verbose: bool, quiet: bool) -> None:
@@ -177,32 +179,27 @@ class Speech:
         self.verbose = verbose
         self.quiet = quiet
         self.notes.clear()
+        self.began = monotonic()
 
 
 SPEECH = Speech()
 
 
-@contextmanager
-def progress_shown() -> Iterator[None]:
-    """Show the progress of what takes long, on a terminal."""
-    if SPEECH.quiet or not sys.stderr.isatty():
-        yield
+def progress(share: float, *_: object) -> None:
+    """Show the share of the work that is done, on a terminal, of what takes long."""
+    waited = monotonic() - SPEECH.began
+    if SPEECH.quiet or waited < _PATIENCE or not sys.stderr.isatty():
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TimeElapsedColumn
+    if SPEECH.bar is None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TimeElapsedColumn
 
-    columns = (BarColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=Console(stderr=True), transient=True)
-    bar.add_task("", total=None)
-    timer = Timer(_PATIENCE, bar.start)
-    timer.daemon = True
-    timer.start()
-    SPEECH.bar = bar
-    try:
-        yield
-    finally:
-        timer.cancel()
-        end_progress()
+        columns = (BarColumn(), TimeElapsedColumn())
+        bar = Progress(*columns, console=Console(stderr=True), transient=True)
+        bar.add_task("", total=1.0)
+        bar.start()
+        SPEECH.bar = bar
+    SPEECH.bar.update(SPEECH.bar.task_ids[0], completed=share)
 
 
 def end_progress() -> None:
@@ -210,12 +207,6 @@ def end_progress() -> None:
     if SPEECH.bar is not None:
         SPEECH.bar.stop()
         SPEECH.bar = None
-
-
-def progress(share: float, *_: object) -> None:
-    """Show the share of the work that is done."""
-    if SPEECH.bar is not None:
-        SPEECH.bar.update(SPEECH.bar.task_ids[0], total=1.0, completed=share)
 
 
 def say(notes: Iterable[str]) -> None:
@@ -261,10 +252,8 @@ def plain(value: object) -> object:
 def _listed(value: object) -> object:
     if isinstance(value, Mapping):
         return dict(value)
-    for method in ("tolist", "to_list"):
-        if hasattr(value, method):
-            return getattr(value, method)()
-    raise TypeError(f"{value!r:.60} is no JSON")
+    method = "tolist" if hasattr(value, "tolist") else "to_list"
+    return getattr(value, method)()
 
 
 def fields(holder: object, names: str) -> dict[str, object]:

@@ -20,27 +20,12 @@ TABLES = (".csv", ".txt", ".parquet", ".pq")
 """Endings of tables; all but Parquet's are written as CSV."""
 
 
-class JointValue(NamedTuple):
-    """A value for a joint, as in `wrist=0.5`."""
-
-    joint: str
-    value: float  # [rad or m], or [deg] with --degrees
-
-    def scaled(self, factor: float) -> float:
-        """Return the value in another unit."""
-        return self.value * factor
-
-
-class JointRange(NamedTuple):
-    """A part of a joint's range, as in `elbow=0.5:1.5`."""
+class OfJoint(NamedTuple):
+    """What is typed for a joint, a value `wrist=0.5` or a range `elbow=0.5:1.5`."""
 
     joint: str
     low: float  # [rad or m], or [deg] with --degrees
-    high: float  # [rad or m], or [deg] with --degrees
-
-    def scaled(self, factor: float) -> tuple[float, float]:
-        """Return both ends in another unit."""
-        return self.low * factor, self.high * factor
+    high: float  # the same of a single value
 
 
 class RadiusSchedule(NamedTuple):
@@ -51,7 +36,7 @@ class RadiusSchedule(NamedTuple):
 
 
 class BadOption(typer.BadParameter):
-    """Wrong usage, told in one line."""
+    """Wrong usage, told in one line; `value` is what was typed, if an option has a wrong one."""
 
     def __init__(
         self, message: str, option: str | None = None, value: str | None = None
@@ -66,9 +51,8 @@ class BadOption(typer.BadParameter):
         if self.param is None:
             return self._option
         longest = max(self.param.opts, key=len)
-        if longest.startswith("-"):
-            return longest
-        return str(self.param.metavar or longest)
+        is_option = longest.startswith("-")
+        return longest if is_option else str(self.param.metavar or longest)
 
     def format_message(self) -> str:
         """Return the option, the value and what was expected."""
@@ -145,18 +129,6 @@ def one_of(choices: Sequence[str]) -> Parser[str]:
     return parse
 
 
-def several(parse_one: Parser[_T]) -> Parser[tuple[_T, ...]]:
-    """Return a parser of values with commas between them, each once."""
-
-    def parse(text: str) -> tuple[_T, ...]:
-        values = tuple(parse_one(part.strip()) for part in text.split(","))
-        if len(set(values)) < len(values):
-            raise bad_value(text, "each value once")
-        return values
-
-    return parse
-
-
 def column_names(text: str) -> Mapping[str, str]:
     """Return the columns of a log by role, from `x=cam_u,y=cam_v`."""
     from calib.samples.roles import parse_columns
@@ -167,43 +139,24 @@ def column_names(text: str) -> Mapping[str, str]:
         raise BadOption(f"--{error}", "--columns") from None
 
 
-def _split_name(text: str) -> tuple[str, str]:
+def _of_joint(text: str) -> OfJoint:
     # from the right: names in URDFs hold what they like, a number no equals sign
-    name, _, value = text.rpartition("=")
+    name, _, values = text.rpartition("=")
     if not name.strip():
         raise ValueError(text)
-    return name.strip(), value
+    low, _, high = values.partition(":")
+    return OfJoint(name.strip(), finite_number(low), finite_number(high or low))
 
 
-def _joint_value(text: str) -> JointValue:
-    name, value = _split_name(text)
-    return JointValue(name, finite_number(value))
-
-
-def _joint_range(text: str) -> JointRange:
-    name, ends = _split_name(text)
-    low, high = ends.split(":")
-    return JointRange(name, finite_number(low), finite_number(high))
-
-
-def _lattice_sides(text: str) -> int | tuple[int, ...]:
-    sides = tuple(
-        whole_number(side) for side in text.strip().lower().split("x")
-    )
-    if min(sides) < 2:
-        raise ValueError(text)
-    return sides[0] if len(sides) == 1 else sides
+def _lattice_size(text: str) -> str:
+    """Return the size of a lattice as typed, such as 70 or 70x70, where it is one."""
+    sides = map(whole_number, text.strip().lower().split("x"))
+    return text if min(sides) > 1 else ""
 
 
 def _radius_schedule(text: str) -> RadiusSchedule:
     start, end = text.split(":")
     return RadiusSchedule(finite_number(start), finite_number(end))
-
-
-def lattice_size(text: str) -> str:
-    """Return the size of a lattice as typed, such as 70 or 70x70, where it is one."""
-    lattice_sides(text)
-    return text
 
 
 number = parser("a number", finite_number)
@@ -215,9 +168,7 @@ not_negative = parser(
 )
 length = parser(
     "a length above zero, or inf",
-    lambda text: (
-        math.inf if text.strip().lower() == "inf" else finite_number(text)
-    ),
+    lambda text: math.inf if text.strip() == "inf" else finite_number(text),
     lambda value: value > 0.0,
 )
 count = whole(1)
@@ -241,20 +192,30 @@ sigma = parser(
     _radius_schedule,
     lambda radius: min(radius) > 0.0,
 )
-names = several(parser("names with commas between them such as a,b", str, bool))
-lattice_sides = parser(
-    "whole numbers of 2 or more such as 70 or 70x70", _lattice_sides
+names = parser(
+    "names with commas between them such as a,b, each once",
+    lambda text: tuple(name.strip() for name in text.split(",")),
+    lambda names: all(names) and len(set(names)) == len(names),
 )
-joint_value = parser("JOINT=VALUE such as wrist=0.5", _joint_value)
+lattice_size = parser(
+    "whole numbers of 2 or more such as 70 or 70x70",
+    _lattice_size,
+    bool,
+)
+joint_value = parser(
+    "JOINT=VALUE such as wrist=0.5",
+    _of_joint,
+    lambda part: part.low == part.high,
+)
 joint_range = parser(
     "JOINT=LOW:HIGH with LOW below HIGH such as elbow=0.5:1.5",
-    _joint_range,
+    _of_joint,
     lambda part: part.low < part.high,
 )
 height = parser(
     "a height of the base frame in m such as z=0.02",
-    _joint_value,
-    lambda axis: axis.joint == "z",
+    _of_joint,
+    lambda part: part.joint == "z" and part.low == part.high,
 )
 seconds = parser(
     "a number of seconds, or auto",

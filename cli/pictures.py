@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from calib.common.choices import DICTIONARY, PICTURES, VIDEOS, Eye
@@ -203,21 +201,16 @@ def record_board(
     return log
 
 
-@contextmanager
 def log_of_pictures(
     model: Model,
     source: str,
     joints_file: str | None,
     camera: str | None,
     degrees: bool | None,
-) -> Iterator[str]:
-    """A log as typed; or one of pictures, read as the model's own were."""
+) -> Samples:
+    """Make a log of pictures, read as those of the model were."""
     from calib.recording.lens import lens_of_model
-    from calib.samples.logs import write_log
 
-    if joints_file is None and not Path(source).is_dir():
-        yield source
-        return
     about = model.about
     board: Mapping[str, str] | None = about.options.get("board")
     if board is None:
@@ -225,7 +218,7 @@ def log_of_pictures(
             "the model was not made of pictures: expected --data of a log, and no --joints-file"
         )
     joints = zip(about.joint_names, about.revolute, strict=True)
-    log = record_board(
+    return record_board(
         source,
         board["board"],
         board["eye"],
@@ -236,10 +229,6 @@ def log_of_pictures(
         degrees=about.degrees if degrees is None else degrees,
         prismatic=[name for name, turns in joints if not turns],
     )
-    with TemporaryDirectory() as folder:
-        path = str(Path(folder) / f"{Path(source).name}.csv")
-        write_log(log, path)
-        yield path
 
 
 def photo_of_log(model: Model, log: Samples, data: str) -> Model:
@@ -261,11 +250,8 @@ def photo_of_log(model: Model, log: Samples, data: str) -> Model:
     except CalibError as error:
         say([f"no photo is kept in the model: {error}"])
         return model
-    say(
-        [
-            f"{path.name} is kept in the model as its photo; --no-photo leaves it out"
-        ]
-    )
+    text = f"{path.name} is kept in the model as its photo"
+    say([f"{text}; --no-photo leaves it out"])
     return model
 
 
@@ -288,13 +274,10 @@ def load_drawn(
         return load_rig(path), None
     model = calib.load(path)
     log = log_of(model, data, reading)
-    if no_photo and photo is None:
-        model = replace(model, photo=None)
     if photo is not None:
         model = with_photo(model, photo, log)
-        if not no_photo:
-            model.save(path)
-            say([f"{photo} is kept in {path}; --no-photo leaves it out"])
+    elif no_photo:
+        model = replace(model, photo=None)
     return model, log
 
 

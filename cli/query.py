@@ -14,13 +14,14 @@ from numpy.typing import ArrayLike
 import calib
 from calib.common.arrays import Array, Mask
 from calib.common.choices import FRAMES
+from calib.common.scale import METRES
 from calib.common.wording import for_people
 from calib.samples.tables import Batch, read_batch, write_table
 
 from .output import NO, Outcome, TextTable, fixed, note, say
-from .parsing import TABLES, BadOption, check_file, refuse
+from .parsing import TABLES, BadOption, bad_value, check_file, refuse
 from .summary import contradicted
-from .units import JointFormat, PositionFormat, units_of
+from .units import JointFormat, units_of
 
 BOUNDS = ("expected_error", "model_error")
 UP_TO_SCALE = "expected_error_up_to_scale"
@@ -72,6 +73,19 @@ class Query:
         self.model = model_in(path, frame)
         frame = "base" if frame == "base" else "sensor"
         self.frame = frame
+        self.unit = "m" if frame == "base" else self.model.about.unit
+        self.factor, self.shown = for_people(self.unit)
+        self.typed = 1.0
+        """Factor from the model's unit to what is typed, and written to tables of answers."""
+        if unit is not None:
+            fitting = METRES if self.unit in METRES else {self.unit: 1.0}
+            if unit not in fitting:
+                units = ", ".join(fitting)
+                expected = f"a unit that positions in {self.unit} have: {units}"
+                raise bad_value(unit, expected, "--unit")
+            self.typed = fitting[unit] / fitting[self.unit]
+            self.factor = self.typed
+            self.shown = unit
         self.input = input_
         self.degrees = degrees
         self._columns = columns or {}
@@ -79,29 +93,23 @@ class Query:
         about = self.model.about
         base = frame == "base"
         self.joints = JointFormat(about, degrees)
-        self.positions = PositionFormat(about, frame, unit)
         self.axes = ("x", "y", "z") if base else self.model.axes
         # what the numbers of an answer mean, for JSON
         self.meaning: dict[str, object] = {
             **({"frame": frame} if base else {}),
             **({"sensor": about.sensor} if about.sensor and not base else {}),
-            "unit": self.positions.unit,
+            "unit": self.unit,
             "bound_of": "true position" if base else about.bound_of,
-            "units": units_of(about, self.positions.unit),
+            "units": units_of(about, self.unit),
         }
         # of a simulation, and in the base frame, both bounds are the same: one is printed
         self.bounds = (
             BOUNDS if about.source == "log" and not base else BOUNDS[:1]
         )
 
-    def document(
-        self, q: Sequence[float], quantities: Columns
-    ) -> dict[str, object]:
-        """Return one answer, of joints (dof,) [rad or m] and other quantities."""
-        return {
-            "joints": dict(zip(self.joints.names, q, strict=True)),
-            **quantities,
-        }
+    def words(self, length: float) -> str:
+        """Return a length [the model's unit] in words."""
+        return f"{length * self.factor:.4g} {self.shown}"
 
     def table(
         self,
@@ -111,19 +119,15 @@ class Query:
         title: str = "",
     ) -> TextTable:
         """Return answers (n, ...), a line each, an angle in deg, lengths in the positions' unit."""
-        factor = self.positions.factor
-        shown = self.positions.shown
-        header = [
-            *self.joints.header,
-            *(f"{axis} [{shown}]" for axis in self.axes),
-        ]
-        columns = [*(factor * position.T)]
-        for name, values in quantities.items():
-            size, unit = (
-                for_people("rad") if name == "turned" else (factor, shown)
-            )
+        header = self.joints.header
+        columns = []
+        axes = dict(zip(self.axes, position.T, strict=True))
+        for name, values in {**axes, **quantities}.items():
+            factor, unit = self.factor, self.shown
+            if name == "turned":
+                factor, unit = for_people("rad")
             header.append(f"{name.replace('_', ' ')} [{unit}]")
-            columns.append(size * np.asarray(values))
+            columns.append(factor * np.asarray(values))
         cells = np.transpose(columns)
         rows = [
             [*self.joints.cells(joints), *(fixed(value, 4) for value in row)]
@@ -143,7 +147,7 @@ class Query:
         lengths = [
             n in _LENGTHS and n not in self.joints.names for n in batch.names
         ]
-        values = batch.values / np.where(lengths, self.positions.typed, 1.0)
+        values = batch.values / np.where(lengths, self.typed, 1.0)
         return replace(batch, values=values), np.asarray(
             np.isfinite(values).all(axis=1)
         )
@@ -184,35 +188,27 @@ class Query:
         }
         if columns is None:
             return Outcome(document, lines, code=code)
-        typed = self.positions.typed
-        written = {
-            name: np.asarray(column, float) * typed
-            if name in _LENGTHS and typed != 1.0
-            else column
-            for name, column in columns.items()
-        }
+        written = dict(columns)
+        if self.typed != 1.0:
+            for name in written.keys() & set(_LENGTHS):
+                written[name] = np.asarray(written[name], float) * self.typed
         if to_file:
             write_table(str(self._output), written)
             return Outcome(document, lines, code=code)
-        factors = dict(zip(self.joints.names, self.joints.typed, strict=True))
-        document[key] = {
-            name: np.asarray(column) / factors[name]
-            if name in factors
-            else column
-            for name, column in columns.items()
-        }
+        in_si = dict(columns)
+        for name, typed in zip(
+            self.joints.names, self.joints.typed, strict=True
+        ):
+            in_si[name] = np.asarray(columns[name]) / typed
+        document[key] = in_si
         return Outcome(document, lines, result=(), columns=written, code=code)
 
 
 def beside(batch: Batch, valid: Mask, added: Columns) -> Columns:
     """Columns of a table of queries with answers of rows that are `valid` (n,), else NaN or 0."""
-    say(batch.notes(list(added)))
     answers: dict[str, ArrayLike] = {}
     for name, column in added.items():
-        if name == "reachable":
-            whole = np.zeros(len(valid), dtype=int)
-        else:
-            whole = np.full(len(valid), np.nan)
+        whole = np.full(len(valid), 0 if name == "reachable" else np.nan)
         whole[valid] = column
         answers[name] = whole
     return batch.answered(answers)

@@ -20,8 +20,6 @@ _EXACT = 1e-9  # share of the extent below which an error is rounding
 _POINTS = 200  # of the learned range at which the bound is asked
 _UNEVEN = 2.0  # so many times wider in its worst tenth than in its best, a bound tells of few rows
 _NOISY = 0.7  # of the bound on readings: noise is the larger part where the model's own is smaller
-# times the noise that a log states, rows are predicted far worse
-_UNEXPLAINED = 10.0
 _MOST = 3  # findings that are printed; `calib info` has all
 _TERMS = (
     "local: body and local models; body: the body alone; linear, activity, winner: the maps and "
@@ -152,19 +150,6 @@ def accuracy_of_sensor(model: Model) -> str:
     return f"{about.sensor}: {line}" if about.sensor else line
 
 
-def answers_back(model: Model, errors: Errors) -> str:
-    """Return in one line how far the joints of inverse queries are from the right ones."""
-    about = model.about
-    readout = next(readout for readout in READOUTS if readout in errors)
-    inverse = errors[readout]["inverse"]
-    joints = zip(about.joint_names, about.units_of_joints, strict=True)
-    off = [
-        f"{name} {sized(inverse[name]['mean'], unit)}" for name, unit in joints
-    ]
-    distance = sized(inverse["distance"]["mean"], about.unit)
-    return f"inverse: {distance} from the target on average; {', '.join(off)}"
-
-
 def error_table(model: Model, errors: Errors, title: str) -> TextTable:
     """Return all errors, a line for each readout, direction and quantity."""
     rows = []
@@ -181,25 +166,26 @@ def error_table(model: Model, errors: Errors, title: str) -> TextTable:
 
 def found_by_body(model: Model) -> list[str]:
     """Return in one line what differs from the drawing, or what was found without one."""
+    from calib.use.geometry_fit import body_with_zeros
+
     about = model.about
     if about.source != "log":
         return []
-    if model.body is None:
+    body = body_with_zeros(model)
+    if body is None:
         return ["found: no kinematic body under the maps"]
-    lines = []
-    for line in model.body.describe(about.lower, about.upper):
-        if "`expected_error`" not in line:  # calib info tells of bounds
-            lines.append(printable(" ".join(line.split())))
-    if not lines:
-        return [
-            "found: nothing that differs from the drawing by more than these rows can show"
-        ]
-    more = (
-        f"; {len(lines) - _MOST} more in calib info"
-        if len(lines) > _MOST
-        else ""
+    lines = [
+        printable(" ".join(line.split()))
+        for line in body.describe(about.lower, about.upper)
+        if "`expected_error`" not in line  # calib info tells of bounds
+    ]
+    nothing = (
+        "nothing that differs from the drawing by more than these rows can show"
     )
-    return [f"found: {'; '.join(lines[:_MOST])}{more}"]
+    more = len(lines) - _MOST
+    if more > 0:
+        lines[_MOST:] = [f"{more} more in calib info"]
+    return [f"found: {'; '.join(lines) or nothing}"]
 
 
 def contradicted(about: About) -> list[str]:
@@ -218,12 +204,10 @@ def code_of(warnings: list[str]) -> int:
     return NO if warnings else 0
 
 
-def advice(model: Model, errors: Errors, stated: object = None) -> str:
-    """Return in one line what limits the accuracy, and the one thing that would help most.
-
-    `stated` is the noise [unit] that the log states of its own readings, where it does.
-    """
+def advice(model: Model, errors: Errors) -> str:
+    """Return in one line what limits the accuracy, and the one thing that would help most."""
     about = model.about
+    unit = about.unit
     mean = _mean_distance(errors)
     simulated = about.source == "simulation"
     if model.body is None:
@@ -233,21 +217,8 @@ def advice(model: Model, errors: Errors, stated: object = None) -> str:
         if mean < _EXACT * float((model.sensory.scale.span**2).sum() ** 0.5):
             return "limited by rounding alone: the model holds all that was simulated"
         return "limited by the simulated noise and changes; more samples (-n) help most"
-    unexplained = f"what rows leave unexplained ({sized(mean, about.unit)})"
-    if isinstance(stated, float) and mean > _UNEXPLAINED * stated:
-        noise = (
-            f"far above the noise of the readings ({sized(stated, about.unit)})"
-        )
-        moved = "a camera that refocuses, a loose tag, play, or too few rows"
-        return f"limited by {unexplained}, {noise}; look for {moved}"
-    return _advice_by_bounds(model, unexplained)
-
-
-def _advice_by_bounds(model: Model, unexplained: str) -> str:
-    """Return what limits a model of a log, by its bounds over the learned range."""
     import numpy as np
 
-    about = model.about
     rng = np.random.default_rng(0)
     q = rng.uniform(about.lower, about.upper, (_POINTS, len(about.lower)))
     # where there is no answer, the bound is infinite
@@ -256,16 +227,17 @@ def _advice_by_bounds(model: Model, unexplained: str) -> str:
         bound, (0.1, 0.5, 0.9), method="lower"
     ).tolist()
     if not high <= _UNEVEN * low:
-        span = f"{sized(low, about.unit)} to {sized(high, about.unit)}"
-        plan = "calib plan MODEL lists where more rows help most"
         return (
-            f"limited by few rows in parts of the range (bound {span}); {plan}"
+            f"limited by few rows in parts of the range (bound {sized(low, unit)} to "
+            f"{sized(high, unit)}); calib plan MODEL lists where more rows help most"
         )
-    model_bound = float(np.nanmedian(model.model_error(q)))
-    if model_bound < _NOISY * middle:
-        least = f"the model itself is within {sized(model_bound, about.unit)}"
-        return f"limited by noise of the readings: {least}; rows at rest (--still) help most"
+    own_bound = float(np.nanmedian(model.model_error(q)))
+    if own_bound < _NOISY * middle:
+        return (
+            f"limited by noise of the readings: the model itself is within "
+            f"{sized(own_bound, unit)}; rows at rest (--still) help most"
+        )
     return (
-        f"limited by {unexplained}, noise of the readings or more; poses measured twice tell "
-        "which, rows at rest (--still) help most"
+        f"limited by what rows leave unexplained ({sized(mean, unit)}), noise of the readings or "
+        "more; poses measured twice tell which, rows at rest (--still) help most"
     )

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING
 
 from calib.common.wording import for_people, unit_of_joint
 from calib.model.facts import learned_range
 
 from .output import fixed, sized
-from .parsing import BadOption, bad_value
+from .parsing import BadOption, OfJoint, bad_value
 
 if TYPE_CHECKING:
     from calib.arm.arm import Arm
     from calib.model.about import About
     from calib.model.model import Model
-
-_T = TypeVar("_T", covariant=True)
 
 
 def units_of(about: About, positions: str | None = None) -> dict[str, object]:
@@ -28,33 +26,6 @@ def units_of(about: About, positions: str | None = None) -> dict[str, object]:
         "positions": positions or about.unit,
         "seconds": "s",
     }
-
-
-class PositionFormat:
-    """How a model's positions are typed and printed."""
-
-    def __init__(
-        self, about: About, frame: str = "sensor", unit: str | None = None
-    ) -> None:
-        self.unit = "m" if frame == "base" else about.unit
-        self.factor, self.shown = for_people(self.unit)
-        self.typed = 1.0
-        """Factor from the model's unit to what is typed, and written to tables of answers."""
-        if unit is not None:
-            from calib.common.scale import METRES
-
-            fitting = METRES if self.unit in METRES else {self.unit: 1.0}
-            if unit not in fitting:
-                units = ", ".join(fitting)
-                expected = f"a unit that positions in {self.unit} have: {units}"
-                raise bad_value(unit, expected, "--unit")
-            self.typed = fitting[unit] / fitting[self.unit]
-            self.factor = self.typed
-            self.shown = unit
-
-    def words(self, length: float) -> str:
-        """Return a length [the model's unit] in words."""
-        return f"{length * self.factor:.4g} {self.shown}"
 
 
 class JointFormat:
@@ -127,42 +98,30 @@ class JointFormat:
         return f"{self.names[k]} {sized(abs(value), self._about.units_of_joints[k])}"
 
 
-class JointPart(Protocol[_T]):
-    """What is typed for a joint: a value or a range."""
-
-    @property
-    def joint(self) -> str:
-        """Its name."""
-
-    def scaled(self, factor: float) -> _T:
-        """Return it in another unit."""
-
-
 def in_si(
     option: str,
-    typed: Sequence[JointPart[_T]] | None,
+    typed: Sequence[OfJoint] | None,
     turns: Mapping[str, bool],
     degrees: bool,
-) -> dict[str, _T]:
-    """Return what was typed for joints, a value or a range each, in SI units by joint."""
-    parts: dict[str, _T] = {}
+) -> dict[str, tuple[float, float]]:
+    """Return what was typed for joints in SI units, by joint."""
+    values: dict[str, tuple[float, float]] = {}
     for part in typed or ():
-        if part.joint in parts:
+        if part.joint in values:
             raise BadOption(
                 f"{option} {part.joint!r} is given twice: expected each joint once"
             )
         in_degrees = degrees and turns.get(part.joint, True)
-        parts[part.joint] = part.scaled(
-            math.radians(1.0) if in_degrees else 1.0
-        )
-    return parts
+        factor = math.radians(1.0) if in_degrees else 1.0
+        values[part.joint] = (factor * part.low, factor * part.high)
+    return values
 
 
 def joints_that_turn(robot: str) -> dict[str, bool]:
     """Return whether each movable joint of a robot turns."""
     from calib.arm.description import parse_robot
+    from calib.arm.robot_text import read_urdf
     from calib.arm.robots import resolve_robot
-    from calib.arm.urdf import read_urdf
 
     # units are wanted before it is known which arm is loaded
     path = resolve_robot(robot)

@@ -40,7 +40,6 @@ CHAPTERS = {
         "Evaluation",
     ),
     "Pages": ("report", "preview", "figures", "Preview"),
-    "Sweeps": ("sweep", "Sweep", "Trial"),
     "Drift and re-calibration": ("check", "Verdict", "Monitor", "adapt", "Adaptation"),
     "Maps": ("SOM", "Map", "Association", "Visit"),
     "Errors": ("CalibError", "RobotError", "LogError", "OptionError", "ModelError", "QueryError"),

@@ -32,9 +32,8 @@ ROOMS = (
     ("stream", "monitor; maps that follow a stream"),
     ("change", "judge a log: check, adapt, recognise"),
     ("use", "correct, plan, URDF, C header"),
-    ("paper", "the paper's tables, figures, experiments"),
     ("show", "figures, preview, report"),
-    ("sweeps", "many trainings"),
+    ("paper", "the paper's tables, figures, experiments"),
     ("cli", "the command line"),
 )
 

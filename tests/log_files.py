@@ -2,8 +2,7 @@
 
 import pytest
 
-from calib.errors import LogError
-from calib.samples.logs import read_log
+from calib import LogError, read_log
 
 GOOD = "a,b,x,y\n0.1,0.2,1,2\n0.2,0.4,3,4\n0.3,0.1,5,6\n"
 

@@ -11,7 +11,6 @@ from planar import chain_urdf
 
 import calib
 from calib.arm.loading import arm_from_urdf
-from calib.body.covariance import root_of
 from calib.body.spatial import structure_of
 from calib.common.scale import TURN
 from calib.samples.camera import Camera
@@ -199,7 +198,7 @@ def in_plane():
     shared = rng.normal(0, 1e-4, (structure.size, 5))  # what couples curves with all
     body = replace(
         drawn.body, structure=structure, beta=beta, active=np.arange(structure.size),
-        root=root_of(covariance + shared @ shared.T), second=None,
+        root=np.linalg.cholesky(covariance + shared @ shared.T), second=None,
     )  # fmt: skip
     bounds = np.zeros(drawn.motor.size)
     return replace(drawn, body=body, bounds=bounds, model_bounds=bounds)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rendering import Camera, Desk, board, tag, write_video
 
-from calib.errors import CalibError
+from calib import CalibError
 from calib.recording.board import Board
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from calib import Map
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
-from calib.maps.map import Map
 
 
 def points(n, seed=0, d=2):

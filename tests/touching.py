@@ -3,9 +3,7 @@
 import numpy as np
 
 import calib
-from calib.arm.rotations import similarity
 from calib.body.spatial import structure_of
-from calib.body.touch import fit_touches
 from calib.samples.sockets import Known
 
 MM = 1e-3
@@ -55,15 +53,3 @@ class World:
             Known(pair, float(np.linalg.norm(np.subtract(*self.points[list(pair)]))), 0.1 * MM)
             for pair in pairs
         ]
-
-    def fit(self, known):
-        lower, upper = self.limits
-        return fit_touches(self.truth, self.q, self.number, known, lower=lower, upper=upper)
-
-    def off(self, body):
-        """Distances of the tip from the truth but for a rigid motion, which no touch tells."""
-        q = np.random.default_rng(9).uniform(*self.limits, (500, self.arm.dof))
-        true, said = self.truth.predict(q, self.beta), body.predict(q)
-        turn, shift, _ = similarity(said, true)
-        shift = true.mean(axis=0) - turn @ said.mean(axis=0)
-        return np.linalg.norm(said @ turn.T + shift - true, axis=1), body.bound(q, noise=False)

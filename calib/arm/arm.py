@@ -17,9 +17,10 @@ from ..common.wording import listed, quoted, suggestion
 from ..errors import OptionError
 from .gravity import GRAVITY
 from .plane import Plane
+from .robot_text import LIMITS
 from .rotations import quaternion_of
 from .spatial_chain import SpatialChain
-from .urdf import LIMITS, Range
+from .urdf import Range
 
 _A = TypeVar("_A", bound="Arm")
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from .mjcf import read_mjcf
-from .urdf import MJCF, Urdf, parse_xml, read_urdf_tree
+from .robot_text import MJCF, parse_xml
+from .urdf import Urdf, read_urdf_tree
 
 
 def parse_robot(text: str, name: str = "robot") -> Urdf:

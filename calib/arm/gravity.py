@@ -79,10 +79,12 @@ class Loads:
     @staticmethod
     def together(parts: Sequence[Loads]) -> Loads:
         """The loads of several sets on one chain, one after another."""
+        from scipy.linalg import block_diag
+
         return Loads(
             parts[0].chain,
             np.concatenate([part.joints for part in parts]),
-            _beside([part.weights for part in parts]),
+            block_diag(*(part.weights for part in parts)),
             np.vstack([part.points for part in parts]),
             np.concatenate([part.links for part in parts]),
         )
@@ -137,16 +139,3 @@ class Loads:
         return (
             swept if turning.all() else np.where(turning, swept, total * axes)
         )
-
-
-def _beside(parts: Sequence[Array]) -> Array:
-    """Matrices as the blocks of one."""
-    whole = np.zeros(tuple(np.sum([part.shape for part in parts], axis=0)))
-    row = 0
-    column = 0
-    for part in parts:
-        rows, columns = part.shape
-        whole[row : row + rows, column : column + columns] = part
-        row += rows
-        column += columns
-    return whole

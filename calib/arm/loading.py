@@ -32,8 +32,9 @@ from .finding import (
 from .gravity import standard
 from .plane import plane_of
 from .posture import Posture, folded, posture_of
+from .robot_text import read_urdf
 from .robots import resolve_robot
-from .urdf import Joint, Mimic, Range, Urdf, read_urdf
+from .urdf import Joint, Mimic, Range, Urdf
 
 __all__ = ["PlanarArm", "SpatialArm", "arm_from_urdf", "load_arm"]
 

@@ -14,20 +14,21 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, TypedDict
+from typing import NamedTuple
 
 import numpy as np
 
 from ..common.arrays import Array
 from ..common.wording import quoted
 from ..errors import RobotError
+from .robot_text import Vector, numbers_of
 from .rotations import exponential, matrix_of
-from .urdf import Joint, Rows, Urdf, Vector, as_numbers
+from .urdf import Joint, Range, Urdf
 
 WORLD = "world"
 """The root link."""
 
-_ORIENTATIONS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
+_ORIENTATIONS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "euler": 3}
 _REFUSED = ("include", "attach", "replicate", "composite", "flexcomp")
 _ZERO = (0.0, 0.0, 0.0)
 _AXES = np.eye(3)
@@ -91,11 +92,15 @@ class _Reader:
 
     def frame(self, attributes: Attributes, where: str) -> Array:
         """Transform (4, 4) of an element in the frame around it."""
-        place = _vector(attributes, "pos", _ZERO, where)
+        place = numbers_of(attributes, "pos", _ZERO, where)
         return _transform(self._orientation(attributes, where), place)
 
     def _orientation(self, attributes: Attributes, where: str) -> Array:
         """Rotation (3, 3) in any of the forms that MJCF has."""
+        if "zaxis" in attributes:
+            raise RobotError(
+                f"{where} has a zaxis: expected quat, axisangle, xyaxes or euler"
+            )
         forms = [form for form in _ORIENTATIONS if form in attributes]
         if not forms:
             return _AXES
@@ -105,7 +110,7 @@ class _Reader:
             )
         form = forms[0]
         nothing = (math.nan,) * _ORIENTATIONS[form]
-        values = np.array(_vector(attributes, form, nothing, where))
+        values = np.array(numbers_of(attributes, form, nothing, where))
         if form == "euler":
             return self._of_euler(values)
         direction = values if form == "quat" else values[:3]
@@ -119,8 +124,6 @@ class _Reader:
             return matrix_of(np.roll(direction, -1))
         if form == "axisangle":
             return exponential(self.angle(float(values[3])) * direction)
-        if form == "zaxis":
-            return _with_z(direction)
         y = values[3:] - (values[3:] @ direction) * direction
         y = y / np.linalg.norm(y)
         return np.column_stack([direction, y, np.cross(direction, y)])
@@ -170,11 +173,11 @@ class _Reader:
         where = f"body {quoted(name)}"
         inertial = node.find("inertial")
         if inertial is not None:
-            (mass,) = _vector(inertial.attrib, "mass", (0.0,), where)
+            (mass,) = numbers_of(inertial.attrib, "mass", (0.0,), where)
             if mass > 0:
                 self.masses[name] = (
                     mass,
-                    _vector(inertial.attrib, "pos", _ZERO, where),
+                    numbers_of(inertial.attrib, "pos", _ZERO, where),
                 )
         origin = around @ self.frame(node.attrib, where)
         inherited = node.get("childclass", inherited)
@@ -182,23 +185,14 @@ class _Reader:
         moving = [part for part in inside if part.node.tag == "joint"]
         link = parent
         for part in moving:
-            attributes = self.attributes(part)
-            number = self.numbers[part.node]
-            joint = self._joint(attributes, part.frame, f"joint_{number}")
-            pivot, back = self._pivot(attributes, part.frame, joint)
-            whole = part is moving[-1] and not back[:3, 3].any()
-            child = (
-                name
-                if whole
-                else self._new_link(f"{name}:{joint.name}", "link")
-            )
-            place = _origin(origin @ pivot)
-            self.joints.append(
-                replace(joint, parent=link, child=child, **place)
-            )
+            joint, back = self._joint(part, link)
             if part is moving[0]:
-                self._place(joint.name, element, pivot)
-            link = child
+                self._place(joint.name, element, joint.origin)
+            link = name
+            if part is not moving[-1] or back[:3, 3].any():
+                link = self._new_link(f"{name}:{joint.name}", "link")
+            place = origin @ joint.origin
+            self.joints.append(replace(joint, child=link, origin=place))
             origin = back
         if link != name:
             joint_name = f"{name}:frame"
@@ -221,11 +215,11 @@ class _Reader:
         self.links.append(name)
         return name
 
-    def _joint(
-        self, attributes: Attributes, frame: Array, default: str
-    ) -> Joint:
-        """Return a joint of a body, in the body's frame, that joins no links yet."""
-        name = attributes.get("name") or default
+    def _joint(self, part: Element, parent: str) -> tuple[Joint, Array]:
+        """Return a joint at zero in its body's frame, and the way (4, 4) back to that frame."""
+        attributes = self.attributes(part)
+        frame = part.frame
+        name = attributes.get("name") or f"joint_{self.numbers[part.node]}"
         where = f"joint {quoted(name)}"
         kind = attributes.get("type", "hinge")
         if kind not in ("hinge", "slide"):
@@ -236,7 +230,7 @@ class _Reader:
             raise RobotError(
                 f"two joints are named {quoted(name)}: rename one of them"
             )
-        axis = frame[:3, :3] @ _vector(
+        axis = frame[:3, :3] @ numbers_of(
             attributes, "axis", (0.0, 0.0, 1.0), where
         )
         length = float(np.linalg.norm(axis))
@@ -244,48 +238,35 @@ class _Reader:
             raise RobotError(
                 f"{where} has the axis 0 0 0: give a direction such as 0 0 1"
             )
+        axis = axis / length
         limited = attributes.get("limited", "auto")
         if limited == "auto" and self.autolimits and "range" in attributes:
             limited = "true"
-        limits = None
+        limits: Range | None = None
         if limited == "true":
-            limits = _vector(attributes, "range", (0.0, 0.0), where)
-            if kind == "hinge":
-                limits = tuple(map(self.angle, limits))
-        turning = "continuous" if limits is None else "revolute"
-        return Joint(
-            name,
-            kind=turning if kind == "hinge" else "prismatic",
-            parent="",
-            child="",
-            axis=tuple((axis / length).tolist()),
-            limits=None if limits is None else (limits[0], limits[1]),
-        )
-
-    def _pivot(
-        self, attributes: Attributes, frame: Array, joint: Joint
-    ) -> tuple[Array, Array]:
-        """From a body's frame to that of a joint at zero, and from there on back to the body's."""
-        where = f"joint {quoted(joint.name)}"
-        place = (
-            frame[:3, :3] @ _vector(attributes, "pos", _ZERO, where)
-            + frame[:3, 3]
-        )
-        (reference,) = _vector(attributes, "ref", (0.0,), where)
-        back = _transform(_AXES, -place)
-        axis = np.array(joint.axis)
-        if joint.kind == "prismatic":
-            return _transform(_AXES, place - reference * axis), back
-        return _transform(
-            exponential(-self.angle(reference) * axis), place
-        ), back
+            low, high = numbers_of(attributes, "range", (0.0, 0.0), where)
+            limits = low, high
+        place = frame @ [*numbers_of(attributes, "pos", _ZERO, where), 1.0]
+        (reference,) = numbers_of(attributes, "ref", (0.0,), where)
+        back = _transform(_AXES, -place[:3])
+        pivot = _transform(_AXES, place[:3])
+        if kind == "slide":
+            kind = "prismatic"
+            pivot[:3, 3] -= reference * axis
+        else:
+            kind = "continuous"
+            if limits is not None:
+                kind = "revolute"
+                limits = self.angle(limits[0]), self.angle(limits[1])
+            pivot[:3, :3] = exponential(-self.angle(reference) * axis)
+        direction = tuple(axis.tolist())
+        joint = Joint(name, kind, parent, "", pivot, direction, limits)
+        return joint, back
 
     def _add_fixed(
         self, name: str, parent: str, child: str, origin: Array
     ) -> None:
-        self.joints.append(
-            Joint(name, "fixed", parent, child, **_origin(origin))
-        )
+        self.joints.append(Joint(name, "fixed", parent, child, origin))
 
 
 def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
@@ -368,49 +349,9 @@ def _classes(root: ET.Element) -> dict[str, dict[str, Attributes]]:
     return classes
 
 
-def _vector(
-    attributes: Attributes, key: str, default: Vector, where: str
-) -> Vector:
-    """Numbers of an attribute."""
-    text = attributes.get(key)
-    if text is None:
-        return default
-    values = as_numbers(text)
-    if len(values) != len(default) or not all(map(math.isfinite, values)):
-        raise RobotError(
-            f"{where}: {key} is {quoted(text)}, expected {len(default)} numbers"
-        )
-    return values
-
-
-def _with_z(axis: Array) -> Array:
-    """The shortest rotation (3, 3) that turns z to a unit axis."""
-    about = np.array([-axis[1], axis[0], 0.0])
-    sine = float(np.linalg.norm(about))
-    if sine < 1e-10:
-        return _AXES if axis[2] > 0 else np.diag([1.0, -1.0, -1.0])
-    return exponential(math.atan2(sine, float(axis[2])) / sine * about)
-
-
 def _transform(rotation: Array, place: Array | Vector) -> Array:
     """Transform (4, 4) of a rotation (3, 3) and a place (3,)."""
     transform = np.eye(4)
     transform[:3, :3] = rotation
     transform[:3, 3] = place
     return transform
-
-
-class Origin(TypedDict):
-    """Where a joint stands in its parent link."""
-
-    xyz: Vector
-    rotation: Rows
-
-
-def _origin(frame: Array) -> Origin:
-    """Return the place and the rows of the orientation of a transform (4, 4)."""
-    first, second, third = (tuple(row) for row in frame[:3, :3].tolist())
-    return {
-        "xyz": tuple(frame[:3, 3].tolist()),
-        "rotation": (first, second, third),
-    }

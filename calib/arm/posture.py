@@ -40,19 +40,11 @@ def posture_of(urdf: Urdf, chosen: Mapping[str, float]) -> Posture:
     for joint in sorted(
         urdf.joints, key=lambda joint: len(urdf.path(joint.child))
     ):
-        frame = frames[joint.parent] @ origin_of(joint)
+        frame = frames[joint.parent] @ joint.origin
         if joint.movable:
             frame = frame @ _motion(joint, values[joint.name])
         frames[joint.child] = frame
     return Posture(frames)
-
-
-def origin_of(joint: Joint) -> Array:
-    """Transform (4, 4) of a joint's origin in its parent link's frame."""
-    frame = np.eye(4)
-    frame[:3, :3] = joint.rotation
-    frame[:3, 3] = joint.xyz
-    return frame
 
 
 def _motion(joint: Joint, value: float) -> Array:

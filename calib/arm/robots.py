@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..common.wording import quoted, suggestion
 from ..errors import RobotError
-from .urdf import parse_xml, read_urdf, read_urdf_tree
+from .robot_text import parse_xml, read_urdf
 
 _DESCRIPTION = re.compile(r"<!--\s*calib:\s*(.*?)\s*-->", re.DOTALL)
 
@@ -39,8 +39,11 @@ def list_robots() -> tuple[RobotEntry, ...]:
     entries = []
     for path in sorted(robots_folder().glob("*.urdf")):
         text = read_urdf(path)
-        urdf = read_urdf_tree(parse_xml(text), path.stem)
-        joints = tuple(joint.name for joint in urdf.joints if joint.movable)
+        joints = tuple(
+            joint.get("name", "")
+            for joint in parse_xml(text).findall("joint")
+            if joint.get("type") != "fixed"
+        )
         comment = _DESCRIPTION.search(text)
         description = " ".join(comment[1].split()) if comment else ""
         entries.append(

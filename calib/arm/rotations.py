@@ -19,15 +19,9 @@ _SMALL = 1e-4
 def matrix_of(quaternions: ArrayLike) -> Array:
     """Rotation matrices (n, 3, 3) of quaternions (n, 4) as qx, qy, qz, qw; any length."""
     q = np.asarray(quaternions, dtype=float)
-    x, y, z, w = np.moveaxis(
-        q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0
+    return exponential(
+        _vector_of(q / np.linalg.norm(q, axis=-1, keepdims=True))
     )
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def quaternion_of(matrices: ArrayLike) -> Array:
@@ -69,7 +63,11 @@ def exponential(vectors: ArrayLike) -> Array:
 
 def logarithm(matrices: ArrayLike) -> Array:
     """Rotation vectors (n, 3) [rad], at most pi long, of rotation matrices (n, 3, 3)."""
-    q = quaternion_of(matrices)
+    return _vector_of(quaternion_of(matrices))
+
+
+def _vector_of(q: Array) -> Array:
+    """Rotation vectors (n, 3) [rad] of quaternions (n, 4) of length 1."""
     sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(sine, q[..., 3:])
     small = sine < _SMALL

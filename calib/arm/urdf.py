@@ -1,55 +1,30 @@
 """URDF: read, check and explain a robot description before any library sees it.
 
-Only the standard library's XML parser is used: harmless gaps do no harm, and real faults are chosen
-in one line.
+Harmless gaps do no harm, and real faults are told in one line.
 """
 
 from __future__ import annotations
 
 import math
-import re
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
+from ..common.arrays import Array
 from ..common.wording import listed, quoted, suggestion
 from ..errors import RobotError
+from .robot_text import LIMITS, Vector, numbers_of
+from .rotations import exponential
 
-
-@dataclass(frozen=True)
-class Limits:
-    """What a description may say at most; more is a mistake in the file, or an attack."""
-
-    size: int = 50_000_000  # [bytes]
-    joints: int = 1_000  # links are followed by recursion
-    # [m]; a slide that claims more states no usable limit
-    travel: float = 1_000.0
-    offset: float = 1e6  # [m]; further out a double has no micrometres left
-    axis: float = 1e6  # length whose square overflows long before a double does
-    mass: float = 1e5  # [kg]; heavier is no link of an arm
-
-
-LIMITS = Limits()
-
-_NUMBER = re.compile(
-    r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?)", re.IGNORECASE
-)
-
-Vector = tuple[float, ...]
-Rows = tuple[Vector, Vector, Vector]
 Range = tuple[float, float]
 
-MJCF = "mujoco"
-"""Root element of the other kind of description that is read, see `calib.arm.mjcf`."""
-
-UPRIGHT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-"""Rows of an orientation that is the parent's."""
-
 MOVABLE = ("revolute", "continuous", "prismatic")
+_ZERO = (0.0, 0.0, 0.0)
 
 
 class Mimic(NamedTuple):
@@ -60,7 +35,7 @@ class Mimic(NamedTuple):
     offset: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Joint:
     """One joint of a URDF; `limits` are its lower and upper value [rad or m], if stated."""
 
@@ -68,8 +43,8 @@ class Joint:
     kind: str
     parent: str
     child: str
-    xyz: Vector = (0.0, 0.0, 0.0)  # [m], its origin in the parent link's frame
-    rotation: Rows = UPRIGHT  # rows of that origin's orientation
+    # (4, 4), in the parent link's frame
+    origin: Array = field(default_factory=lambda: np.eye(4))
     axis: Vector = (1.0, 0.0, 0.0)
     limits: Range | None = None
     mimic: Mimic | None = None
@@ -211,32 +186,6 @@ class Urdf:
         }
 
 
-def read_urdf(path: Path) -> str:
-    """Read a URDF file as text.
-
-    Raises RobotError if it is missing, a folder, empty, not UTF-8, or larger than `LIMITS.size`.
-    """
-    try:
-        if not path.is_file():  # some devices never end
-            raise RobotError(
-                f"{path}: is no file, expected a URDF or a bundled robot"
-            )
-        with path.open("rb") as file:
-            text = file.read(LIMITS.size + 1).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise RobotError(
-            f"{path}: byte {error.start} is not UTF-8: save the URDF as UTF-8 text"
-        ) from None
-    except (OSError, ValueError) as error:
-        raise RobotError(f"{path}: cannot be read: {error}") from None
-    if not text.strip() or len(text) > LIMITS.size:
-        size = f"{LIMITS.size // 1_000_000} MB"
-        raise RobotError(
-            f"{path}: is empty or above {size}, expected a URDF without its meshes"
-        )
-    return text
-
-
 def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
     """Check the root element of a URDF and return its links and joints.
 
@@ -271,43 +220,6 @@ def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
     )
 
 
-def parse_xml(text: str) -> ET.Element:
-    """The root element of a robot's description.
-
-    Raises RobotError if it is none, or holds what has to be expanded first.
-    """
-    for mark in ("<!DOCTYPE", "<!ENTITY"):
-        if mark in text.upper():
-            raise RobotError(
-                f"the URDF holds {mark}: document types and entities are refused; remove it "
-                "and write its values out"
-            )
-    expand = "expand xacro first, for example: xacro robot.xacro > robot.urdf"
-    try:
-        robot = ET.fromstring(text)  # noqa: S314 - entities were refused above
-    except (ET.ParseError, ValueError) as error:
-        remedy = (
-            expand
-            if "<xacro:" in text
-            else "correct it there, or fetch a truncated file anew"
-        )
-        raise RobotError(
-            f"the URDF is not well-formed XML ({error}): {remedy}"
-        ) from None
-    if robot.tag not in ("robot", MJCF):
-        raise RobotError(
-            f"the file's root element is <{robot.tag[:60]}>, expected <robot> or <mujoco>: convert "
-            "SDF and other formats to URDF first"
-        )
-    for node in robot.iter():
-        for word in (node.tag, *node.attrib.values()):
-            if "xacro}" in word or "${" in word:
-                raise RobotError(
-                    f"the URDF still holds {quoted(word)}: {expand}"
-                )
-    return robot
-
-
 def _names(robot: ET.Element, tag: str) -> dict[str, None]:
     """Names of all elements of one kind, in file order: stated, and each only once."""
     names: dict[str, None] = {}
@@ -339,56 +251,48 @@ def _read_joint(
     parent, child = (
         _end(node, tag, where, links) for tag in ("parent", "child")
     )
-    xyz = _numbers(node, "origin", "xyz", (0.0, 0.0, 0.0), where)
-    rpy = _numbers(node, "origin", "rpy", (0.0, 0.0, 0.0), where)
+    place = _part(node, "origin")
+    xyz = numbers_of(place, "xyz", _ZERO, f"{where}: origin")
+    rpy = numbers_of(place, "rpy", _ZERO, f"{where}: origin")
     if (far := max(map(abs, xyz))) > LIMITS.offset:
         raise RobotError(
             f"{where}: origin xyz reaches {far:g} m, expected at most {LIMITS.offset:g} m: URDF "
             "placements are in metres"
         )
+    # about the fixed x, y and z axes, in this order
+    x, y, z = exponential(np.diag(rpy))
+    origin = np.eye(4)
+    origin[:3] = np.column_stack([z @ y @ x, xyz])
     axis: Vector = (1.0, 0.0, 0.0)
     if kind != "fixed":
-        x, y, z = axis = _numbers(node, "axis", "xyz", axis, where)
-        if node.find("axis[@xyz]") is None:
+        if "xyz" not in _part(node, "axis"):
             notes.append(f"{where} has no <axis>: URDF's default, x, is used")
+        axis = numbers_of(_part(node, "axis"), "xyz", axis, f"{where}: axis")
         if not 1 / LIMITS.axis <= math.hypot(*axis) <= LIMITS.axis:
             raise RobotError(
-                f"{where} has the axis {x:g} {y:g} {z:g}: give a direction such as 0 0 1"
+                f"{where} has the axis {' '.join(f'{part:g}' for part in axis)}: give a direction "
+                "such as 0 0 1"
             )
     limits: Range | None = None
-    stated = [node.find(f"limit[@{key}]") for key in ("lower", "upper")]
-    if kind in ("revolute", "prismatic") and stated != [None, None]:
-        (lower,) = _numbers(
-            node, "limit", "lower", (0.0,), where, infinite=True
-        )
-        (upper,) = _numbers(
-            node, "limit", "upper", (0.0,), where, infinite=True
+    ends = _part(node, "limit")
+    if kind in ("revolute", "prismatic") and ends.keys() & {"lower", "upper"}:
+        lower, upper = (
+            numbers_of(ends, key, (0.0,), where, infinite=True)[0]
+            for key in ("lower", "upper")
         )
         limits = lower, upper
     mimic: Mimic | None = None
-    if (follows := node.find("mimic")) is not None:
-        (multiplier,) = _numbers(node, "mimic", "multiplier", (1.0,), where)
-        (offset,) = _numbers(node, "mimic", "offset", (0.0,), where)
+    if follows := _part(node, "mimic"):
+        (multiplier,) = numbers_of(follows, "multiplier", (1.0,), where)
+        (offset,) = numbers_of(follows, "offset", (0.0,), where)
         mimic = Mimic(follows.get("joint", ""), multiplier, offset)
-    return Joint(
-        name, kind, parent, child, xyz, _rotation(*rpy), axis, limits, mimic
-    )
+    return Joint(name, kind, parent, child, origin, axis, limits, mimic)
 
 
-def _rotation(roll: float, pitch: float, yaw: float) -> Rows:
-    """Rows of the rotation by angles [rad] about the fixed x, y and z axes, in this order."""
-    # without NumPy, whose import takes longer than to list robots
-    cr = math.cos(roll)
-    sr = math.sin(roll)
-    cp = math.cos(pitch)
-    sp = math.sin(pitch)
-    cy = math.cos(yaw)
-    sy = math.sin(yaw)
-    return (
-        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
-        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
-        (-sp, cp * sr, cp * cr),
-    )
+def _part(node: ET.Element, path: str) -> Mapping[str, str]:
+    """Return the attributes of an element's part; none where there is no such part."""
+    part = node.find(path)
+    return {} if part is None else part.attrib
 
 
 def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:
@@ -406,49 +310,15 @@ def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:
     return link
 
 
-def _numbers(
-    node: ET.Element,
-    path: str,
-    key: str,
-    default: Vector,
-    where: str,
-    *,
-    infinite: bool = False,
-) -> Vector:
-    """Read an attribute's numbers as URDF libraries do, not as Python does (1_000, nan)."""
-    part = node.find(path)
-    text = None if part is None else part.get(key)
-    if text is None:
-        return default
-    values = as_numbers(text)
-    usable = [
-        not math.isnan(v) if infinite else math.isfinite(v) for v in values
-    ]
-    if len(values) != len(default) or not all(usable):
-        count = {1: "a finite number", 3: "three finite numbers"}[len(default)]
-        raise RobotError(
-            f"{where}: {path} {key} is {quoted(text)}, expected {count}"
-        )
-    return values
-
-
-def as_numbers(text: str) -> Vector:
-    """Numbers with spaces between them; NaN where a word is none."""
-    return tuple(
-        float(word) if len(word) <= 64 and _NUMBER.fullmatch(word) else math.nan
-        for word in text.split()
-    )
-
-
 def _masses(robot: ET.Element) -> Iterator[tuple[str, tuple[float, Vector]]]:
     """Masses and centres of links; what is no positive finite number is left out."""
     for link in robot.findall("link"):
+        weight = _part(link, "inertial/mass")
+        place = _part(link, "inertial/origin")
         with suppress(RobotError):
-            (mass,) = _numbers(link, "inertial/mass", "value", (0.0,), "mass")
+            (mass,) = numbers_of(weight, "value", (0.0,), "mass")
             if 0 < mass < LIMITS.mass:
-                centre = _numbers(
-                    link, "inertial/origin", "xyz", (0.0, 0.0, 0.0), "mass"
-                )
+                centre = numbers_of(place, "xyz", _ZERO, "mass")
                 yield link.get("name", ""), (mass, centre)
 
 

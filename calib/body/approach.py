@@ -15,20 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.arrays import Array, Shape
 
 
-@dataclass(frozen=True)
-class PlaySettings:
-    """When the direction of approach counts."""
-
-    folds: int = 10
-    sure: float = 4.0  # standard errors by which a play is no chance
-    # condition number of directions that rows do not tell apart
-    singular: float = 1e12
-    pays: float = 0.03  # share of the held-out error that it must mend
-
-
-PLAY = PlaySettings()
-
-
 @dataclass(frozen=True, eq=False)
 class Approach:
     """What the direction of approach tells."""
@@ -55,29 +41,12 @@ def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
     """
     features = -slope * direction[:, None, :]
     half, error = _least_squares(features, residual)
-    sure = half > PLAY.sure * error
+    sure = half > 4.0 * error
     if not sure.any():
         return None
-    features = features[:, :, sure]
     play = np.zeros(slope.shape[2])
-    play[sure], _ = _least_squares(features, residual)
-    if not _pays(features, residual) or (play < 0.0).any():
-        return None
-    return play
-
-
-def _pays(features: Array, residual: Array) -> bool:
-    """Whether play mends enough of the errors of rows that it was not learned from."""
-    count = len(residual)
-    held_out = residual.copy()
-    for rows in np.array_split(np.arange(count), min(PLAY.folds, count)):
-        others = np.delete(np.arange(count), rows)
-        half, _ = _least_squares(features[others], residual[others])
-        held_out[rows] -= features[rows] @ half
-    before = np.linalg.norm(residual, axis=1)
-    gain = before - np.linalg.norm(held_out, axis=1)
-    chance = 2.0 * gain.std() / np.sqrt(count)
-    return bool(gain.mean() > max(chance, PLAY.pays * before.mean()))
+    play[sure], _ = _least_squares(features[:, :, sure], residual)
+    return None if (play < 0.0).any() else play
 
 
 def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:
@@ -85,7 +54,7 @@ def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:
     a = features.reshape(-1, features.shape[2])
     b = residual.ravel()
     gram = a.T @ a
-    if not len(a) or np.linalg.cond(gram) > PLAY.singular:
+    if not len(a) or np.linalg.cond(gram) > 1e12:
         return np.zeros(len(gram)), np.full(len(gram), np.inf)
     inverse = np.linalg.inv(gram)
     solution = inverse @ (a.T @ b)

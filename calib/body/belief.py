@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from ..common.arrays import TRIANGLE, Array, Own, Shape
+from ..common.arrays import TRIANGLE, Array, Shape
 from .covariance import radius_95, spread_of
 from .parameters import Gaussian, Indices
 from .sensor_pose import SensorPose
@@ -72,10 +72,7 @@ class Body(OfStructure):
     # whether the rows were exact samples of a simulation
     simulated: bool = False
     member: str = ""  # name of the gate's member
-    second: (
-        Annotated[Second, Own(parameters="parameters", outputs="outputs")]
-        | None
-    ) = None
+    second: Second | None = None
     # sd of readings that repeated poses show [unit]; 0 where no pose was repeated
     repeat: float = 0.0
 
@@ -96,11 +93,8 @@ class Body(OfStructure):
         noise : whether the sensor's noise is part of the distance
         """
         q = np.asarray(q, dtype=float)
-        bound = np.zeros(len(q))
-        for start in range(0, len(q), _CHUNK):
-            rows = slice(start, start + _CHUNK)
-            bound[rows] = self._bound(q[rows], noise)
-        return bound
+        parts = np.split(q, range(_CHUNK, len(q), _CHUNK))
+        return np.concatenate([self._bound(part, noise) for part in parts])
 
     def unexplained(self, *, noise: bool) -> Array:
         """Variance (p,) of positions that no parameter explains, of readings or of the truth.
@@ -172,15 +166,9 @@ class Body(OfStructure):
         sd = self.deviations
         groups = self.structure.groups
         last = groups["offset"][-1]
-        tool_is_free = "tool" in groups and bool(
-            np.isin(groups["tool"], self.active).all()
-        )
-        prior_sd = self.scales.get("offset", np.inf)
-        if (
-            tool_is_free
-            and self.structure.revolute[-1]
-            and sd[last] >= UNTOLD * prior_sd
-        ):
+        vague = UNTOLD * self.scales.get("offset", np.inf)
+        tool_is_free = sd[groups.get("tool", [])].any()
+        if tool_is_free and self.structure.revolute[-1] and sd[last] >= vague:
             sd[last] = np.pi / 1.96
         return sd
 
@@ -188,59 +176,42 @@ class Body(OfStructure):
         """The fitted parameters with 95 % intervals; the curves' harmonics are left out."""
         half = 1.96 * self.informed_deviations
         parameters: list[Parameter] = []
-        for index in self.active.tolist():
-            label = self.structure.labels[index]
-            if label.group.startswith("curve"):
-                continue
-            value = float(self.beta[index])
-            low = float(value - half[index])
-            high = float(value + half[index])
-            parameters.append(
-                Parameter(
-                    label.name,
-                    label.group,
-                    label.joint,
-                    value,
-                    low,
-                    high,
-                    label.unit,
+        for k in self.active.tolist():
+            group, joint, name, unit = self.structure.labels[k]
+            if not group.startswith("curve"):
+                value = float(self.beta[k])
+                low = float(value - half[k])
+                high = float(value + half[k])
+                parameters.append(
+                    Parameter(name, group, joint, value, low, high, unit)
                 )
-            )
         return tuple(parameters)
 
     def describe(
-        self, lower: Array | None = None, upper: Array | None = None
+        self, lower: Array | float = -np.pi, upper: Array | float = np.pi
     ) -> tuple[str, ...]:
-        """The body in words, one line for each joint, curve and view.
+        """The body in words, one line for each joint and view.
 
         lower, upper : (dof,) [rad or m], range within which loads bend the joints; by default
             a turn
         """
-        from .words import POSTURES, words_of  # modules of every kind of arm
+        from .words import words_of  # modules of every kind of arm
 
-        postures = None
-        if lower is not None and upper is not None:
-            rng = np.random.default_rng(0)
-            postures = rng.uniform(lower, upper, (POSTURES, len(lower)))
-        view = self.structure.view
-        lines = [
-            *words_of(
-                self.structure, self.beta, self.informed_deviations, postures
-            )
-        ]
+        structure = self.structure
+        sd = self.informed_deviations
+        lines = [*words_of(structure, self.beta, sd, lower, upper)]
         if not self.simulated:  # of a simulation both bounds are of the truth
             repeats = "no pose was repeated: all of the residual counts as the model's"
             if self.repeat:
-                repeats = f"readings of one pose repeat to {self.repeat:.2g} {self.structure.unit}"
+                repeats = f"readings of one pose repeat to {self.repeat:.2g} {structure.unit}"
             lines.append(
                 "`expected_error` bounds what the sensor reads, `model_error` where the tip is; "
                 f"{repeats}"
             )
         pose = SensorPose.of(self)
-        if pose is not None and view != "base":
-            lines += pose.words(
-                "camera" if is_camera(view) else "sensor's frame"
-            )
+        if pose is not None and structure.view != "base":
+            is_seen = is_camera(structure.view)
+            lines += pose.words("camera" if is_seen else "sensor's frame")
         return tuple(lines)
 
     def to_json(self) -> dict[str, Any]:
@@ -250,7 +221,7 @@ class Body(OfStructure):
             "view": self.structure.view,
             "unit": self.structure.unit,
             "rows": self.rows,
-            "noise": [float(v) for v in self.noise],
+            "noise": self.noise.tolist(),
             "kappa": self.kappa,
             "parameters": [p._asdict() for p in self.parameters()],
             "words": list(self.describe()),
@@ -259,8 +230,7 @@ class Body(OfStructure):
 
 def knows_orientation(body: Body | None) -> bool:
     """Whether a body was learned from orientations too."""
-    if body is None or "tool.rotation" not in body.structure.groups:
+    if body is None:
         return False
-    return bool(
-        np.isin(body.structure.groups["tool.rotation"], body.active).all()
-    )
+    turns = body.structure.groups.get("tool.rotation")
+    return turns is not None and bool(np.isin(turns, body.active).all())

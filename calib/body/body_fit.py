@@ -12,17 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array
-from ..samples.poses import means_of, pose_index
 from .belief import Body, Second
 from .covariance import as_kept
 from .fit import Fit
 from .gate import Passed, leave_blocks_out, pass_gate
-from .gravity import other_direction
 from .layout import joined
 from .parameters import Prior
 from .rows import Rows
 from .settings import FIT, LOG_FLOOR, SIMULATED_FLOOR, STUDENT
-from .starts import Start, best_starts, with_other_sensors
+from .starts import Start, best_start, with_other_sensors
 from .structure import Structure
 
 
@@ -118,12 +116,12 @@ def _fit(
     for part in rows:  # a draw in the order of the log
         drawn = np.sort(rng.permutation(len(part))[: structure.gate_rows])
         some.append(part.take(drawn))
-    starts = [Start(structure, np.zeros(0) if begin is None else begin)]
     if begin is None:
-        starts = best_starts(structure, rows[0], chain)
-        starts = [with_other_sensors(start, rows) for start in starts]
-    candidates = [pass_gate(start, chain, some, nu) for start in starts]
-    passed = max(candidates, key=lambda candidate: candidate.fit.evidence)
+        best = best_start(structure, rows[0], chain)
+        start = with_other_sensors(best, rows)
+    else:
+        start = Start(structure, begin)
+    passed = pass_gate(start, chain, some, nu)
     whole = _over_all_rows(passed.fit, rows)
     wide = None
     if not structure.simulated and not structure.zeros_alone:
@@ -133,9 +131,7 @@ def _fit(
         _seen_by(k, passed, whole, wide, root, rows[k])
         for k in range(len(rows))
     ]
-    direction = other_direction(passed, some)
-    notes = () if direction is None else (direction,)
-    return replace(fits[0], beside=tuple(fits[1:]), notes=notes)
+    return replace(fits[0], beside=tuple(fits[1:]))
 
 
 def _least_noise(structure: Structure, rows: Rows) -> Array:
@@ -162,7 +158,7 @@ def _seen_by(
     k: int,
     passed: Passed,
     whole: Fit,
-    wide: _Wide | None,
+    wide: tuple[Fit, Array] | None,
     root: Array,
     rows: Rows,
 ) -> BodyFit:
@@ -170,15 +166,15 @@ def _seen_by(
     part = whole.parts[k]
     structure = part.structure
     simulated = structure.simulated
+    held_out = leave_blocks_out(whole, sensor=k)
     kappa = FIT.unknown_kappa
     if isinstance(rows.sensor, str) or k == 0:
-        held_out = leave_blocks_out(whole, sensor=k)
         kappa = max(1.0, held_out.ratio())
-    else:
-        held_out = leave_blocks_out(whole, (), sensor=k)
-    repeat = 0.0
-    if not simulated:
-        repeat = _repeatability(rows.q, rows.z[:, : structure.blocks[0]])
+    second: Second | None = None
+    if wide is not None:
+        other, spread = wide
+        noise = other.parts[k].noise
+        second = Second(other.beta, other.active, spread, noise)
     body = Body(
         structure=structure,
         beta=whole.beta,
@@ -194,8 +190,7 @@ def _seen_by(
         rows=len(rows),
         simulated=simulated,
         member=passed.name,
-        second=None if wide is None else wide.second(k),
-        repeat=repeat,
+        second=second,
     )
     # where the other blocks determine nothing, they predict their mean
     unknown = rows.z - rows.z.mean(axis=0)
@@ -203,35 +198,13 @@ def _seen_by(
     return BodyFit(body, np.where(np.isfinite(residual), residual, unknown))
 
 
-def _repeatability(q: Array, z: Array) -> float:
-    """Return the sd of readings `z` (n, p) [unit] along an axis at one pose; 0 of few repeats."""
-    pose = pose_index(q)
-    freedom = len(q) - int(pose.max()) - 1
-    if freedom < FIT.repeats:
-        return 0.0
-    squares = (z - means_of(pose, z)[pose]) ** 2
-    return float(np.sqrt(squares.sum() / (freedom * z.shape[1])))
-
-
-@dataclass(frozen=True, eq=False)
-class _Wide:
-    """A fit with a wider prior, and the root (k, k) of what the rows leave of its covariance."""
-
-    fit: Fit
-    root: Array
-
-    def second(self, sensor: int) -> Second:
-        """Return the belief as a sensor sees it."""
-        noise = self.fit.parts[sensor].noise
-        return Second(self.fit.beta, self.fit.active, self.root, noise)
-
-
 def _wide_fit(
     passed: Passed, chain: tuple[str, ...], rows: Sequence[Rows]
-) -> _Wide | None:
+) -> tuple[Fit, Array] | None:
     """Return a fit of what the member left out, for the bound: the whole chain, larger curves.
 
-    Lens and elasticity too.  None where the member has them and the rows speak against curves.
+    Lens and elasticity too; and the root (k, k) of what rows leave of its covariance.  None where
+    the member has them and the rows speak against curves.
     """
     first = passed.fit
     structure = first.structure
@@ -269,4 +242,4 @@ def _wide_fit(
     if len(rows[0]) < structure.few_rows:
         ratio = leave_blocks_out(wide).ratio()
         share = float(np.clip(ratio, FIT.least_share, 1.0))
-    return _Wide(wide, as_kept(share**2 * wide.covariance))
+    return wide, as_kept(share**2 * wide.covariance)

@@ -11,20 +11,18 @@ with a corner c in the board's frame and s in the camera's.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from ..arm.rotations import cross_matrix, exponential, logarithm
+from ..arm.rotations import cross_matrix, exponential
 from ..common.arrays import Array
 from .belief import Body
 from .sensor_pose import SensorPose
 from .sensors import InSpace
 from .settings import FINER
 from .spatial import SpatialStructure
-from .views import Angular, Columns, Measurement, Picture, Scene, Sight, pixels
+from .views import Angular, Measurement, Scene, Sight, pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +55,7 @@ class Corners(Measurement):
         camera = pixels(scene.blocks["lens"], point.T)
         slope = np.asarray(camera.slope).transpose(2, 0, 1)
         by_pose = (slope @ by).transpose(1, 2, 0)
-        return _Corner(camera.values, pose, camera, by_pose)
+        return _Corner(camera.values, pose, by_pose)
 
 
 @dataclass(frozen=True)
@@ -66,24 +64,11 @@ class _Corner:
 
     values: Array  # (n, 2)
     pose: Sight  # of what is in the hand
-    camera: Picture
     slope: Array  # (2, 6, n), derivative of pixels by the pose
 
     def push(self, velocity: Array, angular: Angular = 0.0) -> Array:
         """How outputs (..., 2, n) move when the hand does."""
-        return self._pixels(self.pose.push(velocity, angular))
-
-    def columns(self) -> Columns:
-        """The derivative by each of the sensor's own blocks."""
-        for name, moved in self.pose.columns():
-            yield name, partial(self._by, moved)
-        yield "lens", self.camera.refocused
-
-    def _by(self, moved: Callable[[], Array]) -> Array:
-        return self._pixels(moved())
-
-    def _pixels(self, moved: Array) -> Array:
-        """How pixels move with the pose."""
+        moved = self.pose.push(velocity, angular)
         return np.asarray((self.slope * moved[..., None, :, :]).sum(axis=-2))
 
 
@@ -111,37 +96,17 @@ def held_of(body: Body) -> SensorPose:
     tool = groups["tool"]
     tool_turn = groups["tool.rotation"]
 
-    def places(beta: Array) -> tuple[Array, Array]:
-        """Position and turn, and those of a last joint whose own deviation goes to the hand."""
-        position = beta[tool]
-        hand = exponential(beta[tool_turn])
+    def hand(beta: Array) -> tuple[Array, Array]:
+        return beta[tool], exponential(beta[tool_turn])
+
+    def hand_at_encoder(beta: Array) -> tuple[Array, Array]:
+        """What a deviation of the last joint of its own does goes to the hand."""
+        position, axes = hand(beta)
         turned = axis @ beta[turn] + turns * beta[offset]
         slid = axis @ beta[shift] + (not turns) * beta[offset]
         back = exponential(turned * axis_in_tip)
         moved = origin + back @ (position - origin) + slid * axis_in_tip
-        return np.stack([position, moved]), np.stack([hand, back @ hand])
+        return moved, back @ axes
 
-    points, hands = places(body.beta)
-    blocks = [tool, tool_turn, shift, turn, [offset]]
-    free = np.intersect1d(np.concatenate(blocks), body.active)
-    slopes = []
-    for index in free:
-        step = np.zeros(structure.size)
-        step[index] = 1e-6
-        ahead, turned = places(structure.retract(body.beta, step))
-        by_turn = logarithm(turned @ np.swapaxes(hands, 1, 2))
-        slopes.append(np.concatenate([ahead - points, by_turn], axis=1) / 1e-6)
-    root = body.root[np.searchsorted(body.active, free)]
-    sd = np.sqrt(
-        (np.einsum("kpi,kr->pir", np.array(slopes), root) ** 2).sum(axis=2)
-    )
-    return SensorPose(
-        position=points[1],
-        rotation=hands[1],
-        position_sd=sd[0, :3],
-        turn_sd=sd[0, 3:],
-        told_sd=sd[1, :3],
-        told_turn_sd=sd[1, 3:],
-        depth_sd=float(sd[1, 2]),
-        first=None,
-    )
+    index = np.concatenate([tool, tool_turn, shift, turn, [offset]])
+    return SensorPose.at(hand, hand_at_encoder, body, index, body.root)

@@ -14,8 +14,6 @@ from .settings import PRIOR
 HARMONICS = 48
 ORDERS = np.arange(1, HARMONICS + 1)
 
-_ROWS = 128  # at once: what is held of them fits into the cache
-
 
 def curve_shape(*more: float) -> Array:
     """Relative prior variances (96,) of the cosines, then the sines; their mean is 1.
@@ -45,30 +43,20 @@ def waves_of(q: Array) -> Array:
 
 def curve_value(q: Array, coefficients: Array) -> Array:
     """Curve (n,) [rad] at joint values (n,), or curves (k, n) at (k, n), by Estrin's scheme."""
-    rows = q.shape[-1]
-    if rows > _ROWS:
-        parts = [
-            q[..., start : start + _ROWS] for start in range(0, rows, _ROWS)
-        ]
-        return np.concatenate(
-            [curve_value(part, coefficients) for part in parts], axis=-1
-        )
-    cosines = coefficients[..., :HARMONICS, None]
-    sines = coefficients[..., HARMONICS:, None]
+    cosines, sines = np.split(coefficients.T[..., None], 2)
     terms = cosines - 1j * sines
-    wave = np.exp(1j * q)[..., None, :]
+    wave = np.exp(1j * q)
     power = wave
-    while terms.shape[-2] > 3:  # neighbours in pairs: 48 terms, 24, 12, 6, 3
-        terms = terms[..., ::2, :] + power * terms[..., 1::2, :]
+    while len(terms) > 3:  # neighbours in pairs: 48 terms, 24, 12, 6, 3
+        terms = terms[::2] + power * terms[1::2]
         power = power * power
-    total = terms[..., :1, :] + power * (
-        terms[..., 1:2, :] + power * terms[..., 2:, :]
-    )
-    return np.asarray((total * wave)[..., 0, :].real)
+    total = terms[0] + power * (terms[1] + power * terms[2])
+    return np.asarray((total * wave).real)
 
 
 def curve_slope(q: Array, coefficients: Array) -> Array:
     """Derivative [rad/rad] of the curve by the joint value, as `curve_value`."""
-    by_cosines = coefficients[..., :HARMONICS] * ORDERS
-    by_sines = coefficients[..., HARMONICS:] * ORDERS
-    return curve_value(q, np.concatenate([by_sines, -by_cosines], axis=-1))
+    cosines, sines = np.split(coefficients, 2, axis=-1)
+    return curve_value(
+        q, np.concatenate([ORDERS * sines, -ORDERS * cosines], axis=-1)
+    )

@@ -9,9 +9,8 @@ joint i, the tip is linear in the links::
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +18,8 @@ from numpy.typing import NDArray
 from ..arm.arm import Arm, PlanarArm
 from ..common.arrays import Array
 from ..errors import OptionError
-from .settings import START
 
 Complex = NDArray[np.complex128]
-
-
-_PARALLEL = 1e-6
-"""Share of the reach by which a planar drawing may be off the arm that it is of."""
 
 
 @dataclass(frozen=True)
@@ -75,49 +69,24 @@ class PlanarDrawing:
             end = complex(origins[joint])
         mirror = int(turns[turning][0]) if turning.any() else 1
         signs = np.where(turning, turns * mirror, 1)
-        drawing = _drawing_of(
+        return drawing_of(
             vectors, end, tuple(signs.tolist()), mirror, arm.revolute
         )
-        _refuse_other_arms(drawing, vectors, arm)
-        return drawing
 
 
-def _refuse_other_arms(
-    drawing: PlanarDrawing, vectors: Complex, arm: PlanarArm
-) -> None:
-    """Raise OptionError where the arm is elsewhere than its planar drawing: it leaves the plane."""
-    middle = (arm.lower + arm.upper) / 2
-    q = np.vstack(
-        [
-            middle + part * (arm.upper - arm.lower) / 2
-            for part in np.eye(arm.dof)
-        ]
-    )
-    q = np.vstack([q, middle])
-    waves = _waves(q, drawing.signs, drawing.mirror, arm.revolute)
-    drawn = waves @ vectors + complex(*drawing.shift)
-    tip = arm.forward(q) @ np.array([1, 1j])
-    off = float(np.abs(drawn - tip).max())
-    if not off <= _PARALLEL * (1e-9 + float(np.abs(tip).max())):
-        raise OptionError(
-            f"{arm.name or 'the arm'} is no planar chain (off by {off:.3g} m): expected joints "
-            "that turn about or slide along one plane"
-        )
-
-
-def _waves(
+def waves(
     q: Array, signs: Sequence[int], mirror: int, revolute: tuple[bool, ...]
 ) -> Complex:
     """What the links (dof,) are multiplied by at joint values (n, dof), (n, dof)."""
     turning = np.asarray(revolute)
     signed = q * np.asarray(signs, dtype=float)
-    waves = np.exp(
+    turns = np.exp(
         1j * mirror * np.cumsum(np.where(turning, signed, 0.0), axis=1)
     )
-    return np.where(turning, waves, signed * waves)
+    return np.where(turning, turns, signed * turns)
 
 
-def _drawing_of(
+def drawing_of(
     vectors: Complex,
     shift: complex,
     signs: tuple[int, ...],
@@ -144,52 +113,3 @@ def _drawing_of(
         mirror=mirror,
         signs=signs,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class LinearChain:
-    """The planar chain of given signs that fits tips best."""
-
-    drawing: PlanarDrawing
-    sizes: Array  # (dof,), lengths beyond turning joints, and how far a slide moves the tip
-    miss: Array  # (n,), its distances from the tips
-
-    @staticmethod
-    def of(
-        q: Array,
-        tip: Complex,
-        signs: tuple[int, ...],
-        mirror: int,
-        revolute: tuple[bool, ...],
-    ) -> LinearChain:
-        """The chain that fits tips (n,) at joint values (n, dof)."""
-        waves = _waves(q, signs, mirror, revolute)
-        columns = np.column_stack([waves, np.ones(len(q))])
-        scale = np.sqrt(np.mean(np.abs(columns) ** 2, axis=0)) + 1e-300
-        # a joint that hardly moves makes columns alike: they share what they cannot tell apart
-        links = (
-            np.linalg.lstsq(columns / scale, tip, rcond=START.one_column)[0]
-            / scale
-        )
-        drawing = _drawing_of(
-            links[:-1], complex(links[-1]), signs, mirror, revolute
-        )
-        return LinearChain(
-            drawing, np.abs(links[:-1]), np.abs(columns @ links - tip)
-        )
-
-
-def sides(revolute: tuple[bool, ...]) -> Iterator[tuple[tuple[int, ...], int]]:
-    """Signs of the joints and mirrors that differ; the first that turns does not: it is a mirror.
-
-    A joint whose axis points into the plane turns the other way; a slide that is reversed is
-    another offset.
-    """
-    ways: list[tuple[int, ...]] = []
-    seen_turning = False
-    for turns in revolute:
-        ways.append((1, -1) if turns and seen_turning else (1,))
-        seen_turning = seen_turning or turns
-    for signs in product(*ways):
-        yield signs, 1
-        yield signs, -1

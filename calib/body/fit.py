@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,20 +14,6 @@ from .parameters import Hyper, Indices, Prior
 from .rows import Part, Rows
 from .settings import FIT
 from .structure import Structure
-
-
-@dataclass(frozen=True, eq=False)
-class Others:
-    """What some of a fit's rows tell of its parameters."""
-
-    gram: Array  # (k, k), their information
-    gradient: Array  # (k,), with the prior's
-    precision: Array  # (k, k), with the prior's
-
-    @property
-    def step(self) -> Array:
-        """From the fit's parameters to those that these rows would have, (k,)."""
-        return Factor(self.precision).solve(self.gradient)
 
 
 class Fit:
@@ -140,17 +126,16 @@ class Fit:
             with_prior(self.information_share * gram, self.sd, self.known)
         )
 
-    def without(self, blocks: slice) -> Others:
-        """The information of all rows but those of some blocks."""
+    def without(self, blocks: slice) -> tuple[Array, Array]:
+        """The information (k, k) of all rows but those of some blocks, and the step (k,) to it."""
         others = np.ones(len(self.grams), dtype=bool)
         others[blocks] = False
         # summed, not subtracted: a parameter that these blocks alone tell, such as where a socket
         # is, has a prior that is lost in the rounding of a difference
         gram = self.grams[others].sum(axis=0)
         gradient = self.moments[others].sum(axis=0) - self._pull(self.beta)
-        return Others(
-            gram, gradient, with_prior(gram.copy(), self.sd, self.known)
-        )
+        precision = with_prior(gram.copy(), self.sd, self.known)
+        return gram, Factor(precision).solve(gradient)
 
     # The search.
 

@@ -7,7 +7,6 @@ by the block's rows, and by the evidence.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -96,53 +95,41 @@ def leave_blocks_out(
     A block of rows is left out together with that of the other sensors.
     """
     part = fit.parts[sensor]
-    edges = part.edges
     n = len(part.z)
-    every = max(1, round(n * len(fit.active) / FIT.spread_work))
-
-    residual = np.full_like(part.residual, np.nan)
-    derivatives: list[Array] = []
-    for k, (rows, x) in enumerate(part.by_blocks(fit.beta, fit.active)):
-        derivatives.append(x[::every])
-        with suppress(np.linalg.LinAlgError):
-            step = fit.without(slice(k, k + 1)).step
-            residual[rows] = part.residual[rows] - x @ step
-
     p = part.structure.blocks[0]
+    every = max(1, round(n * len(fit.active) / FIT.spread_work))
+    derivatives = list(part.by_blocks(fit.beta, fit.active))
+    residual = np.full_like(part.residual, np.nan)
     score = np.full(n, np.nan)
     ratios: dict[int, Array] = {}
     for count in partitions:
-        limits = np.linspace(
-            0, len(derivatives), max(min(count, len(derivatives)), 1) + 1
-        )
+        parts = max(min(count, len(derivatives)), 1)
+        limits = np.linspace(0, len(derivatives), parts + 1).round().astype(int)
         ratios[count] = np.full(n, np.nan)
-        for first, last in pairwise(limits.round().astype(int).tolist()):
+        for first, last in pairwise(limits.tolist()):
             # of no partition the fit itself
-            others = fit.without(slice(first, last) if count else slice(0))
+            blocks = slice(first, last) if count else slice(0)
             try:
-                step = others.step
-                softer = fit.softer(others.gram)
-            except (
-                np.linalg.LinAlgError
-            ):  # the other blocks leave the parameters open
+                gram, step = fit.without(blocks)
+                softer = fit.softer(gram)
+            # the other blocks leave the parameters open
+            except np.linalg.LinAlgError:
                 continue
-            for block in range(first, last):
-                rows = slice(edges[block], edges[block + 1], every)
-                x = derivatives[block][:, :p]
-                length = np.linalg.norm(
-                    part.residual[rows, :p] - x @ step, axis=1
-                )
-                y = softer.whiten(x.reshape(-1, x.shape[2]).T).reshape(
-                    -1, *x.shape[:2]
-                )
-                spread = np.einsum("kni,knj->nij", y, y) + np.diag(
-                    part.noise[:p] ** 2
-                )
-                ratios[count][rows] = length / radius_95(spread)
-                if last - first == 1:
-                    score[rows] = _negative_log_density(length, spread)
+            for rows, by_all in derivatives[first:last]:
+                missed = part.residual[rows] - by_all @ step
+                length = np.linalg.norm(missed[::every, :p], axis=1)
+                x = by_all[::every, :p]
+                y = softer.whiten(x.reshape(-1, x.shape[2]).T)
+                y = y.reshape(len(y), *x.shape[:2])
+                spread = np.einsum("kni,knj->nij", y, y)
+                spread += np.diag(part.noise[:p] ** 2)
+                some = slice(rows.start, rows.stop, every)
+                ratios[count][some] = length / radius_95(spread)
+                if count and last - first == 1:
+                    residual[rows] = missed
+                    score[some] = _negative_log_density(length, spread)
         ratios[count][part.weight[:, 0] <= FIT.outlier] = np.nan
-    return HeldOut(residual, score, edges, ratios)
+    return HeldOut(residual, score, part.edges, ratios)
 
 
 def _negative_log_density(length: Array, spread: Array) -> Array:
@@ -233,13 +220,6 @@ def pass_gate(
         tried.append(set(free))
         try:
             member = _member(start.structure, free, rows, begin, nu)
-            if _is_exact(member) and set(free) != set(groups):
-                # what passed before may have been a makeshift
-                alone = _member(start.structure, groups, rows, begin, nu)
-                if _is_exact(alone):
-                    name = member_name
-                    free = groups
-                    member = alone
             held_out = leave_blocks_out(member, (FIT.blocks,))
         except np.linalg.LinAlgError:
             continue

@@ -1,25 +1,18 @@
 """Information: which poses would tell most of an arm beside those that were measured.
 
 Poses are chosen by the gain of information, the logarithm of the predicted covariance over the
-noise (D-optimal; maximum entropy sampling, Shewry and Wynn 1987).  The residual that the body
-leaves over keeps them apart from each other and from those that were measured.
+noise (D-optimal; maximum entropy sampling, Shewry and Wynn 1987).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.arrays import Array, Index
 from .belief import Body
 
 # length [rad] over which the residual of a log is alike (Matern 5/2)
 _SMOOTH = 0.5
-# measured rows that the residual is compared with, evenly spread
-_MEASURED = 300
 
 
 def matern(q: Array, other: Array, lengths: Array) -> Array:
@@ -39,69 +32,41 @@ def lengths_of(body: Body, q: Array) -> Array:
     return np.asarray(np.where(turning, smooth, 0.3 * span))
 
 
-def most_telling(
-    body: Body, q: Array, n: int, measured: Array
-) -> NDArray[np.intp]:
+def most_telling(body: Body, q: Array, n: int) -> Index:
     """Choose poses one by one, each the most informative beside those chosen before.
 
     body : its posterior holds the measured rows already
     q : (k, dof) [rad or m], poses to choose from
     n : how many, at most k
-    measured : (l, dof) [rad or m], joints of rows that were measured
     Returns (n,), rows of `q`, in the order of choice.
     """
     p = body.structure.blocks[0]
-    noise = body.noise[:p]
+    # what no parameter explains counts as noise
+    noise = np.hypot(body.noise, body.tau)[:p]
     _, x = body.structure.linearise(q, body.beta, body.active)
-    # (k, p, parameters)
-    directions = x[:, :p] @ body.root * (body.kappa / noise[:, None])
-    variance = np.diag((body.tau[:p] / noise) ** 2)
-    lengths = lengths_of(body, q)
-    rows = measured[thinned(len(measured), _MEASURED)]
-    nugget = np.eye(len(rows)) / max(float(variance.max()), 1e-12)
-    root = np.linalg.cholesky(matern(rows, rows, lengths) + nugget)
-    explained = np.linalg.solve(root, matern(rows, q, lengths)).T  # (k, l)
-    unexplained = np.maximum(1.0 - (explained**2).sum(axis=1), 0.0)
-
-    def common(best: int) -> Array:
-        alike = matern(q, q[best : best + 1], lengths)[:, 0]
-        alike = alike - explained @ explained[best]
-        return np.asarray(alike[:, None, None] * variance)
-
-    return greedy(directions, n, unexplained[:, None, None] * variance, common)
+    return greedy(x[:, :p] @ body.root * (body.kappa / noise[:, None]), n)
 
 
-def greedy(
-    directions: Array,
-    n: int,
-    more: Array | float = 0.0,
-    common: Callable[[int], Array] | None = None,
-) -> NDArray[np.intp]:
+def greedy(directions: Array, n: int) -> Index:
     """Choose rows one by one, each of the largest gain of information beside those before.
 
     directions : (k, p, r), in which each row tells of the belief, in units of the noise: products
         of two rows' directions are the covariance of their readings
     n : how many, at most k
-    more : (k, p, p), covariance of each row that the belief has no part in
-    common : of one row its covariances of that kind with all rows (k, p, p)
     """
     p = directions.shape[1]
-    spread = directions @ np.swapaxes(directions, 1, 2) + more
+    eye = np.eye(p)
+    spread = directions @ np.swapaxes(directions, 1, 2)
     factor = np.zeros((len(directions), p, n * p))  # a growing Cholesky factor
     chosen = np.empty(n, dtype=np.intp)
     for k in range(n):
-        gain = np.linalg.slogdet(np.eye(p) + spread)[1]
+        gain = np.linalg.slogdet(eye + spread)[1]
         gain[chosen[:k]] = -1.0
         best = int(gain.argmax())
         chosen[k] = best
-        between = directions @ directions[best].T
-        if common is not None:
-            between = between + common(best)
-        between -= factor[:, :, : k * p] @ factor[best, :, : k * p].T
-        root = np.linalg.cholesky(np.eye(p) + spread[best])
-        new = np.swapaxes(
-            np.linalg.solve(root, np.swapaxes(between, 1, 2)), 1, 2
-        )
+        between = directions @ directions[best].T - factor @ factor[best].T
+        root = np.linalg.cholesky(eye + spread[best])
+        new = between @ np.linalg.inv(root).T
         factor[:, :, k * p : (k + 1) * p] = new
         spread -= new @ np.swapaxes(new, 1, 2)
     return chosen

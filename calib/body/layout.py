@@ -117,13 +117,17 @@ class Layout:
         return None if None in tools else tools[0]
 
     @property
-    def other_groups(self) -> tuple[str, ...]:
-        """Blocks of further sensors and measurements that every member of the gate fits."""
-        groups: list[str] = []
+    def frame_groups(self) -> tuple[str, ...]:
+        """Blocks that every member of the gate fits: those of its sensor, and of all others."""
+        groups = [*self.viewpoint.groups]
         for place, sensor in enumerate(self.sensors):
             prefix = "" if sensor is self.viewpoint else f"{sensor.name}."
             if prefix:
-                groups += [prefix + block for block in sensor.frame]
+                groups += [
+                    prefix + block
+                    for block in sensor.groups
+                    if not block.startswith("tool")
+                ]
             if place and sensor.marked:
                 groups.append(f"{prefix}marker")
         for other in self.others:
@@ -208,6 +212,16 @@ class Layout:
         for other in self.others:
             blocks += other.parameters(arm)
         return (*blocks, *self.geometry())
+
+    @cached_property
+    def own_blocks(self) -> tuple[str, ...]:
+        """Names of the blocks of what it sees as, and of what else is measured."""
+        measurements = (self.viewpoint, *self.others)
+        return tuple(
+            block.name
+            for measurement in measurements
+            for block in measurement.parameters(self.arm_size)
+        )
 
     @cached_property
     def labels(self) -> tuple[Label, ...]:

@@ -58,14 +58,15 @@ class Block:
     def of(
         name: str,
         unit: str,
-        names: Sequence[str],
+        parts: Sequence[str],
         sd: float = 0.0,
         mean: Array | float = 0.0,
         scales: tuple[Hyper, ...] = (),
     ) -> Block:
-        """Return parameters of no joint, in one unit."""
-        parts = tuple((None, part, unit) for part in names)
-        return Block(name, parts, mean, sd, scales)
+        """Return parameters of no joint, in one unit: ``"xyz"``, or one without a part."""
+        names = [f"{name}.{part}" for part in parts] or [name]
+        labels = tuple((None, label, unit) for label in names)
+        return Block(name, labels, mean, sd, scales)
 
     def named(self, sensor: str) -> Block:
         """Return the block with the name of a sensor before its parameters'."""

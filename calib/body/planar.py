@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Mask
 from ..common.scale import METRES
-from ..errors import OptionError
 from .curves import curve_shape
-from .drawing import Complex, LinearChain, PlanarDrawing, sides
+from .drawing import Complex, PlanarDrawing
 from .layout import Ladder
 from .parameters import Block, Hyper, Indices
 from .sensors import InPlane
-from .settings import FIT, PRIOR, SHIFT, START, TURN
+from .settings import FIT, PRIOR, SHIFT, TURN
 from .structure import Moving, Structure
-from .views import PLANAR, ArmSize, Moved
+from .views import ArmSize, Moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +84,7 @@ def _pairs(values: Complex) -> Array:
     return np.stack([values.real, values.imag], axis=-2)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlanarStructure(Structure):
     """The structure of a planar body, whose parameters are full lengths [m] and offsets.
 
@@ -126,7 +124,9 @@ class PlanarStructure(Structure):
     def reversals(self) -> int:
         """How many joints turn against their drawing, and whether the sensor sees a mirror."""
         drawn = self.nominal.signs if self.nominal else self.signs
-        return int(np.not_equal(drawn, self.signs).sum()) + (self.mirror < 0)
+        return int(np.not_equal(drawn, self.signs).sum()) + (
+            self.viewpoint.mirror < 0
+        )
 
     @cached_property
     def loads(self) -> Mapping[str, PlanarLoads]:
@@ -158,11 +158,6 @@ class PlanarStructure(Structure):
         """-1 where its sensor sees the plane from behind, else 1."""
         return self.viewpoint.mirror
 
-    @property
-    def centre(self) -> tuple[float, float]:
-        """Mean position [unit] of its sensor's rows; origin of the lens."""
-        return self.viewpoint.centre
-
     def guard(self, block: str) -> Array | None:
         """Prior sds of the lens in the second fit: its bend alone is free."""
         return np.array([FIT.guard_lens, 0.0, 0.0]) if block == "lens" else None
@@ -180,23 +175,17 @@ class PlanarStructure(Structure):
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the chain's geometry and of its joints."""
-        drawing = self.nominal
-        loose = 2.0 if drawing is None else 1.0
         waves: list[tuple[str, str, str]] = []
         for (i, j), wave in product(
             self.loads["elastic"].pairs, ("cos", "sin")
         ):
             joint = self.joint_names[i]
-            waves.append(
-                (joint, f"{joint}.elastic {wave} {self.joint_names[j]}", "rad")
-            )
+            name = f"{joint}.elastic {wave} {self.joint_names[j]}"
+            waves.append((joint, name, "rad"))
+        loose = 2.0 if self.nominal is None else 1.0
         bending = Hyper("elastic", PRIOR.elastic_in_plane * loose, pseudo=4.0)
         return (
-            *(
-                self._undrawn_links()
-                if drawing is None
-                else self._drawn_links(drawing)
-            ),
+            *self._links(),
             Block("elastic", tuple(waves), scales=(bending,)),
             *self.curves(
                 PRIOR.curve_rms,
@@ -205,50 +194,29 @@ class PlanarStructure(Structure):
             ),
         )
 
-    def _drawn_links(self, drawing: PlanarDrawing) -> tuple[Block, ...]:
-        """Lengths, offsets and gains about those of a drawing, of scales by evidence."""
-        offset = Hyper(
-            "offset", TURN, PRIOR.servos, indices=self._offset_is_free
-        )
-        return (
-            self._block(
-                "length",
-                "m",
-                drawing.lengths,
-                (Hyper("length", SHIFT, PRIOR.wider),),
-            ),
-            self._block("offset", "rad", drawing.offsets, (offset,)),
-            self._block(
-                "gain", "1", 1.0, (Hyper("gain", PRIOR.gain, PRIOR.wider),)
-            ),
-        )
-
-    def _undrawn_links(self) -> tuple[Block, ...]:
-        """Lengths, offsets and gains where no drawing says them."""
-        link, unit = self._link
+    def _links(self) -> Iterator[Block]:
+        """Lengths, offsets and gains: near those of a drawing, on scales by evidence."""
+        drawing = self.nominal
+        free = self._offset_is_free
+        size, unit = self._link
+        names = [self.of_joints("length", unit)]
+        names += [self.of_joints("offset", "rad"), self.of_joints("gain", "1")]
+        if drawing is not None:
+            length = Hyper("length", SHIFT, PRIOR.wider)
+            offset = Hyper("offset", TURN, PRIOR.servos, indices=free)
+            gain = Hyper("gain", PRIOR.gain, PRIOR.wider)
+            means = np.array([drawing.lengths, drawing.offsets])
+            yield Block("length", names[0], means[0], scales=(length,))
+            yield Block("offset", names[1], means[1], scales=(offset,))
+            yield Block("gain", names[2], 1.0, scales=(gain,))
+            return
         turning = np.asarray(self.revolute)
-        length_is_free = turning.copy()
+        length_sd = np.where(turning, 2.0 * size, 0.0)
         if self.sensors[0].seen_as.scaled and turning.all():
-            length_is_free[0] = False  # the view's scale is the first length
-        return (
-            self._block(
-                "length", unit, link * turning, sd=2.0 * link * length_is_free
-            ),
-            self._block("offset", "rad", 0.0, sd=10.0 * self._offset_is_free),
-            self._block("gain", "1", 1.0, sd=2 * PRIOR.gain),
-        )
-
-    def _block(
-        self,
-        name: str,
-        unit: str,
-        mean: ArrayLike,
-        scales: tuple[Hyper, ...] = (),
-        sd: ArrayLike = 0.0,
-    ) -> Block:
-        """A block of one parameter for each joint."""
-        parts = self.of_joints(name, unit)
-        return Block(name, parts, np.asarray(mean), np.asarray(sd), scales)
+            length_sd[0] = 0.0  # the view's scale is the first length
+        yield Block("length", names[0], size * turning, length_sd)
+        yield Block("offset", names[1], sd=np.where(free, 10.0, 0.0))
+        yield Block("gain", names[2], 1.0, sd=2 * PRIOR.gain)
 
     @property
     def _offset_is_free(self) -> Mask:
@@ -291,15 +259,15 @@ class PlanarStructure(Structure):
         """The gate's members from simple to rich."""
         turns = any(self.revolute)
         exact = self.simulated
-        others = self.other_groups
         joints = ("length", "offset", "gain")
-        frame = (*self.viewpoint.seen_as.groups, *others)
+        frame = self.frame_groups
         if self.zeros_alone:
             return (
                 ("frame", frame or ("offset",)),
                 ("chain", (*frame, "offset")),
             )
-        few = (*PLANAR["similarity"].groups, *others, *joints)
+        bent = ("view.shear", "view.tilt")
+        few = (*(group for group in frame if group not in bent), *joints)
         chain = (*frame, *joints)
         ladder = (
             ("frame", frame or ("offset",), self.nominal is not None),
@@ -319,99 +287,6 @@ class PlanarStructure(Structure):
         )
 
 
-def planar_starts(
-    structure: PlanarStructure, q: Array, z: Array
-) -> list[tuple[PlanarStructure, Array]]:
-    """Candidates of signs, mirror and parameters (d,), the best linear fits first.
-
-    With a nominal geometry its signs alone, unless they do not fit or the view is not metric:
-    a camera says nothing of the servos.
-    """
-    drawing = structure.nominal
-    tip: Complex = z @ np.array([1, 1j])
-    if drawing is None:
-        ways = list(sides(structure.revolute))
-    else:
-        mirrors = (drawing.mirror,) if structure.view == "base" else (1, -1)
-        flips = (
-            np.array([*product((1, -1), repeat=structure.dof)]) * drawing.signs
-        )
-        ways = list(product(map(tuple, flips.tolist()), mirrors))
-    starts: list[tuple[PlanarStructure, float, Array]] = []
-    for signs, mirror in ways:
-        turned = structure.changed(signs=signs).with_sensor(mirror=mirror)
-        if drawing is None:
-            starts.append((turned, *_linear(turned, q, tip)))
-        else:
-            starts.append((turned, *_framed(turned, q, tip, turned.neutral())))
-    starts.sort(key=lambda item: item[1])
-    if drawing is not None and not structure.viewpoint.seen_as.scaled:
-        as_drawn = [item for item in starts if item[0].signs == drawing.signs]
-        if as_drawn[0][1] <= FIT.doubted * structure.extent:
-            starts = as_drawn
-    return [(turned, beta) for turned, _, beta in starts[: START.turned_ways]]
-
-
-def placed_in_plane(
-    structure: PlanarStructure, q: Array, z: Array, beta: Array
-) -> tuple[PlanarStructure, Array]:
-    """The side from which a further sensor sees an arm, and parameters (d,) with its structure."""
-    tip: Complex = z @ np.array([1, 1j])
-    sides = [structure.with_sensor(mirror=mirror) for mirror in (1, -1)]
-    placed = [(side, *_framed(side, q, tip, beta)) for side in sides]
-    side, _, best = min(placed, key=lambda item: item[1])
-    return side, best
-
-
-def _framed(
-    structure: PlanarStructure, q: Array, tip: Complex, arm: Array
-) -> tuple[float, Array]:
-    """Error and parameters of an arm (d,) in the frame that fits tips (n,) best."""
-    beta = arm.copy()
-    groups = structure.groups
-    if structure.view != "base":
-        p = structure.seen(q, beta)[0].position.T @ (1, 1j * structure.mirror)
-        away = p - p.mean()
-        turn = np.vdot(away, tip) / (np.vdot(away, away).real + 1e-300)
-        angle = float(np.angle(turn))
-        scale = 0.0
-        if structure.viewpoint.seen_as.scaled:
-            scale = float(np.log(max(abs(turn), 1e-12) / structure.metre))
-        shift = np.mean(tip - structure.metre * np.exp(scale + 1j * angle) * p)
-        beta[groups["view.rotation"]] = angle
-        beta[groups["view.scale"]] = scale
-        beta[groups["view.shift"]] = shift.real, shift.imag
-    miss = np.abs(tip - structure.predict(q, beta) @ (1, 1j))
-    return float(np.sqrt(np.mean(miss**2))), beta
-
-
-def _linear(
-    structure: PlanarStructure, q: Array, tip: Complex
-) -> tuple[float, Array]:
-    """Error and parameters of the chain that fits tips (n,) best."""
-    beta = structure.neutral()
-    groups = structure.groups
-    turning = np.asarray(structure.revolute)
-    chain = LinearChain.of(
-        q, tip, structure.signs, structure.mirror, structure.revolute
-    )
-    sizes = chain.sizes / structure.metre
-    if (
-        structure.viewpoint.seen_as.scaled
-    ):  # in the first length, or where joints slide in metres
-        unit = float(sizes[0])
-        if not turning.all():
-            unit = float(np.exp(np.log(sizes[~turning] + 1e-300).mean()))
-        unit = max(unit, 1e-9 * structure.extent)
-        beta[groups["view.scale"]] = np.log(unit)
-        sizes = sizes / unit
-    beta[groups["length"]] = np.where(turning, sizes, 0.0)
-    beta[groups["offset"]] = chain.drawing.offsets
-    beta[groups["view.rotation"]] = chain.drawing.rotation
-    beta[groups["view.shift"]] = chain.drawing.shift
-    return float(np.sqrt(np.mean(chain.miss**2))), beta
-
-
 def planar_structure(
     z: Array,
     joint_names: Sequence[str],
@@ -422,14 +297,6 @@ def planar_structure(
     simulated: bool = False,
 ) -> PlanarStructure:
     """The structure that the rows and options ask for, signs and mirror still open."""
-    if view not in ("auto", *PLANAR):
-        raise OptionError(
-            f"view {view!r}, expected one of auto, {', '.join(PLANAR)}"
-        )
-    if view == "base" and nominal is None:
-        raise OptionError(
-            "view 'base' needs the nominal geometry of a robot; give nominal"
-        )
     if view == "auto":
         view = "rigid" if unit in METRES else "homography"
     centre = z.mean(axis=0)

@@ -7,12 +7,13 @@ that what is known is also told without it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..arm.rotations import cross_matrix, quaternion_of
+from ..arm.rotations import logarithm, quaternion_of
 from ..common.arrays import Array
 from ..errors import LogError
 from .parameters import Gaussian, Indices
@@ -29,6 +30,10 @@ _ALIKE = 0.05
 """A gauge is one where parameters move the tip as it does, but for this share."""
 
 _POSES = 60
+_STEP = 1e-6  # of parameters, in derivatives
+
+Place = Callable[[Array], tuple[Array, Array]]
+"""Position (3,) [m] and axes (3, 3) of what stands somewhere, at parameters (d,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,48 +59,55 @@ class SensorPose:
         structure = body.structure
         if not structure.informed:
             return None
-        sensor = structure.sensor(body.beta)
-        based = structure.view == "base"
-        back = sensor.rotation.T
-        position = -back @ sensor.shift / sensor.scale
-        blocks = [
-            structure.groups[f"view.{part}"]
-            for part in ("rotation", "shift", "scale")
-        ]
-        index = np.concatenate(blocks)
-        fitted = np.flatnonzero(np.isin(index, body.active))
-        rows = np.searchsorted(body.active, index[fitted])
-        # position = -R' t / s, and R turned by d on its left moves it by R' (d x t) / s
-        slope = np.zeros((7, 7))
-        slope[:3, :3] = -back @ cross_matrix(sensor.shift)
-        slope[:3, 3:6] = -back
-        slope[:3] /= sensor.scale
-        slope[:3, 6] = -position
-        slope[3:6, :3] = back
-        slope[6] = back[:, 2] @ slope[:3]  # along the line of sight
 
-        def deviations(root: Array) -> Array:
-            return np.asarray(
-                np.linalg.norm(slope[:, fitted] @ root[rows], axis=1)
-            )
+        def place(beta: Array) -> tuple[Array, Array]:
+            sensor = structure.sensor(beta)
+            back = sensor.rotation.T
+            return -back @ sensor.shift / sensor.scale, back
 
-        whole = deviations(body.root)
-        up_to_gauge = np.zeros(7)
-        if not based:
-            up_to_gauge = deviations(
-                without_gauge(structure, body, not structure.camera)
-            )
         first: str | None = None
-        if not based and structure.revolute[0]:
-            first = structure.joint_names[0]
+        up_to_gauge = body.root
+        if structure.view == "base":
+            up_to_gauge = np.zeros_like(body.root)
+        else:
+            up_to_gauge = without_gauge(structure, body, not structure.camera)
+            if structure.revolute[0]:
+                first = structure.joint_names[0]
+        index = sensor_of(structure)
+        return SensorPose.at(place, place, body, index, up_to_gauge, first)
+
+    @staticmethod
+    def at(
+        place: Place,
+        place_up_to_gauge: Place,
+        body: OfStructure,
+        index: Indices,
+        up_to_gauge: Array,
+        first: str | None = None,
+    ) -> SensorPose:
+        """What stands where parameters place it, with the belief's intervals.
+
+        place : where it is as a function of parameters (d,), all its intervals count
+        place_up_to_gauge : where it is said to be, by what readings tell
+        index : parameters that have a part in it
+        up_to_gauge : (k, r), root of the belief's covariance without what no reading tells
+        """
+        fitted = np.intersect1d(index, body.active)
+        rows = np.searchsorted(body.active, fitted)
+        whole = _slope(place, body, fitted) @ body.root[rows]
+        sure = _slope(place_up_to_gauge, body, fitted) @ up_to_gauge[rows]
+        position, rotation = place_up_to_gauge(body.beta)
+        sd = np.linalg.norm(whole, axis=1)
+        sure_sd = np.linalg.norm(sure, axis=1)
+        along = rotation[:, 2] @ whole[:3]
         return SensorPose(
             position=position,
-            rotation=back,
-            position_sd=whole[:3],
-            turn_sd=whole[3:6],
-            told_sd=up_to_gauge[:3],
-            told_turn_sd=up_to_gauge[3:6],
-            depth_sd=float(whole[6]),
+            rotation=rotation,
+            position_sd=sd[:3],
+            turn_sd=sd[3:],
+            told_sd=sure_sd[:3],
+            told_turn_sd=sure_sd[3:],
+            depth_sd=float(np.linalg.norm(along)),
             first=first,
         )
 
@@ -149,6 +161,19 @@ class SensorPose:
                 "zero by convention"
             )
         return lines
+
+
+def _slope(place: Place, body: OfStructure, indices: Indices) -> Array:
+    """Derivative (6, k) of a place, and of its turn about the axes that it is told in."""
+    position, turn = place(body.beta)
+    slope = np.empty((6, len(indices)))
+    for k, index in enumerate(indices):
+        step = np.zeros(len(body.beta))
+        step[index] = _STEP
+        ahead, turned = place(body.structure.retract(body.beta, step))
+        slope[:3, k] = ahead - position
+        slope[3:, k] = logarithm(turned @ turn.T)
+    return slope / _STEP
 
 
 def doubtful_depth(body: OfStructure, q: Array) -> list[str]:

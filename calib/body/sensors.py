@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..arm.rotations import cross_matrix, exponential
+from ..arm.rotations import exponential
 from ..common.arrays import Array
 from .parameters import Block, Hyper
 from .settings import FREE, PRIOR
@@ -21,16 +21,12 @@ from .views import (
     PLANAR,
     SPATIAL,
     ArmSize,
-    By,
     Measurement,
     Placed,
     Scene,
     View,
     ViewKind,
 )
-
-_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
-_STRETCH = np.array([[[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
 
 Lens = tuple[float, float, float, float]
 """Focal length, centre [px] and k1 of a camera."""
@@ -60,17 +56,9 @@ class Sensor(Measurement):
         return self.seen_as.outputs
 
     @property
-    def focuses(self) -> bool:
-        """Whether the rows tell of its lens in every member of the gate."""
-        return False
-
-    @property
-    def frame(self) -> tuple[str, ...]:
-        """Return the blocks that place it, which every member of the gate fits."""
-        groups = [
-            group for group in self.seen_as.groups if group.startswith("view.")
-        ]
-        return (*groups, "lens") if self.focuses else tuple(groups)
+    def groups(self) -> tuple[str, ...]:
+        """Return the blocks that every member of the gate fits: its place, the tip that it sees."""
+        return self.seen_as.groups
 
     def place(self, beta: Mapping[str, Array]) -> Placed:
         """Return the sensor at its parameters, by block."""
@@ -90,9 +78,8 @@ class Sensor(Measurement):
         """Return its parameters with its own name before theirs."""
         blocks = self.parameters(arm)
         if further and self.marked:
-            axes = [f"marker.{axis}" for axis in "xyz"]
             apart = Hyper(f"{self.name}.marker", PRIOR.marker, PRIOR.markers)
-            blocks = (*blocks, Block.of("marker", "m", axes, scales=(apart,)))
+            blocks = (*blocks, Block.of("marker", "m", "xyz", scales=(apart,)))
         return tuple(block.named(self.name) for block in blocks)
 
 
@@ -112,9 +99,12 @@ class InSpace(Sensor):
         return self.outputs == 2
 
     @property
-    def focuses(self) -> bool:
-        """Whether the rows tell of its lens in every member of the gate."""
-        return self.camera and any(self.lens_sd)
+    def groups(self) -> tuple[str, ...]:
+        """Return the blocks that every member of the gate fits; of a camera its lens, too."""
+        groups = self.seen_as.groups
+        return (
+            (*groups, "lens") if self.camera and any(self.lens_sd) else groups
+        )
 
     @property
     def tool(self) -> Hyper | None:  # type: ignore[override]
@@ -126,8 +116,6 @@ class InSpace(Sensor):
         unit, size = (
             (arm.unit, arm.reach) if self.camera else (self.unit, self.extent)
         )
-        turns = [f"view.rotation.{axis}" for axis in "xyz"]
-        shifts = [f"view.shift.{axis}" for axis in "xyz"]
         lens = (
             (None, "lens.focal", "px"),
             (None, "lens.centre.u", "px"),
@@ -135,9 +123,9 @@ class InSpace(Sensor):
             (None, "lens.k1", "1"),
         )
         return (
-            Block.of("view.rotation", "rad", turns, 100.0),
-            Block.of("view.shift", unit, shifts, FREE * size),
-            Block.of("view.scale", "1", ["view.scale"], 100.0),
+            Block.of("view.rotation", "rad", "xyz", 100.0),
+            Block.of("view.shift", unit, "xyz", FREE * size),
+            Block.of("view.scale", "1", "", 100.0),
             Block(
                 "lens", lens, np.asarray(self.lens), np.asarray(self.lens_sd)
             ),
@@ -148,22 +136,10 @@ class InSpace(Sensor):
         scale = float(np.exp(beta["view.scale"][0]))
         if not self.camera:
             scale *= self.metre
-        eye = np.eye(3)
         turn = exponential(beta["view.rotation"])
-        arm = np.hstack([scale * turn, np.zeros((3, 1))])
-        by = {
-            "view.rotation": lambda: By(cross_matrix(eye) @ arm, eye),
-            "view.shift": lambda: By(eye[:, :, None] * np.eye(4)[3]),
-            "view.scale": lambda: By(arm[None]),
-        }
-        lens: Array | None = None
-        if self.camera:
-            lens = beta["lens"]
-            by["lens"] = lambda: By(np.zeros((4, 3, 4)), lens=np.eye(4))
         return Placed(
-            matrix=np.column_stack([arm[:, :3], beta["view.shift"]]),
-            lens=lens,
-            by=by,
+            matrix=np.column_stack([scale * turn, beta["view.shift"]]),
+            lens=beta["lens"] if self.camera else None,
             posed=self.outputs == 6,
             rotation=turn,
             scale=scale,
@@ -193,66 +169,34 @@ class InPlane(Sensor):
         if self.view == "base":
             rotation = arm.rotation
             shift = self.metre * np.asarray(arm.shift)
-        shifts = ["view.shift x", "view.shift y"]
-        shears = ["view.stretch", "view.shear"]
-        tilts = ["view.tilt x", "view.tilt y"]
-        lens = ["lens.radial", "lens.centre x", "lens.centre y"]
+        slope = f"1/{arm.unit}"
+        middle = ("radial", "centre x", "centre y")
         return (
-            Block.of(
-                "view.rotation", "rad", ["view.rotation"], 100.0, rotation
-            ),
-            Block.of("view.scale", "1", ["view.log scale"], 100.0),
-            Block.of("view.shear", "1", shears, 1.0),
-            Block.of(
-                "view.shift", self.unit, shifts, FREE * self.extent, shift
-            ),
-            Block.of("view.tilt", f"1/{arm.unit}", tilts, 1.0 / arm.reach),
-            Block.of("lens", "1", lens, 0.5),
+            Block.of("view.rotation", "rad", "", 100.0, rotation),
+            Block.of("view.scale", "1", "", 100.0),
+            Block.of("view.shear", "1", ("stretch", "shear"), 1.0),
+            Block.of("view.shift", self.unit, "xy", FREE * self.extent, shift),
+            Block.of("view.tilt", slope, "xy", 1.0 / arm.reach),
+            Block.of("lens", "1", middle, 0.5),
         )
 
     def place(self, beta: Mapping[str, Array]) -> Placed:
         """Return the plane as a picture, or without tilt and bend positions as they are."""
         size = PRIOR.lens_size * self.extent
-        eye = np.eye(3)
         radial = beta["lens"][0]
         middle = self.centre + size * beta["lens"][1:]
         shift = beta["view.shift"]
         angle = beta["view.rotation"][0]
-        turn = np.array(
-            [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-        )
-        turned = self.metre * np.exp(beta["view.scale"][0]) * turn
+        turn = exponential([0.0, 0.0, angle])[:2, :2]
         stretch, shear = beta["view.shear"]
         sides = np.array([[1 + stretch, shear], [shear, 1 - stretch]])
-        flip = np.diag([1.0, self.mirror])
-        linear = turned @ sides @ flip
-        by_shear = _STRETCH @ flip
-        # the matrix is A / size and the product of (t - middle, size) / size with (h, 1)
+        scale = self.metre * np.exp(beta["view.scale"][0])
+        linear = scale * turn @ sides @ np.diag([1.0, self.mirror])
+        tilt = beta["view.tilt"]
+        if not radial and not tilt.any() and self.view != "homography":
+            return Placed(np.column_stack([linear, shift]))
+        # A / size in the corner, and the product of (t - middle, size) / size with (h, 1)
         start = np.append((shift - middle) / size, 1.0)
-        tilt = np.append(beta["view.tilt"], 1.0)
-        across = eye[:2, :, None] * tilt
-        # without a bend its centre is nowhere
-        by_lens = np.concatenate([np.zeros((1, 3, 3)), -across])
-        lens_order = np.diag([1.0, size, size]) @ np.eye(4)[[3, 1, 2]]
-        by = {
-            "view.rotation": lambda: By(
-                _corner(_QUARTER_TURN @ linear[None]) / size
-            ),
-            "view.scale": lambda: By(_corner(linear[None]) / size),
-            "view.shear": lambda: By(_corner(turned @ by_shear) / size),
-            "view.shift": lambda: By(across / size),
-            "view.tilt": lambda: By(start[:, None] * eye[:2, None]),
-            "lens": lambda: By(by_lens, lens=lens_order),
-        }
-        picture = _corner(linear) / size + np.outer(start, tilt)
-        whole = Placed(picture, np.array([size, *middle, radial]), by)
-        if radial or beta["view.tilt"].any():
-            return whole
-        return Placed(np.column_stack([linear, shift]), None, by, whole=whole)
-
-
-def _corner(linear: Array) -> Array:
-    """Return matrices (..., 3, 3) of those (..., 2, 2) in their corner."""
-    out = np.zeros((*linear.shape[:-2], 3, 3))
-    out[..., :2, :2] = linear
-    return out
+        picture = np.outer(start, np.append(tilt, 1.0))
+        picture[:2, :2] += linear / size
+        return Placed(picture, np.array([size, *middle, radial]))

@@ -96,11 +96,6 @@ class StartSettings:
     )  # damped steps of all runs, and of the best
     runs: int = 8  # that are carried on
     turned_ways: int = 16  # combinations of signs and mirrors that are refined
-    probes: int = 100  # joint values at which arms are compared
-    # a rival has at most so many times the best one's residuals, and is another arm where it
-    # differs by this share of the extents: joint curves may prefer the wrong one of a path
-    rival: float = 2.0
-    apart: float = 0.05
     guessed_rows: int = 60  # that guesses of a frame use
     guess_steps: int = 10  # damped, of a guess
     steps: int = 40  # damped, of the best guess, and of a chain
@@ -138,10 +133,6 @@ class FitSettings:
     noise_steps: int = 12  # of the reweighting that finds a Student noise
     # share of a posterior sd that the last step of a log's member moves at most
     settled: float = 0.2
-    # [nats] by which gravity along another axis has to explain rows better before it is told,
-    # and linearisations of each
-    other_gravity: float = 10.0
-    gravity_steps: int = 3
     # share of the extent beyond which held-out rows doubt a planar arm's drawing
     doubted: float = 0.02
     # nats against joint curves from which the bound needs no second fit with large ones
@@ -162,8 +153,6 @@ class FitSettings:
     unknown_kappa: float = 1.5
     # rows times parameters beyond which only some rows get a predicted spread
     spread_work: float = 5e5
-    # further readings of poses that tell of the sensor's noise
-    repeats: int = 10
 
 
 PRIOR = PriorSettings()

@@ -18,14 +18,6 @@ DRAWN_SIZE = 2e-3
 20 deg warmer than the drawing grows by .5 of a thousandth."""
 
 
-def size_of(body: Body) -> float:
-    """Return the size of a fitted arm over that of its drawing."""
-    structure = _spatial(body)
-    links = np.diff(structure.chain.points, axis=0)
-    fitted = links + body.beta[structure.shifts[1:]]
-    return float((links * fitted).sum() / (links**2).sum())
-
-
 def with_size(body: Body, sd: float) -> Body:
     """Return the belief of an arm whose size is known to a relative `sd` alone."""
     growth = sd * _growth(_spatial(body))

@@ -20,7 +20,7 @@ from ..common.arrays import Array
 from .curves import curve_shape
 from .layout import Ladder
 from .parameters import Block, Hyper, Indices
-from .sensors import InSpace, Lens
+from .sensors import InSpace
 from .settings import FIT, PRIOR, SHIFT, TURN
 from .structure import Moving, Structure
 from .views import ArmSize, Measurement, compose
@@ -55,11 +55,6 @@ class SpatialStructure(Structure):
     )
 
     @property
-    def based(self) -> bool:
-        """Whether the sensor's frame is the robot's root frame."""
-        return self.view.startswith("base")
-
-    @property
     def camera(self) -> bool:
         """Whether a camera sees the arm, in pixels."""
         return self.outputs == 2
@@ -69,16 +64,6 @@ class SpatialStructure(Structure):
         """The sensor that it sees as, or beside which it measures something else."""
         beside = self.place >= len(self.sensors)
         return self.sensors[0 if beside else self.place]
-
-    @property
-    def lens(self) -> Lens:
-        """Focal length, centre [px] and k1 of its camera as they are known before the rows."""
-        return self.viewpoint.lens
-
-    @property
-    def lens_sd(self) -> Lens:
-        """How sure they are."""
-        return self.viewpoint.lens_sd
 
     @property
     def arm_size(self) -> ArmSize:
@@ -125,13 +110,11 @@ class SpatialStructure(Structure):
 
     def _tool(self) -> tuple[Block, Block]:
         """Where the tip is; what one orientation does not tell is held."""
-        shifts = [f"tool.{axis}" for axis in "xyz"]
-        turns = [f"tool.rotation.{axis}" for axis in "xyz"]
         scales = (self.tool,) if self.tool is not None and self.informed else ()
         turn = TURN if self.sensors[0].view == "base pose" else 3.0
         return (
-            Block.of("tool", "m", shifts, self._reach, scales=scales),
-            Block.of("tool.rotation", "rad", turns, turn),
+            Block.of("tool", "m", "xyz", self._reach, scales=scales),
+            Block.of("tool.rotation", "rad", "xyz", turn),
         )
 
     def _placement(self) -> Block:
@@ -178,10 +161,8 @@ class SpatialStructure(Structure):
                 labels.append((names[joint], name, "rad"))
             scale = Hyper(block, PRIOR.elastic, pseudo=1.0)
             yield Block(block, tuple(labels), scales=(scale,))
-        tilts = tuple(
-            (None, f"gravity.{'xyz'[axis]}", "rad") for axis in self._across
-        )
-        yield Block("gravity", tilts, sd=PRIOR.tilt)
+        axes = ["xyz"[axis] for axis in self._across]
+        yield Block.of("gravity", "rad", axes, PRIOR.tilt)
 
     def _coupling(self) -> Block:
         """How much each joint moves with the motor of the one before it."""
@@ -244,9 +225,11 @@ class SpatialStructure(Structure):
             self._down + beta[self.groups["gravity"]] @ self.tilts["gravity"]
         )
 
-    def coupled(self, own: Array) -> Array:
+    def coupled(self, values: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
-        return np.asarray(self.chain.coupling @ own + self.chain.bias[:, None])
+        return np.asarray(
+            self.chain.coupling @ values + self.chain.bias[:, None]
+        )
 
     def led(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
@@ -284,9 +267,9 @@ class SpatialStructure(Structure):
         for block, view in self.groups.items():
             if block.endswith("view.rotation") and delta[view].any():
                 out[view] = compose(delta[view], beta[view])
-        own = np.vstack([self.groups["tool.rotation"], self.turns])
-        if delta[own].any():
-            out[own] = compose(beta[own], delta[own])
+        turns = np.vstack([self.groups["tool.rotation"], self.turns])
+        if delta[turns].any():
+            out[turns] = compose(beta[turns], delta[turns])
         return out
 
     def members(self) -> Ladder:
@@ -313,14 +296,6 @@ class SpatialStructure(Structure):
         if bends:
             ladder.append(("curves", (*bent, "curve")))
         return tuple(ladder)
-
-    @property
-    def frame_groups(self) -> tuple[str, ...]:
-        """Blocks that every member fits: the sensor's place and the tip that it sees."""
-        groups = (*self.viewpoint.seen_as.groups, *self.other_groups)
-        if self.camera and any(self.lens_sd):
-            groups = (*groups, "lens")
-        return groups
 
     def with_view(self, view: str, **fields: Any) -> SpatialStructure:
         """Return the structure with another view."""

@@ -19,7 +19,8 @@ from ..common.rows import thinned
 from ..errors import LogError
 from .fit import Fit
 from .parameters import Prior
-from .planar import PlanarStructure, placed_in_plane, planar_starts
+from .planar import PlanarStructure
+from .planar_starts import framed, planar_starts
 from .rows import Rows
 from .settings import SIMULATED_FLOOR, START, STUDENT
 from .spatial import SpatialStructure
@@ -44,22 +45,18 @@ class Start:
         return Start(self.structure, *fit.settle(steps))
 
 
-def best_starts(
+def best_start(
     structure: Structure, rows: Rows, free: tuple[str, ...]
-) -> list[Start]:
-    """Return the best start, and a rival that explains the rows nearly as well by another arm.
-
-    Rows along a path can be explained by two arms, of which joint curves may prefer the wrong
-    one; the gate then decides with the curves.
+) -> Start:
+    """Return the start that explains rows best.
 
     free : groups that the runs fit; the gate's chain
     """
-    some = rows.take(
-        np.sort(np.random.default_rng(0).permutation(len(rows))[: START.rows])
-    )
+    order = np.random.default_rng(0).permutation(len(rows))[: START.rows]
+    some = rows.take(np.sort(order))
     runs = candidates(structure, some)
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
-        return runs
+        return runs[0]
     for steps in START.run_steps:
         runs = [
             run.run(some.q, some.z, run.structure.prior(free), steps)
@@ -68,25 +65,7 @@ def best_starts(
         runs = sorted(runs, key=lambda run: run.cost)[: START.runs]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
     tied = [run for run in runs if not run.cost > runs[0].cost + START.tied]
-    best = min(tied, key=lambda run: run.structure.reversals)
-    lower = rows.q.min(axis=0)
-    span = rows.q.max(axis=0) - lower
-    shares = np.random.default_rng(0).random((START.probes, rows.q.shape[1]))
-    probes = lower + shares * span
-    there = best.structure.predict(probes, best.beta)
-    for run in runs:
-        apart = best.structure.residual(
-            there, run.structure.predict(probes, run.beta)
-        )
-        share = float(np.abs(apart / best.structure.extents).max())
-        is_other = share > max(START.apart, 20 * best.noise)
-        if (
-            is_other
-            and run.noise <= START.rival * best.noise
-            and np.isfinite(run.cost)
-        ):
-            return [best, run]
-    return [best]
+    return min(tied, key=lambda run: run.structure.reversals)
 
 
 def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
@@ -96,27 +75,20 @@ def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
     for further in rows[1:]:
         if not isinstance(further.sensor, str):
             continue
-        seen = structure.as_seen_by(further.sensor)
+        there = structure.as_seen_by(further.sensor)
         some = further.take(thinned(len(further), START.rows))
-        if isinstance(seen, PlanarStructure):
-            seen, beta = placed_in_plane(seen, some.q, some.z, beta)
-        elif isinstance(seen, SpatialStructure):
-            beta = _placed_in_space(seen, some, beta)
-        structure = seen.as_seen_by(structure.viewpoint.name)
+        if isinstance(there, PlanarStructure):
+            there, beta = framed(there, some.q, some.z, beta)
+        elif isinstance(there, SpatialStructure):
+            alone = frame(there, some.q, some.z, arm=beta)
+            tool = there.groups["tool"]
+            alone[there.groups["marker"]] += alone[tool] - beta[tool]
+            placed = [there.groups[block] for block in (*_FRAME, "marker")]
+            index = np.concatenate(placed)
+            beta = beta.copy()
+            beta[index] = alone[index]
+        structure = there.as_seen_by(structure.viewpoint.name)
     return replace(start, structure=structure, beta=beta)
-
-
-def _placed_in_space(
-    structure: SpatialStructure, rows: Rows, beta: Array
-) -> Array:
-    """Return parameters (d,) with those of the sensor that fit its rows; the arm's stay."""
-    groups = structure.groups
-    alone = frame(structure, rows.q, rows.z, arm=beta)
-    out = beta.copy()
-    for block in _FRAME:
-        out[groups[block]] = alone[groups[block]]
-    out[groups["marker"]] += alone[groups["tool"]] - beta[groups["tool"]]
-    return out
 
 
 def candidates(structure: Structure, rows: Rows) -> list[Start]:
@@ -174,21 +146,19 @@ def frame(
     groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
     some = thinned(len(q), START.guessed_rows)
-    guesses = _guesses(
-        structure, q, z, structure.neutral() if arm is None else arm
-    )
+    begin = structure.neutral() if arm is None else arm
     runs = [
         Start(structure, guess).run(
             q[some], z[some], Prior(guess, sd), START.guess_steps
         )
-        for guess in guesses
+        for guess in _guesses(structure, q, z, begin)
     ]
     best = min(runs, key=lambda run: run.cost)
     best = best.run(q, z, Prior(best.beta, sd), START.steps)
     if structure.camera and drawn:
         # a camera's pose and its focal length help each other
         free = [*groups, "offset"]
-        if any(structure.lens_sd):
+        if any(structure.viewpoint.lens_sd):
             free.append("lens")
         sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0
@@ -204,9 +174,8 @@ def _refuse_misfit(
     """Refuse rows that the nominal arm does not explain; the log's reader says why."""
     misfit = structure.residual(z, structure.predict(q, beta))
     off = float(np.median(np.linalg.norm(misfit[:, :3], axis=1)))
-    size = float(
-        np.linalg.norm(z[:, :3] - np.median(z[:, :3], axis=0), axis=1).max()
-    )
+    away = z[:, :3] - np.median(z[:, :3], axis=0)
+    size = float(np.linalg.norm(away, axis=1).max())
     most = START.other_arm
     what = "positions"
     if structure.camera:
@@ -214,17 +183,15 @@ def _refuse_misfit(
         what = "pixels"
     if off > most * size:
         raise LogError(
-            f"the robot does not explain the {what}: in the best frame half of the rows are more "
-            f"than {off:.3g} off, of {size:.3g} that they spread; check the order of the joints, "
-            f"their unit and that of the {what}, mirrored axes or a mirrored picture, that a row "
-            "is of one moment, and whether it is this robot"
+            f"the robot does not explain the {what}: half of the rows are more than {off:.3g} off, "
+            f"of {size:.3g} that they spread; check the order of the joints, their unit and that "
+            f"of the {what}, mirrored axes, times, and whether it is this robot"
         )
     turned = float(np.median(np.linalg.norm(misfit[:, 3:], axis=1)))
     if turned > START.other_turns:
         raise LogError(
             f"the orientations do not turn as the joints do: {np.degrees(turned):.0f} deg are left "
-            "(median); check their order, their unit, and that they are of the tip, or leave them "
-            "out"
+            "(median); check their order and unit, or leave them out"
         )
 
 
@@ -242,7 +209,7 @@ def _guesses(
         yield from _cameras(structure, points, z, beta)
         return
     nothing = np.zeros(3)
-    if structure.based:
+    if structure.view.startswith("base"):
         yield _with_frame(
             structure, beta, points, rotations, z, nothing, np.eye(3)
         )
@@ -273,12 +240,12 @@ def _with_frame(
     groups = structure.groups
     guess[groups["tool"]] = tool
     guess[groups["view.rotation"]] = logarithm(turn)
+    scale = structure.metre
     if structure.viewpoint.seen_as.scaled:
-        _, shift, factor = similarity(tip, z[:, :3])
-        guess[groups["view.scale"]] = np.log(factor / structure.metre)
-        guess[groups["view.shift"]] = shift
-    elif not structure.based:
-        shift = (z[:, :3] - structure.metre * tip @ turn.T).mean(axis=0)
+        scale = similarity(tip, z[:, :3])[2]
+    if not structure.view.startswith("base"):
+        shift = (z[:, :3] - scale * tip @ turn.T).mean(axis=0)
+        guess[groups["view.scale"]] = np.log(scale / structure.metre)
         guess[groups["view.shift"]] = shift
     if structure.outputs == 6:
         # A' X' Z of every row, averaged and made a rotation again
@@ -295,10 +262,8 @@ def _turn_of_poses(rotations: Array, seen: Array) -> Array:
     Relative rotations of any two rows are conjugate, so that X turns the axes of A_k A_l' into
     those of Z_k Z_l' (Park and Martin 1994); rows are paired with their neighbours.
     """
-    nominal, observed = (
-        logarithm(turns[1:] @ np.swapaxes(turns[:-1], 1, 2))
-        for turns in (rotations, seen)
-    )
+    nominal = logarithm(rotations[1:] @ np.swapaxes(rotations[:-1], 1, 2))
+    observed = logarithm(seen[1:] @ np.swapaxes(seen[:-1], 1, 2))
     return nearest_rotation(observed.T @ nominal)
 
 
@@ -307,8 +272,8 @@ def _cameras(
 ) -> Iterator[Array]:
     """Yield cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
     groups = structure.groups
-    known_focal = structure.lens[0]
-    principal = np.asarray(structure.lens[1:3])
+    known_focal = structure.viewpoint.lens[0]
+    principal = np.asarray(structure.viewpoint.lens[1:3])
     middle = points.mean(axis=0)
     centred = points - middle
     ridge = 1e-6 * np.trace(centred.T @ centred) * np.eye(3)
@@ -321,7 +286,7 @@ def _cameras(
     two = u @ vt
     upright = np.vstack([two, np.cross(two[0], two[1])])
     tilted = exponential([0.6, 0.0, 0.0]) @ upright
-    factors = (1.0, 0.7, 1.4) if structure.lens_sd[0] else (1.0,)
+    factors = (1.0, 0.7, 1.4) if structure.viewpoint.lens_sd[0] else (1.0,)
     for factor in factors:
         focal = factor * known_focal
         depth = focal / max(float(s.mean()), 1e-9)

@@ -10,7 +10,7 @@ with loads ``load_e = gravity . lever_e(q)``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -25,7 +25,8 @@ from .views import Moved, Placed, Scene, Sight, compose
 Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
 """Parameters of a chain's geometry, and how the tip moves with each of them."""
 
-_BELIEFS = 8  # whose constants are remembered
+_BELIEFS = 16  # whose constants are remembered
+_STEP = 1e-4  # of a sensor's parameters, in derivatives
 
 S = TypeVar("S", bound="Structure")
 
@@ -89,11 +90,6 @@ class Structure(Layout):
         """What bends the joints, by the block of elasticity that has a parameter for each."""
         raise NotImplementedError
 
-    @property
-    def tilts(self) -> Mapping[str, Array]:
-        """Blocks that tilt gravity, and the ways (t, g) in which their parameters move it."""
-        return {}
-
     def gravity_at(self, beta: Array) -> Array:  # noqa: ARG002
         """What (g,) loads are of their levers, at parameters (d,)."""
         return np.ones(1)
@@ -129,42 +125,17 @@ class Structure(Layout):
         return out
 
     def fixed(self, beta: Array) -> Fixed:
-        """What follows from parameters (d,) alone, remembered: a body's are read-only."""
-        key = None if beta.flags.writeable else id(beta)
-        last, fixed = self._fixed.get(key, (None, None))
-        same = (
-            last is beta
-            if key
-            else last is not None and np.array_equal(last, beta)
-        )
-        if fixed is None or not same:
-            if len(self._fixed) > _BELIEFS:
-                self._fixed.clear()
-            fixed = self._fixed_at(beta)
-            self._fixed[key] = (beta if key else beta.copy(), fixed)
-        return fixed
-
-    @cached_property
-    def _fixed(self) -> dict[int | None, tuple[Array, Fixed]]:
-        """What follows from parameters, by their id; of those that may change under None."""
-        return {}
+        """What follows from parameters (d,) alone, remembered."""
+        return _fixed(self, beta.tobytes())
 
     @cached_property
     def _last_levers(self) -> dict[str, tuple[Array, Array]]:
         """The last rows of each block of elasticity, and their levers."""
         return {}
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What is pickled: not what is remembered."""
-        forgotten = ("_fixed", "_last_levers")
-        return {
-            name: value
-            for name, value in vars(self).items()
-            if name not in forgotten
-        }
-
-    def _fixed_at(self, beta: Array) -> Fixed:
-        blocks = {name: beta[indices] for name, indices in self.groups.items()}
+    def fixed_at(self, beta: Array) -> Fixed:
+        """What follows from parameters (d,) alone."""
+        blocks = self._blocks(beta)
         bent = [k for k in range(self.dof) if blocks[f"curve.{k}"].any()]
         curves = np.reshape(
             [blocks[f"curve.{k}"] for k in bent], (-1, 2 * HARMONICS)
@@ -272,8 +243,13 @@ class Structure(Layout):
         groups = self.groups
         fixed = self.fixed(beta)
         joints = q[:, : self.dof]
-        for name, columns in sight.columns():
-            yield groups[name], columns
+        look = partial(self._look, q, motion)
+        for name in self.own_blocks:
+            yield groups[name], partial(self._by_differences, name, look, beta)
+        if "gravity" in groups:
+            look = partial(Structure.predict, self, q)
+            name = "gravity"
+            yield groups[name], partial(self._by_differences, name, look, beta)
         chained = sight.push(*motion.joints())
         led = self.led(chained)
 
@@ -285,11 +261,6 @@ class Structure(Layout):
 
         for block in self.loads:
             yield groups[block], partial(by_loads, block)
-        for block, ways in self.tilts.items():
-            yield (
-                groups[block],
-                partial(self._by_gravity, q, fixed, chained, ways),
-            )
         if "coupling" in groups:
             yield groups["coupling"], lambda: led[1:] * joints.T[:-1, None]
         yield groups["offset"], lambda: led
@@ -301,6 +272,28 @@ class Structure(Layout):
             yield indices, partial(_pushed, sight, moved)
         for k in range(self.dof):
             yield groups[f"curve.{k}"], partial(_waved, joints[:, k], led[k])
+
+    def _by_differences(
+        self, block: str, predict: Callable[[Array], Array], beta: Array
+    ) -> Array:
+        """How outputs (k, m, n) of parameters (d,) move with those of a block."""
+        steps = _STEP * np.eye(self.size)[self.groups[block]]
+        moved: list[Array] = []
+        for step in steps:
+            ahead = predict(self.retract(beta, step))
+            behind = predict(self.retract(beta, -step))
+            moved.append(self.residual(ahead, behind).T)
+        return np.array(moved) / (2 * _STEP)
+
+    def _look(self, q: Array, motion: Motion, beta: Array) -> Array:
+        """What a sensor at parameters (d,) sees of a motion, (n, m)."""
+        blocks = self._blocks(beta)
+        placed = self.viewpoint.place(blocks)
+        scene = Scene(blocks, placed, motion, q[:, self.dof :])
+        return self.measurement.look(scene).values
+
+    def _blocks(self, beta: Array) -> dict[str, Array]:
+        return {name: beta[indices] for name, indices in self.groups.items()}
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
@@ -329,19 +322,6 @@ class Structure(Layout):
             moved += np.einsum("emn,ekn->kmn", chained[loads.joints], slopes)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))
 
-    def _by_gravity(
-        self, q: Array, fixed: Fixed, chained: Array, ways: Array
-    ) -> Array:
-        """How outputs move (t, m, n) as gravity moves along `ways` (t, g)."""
-        moved = np.zeros((len(ways), *chained.shape[1:]))
-        for block, elastic in fixed.elastic.items():
-            levers = self._levers(block, q)
-            bent = chained[self.loads[block].joints]
-            for way, out in zip(ways, moved, strict=True):
-                bends = elastic[:, None] * loads_of(levers, way)
-                out += (bent * bends[:, None]).sum(axis=0)
-        return moved
-
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""
         return self.predict_and_slope(q, beta)[1]
@@ -357,12 +337,14 @@ def _waved(q: Array, led: Array) -> Array:
     return waves_of(q)[:, None] * led
 
 
+@lru_cache(_BELIEFS)
+def _fixed(structure: Structure, beta: bytes) -> Fixed:
+    return structure.fixed_at(np.frombuffer(beta))
+
+
 def loads_of(levers: Array, gravity: Array) -> Array:
     """Loads (e, n) of levers (e, g, n) under gravity (g,)."""
-    loads: Array = levers[:, 0] * gravity[0]
-    for k in range(1, len(gravity)):
-        loads += levers[:, k] * gravity[k]
-    return loads
+    return np.asarray(np.einsum("egn,g->en", levers, gravity))
 
 
 class OfStructure(Gaussian):

@@ -23,7 +23,7 @@ from .parameters import Block, Gaussian, Hyper, Indices
 from .rows import Rows, together
 from .settings import FINER, FIT, FREE, PRIOR
 from .spatial import SpatialStructure
-from .views import Angular, ArmSize, Columns, Measurement, Scene
+from .views import Angular, ArmSize, Measurement, Scene
 
 _POSTURES = 400
 """Postures all over the range, of which the mean motion is that of the whole arm."""
@@ -43,18 +43,14 @@ class Touch(Measurement):
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
         """The sockets."""
-        names = [
-            f"point.{k}.{axis}" for k in range(self.count) for axis in "xyz"
-        ]
+        names = [f"{k}.{axis}" for k in range(self.count) for axis in "xyz"]
         return (Block.of("point", "m", names, FREE * arm.reach),)
 
     def look(self, scene: Scene) -> _Misses:
         """See the tip in its sockets."""
         places = scene.blocks["point"].reshape(-1, 3)
         number = scene.also[:, 0].astype(int)
-        slope = np.zeros((len(number), 3, self.count, 3))
-        slope[np.arange(len(number)), :, number] = -np.eye(3)
-        return _Misses(scene.motion.position.T - places[number], slope, 1.0)
+        return _Misses(scene.motion.position.T - places[number], 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,15 +68,9 @@ class Stated(Measurement):
     def look(self, scene: Scene) -> _Misses:
         """See how far the sockets are off."""
         places = scene.blocks["point"].reshape(-1, 3)
-        values = []
-        slopes = []
-        for fact in self.facts:
-            value, slope = fact.misfit(places)
-            values.append(value / fact.tolerance)
-            slopes.append(slope / fact.tolerance)
+        values = [fact.misfit(places) / fact.tolerance for fact in self.facts]
         rows = scene.also[:, 0].astype(int)
-        value = np.concatenate(values)[rows, None]
-        return _Misses(value, np.concatenate(slopes)[rows], 0.0)
+        return _Misses(np.concatenate(values)[rows, None], 0.0)
 
 
 @dataclass(frozen=True)
@@ -88,19 +78,11 @@ class _Misses:
     """How far n rows are off their sockets."""
 
     values: Array  # (n, m)
-    slope: Array  # (n, m, p, 3), by the sockets
     moves: float  # by how much they move with the tip
 
     def push(self, velocity: Array, angular: Angular = 0.0) -> Array:  # noqa: ARG002
         """How outputs (..., m, n) move when the tip does."""
         return np.asarray(self.moves * velocity[..., : self.values.shape[1], :])
-
-    def columns(self) -> Columns:
-        """The derivative by the sockets."""
-        by_points = self.slope.reshape(*self.values.shape, -1).transpose(
-            2, 1, 0
-        )
-        yield "point", lambda: by_points
 
 
 def touching(

@@ -6,9 +6,9 @@ as of a homography, whose picture is the plane.  Arrays have rows last.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -24,9 +24,6 @@ Angular = Array | float
 
 Moved = tuple[Array, Angular]
 """How the tip moves: velocity (..., 3, n) [m] and angular velocity (..., 3, n) [rad], or 0."""
-
-Columns = Iterator[tuple[str, Callable[[], Array]]]
-"""Derivatives (k, m, n) by each of a sensor's own blocks."""
 
 LEAST_DEPTH = 1e-3
 """A point nearer to the camera's plane than this [m] has no pixel; it is held there."""
@@ -87,14 +84,12 @@ def is_camera(view: str) -> bool:
 class Sight(Protocol):
     """What a sensor sees at n rows.
 
-    Outputs (n, m), how they (..., m, n) move when the tip does, and their derivative (k, m, n) by
-    each of the sensor's own blocks.
+    Outputs (n, m), and how they (..., m, n) move when the tip does.
     """
 
     @property
     def values(self) -> Array: ...  # noqa: D102
     def push(self, velocity: Array, angular: Angular = 0.0) -> Array: ...  # noqa: D102
-    def columns(self) -> Columns: ...  # noqa: D102
 
 
 class ArmSize(NamedTuple):
@@ -144,14 +139,6 @@ class Measurement:
 # A sensor at its parameters, and what it sees.
 
 
-class By(NamedTuple):
-    """How a sensor's matrix, orientation and lens depend on k parameters."""
-
-    matrix: Array  # (k, w, d + 1)
-    turn: Array | None = None  # (k, 3) [rad]
-    lens: Array | None = None  # (k, 4)
-
-
 @dataclass(frozen=True, eq=False)
 class Placed:
     """A sensor: ``w = matrix (p, 1)`` of a point p; read as it is, or through a lens."""
@@ -159,14 +146,9 @@ class Placed:
     matrix: Array  # (w, d + 1), d coordinates of points
     # (4,), focal length, centre and k1 of what reads pixels
     lens: Array | None = None
-    by: Mapping[str, Callable[[], By]] = field(
-        default_factory=dict
-    )  # its own blocks
     posed: bool = False  # whether it reads orientations too
     rotation: Array = field(default_factory=lambda: np.eye(3))
     scale: float = 1.0
-    # the same through a lens: what `by` is of, where it is read without
-    whole: Placed | None = None
 
     @property
     def shift(self) -> Array:
@@ -178,13 +160,13 @@ class Placed:
         w = self.matrix[:, :-1] @ position + self.shift[:, None]
         if self.lens is not None:
             picture = pixels(self.lens, w)
-            return View(picture.values, self, position, picture)
+            return View(picture.values, self, picture)
         if not self.posed:
-            return View(np.ascontiguousarray(w.T), self, position)
+            return View(np.ascontiguousarray(w.T), self)
         turn = logarithm(
             self.rotation @ np.moveaxis(np.asarray(rotation), 2, 0)
         )
-        return View(np.concatenate([w.T, turn], axis=1), self, position)
+        return View(np.concatenate([w.T, turn], axis=1), self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,46 +175,21 @@ class View:
 
     values: Array  # (n, m)
     sensor: Placed
-    tip: Array  # (d, n)
     picture: Picture | None = None
 
     def push(self, velocity: Array, angular: Angular = 0.0) -> Array:
         """How outputs (..., m, n) move when the tip moves (..., d, n) [m] and turns [rad]."""
-        sensor = self.sensor
-        turned: Array | float = 0.0
-        if sensor.posed and isinstance(angular, np.ndarray):
-            turned = sensor.rotation @ angular
-        return self._seen(sensor.matrix[:, :-1] @ velocity, turned)
-
-    def columns(self) -> Columns:
-        """The derivative (k, m, n) by each of the sensor's own blocks."""
-        for name in self.sensor.by:
-            yield name, partial(self._by, name)
-
-    @cached_property
-    def _whole(self) -> View:
-        return self.sensor.whole.look(self.tip) if self.sensor.whole else self
-
-    def _by(self, name: str) -> Array:
-        view = self._whole
-        by = view.sensor.by[name]()
-        moved = by.matrix[..., :-1] @ self.tip + by.matrix[..., -1:]
-        turned = 0.0 if by.turn is None else by.turn[..., None]
-        columns = view._seen(moved, turned)
-        if by.lens is not None and view.picture is not None:
-            columns = columns + np.tensordot(
-                by.lens, view.picture.refocused(), axes=1
-            )
-        return columns
-
-    def _seen(self, moved: Array, turned: Array | float) -> Array:
+        moved = self.sensor.matrix[:, :-1] @ velocity
         if self.picture is not None:
             return self.picture.seen(moved)
-        if self.sensor.posed:
-            return np.concatenate(
-                [moved, np.broadcast_to(turned, moved.shape)], axis=-2
-            )
-        return moved
+        if not self.sensor.posed:
+            return moved
+        turned: Array | float = 0.0
+        if isinstance(angular, np.ndarray):
+            turned = self.sensor.rotation @ angular
+        return np.concatenate(
+            [moved, np.broadcast_to(turned, moved.shape)], axis=-2
+        )
 
 
 @dataclass(frozen=True, eq=False)

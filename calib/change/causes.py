@@ -5,7 +5,7 @@ They know an arm only by the groups of its structure's parameters: one table ser
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
@@ -15,9 +15,9 @@ from ..body.belief import Body
 from ..body.covariance import root_of
 from ..body.parameters import Indices
 from ..body.settings import LOG_FLOOR, SHIFT, TURN
+from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..common.arrays import Array
-from ..common.choices import CAUSES
 from ..errors import OptionError
 from .settings import ANYWHERE, BUILT_CURVE, CREEP
 
@@ -31,7 +31,7 @@ class Cause:
 
     # ``"sensor"``, ``"offset:JOINT"``, ``"length:JOINT"``, ``"gain:JOINT"``, ``"elastic:JOINT"``,
     # ``"curve:JOINT"``, ``"curve"`` of all joints, ``"scale"``, ``"tilt"``, ``"lens"``,
-    # ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"backlash:JOINT"``, ``"noise"``,
+    # ``"mirror"``, ``"sign:JOINT"``, ``"backlash:JOINT"``, ``"noise"``,
     # ``"noise:JOINT"`` or ``"unknown"``
     cause: str
     group: str  # group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``,
@@ -175,24 +175,14 @@ _SETS = (
 """Groups of which all parameters may have changed together."""
 
 
-def check_cause(cause: str | None) -> None:
-    """Refuse what nobody can know of a change."""
-    if cause is not None and cause not in CAUSES:
-        hint = f"choose one of {', '.join(CAUSES)}"
+def check_choice(name: str, value: str | None, choices: Sequence[str]) -> None:
+    """Refuse what cannot be chosen."""
+    if value is not None and value not in choices:
         raise OptionError(
-            f"cause {cause!r} is unknown",
-            hint=hint,
-            parameter="cause",
-            value=cause,
-        )
-
-
-def check_free(free: str) -> None:
-    """Refuse what cannot be freed by itself."""
-    if free not in ("all", "offsets"):
-        hint = "choose all or offsets"
-        raise OptionError(
-            f"free {free!r} is unknown", hint=hint, parameter="free", value=free
+            f"{name} {value!r} is unknown",
+            hint=f"choose one of {', '.join(choices)}",
+            parameter=name,
+            value=value,
         )
 
 
@@ -204,33 +194,30 @@ def single_causes(
     cause : {"sensor", "joints", "offsets"}, if it is known that only these may have changed;
         "offsets" are the joints' zeros and the frame
     """
-    causes: dict[str, Indices] = {}
+    sensors = _SENSORS
+    groups: tuple[str, ...] = TESTED
     if cause == "offsets":
-        causes["sensor"] = indices_of(structure, FRAME)
-    elif cause != "joints":
-        for name, groups in _SENSORS.items():
-            if len(indices_of(structure, groups[:1])):
-                causes[name] = indices_of(structure, groups)
-    if cause != "sensor":
-        for group in ("offset",) if cause == "offsets" else TESTED:
-            for index in indices_of(structure, (group,)).tolist():
-                place = structure.labels[index].joint
-                if (
-                    group == "placement"
-                    and place == structure.joint_names[0]
-                    and cause != "joints"
-                ):
-                    continue  # the first origin's place is the sensor's frame
-                # a payload bends all joints at once
-                joint = (
-                    None
-                    if group in ("elastic", "payload")
-                    else structure.labels[index].joint
-                )
-                name = f"{group}:{joint}" if joint else group
-                causes[name] = np.append(
-                    causes.get(name, np.zeros(0, np.intp)), index
-                )
+        sensors = {"sensor": FRAME}
+        groups = ("offset",)
+    elif cause == "joints":
+        sensors = {}
+    elif cause == "sensor":
+        groups = ()
+    causes: dict[str, Indices] = {}
+    for name, moved in sensors.items():
+        if len(indices_of(structure, moved[:1])):
+            causes[name] = indices_of(structure, moved)
+    for group in groups:
+        for index in indices_of(structure, (group,)).tolist():
+            joint = structure.labels[index].joint
+            first = joint == structure.joint_names[0]
+            if group == "placement" and first and cause != "joints":
+                continue  # the first origin's place is the sensor's frame
+            name = f"{group}:{joint}"
+            if joint is None or group in ("elastic", "payload"):
+                name = group  # a payload bends all joints at once
+            indices = causes.get(name, np.zeros(0, np.intp))
+            causes[name] = np.append(indices, index)
     return causes
 
 
@@ -256,36 +243,19 @@ def is_sensors(group: str) -> bool:
     return group.startswith("view.") or group == "lens"
 
 
-def parts_of(structure: Structure, group: str) -> list[tuple[str, Indices]]:
-    """Parts of a group, or of a "group:joint", each with its parameters: the joints' curves."""
-    group, _, joint = group.partition(":")
-    curves = group == "curve"
-    own = [
-        n
-        for n in structure.groups
-        if (n.startswith("curve.") if curves else n == group)
-    ]
-    labels = structure.labels
-    return [
-        (
-            name,
-            np.array(
-                [
-                    k
-                    for k in structure.groups[name]
-                    if joint in ("", labels[k].joint)
-                ],
-                int,
-            ),
-        )
-        for name in own
-    ]
+def changeable(structure: Structure) -> tuple[str, ...]:
+    """Groups of a structure without the joints' curves."""
+    return tuple(g for g in structure.groups if not g.startswith("curve"))
 
 
 def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
     """Parameters (k,) of some groups; those that the structure does not have are left out."""
-    parts = [ix for group in groups for _, ix in parts_of(structure, group)]
-    return np.concatenate([np.zeros(0), *parts]).astype(np.intp)
+    parts: list[Array | Indices] = [np.zeros(0)]
+    for group in groups:
+        for name, indices in structure.groups.items():
+            if group == name or group == "curve" == name.split(".")[0]:
+                parts.append(indices)
+    return np.concatenate(parts).astype(np.intp)
 
 
 def freedom(
@@ -330,9 +300,8 @@ def as_built(body: Body) -> Body:
     if not body.simulated:
         return body
     sd = _deviations(body, _arms(body), "built", BUILT_CURVE, 1.0)
-    if (
-        structure.kind == "spatial"
-    ):  # the first origin's place is the frame's own
+    # the first origin's place is the frame's own
+    if isinstance(structure, SpatialStructure):
         sd[np.concatenate([structure.shifts[0], structure.turns[0]])] = 0.0
     # What the samples left open stays correlated: along the gauge of a chain without a drawing,
     # deviations alone, of radians, would say that nothing was learned.
@@ -389,9 +358,8 @@ def _deviations(
         "view.tilt": 1.0 / chain,
         "length": metre or links.mean(),
     }
-    for name, ix in (
-        part for group in groups for part in parts_of(structure, group)
-    ):
+    for name in groups:
+        ix = indices_of(structure, (name,))
         if name.startswith("curve"):
             sd[ix] = curve * structure.prior((name,)).sd[ix]
             continue

@@ -2,21 +2,120 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from ..body.belief import Body
+from ..arm.rotations import exponential, logarithm, matrix_of
+from ..body.belief import Body, knows_orientation
+from ..body.covariance import root_of
+from ..body.fit import Fit
+from ..body.parameters import Prior
+from ..body.rows import Rows
+from ..body.settings import FREE, STUDENT
 from ..common.arrays import Array, Mask
 from ..samples.diagnosis import rows_behind
-from .explain import Explanation
+from .causes import Cause
+from .explain import Explanation, is_changed
 from .frame import Reference
-from .orientation import TurnedTool, turned_tool
 from .rows import LogRows
-from .settings import FEW_WRONG, UNEXPLAINED
+from .settings import BEYOND, FALSE_ALARM, FEW_WRONG, UNEXPLAINED
 from .significance import BoundTest, Tested
 from .system import Log
+
+
+@dataclass(frozen=True)
+class TurnedTool:
+    """How the tool of a log is turned, beside what a belief says."""
+
+    # statistic over its threshold; 0 where nothing can be compared
+    score: float = 0.0
+    turn: Array = field(
+        default_factory=lambda: np.zeros(3)
+    )  # [rad], in the tool's own axes
+    covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    notes: tuple[str, ...] = ()  # why orientations were not compared
+
+    @property
+    def cause(self) -> Cause:
+        """A tool that is turned about its own tip."""
+        angle = float(np.linalg.norm(self.turn))
+        half = (
+            1.96
+            * float(np.sqrt(self.turn @ self.covariance @ self.turn))
+            / angle
+        )
+        size = f"{np.degrees(angle):.3g} deg"
+        words = f"the tool is turned by {size} (its orientation, not its place)"
+        return Cause.measured(
+            "tool", "tool.rotation", words, angle, half, "rad"
+        )
+
+    def of(self, body: Body) -> Body:
+        """A belief with the tool turned."""
+        tool = body.structure.groups["tool.rotation"]
+        delta = np.zeros(body.structure.size)
+        delta[tool] = self.turn
+        place = np.searchsorted(body.active, tool)
+        covariance = body.covariance.copy()
+        covariance[place] = 0.0
+        covariance[:, place] = 0.0
+        covariance[np.ix_(place, place)] = self.covariance / body.kappa**2
+        beta = body.structure.retract(body.beta, delta)
+        return replace(body, beta=beta, root=root_of(covariance))
+
+
+def turned_tool(
+    rows: LogRows, structure: Any, beta: Array, deviation: Array | None = None
+) -> TurnedTool:
+    """Compare orientations with those that parameters (d,) predict.
+
+    deviation : (d,), standard deviations of the parameters, which may turn the tool, too; the
+        sensor may be turned then: positions tell that less well
+    """
+    from scipy.special import chdtri
+
+    old = rows.body
+    if rows.orientation is None:
+        return TurnedTool()
+    if not knows_orientation(old):
+        why = (
+            "orientations are not compared: the model was learned without them"
+        )
+        return TurnedTool(notes=(why,))
+    tool = structure.groups["tool.rotation"]
+    sd = np.zeros(len(beta))
+    if deviation is not None:
+        sd = deviation.copy()
+        sd[structure.groups["view.rotation"]] = FREE
+    sd[tool] = FREE
+    poses = np.hstack([rows.x, logarithm(matrix_of(rows.orientation))])
+    # of positions nothing is asked
+    floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
+    fit = Fit(
+        structure.with_view("pose"),
+        [Rows(rows.q, poses, floor=floor)],
+        beta,
+        Prior(beta, sd),
+        nu=STUDENT,
+    ).maximise()
+    before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
+    turn = logarithm(before.T @ after)
+    place = np.searchsorted(fit.active, tool)
+    covariance = fit.covariance[np.ix_(place, place)]
+    place = np.searchsorted(old.active, tool)
+    # the model knows its own tool as well as it does
+    both = covariance + old.kappa**2 * old.covariance[np.ix_(place, place)]
+    square = float(turn @ np.linalg.solve(both, turn))
+    # what the chain leaves over differs between regions of the workspace by about its scatter
+    scatter = np.sqrt(3) * fit.noise[-1]
+    score = min(
+        square / float(chdtri(3, FALSE_ALARM)),
+        float(np.linalg.norm(turn) / scatter),
+    )
+    return TurnedTool(score, turn, covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,9 +123,8 @@ class Evidence:
     """What a log says of a belief."""
 
     rows: LogRows
-    cause: (
-        str | None
-    )  # {"sensor", "joints", "offsets"} or None, what is known about the change
+    # {"sensor", "joints", "offsets"} or None, what is known about the change
+    cause: str | None
     prior: Body  # the belief that a changed arm starts from
     reference: Reference  # the same in the frame of the log
     sound: Mask  # (n,), rows that do not contradict all others
@@ -34,24 +132,19 @@ class Evidence:
     tests: Tested
     bound: BoundTest
     explanations: tuple[Explanation, ...]  # the best first
-    score: float  # above 1 the arm or its sensor changed
-    attributed: bool = False  # whether a change is clearly better than none
 
     @property
     def unit(self) -> str:
         """Unit of the positions; "sensor" where their scale shows that it is not the model's."""
-        same = (
-            self.reference.scale == 1.0
-            or self.rows.unit != self.rows.model.about.unit
-        )
-        return self.rows.unit if same else "sensor"
+        unit = self.rows.unit
+        same = self.reference.scale == 1.0 or unit != self.rows.model.about.unit
+        return unit if same else "sensor"
 
     @cached_property
     def distance(self) -> float:
         """Typical distance of the rows from the best explanation [unit]."""
-        return float(
-            np.median(np.linalg.norm(self.explanations[0].residual, axis=1))
-        )
+        residual = self.explanations[0].residual
+        return float(np.median(np.linalg.norm(residual, axis=1)))
 
     @cached_property
     def misfit(self) -> float:
@@ -67,39 +160,45 @@ class Evidence:
             return True
         # rows that lag or whose joints are exchanged come near too, but for those at each jump
         wrong = self.rows.wrong + int(np.count_nonzero(~self.sound))
-        return (
-            self.distance < self.bound.usual < np.inf
-            and wrong <= FEW_WRONG * len(self.rows)
-        )
+        few = wrong <= FEW_WRONG * len(self.rows)
+        return few and self.distance < self.bound.usual < np.inf
+
+    @cached_property
+    def better(self) -> bool:
+        """Whether a change explains the rows, and clearly better than none."""
+        changed = self.reference.new or is_changed(self.explanations)
+        return self.explained and changed
+
+    @cached_property
+    def score(self) -> float:
+        """Above 1 the arm or its sensor changed."""
+        fails = self.bound.beyond > BEYOND
+        scores = [self.tests.score, self.bound.test.score]
+        if self.reference.new:
+            scores.append(2.0)
+        if not self.explained and (fails or max(scores) > 1.0):
+            scores.append(1.0 + self.misfit)
+        if self.better and fails and self.tests.noisy is None:
+            scores.append(1.0 + self.bound.beyond)
+        return max(scores)
+
+    @property
+    def attributed(self) -> bool:
+        """Whether something changed, and a change is clearly better than none."""
+        return self.better and self.score > 1.0
 
     @cached_property
     def tool(self) -> TurnedTool:
-        """How the tool is turned beside the best explanation of the positions."""
-        if self.attributed:
-            return self.tool_under(self.explanations[0], framed=True)
-        body = self.rows.body
-        sure = np.zeros(body.structure.size)
-        return turned_tool(
-            self.rows, body.structure, body.beta, sure, framed=False
-        )
-
-    def tool_under(
-        self, best: Explanation, *, framed: bool = False
-    ) -> TurnedTool:
-        """How the tool is turned beside an explanation, as far as that is sure."""
-        return turned_tool(
-            self.rows,
-            self.reference.structure,
-            best.beta,
-            best.deviation,
-            framed=framed,
-        )
+        """How the tool is turned beside the best explanation of the positions, as far as sure."""
+        if not self.attributed:
+            return self.tool_beside(self.rows.body.beta)
+        best = self.explanations[0]
+        structure = self.reference.structure
+        return turned_tool(self.rows, structure, best.beta, best.deviation)
 
     def tool_beside(self, beta: Array) -> TurnedTool:
         """How the tool is turned beside what parameters (d,) predict."""
-        sure = np.zeros(len(beta))
-        structure = self.reference.structure
-        return turned_tool(self.rows, structure, beta, sure, framed=False)
+        return turned_tool(self.rows, self.reference.structure, beta)
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""

@@ -1,15 +1,16 @@
 """Explaining: which sets of causes account for a log, each with its evidence.
 
-It is Laplace's, with the likelihood raised to the power 1 / temper: rows that resemble their
-neighbours count for less than their number.  Causes are added one by one, each of which pays the
-logarithm of how many there are; the best sets are fitted to convergence, and where that leads far
-the system is set up again there.
+The evidence is Laplace's, with the likelihood raised to the power 1 / temper: rows that resemble
+their neighbours count for less than their number.  Causes are added one by one, each of which pays
+the logarithm of how many there are; the best sets are fitted to convergence, and where that leads
+far the system is set up again there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -38,9 +39,10 @@ class SearchSettings:
     rounds: int = 3
     # explanations of a round that are fitted to convergence at most
     fitted: int = 8
-    # of Gauss-Newton at most
+    # Gauss-Newton steps at most, and what is left of one that does not better the fit
     steps: int = 12
-    # twice the nats by which a step must better the fit
+    shorter: float = 0.3
+    # twice the nats by which a step must promise to better the fit
     nothing_left: float = 1e-2
 
 
@@ -48,32 +50,20 @@ SEARCH = SearchSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
-    """A set of causes in the linear system."""
-
-    causes: tuple[str, ...]
-    level: Level
-    indices: Indices  # parameters that are free
-    step: Array  # their change
-    evidence: float
-    cost: float  # of choosing these among all causes [nats]
-
-
-@dataclass(frozen=True, eq=False)
 class Explanation:
-    """A set of causes fitted to a log."""
+    """A set of causes that accounts for a log, as the linear system has it or fitted."""
 
     causes: tuple[str, ...]
     level: Level
     reference: Reference
     indices: Indices  # parameters that are free
     beta: Array  # (d,), parameters of the greatest evidence
-    # (d,), posterior standard deviations of those that are free, zero elsewhere
-    deviation: Array
     sd: Array  # (d,), standard deviations by which they were free to change
     evidence: float  # logarithm of the tempered evidence [nats]
-    noise: float  # noise of the log, in `Reference.sizes`
     temper: float  # rows that count for one
+    # of a fit: (d,), posterior standard deviations of those that are free, zero elsewhere
+    deviation: Array
+    noise: float  # noise of the log, in `Reference.sizes`
     # (n, m) [unit], measured less predicted outputs of the rows compared
     residual: Array
 
@@ -81,9 +71,8 @@ class Explanation:
     def groups(self) -> tuple[str, ...]:
         """Groups of the parameters that are free."""
         labels = self.reference.structure.labels
-        return tuple(
-            dict.fromkeys(labels[k].group for k in self.indices.tolist())
-        )
+        names = [labels[k].group for k in self.indices.tolist()]
+        return tuple(dict.fromkeys(names))
 
     @property
     def unchanged(self) -> bool:
@@ -100,11 +89,8 @@ class Explanation:
         ]
         if FRAME[0] in self.groups:
             names.insert(0, "frame")
-        shape = (
-            "waves of the joints"
-            if self.level.waves > CREEP
-            else "a smooth residual"
-        )
+        waves = self.level.waves > CREEP
+        shape = "waves of the joints" if waves else "a smooth residual"
         return ", ".join(names) or shape
 
 
@@ -120,18 +106,15 @@ class Search:
         reference = system.reference
         structure = reference.structure
         self.system = system
-        self._informations: dict[Level, Information] = {}
         self.temper = max(reference.body.kappa, 1.0) ** 2
-        groups = tuple(
-            dict.fromkeys(
-                structure.labels[k].group for k in system.indices.tolist()
-            )
-        )
+        labels = [structure.labels[k].group for k in system.indices.tolist()]
+        groups = tuple(dict.fromkeys(labels))
         self.sd = freedom(reference.body, groups, cause, reference.forgotten)
         self.start = np.sort(indices_of(structure, always))
         self.singles = self._free(single_causes(structure, cause))
         self.sets = self._free(rich_sets(structure, cause))
         self.cost = float(np.log(max(len(self.singles) + len(self.sets), 1)))
+        self.informations: dict[Level, Information] = {}
 
     def _free(self, sets: dict[str, Indices]) -> dict[str, Indices]:
         """Return the parameters of each that can be free; sets that free no more are left out."""
@@ -145,175 +128,141 @@ class Search:
             if not np.isin(indices, self.start).all()
         }
 
-    def _information(self, level: Level) -> Information:
-        """What the rows tell at a level of the log's own residual."""
-        if level not in self._informations:
-            sd = self.sd[self.system.indices]
-            self._informations[level] = Information(self.system, level, sd)
-        return self._informations[level]
-
-    def candidates(self) -> list[Candidate]:
-        """Return nothing, sets that belong together, and causes added one by one."""
-        found: dict[tuple[str, ...], list[Candidate]] = {
-            (): self._by_level((), ())
-        }
-        for name, indices in self.sets.items():
-            found[(name,)] = self._by_level((name,), (indices,))
+    def candidates(self) -> list[Explanation]:
+        """Return nothing, sets that belong together, and causes added one by one, best first."""
+        candidates: dict[tuple[str, ...], list[Explanation]] = {}
+        candidates[()] = self.by_level(())
+        for name in self.sets:
+            candidates[(name,)] = self.by_level((name,))
         beam: list[tuple[str, ...]] = [()]
-        best = found[()][0].evidence
+        best = candidates[()][0].evidence
         for _ in range(SEARCH.causes):
-            longer: dict[tuple[str, ...], list[Candidate]] = {}
+            longer: dict[tuple[str, ...], list[Explanation]] = {}
             for causes in beam:
                 for name in self.singles:
                     key = tuple(sorted({*causes, name}))
                     if len(key) > len(causes) and key not in longer:
-                        parts = [self.singles[cause] for cause in key]
-                        longer[key] = self._by_level(key, parts)
-            beam = sorted(longer, key=lambda key: -longer[key][0].evidence)[
-                : SEARCH.beam
-            ]
-            found.update(longer)
+                        longer[key] = self.by_level(key)
+            beam = sorted(longer, key=lambda key: -longer[key][0].evidence)
+            beam = beam[: SEARCH.beam]
+            candidates.update(longer)
             if not beam or longer[beam[0]][0].evidence < best + SEARCH.better:
                 break
             best = longer[beam[0]][0].evidence
-        every = [
-            candidate for by_level in found.values() for candidate in by_level
-        ]
-        return sorted(every, key=lambda candidate: -candidate.evidence)
+        return _best_first([*chain.from_iterable(candidates.values())])
 
-    def unchanged(self) -> list[Candidate]:
-        """Return the sizes of the log's own residual alone."""
-        return self._by_level((), ())
-
-    def richest(self) -> Explanation:
-        """Fit all causes at once."""
-        parts = tuple(self.singles.values())
-        (candidate,) = self._by_level(("all",), parts, OWN[:1])
-        return self.fitted(candidate)
-
-    def _by_level(
-        self,
-        causes: tuple[str, ...],
-        parts: Iterable[Indices],
-        levels: Sequence[Level] = OWN,
-    ) -> list[Candidate]:
-        """Return one set of causes at each level, the best first."""
-        indices = np.unique(np.concatenate([self.start, *parts])).astype(
-            np.intp
-        )
-        places = np.searchsorted(self.system.indices, indices)
-        cost = self.cost * len(causes)
-        candidates = []
+    def by_level(
+        self, causes: tuple[str, ...], levels: Sequence[Level] = OWN
+    ) -> list[Explanation]:
+        """Return a set of causes in the linear system at each level, the best first."""
+        system = self.system
+        reference = system.reference
+        parameters = {**self.singles, **self.sets}
+        parts = [parameters[cause] for cause in causes]
+        indices = np.unique(np.concatenate([self.start, *parts]))
+        indices = indices.astype(np.intp)
+        places = np.searchsorted(system.indices, indices)
+        sd = np.zeros(len(self.sd))
+        sd[indices] = self.sd[indices]
+        explanations = []
         for level in levels:
-            value, step = self._information(level).evidence(places, self.temper)
-            step = step * self.sd[indices]
-            candidates.append(
-                Candidate(causes, level, indices, step, value - cost, cost)
+            if level not in self.informations:
+                self.informations[level] = Information(
+                    system, level, self.sd[system.indices]
+                )
+            information = self.informations[level]
+            value, step = information.evidence(places, self.temper)
+            full = np.zeros(len(sd))
+            full[indices] = step * sd[indices]
+            explanations.append(
+                Explanation(
+                    causes=causes,
+                    level=level,
+                    reference=reference,
+                    indices=indices,
+                    beta=full,
+                    sd=sd,
+                    evidence=value - self.cost * len(causes),
+                    temper=self.temper,
+                    deviation=sd,
+                    noise=1.0,
+                    residual=system.residual,
+                )
             )
-        return sorted(candidates, key=lambda candidate: -candidate.evidence)
+        return _best_first(explanations)
 
-    def fitted(self, candidate: Candidate) -> Explanation:
+    def fitted(self, candidate: Explanation) -> Explanation:
         """Fit a set by damped Gauss-Newton steps: its noise by likelihood, its evidence."""
-        reference = self.system.reference
+        reference = candidate.reference
         structure = reference.structure
         log = self.system.log
         unknown = self.system.unknown(candidate.level)
         free = candidate.indices
-        sd = np.zeros(structure.size)
-        sd[free] = self.sd[free]
-        origin = reference.beta
-        full = np.zeros(structure.size)
-
-        def state(
-            beta: Array, noise: float = 0.0
-        ) -> tuple[Array, Array, float, float]:
-            """Residuals, also whitened, the noise where it is not given, and the cost [nats]."""
-            with np.errstate(all="ignore"):
-                residual = structure.residual(
-                    log.z, structure.predict(log.q, beta)
-                )
-            y = unknown.whiten(residual)
-            noise = noise or unknown.most_likely_noise(y)
-            moved = (beta - origin)[free] / sd[free]
-            likelihood = float(unknown.likelihood(y, noise)[0])
-            return (
-                residual,
-                y,
-                noise,
-                0.5 * float(moved @ moved) - likelihood / self.temper,
-            )
-
-        full[free] = candidate.step
-        starts = [structure.retract(origin, full), origin]
-        beta = min(
-            starts,
-            key=lambda start: np.nan_to_num(state(start)[-1], nan=np.inf),
-        )
-        residual, y, noise, cost = state(beta)
+        sd = candidate.sd[free]
+        cost = self.cost * len(candidate.causes)
+        best = candidate
+        best_fit = -np.inf
+        moved = np.zeros(len(free))  # in standard deviations
+        step = candidate.beta[free] / sd
         for _ in range(SEARCH.steps):
-            columns = unknown.whiten(
-                structure.linearise(log.q, beta, free)[1] * sd[free]
-            )
-            power, pull = unknown.information(y, columns, noise)
+            full = np.zeros(structure.size)
+            full[free] = sd * (moved + step)
+            beta = structure.retract(reference.beta, full)
+            with np.errstate(all="ignore"):
+                predicted, columns = structure.linearise(log.q, beta, free)
+                residual = structure.residual(log.z, predicted)
+            fit = -np.inf
+            if np.isfinite(residual).all():
+                y = unknown.whiten(residual)
+                noise = unknown.most_likely_noise(y)
+                fit = float(unknown.likelihood(y, noise)[0]) / self.temper
+                fit -= 0.5 * float(((moved + step) ** 2).sum())
+            if not fit > best_fit:
+                step = SEARCH.shorter * step
+                continue
+            moved = moved + step
+            x = unknown.whiten(columns * sd)
+            power, pull = unknown.information(y, x, noise)
             factor = Factor(power / self.temper + np.eye(len(free)))
-            lead = pull / self.temper - (beta - origin)[free] / sd[free]
-            step = factor.solve(lead)
-            shares = (
-                0.3 ** np.arange(6.0)
-                if float(lead @ step) >= SEARCH.nothing_left
-                else ()
+            deviation = np.zeros(structure.size)
+            deviation[free] = sd * np.sqrt(np.diag(factor.inverse()))
+            best_fit = fit
+            best = replace(
+                candidate,
+                beta=beta,
+                deviation=deviation,
+                evidence=fit - 0.5 * factor.log_determinant() - cost,
+                noise=noise,
+                residual=residual,
             )
-            for share in shares:
-                full[free] = share * step * sd[free]
-                moved = structure.retract(beta, full)
-                if state(moved, noise)[-1] <= cost - 0.5 * SEARCH.nothing_left:
-                    break
-            else:
+            lead = pull / self.temper - moved
+            step = factor.solve(lead)
+            if float(lead @ step) < SEARCH.nothing_left:
                 break
-            beta = moved
-            residual, y, noise, cost = state(beta)
-        deviation = np.zeros(structure.size)
-        if len(free):
-            deviation[free] = sd[free] * np.sqrt(factor.variances())
-        return Explanation(
-            causes=candidate.causes,
-            level=candidate.level,
-            reference=reference,
-            indices=free,
-            beta=beta,
-            deviation=deviation,
-            sd=sd,
-            evidence=-cost - 0.5 * factor.log_determinant() - candidate.cost,
-            noise=noise,
-            temper=self.temper,
-            residual=residual,
-        )
+        return best
 
     def explanations(self) -> list[Explanation]:
         """Fit the best sets; set the system up again where that leads far."""
-        fits: dict[tuple[tuple[str, ...], Level], Explanation] = {}
-        best: Explanation | None = None
-        for candidate in self.unchanged():
-            fits[(candidate.causes, candidate.level)] = self.fitted(candidate)
+        fits = [self.fitted(candidate) for candidate in self.by_level(())]
+        causes: tuple[str, ...] | None = None
         for _ in range(SEARCH.rounds):
             candidates = self.candidates()
-            promised = candidates[0]
-            for candidate in candidates[: SEARCH.fitted]:
-                key = (candidate.causes, candidate.level)
-                explanation = self.fitted(candidate)
-                if key not in fits or explanation.evidence > fits[key].evidence:
-                    fits[key] = explanation
-            last = best
-            best = max(
-                fits.values(), key=lambda explanation: explanation.evidence
-            )
-            if abs(best.evidence - promised.evidence) < MARGIN:
+            fits += [self.fitted(some) for some in candidates[: SEARCH.fitted]]
+            fits = _best_first(fits)
+            promise = candidates[0].evidence
+            if abs(fits[0].evidence - promise) < MARGIN:
                 break
-            if last is not None and best.causes == last.causes:
+            if causes == fits[0].causes:
                 break
-            self.system = self.system.again(best.beta)
-            self._informations = {}
-        return list(fits.values())
+            causes = fits[0].causes
+            self.system = self.system.again(fits[0].beta)
+            self.informations = {}
+        alone = {(fit.causes, fit.level): fit for fit in reversed(fits)}
+        return list(alone.values())
+
+
+def _best_first(explanations: list[Explanation]) -> list[Explanation]:
+    return sorted(explanations, key=lambda explanation: -explanation.evidence)
 
 
 def explain(
@@ -337,25 +286,24 @@ def explain(
         framed = system.reference.new or (last and len(systems) > 1)
         search = Search(system, cause, (*FRAME, *turned) if framed else turned)
         if last:  # rows that err together count once
-            rich = search.richest()
+            (rich,) = search.by_level(tuple(search.singles), OWN[:1])
+            rich = search.fitted(rich)
             unknown = system.unknown(OWN[0])
             rest = unknown.rest(unknown.whiten(rich.residual), rich.noise)
             temper = autocorrelation_time(rest)
         search.temper = max(search.temper, temper)
         if calm:
             explanations += [
-                search.fitted(candidate) for candidate in search.unchanged()
+                search.fitted(some) for some in search.by_level(())
             ]
         else:
             explanations += search.explanations()
-    return tuple(
-        sorted(explanations, key=lambda explanation: -explanation.evidence)
-    )
+    return tuple(_best_first(explanations))
 
 
 def is_changed(explanations: Sequence[Explanation]) -> bool:
     """Whether something else than nothing explains the log, by the margin."""
-    nothing = [each.evidence for each in explanations if each.unchanged]
+    nothing = [some.evidence for some in explanations if some.unchanged]
     return not nothing or explanations[0].evidence > max(nothing) + MARGIN
 
 
@@ -363,15 +311,15 @@ def least_residual(explanations: Sequence[Explanation]) -> Explanation:
     """The best, with the least residual of the log's own that the evidence hardly tells from it."""
     best = explanations[0]
     alike = [
-        each
-        for each in explanations
-        if each.causes == best.causes and each.evidence > best.evidence - NATS
+        some
+        for some in explanations
+        if some.causes == best.causes and some.evidence > best.evidence - NATS
     ]
-    return min(alike, key=lambda each: OWN.index(each.level))
+    return min(alike, key=lambda some: OWN.index(some.level))
 
 
 def simplest(explanations: Sequence[Explanation]) -> Explanation:
     """The one that frees least, of those that the evidence hardly tells from the best."""
     least = explanations[0].evidence - NATS
-    some = [each for each in explanations if each.evidence > least]
-    return min(some, key=lambda each: (len(each.indices), -each.evidence))
+    some = [one for one in explanations if one.evidence > least]
+    return min(some, key=lambda one: (len(one.indices), -one.evidence))

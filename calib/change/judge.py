@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..common.arrays import Array, Mask
+from ..common.arrays import Mask
+from ..common.choices import CAUSES
 from ..common.parallel import one_blas_thread
 from ..errors import ModelError, require
 from ..model.model import Model
@@ -27,21 +28,17 @@ from .causes import (
     Cause,
     as_built,
     as_drawn,
-    check_cause,
-    check_free,
-    freedom,
+    check_choice,
     single_causes,
 )
-from .distortion import Signal, distortions
 from .evidence import Evidence
-from .explain import explain, is_changed
+from .explain import explain
 from .frame import Reference, carried_offset, reference_of
-from .rows import LogRows, rows_of
+from .rows import LogRows, Signal, distortions, rows_of
 from .settings import BEYOND, FALSE_ALARM, OUTLIER
 from .significance import (
     BoundTest,
     GroupTest,
-    Play,
     Tested,
     bound_test,
     find_play,
@@ -277,8 +274,8 @@ def judge(
     """
     require("model", model, Model)
     require("log", log, Samples)
-    check_cause(cause)
-    check_free(free)
+    check_choice("cause", cause, CAUSES)
+    check_choice("free", free, ("all", "offsets"))
     if free == "offsets":
         cause = free
     with plain_numbers():
@@ -299,15 +296,13 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     # The belief that a changed arm starts from, in the frame of the log.
     prior = as_drawn(body) if cause == "offsets" else as_built(body)
     reference = reference_of(prior, rows.q, rows.x - rows.added, rows.unit)
-    z = rows.x - _added_in_frame(rows, reference)
-    groups = [
-        group
-        for group in body.structure.groups
-        if not group.startswith("curve")
-    ]
-    sound = sound_rows(
-        reference, rows.q, z, freedom(prior, tuple(groups), cause)
-    )
+    added = rows.added
+    if reference.new:
+        added = carried_offset(
+            body, reference.body, reference.beta, rows.q, added
+        )
+    z = rows.x - added
+    sound = sound_rows(reference, rows.q, z, cause)
     data = Log(rows.q[sound], z[sound], float(np.sqrt(2.0)) * rows.shared)
 
     # Is anything wrong, and could these rows say so?
@@ -317,84 +312,65 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     before = reference if reference.new else Reference(body, body.beta)
     tests = group_tests(_system(before, data), rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
-    bound = bound_test(
-        rows, sound, limit, shared_variance(reference, data), tests
-    )
-    score = max(tests.score, bound.test.score)
-    suspicious = reference.new or score > 1.0 or bound.beyond > BEYOND
+    shared = shared_variance(reference, data)
+    bound = bound_test(rows, sound, limit, shared, tests)
+    scores = tests.score, bound.test.score
+    suspicious = max(scores) > 1.0 or bound.beyond > BEYOND
 
     # Which causes explain it?
     systems = [_system(reference, data)]
-    if (
-        len(reference.forgotten) and not reference.new
-    ):  # the frame may be where it was
-        systems.insert(0, _system(Reference(reference.body, body.beta), data))
-    explanations = explain(systems, cause, calm=not suspicious)
-    evidence = Evidence(
-        rows,
-        cause,
-        prior,
-        reference,
-        sound,
-        data,
-        tests,
-        bound,
-        explanations,
-        score,
+    if len(reference.forgotten) and not reference.new:
+        # the frame may be where it was
+        there = Reference(reference.body, body.beta)
+        systems.insert(0, _system(there, data))
+    explanations = explain(
+        systems, cause, calm=not (suspicious or reference.new)
     )
-    if reference.new:
-        score = max(score, 2.0)
-    if suspicious and not evidence.explained:
-        score = max(score, 1.0 + evidence.misfit)
-    better = evidence.explained and (reference.new or is_changed(explanations))
-    evidence = replace(evidence, score=score, attributed=better and score > 1.0)
-    if evidence.attributed and _is_turned_otherwise(evidence):
+    evidence = Evidence(
+        rows=rows,
+        cause=cause,
+        prior=prior,
+        reference=reference,
+        sound=sound,
+        data=data,
+        tests=tests,
+        bound=bound,
+        explanations=explanations,
+    )
+    if _is_turned_otherwise(evidence):
         explanations = explain(systems, cause, calm=False, turned=_TOOL)
         evidence = replace(evidence, explanations=explanations)
 
     # The winner fitted to the rows, and held-out rows as they are and as explained.
     learned = None
-    if learn or score > 1.0:
+    if learn or evidence.score > 1.0:
         learned = update(evidence)
-    if (
-        better
-        and score <= 1.0
-        and bound.beyond > BEYOND
-        and tests.noisy is None
-    ):
-        # no test fires, but the bound fails and held-out rows are nearer to an explanation
-        contradicted = replace(
-            evidence, score=1.0 + bound.beyond, attributed=True
-        )
-        candidate = update(contradicted)
-        if candidate.improved:
-            evidence = contradicted
-            learned = candidate
 
     # Words.
     causes, notes = causes_of(evidence)
     score = max(evidence.score, evidence.tool.score)
-    if (
-        play is not None
-        and evidence.explained
-        and _is_new_play(play, rows.model)
-    ):
-        score = max(score, play.score)
-        causes = (play_cause(play, rows.model), *causes)
+    if play is not None and evidence.explained:
+        share = _PLAY_SHARE
+        approach = rows.model.approach
+        if approach is None or (
+            play.half[play.joint] > share * approach.play[play.joint]
+        ):
+            score = max(score, play.score)
+            causes = (play_cause(play, rows.model), *causes)
     changed: bool | None = score > 1.0
     if not changed and tests.too_few:
         changed = None
-    return _verdict(
-        rows,
-        changed,
-        causes,
-        score,
-        notes,
-        sound,
-        tests,
-        bound,
-        learned,
-        evidence,
+    return Verdict(
+        changed=changed,
+        causes=causes,
+        score=score,
+        notes=(*_notes(rows, sound, bound, score), *notes),
+        rows=rows,
+        sound=sound,
+        tests=tests,
+        bound=bound,
+        update=learned,
+        evidence=evidence,
     )
 
 
@@ -406,53 +382,37 @@ def _of_maps(rows: LogRows) -> Verdict:
     sound = np.asarray(rows.missed <= max(OUTLIER * usual, float(limit.max())))
     tests = Tested((), noise, noise)
     bound = bound_test(rows, sound, limit, rows.shared**2, tests)
-    changed = bound.test.score > 1.0
+    score = bound.test.score
     causes: tuple[Cause, ...] = ()
-    if changed:
+    if score > 1.0:
         words = (
             f"{100 * bound.beyond:.0f} % of the rows are beyond the maps' bound"
         )
         causes = (Cause("unknown", "maps", words),)
-    notes = (
-        "the model has no body: its rows are compared with its bound alone",
-    )
-    return _verdict(
-        rows, changed, causes, bound.test.score, notes, sound, tests, bound
+    note = "the model has no body: its rows are compared with its bound alone"
+    return Verdict(
+        changed=score > 1.0,
+        causes=causes,
+        score=score,
+        notes=(*_notes(rows, sound, bound, score), note),
+        rows=rows,
+        sound=sound,
+        tests=tests,
+        bound=bound,
     )
 
 
-def _verdict(
-    rows: LogRows,
-    changed: bool | None,
-    causes: tuple[Cause, ...],
-    score: float,
-    notes: tuple[str, ...],
-    sound: Mask,
-    tests: Tested,
-    bound: BoundTest,
-    learned: Update | None = None,
-    evidence: Evidence | None = None,
-) -> Verdict:
-    """A verdict with the notes on its rows: first that the bound does not hold."""
-    first = list(rows.notes)
+def _notes(
+    rows: LogRows, sound: Mask, bound: BoundTest, score: float
+) -> list[str]:
+    """Return the notes on the rows, and that the bound does not hold."""
+    notes = list(rows.notes)
     if not bound.holds:
-        first.append(bound.words(noisier=not changed))
+        notes.append(bound.words(noisier=score <= 1.0))
     strays = int(np.count_nonzero(~sound))
     if strays:
-        first.append(f"rows that contradict all others are left out: {strays}")
-    notes = (*first, *notes)
-    return Verdict(
-        changed,
-        causes,
-        score,
-        notes,
-        rows,
-        sound,
-        tests,
-        bound,
-        learned,
-        evidence,
-    )
+        notes.append(f"rows that contradict all others are left out: {strays}")
+    return notes
 
 
 def _is_turned_otherwise(evidence: Evidence) -> bool:
@@ -461,34 +421,16 @@ def _is_turned_otherwise(evidence: Evidence) -> bool:
     A camera that is turned moves what it sees: positions alone may call that a joint's offset,
     which the tool would have to be turned back by.
     """
-    free = evidence.cause in (None, "joints")
+    if not evidence.attributed or evidence.cause not in (None, "joints"):
+        return False
     moved = _TOOL[0] in evidence.explanations[0].groups
-    return free and not moved and evidence.tool.score > 1.0
-
-
-def _is_new_play(play: Play, model: Model) -> bool:
-    """Whether a play is more than what the model may be wrong about the play that it knows."""
-    known = (
-        0.0
-        if model.approach is None
-        else float(model.approach.play[play.joint])
-    )
-    return float(play.half[play.joint]) > _PLAY_SHARE * known
+    return not moved and evidence.tool.score > 1.0
 
 
 def _system(reference: Reference, log: Log) -> System:
     """Return the system of all that may have changed."""
     causes = single_causes(reference.structure).values()
     return System(reference, log, np.unique(np.concatenate(list(causes))))
-
-
-def _added_in_frame(rows: LogRows, reference: Reference) -> Array:
-    """What maps add to the body, (n, m) [unit], in the frame of the log."""
-    if not reference.new:
-        return rows.added
-    return carried_offset(
-        rows.body, reference.body, reference.beta, rows.q, rows.added
-    )
 
 
 @contextmanager

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from ..body.belief import Body, knows_orientation
 from ..common.arrays import Array
+from ..common.rows import thinned
 from ..errors import LogError, ModelError
+from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.diagnosis import diagnose, readings, refuse_mistakes
@@ -99,7 +102,7 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     cause = None
     if log.touch is not None:  # which no sensor saw
         cause = "joints"
-        log, notes = as_positions(model, log)
+        log, notes = as_positions(model, log, log.touch)
     rows_in_file = log.left_out + len(log)
     left_out_before = log.left_out
     unit = log.unit
@@ -206,3 +209,57 @@ def _refuse_degrees(model: Model, log: Samples) -> None:
             raise LogError(
                 f"the log fits the model only if {other.words}", hint=other.hint
             )
+
+
+_MOST = 1000  # rows that distortions are measured on
+
+
+class Signal(NamedTuple):
+    """One measure of how a log lies on the maps."""
+
+    value: float  # of the log
+    threshold: float  # what is usual where it lies
+
+    @property
+    def score(self) -> float:
+        """Value over threshold."""
+        return (
+            self.value / self.threshold
+            if self.threshold > 0
+            else float(self.value > 0)
+        )
+
+
+def distortions(rows: LogRows) -> dict[str, Signal]:
+    """Return zeta of both maps, the reverse distortion, and the distance to the prediction.
+
+    "reverse" is the mean squared distance of the nodes predicted for the joints to those that the
+    positions visit, in the unit box; "links" the root mean square of the residuals [unit].
+    """
+    model = rows.model
+    baseline = model.baseline
+    assert baseline is not None  # noqa: S101 - checked where the rows are read
+    some = thinned(len(rows), _MOST)
+    sensory = model.sensory
+    measured = sensory.scale.to_unit(rows.x[some])
+    predicted = sensory.scale.to_unit(rows.predicted[some])
+    nodes = sensory.units[sensory.nearest(measured)[1][:, 0]]
+    nodes_predicted = sensory.units[sensory.nearest(predicted)[1][:, 0]]
+    tree = search_tree(np.unique(nodes, axis=0), sensory.scale)
+    away = np.asarray(tree.query(nodes_predicted)[0])
+    bound = rows.bound[some]
+    usual = np.where(np.isfinite(bound), bound, 0.0)
+    links = np.sqrt(np.mean([rows.missed[some] ** 2, usual**2], axis=1))
+    return {
+        "motor": _zeta(model.motor, rows.u[some], baseline.motor),
+        "sensory": _zeta(sensory, measured, baseline.sensory),
+        "reverse": Signal(float(np.mean(away**2)), sensory.spacing**2),
+        "links": Signal(*links.tolist()),
+    }
+
+
+def _zeta(network: Map, points: Array, expected: Array) -> Signal:
+    """Distortion (eq. 9) of points (n, p) in the unit box, beside the winners' own (nodes,)."""
+    distance, winner = network.nearest(points)
+    usual = expected[winner[:, 0]].mean()
+    return Signal(float(np.mean(distance[:, 0] ** 2)), float(usual))

@@ -8,8 +8,6 @@ from typing import NamedTuple
 FALSE_ALARM = 1e-3
 OUTLIER = 5.0  # noises from which a row contradicts all others
 PSEUDO = 4.0  # observations that the old noise counts for
-# Noise of one encoder over that of the sensor, at the tip: a factor of four is .4 nats at most
-JOINT_NOISES = (0.5, 2.0, 8.0, 32.0)
 # Noise over the usual one from which it is told, where it is no chance, and one encoder's is looked
 # for: that of a log's body is a Student scale, up to 30 % less than the deviation of series C
 NOISIER = 1.5
@@ -27,9 +25,6 @@ SURE = 2.0
 # The same where nothing changed, and of the error that a belief expects of itself: rows of half of
 # series A were added to a model of the other, which was then 1.15 times as far off
 REFINED = 0.85
-# 95 % quantile over median of the distances that is no noise (in the plane that of noise is 2.1):
-# a bump of 5 mm that 3 of 30 rows saw, as in tests/change/test_drawing.py
-TAIL = 3.0
 
 CREPT = 0.25
 """Of the usual creep of an unchanged arm's parameters, what the tests allow for: the last rows of

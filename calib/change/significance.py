@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
@@ -18,17 +17,9 @@ from ..body.parameters import Indices
 from ..body.structure import Structure
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
-from .causes import FRAME, freedom, indices_of, single_causes
+from .causes import FRAME, changeable, freedom, indices_of, single_causes
 from .rows import LogRows
-from .settings import (
-    BEYOND,
-    CREPT,
-    FALSE_ALARM,
-    JOINT_NOISES,
-    LARGE,
-    NOISIER,
-    OWN,
-)
+from .settings import BEYOND, CREPT, FALSE_ALARM, LARGE, NOISIER, OWN
 from .system import NoisyJoint, System, Unknown, own_columns
 
 
@@ -36,22 +27,14 @@ from .system import NoisyJoint, System, Unknown, own_columns
 class SignificanceSettings:
     """When something is no chance."""
 
-    # times the noise of an encoder, once one is found
-    finer: tuple[float, float, float, float, float] = (
-        0.5,
-        0.7,
-        1.0,
-        1.4,
-        2.0,
-    )
+    # noise of one encoder over that of the sensor, at the tip: a factor of two is .1 nats at most
+    joint_noises: tuple[float, ...] = (0.5, 0.7, 1, 1.4, 2, 2.8, 4, 8, 16, 32)
     # share of logs in which the smallest change that is told would be found
     power: float = 0.9
     # statistic beyond which no size of a change is computed
     largest: float = 1e8
     # rows over which noise may last
     lasting: int = 10
-    # of the largest precision: less is rounding
-    nothing: float = 1e-12
     # of a joint's rows that come from either side, or nothing tells its play
     least_share: float = 0.1
     # of the squared residuals: what explains less does not pay in `calib.body.approach` either
@@ -62,7 +45,6 @@ SIGNIFICANCE = SignificanceSettings()
 
 SHOWN = {"scale": "sensor scale", "tilt": "sensor tilt"}
 """Groups whose names alone do not say that they are the sensor's."""
-
 
 DRIFT = "drift"
 """Name of the hypotheses that a smooth residual or waves are larger than the model told."""
@@ -80,7 +62,7 @@ class GroupTest:
     # (p,), its parameters, how each changed, and the standard deviation of that
     change: tuple[Indices, Array, Array] | None = None
     # [unit], root mean square displacement, over the learned range, of the smallest change of the
-    # first parameter that these rows would show nine times in ten
+    # parameter that these rows show best which they would show nine times in ten
     smallest: float = 0.0
 
     @property
@@ -108,18 +90,19 @@ class Tested:
         return max((g.score for g in self.groups), default=0.0)
 
     @property
+    def _sizes(self) -> list[float]:
+        return [g.smallest for g in self.groups if g.smallest > 0.0]
+
+    @property
     def too_few(self) -> bool:
         """Whether the rows could not show a large change of any group."""
-        sizes = [g.smallest for g in self.groups if g.smallest > 0.0]
-        return min(sizes, default=np.inf) > LARGE * max(self.noise, self.usual)
+        least = min(self._sizes, default=np.inf)
+        return least > LARGE * max(self.noise, self.usual)
 
     @property
     def smallest(self) -> float:
         """Displacement [unit] that any single cause would have shown."""
-        return max(
-            (g.smallest for g in self.groups if g.smallest > 0.0),
-            default=np.inf,
-        )
+        return max(self._sizes, default=np.inf)
 
 
 @dataclass(frozen=True)
@@ -181,13 +164,11 @@ class FreeNoise:
     def __init__(self, system: System, noisy: NoisyJoint | None = None) -> None:
         reference = system.reference
         # the unit weights of a payload would leave few rows no freedom
-        groups = [
-            group
-            for group in reference.structure.groups
-            if not group.startswith(("curve", "payload"))
-        ]
+        groups = set(changeable(reference.structure)) - {"payload"}
         sd = freedom(
-            reference.body, tuple(groups), forgotten=reference.forgotten
+            reference.body,
+            tuple(sorted(groups)),
+            forgotten=reference.forgotten,
         )
         unknown = Unknown(
             reference, system.log, OWN[0], crept=CREPT, freed=sd, noisy=noisy
@@ -195,52 +176,58 @@ class FreeNoise:
         y = unknown.whiten(system.residual)
         self.y = y
         self.unknown = unknown
-        self.size = unknown.most_likely_noise(
-            y, unknown.usual
-        )  # in `Reference.sizes`
-        # of it and of the usual one [nats]
-        sizes = np.array([self.size, unknown.usual])
-        self.likelihood, self.usual = unknown.likelihood(y, sizes).tolist()
+        # in `Reference.sizes`
+        self.size = unknown.most_likely_noise(y, unknown.usual)
+        self.likelihood = float(unknown.likelihood(y, self.size)[0])
+        self.shape = noisy
         self.rest = unknown.rest(y, self.size)
         # rows that err together count once
         self.temper = autocorrelation_time(self.rest)
         # directions of the rows that tell the noise
         noise_share = self.size**2 / (self.size**2 + unknown.values)
         self.left = (len(y) - float((1.0 - noise_share**2).sum())) / self.temper
-        self.shape = noisy
 
+    @property
+    def larger(self) -> bool:
+        """Whether it is larger than usual, and that is no chance."""
+        usual = self.unknown.usual
+        if self.size <= NOISIER * usual:
+            return False
+        likelihood = float(self.unknown.likelihood(self.y, usual)[0])
+        return self.chance_beside(likelihood) < FALSE_ALARM
 
-def _with_noisy_joint(
-    system: System, noise: FreeNoise
-) -> tuple[FreeNoise, bool]:
-    """Return the noise of one encoder where that is likelier, and whether its size is no chance."""
-    from scipy.special import chdtrc
+    def chance_beside(self, likelihood: float) -> float:
+        """The chance of so much more likelihood by one more number."""
+        from scipy.special import chdtrc
 
-    reference = system.reference
-    if noise.size <= NOISIER * noise.unknown.usual or len(reference.forgotten):
-        return noise, False
-    slope = reference.structure.slope(system.log.q, reference.beta)
-    slope = slope / reference.sizes[:, None]
-    lengths = np.sqrt((slope**2).sum(axis=1).mean(axis=0))
-    joints = np.flatnonzero(lengths > 0.0).tolist()
-    # so that at the tip both are alike
-    shapes = [
-        (k, times / lengths[k]) for k, times in product(joints, JOINT_NOISES)
-    ]
-    shaped = [FreeNoise(system, shape) for shape in shapes]
-    best = max([noise, *shaped], key=lambda each: each.likelihood)
-    gains = best.likelihood - np.array([noise.usual, noise.likelihood])
-    gains = np.maximum(2.0 * gains / noise.temper, 0.0)
-    chance = chdtrc([2, 1], gains) * (1 + len(joints))
-    noisier = bool(chance[0] < FALSE_ALARM)
-    if best.shape is not None and chance[1] < FALSE_ALARM:
-        joint, ratio = best.shape
-        finer = [
-            FreeNoise(system, (joint, ratio * times))
-            for times in SIGNIFICANCE.finer
+        gain = 2.0 * (self.likelihood - likelihood) / self.temper
+        return float(chdtrc(1, max(gain, 0.0)))
+
+    def of_one_joint(self, system: System) -> FreeNoise:
+        """The same where the encoder of one joint alone makes it larger."""
+        reference = system.reference
+        slope = reference.structure.slope(system.log.q, reference.beta)
+        slope = slope / reference.sizes[:, None]
+        square = (self.rest**2).sum(axis=1)[:, None]
+        along = np.einsum("nmd,nm->nd", slope, self.rest) ** 2
+        length = (slope**2).sum(axis=1)
+        # so that at the tip all are alike
+        typical = np.sqrt(np.maximum(length.mean(axis=0), 1e-300))
+        gains = []
+        for times in SIGNIFICANCE.joint_noises:
+            ratio = (times / typical) ** 2
+            value = 1.0 + ratio * length
+            variance = (square - ratio * along / value).mean(axis=0)
+            gain = self.rest.size * np.log(square.mean() / variance)
+            gains.append(gain - np.log(value).sum(axis=0))
+        joint = int(np.argmax(np.max(gains, axis=0)))
+        shaped = [
+            FreeNoise(system, (joint, times / float(typical[joint])))
+            for times in SIGNIFICANCE.joint_noises
         ]
-        noise = max(finer, key=lambda each: each.likelihood)
-    return noise, noisier
+        best = max(shaped, key=lambda noise: noise.likelihood)
+        chance = best.chance_beside(self.likelihood) * (1 + len(typical))
+        return best if chance < FALSE_ALARM else self
 
 
 class FTests:
@@ -264,11 +251,8 @@ class FTests:
         """Return the chance of a statistic, after Bonferroni."""
         from scipy.special import fdtrc
 
-        return min(
-            1.0,
-            self.count
-            * float(fdtrc(freedom, self.noise.left, statistic / freedom)),
-        )
+        chance = fdtrc(freedom, self.noise.left, statistic / freedom)
+        return min(1.0, self.count * float(chance))
 
     def of_change(
         self,
@@ -284,15 +268,10 @@ class FTests:
         """
         from scipy.special import chndtrinc, fdtri
 
-        if name.startswith(
-            "elastic"
-        ):  # of a joint about a vertical axis no load is felt
-            order = np.argsort(-moves, kind="stable")
-            indices, moves, pull = indices[order], moves[order], pull[order]
-            power = power[np.ix_(order, order)]
-        if not power[0, 0] > 0.0:  # a tracker has no lens
+        precision = np.diag(power)
+        if not precision.max() > 0.0:  # a tracker has no lens
             return None
-        size = np.sqrt(np.maximum(np.diag(power), 1e-300))
+        size = np.sqrt(np.maximum(precision, 1e-300))
         values, vectors = np.linalg.eigh(power / size[:, None] / size)
         clear = values > 1e-9 * values[-1]
         values = values[clear]
@@ -302,22 +281,22 @@ class FTests:
         temper = self.noise.temper
         statistic = float((turned**2 / values).sum()) / temper
         deviation = np.sqrt((vectors**2 / values).sum(axis=1) * temper)
-        needed = freedom * float(
-            fdtri(freedom, self.noise.left, 1.0 - FALSE_ALARM / self.count)
-        )
-        smallest = (
-            math.inf
-        )  # with hardly a row left for the noise no change is large enough
+        threshold = 1.0 - FALSE_ALARM / self.count
+        needed = freedom * float(fdtri(freedom, self.noise.left, threshold))
+        # with hardly a row left for the noise no change is large enough
+        smallest = math.inf
         if needed < SIGNIFICANCE.largest:
-            needed = (
-                float(chndtrinc(needed, freedom, 1.0 - SIGNIFICANCE.power))
-                * temper
-            )
-            smallest = float(np.sqrt(needed / power[0, 0]) * moves[0])
-        change = indices, vectors @ (turned / values), deviation
-        chance = self.chance(statistic, freedom)
-        shown = SHOWN.get(name, name)
-        return GroupTest(shown, chance, statistic, freedom, change, smallest)
+            shown = chndtrinc(needed, freedom, 1.0 - SIGNIFICANCE.power)
+            least = moves[precision > 0.0] / size[precision > 0.0]
+            smallest = float(np.sqrt(shown * temper) * least.min())
+        return GroupTest(
+            name=SHOWN.get(name, name),
+            p_value=self.chance(statistic, freedom),
+            statistic=statistic,
+            freedom=freedom,
+            change=(indices, vectors @ (turned / values), deviation),
+            smallest=smallest,
+        )
 
     def of_variance(self, columns: Array) -> GroupTest | None:
         """Test whether columns (n, m, k) of standard normals are larger (Satterthwaite 1946)."""
@@ -327,9 +306,8 @@ class FTests:
             return None
         spread = mean**2 / float((power**2).sum())
         statistic = spread * float(pull @ pull) / mean / self.noise.temper
-        return GroupTest(
-            DRIFT, self.chance(statistic, spread), statistic, round(spread)
-        )
+        chance = self.chance(statistic, spread)
+        return GroupTest(DRIFT, chance, statistic, round(spread))
 
 
 def group_tests(system: System, probes: Array) -> Tested:
@@ -340,7 +318,12 @@ def group_tests(system: System, probes: Array) -> Tested:
     reference = system.reference
     structure = reference.structure
     groups = groups_of(structure)
-    noise, noisier = _with_noisy_joint(system, FreeNoise(system))
+    noise = FreeNoise(system)
+    noisier = not len(reference.forgotten) and noise.larger
+    if noisier:
+        noise = noise.of_one_joint(system)
+        noisier = noise.larger
+    noisy = noise.shape
     tests = FTests(system, noise, len(groups) + 2)
     power, pull = tests.information(system.columns)
     moves = structure.linearise(probes, system.at, system.indices)[1]
@@ -356,20 +339,16 @@ def group_tests(system: System, probes: Array) -> Tested:
         )
     tested.append(tests.of_variance(own_columns(reference, system.log, 1.0)))
     # waves of the joints that are finer than the rows look like a noisy encoder
-    if reference.body.rows and noise.shape is None:
+    if reference.body.rows and noisy is None:
         curves = indices_of(structure, ("curve",))
         waves = structure.linearise(system.log.q, system.at, curves)[1]
-        tested.append(
-            tests.of_variance(waves * structure.prior(("curve",)).sd[curves])
-        )
-    noisy = None
-    if noise.shape is not None:
-        noisy = noise.shape[0], noise.shape[1] * noise.size
+        waves *= structure.prior(("curve",)).sd[curves]
+        tested.append(tests.of_variance(waves))
     return Tested(
         groups=tuple(test for test in tested if test is not None),
         noise=noise.size * float(reference.sizes[0]),
         usual=float(reference.body.noise[0]),
-        noisy=noisy,
+        noisy=None if noisy is None else (noisy[0], noisy[1] * noise.size),
         noisier=noisier,
     )
 
@@ -385,49 +364,34 @@ def find_play(system: System, side: Array) -> Play | None:
     from scipy.special import fdtrc
 
     side = side[thinned(len(side), len(system.log.q))]
-    shares = [(side > 0).mean(axis=0), (side < 0).mean(axis=0)]
-    joints = np.flatnonzero(np.min(shares, axis=0) > SIGNIFICANCE.least_share)
-    if not len(joints):
-        return None
     noise = FreeNoise(system)
+    unknown = noise.unknown
     reference = system.reference
-    slope = reference.structure.slope(system.log.q, reference.beta)[..., joints]
-    columns = noise.unknown.whiten(-slope * side[:, None, joints])
-    power, pull = noise.unknown.information(noise.y, columns, noise.size)
-    precision = np.diag(power)
-    statistics = np.zeros(len(joints))
-    for k, column in enumerate(columns.T):
-        # a joint whose play would not move what the sensor sees is no cause
-        if (
-            pull[k] <= 0.0
-            or precision[k] <= SIGNIFICANCE.nothing * precision.max()
-        ):
-            continue
-        moved = noise.unknown.rest(column, noise.size)
-        by_row = (moved * noise.rest).sum(axis=1)
-        square = float(by_row.sum()) ** 2
-        if square < SIGNIFICANCE.least_explained * float(
-            (moved**2).sum() * (noise.rest**2).sum()
-        ):
-            continue
-        # an encoder that is noisy moves the tip along the same slope, to either side
-        by_chance = square / (len(by_row) * float(by_row.var()) + 1e-300)
-        statistics[k] = min(
-            pull[k] ** 2 / precision[k] / noise.temper, by_chance
-        )
-    if not statistics.any():
-        return None
-    best = int(np.argmax(statistics))
-    chance = len(joints) * float(
-        fdtrc(1.0, max(noise.left - 1.0, 1e-3), statistics[best])
-    )
+    slope = reference.structure.slope(system.log.q, reference.beta)
+    columns = unknown.whiten(-slope * side[:, None])
+    power, pull = unknown.information(noise.y, columns, noise.size)
+    precision = np.maximum(np.diag(power), 1e-300)
+    half = pull / precision
+    moved = unknown.rest(columns, noise.size)
+    by_row = np.einsum("nmd,nm->nd", moved, noise.rest)
+    square = by_row.sum(axis=0) ** 2
+    most = (moved**2).sum(axis=(0, 1)) * (noise.rest**2).sum()
+    # an encoder that is noisy moves the tip along the same slope, to either side
+    by_chance = square / (len(by_row) * by_row.var(axis=0) + 1e-300)
+    statistic = np.minimum(half * pull / noise.temper, by_chance)
+    shares = np.minimum((side > 0).mean(axis=0), (side < 0).mean(axis=0))
+    may_play = (shares > SIGNIFICANCE.least_share) & (half > 0.0)
+    may_play &= square > SIGNIFICANCE.least_explained * most
+    statistic *= may_play
+    best = int(np.argmax(statistic))
+    freedom = max(noise.left - 1.0, 1e-3)
+    chance = len(half) * float(fdtrc(1.0, freedom, statistic[best]))
     test = GroupTest("backlash", min(1.0, chance))
     if test.score <= 1.0:
         return None
-    half = np.zeros(side.shape[1])
-    half[joints[best]] = pull[best] / precision[best]
-    deviation = float(np.sqrt(noise.temper / precision[best]))
-    return Play(int(joints[best]), half, deviation, test.score)
+    half *= np.arange(len(half)) == best
+    deviation = math.sqrt(noise.temper / float(precision[best]))
+    return Play(best, half, deviation, test.score)
 
 
 def bound_test(
@@ -451,35 +415,28 @@ def bound_test(
     usual = float(np.median(bound))
     square = (away**2).sum(axis=1)
     outputs = away.shape[1]
-    radius = float(
-        chdtri(outputs, 0.05)
-    )  # squared, of 95 % of a Gaussian, in deviations
+    # squared, of 95 % of a Gaussian, in deviations
+    radius = float(chdtri(outputs, 0.05))
     # half of the rows of a noisier sensor are nearer than its median
-    noise = max(
-        tests.noise**2, float(np.median(square)) / float(chdtri(outputs, 0.5))
-    )
-    noise = max(noise - tests.usual**2, 0.0)
-    if noise and alike(index, rows.u[index], away) * radius > usual**2:
+    median = float(np.median(square)) / float(chdtri(outputs, 0.5))
+    noise = max(tests.noise**2, median) - tests.usual**2
+    if noise > 0.0 and alike(index, rows.u[index], away) * radius > usual**2:
         noise = 0.0
-    variance = np.full(len(index), noise)
+    variance = np.full(len(away), max(noise, 0.0))
     if tests.noisy is not None:
         joint, sd = tests.noisy
-        slope = rows.body.structure.slope(rows.q[index], rows.body.beta)[
-            ..., joint
-        ]
-        variance += sd**2 * (slope**2).sum(axis=1)
+        slope = rows.body.structure.slope(rows.q[sound], rows.body.beta)
+        variance += sd**2 * (slope[..., joint] ** 2).sum(axis=1)
     over = square > bound**2 + radius * (shared + variance)
     # rows that err together count once
-    time = (
-        autocorrelation_time(over[:, None].astype(float)) if over.any() else 1.0
-    )
+    time = 1.0
+    if over.any():
+        time = autocorrelation_time(over[:, None].astype(float))
     count = int(over.sum() / time)
     independent = math.ceil(len(over) / time)
     chance = float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
-    test = GroupTest("bound", chance, -2.0 * math.log(max(chance, 1e-300)))
-    return BoundTest(
-        float(np.mean(square > bound**2 + radius * shared)), usual, test
-    )
+    beyond = float(np.mean(square > bound**2 + radius * shared))
+    return BoundTest(beyond, usual, GroupTest("bound", chance))
 
 
 def alike(rows: Indices, u: Array, residual: Array) -> float:
@@ -488,10 +445,10 @@ def alike(rows: Indices, u: Array, residual: Array) -> float:
     from scipy.special import ndtri
 
     # of so many rows at least one is no neighbour in time: noise may last over some rows
-    near = np.asarray(
-        cKDTree(u).query(u, min(2 * SIGNIFICANCE.lasting + 2, len(u)))[1]
-    )
-    later = np.abs(rows[near] - rows[:, None]) > SIGNIFICANCE.lasting
+    lasting = SIGNIFICANCE.lasting
+    near = cKDTree(u).query(u, min(2 * lasting + 2, len(u)))[1]
+    near = np.asarray(near)
+    later = np.abs(rows[near] - rows[:, None]) > lasting
     row = np.flatnonzero(later.any(axis=1))
     if not len(row):
         return 0.0

@@ -21,7 +21,7 @@ from ..body.settings import SIMULATED_FLOOR, STUDENT
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from ..stream.monitor import affine_columns
-from .causes import creep
+from .causes import changeable, creep, freedom
 from .frame import Reference
 from .settings import OUTLIER, PSEUDO, Level
 
@@ -69,10 +69,13 @@ class Log:
         return replace(self, q=self.q[rows], z=self.z[rows])
 
 
-def sound_rows(reference: Reference, q: Array, z: Array, sd: Array) -> Mask:
-    """Return which rows (n, dof), (n, m) are near a robust fit of parameters of sd (d,)."""
+def sound_rows(
+    reference: Reference, q: Array, z: Array, cause: str | None
+) -> Mask:
+    """Return which rows (n, dof), (n, m) are near a robust fit of all that may have changed."""
     rows = thinned(len(q), SYSTEM.robust_rows)
     size = reference.sizes
+    sd = freedom(reference.body, changeable(reference.structure), cause)
     prior = Prior(reference.beta, np.hypot(sd, creep(reference.body)))
     measured = [Rows(q[rows], z[rows], floor=size)]
     fit = Fit(reference.structure, measured, reference.beta, prior, nu=STUDENT)
@@ -189,11 +192,12 @@ class Unknown:
         sizes, likelihood = self.noises(y, least)
         return float(sizes[int(np.argmax(likelihood))])
 
-    def rest(self, y: Array, noise: float) -> Array:
-        """Return what the unknown does not follow of the residuals, (n, m) in noises."""
+    def rest(self, x: Array, noise: float) -> Array:
+        """Return what the unknown does not follow of residuals or columns, by rows, in noises."""
         share = self.values / (noise**2 + self.values)
-        rest = y - self.axes @ (share * (self.axes.T @ y))
-        return np.asarray(rest.reshape(len(self.white), -1) / noise)
+        rest = x - self.axes @ ((self.axes.T @ x).T * share).T
+        shape = (len(self.white), -1, *x.shape[1:])
+        return np.asarray(rest.reshape(shape) / noise)
 
 
 class System:

@@ -7,6 +7,7 @@ residual of this log alone is a part of the fit; its size stays in the new bound
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,11 +15,11 @@ from ..body.belief import Body, Second
 from ..body.covariance import root_of
 from ..body.normal import Factor
 from ..body.parameters import Indices
+from ..body.settings import STUDENT
 from ..common.arrays import Array
 from ..common.rows import thinned
 from .evidence import Evidence
 from .explain import Explanation, least_residual
-from .frame import Reference
 from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE
 from .system import Log, own_columns, prior_columns, shared_columns
 
@@ -31,10 +32,12 @@ class UpdateSettings:
     rows: int = 600
     # contiguous ones that are held out in turn, each of which tells a gain
     blocks: int = 5
-    # at most: along the gauge of an arm without a drawing 12 ended on the way
-    steps: int = 60
-    # nats by which a step must better the fit
+    # Gauss-Newton steps from where the explanation ended
+    steps: int = 8
+    # nats by which a step must promise to better the fit
     nothing_left: float = 1e-3
+    # what is left of one that does not better the fit
+    shorter: float = 0.3
     # noises: no step goes along ways by which all rows together move less.  An arm without a
     # drawing may be put together in many ways that look alike, along which no step is small
     telling: float = 0.3
@@ -98,12 +101,12 @@ def _to_update_by(evidence: Evidence) -> Explanation:
     explanations = evidence.explanations
     if evidence.attributed:
         return least_residual(explanations)
-    explanations = tuple(each for each in explanations if not each.causes)
+    explanations = tuple(some for some in explanations if not some.causes)
     if evidence.score > 1.0 or evidence.prior.simulated:
         return least_residual(explanations)
     # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere, and
     # with the least residual that the evidence allows 1.12 times
-    return next(each for each in explanations if each.level.waves <= CREEP)
+    return next(some for some in explanations if some.level.waves <= CREEP)
 
 
 def _is_surer(evidence: Evidence, body: Body) -> bool:
@@ -112,10 +115,9 @@ def _is_surer(evidence: Evidence, body: Body) -> bool:
     unexplained = float((old.tau**2 + old.noise**2).sum())
     variances = []
     for belief in (body, old):
-        spread = np.trace(
-            belief.spread(evidence.rows.probes), axis1=1, axis2=2
-        ).mean()
-        variances.append(float(spread) * old.kappa**2 + unexplained)
+        spread = belief.spread(evidence.rows.probes)
+        own = float(np.einsum("nii->n", spread).mean())
+        variances.append(own * old.kappa**2 + unexplained)
     return variances[0] < REFINED**2 * variances[1]
 
 
@@ -123,7 +125,6 @@ def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
     """The posterior as a body, and held-out residuals (n, m) [unit]."""
     reference = explanation.reference
     old = reference.body
-    posterior = _Posterior(explanation, log)
     noise = explanation.noise * reference.sizes
     second = old.second
     if second is not None:  # after the same log
@@ -136,22 +137,25 @@ def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
             kappa=1.0,
         )
         there = replace(reference, body=wide, beta=reference.beta + apart)
-        wider = _Posterior(
+        wider, _ = _posterior(
             replace(
                 explanation, reference=there, beta=explanation.beta + apart
             ),
             log,
         )
-        root = root_of(wider.covariance)
         second = Second(
-            wider.beta, wider.active, root, np.maximum(noise, second.noise)
+            wider.beta,
+            wider.active,
+            wider.root,
+            np.maximum(noise, second.noise),
         )
+    posterior, residual = _posterior(explanation, log)
     body = replace(
         old,
         beta=posterior.beta,
         active=posterior.active,
         # the bound inflates by kappa what is kept here without it
-        root=root_of(posterior.covariance) / old.kappa,
+        root=posterior.root / old.kappa,
         kappa=max(old.kappa, SIMULATED_KAPPA) if old.simulated else old.kappa,
         noise=noise,
         residual=np.maximum(
@@ -159,138 +163,83 @@ def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
         ),
         second=second,
     )
-    return body, posterior.held_out()
+    return body, residual
 
 
-class _Posterior:
-    """All parameters after Gauss-Newton steps from where an explanation ended.
+class _Posterior(NamedTuple):
+    """All parameters after a log."""
 
-    Attributes
-    ----------
-    beta, active, covariance : (d,), (k,) and (k, k)
-        Parameters, which of them are known, and how well.
+    beta: Array
+    active: Indices
+    root: Array
+
+
+def _posterior(explanation: Explanation, log: Log) -> tuple[_Posterior, Array]:
+    """All parameters after a log, and residuals (n, m) of held-out blocks of its rows [unit].
+
+    Parameters and the log's own residual are standard normals times columns.  Without the rows of
+    a block the information is a difference: no fit is needed.
     """
-
-    def __init__(self, explanation: Explanation, log: Log) -> None:
-        self.reference: Reference = explanation.reference
-        self.log = log
-        self.beta = explanation.beta
-        scale = np.sqrt(explanation.temper) * explanation.noise
-        self.weight = 1.0 / (scale * self.reference.sizes)
-        self.active, prior = prior_columns(
-            self.reference, explanation.level.waves, freed=explanation.sd
-        )
-        self.smooth = own_columns(
-            self.reference, log, explanation.level.residual
-        )
-        ways = prior @ _telling(self._columns(prior), UPDATING.telling)
-        away = (self.beta - self.reference.beta)[self.active]
-        normals = np.asarray(np.linalg.lstsq(ways, away, rcond=1e-12)[0])
-        normals = self._descend(ways, normals)
-        # what is known after the last step, along all ways that any row tells of
-        directions = _telling(self._columns(prior), 0.0)
-        self.normals = (
-            directions.T
-            @ np.linalg.lstsq(prior, ways @ normals, rcond=1e-12)[0]
-        )
-        ways = prior @ directions
-        self.y, smooth, _ = self._state(self.beta, self.normals)
-        self.columns = np.concatenate([self._columns(ways), smooth], axis=1)
-        size = len(self.normals)
-        known = (
-            np.eye(size) - Factor(_with_ones(self.gram)).inverse()[:size, :size]
-        )
-        self.covariance = prior @ prior.T - ways @ known @ ways.T
-
-    @property
-    def gram(self) -> Array:
-        """Information (k, k) of all rows."""
-        return np.asarray(self.columns.T @ self.columns)
-
-    def _whitened(self, columns: Array) -> Array:
-        return np.asarray(
-            (columns * self.weight[:, None]).reshape(self.log.z.size, -1)
-        )
-
-    def _columns(self, ways: Array) -> Array:
-        """Whitened columns (N, k) of parameters along ways (d, k)."""
-        x = self.reference.structure.linearise(
-            self.log.q, self.beta, self.active
-        )[1]
-        return self._whitened(x @ ways)
-
-    def _state(self, beta: Array, normals: Array) -> tuple[Array, Array, float]:
-        """Whitened residuals (N,), columns (N, s) of what the rows share, and the cost [nats]."""
-        structure = self.reference.structure
-        with np.errstate(all="ignore"):
-            predicted = structure.predict(self.log.q, beta)
-            y = (
-                structure.residual(self.log.z, predicted) * self.weight
-            ).ravel()
-            shared = shared_columns(self.reference, self.log, predicted)
-        smooth = self._whitened(np.concatenate([self.smooth, shared], axis=2))
-        if not np.isfinite(y).all():
-            return y, smooth, np.inf
-        pull = smooth.T @ y
-        follows = pull @ Factor(_with_ones(smooth.T @ smooth)).solve(pull)
-        return y, smooth, 0.5 * float(y @ y - follows + normals @ normals)
-
-    def _descend(self, ways: Array, normals: Array) -> Array:
-        """Step along ways (d, k) until no step is better; return the standard normals (k,)."""
-        y, smooth, cost = self._state(self.beta, normals)
-        size = len(normals)
-        for _ in range(UPDATING.steps):
-            columns = np.concatenate([self._columns(ways), smooth], axis=1)
-            pull = columns.T @ y
-            pull[:size] -= (
-                normals  # the log's own part is followed anew in each step
-            )
-            delta = Factor(_with_ones(columns.T @ columns)).solve(pull)[:size]
-            for share in 0.3 ** np.arange(6.0):
-                full = np.zeros(len(self.beta))
-                full[self.active] = ways @ (share * delta)
-                beta = self.reference.structure.retract(self.beta, full)
-                state = self._state(beta, normals + share * delta)
-                if state[-1] < cost - UPDATING.nothing_left:
-                    break
-            else:
-                break
-            self.beta = beta
-            normals = normals + share * delta
-            y, smooth, cost = state
-        return normals
-
-    def held_out(self) -> Array:
-        """Residuals (n, m) [unit] of contiguous blocks of rows, each predicted by the others.
-
-        Without the block's rows the information is a difference: no fit is needed.
-        """
-        size = len(self.normals)
-        gram = _with_ones(self.gram)
-        pull = self.columns.T @ self.y
-        pull[:size] -= self.normals
-        residual = np.empty_like(self.y)
-        outputs = self.log.z.shape[1]
-        for block in np.array_split(
-            np.arange(len(self.log.z)), UPDATING.blocks
-        ):
-            rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
-            x = self.columns[rows]
-            delta = Factor(gram - x.T @ x).solve(pull - x.T @ self.y[rows])
-            residual[rows] = self.y[rows] - x[:, :size] @ delta[:size]
-        return np.asarray(residual.reshape(self.log.z.shape) / self.weight)
-
-
-def _with_ones(gram: Array) -> Array:
-    """Information (k, k) of standard normals, in place."""
+    reference = explanation.reference
+    structure = reference.structure
+    level = explanation.level
+    active, prior = prior_columns(reference, level.waves, freed=explanation.sd)
+    smooth = own_columns(reference, log, level.residual)
+    size = prior.shape[1]
+    scale = np.sqrt(explanation.temper) * explanation.noise * reference.sizes
+    beta = explanation.beta
+    moved = (beta - reference.beta)[active]
+    normals = np.linalg.lstsq(prior, moved, rcond=1e-12)[0]
+    step = np.zeros(size)
+    least = np.inf
+    n, outputs = log.z.shape
+    weight = np.ones(n * outputs)  # root of that of each number
+    for _ in range(UPDATING.steps):
+        full = np.zeros(structure.size)
+        full[active] = prior @ step
+        there = structure.retract(beta, full)
+        predicted, x = structure.linearise(log.q, there, active)
+        shared = shared_columns(reference, log, predicted)
+        all_columns = np.concatenate([x @ prior, smooth, shared], axis=2)
+        all_columns = (all_columns / scale[:, None]).reshape(n * outputs, -1)
+        away = structure.residual(log.z, predicted) / scale
+        # what the log's own residual does not follow is Student's
+        own = all_columns[:, size:] * weight[:, None]
+        follows = Factor(own.T @ own + np.eye(own.shape[1]))
+        followed = follows.solve(own.T @ (weight * away.ravel()))
+        rest = away.ravel() - all_columns[:, size:] @ followed
+        square = explanation.temper * (rest.reshape(n, -1) ** 2).sum(axis=1)
+        energy = (STUDENT + outputs) * np.log1p(square / STUDENT).sum()
+        cost = float(energy) / explanation.temper + float(followed @ followed)
+        cost += float(((normals + step) ** 2).sum())
+        if not cost < least:
+            step = UPDATING.shorter * step
+            continue
+        beta = there
+        normals = normals + step
+        least = cost
+        root = np.sqrt((STUDENT + outputs) / (STUDENT + square))
+        weight = np.repeat(root, outputs)
+        columns = all_columns * weight[:, None]
+        y = away.ravel() * weight
+        gram = columns.T @ columns
+        pull = columns.T @ y
+        pull[:size] -= normals  # the log's own part is followed anew
+        values, axes = np.linalg.eigh(gram)
+        telling = values > UPDATING.telling**2
+        along = axes[:, telling].T @ pull / (values[telling] + 1.0)
+        step = (axes[:, telling] @ along)[:size]
+        if float(pull[:size] @ step) < UPDATING.nothing_left:
+            break
     gram[np.diag_indices(len(gram))] += 1.0
-    return gram
-
-
-def _telling(x: Array, least: float) -> Array:
-    """Ways (k, r) of standard normals along which readings tell more than `least` noises.
-
-    x : (N, k), columns of the whitened readings
-    """
-    _, sizes, ways = np.linalg.svd(x, full_matrices=False)
-    return np.asarray(ways[sizes > least].T)
+    inverse = Factor(gram).inverse()[:size, :size]
+    covariance = prior @ inverse @ prior.T
+    residual = np.empty_like(y)
+    for block in np.array_split(np.arange(n), UPDATING.blocks):
+        rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
+        x = columns[rows]
+        others = Factor(gram - x.T @ x)
+        delta = others.solve(pull - x.T @ y[rows])
+        residual[rows] = y[rows] - x[:, :size] @ delta[:size]
+    posterior = _Posterior(beta, active, root_of(covariance))
+    return posterior, (residual / weight).reshape(n, -1) * scale

@@ -7,30 +7,40 @@ the first joint's axis and that joint's offset; a sensor that shows all larger a
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..body.parameters import Indices
 from ..body.settings import NATS
 from ..common.arrays import Array
 from ..common.wording import for_people
 from ..model.alignment import Alignment
 from ..model.model import Model
-from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, parts_of
+from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, single_causes
 from .evidence import Evidence
 from .explain import Explanation, simplest
 from .settings import CREEP, NOISIER
 from .significance import Play, fired
 
-_EXACT = 1e3  # times the noise of a model: it learned from exact samples
-# standard deviations from which a parameter is said to have changed
-_SIGNIFICANT = 2.6
-# share of a displacement that may differ between two words for it
-_ALIKE = 0.15
-_VAGUE = math.radians(
-    1.0
-)  # half an interval of a turn from which it is worth a word
-_MATTERS = 0.05  # share of the largest displacement from which a cause is named
+
+@dataclass(frozen=True)
+class WordSettings:
+    """What is worth a word."""
+
+    # standard deviations from which a parameter is said to have changed
+    clear: float = 2.6
+    # share of the largest displacement from which a cause is named
+    matters: float = 0.05
+    # share of a displacement that may differ between two words for it
+    alike: float = 0.15
+    # half an interval of a turn [rad]
+    vague: float = math.radians(1.0)
+    # times the noise of a model: it learned from exact samples, of which there is no usual one
+    exact: float = 1e3
+
+
+WORDS = WordSettings()
 _WHICH = "are the same to this log: give `cause='joints'` or `cause='sensor'` if you know which"
 
 
@@ -44,14 +54,8 @@ def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
         return (Cause("unknown", "", evidence.why_not()),), ()
     causes: list[Cause] = []
     notes: list[str] = []
-    tool = evidence.tool
     if drifted:
-        best = _explanation_in_words(evidence)
-        if best is not None:
-            causes = _of_change(evidence, best)
-            if not evidence.attributed and tool.score > 1.0:
-                tool = evidence.tool_under(best)
-        causes = [*evidence.reference.causes, *causes]
+        causes = [*evidence.reference.causes, *_of_change(evidence)]
         if evidence.cause is None:
             notes = _twins(evidence, causes)
         if not causes:
@@ -64,13 +68,12 @@ def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     scatter = _scatter(evidence)
     if scatter is not None:
         causes.append(scatter)
-    if tool.score > 1.0:
-        causes.append(tool.cause)
+    if evidence.tool.score > 1.0:
+        causes.append(evidence.tool.cause)
     board = evidence.rows.model.about.options.get("board")
     if board is not None:
-        causes = _mount_once(
-            causes, "camera" if board["eye"] == "hand" else "board"
-        )
+        what = "camera" if board["eye"] == "hand" else "board"
+        causes = _mount_once(causes, what)
     return tuple(causes), (*notes, *evidence.tool.notes)
 
 
@@ -110,65 +113,53 @@ def _scatter(evidence: Evidence) -> Cause | None:
     """A scatter that is larger than usual, where that is no chance."""
     tests = evidence.tests
     noise = tests.noise
-    if (
-        evidence.attributed
-    ):  # a large change is not linear: what the best one leaves
-        noise = min(
-            noise,
-            evidence.explanations[0].noise * float(evidence.reference.sizes[0]),
-        )
-    if not tests.noisier or noise <= NOISIER * tests.usual:
+    if evidence.attributed:
+        # a large change is not linear: what the best one leaves
+        size = float(evidence.reference.sizes[0])
+        noise = min(noise, evidence.explanations[0].noise * size)
+    times = noise / tests.usual
+    if not tests.noisier or times <= NOISIER:
         return None
     factor, unit = for_people(evidence.unit)
-    times = noise / tests.usual
     words = f"the scatter is {factor * noise:.3g} {unit} per axis"
-    if times < _EXACT:  # of exact samples there is no usual one
+    if times < WORDS.exact:
         words += f", {times:.2g} times the usual"
     return Cause("noise", "noise", words, noise, None, evidence.unit)
 
 
 def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
     """Return the causes with a camera or a board that moved in the hand once, as a turn if any."""
-    moved = [
-        cause for cause in causes if cause.group in ("tool", "tool.rotation")
-    ]
+    moved = [cause for cause in causes if cause.group.startswith("tool")]
     if not moved:
         return causes
     first = min(moved, key=lambda cause: cause.unit != "rad")
     factor, unit = for_people(first.unit)
     low, high = first.interval or (0.0, 0.0)
-    how = (
-        "turned in its mount by"
-        if unit == "deg"
-        else "moved in its mount, what it sees by"
-    )
-    size = f"{factor * abs(low + high) / 2:.3g} ± {factor * (high - low) / 2:.2g} {unit}"
-    once = replace(first, cause="tool", words=f"the {what} has {how} {size}")
+    how = "moved in its mount, what it sees by"
+    if unit == "deg":
+        how = "turned in its mount by"
+    size = abs(low + high) / 2
+    words = f"the {what} has {how} {factor * size:.3g} ± {factor * (high - low) / 2:.2g} {unit}"
+    once = replace(first, cause="tool", words=words)
     return [once, *(cause for cause in causes if cause not in moved)]
 
 
-def _explanation_in_words(evidence: Evidence) -> Explanation | None:
-    """The explanation that is put in words; None where no test names parameters."""
-    if evidence.attributed:
-        return simplest(evidence.explanations)
-    return _by_test(evidence)
-
-
-def _of_change(evidence: Evidence, best: Explanation) -> list[Cause]:
+def _of_change(evidence: Evidence) -> list[Cause]:
     """Return each parameter that is clearly away from where it was, the largest effect first."""
+    best = simplest(evidence.explanations)
+    if not evidence.attributed:
+        best = _by_test(evidence)
     if not len(best.indices):
         words = "the joints have waves that the model does not know: gears, or their sensors"
-        return (
-            [Cause("curve", "curve", words)] if best.level.waves > CREEP else []
-        )
+        waves = Cause("curve", "curve", words)
+        return [waves] if best.level.waves > CREEP else []
     structure = best.reference.structure
     change = best.beta - evidence.prior.beta
-    clear = np.abs(change) > _SIGNIFICANT * best.deviation
+    clear = np.abs(change) > WORDS.clear * best.deviation
     clear &= best.deviation > 0.0
     # root mean square displacement by the change of each parameter
-    moves = structure.linearise(evidence.rows.probes, best.beta, best.indices)[
-        1
-    ]
+    probes = evidence.rows.probes
+    moves = structure.linearise(probes, best.beta, best.indices)[1]
     effect = np.zeros(len(change))
     effect[best.indices] = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
     effect *= np.abs(change)
@@ -177,60 +168,45 @@ def _of_change(evidence: Evidence, best: Explanation) -> list[Cause]:
     for group in best.groups:
         if group in FRAME or (group == "view.scale" and "scale" in loud):
             continue
-        for _, indices in parts_of(structure, group):
-            some = indices[clear[indices]]
-            parts = [[k] for k in some.tolist()]
-            if GROUPS[group.partition(":")[0]].whole and len(
-                some
-            ):  # by its largest one
-                parts = [
-                    [
-                        int(some[np.argmax(np.abs(change[some]))]),
-                        *indices.tolist(),
-                    ]
-                ]
-            for part in parts:
-                cause = _of_parameter(
-                    evidence, best, part[0], np.abs(change[part]).max()
-                )
-                causes.append((float(np.linalg.norm(effect[part])), cause))
-    frame = indices_of(structure, FRAME)
-    elsewhere = not loud.isdisjoint(("mirror", "scale"))
+        indices = indices_of(structure, (group,))
+        telling = indices[clear[indices]]
+        for k in telling[np.argsort(-effect[telling])].tolist():
+            part = indices if GROUPS[group].whole else np.array([k])
+            cause = _of_parameter(evidence, best, k, part)
+            causes.append((float(np.linalg.norm(effect[part])), cause))
+            if GROUPS[group].whole:  # by its largest one
+                break
     if FRAME[0] in best.groups:
-        only = not evidence.attributed and all(
-            is_sensors(group) for group in best.groups
-        )
-        if elsewhere or only or clear[frame].any():
-            moved = (
-                math.inf if elsewhere else float(np.linalg.norm(effect[frame]))
-            )
+        frame = indices_of(structure, FRAME)
+        moved = float(np.linalg.norm(effect[frame]))
+        if not loud.isdisjoint(("mirror", "scale")):
+            moved = math.inf
+        if math.isinf(moved) or clear[frame].any():
             causes.append((moved, _moved_sensor(evidence, best)))
     causes.sort(key=lambda pair: -pair[0])
     finite = [moved for moved, _ in causes if math.isfinite(moved)]
-    least = _MATTERS * max(finite, default=0.0)
+    least = WORDS.matters * max(finite, default=0.0)
     return [cause for moved, cause in causes if moved >= least]
 
 
-def _by_test(evidence: Evidence) -> Explanation | None:
-    """Return what the most telling test says, where no explanation is clearly better than none."""
+def _by_test(evidence: Evidence) -> Explanation:
+    """What the most telling test says, where no explanation is clearly better than none."""
+    best = evidence.explanations[0]
     structure = evidence.rows.body.structure
+    allowed = np.concatenate(
+        [*single_causes(structure, evidence.cause).values()]
+    )
     for test in fired(evidence.tests.groups):
-        if test.change is None:
+        if test.change is None or not np.isin(test.change[0], allowed).all():
             continue
         indices, sizes, deviations = test.change
-        groups = {structure.labels[k].group for k in indices.tolist()}
-        if evidence.cause == "sensor" and not all(
-            is_sensors(group) for group in groups
-        ):
-            continue
         step = np.zeros(structure.size)
         step[indices] = sizes
         deviation = np.zeros(structure.size)
         deviation[indices] = deviations
         beta = structure.retract(evidence.prior.beta, step)
-        first = evidence.explanations[0]
-        return replace(first, indices=indices, beta=beta, deviation=deviation)
-    return None
+        return replace(best, indices=indices, beta=beta, deviation=deviation)
+    return best
 
 
 def _half_width(evidence: Evidence, best: Explanation, k: int) -> float:
@@ -240,44 +216,43 @@ def _half_width(evidence: Evidence, best: Explanation, k: int) -> float:
     that show a sum of two changes do not show each.
     """
     half = 1.96 * float(best.deviation[k])
-    if not evidence.attributed:
-        return half
-    for other in evidence.explanations:
-        if other.evidence > evidence.explanations[0].evidence - NATS:
+    least = evidence.explanations[0].evidence - NATS
+    for other in evidence.explanations if evidence.attributed else ():
+        if other.evidence > least:
             apart = abs(float(other.beta[k] - best.beta[k]))
             half = max(half, apart + 1.96 * float(other.deviation[k]))
     return half
 
 
 def _of_parameter(
-    evidence: Evidence, best: Explanation, k: int, most: float
+    evidence: Evidence, best: Explanation, k: int, part: Indices
 ) -> Cause:
     """A cause that one parameter tells.
 
-    most : the largest change of all parameters of its group and joint
+    part : all parameters that it tells of
     """
     label = best.reference.structure.labels[k]
     old = float(evidence.prior.beta[k])
-    change = float(best.beta[k]) - old
+    changes = best.beta - evidence.prior.beta
+    change = float(changes[k])
     half = _half_width(evidence, best, k)
-    group = "curve" if label.group.startswith("curve") else label.group
     factor, unit = (100.0, "%") if label.unit == "1" else for_people(label.unit)
     size = ""
     if unit == "mm":
         size = f" ({factor * abs(change):.3g} ± {factor * half:.2g} mm)"
-    value = math.expm1(change) if group == "view.scale" else change
-    words = GROUPS[group].changed.format(
+    value = math.expm1(change) if label.group == "view.scale" else change
+    words = GROUPS[label.group].changed.format(
         joint=label.joint,
         name=label.name,
         unit=unit,
         half=factor * half,
-        most=math.degrees(most),
+        most=math.degrees(np.abs(changes[part]).max()),
         value=factor * value,
         size=size,
         share=f"{100 * abs(change / old) if old else math.nan:.3g} %",
         longer="longer" if change > 0 else "shorter",
     )
-    kind = group.removeprefix("view.")
+    kind = label.group.removeprefix("view.")
     name = f"{kind}:{label.joint}" if label.joint else kind
     return Cause.measured(name, label.group, words, change, half, label.unit)
 
@@ -292,7 +267,7 @@ def _moved_sensor(evidence: Evidence, best: Explanation) -> Cause:
         angle = float(best.beta[turn[0]] - evidence.prior.beta[turn[0]])
         value = math.remainder(angle, 2 * math.pi)
     words = f"the sensor's frame moved: {moved.words(evidence.unit)}"
-    if half > _VAGUE:
+    if half > WORDS.vague:
         words += f" (the turn to ± {math.degrees(half):.2g} deg)"
     return Cause.measured("sensor", "view.rotation", words, value, half, "rad")
 
@@ -318,63 +293,54 @@ def _twins(evidence: Evidence, causes: list[Cause]) -> list[str]:
     offset = by_name.get(f"offset:{first}")
     sensor = by_name.get("sensor")
     notes: list[str] = []
-    last = about.joint_names[-1]
-    if evidence.rows.orientation is not None and f"offset:{last}" in by_name:
-        notes.append(
-            f"an offset of {last} and a tool that is turned about its axis are the same to "
-            "this log"
-        )
     if about.revolute[0] and "mirror" not in by_name:
         if offset is not None and sensor is None:
             turn = math.degrees(offset.value or 0.0)
             words = f"or the sensor turned by {turn:.3g} deg about {first}"
-            causes.append(
-                replace(
-                    offset, cause="sensor", group="view.rotation", words=words
-                )
+            twin = replace(
+                offset, cause="sensor", group="view.rotation", words=words
             )
-        elif (
-            offset is None
-            and sensor is not None
-            and _is_an_offset(evidence, sensor)
-        ):
-            mirror = getattr(evidence.rows.body.structure, "mirror", 1)
-            value = mirror * (sensor.value or 0.0)
-            words = f"or {first} is off by {math.degrees(value):.3g} deg"
-            half = float(np.ptp(sensor.interval or (0.0,))) / 2
-            offset = Cause.measured(
-                f"offset:{first}", "offset", words, value, half, "rad"
-            )
-            causes.append(offset)
+            causes.append(twin)
+        elif offset is None and sensor is not None:
+            offset = _as_offset(evidence, sensor, first)
+            if offset is not None:
+                causes.append(offset)
         if offset is not None:
             turned = "an offset of the first joint and a turn of the sensor about its axis"
             notes.append(f"{turned} {_WHICH}")
-    lengths = [f"length:{name}" for name in about.joint_names]
+    lengths = {f"length:{name}" for name in about.joint_names}
+    scale = by_name.get("scale")
+    scaled = scale is not None and scale.interval is not None
     links = evidence.rows.body.structure.groups.get("length", ())
-    scaled = (
-        "scale" in by_name
-        and by_name["scale"].interval is not None
-        and len(links)
-    )
-    if all(about.revolute) and (scaled or set(lengths) <= set(by_name)):
+    if all(about.revolute) and (
+        (scaled and len(links)) or lengths <= set(by_name)
+    ):
         notes.append(
             f"a sensor that shows all larger and links that are all longer {_WHICH}"
         )
     return notes
 
 
-def _is_an_offset(evidence: Evidence, sensor: Cause) -> bool:
-    """Whether an offset of the first joint alone moves the tip as the frame did."""
+def _as_offset(evidence: Evidence, sensor: Cause, first: str) -> Cause | None:
+    """A sensor that moved as an offset of the first joint, where that moves the tip as it did."""
     structure = evidence.rows.body.structure
     if not evidence.attributed or "offset" not in structure.groups:
-        return False
-    probes = evidence.rows.probes
+        return None
+    old = evidence.rows.body.beta
+    value = getattr(structure, "mirror", 1) * (sensor.value or 0.0)
+    turned = old.copy()
+    turned[structure.groups["offset"][0]] += value
+    framed = old.copy()
     frame = indices_of(structure, FRAME)
-    turned, framed = (evidence.rows.body.beta.copy() for _ in range(2))
-    mirror = getattr(structure, "mirror", 1)
-    turned[structure.groups["offset"][0]] += mirror * (sensor.value or 0.0)
     framed[frame] = evidence.explanations[0].beta[frame]
-    before = structure.predict(probes, evidence.rows.body.beta)
-    after = structure.predict(probes, framed)
-    apart = np.linalg.norm(after - structure.predict(probes, turned))
-    return bool(apart <= _ALIKE * np.linalg.norm(after - before) + 1e-12)
+    before, by_offset, by_frame = (
+        structure.predict(evidence.rows.probes, beta)
+        for beta in (old, turned, framed)
+    )
+    apart = np.linalg.norm(by_frame - by_offset)
+    if apart > WORDS.alike * np.linalg.norm(by_frame - before):
+        return None
+    words = f"or {first} is off by {math.degrees(value):.3g} deg"
+    half = float(np.ptp(sensor.interval or (0.0,))) / 2
+    name = f"offset:{first}"
+    return Cause.measured(name, "offset", words, value, half, "rad")

@@ -33,31 +33,6 @@ class Shape:
         return np.dtype("f4" if self.kept == TRIANGLE else self.kept)
 
 
-class Own:
-    """Axes of an object inside of another: names of its own, some of which are the other's."""
-
-    def __init__(self, **shared: str) -> None:
-        self.shared = shared
-
-    def inner(self, sizes: dict[str, int]) -> dict[str, int]:
-        """Lengths of its axes that are known from the other's."""
-        return {
-            axis: sizes[name]
-            for axis, name in self.shared.items()
-            if name in sizes
-        }
-
-    def outer(self, inner: dict[str, int], sizes: dict[str, int]) -> None:
-        """Let the other know its lengths."""
-        sizes.update(
-            {
-                name: inner[axis]
-                for axis, name in self.shared.items()
-                if axis in inner
-            }
-        )
-
-
 def frozen(array: NDArray[_Number]) -> NDArray[_Number]:
     """A view of an array that refuses to be written through."""
     view = np.asarray(array).view()

@@ -20,7 +20,6 @@ MAPS = (
     "gng",
     "gng:error",
     "gng:border",
-    "gas",
 )
 MAP_READOUTS = ("linear", "activity", "winner")  # of maps and links alone
 
@@ -38,9 +37,6 @@ ViewWord = Literal[
 FrameWord = Literal[
     "sensor", "base"
 ]  # whose coordinates a query is asked and answered in
-LogFrameWord = Literal[
-    "auto", "base"
-]  # whether a log is in the robot's root frame
 CauseWord = Literal["sensor", "joints"]  # what a user may know of a change
 Eye = Literal[
     "hand", "base"
@@ -56,7 +52,6 @@ BODIES: tuple[str, ...] = get_args(BodyWord)
 VIEWS: tuple[str, ...] = get_args(ViewWord)
 FREED: tuple[str, ...] = get_args(FreeWord)
 FRAMES: tuple[str, ...] = get_args(FrameWord)
-LOG_FRAMES: tuple[str, ...] = get_args(LogFrameWord)
 CAUSES: tuple[str, ...] = get_args(CauseWord)
 EYES: tuple[str, ...] = get_args(Eye)
 ROTATIONS = (

@@ -50,25 +50,19 @@ def one_blas_thread() -> Iterator[None]:
     Who starts threads opens a block before: beside an import in another thread the look-up of the
     libraries can wait for ever.  Within another block it does nothing.
     """
-    first = keep_one_blas_thread()
+    with _lock:  # imports as well: another thread's would be in the way
+        first = not _limits
+        if first:
+            import scipy.linalg  # noqa: F401 - brings a BLAS of its own, to be found as well
+            from threadpoolctl import threadpool_limits
+
+            _limits.append(threadpool_limits(1, user_api="blas"))
     try:
         yield
     finally:
         if first:
             with _lock:
                 _limits.pop().restore_original_limits()
-
-
-def keep_one_blas_thread() -> bool:
-    """Multiply matrices in one thread from now on; whether they were not before."""
-    with _lock:  # imports as well: another thread's would be in the way
-        if _limits:
-            return False
-        import scipy.linalg  # noqa: F401 - brings a BLAS of its own, to be found as well
-        from threadpoolctl import threadpool_limits
-
-        _limits.append(threadpool_limits(1, user_api="blas"))
-        return True
 
 
 def in_turn(first: Callable[[], _S], second: Callable[[], _T]) -> tuple[_S, _T]:

@@ -138,6 +138,21 @@ def _numbers(values: object, what: str, error: type[CalibError]) -> Array:
         ) from problem
 
 
+def row_lengths(x: Array) -> Array:
+    """Return the length of each of the vectors (n, m)."""
+    return np.asarray(np.linalg.norm(x, axis=1))
+
+
+def median_length(x: Array) -> float:
+    """Return the median length of vectors (n, m)."""
+    return float(np.median(row_lengths(x)))
+
+
+def finite_rows(x: Array) -> NDArray[np.bool_]:
+    """Return which rows of values (n, m) have finite numbers alone."""
+    return np.asarray(np.isfinite(x).all(axis=1))
+
+
 def thinned(count: int, most: int) -> NDArray[np.intp]:
     """Return at most `most` row numbers of `count`, evenly spread, in order."""
     return np.unique(

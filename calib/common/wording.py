@@ -17,16 +17,21 @@ ROUNDED_AWAY = 1e-9
 _PLACE = re.compile(
     r"@([a-z]+(?:\.[a-z]+)?)@"
 )  # in a page that is a file of a package
-_PREFIXES = ((1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with three digits and never an exponent; below a millionth it is 0.
+
+    >>> number(1041.7), number(0.12345), number(0.0000573, 2)
+    ('1040', '0.123', '0.000057')
+    """
+    rounded = f"{value:.{digits}g}" if abs(value) >= 1e-6 else "0"
+    return f"{Decimal(rounded):f}"
 
 
 def two_digits(value: float) -> str:
-    """Return a number with two significant digits, never with an exponent.
-
-    >>> two_digits(217.0), two_digits(0.0000573)
-    ('220', '0.000057')
-    """
-    return f"{Decimal(f'{value:.2g}'):f}"
+    """Return a number with two digits and never an exponent."""
+    return number(value, 2)
 
 
 def printable(text: str) -> str:
@@ -94,18 +99,28 @@ def vector(values: Iterable[float]) -> str:
     )
 
 
-def length_in_words(value: float, unit: str) -> str:
-    """Return a length with the prefix that suits it, three digits: 1.23 mm, below 1 nm, 2.5 px."""
-    if not math.isfinite(value):
-        return "unknown"
-    if unit != "m" or abs(value) >= 1.0:
-        return f"{value:.3g} {unit}"
-    if abs(value) < ROUNDED_AWAY:
-        return "below 1 nm" if value else "0"
-    factor, name = next(
-        (f, n) for f, n in _PREFIXES if abs(value) >= 0.9995 * f or n == "nm"
-    )
-    return f"{value / factor:.3g} {name}"
+def sized(value: float, unit: str, half: float = 0.0) -> str:
+    """Return a value in the unit that suits it, with half of its interval if there is one.
+
+    >>> sized(0.00012345, "m"), sized(0.01, "rad", 0.0005), sized(1e-12, "m")
+    ('0.123 mm', '0.573 ± 0.029 deg', 'below 1 nm')
+    """
+    if unit == "m" and abs(value) + half < ROUNDED_AWAY:
+        return "below 1 nm"
+    factor, shown = unit_for(abs(value) + half, unit)
+    interval = f" ± {number(factor * half, 2)}" if half else ""
+    return f"{number(factor * value)}{interval} {shown}"
+
+
+def unit_for(largest: float, unit: str) -> tuple[float, str]:
+    """Return the factor from a unit to the one that errors up to `largest` are shown in."""
+    if unit == "1":
+        return 100.0, "%"
+    if unit == "m" and largest < 2e-8:
+        return 1e9, "nm"
+    if unit == "m" and largest < 2e-5:
+        return 1e6, "µm"
+    return for_people(unit)
 
 
 def filled(package: str, name: str, **parts: str) -> str:

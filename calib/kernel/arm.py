@@ -16,6 +16,7 @@ from ..arm.gravity import Loads
 from ..arm.rotations import exponential
 from ..arm.spatial_chain import Deviations, Links, SpatialChain, move
 from ..body.curves import HARMONICS
+from ..body.planar import PlanarStructure
 from ..body.structure import loads_of
 from ..body.views import pixels
 from ..common.arrays import Array
@@ -110,7 +111,7 @@ class KernelArm:
     @staticmethod
     def of(structure: Any, beta: Array) -> KernelArm:
         """The arm of a body's structure at parameters (d,)."""
-        if structure.kind == "planar":
+        if isinstance(structure, PlanarStructure):
             return _planar(structure, beta)
         return _spatial(structure, beta)
 
@@ -215,8 +216,6 @@ def _planar(structure: Any, beta: Array) -> KernelArm:
     ):
         flex[:, i, k] = pair
     sensor = structure.sensor(beta)
-    if structure.view == "homography":
-        sensor = sensor.whole or sensor
     view = np.zeros((3, 4))
     size = len(sensor.matrix)
     view[:size, :2], view[:size, 3] = sensor.matrix[:, :2], sensor.shift

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Own, Shape, freeze
+from ..common.arrays import Array, Index, Shape, freeze
 from ..common.choices import READOUTS
 from ..common.parallel import side_by_side
 from ..errors import OptionError
 from .linear_models import LinearModels, regress
 from .links import WIRINGS, Compressed, Wiring
-from .map import Map, nearest_points
+from .map import Map
 from .settings import READOUT
 
 if TYPE_CHECKING:
@@ -58,9 +58,9 @@ class Association:
         spacings and half precision, as a model file keeps it; 0 where not known.
     """
 
-    motor: Annotated[Map, Own(nodes="nodes", d="dof")]
-    sensory: Annotated[Map, Own(nodes="places", d="width")]
-    linked: Annotated[Compressed, Own()]
+    motor: Map
+    sensory: Map
+    linked: Compressed
     wiring: Wiring = WIRINGS["reciprocal"]
     motor_shifts: Annotated[Array, Shape("nodes", "dof", kept="f2")] | None = (
         None
@@ -97,20 +97,13 @@ class Association:
         motor: Map, u: Array, sensory: Map, v: Array, wiring: Wiring
     ) -> Association:
         """Link two maps by samples (n, dof) and (n, 2) in their unit boxes."""
-        from scipy.sparse import csr_array
-
-        together = csr_array((motor.size, sensory.size))  # sums of a_i a_j
-        motor_sums = np.zeros((motor.size, motor.units.shape[1] + 2))
-        sensory_sums = np.zeros((sensory.size, sensory.units.shape[1] + 2))
-        for first in range(0, len(u), READOUT.samples_at_once):
-            part = slice(first, first + READOUT.samples_at_once)
-            a_i, a_j = side_by_side(
-                partial(wiring.activity, motor, u[part]),
-                partial(wiring.activity, sensory, v[part]),
-            )
-            together = (a_i.T @ a_j).tocsr() + together
-            motor_sums += _sums(motor, a_i, u[part])
-            sensory_sums += _sums(sensory, a_j, v[part])
+        a_i, a_j = side_by_side(
+            partial(wiring.activity, motor, u),
+            partial(wiring.activity, sensory, v),
+        )
+        together = (a_i.T @ a_j).tocsr()  # sums of a_i a_j
+        motor_sums = _sums(motor, a_i, u)
+        sensory_sums = _sums(sensory, a_j, v)
         return Association(
             motor,
             sensory,
@@ -144,10 +137,6 @@ class Association:
         if len(unlinked):
             predicted[unlinked] = self.forward(u[unlinked], "winner")
         return predicted
-
-    def inverse(self, v: Array, near: Array, readout: str) -> Array:
-        """Joints (n, dof) for positions `v` (n, 2), see :meth:`inverses`."""
-        return self.inverses(v, near)[readout]
 
     def inverses(self, v: Array, near: Array) -> dict[str, Array]:
         """Joints in the unit box (n, dof) for positions `v` (n, 2) in theirs, by readout.
@@ -225,44 +214,34 @@ class Association:
     @cached_property
     def _strongest_partner(self) -> Index:
         """Sensory node most strongly linked to each motor node, or to the nearest linked one."""
-        source = _linked(self.motor, np.diff(self.linked.indptr))
+        source = self.motor.nearest_of(np.diff(self.linked.indptr) > 0)
         return np.asarray(self.links.argmax(axis=1)).ravel()[source]
 
     @cached_property
     def partners(self) -> Compressed:
         """Links by sensory node, (sensory nodes, motor nodes), or those of the nearest linked."""
         links = self.linked.transposed()
-        return links.take(_linked(self.sensory, np.diff(links.indptr)))
+        return links.take(self.sensory.nearest_of(np.diff(links.indptr) > 0))
 
     @cached_property
     def clusters(self) -> Clusters:
         """The branches of each sensory node."""
-        from scipy.sparse import csr_array
+        from scipy.sparse import coo_array, csr_array
         from scipy.sparse.csgraph import connected_components
 
         links = self.partners
         motor = self.motor
-        ns, nm = links.shape
         j = links.rows
         i = links.indices.astype(np.intp)
         # two links of one sensory node are joined where their motor nodes are close
-        start, close = _close_nodes(motor)
-        several = np.diff(start)[i]
-        row = np.repeat(np.arange(len(i)), several)
-        turn = np.arange(len(row)) - np.repeat(
-            np.cumsum(several) - several, several
-        )
-        key = j * nm + i  # ascending: rows are sorted
-        other = j[row] * nm + close[start[i[row]] + turn]
-        place = np.minimum(np.searchsorted(key, other), len(key) - 1)
-        met = key[place] == other
-        indptr = np.append(
-            0, np.cumsum(np.bincount(row[met], minlength=len(key)))
-        )
-        graph = csr_array(
-            (np.ones(len(place[met])), place[met], indptr),
-            shape=(len(key),) * 2,
-        )
+        link_numbers = np.arange(1, len(i) + 1)
+        columns = csr_array(
+            (link_numbers, links.indices, links.indptr), links.shape
+        ).tocsc()
+        one, two = (columns[:, nodes] for nodes in _close_nodes(motor))
+        met = one.astype(bool).multiply(two.astype(bool))
+        pairs = [csr_array(part.multiply(met)).data - 1 for part in (one, two)]
+        graph = coo_array((np.ones(len(pairs[0])), pairs), (len(i),) * 2)
         label = connected_components(graph)[1].astype(np.intp)
 
         order = np.lexsort((-links.data, label))
@@ -286,7 +265,7 @@ class Association:
         owner = j[first][rank]
         column = np.arange(len(owner)) - np.searchsorted(owner, owner)
         strong = column < READOUT.most_clusters
-        table = np.full((ns, int(column[strong].max()) + 1), -1)
+        table = np.full((links.shape[0], int(column[strong].max()) + 1), -1)
         table[owner[strong], column[strong]] = rank[strong]
         strength = np.where(table >= 0, total[table], 0.0)
         return Clusters(center[table], strength, i[first][table])
@@ -328,7 +307,7 @@ def _places(network: Map, shifts: Array | None) -> Array:
 
 
 def _close_nodes(network: Map) -> tuple[Index, Index]:
-    """Nodes of a higher number close to each node: where each one's begin, and all of them."""
+    """Pairs of nodes that are close to each other, the first ones and the second."""
     n, dim = network.units.shape
     distance, near = network.nearest(network.units, min(3 ** min(dim, 3), n))
     one, column = np.nonzero(distance <= READOUT.joined * network.spacing)
@@ -336,18 +315,4 @@ def _close_nodes(network: Map) -> tuple[Index, Index]:
     pair = np.unique(np.minimum(one, two) * n + np.maximum(one, two))
     one, two = np.divmod(pair, n)
     apart = one < two
-    counts = np.bincount(one[apart], minlength=n)
-    return np.append(0, np.cumsum(counts)), two[apart]
-
-
-def _linked(network: Map, counts: Index) -> Index:
-    """Each node of a map, or the nearest linked one in place of a node with no links."""
-    source = np.arange(len(counts))
-    linked = np.flatnonzero(counts > 0)
-    empty = np.flatnonzero(counts == 0)
-    if len(empty):
-        nearest = nearest_points(
-            network.units[linked], network.scale, network.units[empty]
-        )[1]
-        source[empty] = linked[nearest[:, 0]]
-    return source
+    return one[apart], two[apart]

@@ -151,7 +151,12 @@ def learn_batch(
         most = BATCH.samples_per_node * lattice.size
         if lattice != full and most < len(u):
             rows = np.sort(
-                rng.choice(len(u), most, replace=False, shuffle=False)
+                rng.choice(
+                    len(u),
+                    most,
+                    replace=False,
+                    shuffle=False,
+                )
             )
         samples = u[rows]
         log_order = np.argsort(
@@ -178,8 +183,19 @@ def learn_batch(
                 )
                 g[log_order] = gain(visit)  # eq. 7 and 8
             topographic = topographic_error(samples, tree, lattice)
-            sums = _sums_of_winners(samples, winner, g, lattice.size)
-            weights = moved(weights, sums, lattice, sigma, stage.step)
+            sums = _sums_of_winners(
+                samples,
+                winner,
+                g,
+                lattice.size,
+            )
+            weights = moved(
+                weights,
+                sums,
+                lattice,
+                sigma,
+                stage.step,
+            )
             yield Epoch(
                 weights, lattice, sigma, float(distance.mean()), topographic
             )

@@ -13,7 +13,6 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from ..common.choices import MAPS
-from ..common.wording import one_line
 from ..errors import OptionError
 from .lattice import Graph, Lattice
 from .settings import DENSITY
@@ -55,10 +54,6 @@ class Visit:
     residual: Array | None = None
     sigma: float = np.nan
     per_node: float = np.inf
-
-    def __repr__(self) -> str:
-        nodes = len(self.weights)
-        return f"Visit({len(self.winners):,} samples of {nodes:,} nodes, t / T {self.progress:.3g})"
 
     @property
     def sums(self) -> Array:
@@ -163,7 +158,7 @@ def checked_gain(gain: Gain) -> Gain:
             or not 0 < factors.sum() < np.inf
         ):
             raise OptionError(
-                f"the gain returned {one_line(repr(answer))}: expected an array of shape {shape}, "
+                f"the gain returned {answer!r:.200}: expected an array of shape {shape}, "
                 "a factor for each sample, finite, 0 or more and not all 0"
             )
         return factors
@@ -191,7 +186,7 @@ def gain_of(name: str) -> Gain | None:
 
 
 def kind_of(network: str | Gain) -> str:
-    """Kind of a network, "som", "dsom", "gng" or "gas", by its name or gain function."""
+    """Kind of a network, "som", "dsom" or "gng", by its name or gain function."""
     if not isinstance(network, str):
         return "som"
     gain_of(network)

@@ -73,7 +73,13 @@ def learn_gng(
             first += len(block)
             done += len(block)
             progress = min(1.0, done / (GROWING.growing * epochs * shown))
-            total += present_gng(gas, block, decay, gain, progress)
+            total += present_gng(
+                gas,
+                block,
+                decay,
+                gain,
+                progress,
+            )
             while len(gas.weights) < 2 + int((nodes - 2) * progress) and len(
                 gas.pairs
             ):
@@ -98,7 +104,13 @@ def present_gng(
     second = index[:, 1]
     error = distances[:, 0] ** 2
     if gain is not None:
-        visit = Visit(progress, winner, distances[:, 0], gas.weights, gas.graph)
+        visit = Visit(
+            progress,
+            winner,
+            distances[:, 0],
+            gas.weights,
+            gas.graph,
+        )
         error = error * gain(visit)
     n = len(gas.weights)
     gas.error = (gas.error + np.bincount(winner, error, n)) * decay ** len(
@@ -141,9 +153,7 @@ def _renew_edges(gas: Gas, winner: Index, second: Index) -> None:
         np.minimum(winner, second) * n + np.maximum(winner, second)
     )
     keys = gas.pairs[:, 0] * n + gas.pairs[:, 1]
-    # the new keys are sorted: a search is sooner than np.isin, which sorts all edges
-    place = np.minimum(np.searchsorted(new_keys, keys), len(new_keys) - 1)
-    stays = new_keys[place] != keys
+    stays = ~np.isin(keys, new_keys)
     new_pairs = np.stack(np.divmod(new_keys, n), axis=1)
     gas.pairs = np.concatenate([gas.pairs[stays], new_pairs])
     gas.age = np.concatenate([gas.age[stays], np.zeros(len(new_keys))])

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index, ReadOnly
 from .local_models import blend, blend_size
-from .map import Map, nearest_points
+from .map import Map
 from .settings import READOUT
 
 if TYPE_CHECKING:
@@ -95,20 +95,11 @@ class LinearModels(ReadOnly):
         middle, mean, slope = regress(place, partners[near], weight)
         value = mean - np.einsum("nd,ndo->no", middle, slope)
         has_links = (strength > 0.0) & (weight.sum(axis=1) > 0.0)
-        unlinked = np.flatnonzero(~has_links)
-        linked = np.flatnonzero(has_links)
-        if len(unlinked) and len(linked):  # the nearest model goes on
-            nearest = nearest_points(
-                motor.units[linked], motor.scale, motor.units[unlinked]
-            )[1]
-            source = linked[nearest[:, 0]]
-            gap = motor.scale.difference(
-                motor.units[unlinked], motor.units[source]
-            )
-            slope[unlinked] = slope[source]
-            value[unlinked] = value[source] + np.einsum(
-                "nd,ndo->no", gap, slope[source]
-            )
+        # in place of a node without links the nearest model goes on
+        source = motor.nearest_of(has_links)
+        gap = motor.scale.difference(motor.units, motor.units[source])
+        slope = slope[source]
+        value = value[source] + np.einsum("nd,ndo->no", gap, slope)
         return LinearModels(motor, value, slope)
 
     def _blended(

@@ -17,13 +17,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-BANDWIDTH = LINKS.bandwidth
-"""Bandwidth of a node's activity (eq. 6) [node spacings]."""
-
-NEAREST = LINKS.nearest
-"""Nodes that are active at a time."""
-
-
 @dataclass(frozen=True)
 class Wiring:
     """How links are learned and read: what eq. 5 and 6 leave open."""
@@ -35,7 +28,7 @@ class Wiring:
     # the same for both directions.  Else by the sensory side alone, which is what eq. 5 says of the
     # direction from motor to sensory nodes.
     mutual: bool = True
-    bandwidth: float = BANDWIDTH  # of eq. 6, in units of the spacing.
+    bandwidth: float = LINKS.bandwidth  # of eq. 6, in units of the spacing.
 
     def activity(self, network: Map, u: Array) -> csr_array:
         """Activity a_j (n, nodes) of the nodes nearest to places (n, d) of the unit box (eq. 6).
@@ -44,7 +37,7 @@ class Wiring:
         """
         from scipy.sparse import csr_array
 
-        k = min(NEAREST, network.size)
+        k = min(LINKS.nearest, network.size)
         distance, index = network.nearest(u, k)
         spacing = network.spacings[index] if self.local else network.spacing
         exponent = (distance / (self.bandwidth * spacing)) ** 2
@@ -109,7 +102,12 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> Compressed:
     data = links.data.astype(np.float32).astype(
         float
     )  # as a model file keeps them
-    return Compressed(data, links.indices, links.indptr, links.shape)
+    return Compressed(
+        data,
+        links.indices,
+        links.indptr,
+        links.shape,
+    )
 
 
 def _reached(square: Array) -> Array:

@@ -13,10 +13,6 @@ from ..common.arrays import Array, Index, Mask, ReadOnly, Shape
 from .map import Map, nearest_points
 from .settings import LOCAL
 
-MOST_DEGREE = LOCAL.most_degree
-SILENT = LOCAL.silent
-FULL = LOCAL.full
-
 
 @dataclass(frozen=True)
 class LocalModels(ReadOnly):
@@ -27,12 +23,16 @@ class LocalModels(ReadOnly):
     samples: int  # number of samples that each was fitted to
     # distance to the first sample that was left out, in the unit box
     radius: Annotated[Array, Shape("nodes")]
-    # of the monomials of (u - w) / radius [unit]; a node that is silent, or of a lower degree, has
-    # zeros for the others
+    # of the monomials of (u - w) / radius [unit]; a node that is silent has zeros
     coefficients: Annotated[Array, Shape("nodes", "terms", "width")]
 
 
-NO_MODELS = LocalModels(-1, 0, np.zeros(0), np.zeros((0, 0, 2)))
+NO_MODELS = LocalModels(
+    -1,
+    0,
+    np.zeros(0),
+    np.zeros((0, 0, 2)),
+)
 
 
 @lru_cache(maxsize=32)
@@ -65,7 +65,7 @@ def fit(
     """Kernel-weighted least squares around some of the nodes (k,); the others are silent.
 
     The weight of a sample at the distance d is (1 - (d / radius)^2)^2.  Where samples do not carry
-    this degree, as rows on a line, whose noise it multiplies beside them, a lower one is taken.
+    this degree, as rows on a line, whose noise it multiplies beside them, a node is silent.
 
     u, residual : (n, d), (n, o), samples in the unit box and what the smooth part leaves over
     shape : degree of the polynomials and number of samples that each is fitted to
@@ -75,7 +75,12 @@ def fit(
     scale = motor.scale
     dof = u.shape[1]
     outputs = residual.shape[1]
-    distance, index = nearest_points(u, scale, places, samples + 1)
+    distance, index = nearest_points(
+        u,
+        scale,
+        places,
+        samples + 1,
+    )
     near = index[:, :-1]
     radius = np.maximum(distance[:, -1:], 1e-12)
     z = scale.difference(u[near], places[:, None]) / radius[..., None]
@@ -88,35 +93,33 @@ def fit(
         - places[:, None]
     )
     ring /= radius[..., None]
-    coefficients = np.zeros((motor.size, len(exponents(dof, degree)), outputs))
-    shaky = np.arange(len(nodes))
-    for lower in range(degree, -1, -1):
-        terms = exponents(dof, lower)
-        for part in np.array_split(
-            shaky,
-            1
-            + len(shaky) * near.shape[1] * len(terms) // LOCAL.numbers_at_once,
-        ):
-            features = monomials(z[part], terms)
-            weighted = np.swapaxes(features * kernel[part, :, None], 1, 2)
-            moments = weighted @ features
-            # rows on a line leave moments singular; the ring then finds the model shaky
-            diagonal = np.einsum("nii->ni", moments)
-            diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
-            on_ring = np.swapaxes(monomials(ring[part], terms), 1, 2)
-            right_side = np.concatenate(
-                [weighted @ residual[near[part]], on_ring], axis=2
-            )
-            solved = np.linalg.solve(moments, right_side)
-            variance = np.einsum("nta,nta->na", on_ring, solved[..., outputs:])
-            firm = (variance < LOCAL.firm).all(axis=1)
-            coefficients[nodes[part[firm]], : len(terms)] = solved[
-                firm, :, :outputs
-            ]
-        shaky = shaky[(coefficients[nodes[shaky]] == 0.0).all(axis=(1, 2))]
+    terms = exponents(dof, degree)
+    coefficients = np.zeros((motor.size, len(terms), outputs))
+    together = len(nodes) * near.shape[1] * len(terms)
+    parts = 1 + together // LOCAL.numbers_at_once
+    for part in np.array_split(np.arange(len(nodes)), parts):
+        features = monomials(z[part], terms)
+        weighted = np.swapaxes(features * kernel[part, :, None], 1, 2)
+        moments = weighted @ features
+        # rows on a line leave moments singular; the ring then finds the model shaky
+        diagonal = np.einsum("nii->ni", moments)
+        diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
+        on_ring = np.swapaxes(monomials(ring[part], terms), 1, 2)
+        right_side = np.concatenate(
+            [weighted @ residual[near[part]], on_ring], axis=2
+        )
+        solved = np.linalg.solve(moments, right_side)
+        variance = np.einsum("nta,nta->na", on_ring, solved[..., outputs:])
+        firm = (variance < LOCAL.firm).all(axis=1)
+        coefficients[nodes[part[firm]]] = solved[firm, :, :outputs]
     reach = np.full(motor.size, motor.spacing)
     reach[nodes] = radius[:, 0]
-    return LocalModels(degree, near.shape[1], reach, coefficients)
+    return LocalModels(
+        degree,
+        near.shape[1],
+        reach,
+        coefficients,
+    )
 
 
 def blend_size(dim: int) -> int:
@@ -171,9 +174,9 @@ def heard(weight: Array, talks: Mask) -> Array:
     """
     talking = np.where(talks, weight, 0.0)
     share = talking.sum(axis=1, keepdims=True)
-    t = np.clip((share - SILENT) / (FULL - SILENT), 0.0, 1.0)
+    t = np.clip((share - LOCAL.silent) / (LOCAL.full - LOCAL.silent), 0.0, 1.0)
     return np.asarray(
-        talking * (t * t * (3.0 - 2.0 * t) / np.maximum(share, SILENT))
+        talking * (t * t * (3.0 - 2.0 * t) / np.maximum(share, LOCAL.silent))
     )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Shape, freeze, frozen
+from ..common.arrays import Array, Index, Mask, Shape, freeze, frozen
 from ..common.scale import Scale
 from .lattice import Graph, Lattice
 
@@ -81,44 +81,48 @@ class Map:
         return frozen(self.lattice.edges())
 
     @cached_property
+    def lengths(self) -> Array:
+        """Distance of the two nodes of each edge, (m,), in the unit box."""
+        a, b = self.edges.T
+        gap = self.scale.difference(self.units[a], self.units[b])
+        return frozen(np.asarray(np.linalg.norm(gap, axis=1)))
+
+    @cached_property
     def spacing(self) -> float:
         """Mean distance of joined nodes in the unit box: the unit of every radius."""
-        return float(self._lengths(1.0).mean())
+        return float(self.lengths.mean())
 
     @cached_property
     def spacings(self) -> Array:
         """Mean distance of each node to those it is joined to, (nodes,), in the unit box."""
-        own = self._node_means(self._lengths(1.0))
-        # a node on top of its neighbours, or joined to none, has the spacing of the map
-        return frozen(
-            np.where(own > 1e-6 * self.spacing, own, max(self.spacing, 1e-300))
-        )
-
-    @property
-    def u_matrix(self) -> Array:
-        """Mean distance of each node to its neighbours [unit], shaped like the lattice."""
-        return self._node_means(self._lengths(self.scale.span)).reshape(
-            self.lattice.shape
-        )
-
-    def _lengths(self, span: Array | float) -> Array:
-        """Distance of the two nodes of each edge, (m,), where the unit box is so large."""
-        a, b = self.edges.T
-        gap = self.scale.difference(self.units[a], self.units[b])
-        return np.asarray(np.linalg.norm(gap * span, axis=1))
-
-    def _node_means(self, lengths: Array) -> Array:
-        """Means (nodes,) over the edges of each node, 0 of a node without one."""
         ends = self.edges.T.ravel()
-        total = np.bincount(ends, np.tile(lengths, 2), self.size)
-        return np.asarray(
-            total / np.maximum(np.bincount(ends, minlength=self.size), 1)
-        )
+        total = np.bincount(ends, np.tile(self.lengths, 2), self.size)
+        count = np.bincount(ends, minlength=self.size)
+        means = total / np.maximum(count, 1)
+        # a node on top of its neighbours, or joined to none, has the spacing of the map
+        alone = means <= 1e-6 * self.spacing
+        return frozen(np.where(alone, max(self.spacing, 1e-300), means))
+
+    def nearest_of(self, members: Mask) -> Index:
+        """Each node that is a member of (nodes,), and the nearest member in place of others."""
+        source = np.arange(self.size)
+        inside = np.flatnonzero(members)
+        outside = np.flatnonzero(~members)
+        if len(inside) and len(outside):
+            places = self.units[outside]
+            near = nearest_points(self.units[inside], self.scale, places)[1]
+            source[outside] = inside[near[:, 0]]
+        return source
 
     def nearest(self, u: Array, k: int = 1) -> tuple[Array, Index]:
         """Distances and indices, (n, k), of the `k` nodes nearest to `u` in the unit box."""
         if _few(len(u) * self.size):
-            return nearest_points(self.units, self.scale, u, k)
+            return nearest_points(
+                self.units,
+                self.scale,
+                u,
+                k,
+            )
         return nearest_nodes(self.tree, u, k)
 
     def winners(self, x: Array) -> Index:
@@ -208,7 +212,13 @@ class Epoch:
     ) -> Epoch:
         """The state after a pass over all samples `u` (n, d)."""
         topographic = topographic_error(u, search_tree(weights), lattice)
-        return Epoch(weights, lattice, sigma, error, topographic)
+        return Epoch(
+            weights,
+            lattice,
+            sigma,
+            error,
+            topographic,
+        )
 
     @property
     def row(self) -> tuple[int, float, float, float]:

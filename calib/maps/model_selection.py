@@ -90,6 +90,7 @@ class Choice:
     ]  # degree, and number of samples that each is fitted to
     nodes: Index
     remaining: Array  # (n, o), what is left of the candidates' rows
+    gain: float  # of all rows, 0 where it may be chance
 
 
 def select(
@@ -118,18 +119,12 @@ def select(
     if not len(candidates.rows):
         return plain, held_out
     residual = x - smooth.value(u)
-    best: Choice | None = None
-    most = 0.0
+    choices = []
     for shape in shapes:
         predictions = _fold_predictions(motor, u, residual, candidates, shape)
-        choice, gain = _choice(motor, candidates, stands, predictions, shape)
-        total = np.bincount(candidates.part, gain, SELECTION.parts).astype(
-            float
-        )
-        if total.sum() > most and _beyond_chance(total, SELECTION.total_gain):
-            most = float(total.sum())
-            best = choice
-    if best is None:
+        choices.append(_choice(motor, candidates, stands, predictions, shape))
+    best = max(choices, key=lambda choice: choice.gain)
+    if best.gain <= 0.0:
         return plain, held_out
     mended = held_out.copy()
     mended[candidates.rows] = best.remaining
@@ -181,7 +176,13 @@ def _fold_predictions(
         rows = np.flatnonzero(inside)
         others = np.setdiff1d(np.arange(len(u)), fold, assume_unique=True)
         nodes = np.unique(candidates.index[rows])
-        models = local.fit(motor, nodes, u[others], residual[others], shape)
+        models = local.fit(
+            motor,
+            nodes,
+            u[others],
+            residual[others],
+            shape,
+        )
         predictions[rows] = local.contributions(
             models, candidates.index[rows], candidates.gap[rows]
         )
@@ -194,8 +195,8 @@ def _choice(
     stands: Mask,
     predictions: Array,
     shape: tuple[int, int],
-) -> tuple[Choice, Array]:
-    """Return the nodes whose gain is no chance, and the gain of each row (n,) with them."""
+) -> Choice:
+    """Return the nodes whose gain is no chance."""
     _, gain = candidates.mended(predictions, stands)
     by_node = candidates.weight * gain[:, None]
     gains = []
@@ -206,7 +207,11 @@ def _choice(
         )
     talks = stands & _beyond_chance(np.stack(gains), SELECTION.node_gain)
     remaining, gain = candidates.mended(predictions, talks)
-    return Choice(shape, np.flatnonzero(talks), remaining), gain
+    sums = np.bincount(candidates.part, gain, SELECTION.parts).astype(float)
+    total = float(sums.sum())
+    if not _beyond_chance(sums, SELECTION.total_gain):
+        total = 0.0
+    return Choice(shape, np.flatnonzero(talks), remaining, total)
 
 
 def _square(residual: Array) -> Array:

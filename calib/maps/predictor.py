@@ -74,7 +74,12 @@ class Predictor:
         value, slope = self.smooth.value_and_slope(u)
         if self.models.degree < 0:
             return value, slope
-        correction, tilt = local.predict(self.models, self.motor, u, slope=True)
+        correction, tilt = local.predict(
+            self.models,
+            self.motor,
+            u,
+            slope=True,
+        )
         return value + correction, slope + tilt
 
 

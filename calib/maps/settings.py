@@ -70,7 +70,6 @@ class ReadoutSettings:
     joined: float = 1.9
     core: float = 6.0  # reach of a cluster around its strongest node [spacings]
     most_clusters: int = 6  # of each sensory node
-    samples_at_once: int = 50_000  # whose activities are held together
     active: float = 1e-9  # activity below which a node was never active
     # [spacings], the largest number in half precision is a little more
     furthest: float = 6e4
@@ -80,23 +79,11 @@ class ReadoutSettings:
 
 @dataclass(frozen=True)
 class DynamicSettings:
-    """DSOM with the values of its source (`others.py`)."""
+    """DSOM with the values of its source (`dsom.py`)."""
 
     # how far a sample's pull reaches: 1 to 3 in the source
     elasticity: float = 3.0
     rate: float = 0.1  # learning rate epsilon of the source
-
-
-@dataclass(frozen=True)
-class GasSettings:
-    """Batch neural gas (`others.py`)."""
-
-    # rank over which a sample's pull falls by a factor e, at the start
-    first_range: float = 2.0
-    last_range: float = 0.1  # and at the end
-    nearest: int = 8  # nodes that a sample pulls; beyond, its pull is below 2 %
-    # of the unit box: repeated rows make no two nodes in one place
-    jitter: float = 1e-7
 
 
 @dataclass(frozen=True)
@@ -173,7 +160,6 @@ DENSITY = DensitySettings()
 LINKS = LinkSettings()
 READOUT = ReadoutSettings()
 DYNAMIC = DynamicSettings()
-GAS = GasSettings()
 GROWING = GrowingSettings()
 LOCAL = LocalSettings()
 SELECTION = SelectionSettings()

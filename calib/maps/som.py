@@ -15,11 +15,11 @@ from ..errors import LogError, OptionError
 from .association import Association
 from .batch import Density, coarse_to_fine, learn_batch
 from .density import Gain, checked_gain, gain_of, kind_of
+from .dsom import learn_dsom
 from .gng import learn_gng
 from .lattice import Lattice, Size, shape_of
 from .links import wiring_of, without_weak
 from .map import Epoch, Map
-from .others import learn_dsom, learn_gas
 from .vdsom import VDSOM, Layer, passes
 
 _Progress = Callable[[float, float], None]
@@ -39,7 +39,7 @@ class SOM:
         takes their number.
     map : str or gain function
         "som", "vdsom" (as the paper means it) or another reading of it ("vdsom:rho"), "dsom",
-        "gng" or one with a varying density ("gng:error"), "gas", or a function of a
+        "gng" or one with a varying density ("gng:error"), or a function of a
         :class:`calib.Visit` that returns a gain per sample.
     rule : {"batch", "online"}
         Batch map (Kohonen 2013), or eq. 1 to 8 one sample at a time (`vdsom.py`).  A dynamic
@@ -126,7 +126,12 @@ class SOM:
                 history.append(epoch.row)
                 if progress is not None:
                     progress(len(history) / total, epoch.error)
-        return Map(epoch.weights, epoch.lattice, scale, np.array(history))
+        return Map(
+            epoch.weights,
+            epoch.lattice,
+            scale,
+            np.array(history),
+        )
 
     def fit_pair(self, q: Array, x: Array) -> Association:
         """Train two maps of this kind on paired samples, and the links between them.
@@ -161,7 +166,13 @@ class SOM:
         motor_seed, sensory_seed = np.random.SeedSequence(entropy).spawn(2)
         motor = replace(self, seed=motor_seed).fit(q, scale=scales[0])
         sensory = replace(self, seed=sensory_seed).fit(x, scale=scales[1])
-        return Association.learn(motor, u, sensory, v, wiring_of(self.links))
+        return Association.learn(
+            motor,
+            u,
+            sensory,
+            v,
+            wiring_of(self.links),
+        )
 
     def developed(
         self,
@@ -197,22 +208,31 @@ class SOM:
                 layers, np.array(history).swapaxes(0, 1), strict=True
             )
         )
-        return Association(motor, sensory, without_weak(net.links), wiring)
+        return Association(
+            motor,
+            sensory,
+            without_weak(net.links),
+            wiring,
+        )
 
     def _layer(
         self, lattice: Lattice, scale: Scale, u: Array, rng: np.random.Generator
     ) -> Layer:
         """A map at its random start."""
         weights = rng.random((lattice.size, u.shape[1]))
-        return Layer(weights, lattice, scale, self._gain, len(u) / lattice.size)
+        return Layer(
+            weights,
+            lattice,
+            scale,
+            self._gain,
+            len(u) / lattice.size,
+        )
 
     @property
     def _gain(self) -> Gain | None:
-        return (
-            gain_of(self.map)
-            if isinstance(self.map, str)
-            else checked_gain(self.map)
-        )
+        if isinstance(self.map, str):
+            return gain_of(self.map)
+        return checked_gain(self.map)
 
     def _sigma(self, lattice: Lattice) -> tuple[float, float]:
         """First and last radius of the online rule [nodes]."""
@@ -224,7 +244,7 @@ class SOM:
     @property
     def _passes(self) -> int:
         """Passes over the samples of the rules that do not go from coarse to fine."""
-        return self.epochs or {"gas": 8, "gng": 10}.get(kind_of(self.map), 5)
+        return self.epochs or (10 if kind_of(self.map) == "gng" else 5)
 
     def _training(
         self, u: Array, scale: Scale, residual: Array | None
@@ -233,8 +253,6 @@ class SOM:
         rng = np.random.default_rng(self.seed)
         lattice = Lattice(shape_of(self.size))
         kind = kind_of(self.map)
-        if kind == "gas":
-            return learn_gas(u, lattice.size, self._passes, rng), self._passes
         if kind == "gng":
             return learn_gng(
                 u, lattice.size, self._gain, self._passes, rng
@@ -243,9 +261,20 @@ class SOM:
             return learn_dsom(u, lattice, self._passes, rng), self._passes
         if self.rule == "online":
             net = VDSOM([self._layer(lattice, scale, u, rng)])
-            one_map = passes(net, [u], self._passes, self._sigma(lattice), rng)
+            one_map = passes(
+                net,
+                [u],
+                self._passes,
+                self._sigma(lattice),
+                rng,
+            )
             return (epoch for (epoch,) in one_map), self._passes
-        stages = coarse_to_fine(lattice, self.epochs, self.sigma, self._density)
+        stages = coarse_to_fine(
+            lattice,
+            self.epochs,
+            self.sigma,
+            self._density,
+        )
         epochs = sum(len(stage.sigma) for stage in stages)
         return learn_batch(u, stages, self._gain, rng, residual), epochs
 

@@ -78,7 +78,12 @@ class Layer:
     @property
     def map(self) -> Map:
         """The map as it stands."""
-        return Map(self.weights, self.lattice, self.scale, np.zeros((0, 4)))
+        return Map(
+            self.weights,
+            self.lattice,
+            self.scale,
+            np.zeros((0, 4)),
+        )
 
     def gains(self, x: Array, sigma: float, progress: float) -> Array:
         """Eq. 7 and 8 as a factor g on the update of each sample (n, d), for all at once."""
@@ -147,7 +152,18 @@ class VDSOM:
             bandwidths = [
                 self._squared_bandwidths(layer) for layer in self.layers
             ]
-            gains = self._gains(samples, rates, chunk)
+            last = chunk.stop - 1
+            progress = float(rates.progress[last])
+            spaces = zip(
+                self.layers,
+                samples,
+                rates.sigma,
+                strict=True,
+            )
+            gains = [
+                layer.gains(x[first : last + 1], float(sigma[last]), progress)
+                for layer, x, sigma in spaces
+            ]
             weights = [
                 np.ascontiguousarray(layer.weights.T) for layer in self.layers
             ]  # (d, nodes)
@@ -170,21 +186,6 @@ class VDSOM:
             for layer, w in zip(self.layers, weights, strict=True):
                 layer.weights = np.ascontiguousarray(w.T)
         return distances
-
-    def _gains(
-        self, samples: Sequence[Array], rates: Rates, chunk: range
-    ) -> list[Array]:
-        """Eq. 7 as a factor on each sample of a chunk, for each map, (chunk,)."""
-        last = chunk.stop - 1
-        progress = float(rates.progress[last])
-        return [
-            layer.gains(
-                x[chunk.start : chunk.stop], float(radii[last]), progress
-            )
-            for layer, x, radii in zip(
-                self.layers, samples, rates.sigma, strict=True
-            )
-        ]
 
     def _learn_links(
         self,
@@ -312,9 +313,20 @@ def passes(
     for epoch in range(epochs):
         order = rng.permutation(n)
         times = epoch * n + np.arange(n)
-        rates = Rates.training(times, sigma, epochs * n, len(points))
+        rates = Rates.training(
+            times,
+            sigma,
+            epochs * n,
+            len(points),
+        )
         distances = net.show([p[order] for p in points], rates)
-        parts = zip(points, net.layers, rates.sigma, distances, strict=True)
+        parts = zip(
+            points,
+            net.layers,
+            rates.sigma,
+            distances,
+            strict=True,
+        )
         yield [
             Epoch.of(
                 p,

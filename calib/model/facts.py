@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..common.choices import READOUTS
-from ..common.wording import for_people, length_in_words, unit_of_joint, vector
+from ..common.wording import for_people, sized, unit_of_joint, vector
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -100,7 +100,7 @@ def _source(about: About) -> str:
     if about.simulation:
         noise = about.simulation.get("noise") or 0.0
         if noise:
-            words.append(f"sensor noise {length_in_words(noise, about.unit)}")
+            words.append(f"sensor noise {sized(noise, about.unit)}")
         else:
             words.append("no noise")
         words += map(str, about.simulation.get("changes", ()))

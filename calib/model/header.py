@@ -21,7 +21,8 @@ from ..kernel.arm import KernelArm
 from ..kernel.compiled import MOST, Compiled, compile_source
 from ..kernel.posterior import CompactPosterior
 from ..kernel.source import braces, c_number, c_source, source, table
-from ..maps.local_models import FULL, SILENT, blend_size, exponents
+from ..maps.local_models import blend_size, exponents
+from ..maps.settings import LOCAL
 from ..samples.roles import ROUNDING
 from .answers import SURE
 from .nominal import nominal_for_kernel
@@ -178,8 +179,8 @@ class Header:
                 "beliefs": len(tables.get("belief_scale", [0])),
                 "bent": int(any(name in tables for name in _BENDS)),
                 "nearest": LEAST_DEPTH,
-                "silent": SILENT,
-                "full": float(FULL),
+                "silent": LOCAL.silent,
+                "full": LOCAL.full,
                 "terms": len(tables.get("along", [0])),
                 "slides_slack": SEARCH.slack,
                 "slack": -float(ROUNDED),

@@ -43,6 +43,14 @@ def nominal_in_plane(
     return structure, nominal_behind(structure, body.beta)
 
 
+def nominal_before(model: Parts) -> tuple[Structure, Array]:
+    """Structure and parameters (d,) of the nominal arm before the sensor of a model with a body."""
+    body = model.body
+    if body is None or isinstance(body.structure, PlanarStructure):
+        return nominal_in_plane(model)
+    return body.structure, nominal_behind(body.structure, body.beta)
+
+
 def nominal_behind(structure: Structure, beta: Array) -> Array:
     """Parameters of the drawing's arm behind the sensor, and with the tool, of a body's `beta`."""
     nominal = structure.neutral()

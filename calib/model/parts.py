@@ -11,7 +11,7 @@ import numpy as np
 
 from ..body.approach import Approach
 from ..body.belief import Body
-from ..common.arrays import Array, Mask, Own, Shape, freeze
+from ..common.arrays import Array, Mask, Shape, freeze
 from ..common.choices import MAP_READOUTS
 from ..common.wording import one_line
 from ..errors import OptionError
@@ -23,15 +23,19 @@ from ..maps.association import Association, check_readout
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map
+from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import BodyInBox, Predictor
 from .about import About, MeasuredRows, Photo
 from .baseline import Baseline, Seen
-from .bounds import MOST_BLENDED, PositionBound
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
+# joints up to which bounds are blended between the motor map's nodes
+MOST_BLENDED = 3
+# extents of the workspace that a position may change by over the range of a joint
+STEEP = 2.0
 # of the reach: where the bound on the position exceeds it, there is no answer
 MOST_SHARE = 0.1
 # of a joint's range by which values beyond it are answered: an encoder at its stop reads a hair
@@ -50,7 +54,7 @@ class Parts:
     # motor map, sensory map and the links between them
     association: Association
     # of the motor nodes, for what the body leaves over
-    local: Annotated[LocalModels, Own()]
+    local: LocalModels
     # [unit], 95 % bounds around each motor node, on what `about.bound_of` says and on the true
     # position in the sensor's frame
     bounds: Annotated[Array, Shape("nodes")]
@@ -59,7 +63,7 @@ class Parts:
         Mask, Shape("nodes")
     ]  # motor nodes that training samples have visited
     # the kinematic model under the maps, with intervals
-    body: Annotated[Body, Own()] | None = None
+    body: Body | None = None
     # measured rows that are kept with the model of a log
     rows: MeasuredRows | None = None
     # earlier states of this model: trained, adapted, with their errors
@@ -73,7 +77,7 @@ class Parts:
     # backlash, where the direction of motion counts
     approach: Approach | None = None
     # by the camera that measured the arm, to draw the map over
-    photo: Annotated[Photo, Own()] | None = None
+    photo: Photo | None = None
     # the same arm as its further sensors see it, each with maps, local models and bounds of its own
     others: tuple[Parts, ...] = ()
 
@@ -197,21 +201,12 @@ class Parts:
         structure = self.body.structure
         return float(structure.extents[: structure.blocks[0]].max())
 
-    @cached_property
-    def position_bound(self) -> PositionBound:
-        """The bound on positions, wherever the joints are."""
-        rows: Seen | None = None
-        if self.baseline is not None and self.body is None:
-            rows = self.baseline.seen
-        return PositionBound(
-            predictor=self.predictor,
-            body=self.body,
-            posterior=self.posterior,
-            play=None if self.approach is None else self.approach.play,
-            rows=rows,
-            extent=self.solver.extent,
-            widest=self.most_bound,
-        )
+    @property
+    def seen(self) -> Seen | None:
+        """Where rows were, of a log without a body."""
+        if self.baseline is None or self.body is not None:
+            return None
+        return self.baseline.seen
 
     @cached_property
     def posterior(self) -> CompactPosterior | None:
@@ -229,7 +224,7 @@ class Parts:
     def everywhere(self) -> bool:
         """Whether there is an answer wherever joints are within their range."""
         within = bool((self.model_bounds <= self.most_bound).all())
-        return within and self.position_bound.rows is None
+        return within and self.seen is None
 
     def in_range(self, q: Array) -> Mask:
         """Which joint values (n, dof) [rad or m] are within the joints' range.
@@ -247,9 +242,7 @@ class Parts:
         covered = np.asarray(self.in_range(q).all(axis=1))
         if not self.everywhere and covered.any():
             u = self.motor.scale.to_unit(q[covered])
-            bound = self.position_bound.blended(
-                u, self.model_bounds, noise=False
-            )
+            bound = self._blended(u, self.model_bounds, noise=False)
             covered[covered] = bound <= self.most_bound
         return covered
 
@@ -260,19 +253,45 @@ class Parts:
         *,
         side_known: Mask | None = None,
     ) -> Array:
-        """95 % bound (n,) [unit] at points of the unit box (n, dof): `bounds` or `model_bounds`.
+        """95 % bound (n,) [unit] at points `u` of the unit box (n, dof).
 
-        side_known : (n,), see `PositionBound.at`
+        It is the sum of three: what is believed of the arm, how far joint values are beside the
+        rows of a log without a body, and what play leaves open.
+
+        side_known : (n,), whether `u` is where the joints stand; where None it is where they read,
+            and they may stand anywhere within their play
         """
-        if which == "model_bounds":
-            nodes = self.model_bounds
-            noise = False
+        noise = which == "bounds" and self.about.bound_of == "sensor reading"
+        scale = self.motor.scale
+        belief = self.posterior or self.body
+        if belief is not None and u.shape[1] > MOST_BLENDED:
+            # a lattice covers too little of their box to blend between its nodes
+            bound = belief.bound(scale.from_unit(u), noise=noise)
         else:
-            nodes = self.bounds
-            noise = self.about.bound_of == "sensor reading"
-        return self.position_bound.at(
-            u, nodes, noise=noise, side_known=side_known
-        )
+            bound = self._blended(u, getattr(self, which), noise=noise)
+        if self.approach is None:
+            return bound
+        # with all joints at the worst side of their play
+        slope = self.predictor.value_and_slope(u)[1] / scale.span
+        reach = np.linalg.norm(slope * self.approach.play, axis=1).sum(axis=1)
+        if side_known is not None:
+            reach = np.where(side_known, 0.0, reach)
+        return np.asarray(bound + reach)
+
+    def _blended(self, u: Array, nodes: Array, *, noise: bool) -> Array:
+        """Bounds (n,) at points `u` (n, dof), from those of the nodes (nodes,)."""
+        bound = blend_nodes(self.motor, nodes, u)
+        scale = self.motor.scale
+        wide = bound > self.most_bound
+        if self.body is not None and wide.any():
+            # beside a joint that hardly moved the posterior widens within less than a node's
+            # spacing: a blended bound would refuse the measured rows themselves
+            belief = self.body.bound(scale.from_unit(u[wide]), noise=noise)
+            bound[wide] = np.minimum(bound[wide], belief)
+        if self.seen is not None:
+            beside = self.seen.beside(scale, u)
+            bound = bound + STEEP * self.solver.extent * beside
+        return bound
 
     @property
     def axes(self) -> tuple[str, ...]:

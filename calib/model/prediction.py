@@ -42,17 +42,6 @@ class Prediction:
             return self.motion.q
         return approach.effective(self.motion.q, side)
 
-    @cached_property
-    def side_known(self) -> Mask:
-        """Whether the side is known from which each joint with play came, (n,)."""
-        approach = self.model.approach
-        side = self.motion.side
-        if approach is None:
-            return np.ones(len(self.motion), dtype=bool)
-        if side is None:
-            return np.zeros(len(self.motion), dtype=bool)
-        return approach.known(side)
-
     @property
     def value(self) -> Array:
         """Readings (n, m) [unit] of the model's default readout."""
@@ -115,7 +104,11 @@ class Prediction:
         """95 % bound (n,) [unit], see `Parts.bound_at`."""
         bound = np.full(len(self.motion), np.nan)
         if self.answered.any():
-            sides = self.side_known[self.answered]
+            approach = self.model.approach
+            side = self.motion.side
+            sides: Mask | None = None
+            if approach is not None and side is not None:
+                sides = approach.known(side[self.answered])
             bound[self.answered] = self.model.bound_at(
                 self._unit, which, side_known=sides
             )

@@ -17,7 +17,7 @@ from ..arm.loading import arm_from_urdf
 from ..arm.rotations import quaternion_of
 from ..body.belief import Body, Second
 from ..body.sensor_pose import sensor_of, without_gauge, without_sensor
-from ..body.spatial import structure_of
+from ..body.spatial import SpatialStructure, structure_of
 from ..body.views import is_camera, pixels
 from ..common.arrays import Array, Mask
 from ..common.rows import checked_rows
@@ -144,7 +144,7 @@ class Space:
         body: Any = self.model.body
         if (
             body is None
-            or body.structure.kind != "spatial"
+            or not isinstance(body.structure, SpatialStructure)
             or not body.structure.informed
         ):
             return (
@@ -402,7 +402,11 @@ def _undistorted(pixel: Array, lens: Array) -> Array:
 def _in_base(body: Body | None, *, size: bool = True) -> Body | None:
     """A drawn body without its sensor, its outputs the tip in the base frame [m], by convention."""
     structure: Any = None if body is None else body.structure
-    if body is None or structure.kind != "spatial" or not structure.informed:
+    if (
+        body is None
+        or not isinstance(structure, SpatialStructure)
+        or not structure.informed
+    ):
         return None
 
     def alone(belief: _Belief) -> _Belief:

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.covariance import pack, unpack
-from ..common.arrays import TRIANGLE, Own, Shape
+from ..common.arrays import TRIANGLE, Shape
 from ..common.rows import LARGEST
 from ..errors import ModelError
 
@@ -49,7 +49,6 @@ class Hint:
     kinds: tuple[type, ...]  # types that a value may have
     optional: bool
     shape: Shape | None = None  # of an array
-    axes: Own | None = None  # of an object with axes of its own
 
     @staticmethod
     def of(annotation: object) -> Hint:
@@ -61,10 +60,8 @@ class Hint:
         kinds = tuple(kind for kind in kinds if kind is not NoneType)
         if get_origin(kinds[0]) is not Annotated:
             return Hint(kinds, optional)
-        kind, mark = get_args(kinds[0])
-        if isinstance(mark, Shape):
-            return Hint((kind,), optional, shape=mark)
-        return Hint((kind,), optional, axes=mark)
+        kind, shape = get_args(kinds[0])
+        return Hint((kind,), optional, shape)
 
     @property
     def item(self) -> Hint | None:
@@ -202,13 +199,11 @@ class _Reader:
                 self.value_of(hint.item, one, at, {}) for one, at in pairs
             )
         if is_dataclass(next(iter(hint.classes(self.kinds).values()))):
-            return self.object_of(hint, data, path, sizes)
+            return self.object_of(hint, data, path)
         return _plain(hint.kinds[0], data, path)
 
-    def object_of(
-        self, hint: Hint, data: object, path: str, sizes: Sizes
-    ) -> object:
-        """Return the object at a place."""
+    def object_of(self, hint: Hint, data: object, path: str) -> object:
+        """Return the object at a place, whose axes of one name are of one length."""
         if not isinstance(data, Mapping):
             raise ModelError(f"{path} is {data!r:.60}, expected an object")
         classes = hint.classes(self.kinds)
@@ -219,13 +214,11 @@ class _Reader:
             raise ModelError(
                 f"{path} is of kind {name!r:.60}, expected {list(classes)}"
             )
-        inner = sizes if hint.axes is None else hint.axes.inner(sizes)
+        sizes: Sizes = {}
         values: dict[str, object] = {}
         for key, part in _hints(classes[name]).items():
             value = data.get(key, _MISSING)
-            values[key] = self.value_of(part, value, _under(path, key), inner)
-        if hint.axes is not None:
-            hint.axes.outer(inner, sizes)
+            values[key] = self.value_of(part, value, _under(path, key), sizes)
         return classes[name](**values)
 
 

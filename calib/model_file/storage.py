@@ -4,25 +4,16 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
-from ..body.belief import Body, Second
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..common.atomic import atomic_write
 from ..common.parallel import one_blas_thread
 from ..errors import CalibError, ModelError
-from ..maps.association import Association
-from ..maps.lattice import Graph
-from ..maps.local_models import MOST_DEGREE, LocalModels, exponents
-from ..maps.map import Map
-from ..model.about import MOST_ROWS, About
-from ..model.alignment import Alignment
-from ..model.facts import shown_errors
 from ..model.parts import Parts
 from .container import check_sum, pack, unpack
 from .fields import Kinds, Tensors, read, write
@@ -39,17 +30,6 @@ _NONSENSE = (
     ValueError,
 )
 _M = TypeVar("_M", bound=Parts)
-
-
-@dataclass(frozen=True)
-class FileLimits:
-    """What no model has."""
-
-    least: float = 1e-300  # above zero
-    widest: float = 1e9  # range of a joint [rad or m]
-
-
-LIMITS = FileLimits()
 
 
 def save(model: Parts, path: str | os.PathLike[str]) -> None:
@@ -134,145 +114,13 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
 
 
 def _check(model: Parts) -> None:
-    """Refuse a model whose parts are none, or are not of one; ModelError or what breaks of it."""
-    about = model.about
-    body = model.body
-    scale = model.motor.scale
-    # joints are asked in the unit box of the map: other limits would shift every answer
-    apart = np.abs(
-        [about.lower - scale.lower, about.upper - about.lower - scale.span]
-    )
-    seen = None if model.baseline is None else model.baseline.seen
-    facts = (
-        _about_fits(about),
-        _maps_fit(model.association),
-        bool((apart <= 1e-6 * scale.span).all()),
-        model.local.degree < 0 or _local_fits(model.local, model.association),
-        body is None or _body_fits(body, len(about.lower)),
-        min(model.bounds.min(), model.model_bounds.min()) >= 0.0,
-        bool(model.visited.any()),
-        model.rows is None or len(model.rows) <= MOST_ROWS,
-        seen is None or bool(seen.places.size),
-    )
-    if not all(facts):
-        raise ModelError("its parts do not fit together")
-    for state in model.history:
-        if state.get("frame") is not None:
-            Alignment.from_json(state["frame"])
-    if about.errors:
-        tuple(shown_errors(about, about.errors))
-    middle = np.full((1, len(about.lower)), 0.5)
-    answer = model.predictor.value(
-        middle
-    )  # what makes no sense breaks here, if nowhere before
-    if body is not None:
-        answer = answer + body.bound(scale.from_unit(middle))
+    """Refuse a model without an answer; ModelError or what breaks of its parts."""
+    # of links to nowhere
+    model.association.links.check_format()
+    middle = np.full((1, len(model.about.lower)), 0.5)
+    answer = model.predictor.value(middle)
+    if model.body is not None:
+        q = model.motor.scale.from_unit(middle)
+        answer = answer + model.body.bound(q)
     if not np.isfinite(answer).all():
         raise ModelError("it has no answer in the middle of its range")
-
-
-def _about_fits(about: About) -> bool:
-    names = about.joint_names
-    sizes = about.upper - about.lower
-    counts = [
-        about.samples - 1,
-        about.seed,
-        about.tested,
-        about.left_out,
-        *(about.picture or ()),
-    ]
-    changes = (about.simulation or {}).get("changes", ())
-    return (
-        all(names)
-        and 1
-        <= len(set(names))
-        == len(names)
-        == len(about.revolute)
-        == len(sizes)
-        and bool(((sizes > 0.0) & (sizes < LIMITS.widest)).all())
-        and (about.plane is None or {"origin", "x", "y"} <= set(about.plane))
-        and all(isinstance(change, str) for change in changes)
-        and min(counts) >= 0
-        and {"map", "rule", "epochs", "sigma"} <= set(about.options)
-        and all(
-            {"x", "y", "distance"} <= set(errors["forward"])
-            and {*names, "distance"} <= set(errors["inverse"])
-            for errors in about.errors.values()
-        )
-    )
-
-
-def _maps_fit(maps: Association) -> bool:
-    links = maps.linked
-    starts = links.indptr.astype(np.int64)
-    return (
-        _map_fits(maps.motor)
-        and _map_fits(maps.sensory)
-        and maps.sensory.units.shape[1] in (2, 3)
-        and links.shape == (maps.motor.size, maps.sensory.size)
-        and len(starts) == maps.motor.size + 1
-        and (starts[0], starts[-1]) == (0, len(links.data))
-        and bool(
-            (np.diff(starts) >= 0).all()
-            and (links.data > 0.0).all()
-            and len(links.data)
-        )
-        and bool(
-            (links.indices >= 0).all()
-            and (links.indices < maps.sensory.size).all()
-        )
-        and 1e-3 <= maps.wiring.bandwidth <= 100.0
-    )
-
-
-def _map_fits(one: Map) -> bool:
-    lattice = one.lattice
-    joined = (
-        not isinstance(lattice, Graph)
-        or lattice.pairs.max(initial=0) < lattice.size
-    )
-    # steps and cells are counted in the distance of nodes
-    spaced = not (one.scale.span < LIMITS.least).any() and one.spacing > 0.0
-    return bool(lattice.size == len(one.units) and joined and spaced)
-
-
-def _local_fits(models: LocalModels, maps: Association) -> bool:
-    nodes, dof = maps.motor.units.shape
-    width = maps.sensory.units.shape[1]
-    return (
-        models.degree <= MOST_DEGREE
-        and models.coefficients.shape
-        == (nodes, len(exponents(dof, models.degree)), width)
-        and len(models.radius) == nodes
-        and not (models.radius < LIMITS.least).any()
-    )
-
-
-def _body_fits(body: Body, dof: int) -> bool:
-    beliefs: list[Body | Second] = [body]
-    if body.second is not None:
-        beliefs.append(body.second)
-    least = min(
-        body.autocorrelation,
-        body.repeat,
-        body.rows,
-        body.tau.min(),
-        body.residual.min(),
-    )
-    return (
-        body.structure.dof == dof
-        and all(_belief_fits(belief, body.structure) for belief in beliefs)
-        and 1.0 <= body.kappa < np.inf
-        and body.nu >= 2.0
-        and least >= 0.0
-    )
-
-
-def _belief_fits(belief: Body | Second, structure: Structure) -> bool:
-    sizes = (len(belief.beta), len(belief.noise))
-    return (
-        sizes == (structure.size, structure.outputs)
-        and bool((np.diff(belief.active) > 0).all())
-        and bool(belief.root.any(axis=1).all())
-        and not (belief.noise < LIMITS.least).any()
-    )

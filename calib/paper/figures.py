@@ -14,6 +14,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
+from ..show.report.drawing import ACCENT, SECOND, draw_lattice
 from .adaptation import Episode
 from .setting import NETWORKS, Setting
 from .trial import SAME_SCHEDULE, activity_errors, association
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..maps.association import Association
     from ..maps.map import Map
 
 
@@ -32,62 +32,68 @@ def lattice_figure(setting: Setting, path: Path) -> None:
     Both at the same schedule, the one at which the paper's ratio appears.
     """
     figure = _figure(9.6, 8.2)
-    axes = figure.subplots(2, 2)
     seed = setting.seeds[0]
     samples = setting.babble(seed)
     simulation = samples.simulation
     assert simulation is not None  # noqa: S101
-    q = simulation.draw(
-        60_000 if not setting.quick else 5_000, np.random.default_rng(seed + 5)
-    )
+    count = 5_000 if setting.quick else 60_000
+    q = simulation.draw(count, np.random.default_rng(seed + 5))
     x = simulation.exact(q)
-    drawn: list[tuple[str, Association, Array, Array]] = []
-    for network in NETWORKS:
-        setting.report(0.5 * len(drawn), f"lattices of the {network}")
-        pair = association(samples, network, SAME_SCHEDULE, setting.side, seed)
+    first, second = setting.joints
+    tops: list[float] = []
+    for k, network in enumerate(NETWORKS):
+        setting.report(0.5 * k, f"lattices of the {network}")
+        pair = association(
+            samples,
+            network,
+            SAME_SCHEDULE,
+            setting.side,
+            seed,
+        )
+        motor = pair.motor
+        sensory = pair.sensory
         errors = activity_errors(pair, q, x)
-        forward = (
-            np.linalg.norm(errors[:, :2] * pair.sensory.scale.span, axis=1)
-            * 1e3
+        forward = np.linalg.norm(errors[:, :2] * sensory.scale.span, axis=1)
+        inverse = np.linalg.norm(errors[:, 2:] * motor.scale.span, axis=1)
+        forward = 1e3 * forward
+        inverse = np.degrees(inverse)
+        if not tops:  # the colours of the first network are those of both
+            tops = [np.quantile(part, 0.99) for part in (forward, inverse)]
+        ax = figure.add_subplot(2, 2, 2 * k + 1)
+        heat = _node_means(motor, q, forward)
+        _draw_map(
+            ax,
+            motor,
+            heat,
+            180 / np.pi,
+            tops[0],
+            "forward error [mm]",
         )
-        inverse = np.degrees(
-            np.linalg.norm(errors[:, 2:] * pair.motor.scale.span, axis=1)
+        ax.set(
+            xlabel=f"{first} [deg]",
+            ylabel=f"{second} [deg]",
         )
-        drawn.append((network, pair, forward, inverse))
-    top = [float(np.quantile(errors, 0.99)) for errors in drawn[0][2:]]
-    for row, (network, pair, forward, inverse) in zip(axes, drawn, strict=True):
-        parts = (
-            (
-                pair.motor,
-                q,
-                forward,
-                np.degrees(1.0),
-                "deg",
-                "forward error [mm]",
-                top[0],
-            ),
-            (
-                pair.sensory,
-                x,
-                inverse,
-                1e3,
-                "mm",
-                "inverse error [deg]",
-                top[1],
-            ),
+        ax.set_title(f"{network.upper()}, motor map")
+        ax = figure.add_subplot(
+            2,
+            2,
+            2 * k + 2,
+            aspect="equal",
         )
-        for ax, (net, points, error, factor, unit, label, most) in zip(
-            row, parts, strict=True
-        ):
-            which, names = (
-                ("sensory", "xy") if unit == "mm" else ("motor", setting.joints)
-            )
-            _draw_lattice(
-                ax, net, _node_means(net, points, error), factor, most, label
-            )
-            ax.set(xlabel=f"{names[0]} [{unit}]", ylabel=f"{names[1]} [{unit}]")
-            ax.set_title(f"{network.upper()}, {which} map")
-            ax.set_aspect("equal" if unit == "mm" else "auto")
+        heat = _node_means(sensory, x, inverse)
+        _draw_map(
+            ax,
+            sensory,
+            heat,
+            1e3,
+            tops[1],
+            "inverse error [deg]",
+        )
+        ax.set(
+            xlabel="x [mm]",
+            ylabel="y [mm]",
+        )
+        ax.set_title(f"{network.upper()}, sensory map")
     figure.suptitle(
         f"{setting.side}x{setting.side} nodes, {setting.samples:,} samples, {SAME_SCHEDULE}, "
         "readout activity",
@@ -99,60 +105,37 @@ def lattice_figure(setting: Setting, path: Path) -> None:
 def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     """Sensory map before a change, with its distortion there, and after it has followed."""
     figure = _figure(12.4, 3.0 * len(episodes))
-    axes = np.atleast_2d(
-        figure.subplots(len(episodes), 3, sharex="row", sharey="row")
+    rows = figure.subplots(
+        len(episodes), 3, sharex="row", sharey="row", squeeze=False
     )
-    for row, (name, e) in zip(axes, episodes.items(), strict=True):
-        span = float(e.before.sensory.scale.span.mean()) * 1e3
-        sensory = (
-            e.before.sensory,
-            e.after.sensory,
-        )  # in the unit box, then in mm
-        old, new = (
-            n.nearest(n.scale.to_unit(e.x))[0][:, 0] * span for n in sensory
-        )
-        most = float(np.quantile(old, 0.98))
-        error = (
-            np.linalg.norm(e.after.forward(e.q, "activity") - e.x, axis=1) * 1e3
-        )
+    for row, (name, e) in zip(rows, episodes.items(), strict=True):
+        before = e.before.sensory
+        after = e.after.sensory
+        reached = e.after.forward(e.q, "activity")
+        error = 1e3 * np.linalg.norm(reached - e.x, axis=1)
         seen = np.isfinite(error)
-        heat = _node_means(e.after.sensory, e.x[seen], error[seen])
-        panels = (
-            (
-                e.before.sensory,
-                _node_means(e.before.sensory, e.x, old),
-                most,
-                "distortion [mm]",
-            ),
-            (
-                e.after.sensory,
-                _node_means(e.after.sensory, e.x, new),
-                most,
-                "distortion [mm]",
-            ),
-            (
-                e.after.sensory,
-                heat,
-                float(np.nanquantile(heat, 0.99)),
-                "forward error [mm]",
-            ),
-        )
-        titles = (
-            f"link {name}, before adapting",
-            "after adapting",
-            "error after adapting",
-        )
-        for ax, (net, values, top, label), title in zip(
-            row, panels, titles, strict=True
-        ):
+        heat = _node_means(after, e.x[seen], error[seen])
+        old = _distortion(before, e.x)
+        top = float(np.nanquantile(old, 0.98))
+        most = float(np.nanquantile(heat, 0.99))
+        panels = {
+            f"link {name}, before adapting": (before, old, top),
+            "after adapting": (after, _distortion(after, e.x), top),
+            "error after adapting": (after, heat, most),
+        }
+        labels = ("distortion [mm]", "distortion [mm]", "forward error [mm]")
+        for ax, title, label in zip(row, panels, labels, strict=True):
+            net, values, highest = panels[title]
+            across, up = 1e3 * e.x[::20].T
             ax.plot(
-                *(e.x[::20] * 1e3).T,
+                across,
+                up,
                 ".",
                 color="#b8c2cb",
                 markersize=1.2,
                 zorder=0,
             )
-            _draw_lattice(ax, net, values, 1e3, top, label)
+            _draw_map(ax, net, values, 1e3, highest, label)
             ax.set(
                 title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal"
             )
@@ -163,49 +146,72 @@ def curves_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     """Distortion, error, radius and learning rate along the stream after a change."""
     figure = _figure(9.6, 6.2)
     axes = figure.subplots(2, 2, sharex=True)
-    colours = ("#1c7ed6", "#e8590c")
-    for colour, (name, e) in zip(colours, episodes.items(), strict=True):
-        n = np.array([s.samples for s in e.steps])
+    (zeta, error), (sigma, rates) = axes
+    for colour, (name, e) in zip(
+        (ACCENT, SECOND), episodes.items(), strict=True
+    ):
+        n = [s.samples for s in e.steps]
         series = (
-            (axes[0, 0], [s.zeta_sensory for s in e.steps], "-", name),
-            (
-                axes[0, 0],
-                [s.threshold for s in e.steps],
-                ":",
-                f"{name}: threshold",
-            ),
-            (axes[0, 1], [1e3 * s.error for s in e.steps], "-", name),
-            (axes[1, 0], [s.sigma for s in e.steps], "-", name),
-            (axes[1, 1], [s.eta for s in e.steps], "-", f"{name}: eta"),
-            (axes[1, 1], [s.beta for s in e.steps], "--", f"{name}: beta"),
+            (zeta, [s.zeta_sensory for s in e.steps], "-", ""),
+            (zeta, [s.threshold for s in e.steps], ":", ": threshold"),
+            (error, [1e3 * s.error for s in e.steps], "-", ""),
+            (sigma, [s.sigma for s in e.steps], "-", ""),
+            (rates, [s.eta for s in e.steps], "-", ": eta"),
+            (rates, [s.beta for s in e.steps], "--", ": beta"),
         )
-        for ax, values, dash, label in series:
-            ax.plot(n, values, dash, color=colour, label=label, linewidth=1.4)
-        axes[0, 0].axhline(e.distortion["trained"], color=colour, linewidth=0.6)
-    labels = (
-        "distortion zeta, eq. 9 [unit box]",
-        "error before learning a sample [mm]",
-        "sigma, eq. 10 [nodes]",
-        "eta and beta, eq. 12",
+        for ax, values, dash, what in series:
+            ax.plot(
+                n,
+                values,
+                dash,
+                color=colour,
+                label=name + what,
+            )
+        zeta.axhline(
+            e.distortion["trained"],
+            color=colour,
+            linewidth=0.6,
+        )
+    zeta.set(
+        ylabel="distortion zeta, eq. 9 [unit box]",
+        yscale="log",
     )
-    for ax, label in zip(axes.ravel(), labels, strict=True):
-        ax.set(ylabel=label)
+    error.set(
+        ylabel="error before learning a sample [mm]",
+        yscale="log",
+    )
+    sigma.set(
+        ylabel="sigma, eq. 10 [nodes]",
+        xlabel="samples after the change",
+    )
+    rates.set(
+        ylabel="eta and beta, eq. 12",
+        xlabel="samples after the change",
+    )
+    for ax in axes.flat:
         ax.grid(alpha=0.3)
-        ax.legend(frameon=False, fontsize=8)
-    axes[0, 0].set_yscale("log")
-    axes[0, 1].set_yscale("log")
-    axes[0, 1].set_yticks(
-        [1, 2, 5, 10, 20, 50], labels=["1", "2", "5", "10", "20", "50"]
-    )
-    axes[0, 1].minorticks_off()
-    for ax in axes[1]:
-        ax.set_xlabel("samples after the change")
-        ax.locator_params(axis="x", nbins=5)
+        ax.legend(
+            frameon=False,
+            fontsize=8,
+        )
     _save(figure, path)
 
 
 def _save(figure: Figure, path: Path) -> None:
-    atomic_write(path, partial(figure.savefig, format="png", dpi=160))
+    atomic_write(
+        path,
+        partial(
+            figure.savefig,
+            format="png",
+            dpi=160,
+        ),
+    )
+
+
+def _distortion(net: Map, x: Array) -> Array:
+    """Mean distance [mm] of the positions (n, 2) that each node wins, (nodes,)."""
+    distance = net.nearest(net.scale.to_unit(x))[0][:, 0]
+    return _node_means(net, x, 1e3 * net.scale.span.mean() * distance)
 
 
 def _node_means(net: Map, points: Array, values: Array) -> Array:
@@ -216,32 +222,19 @@ def _node_means(net: Map, points: Array, values: Array) -> Array:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _draw_lattice(
-    ax: Axes, net: Map, heat: Array, factor: float, most: float, label: str
+def _draw_map(
+    ax: Axes, net: Map, heat: Array, factor: float, top: float, label: str
 ) -> None:
-    """Draw the edges of a map, coloured by the mean of their nodes' values, up to `most`."""
-    from matplotlib import colormaps
-    from matplotlib.collections import LineCollection
-
-    a, b = net.edges.T
-    both = np.stack([heat[a], heat[b]])
-    points = net.weights[:, :2] * factor
-    with np.errstate(
-        invalid="ignore"
-    ):  # NaN between nodes without a value: grey
-        colour = np.nansum(both, axis=0) / np.isfinite(both).sum(axis=0)
-    grey = colormaps["plasma"].with_extremes(bad="#d5dbe0")
-    segments = list(np.stack([points[a], points[b]], axis=1))
-    lines = LineCollection(segments, cmap=grey, linewidths=0.7)
-    lines.set_array(np.ma.masked_invalid(colour))
-    lines.set_clim(0.0, most)
-    ax.add_collection(lines)
-    ax.autoscale()
+    """Draw the edges of a map, coloured by the mean of their nodes' values, up to `top`."""
+    points = factor * net.weights[:, :2]
+    lines = draw_lattice(ax, points, net.edges, heat, top)
     bar = ax.figure.colorbar(
-        lines, ax=ax, shrink=0.7, aspect=18, pad=0.02, extend="max"
+        lines,
+        ax=ax,
+        shrink=0.7,
+        extend="max",
     )
     bar.set_label(label)
-    bar.outline.set_visible(False)
 
 
 def _figure(width: float, height: float) -> Figure:
@@ -249,6 +242,9 @@ def _figure(width: float, height: float) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(
+        figsize=(width, height),
+        layout="constrained",
+    )
     FigureCanvasAgg(figure)
     return figure

@@ -84,7 +84,14 @@ class NetworkTrial:
         assert simulation is not None  # noqa: S101
         q, x = fresh_points(simulation, seed)
         scale = pair.motor.scale
-        residuals = Residuals(q, x, {}, {}, {}, samples.joint_names)
+        residuals = Residuals(
+            q,
+            x,
+            {},
+            {},
+            {},
+            samples.joint_names,
+        )
         u = scale.to_unit(q)
         for readout, answer in pair.inverses(
             pair.sensory.scale.to_unit(x), u
@@ -163,7 +170,12 @@ def association(
         seed=seed,
     )
     with one_blas_thread():
-        return associate(scale, scale.to_unit(samples.q), samples.x, options)
+        return associate(
+            scale,
+            scale.to_unit(samples.q),
+            samples.x,
+            options,
+        )
 
 
 def activity_errors(pair: Association, q: Array, x: Array) -> Array:
@@ -173,7 +185,7 @@ def activity_errors(pair: Association, q: Array, x: Array) -> Array:
     v = pair.sensory.scale.to_unit(x)
     forward = pair.forward(u, "activity") - v
     inverse = motor.difference(
-        np.clip(pair.inverse(v, u, "activity"), 0.0, 1.0), u
+        np.clip(pair.inverses(v, u)["activity"], 0.0, 1.0), u
     )
     return np.asarray(np.abs(np.concatenate([forward, inverse], axis=1)))
 
@@ -211,7 +223,13 @@ def best_schedule(setting: Setting, network: str) -> list[Found]:
         samples = setting.babble(seed)
         q, x = setting.validation(samples, seed)
         for n, schedule in enumerate(candidates):
-            pair = association(samples, network, schedule, setting.side, seed)
+            pair = association(
+                samples,
+                network,
+                schedule,
+                setting.side,
+                seed,
+            )
             scores[schedule].append(float(activity_errors(pair, q, x).mean()))
             share = (k + (n + 1) / len(candidates)) / len(setting.seeds)
             setting.report(share, f"{network}: {schedule}")

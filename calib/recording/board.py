@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
@@ -22,7 +22,6 @@ LEAST_CORNERS = 8
 
 _P = TypeVar("_P", bound="Pattern")
 
-BLACK = np.zeros((1, 1), bool)
 EXAMPLES = (
     "a chessboard's squares COLSxROWS:SQUARE such as 10x7:22mm, COLSxROWS:SQUARE:MARKER:DICT such "
     "as 7x5:24mm:18mm:5x5_100, or grid:COLSxROWS:TAG:GAP:FAMILY such as grid:6x6:88mm:26.4mm:t36h11"
@@ -45,6 +44,7 @@ class Pattern(ABC):
 
     columns: int
     rows: int
+    side: float  # of a square, or of a tag [m]
 
     @classmethod
     def parse(cls: type[_P], text: Pattern | str) -> _P:
@@ -55,31 +55,26 @@ class Pattern(ABC):
         return board
 
     @property
-    @abstractmethod
-    def side(self) -> float:
-        """Side of a square, or of a tag [m]."""
-
-    @property
-    @abstractmethod
     def text(self) -> str:
         """As `parse_board` reads it."""
+        return f"{self.columns}x{self.rows}:{_mm(self.side)}"
 
     @property
-    @abstractmethod
     def size(self) -> tuple[float, float]:
         """Width and height of the print [m]."""
+        return self.columns * self.side, self.rows * self.side
 
     @abstractmethod
     def points(self) -> Array:
         """Corners (n, 3) by their number, in OpenCV's frame [m]."""
 
-    def find(self, grey: Picture) -> dict[int, Array]:  # noqa: ARG002
+    @abstractmethod
+    def find(self, grey: Picture) -> dict[int, Array]:
         """Return the corners that a picture shows: number to place (2,) [px]."""
-        return {}
 
+    @abstractmethod
     def marks(self) -> Iterator[Mark]:
         """What is printed."""
-        return iter(())
 
     @property
     def half_turn(self) -> Array | None:
@@ -92,37 +87,16 @@ class Pattern(ABC):
         corners[:, 1] = self.size[1] - corners[:, 1]
         return corners
 
-
-@dataclass(frozen=True)
-class _Squares(Pattern):
-    """A board of squares."""
-
-    square: float  # side of a square [m]
-
-    @property
-    def side(self) -> float:
-        """Side of a square [m]."""
-        return self.square
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height of the print [m]."""
-        return self.columns * self.square, self.rows * self.square
-
-    @property
-    def text(self) -> str:
-        """As `parse_board` reads it."""
-        return f"{self.columns}x{self.rows}:{_mm(self.square)}"
-
     def squares(self, odd: int) -> Iterator[Mark]:
         """Every other square, from the first or the second."""
         for x, y in np.ndindex(self.columns, self.rows):
             if (x + y) % 2 == odd:
-                yield Mark(x * self.square, y * self.square, self.square, BLACK)
+                black = np.zeros((1, 1), bool)
+                yield Mark(x * self.side, y * self.side, self.side, black)
 
 
 @dataclass(frozen=True)
-class Chessboard(_Squares):
+class Chessboard(Pattern):
     """A plain chessboard; the origin is its first inner corner."""
 
     def __post_init__(self) -> None:
@@ -141,7 +115,7 @@ class Chessboard(_Squares):
     def points(self) -> Array:
         """Inner corners (n, 3) row by row [m]."""
         y, x = np.indices((self.rows - 1, self.columns - 1)).reshape(2, -1)
-        return self.square * np.column_stack([x, y, 0 * x])
+        return self.side * np.column_stack([x, y, 0 * x])
 
     def find(self, grey: Picture) -> dict[int, Array]:
         """Return all inner corners, or none."""
@@ -179,7 +153,7 @@ class Chessboard(_Squares):
 
 
 @dataclass(frozen=True)
-class Board(_Squares):
+class Board(Pattern):
     """A chessboard with tags in its white squares; the origin is a corner of the print."""
 
     marker: float  # side of a tag within a square [m]
@@ -188,9 +162,8 @@ class Board(_Squares):
     def __post_init__(self) -> None:
         most = len(find_dictionary(self.dictionary).bytesList)
         is_large = (self.columns - 1) * (self.rows - 1) >= LEAST_CORNERS
-        if not (
-            is_large and self.tags <= most and 0.0 < self.marker < self.square
-        ):
+        is_whole = is_large and self.tags <= most
+        if not (is_whole and 0.0 < self.marker < self.side):
             raise OptionError(
                 f"board {self.text}: expected {LEAST_CORNERS} inner corners or more, tags smaller "
                 f"than squares, and at most the {most} tags of {self.dictionary} (here "
@@ -212,7 +185,7 @@ class Board(_Squares):
         """OpenCV's board; its y runs down."""
         return opencv().aruco.CharucoBoard(
             (self.columns, self.rows),
-            self.square,
+            self.side,
             self.marker,
             find_dictionary(self.dictionary),
         )
@@ -238,7 +211,7 @@ class Board(_Squares):
         """Black squares, and tags where OpenCV's board has them, which is what is looked for."""
         numbers = np.ravel(self.printed.getIds()).tolist()
         places = np.array(self.printed.getObjPoints())[:, :, :2].min(axis=1)
-        first = np.rint(places[0] / self.square - 0.5).astype(int)
+        first = np.rint(places[0] / self.side - 0.5).astype(int)
         yield from self.squares(1 - first.sum() % 2)
         for number, (x, y) in zip(numbers, places, strict=True):
             yield Mark(x, y, self.marker, tag_cells(number, self.dictionary))
@@ -248,7 +221,6 @@ class Board(_Squares):
 class TagGrid(Pattern):
     """A grid of AprilTags, as OpenCV prints it (rows run down) or Kalibr (rows run up)."""
 
-    tag: float  # side of a tag's black square [m]
     gap: float  # between two tags [m]
     family: str = "t36h11"
 
@@ -260,11 +232,6 @@ class TagGrid(Pattern):
             )
 
     @property
-    def side(self) -> float:
-        """Side of a tag [m]."""
-        return self.tag
-
-    @property
     def dictionary(self) -> str:
         """OpenCV's name of the family."""
         return f"apriltag_{self.family.removeprefix('t')}"
@@ -272,56 +239,51 @@ class TagGrid(Pattern):
     @property
     def text(self) -> str:
         """As `parse_board` reads it."""
-        sizes = f"{_mm(self.tag)}:{_mm(self.gap)}"
-        return f"grid:{self.columns}x{self.rows}:{sizes}:{self.family}"
+        return f"grid:{super().text}:{_mm(self.gap)}:{self.family}"
 
     @property
     def size(self) -> tuple[float, float]:
         """Width and height of the print [m]."""
-        pitch = self.tag + self.gap
+        pitch = self.side + self.gap
         return self.columns * pitch - self.gap, self.rows * pitch - self.gap
 
     def points(self) -> Array:
         """Corners of the tags (4 n, 3), clockwise from the top left of each [m]."""
         row, column = np.indices((self.rows, self.columns)).reshape(2, -1)
-        first = (self.tag + self.gap) * np.column_stack([column, row])
-        square = self.tag * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+        first = (self.side + self.gap) * np.column_stack([column, row])
+        square = self.side * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         flat = (first[:, None] + square).reshape(-1, 2)
         return np.pad(flat, ((0, 0), (0, 1)))
 
     def find(self, grey: Picture) -> dict[int, Array]:
         """Return the corners of the tags that a picture shows, four of each."""
-        tags = TagFinder(self.dictionary, range(self.columns * self.rows)).find(
-            grey
-        )
+        finder = TagFinder(self.dictionary, range(self.columns * self.rows))
+        tags = finder.find(grey)
         numbers = [tag.number for tag in tags]
-        upward = self._upward(tags)
+        is_upward = _is_upward(tags, self.columns)
         corners: dict[int, Array] = {}
         for tag in tags:
-            if numbers.count(tag.number) > 1:
-                continue
             row, column = divmod(tag.number, self.columns)
-            if upward:
+            if is_upward:
                 row = self.rows - 1 - row
-            first = 4 * (row * self.columns + column)
-            corners |= dict(enumerate(tag.corners, first))
+            if numbers.count(tag.number) == 1:
+                first = 4 * (row * self.columns + column)
+                corners |= dict(enumerate(tag.corners, first))
         return dict(sorted(corners.items()))
-
-    def _upward(self, tags: Sequence[Tag]) -> bool:
-        """Whether rows of tags run up the page, as the tags' own corners tell."""
-        if not tags:
-            return False
-        rows = np.array([tag.number // self.columns for tag in tags])
-        centres = np.array([tag.centre for tag in tags])
-        down = np.mean(
-            [tag.corners[3] - tag.corners[0] for tag in tags], axis=0
-        )
-        return bool((rows - rows.mean()) @ (centres @ down) < 0.0)
 
     def marks(self) -> Iterator[Mark]:
         """Tags."""
         for number, (x, y, _) in enumerate(self.points()[::4]):
-            yield Mark(x, y, self.tag, tag_cells(number, self.dictionary))
+            yield Mark(x, y, self.side, tag_cells(number, self.dictionary))
+
+
+def _is_upward(tags: list[Tag], columns: int) -> bool:
+    """Whether rows of tags run up the page, as the tags' own corners tell."""
+    rows = np.array([tag.number // columns for tag in tags])
+    corners = np.array([tag.corners for tag in tags]).reshape(-1, 4, 2)
+    down = (corners[:, 3] - corners[:, 0]).sum(axis=0)
+    heights = corners.mean(axis=1) @ down
+    return bool((rows - rows.sum() / max(len(rows), 1)) @ heights < 0.0)
 
 
 def parse_board(board: Pattern | str) -> Pattern:
@@ -339,15 +301,15 @@ def parse_board(board: Pattern | str) -> Pattern:
     )
     if match is None or (match[1] and not match[5]):
         raise OptionError(f"board {board!r}: expected {EXAMPLES}")
-    columns = int(match[2])
-    rows = int(match[3])
+    size = (int(match[2]), int(match[3]))
     side = parse_length(match[4], "board's length")
     if not match[5]:
-        return Chessboard(columns, rows, side)
+        return Chessboard(*size, side)
     other = parse_length(match[5], "board's length")
     family = [match[6]] if match[6] else []
-    kind = TagGrid if match[1] else Board
-    return kind(columns, rows, side, other, *family)
+    if match[1]:
+        return TagGrid(*size, side, other, *family)
+    return Board(*size, side, other, *family)
 
 
 def parse_length(

@@ -15,7 +15,6 @@ from ..common.wording import listed
 from ..errors import LogError, OptionError
 from ..samples.samples import Samples
 from .board import LEAST_CORNERS, Chessboard, Pattern, parse_board
-from .flange_table import FlangeTable
 from .joint_table import JointTable, read_joints, read_shots
 from .lens import Lens, calibrate_lens
 from .lerobot import is_dataset, read_dataset
@@ -23,11 +22,12 @@ from .pictures import Picture
 from .reference import Pose, find_pose, turns_and_shifts
 
 LEAST = 4
-"""Pictures of the board that tell where it is."""
+"""Pictures of the board that tell where it is, and in which another one is looked for."""
 
-LOOKED = 4  # pictures in which another board, or a mirrored one, is looked for
-_AHEAD = 2.0  # diagonals of the board; a picture tells where the camera looks ten times better than
-# where it is: of 24 rendered pictures .2 mm instead of .5, of which tilt and place are one
+AHEAD = 2.0
+"""Diagonals of the board to the point that a log tells; a picture tells where the camera looks ten
+times better than where it is: of 24 rendered pictures .2 mm instead of .5, of which tilt and place
+are one."""
 
 Path_ = str | os.PathLike[str]
 Source = Path_ | Sequence[Picture]
@@ -69,7 +69,7 @@ class BoardPictures:
 
     def poses(self, lens: Lens) -> list[Pose]:
         """Where the board is before the camera in each picture."""
-        places = [np.array([*found.values()]) for found in self.corners]
+        places = [np.array([*shown.values()]) for shown in self.corners]
         pairs = zip(self.points, places, strict=True)
         return [find_pose(lens, points, pixels) for points, pixels in pairs]
 
@@ -84,28 +84,24 @@ class BoardPictures:
 
         The point that it tells is ahead of the camera, or in the middle of the board.
         """
-        poses, (width, height) = self.poses(lens), self.board.size
-        middle = self.board.points().mean(axis=0)
-        turns, shift = held_poses(poses, in_hand)
+        poses = self.poses(lens)
+        turns, shifts = held_poses(poses, in_hand)
+        # a small turn and a shift of the board, in the camera's axes, move and turn what is told
         if in_hand:
-            at = np.array([0.0, 0.0, _AHEAD * float(np.hypot(width, height))])
-            sign = -1.0
-            back = turns
+            at = AHEAD * float(np.hypot(*self.board.size)) * np.eye(3)[2]
+            back = -turns
             arm = at - np.array([pose.shift for pose in poses])
         else:
-            at = middle
-            sign = 1.0
-            back = np.eye(3)
+            at = self.board.points().mean(axis=0)
+            back = np.broadcast_to(np.eye(3), turns.shape)
             arm = turns @ at
-        # a small turn and a shift of the board, in the camera's axes, move and turn what is told
         change = np.zeros((len(turns), 6, 6))
-        change[:, :3, :3], change[:, :3, 3:] = (
-            -sign * back @ cross_matrix(arm),
-            sign * back,
-        )
-        change[:, 3:, :3] = sign * back
+        change[:, :3, :3] = -back @ cross_matrix(arm)
+        change[:, :3, 3:] = back
+        change[:, 3:, :3] = back
         covariance = change @ np.array([p.covariance[:6, :6] for p in poses])
         covariance = covariance @ np.swapaxes(change, 1, 2)
+        noise = np.sqrt(np.einsum("njj->n", covariance[:, :3, :3]).mean() / 3)
         source = {
             "source": "board",
             "eye": "hand" if in_hand else "base",
@@ -113,14 +109,13 @@ class BoardPictures:
             "point": at.tolist(),
             "size": list(self.size),
             "lens": lens.to_json(),
+            "noise": float(noise),
+            "noise_of_reference": 0.0,
+            "dropped": {},
         }
-        noise = float(
-            np.sqrt(np.einsum("njj->n", covariance[:, :3, :3]).mean() / 3)
-        )
-        source |= {"noise": noise, "noise_of_reference": 0.0, "dropped": {}}
         return Samples(
             self.q,
-            turns @ at + shift,
+            turns @ at + shifts,
             self.joint_names,
             source=source,
             notes=self.notes,
@@ -136,18 +131,16 @@ class BoardPictures:
 def held_poses(poses: Sequence[Pose], in_hand: bool) -> tuple[Array, Array]:
     """Turns (p, 3, 3) and shifts (p, 3) [m] of what is in the hand, seen from what stands still."""
     turns, shifts = turns_and_shifts(poses)
+    if not in_hand:
+        return turns, shifts
     back = np.swapaxes(turns, 1, 2)
-    return (
-        (back, -np.einsum("pij,pj->pi", back, shifts))
-        if in_hand
-        else (turns, shifts)
-    )
+    return back, -np.einsum("pij,pj->pi", back, shifts)
 
 
 def find_board(
     pictures: Source,
-    table: Path_ | JointTable | FlangeTable | None,
-    board: Pattern | str,
+    table: Path_ | JointTable | None,
+    board: Pattern | str | None,
     arm: SpatialArm | None = None,
     camera: str | None = None,
     *,
@@ -157,11 +150,15 @@ def find_board(
 ) -> BoardPictures:
     """Find a board in pictures.
 
-    table : of joints or flange poses, or its file, one row for each picture; a dataset brings it
+    table : of joints, or its file, one row for each picture; a dataset brings it
     arm : of which joints are read; else `names` and `prismatic`, see `read_joints`
     camera : of a dataset with several
     Raises LogError if too few pictures show the board; what they show instead is told.
     """
+    if board is None:
+        raise OptionError(
+            "pictures need the board that they show: expected `board`"
+        )
     board = parse_board(board)
     if arm is not None:
         names = arm.joint_names
@@ -174,7 +171,7 @@ def find_board(
         raise OptionError(
             "pictures need the joints beside them: expected `joints`"
         )
-    if not isinstance(table, (JointTable, FlangeTable)):
+    if not isinstance(table, JointTable):
         table = read_joints(table, names, degrees=degrees, prismatic=prismatic)
     rows = list(range(len(table.q)))
     if isinstance(pictures, (str, os.PathLike)):
@@ -186,74 +183,75 @@ def find_board(
         raise LogError(
             f"{len(pictures)} pictures and {len(rows)} rows of joints: expected as many"
         )
-    shown: list[tuple[str, int, dict[int, Array]]] = []
+    shown: list[str] = []
+    places: list[int] = []
+    corners: list[dict[int, Array]] = []
     without: dict[str, int] = {}
     looked: list[Picture] = []
     size = (0, 0)
     largest: tuple[int, Picture] | None = None
     for number, name, grey in frames:
-        corners = board.find(grey)
+        marks = board.find(grey)
         size = (grey.shape[1], grey.shape[0])
-        if len(corners) >= LEAST_CORNERS:
-            shown.append((name, rows[number], corners))
-            if largest is None or len(corners) > len(shown[largest[0]][2]):
-                largest = (len(shown) - 1, grey)
-        else:
-            without[name] = len(corners)
-            if len(looked) < LOOKED:
-                looked.append(grey)
-    few = [name for name, corners in without.items() if corners]
-    none = [name for name, corners in without.items() if not corners]
+        if len(marks) < LEAST_CORNERS:
+            without[name] = len(marks)
+            looked += [grey] * (len(looked) < LEAST)
+            continue
+        if largest is None or len(marks) > len(corners[largest[0]]):
+            largest = (len(shown), grey)
+        shown.append(name)
+        places.append(rows[number])
+        corners.append(marks)
     count = len(shown) + len(without)
     if len(shown) < LEAST:
-        most = [*without.values(), *(len(corners) for *_, corners in shown)]
+        most = max([*without.values(), *map(len, corners)], default=0)
         raise LogError(
             f"the board is in {len(shown)} of {count} pictures, expected {LEAST} with "
-            f"{LEAST_CORNERS} corners or more (at most {max(most, default=0)} found; {len(few)} "
-            f"show fewer, {len(none)} none): {_instead(looked, board)}"
+            f"{LEAST_CORNERS} corners or more (at most {most} found): {_instead(looked, board)}"
         )
-    if few:
-        less = f"fewer than {LEAST_CORNERS} corners of the board"
-        notes.append(f"{less} in {len(few)} pictures, left out: {listed(few)}")
-    if none:
+    if without:
         notes.append(
-            f"no board in {len(none)} pictures, left out: {listed(none)}"
+            f"no board, or fewer than {LEAST_CORNERS} corners of it, in {len(without)} pictures, "
+            f"left out: {listed(without)}"
         )
-    places = np.array([row for _, row, _ in shown])
+    episodes = table.episodes
     return BoardPictures(
         board=board,
         joint_names=table.names,
-        names=tuple(name for name, *_ in shown),
+        names=tuple(shown),
         q=table.q[places],
-        corners=tuple(corners for *_, corners in shown),
+        corners=tuple(corners),
         size=size,
         count=count,
         notes=tuple(notes),
-        episodes=None if table.episodes is None else table.episodes[places],
-        rows=places,
+        episodes=None if episodes is None else episodes[places],
+        rows=np.array(places),
         largest=largest,
     )
 
 
 def _instead(looked: Sequence[Picture], board: Pattern) -> str:
     """What pictures without the board show."""
-
-    def shown(other: Pattern, pictures: Sequence[Picture]) -> bool:
-        return any(len(other.find(grey)) >= LEAST_CORNERS for grey in pictures)
-
-    if isinstance(board, Chessboard):
-        more = replace(board, columns=board.columns + 1, rows=board.rows + 1)
-        if shown(more, looked):
-            return (
-                f"they show {board.columns}x{board.rows} corners, which are {more.columns}x"
-                f"{more.rows} squares: give `board={more.text!r}`"
-            )
-        return "check the board's columns and rows of squares, that it is whole and in focus"
-    turned = replace(board, columns=board.rows, rows=board.columns)
-    if shown(turned, looked):
-        return f"they show a board of {turned.columns}x{turned.rows} squares"
-    if shown(board, [np.ascontiguousarray(grey[:, ::-1]) for grey in looked]):
-        return (
-            "the pictures are mirrored: turn that off in the camera's settings"
+    mirrored = [np.ascontiguousarray(grey[:, ::-1]) for grey in looked]
+    columns = board.columns
+    rows = board.rows
+    turned = replace(board, columns=rows, rows=columns)
+    ways = [
+        (turned, looked, f"they show a board of {rows}x{columns} squares"),
+        (
+            board,
+            mirrored,
+            "the pictures are mirrored: turn that off in the camera's settings",
+        ),
+    ]
+    if isinstance(board, Chessboard):  # it looks the same turned and mirrored
+        more = replace(board, columns=columns + 1, rows=rows + 1)
+        words = (
+            f"they show {columns}x{rows} corners, which are {columns + 1}x{rows + 1} squares: "
+            f"give `board={more.text!r}`"
         )
-    return "check the board's columns, rows and dictionary"
+        ways = [(more, looked, words)]
+    for other, pictures, words in ways:
+        if any(len(other.find(grey)) >= LEAST_CORNERS for grey in pictures):
+            return words
+    return "check the board's columns and rows of squares, its dictionary, that it is in focus"

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 
@@ -34,99 +33,70 @@ SCENE = 6
 """Numbers of a scene's motion before a camera: turn [rad] and shift [m]."""
 
 
-class Motions(Protocol):
-    """Where the flange was, as poses or joints say."""
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """Where the flange was, as a controller says; of joints see :mod:`.joint_motions`."""
 
-    @property
-    def count(self) -> int:
-        """Number n of motions."""
+    rows: Array  # (n, 4, 4), the flange in the base [m]
 
     @property
     def size(self) -> int:
         """Number k of the arm's own parameters."""
+        return 0
 
-    def poses(self, arm: Array) -> Array:
+    def poses(self, arm: Array) -> Array:  # noqa: ARG002
         """The flange in the base (n, 4, 4) [m] at parameters (k,)."""
+        return self.rows
 
-    def slopes(self, arm: Array) -> Array:
+    def slopes(self, arm: Array) -> Array:  # noqa: ARG002
         """Turn in the flange's axes and shift in the base's, (n, 6, k), by the parameters."""
+        return np.zeros((len(self.rows), SCENE, 0))
 
     def take(self, rows: Index) -> Motions:
         """Some of the motions."""
+        return replace(self, rows=self.rows[rows])
 
 
 @dataclass(frozen=True, eq=False)
-class FlangePoses:
-    """Motions that a controller tells."""
-
-    table: Array  # (n, 4, 4) [m]
-    size: int = 0
-
-    @property
-    def count(self) -> int:
-        """Number of motions."""
-        return len(self.table)
-
-    def poses(self, arm: Array) -> Array:  # noqa: ARG002
-        """The flange in the base (n, 4, 4) [m]."""
-        return self.table
-
-    def slopes(self, arm: Array) -> Array:  # noqa: ARG002
-        """No parameters."""
-        return np.zeros((self.count, SCENE, 0))
-
-    def take(self, rows: Index) -> FlangePoses:
-        """Some of the poses."""
-        return FlangePoses(self.table[rows])
-
-
-@dataclass(frozen=True)
 class Layout:
-    """Where the unknowns stand: six numbers for each frame, lenses, boards, the arm."""
+    """Where the unknowns stand: frames, lenses, boards' shapes, the arm."""
 
-    cameras: int
-    boards: tuple[
-        bool, ...
-    ]  # whether each board is that of the cameras in the hand
-    arm: int  # number of the arm's own parameters
+    boards: tuple[bool, ...]  # whether it is that of the cameras in the hand
+    frames: Index  # (f, 6), turn and shift of the cameras, then of the boards
+    lenses: Index  # (c, LENS)
+    shapes: Index  # (b, SHAPE), the last is the log of a board's size
+    arm: Index  # (k,), the arm's own parameters
 
-    @property
-    def frames(self) -> int:
-        """Number of frames: the cameras', then the boards'."""
-        return self.cameras + len(self.boards)
+    @staticmethod
+    def of(in_hand: Sequence[bool], arm: int) -> Layout:
+        """The layout of cameras, in the hand or not, and so many parameters of the arm."""
+        boards = tuple(dict.fromkeys(in_hand))
+        cameras = len(in_hand)
+        counts = [
+            6 * (cameras + len(boards)),
+            LENS * cameras,
+            SHAPE * len(boards),
+            arm,
+        ]
+        parts = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
+        return Layout(
+            boards,
+            frames=parts[0].reshape(-1, 6),
+            lenses=parts[1].reshape(-1, LENS),
+            shapes=parts[2].reshape(-1, SHAPE),
+            arm=parts[3],
+        )
 
     @property
     def size(self) -> int:
         """Number s of unknowns."""
-        lenses = LENS * self.cameras
-        return 6 * self.frames + lenses + SHAPE * len(self.boards) + self.arm
+        arrays = (self.frames, self.lenses, self.shapes, self.arm)
+        return sum(array.size for array in arrays)
 
     @property
     def errors(self) -> int:
         """Number e of errors of each motion: turn, shift, the focal length of each camera."""
-        return SCENE + self.cameras
-
-    def board_of(self, in_hand: bool) -> int:
-        """Number of the board that a camera sees."""
-        return self.boards.index(in_hand)
-
-    def frame(self, number: int) -> Index:
-        """A frame's turn and shift."""
-        return 6 * number + np.arange(6)
-
-    def lens(self, camera: int) -> Index:
-        """A camera's lens."""
-        return 6 * self.frames + LENS * camera + np.arange(LENS)
-
-    def shape(self, board: int) -> Index:
-        """A board's shape; the last is the log of its size."""
-        first = 6 * self.frames + LENS * self.cameras
-        return first + SHAPE * board + np.arange(SHAPE)
-
-    @property
-    def arm_values(self) -> Index:
-        """The arm's own parameters."""
-        return np.arange(self.size - self.arm, self.size)
+        return SCENE + len(self.lenses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,13 +134,11 @@ class Corners:
     def take(self, motions: Index) -> Corners:
         """The corners at some motions, which are numbered anew."""
         rows = np.isin(self.motion, motions)
-        number = np.searchsorted(motions, self.motion[rows])
-        return Corners(
-            self.points[rows],
-            self.pixels[rows],
-            number,
-            self.in_hand,
-            self.outline,
+        return replace(
+            self,
+            points=self.points[rows],
+            pixels=self.pixels[rows],
+            motion=np.searchsorted(motions, self.motion[rows]),
         )
 
     @cached_property
@@ -189,9 +157,8 @@ class Sight:
     """What a camera sees at all motions, and how that follows the unknowns."""
 
     pixels: Array  # (N, 2)
-    slopes: Array  # (N, 2, SCENE + LENS + SHAPE), by scene, lens and board
-    # (n, SCENE + LENS + SHAPE, s + e), how these follow the unknowns
-    chain: Array
+    by_scene: Array  # (N, 2, SCENE), slopes by turn and shift of what is before the camera
+    slopes: Array  # (N, 2, s + e), by the unknowns and the errors of the corner's motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,116 +171,91 @@ class Bundle:
     @cached_property
     def layout(self) -> Layout:
         """Where the unknowns stand."""
-        boards = tuple(dict.fromkeys(camera.in_hand for camera in self.cameras))
-        return Layout(len(self.cameras), boards, self.motions.size)
+        in_hand = [camera.in_hand for camera in self.cameras]
+        return Layout.of(in_hand, self.motions.size)
 
     def take(self, rows: Index) -> Bundle:
         """What was seen at some motions."""
-        return Bundle(
-            tuple(camera.take(rows) for camera in self.cameras),
-            self.motions.take(rows),
-        )
-
-    def predict(self, unknowns: Unknowns) -> list[Array]:
-        """Pixels (N, 2) of each camera's corners."""
-        return [sight.pixels for sight in self.sights(unknowns)]
+        cameras = tuple(camera.take(rows) for camera in self.cameras)
+        return Bundle(cameras, self.motions.take(rows))
 
     def sights(self, unknowns: Unknowns) -> list[Sight]:
         """What each camera sees."""
-        arm = unknowns.values[self.layout.arm_values]
-        poses = self.motions.poses(arm)
+        arm = unknowns.values[self.layout.arm]
+        errors = unknowns.errors
+        flange = self.motions.poses(arm).copy()
+        flange[:, :3, :3] = flange[:, :3, :3] @ exponential(errors[:, :3])
+        flange[:, :3, 3] += errors[:, 3:6]
         slopes = self.motions.slopes(arm)
-        return [
-            self._sight(number, unknowns, poses, slopes)
-            for number in range(len(self.cameras))
-        ]
+        numbers = range(len(self.cameras))
+        return [self._sight(k, unknowns, flange, slopes) for k in numbers]
 
     def _sight(
         self, number: int, unknowns: Unknowns, flange: Array, by_arm: Array
     ) -> Sight:
         corners = self.cameras[number]
         layout = self.layout
-        board = layout.board_of(corners.in_hand)
+        board = layout.boards.index(corners.in_hand)
+        board_frame = len(self.cameras) + board
         x = unknowns.frames[number]
-        y = unknowns.frames[layout.cameras + board]
-        shape = unknowns.values[layout.shape(board)]
-        lens = unknowns.values[layout.lens(number)]
-        errors = unknowns.errors
-        motion = flange.copy()
-        motion[:, :3, :3] = motion[:, :3, :3] @ exponential(errors[:, :3])
-        motion[:, :3, 3] += errors[:, 3:6]
-        if corners.in_hand:
-            motion = inverse(motion)
-        arm_side = (
-            inverse(x) @ motion
-        )  # what is beyond the motion, before the camera
-        scene = arm_side @ y
+        y = unknowns.frames[board_frame]
+        shape = unknowns.values[layout.shapes[board]]
+        lens = unknowns.values[layout.lenses[number]]
+        motion = inverse(flange) if corners.in_hand else flange
+        # what is beyond the motion, before the camera
+        arm_side = inverse(x) @ motion
+        scene = (arm_side @ y)[corners.motion]
         scale = np.exp(shape[-1])
         points = scale * (corners.points + corners.bending @ shape[:-1])
-        turns = scene[corners.motion, :3, :3]
-        places = np.einsum("nij,nj->ni", turns, points)
-        places += scene[corners.motion, :3, 3]
-        focus = np.exp(errors[corners.motion, SCENE + number])
+        turns = scene[:, :3, :3]
+        places = np.einsum("nij,nj->ni", turns, points) + scene[:, :3, 3]
+        focus = np.exp(unknowns.errors[corners.motion, SCENE + number])
         pixels, by_point, by_lens = project(lens, focus, places)
+        by_turn = np.cross(places[:, None], by_point)
+        by_scene = np.concatenate([by_turn, by_point], axis=2)
         inward = by_point @ turns
-        slopes = np.concatenate(
-            [
-                np.cross(places[:, None], by_point),
-                by_point,
-                by_lens,
-                scale * inward @ corners.bending,
-                inward @ points[:, :, None],
-            ],
-            axis=2,
+        by_camera = follow(np.eye(4), x, inverted=True)
+        by_board = follow(arm_side, y)[corners.motion]
+        by_flange = follow(inverse(x), flange, corners.in_hand)[corners.motion]
+        by_errors = by_scene @ by_flange
+        slopes = np.zeros((len(points), 2, layout.size + layout.errors))
+        slopes[:, :, layout.frames[number]] = by_scene @ by_camera
+        slopes[:, :, layout.frames[board_frame]] = by_scene @ by_board
+        slopes[:, :, layout.lenses[number]] = by_lens
+        slopes[:, :, layout.shapes[board, :-1]] = (
+            scale * inward @ corners.bending
         )
-        rigid = scene_slopes(x, arm_side, scene, corners.in_hand)
-        chain = np.zeros(
-            (len(flange), slopes.shape[2], layout.size + layout.errors)
+        slopes[:, :, layout.shapes[board, -1:]] = inward @ points[:, :, None]
+        slopes[:, :, layout.arm] = by_errors @ by_arm[corners.motion]
+        slopes[:, :, layout.size : layout.size + SCENE] = by_errors
+        slopes[:, :, layout.size + SCENE + number] = (
+            by_lens[:, :, :2] @ lens[:2]
         )
-        own_lens = np.arange(SCENE, SCENE + LENS)
-        chain[:, :SCENE, layout.frame(number)] = rigid[:, :, :6]
-        chain[:, :SCENE, layout.frame(layout.cameras + board)] = rigid[
-            :, :, 6:12
-        ]
-        chain[:, :SCENE, layout.arm_values] = rigid[:, :, 12:] @ by_arm
-        chain[:, own_lens, layout.lens(number)] = 1.0
-        chain[:, SCENE + LENS + np.arange(SHAPE), layout.shape(board)] = 1.0
-        chain[:, :SCENE, layout.size : layout.size + 6] = rigid[:, :, 12:]
-        chain[:, own_lens[:2], layout.size + SCENE + number] = lens[:2]
-        return Sight(pixels, slopes, chain)
+        return Sight(pixels, by_scene, slopes)
 
 
-def scene_slopes(
-    x: Array, arm_side: Array, scene: Array, in_hand: bool
-) -> Array:
-    """How a scene turns and shifts (n, 6, 18) by its camera, its board and the flange's errors.
+def follow(before: Array, frame: Array, inverted: bool = False) -> Array:
+    """How a scene ``before @ frame @ ..`` turns and shifts (.., 6, 6) with a frame (.., 4, 4).
 
-    x : (4, 4), camera;  arm_side, scene : (n, 4, 4), before the camera, without and with the board
+    The frame turns about its own axes and shifts along its parent's; where `inverted`, the scene
+    is ``before @ inverse(frame) @ ..``.
     """
-    back = np.broadcast_to(x[:3, :3].T, (len(scene), 3, 3))
-    onward = arm_side[:, :3, :3]
-    turned = scene[:, :3, :3]
-    by_camera = [
-        _about(-np.eye(3) + 0.0 * back, 0.0 * scene[:, :3, 3]),
-        _along(-back),
-    ]
-    by_board = [_about(turned, scene[:, :3, 3]), _along(onward)]
-    if in_hand:
-        flange = np.broadcast_to(-(back[0] @ x[:3, 3]), (len(scene), 3))
-        by_errors = [_about(-back, flange), _along(-onward)]
+    axes = before[..., :3, :3]
+    if inverted:
+        through = before
+        turn = -axes
+        along = turn @ np.swapaxes(frame[..., :3, :3], -1, -2)
     else:
-        by_errors = [_about(onward, arm_side[:, :3, 3]), _along(back)]
-    return np.concatenate([*by_camera, *by_board, *by_errors], axis=2)
-
-
-def _about(axes: Array, centre: Array) -> Array:
-    """Scene's motion (n, 6, 3) by a turn about axes (n, 3, 3) at a centre (n, 3)."""
-    return np.concatenate([axes, cross_matrix(centre) @ axes], axis=1)
-
-
-def _along(axes: Array) -> Array:
-    """Scene's motion (n, 6, 3) by a shift along axes (n, 3, 3)."""
-    return np.concatenate([np.zeros_like(axes), axes], axis=1)
+        through = before @ frame
+        turn = through[..., :3, :3]
+        along = axes
+    slopes = np.zeros(
+        (*np.broadcast_shapes(turn.shape, along.shape)[:-2], 6, 6)
+    )
+    slopes[..., :3, :3] = turn
+    slopes[..., 3:, :3] = cross_matrix(through[..., :3, 3]) @ turn
+    slopes[..., 3:, 3:] = along
+    return slopes
 
 
 def bending(points: Array, outline: Array) -> Array:
@@ -337,10 +279,8 @@ def bending(points: Array, outline: Array) -> Array:
     flat = plane(points)
     out = np.zeros((len(points), 3, SHAPE - 1))
     out[:, 2, :-2] = half * (heights(flat) - flat @ level)
-    out[:, 0, -2] = half * flat[:, 0]
-    out[:, 1, -2] = -half * flat[:, 1]
-    out[:, 0, -1] = half * flat[:, 1]
-    out[:, 1, -1] = half * flat[:, 0]
+    out[:, :2, -2] = half * flat[:, :2] * (1.0, -1.0)
+    out[:, :2, -1] = half * flat[:, 1::-1]
     return out
 
 
@@ -365,13 +305,8 @@ def project(
 
 def rms_by_motion(cameras: Sequence[Corners], pixels: Sequence[Array]) -> Array:
     """Rms distance (n,) [px] of the corners at each motion from predicted pixels."""
+    pairs = zip(cameras, pixels, strict=True)
+    away = np.concatenate([camera.pixels - seen for camera, seen in pairs])
     motion = np.concatenate([camera.motion for camera in cameras])
-    away = np.concatenate(
-        [
-            camera.pixels - seen
-            for camera, seen in zip(cameras, pixels, strict=True)
-        ]
-    )
-    counts = np.bincount(motion)
     squares = np.bincount(motion, (away**2).sum(axis=1))
-    return np.asarray(np.sqrt(squares / np.maximum(counts, 1)))
+    return np.asarray(np.sqrt(squares / np.maximum(np.bincount(motion), 1)))

@@ -143,7 +143,7 @@ class _Chain:
         from ..body.planar import planar_structure
         from ..body.rows import Rows
         from ..body.starts import (
-            best_starts,
+            best_start,
         )  # both bring SciPy's linear algebra
 
         names = tuple(f"q{k}" for k in range(q.shape[1]))
@@ -151,7 +151,7 @@ class _Chain:
             track, names, revolute, None, "homography", "px", False
         )
         members = dict(template.members())["chain"]
-        begin = best_starts(template, Rows(q, track), members)[0]
+        begin = best_start(template, Rows(q, track), members)
         self._structure = begin.structure
         self._beta = begin.beta.copy()
         self._prior = begin.structure.prior((*members, "lens"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import permutations
 from typing import TypedDict
@@ -13,8 +12,9 @@ from ..arm.rotations import matrix_of
 from ..common.arrays import Array, Index
 from ..common.choices import ROTATIONS
 from ..errors import OptionError
+from .flange_table import FlangeTable
 from .rigid import inverse, rigid
-from .start import BoardPoses, Start, find_sized_start
+from .start import BoardPoses, Start, find_start
 
 AXES = ["".join(axes) for axes in permutations("xyz")]
 ORDERS = (*AXES, *map(str.upper, AXES), "ZYZ", "zyz", "ZXZ", "zxz")
@@ -41,9 +41,6 @@ MAKERS = {
 TIED = 1.3
 """Readings with less than this times the least misfit are not told apart."""
 
-NEAR_BEST = 3.0
-"""Times the least misfit of one round, up to which readings get the other rounds."""
-
 
 class Convention(TypedDict):
     """What a table of poses means, as JSON tells it."""
@@ -63,12 +60,6 @@ class Reading:
     angles: str  # "rad" or "deg"; "" where there are no angles
     inverse: bool  # whether rows are the base in the flange
     flange: Array  # (n, 4, 4), the flange in the base [table's lengths]
-    is_named: bool = False  # whether the columns' names speak for it
-
-    @property
-    def unusual(self) -> tuple[bool, bool, bool]:
-        """Whether it is base in flange, of no name in the header, and of no maker."""
-        return self.inverse, not self.is_named, self.rotation not in MAKERS
 
     @property
     def words(self) -> str:
@@ -89,21 +80,13 @@ class Choice:
     ties: tuple[str, ...]  # readings that fit as well
 
 
-def readings(table: Array, named: str = "") -> list[Reading]:
-    """All ways to read x, y, z and 3, 4 or 9 numbers of a turn (n, 3 + k); the usual first.
-
-    named : the rotation that the columns' names say
-    """
-    turns = _turns(table[:, 3:])
-    turns.sort(key=lambda turn: turn[0] != named)
+def readings(table: FlangeTable) -> list[Reading]:
+    """All ways to read a table."""
     ways = []
-    for is_inverse in (False, True):
-        for rotation, angles, matrices in turns:
-            flange = rigid(matrices, table[:, :3])
-            if is_inverse:
-                flange = inverse(flange)
-            is_named = rotation == named
-            ways.append(Reading(rotation, angles, is_inverse, flange, is_named))
+    for rotation, angles, matrices in _turns(table.numbers[:, 3:]):
+        flange = rigid(matrices, table.numbers[:, :3])
+        ways.append(Reading(rotation, angles, False, flange))
+        ways.append(Reading(rotation, angles, True, inverse(flange)))
     return ways
 
 
@@ -130,14 +113,14 @@ def _turns(numbers: Array) -> list[tuple[str, str, Array]]:
 
 
 def choose(
-    ways: Iterable[Reading],
+    table: FlangeTable,
     rows: Index,
     boards: BoardPoses,
     unit: str | None = None,
     rotation: str | None = None,
     degrees: bool | None = None,
 ) -> Choice:
-    """The reading that fits best.
+    """The reading of a table that fits best.
 
     rows : (p,), of the table, that each picture is of
     unit, rotation, degrees : what is stated of the table; by default all are tried
@@ -147,7 +130,7 @@ def choose(
     angles = None if degrees is None else ("deg" if degrees else "rad")
     some = [
         reading
-        for reading in ways
+        for reading in readings(table)
         if alike in (None, reading.rotation)
         and angles in (None, reading.angles or angles)
     ]
@@ -157,32 +140,28 @@ def choose(
             "that has as many numbers"
         )
     starts = [
-        find_sized_start(reading.flange[rows], boards, 1, unit)
-        for reading in some
+        find_start(reading.flange[rows], boards, unit) for reading in some
     ]
-    least = min(start.misfit for start in starts)
-    for k, reading in enumerate(some):
-        if starts[k].misfit < NEAR_BEST * least:
-            starts[k] = find_sized_start(
-                reading.flange[rows], boards, unit=unit
-            )
     order = sorted(range(len(some)), key=lambda k: starts[k].rank)
     least = starts[order[0]].rank
     tied = [k for k in order if starts[k].rank < TIED * least]
-    # of readings that fit as well the usual one
-    best = min(tied, key=lambda k: some[k].unusual)
+
+    def unusual(k: int) -> tuple[bool, bool, bool]:
+        """Whether it is base in flange, of no name in the header, and of no maker."""
+        rotation = some[k].rotation
+        is_named = rotation == table.named
+        return some[k].inverse, not is_named, rotation not in MAKERS
+
+    best = min(tied, key=unusual)
     reading = some[best]
     start = starts[best]
-    others = [k for k in order if k != best]
-    ratio = np.inf
-    if others:
-        ratio = starts[others[0]].rank / max(start.rank, 1e-12)
+    others = [starts[k].rank for k in order if k != best]
     convention = Convention(
         unit=start.unit,
         angles=reading.angles,
         rotation=reading.rotation,
         inverse=reading.inverse,
-        ratio=float(ratio),
+        ratio=min([*others, np.inf]) / max(start.rank, 1e-12),
     )
     ties = tuple(some[k].words for k in tied if k != best)
     return Choice(reading, start, convention, ties)

@@ -6,7 +6,7 @@ The errors of each motion are eliminated motion by motion; sizes of noise follow
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,10 +26,9 @@ class Settings:
     # [px], noise that corners are credited with at least
     least_corner: float = 0.01
     least_error: float = 1e-6  # [rad, m, 1], the same of the motions' errors
-    # beyond, a lens was zoomed
     # sd of the log of a focal length: less is below the noise of corners, and cost .003 mm of .032
     least_focus: float = 1e-4
-    most_focus: float = 0.01
+    most_focus: float = 0.01  # beyond, a lens was zoomed
     # exponents of the steps of corners', errors' and priors' sizes: with 1 it takes twice as long
     faster: tuple[float, float, float] = (1.0, 1.7, 2.0)
     settled: float = 0.01  # change of the log of corners' and motions' noise
@@ -39,14 +38,30 @@ class Settings:
 SETTINGS = Settings()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scale:
     """Unknowns that share a prior sd, which the evidence finds between two limits."""
 
-    name: str
     indices: Index
+    start: float
     lowest: float
     highest: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known before any picture; an unknown of no scale is free."""
+
+    mean: Array  # (s,)
+    scales: tuple[Scale, ...]
+
+    @property
+    def sd(self) -> Array:
+        """Prior sd (s,), where it begins."""
+        sd = np.full(len(self.mean), np.inf)
+        for scale in self.scales:
+            sd[scale.indices] = scale.start
+        return sd
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,42 +69,24 @@ class Noise:
     """Sizes that the evidence finds."""
 
     corner: Array  # (c,), sd of a corner of each camera [px]
-    turn: float  # sd of a motion's turn about each axis [rad]
-    shift: float  # and of its shift along each [m]
-    # (c,), sd of the log of each camera's focal length from motion to motion
-    focus: Array
+    # (e,), sd of a motion's turn about each axis [rad], of its shift along each [m], and of the
+    # log of each camera's focal length
+    error: Array
     # (s,), prior sd of the unknowns: infinite of frames, 0 holds one
     prior: Array
 
-    @property
-    def error(self) -> Array:
-        """Sd (e,) of the errors of a motion."""
-        return np.array([*[self.turn] * 3, *[self.shift] * 3, *self.focus])
-
 
 @dataclass(frozen=True, eq=False)
-class Prior:
-    """What is known before any picture."""
-
-    mean: Array  # (s,)
-    scales: tuple[Scale, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Estimate:
+class Fit:
     """Unknowns and noise: where a fit begins, or ends."""
 
     unknowns: Unknowns
     noise: Noise
-
-
-@dataclass(frozen=True, eq=False)
-class Fit(Estimate):
-    """Where a fit ends."""
-
-    covariance: Array  # (s, s)
+    covariance: Array = field(
+        default_factory=lambda: np.zeros((0, 0))
+    )  # (s, s)
     # degrees of freedom that the noise of the motions is known with
-    freedom: float
+    freedom: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,20 +100,10 @@ class _Sums:
     pulls: Array  # (n, s + e), of slopes and residuals
 
 
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """A step of the free unknowns and of the motions' errors."""
-
-    unknowns: Array  # (s,)
-    errors: Array  # (n, e)
-    covariance: Array  # (s, s)
-    variances: Array  # (n, e)
-
-
 def solve(
     bundle: Bundle,
     prior: Prior,
-    start: Estimate,
+    start: Fit,
     steps: int = STEPS,
     *,
     learn: bool = True,
@@ -125,19 +112,16 @@ def solve(
 
     Raises LinAlgError where the corners do not determine the unknowns.
     """
-    size = bundle.layout.size
-    fit = Fit(start.unknowns, start.noise, np.zeros((size, size)), np.inf)
+    fit = start
     sums = _sums(bundle, fit)
     damping = 1e-4
     for count in range(steps):
-        step = _step(fit, prior, sums, damping)
-        if not np.isfinite(step.unknowns).all():
+        step, errors, covariance, variances = _step(fit, prior, sums, damping)
+        if not np.isfinite(step).all():
             raise np.linalg.LinAlgError(
                 "the fit of corners and motions diverged"
             )
-        ahead = replace(
-            fit, unknowns=fit.unknowns.moved(step.unknowns, step.errors)
-        )
+        ahead = replace(fit, unknowns=fit.unknowns.moved(step, errors))
         sums_ahead = _sums(bundle, ahead)
         cost = _cost(ahead, prior, sums_ahead)
         if cost > (1 + 1e-9) * _cost(fit, prior, sums):
@@ -147,82 +131,55 @@ def solve(
             continue
         damping *= 0.1
         before = fit.noise
-        fit = replace(ahead, covariance=step.covariance)
+        fit = replace(ahead, covariance=covariance)
         sums = sums_ahead
         if learn:
-            fit = _learn(fit, prior, sums, bundle.cameras, step.variances)
+            fit = _learn(fit, prior, sums, bundle.cameras, variances)
         if count > 4 and _is_settled(before, fit.noise):
             break
     return fit
 
 
-def motion_errors(
-    bundle: Bundle, fit: Fit, rounds: int = 5
-) -> tuple[Array, Array]:
-    """Errors (n, 6) of motions as the corners alone tell them, and covariances (n, 6, 6).
-
-    The unknowns stay as they are; their doubt is part of the covariance.
-    """
-    size = bundle.layout.size
-    # 1 rad and 1 m say nothing beside what corners tell
-    loose = np.array([1.0] * SCENE + [*fit.noise.focus**-2.0])
-    for _ in range(rounds):
-        sums = _sums(bundle, fit)
-        products, pulls = _weighed(fit.noise, sums)
-        spread = np.linalg.inv(products[:, size:, size:] + np.diag(loose))
-        pull = pulls[:, size:] - loose * fit.unknowns.errors
-        step = np.einsum("nij,nj->ni", spread, pull)
-        fit = replace(fit, unknowns=fit.unknowns.moved(np.zeros(size), step))
-    follow = (
-        spread @ products[:, size:, :size]
-    )  # how errors follow the unknowns
-    spread = spread + follow @ fit.covariance @ np.swapaxes(follow, 1, 2)
-    return fit.unknowns.errors[:, :SCENE], spread[:, :SCENE, :SCENE]
-
-
-def information(bundle: Bundle, estimate: Estimate) -> Array:
+def information(bundle: Bundle, fit: Fit) -> Array:
     """What corners tell of unknowns and errors at each motion (n, s + e, s + e)."""
-    return _weighed(estimate.noise, _sums(bundle, estimate))[0]
+    return _weighed(fit.noise, _sums(bundle, fit))[0]
 
 
-def _sums(bundle: Bundle, fit: Estimate) -> list[_Sums]:
+def _sums(bundle: Bundle, fit: Fit) -> list[_Sums]:
     sights = bundle.sights(fit.unknowns)
     triples = zip(bundle.cameras, sights, fit.noise.corner, strict=True)
-    return [_camera_sums(corners, sight, sd) for corners, sight, sd in triples]
+    count = len(fit.unknowns.errors)
+    return [_camera_sums(*triple, count) for triple in triples]
 
 
-def _camera_sums(corners: Corners, sight: Sight, sd: float) -> _Sums:
+def _camera_sums(
+    corners: Corners, sight: Sight, sd: float, count: int
+) -> _Sums:
     residuals = corners.pixels - sight.pixels
     lengths = np.linalg.norm(residuals, axis=1)
     root = np.sqrt(_huber(lengths, sd))
     residuals = residuals * root[:, None]
     slopes = sight.slopes * root[:, None, None]
+    by_scene = sight.by_scene * root[:, None, None]
     columns = slopes.shape[2]
-    count = len(sight.chain)
     products = np.zeros((count, columns, columns))
     pulls = np.zeros((count, columns))
+    together = 0.0
     for number, part in enumerate(corners.parts(count)):
         flat = slopes[part].reshape(-1, columns)
+        rest = residuals[part].ravel()
+        scene = by_scene[part].reshape(-1, SCENE)
         products[number] = flat.T @ flat
-        pulls[number] = flat.T @ residuals[part].ravel()
-    by_scene = products[:, :SCENE, :SCENE]
-    ridge = 1e-9 * np.trace(by_scene, axis1=1, axis2=2) + 1e-30
-    scene = by_scene + ridge[:, None, None] * np.eye(SCENE)
-    along = np.linalg.solve(scene, pulls[:, :SCENE, None])[:, :, 0]
-    across = np.swapaxes(sight.chain, 1, 2)
-    return _Sums(
-        lengths,
-        squares=float((residuals**2).sum()),
-        together=float((along * pulls[:, :SCENE]).sum()),
-        products=across @ products @ sight.chain,
-        pulls=(across @ pulls[:, :, None])[:, :, 0],
-    )
+        pulls[number] = flat.T @ rest
+        along = np.linalg.lstsq(scene, rest, rcond=1e-9)[0]
+        together += float(rest @ scene @ along)
+    squares = float((residuals**2).sum())
+    return _Sums(lengths, squares, together, products, pulls)
 
 
 def _weighed(noise: Noise, sums: Sequence[_Sums]) -> tuple[Array, Array]:
     """Products (n, s + e, s + e) and pulls (n, s + e) of all cameras, over their noise."""
-    weights = noise.corner**-2.0
-    pairs = list(zip(weights, sums, strict=True))
+    pairs = list(zip(noise.corner**-2.0, sums, strict=True))
     products = sum(weight * camera.products for weight, camera in pairs)
     pulls = sum(weight * camera.pulls for weight, camera in pairs)
     return np.asarray(products), np.asarray(pulls)
@@ -230,8 +187,12 @@ def _weighed(noise: Noise, sums: Sequence[_Sums]) -> tuple[Array, Array]:
 
 def _step(
     fit: Fit, prior: Prior, sums: Sequence[_Sums], damping: float
-) -> _Step:
-    """Eliminate the motions' errors and solve for the free unknowns."""
+) -> tuple[Array, Array, Array, Array]:
+    """Eliminate the motions' errors and solve for the free unknowns.
+
+    Returns steps of the unknowns (s,) and of the errors (n, e), their covariance (s, s) and
+    variances (n, e).
+    """
     size = len(fit.noise.prior)
     products, pulls = _weighed(fit.noise, sums)
     free = np.flatnonzero(fit.noise.prior > 0.0)
@@ -244,32 +205,26 @@ def _step(
     whole = products[:, :size, :size].sum(axis=0)[np.ix_(free, free)]
     whole += np.diag(precision)
     before = np.diag(whole).copy()
-    whole -= _flat(gain) @ _flat(across).T
+    whole -= np.einsum("nie,nje->ij", gain, across, optimize=True)
     target = pulls[:, free].sum(axis=0) - np.einsum("nij,nj->i", gain, pull)
     target -= precision * (fit.unknowns.values - prior.mean)[free]
     ruler = np.sqrt(np.maximum(np.diag(whole), 1e-12 * before))
     normal = whole / np.outer(ruler, ruler)
-    covariance = np.linalg.pinv(normal, rcond=1e-13, hermitian=True)
-    covariance /= np.outer(ruler, ruler)
+    known = np.linalg.pinv(normal, rcond=1e-13, hermitian=True)
+    known /= np.outer(ruler, ruler)
     damped = normal + damping * np.eye(len(free))
     step = np.zeros(size)
     step[free] = np.linalg.solve(damped, target / ruler) / ruler
     errors = np.einsum("nij,nj->ni", spread, pull)
     errors -= np.einsum("nji,j->ni", gain, step[free])
-    variances = np.einsum("nii->ni", spread) + (gain * (covariance @ gain)).sum(
-        axis=1
-    )
-    all_covariance = np.zeros((size, size))
-    all_covariance[np.ix_(free, free)] = covariance
-    return _Step(step, errors, all_covariance, variances)
+    variances = np.einsum("nii->ni", spread)
+    variances = variances + (gain * (known @ gain)).sum(axis=1)
+    covariance = np.zeros((size, size))
+    covariance[np.ix_(free, free)] = known
+    return step, errors, covariance, variances
 
 
-def _flat(blocks: Array) -> Array:
-    """Blocks (n, s, e) side by side (s, n e)."""
-    return np.swapaxes(blocks, 0, 1).reshape(blocks.shape[1], -1)
-
-
-def _cost(fit: Estimate, prior: Prior, sums: Sequence[_Sums]) -> float:
+def _cost(fit: Fit, prior: Prior, sums: Sequence[_Sums]) -> float:
     free = fit.noise.prior > 0.0
     away = (fit.unknowns.values - prior.mean)[free] / fit.noise.prior[free]
     total = float((away**2).sum())
@@ -296,29 +251,29 @@ def _learn(
     squares = (fit.unknowns.errors**2).sum(axis=0)
     # what corners tell of an error beyond its prior counts as known numbers
     numbers = (1.0 - variances / noise.error**2).sum(axis=0)
-
-    groups = [range(3), range(3, 6)]
-    groups += [range(k, k + 1) for k in range(SCENE, len(squares))]
-    counts = [max(float(numbers[group].sum()), 0.5) for group in groups]
-    sizes = []
-    for group, count in zip(groups, counts, strict=True):
+    freedom = 0.0
+    error = noise.error.copy()
+    for group in np.split(np.arange(len(error)), [3, *range(6, len(error))]):
+        count = max(float(numbers[group].sum()), 0.5)
         square = float(squares[group].sum()) / count
-        size = _grown(float(noise.error[group[0]]), square, error_rate)
-        sizes.append(max(size, SETTINGS.least_error))
-    turn, shift, *focus = sizes
-    freedom = counts[0] + counts[1]
-    corner = []
+        size = _grown(error[group[0]], square, error_rate)
+        error[group] = max(size, SETTINGS.least_error)
+        if group[0] < SCENE:
+            freedom += count
+    focus = np.minimum(error[SCENE:], SETTINGS.most_focus)
+    is_small = focus < SETTINGS.least_focus
+    error[SCENE:] = np.where(is_small, SETTINGS.least_error, focus)
+    corner = noise.corner.copy()
     fitted = (freedom + int((noise.prior > 0.0).sum())) / len(sums)
-    for camera, corners, sd in zip(sums, cameras, noise.corner, strict=True):
+    for k, (camera, corners) in enumerate(zip(sums, cameras, strict=True)):
         count = 2 * len(camera.lengths)
         directions = SCENE * len(np.unique(corners.motion))
         white = camera.squares / max(count - fitted, 0.2 * count)
         # errors of a picture's corners hang together: what is left of them in its pose counts
         open_directions = max(directions - freedom - 12, 0.1 * directions)
         square = max(white, camera.together / open_directions)
-        corner.append(
-            max(_grown(sd, square, corner_rate), SETTINGS.least_corner)
-        )
+        size = _grown(corner[k], square, corner_rate)
+        corner[k] = max(size, SETTINGS.least_corner)
     prior_sd = noise.prior.copy()
     away = (fit.unknowns.values - prior.mean) ** 2
     spread = np.diag(fit.covariance)
@@ -328,18 +283,9 @@ def _learn(
             continue
         sd = float(prior_sd[some[0]])
         number = max(float((1.0 - spread[some] / sd**2).sum()), 0.05)
-        grown = _grown(sd, float(away[some].sum()) / number, prior_rate)
-        prior_sd[some] = np.clip(grown, scale.lowest, scale.highest)
-    focus_sd = np.minimum(focus, SETTINGS.most_focus)
-    focus_sd[focus_sd < SETTINGS.least_focus] = SETTINGS.least_error
-    learned = Noise(
-        corner=np.array(corner),
-        turn=turn,
-        shift=shift,
-        focus=focus_sd,
-        prior=prior_sd,
-    )
-    return replace(fit, noise=learned, freedom=freedom)
+        size = _grown(sd, float(away[some].sum()) / number, prior_rate)
+        prior_sd[some] = np.clip(size, scale.lowest, scale.highest)
+    return replace(fit, noise=Noise(corner, error, prior_sd), freedom=freedom)
 
 
 def _grown(sd: float, square: float, rate: float) -> float:
@@ -351,12 +297,10 @@ def _grown(sd: float, square: float, rate: float) -> float:
 def _is_settled(before: Noise, after: Noise) -> bool:
     """Whether no size changes much."""
     is_sized = (before.prior > 0.0) & np.isfinite(before.prior)
-    changes = np.log(after.prior[is_sized] / before.prior[is_sized])
-    motions = np.array([after.turn / before.turn, after.shift / before.shift])
-    sizes = [after.corner / before.corner, after.focus / before.focus, motions]
-    fast = np.log(np.concatenate(sizes))
+    slow = np.log(after.prior[is_sized] / before.prior[is_sized])
+    fast = np.log([*after.corner / before.corner, *after.error / before.error])
     is_fast_settled = np.abs(fast).max() < SETTINGS.settled
-    return bool(is_fast_settled and np.abs(changes).max() < SETTINGS.nearly)
+    return bool(is_fast_settled and np.abs(slow).max() < SETTINGS.nearly)
 
 
 def _huber(lengths: Array, sd: float) -> Array:

@@ -13,8 +13,7 @@ from ..common.arrays import Array, Mask
 from ..common.wording import listed
 from ..errors import LogError
 from ..samples.tables import Source, open_source
-
-POSITION = ("x", "y", "z")
+from .joint_table import JointTable, picture_names
 
 TURNS = {
     "xyzw": ("qx", "qy", "qz", "qw"),
@@ -27,6 +26,11 @@ TURNS = {
 """Columns of a turn, by what their names say."""
 
 MATRIX = tuple(f"m{i}{k}" for i in range(4) for k in range(4))
+
+EXPECTED = (
+    f"x, y, z and one of {', '.join(f'{n[0]}..{n[-1]}' for n in TURNS.values())}, or m00..m33, "
+    "and perhaps picture; without a header six, seven, twelve or sixteen numbers"
+)
 
 _LENGTHS = (6, 7, 12, 16)  # numbers of a row without a header
 _TOLERANCE = 0.02  # of the length of a quaternion, or of a matrix's rows
@@ -44,19 +48,10 @@ class FlangeTable:
     dropped: int = 0  # rows with a missing value
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """No joints."""
-        return ()
-
-    @property
-    def episodes(self) -> None:
-        """No series."""
-        return
-
-    @property
-    def q(self) -> Array:
-        """No joint values (n, 0)."""
-        return np.zeros((len(self.numbers), 0))
+    def joints(self) -> JointTable:
+        """The same rows without a joint."""
+        q = np.zeros((len(self.numbers), 0))
+        return JointTable(self.label, (), q, None, self.pictures, self.dropped)
 
 
 def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
@@ -68,107 +63,66 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
     Raises LogError, which lists these, where it is none.
     """
     source = open_source(path)
-    cells = " ".join(
-        name.partition("_duplicated_")[0] for name in source.header
-    ).split()
-    if all(_is_number(cell) for cell in cells):
-        return _without_header(path, source.label)
     header = {name.lower(): name for name in source.header}
-    named, columns = _columns(set(header))
-    expected = {name.lower() for name in (*columns, *MATRIX)} | IGNORED
-    if not columns or header.keys() - expected:
-        raise LogError(
-            f"{source.label} has the columns {listed(source.header)}: expected {_expected()}"
-        )
-    values = source.numbers([header[name.lower()] for name in columns])[0]
-    if columns[0] == "m00":
-        values = _of_matrices(values.reshape(-1, 3, 4))
-    good: Mask = np.asarray(np.isfinite(values).all(axis=1))
     pictures = None
+    named = ""
+    cells = [name.partition("_duplicated_")[0] for name in source.header]
+    if re.fullmatch(r"[-+\d.eE\s]+", " ".join(cells)):
+        values = _without_header(path, source.label)
+    else:
+        named, columns = _columns(set(header))
+        expected = {name.lower() for name in (*columns, *MATRIX)} | IGNORED
+        if not columns or header.keys() - expected:
+            raise LogError(
+                f"{source.label} has the columns {listed(source.header)}: expected {EXPECTED}"
+            )
+        values = source.numbers([header[name.lower()] for name in columns])[0]
+    if values.shape[1] >= 12 and named != "matrix":
+        rows = values[:, :12].reshape(-1, 3, 4)
+        values = np.column_stack([rows[:, :, 3], rows[:, :, :3].reshape(-1, 9)])
+    good: Mask = np.asarray(np.isfinite(values).all(axis=1))
     if "picture" in header:
-        cells = source.read([header["picture"]])[header["picture"]].to_list()
-        names = [
-            str(cell or "").strip().replace("\\", "/").rpartition("/")[2]
-            for cell in cells
-        ]
-        pictures = tuple(
-            name for name, whole in zip(names, good, strict=True) if whole
-        )
-    return _checked(source, values, good, pictures, named)
+        pictures = picture_names(source, header["picture"], good)
+    values = values[good]
+    if len(values) and values.shape[1] > 6:
+        lengths = np.linalg.norm(values[:, 3:], axis=1)
+        length = 1.0 if values.shape[1] == 7 else np.sqrt(3.0)
+        wrong = np.flatnonzero(np.abs(lengths / length - 1.0) > _TOLERANCE)
+        if len(wrong):
+            what = "quaternion" if values.shape[1] == 7 else "rotation matrix"
+            raise LogError(
+                f"{source.label}, row {wrong[0] + 1}: a {what} of length {lengths[wrong[0]]:.4g}, "
+                f"expected {length:.4g}"
+            )
+    dropped = int((~good).sum())
+    return FlangeTable(source.label, values, pictures, named, dropped)
 
 
 def _columns(header: set[str]) -> tuple[str, list[str]]:
     """The rotation that names of columns (small letters) say, and its columns, if all are there."""
-    kinds = {kind: [*POSITION, *names] for kind, names in TURNS.items()}
-    for kind, columns in (("matrix", list(MATRIX[:12])), *kinds.items()):
+    if header.issuperset(MATRIX[:12]):
+        return "", list(MATRIX[:12])
+    for kind, names in TURNS.items():
+        columns = ["x", "y", "z", *names]
         if header.issuperset(name.lower() for name in columns):
             return "rpy" if kind == "fanuc" else kind, columns
     return "", []
 
 
-def _without_header(
-    path: str | os.PathLike[str] | Source, label: str
-) -> FlangeTable:
-    if isinstance(path, Source) or os.fspath(path) == "-":
-        raise LogError(f"{label} has no header: expected {_expected()}")
-    text = Path(path).read_text(encoding="utf-8-sig")
-    lines = re.sub(r"[;,\t]", " ", text).splitlines()
-    try:
-        values = np.array(
-            [line.split() for line in lines if line.strip()], float
-        )
-        count = values.shape[1]
-    except ValueError:
-        count = 0
+def _without_header(path: str | os.PathLike[str] | Source, label: str) -> Array:
+    """Numbers (n, 6, 7, 12 or 16) of a file."""
+    count = 0
+    if not isinstance(path, Source) and os.fspath(path) != "-":
+        text = Path(path).read_text(encoding="utf-8-sig")
+        lines = re.sub(r"[;,\t]", " ", text).splitlines()
+        try:
+            values = np.array([line.split() for line in lines if line.strip()])
+            values = values.astype(float)
+            count = values.shape[1]
+        except (ValueError, IndexError):
+            count = 0
     if count not in _LENGTHS:
         raise LogError(
-            f"{label} has no header and {count} numbers a row: expected {_expected()}"
+            f"{label} has no header and {count} numbers a row: expected {EXPECTED}"
         )
-    if count >= 12:
-        values = _of_matrices(values.reshape(len(values), -1, 4)[:, :3])
-    good = np.isfinite(values).all(axis=1)
-    return FlangeTable(label, values[good], None, "", int((~good).sum()))
-
-
-def _checked(
-    source: Source,
-    values: Array,
-    good: Mask,
-    pictures: tuple[str, ...] | None,
-    named: str,
-) -> FlangeTable:
-    values = values[good]
-    if len(values) and values.shape[1] > 6:
-        lengths = np.linalg.norm(values[:, 3:], axis=1)
-        expected = 1.0 if values.shape[1] == 7 else np.sqrt(3.0)
-        wrong = np.flatnonzero(np.abs(lengths / expected - 1.0) > _TOLERANCE)
-        if len(wrong):
-            what = "quaternion" if values.shape[1] == 7 else "rotation matrix"
-            raise LogError(
-                f"{source.label}, row {wrong[0] + 1}: a {what} of length {lengths[wrong[0]]:.4g}, "
-                f"expected {expected:.4g}"
-            )
-    return FlangeTable(
-        source.label, values, pictures, named, int((~good).sum())
-    )
-
-
-def _of_matrices(rows: Array) -> Array:
-    """Positions and turns (n, 12) of the first three rows of matrices (n, 3, 4)."""
-    return np.column_stack([rows[:, :, 3], rows[:, :, :3].reshape(-1, 9)])
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _expected() -> str:
-    kinds = [f"{names[0]}..{names[-1]}" for names in TURNS.values()]
-    return (
-        f"x, y, z and one of {', '.join(kinds)}, or m00..m33, and perhaps picture; without a "
-        "header six, seven, twelve or sixteen numbers"
-    )
+    return values

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from ..common.choices import EYES, PICTURES
 from ..common.parallel import one_blas_thread
 from ..errors import OptionError
 from .answer import answer
-from .board import Pattern
+from .board import Pattern, TagGrid
 from .board_pictures import BoardPictures, Source, find_board
 from .flange_table import FlangeTable, read_flange_poses
 from .joint_table import JointTable
@@ -88,29 +87,24 @@ def handeye(
             f"{arm.name} moves in a plane: expected an arm that moves in space"
         )
     if boards is not None:
-        pictures, lens = pictures_of_boards(np.asarray(boards, float))
+        pictures, lens = pictures_of_boards(boards)
     assert pictures is not None  # noqa: S101 - refused above
     table = None if poses is None else _flange_table(poses)
     folders = _folders(pictures)
     eyes = dict.fromkeys(folders, eye) if isinstance(eye, str) else eye
     lenses = lens if isinstance(lens, Mapping) else dict.fromkeys(folders, lens)
-    for name in folders:
-        if eyes.get(name) not in EYES:
-            raise OptionError(
-                f"eye {eyes.get(name)!r} of {name}: expected one of {', '.join(EYES)}"
-            )
     views = []
     with one_blas_thread():
         for name, source in folders.items():
+            if eyes.get(name) not in EYES:
+                raise OptionError(
+                    f"eye {eyes.get(name)!r} of {name}: expected one of {', '.join(EYES)}"
+                )
             shots = source
             if not isinstance(shots, BoardPictures):
-                if board is None:
-                    raise OptionError(
-                        "pictures need the board that they show: expected `board`"
-                    )
                 shots = find_board(
                     shots,
-                    table or joints,
+                    joints if table is None else table.joints,
                     board,
                     arm,
                     camera,
@@ -148,66 +142,36 @@ def _flange_table(poses: Path_ | FlangeTable | Array) -> FlangeTable:
         return read_flange_poses(poses)
     if isinstance(poses, FlangeTable):
         return poses
-    matrices = np.asarray(poses, float)
-    if matrices.ndim != 3 or matrices.shape[1:] != (4, 4):
-        raise OptionError(
-            f"poses of shape {matrices.shape}: expected (n, 4, 4), or a table"
-        )
-    numbers = np.column_stack(
-        [matrices[:, :3, 3], matrices[:, :3, :3].reshape(-1, 9)]
-    )
+    matrices = _matrices("poses", poses)
+    turns = matrices[:, :3, :3].reshape(-1, 9)
+    numbers = np.column_stack([matrices[:, :3, 3], turns])
     return FlangeTable("poses", numbers, None, "matrix")
 
 
-@dataclass(frozen=True)
-class Points(Pattern):
-    """Points that stand for a board of which poses alone are known."""
-
-    spacing: float  # [m]
-
-    @property
-    def side(self) -> float:
-        """Distance of two neighbours [m]."""
-        return self.spacing
-
-    @property
-    def text(self) -> str:
-        """No pattern that is printed."""
-        return "poses of a board"
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height [m]."""
-        return 3 * self.side, 3 * self.side
-
-    def points(self) -> Array:
-        """A grid about the origin (16, 3) [m]."""
-        x, y = self.side * (np.indices((4, 4)).reshape(2, -1) - 1.5)
-        return np.column_stack([x, y, np.zeros(16)])
-
-
-def pictures_of_boards(
-    boards: Array, share: float = 0.08
-) -> tuple[BoardPictures, Lens]:
-    """Corners that a camera without errors sees of boards (n, 4, 4), and its lens.
-
-    share : of the distance, that a square's side is
-    """
-    is_shaped = boards.ndim == 3 and boards.shape[1:] == (4, 4)
-    if not is_shaped or not (boards[:, 2, 3] > 0.0).all():
+def _matrices(name: str, values: Array) -> Array:
+    matrices = np.asarray(values, float)
+    if matrices.ndim != 3 or matrices.shape[1:] != (4, 4):
         raise OptionError(
-            f"boards of shape {boards.shape}: expected (n, 4, 4), each before the camera (z > 0)"
+            f"{name} of shape {matrices.shape}: expected (n, 4, 4), or a table"
         )
-    pattern = Points(4, 4, share * float(np.median(boards[:, 2, 3])))
+    return matrices
+
+
+def pictures_of_boards(boards: Array) -> tuple[BoardPictures, Lens]:
+    """Corners that a camera without errors sees of boards (n, 4, 4), and its lens."""
+    boards = _matrices("boards", boards)
+    if not (boards[:, 2, 3] > 0.0).all():
+        raise OptionError("boards: expected each before the camera (z > 0)")
+    side = 0.08 * float(np.median(boards[:, 2, 3]))
+    pattern = TagGrid(2, 2, side, side)
     middle = np.array([1000.0, 1000.0])
     lens = Lens((2000, 2000), middle, middle, np.zeros(5))
     places = pattern.points() @ np.swapaxes(boards[:, :3, :3], 1, 2)
     places += boards[:, None, :3, 3]
-    pixels = middle + 1000.0 * places[:, :, :2] / places[:, :, 2:]
+    pixels = lens.distort(places[:, :, :2] / places[:, :, 2:])
     count = len(boards)
     names = tuple(f"pose {k + 1}" for k in range(count))
     corners = tuple(dict(enumerate(picture)) for picture in pixels)
-    shots = BoardPictures(
-        pattern, (), names, np.zeros((count, 0)), corners, lens.size, count, ()
-    )
+    q = np.zeros((count, 0))
+    shots = BoardPictures(pattern, (), names, q, corners, lens.size, count, ())
     return shots, lens

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ from ..body.belief import Body
 from ..body.settings import FINER, SHIFT, TURN
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, Index
-from .bundle import Layout
+from .bundle import Layout, Motions
 from .fit import Fit, Scale
 from .rigid import inverse, rigid
 
@@ -24,21 +24,15 @@ SIZE_SD = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
-class JointMotions:
-    """Motions of an arm at joint values; its parameters are those of `FREE`, and its size."""
+class JointMotions(Motions):
+    """Motions of an arm at joint values (n, dof); parameters are those of `FREE`, and its size."""
 
     structure: SpatialStructure  # with view "pose"
-    q: Array  # (n, dof) [rad or m]
 
     @cached_property
     def active(self) -> Index:
         """The structure's parameters that are fitted."""
         return self.structure.prior(FREE).active
-
-    @property
-    def count(self) -> int:
-        """Number of motions."""
-        return len(self.q)
 
     @property
     def size(self) -> int:
@@ -47,23 +41,19 @@ class JointMotions:
 
     def poses(self, arm: Array) -> Array:
         """The tip in the base (n, 4, 4) [m] at parameters (k,); the last is the log of its size."""
-        places, turns = self._base.pose(self.q, self.beta(arm))
+        places, turns = self._base.pose(self.rows, self.beta(arm))
         return rigid(turns, np.exp(arm[-1]) * places)
 
     def slopes(self, arm: Array) -> Array:
         """Turn in the tip's axes and shift in the base's, (n, 6, k), by the parameters."""
         beta = self.beta(arm)
-        places, turns = self._base.pose(self.q, beta)
-        moved = self._base.linearise(self.q, beta, self.active)[1]
-        slopes = np.zeros((self.count, 6, self.size))
+        places, turns = self._base.pose(self.rows, beta)
+        moved = self._base.linearise(self.rows, beta, self.active)[1]
+        slopes = np.zeros((len(self.rows), 6, self.size))
         slopes[:, :3, :-1] = np.swapaxes(turns, 1, 2) @ moved[:, 3:]
         slopes[:, 3:, :-1] = np.exp(arm[-1]) * moved[:, :3]
         slopes[:, 3:, -1] = np.exp(arm[-1]) * places
         return slopes
-
-    def take(self, rows: Index) -> JointMotions:
-        """Some of the motions."""
-        return replace(self, q=self.q[rows])
 
     def beta(self, arm: Array) -> Array:
         """The structure's parameters (d,)."""
@@ -80,20 +70,17 @@ class JointMotions:
         name = self.structure.chain_names[worst]
         return name, float(shifts[worst]), float(turns[worst])
 
-    def scales(self, layout: Layout) -> tuple[list[Scale], Array]:
-        """Prior scales that the evidence finds, and where they start, sd (k,)."""
+    def scales(self, layout: Layout) -> list[Scale]:
+        """Prior scales that the evidence finds; that of the size stays."""
         prior = self.structure.prior(FREE)
-        scales = []
+        scales = [Scale(layout.arm[-1:], SIZE_SD, SIZE_SD, SIZE_SD)]
         for hyper in prior.hypers:
-            places = layout.arm_values[
-                np.searchsorted(self.active, hyper.indices)
-            ]
-            within = (
-                FINER if hyper.name.startswith("placement") else hyper.within
-            )
+            places = layout.arm[np.searchsorted(self.active, hyper.indices)]
+            is_placement = hyper.name.startswith("placement")
+            within = FINER if is_placement else hyper.within
             lowest, highest = hyper.scale * np.array(within)
-            scales.append(Scale(hyper.name, places, lowest, highest))
-        return scales, np.append(prior.sd[self.active], SIZE_SD)
+            scales.append(Scale(places, hyper.scale, lowest, highest))
+        return scales
 
     def body(
         self, fit: Fit, layout: Layout, camera: int, in_hand: bool
@@ -102,26 +89,26 @@ class JointMotions:
         structure = self.structure
         groups = structure.groups
         hand = camera
-        standing = layout.cameras + layout.board_of(in_hand)
+        standing = len(layout.lenses) + layout.boards.index(in_hand)
         if not in_hand:
             hand, standing = standing, hand
         carried = fit.unknowns.frames[hand]
         view = inverse(fit.unknowns.frames[standing])
-        beta = self.beta(fit.unknowns.values[layout.arm_values])
+        beta = self.beta(fit.unknowns.values[layout.arm])
         beta[groups["tool"]] = carried[:3, 3]
         beta[groups["tool.rotation"]] = logarithm(carried[None, :3, :3])[0]
         beta[groups["view.shift"]] = view[:3, 3]
         beta[groups["view.rotation"]] = logarithm(view[None, :3, :3])[0]
         # a step of the standing frame, in its own axes and the base's, as one of its inverse
-        turn, shift = np.split(layout.frame(standing), 2)
+        turn, shift = np.split(layout.frames[standing], 2)
         slope = np.zeros((structure.size, layout.size))
         slope[np.ix_(groups["view.rotation"], turn)] = -np.eye(3)
         slope[np.ix_(groups["view.shift"], turn)] = cross_matrix(view[:3, 3])
         slope[np.ix_(groups["view.shift"], shift)] = -view[:3, :3]
-        turn, shift = np.split(layout.frame(hand), 2)
+        turn, shift = np.split(layout.frames[hand], 2)
         slope[np.ix_(groups["tool.rotation"], turn)] = np.eye(3)
         slope[np.ix_(groups["tool"], shift)] = np.eye(3)
-        slope[self.active, layout.arm_values[:-1]] = 1.0
+        slope[self.active, layout.arm[:-1]] = 1.0
         covariance = slope @ fit.covariance @ slope.T
         active = np.flatnonzero(np.diag(covariance) > 0.0)
         values, vectors = np.linalg.eigh(covariance[np.ix_(active, active)])
@@ -138,7 +125,7 @@ class JointMotions:
             nu=np.inf,
             autocorrelation=0.0,
             scales={},
-            rows=self.count,
+            rows=len(self.rows),
             simulated=False,
             member="chain",
         )

@@ -1,36 +1,26 @@
-"""Joint values beside pictures or a video."""
+"""Tables of joints that were recorded beside pictures or a video."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
 
 import numpy as np
 
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Mask
 from ..common.wording import listed
 from ..errors import LogError
-from ..samples.tables import open_source
+from ..samples.tables import Source, open_source
 from .pictures import Frame, list_pictures, read_series
 
 _OTHERS = {
-    "time",
-    "timestamp",
-    "picture",
-    "episode",
-    "x",
-    "y",
-    "z",
-    "qx",
-    "qy",
-    "qz",
-    "qw",
+    *("time", "timestamp", "picture", "episode"),
+    *("x", "y", "z", "qx", "qy", "qz", "qw"),
 }
-_TURNS = (
-    4.0 * np.pi
-)  # [rad]; joints that go beyond two turns are taken for degrees
+# [rad]; joints that go beyond two turns are taken for degrees
+_TURNS = 4.0 * np.pi
 
 
 def joint_columns(header: Sequence[str]) -> tuple[str, ...]:
@@ -65,16 +55,18 @@ def read_joints(
     Raises LogError if there are no joints, or they look like degrees and are not said to be.
     """
     source = open_source(path)
-    told = [name for name in ("time", "episode") if name in source.header]
+    beside = [name for name in ("time", "episode") if name in source.header]
     names = list(joint_columns(source.header) if joints is None else joints)
-    values = source.numbers([*names, *told])[0]
-    about = dict(zip(told, values[:, len(names) :].T, strict=True))
+    values = source.numbers([*names, *beside])[0]
+    about = values[:, len(names) :]
     values = values[:, : len(names)]
     if joints is None:
         numbers = np.isfinite(values).any(axis=0)
         names = [names[k] for k in np.flatnonzero(numbers)]
         values = values[:, numbers]
-    good = np.isfinite(np.column_stack([values, *about.values()])).all(axis=1)
+    good: Mask = np.asarray(
+        np.isfinite(np.column_stack([values, about])).all(axis=1)
+    )
     if not names or not good.any():
         raise LogError(
             f"{source.label} has no row with numbers for {listed(names)}: expected a column for "
@@ -90,78 +82,69 @@ def read_joints(
             f"{source.label}: a joint goes to {most:.4g} rad, more than two turns: are these "
             "degrees? expected rad, or `degrees=True`"
         )
+    columns = dict(zip(beside, about[good].T, strict=True))
     pictures = None
-    if (
-        "picture" in source.header
-    ):  # one may stand with its folder, of this system or another
-        cells = np.array(source.read(["picture"])["picture"].to_list(), object)[
-            good
-        ]
-        named = (str(cell or "").strip().replace("\\", "/") for cell in cells)
-        pictures = tuple(name.rpartition("/")[2] for name in named)
-    about = {name: column[good] for name, column in about.items()}
-    episodes = about["episode"].astype(np.intp) if "episode" in about else None
-    dropped = int((~good).sum())
-    time = about.get("time")
+    if "picture" in source.header:
+        pictures = picture_names(source, "picture", good)
+    episodes = columns.get("episode")
     return JointTable(
-        source.label, tuple(names), q, time, pictures, dropped, episodes
+        source.label,
+        tuple(names),
+        q,
+        columns.get("time"),
+        pictures,
+        dropped=int((~good).sum()),
+        episodes=None if episodes is None else episodes.astype(np.intp),
     )
 
 
-class Table(Protocol):
-    """What was recorded beside pictures, one row for each."""
-
-    @property
-    def label(self) -> str: ...  # noqa: D102
-    @property
-    def q(self) -> Array: ...  # noqa: D102
-    @property
-    def pictures(self) -> tuple[str, ...] | None: ...  # noqa: D102
-    @property
-    def dropped(self) -> int: ...  # noqa: D102
+def picture_names(source: Source, column: str, good: Mask) -> tuple[str, ...]:
+    """Names of some rows' pictures, without their folders, of this system or another."""
+    cells = source.read([column])[column].to_list()
+    names = [
+        str(cell or "").strip().replace("\\", "/").rpartition("/")[2]
+        for cell in cells
+    ]
+    return tuple(names[k] for k in np.flatnonzero(good))
 
 
 def read_shots(
-    table: Table, source: str | os.PathLike[str] | Sequence[str]
+    table: JointTable, source: str | os.PathLike[str] | Sequence[str]
 ) -> tuple[list[int], Iterator[Frame], list[str]]:
     """Rows of the joints (p), in their order, the picture of each, and what is left out.
 
     Notes of damaged pictures come as these are read.
     Raises LogError if names of pictures do not fit, or without names their counts.
     """
-    found = list_pictures(source)
-    notes = list[str]()
+    pictures = list_pictures(source)
+    count = len(table.q) + table.dropped
+    notes: list[str] = []
     rows = list(range(len(table.q)))
-    paths = found
+    paths = pictures
     if table.pictures is not None:
-        by_name = {
-            name: path
-            for path in reversed(found)
-            for name in (path.stem, path.name)
-        }
+        by_name: dict[str, Path] = {}
+        for path in reversed(pictures):
+            by_name |= {path.stem: path, path.name: path}
         rows = [
             row for row, name in enumerate(table.pictures) if name in by_name
         ]
         paths = [by_name[table.pictures[row]] for row in rows]
-        left = len(table.pictures) - len(rows), len(found) - len(rows)
-        kinds = "rows of joints, without a picture", "pictures, without joints"
-        notes = [
-            f"{n} {what}, are left out"
-            for n, what in zip(left, kinds, strict=True)
-            if n
-        ]
-    if (
-        not rows
-        or len(set(paths)) != len(rows)
-        or (table.pictures is None and table.dropped)
-    ):
+        lonely = {
+            "rows of joints, without a picture": len(table.pictures),
+            "pictures, without joints": len(pictures),
+        }
+        for what, number in lonely.items():
+            if number > len(rows):
+                notes.append(f"{number - len(rows)} {what}, are left out")
+    is_by_order = table.pictures is None and count != len(pictures)
+    if not rows or len(set(paths)) != len(rows) or is_by_order:
         named = (
             f", which name {listed(table.pictures, 3)}"
             if table.pictures
             else ""
         )
         raise LogError(
-            f"{len(found)} pictures and {len(table.q) + table.dropped} rows of joints in "
+            f"{len(pictures)} pictures and {count} rows of joints in "
             f"{table.label} ({table.dropped} with a missing value){named}: expected one row for "
             "each picture, in the order of names or by a column 'picture'"
         )

@@ -11,10 +11,9 @@ from __future__ import annotations
 import json
 import os
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,12 +22,11 @@ from ..common.rows import thinned
 from ..common.wording import listed
 from ..errors import LogError
 from .joint_table import JointTable
-from .motors import Motors
+from .motors import WHOLE_SHARE, Motors
 from .pictures import Picture, Video
 
 _STATE = "observation.state"
 _GRIPPER = "gripper"  # always a share of its range, and no joint of the arm
-_WHOLE_SHARE = 100.0  # at which LeRobot clips shares of a motor's range
 _MOST_RADIANS = 2 * np.pi + 0.1  # values beyond it are no radians
 
 
@@ -55,7 +53,7 @@ class Dataset:
     root: Path
     version: str
     columns: Mapping[str, int]  # place of each joint in `observation.state`
-    cameras: Mapping[str, str]  # codec of each camera's videos
+    cameras: tuple[str, ...]  # that have videos
     rate: float  # [frames/s]
     video_path: str  # of a video below the root, with names in braces
     chunk: int  # episodes in a folder, of version 2
@@ -66,30 +64,23 @@ class Dataset:
         """Read it.  Raises LogError in one line if it is none that is known."""
         root = Path(source)
         try:
-            info = json.loads(
-                (root / "meta" / "info.json").read_text(encoding="utf-8")
-            )
+            text = (root / "meta" / "info.json").read_text(encoding="utf-8")
+            info = json.loads(text)
             features = info["features"]
             names = features[_STATE]["names"]
-            if isinstance(
-                names, dict
-            ):  # older ones have a list of names by kind
+            if isinstance(names, dict):
+                # older ones have a list of names by kind
                 names = next(iter(names.values()))
-            videos = {
-                name: feature
-                for name, feature in features.items()
-                if feature["dtype"] == "video"
-            }
+            joints = [str(name).removesuffix(".pos") for name in names]
             dataset = cls(
                 root=root,
                 version=str(info["codebase_version"]),
-                columns={
-                    str(name).removesuffix(".pos"): k
-                    for k, name in enumerate(names)
-                },
-                cameras={
-                    name: _codec(feature) for name, feature in videos.items()
-                },
+                columns={name: k for k, name in enumerate(joints)},
+                cameras=tuple(
+                    name
+                    for name, feature in features.items()
+                    if feature["dtype"] == "video"
+                ),
                 rate=float(info["fps"]),
                 video_path=str(info["video_path"]),
                 chunk=int(info.get("chunks_size", 1000)),
@@ -98,10 +89,9 @@ class Dataset:
         except (
             OSError,
             ValueError,
-            KeyError,
+            LookupError,
             TypeError,
             AttributeError,
-            StopIteration,
         ) as error:
             raise LogError(
                 f"{root}: meta/info.json is not a LeRobotDataset's: {error!r}"
@@ -142,25 +132,19 @@ class Dataset:
         """Return the video of each episode, and where in it the episode begins [s]."""
         import polars as pl
 
+        places: dict[int, tuple[Path, float]] = {}
         if self.version.startswith("v2"):
-            return {
-                episode: (
-                    self.root
-                    / self.video_path.format(
-                        video_key=camera,
-                        episode_chunk=episode // self.chunk,
-                        episode_index=episode,
-                    ),
-                    0.0,
+            for episode in np.unique(episodes).tolist():
+                path = self.video_path.format(
+                    video_key=camera,
+                    episode_chunk=episode // self.chunk,
+                    episode_index=episode,
                 )
-                for episode in np.unique(episodes).tolist()
-            }
+                places[episode] = (self.root / path, 0.0)
+            return places
         key = f"videos/{camera}"
-        table = pl.read_parquet(
-            self.root / "meta" / "episodes" / "**" / "*.parquet"
-        )
-        places = {}
-        for row in table.iter_rows(named=True):
+        files = self.root / "meta" / "episodes" / "**" / "*.parquet"
+        for row in pl.read_parquet(files).iter_rows(named=True):
             path = self.video_path.format(
                 video_key=camera,
                 chunk_index=row[f"{key}/chunk_index"],
@@ -169,12 +153,6 @@ class Dataset:
             begin = float(row[f"{key}/from_timestamp"])
             places[int(row["episode_index"])] = (self.root / path, begin)
         return places
-
-
-def _codec(feature: Mapping[str, Any]) -> str:
-    """Return the codec of a video feature, whichever version wrote it."""
-    facts = feature.get("info") or feature.get("video_info") or {}
-    return str(facts.get("video.codec", "unknown"))
 
 
 def is_dataset(path: object) -> bool:
@@ -213,7 +191,7 @@ def read_dataset(
     time = rows["timestamp"].to_numpy()
     episode = rows["episode_index"].to_numpy()
     q, unit = _radians(state, names, motors)
-    resting, moving = _resting(q, time, episode)
+    resting, is_moving = _resting(q, time, episode)
     wanted_frames = defaultdict[Path, list[tuple[float, int]]](list)
     places = dataset.videos(chosen, episode)
     for row in resting.tolist():
@@ -221,27 +199,24 @@ def read_dataset(
         wanted_frames[path].append((begin + float(time[row]), row))
     frames: list[tuple[int, Picture]] = []
     for path, instants in wanted_frames.items():
-        frames += _frames(
-            path, instants, 0.5 / dataset.rate, dataset.cameras[chosen]
-        )
-    notes = [f"joints of {dataset.root} are read as {unit}"]
-    if moving:
+        frames += _frames(path, instants, 0.5 / dataset.rate)
+    notes = [
+        f"joints of {dataset.root} are read as {unit}",
+        f"{len(frames)} of {len(rows)} frames of {chosen}, where the arm is slowest",
+    ]
+    if is_moving:
         notes.append("the arm hardly stands still: let it rest at each picture")
-    notes.append(
-        f"{len(frames)} of {len(rows)} frames of {chosen}, where the arm is slowest"
-    )
-    resting_rows = [row for row, _ in frames]
-    pictures = tuple(
-        f"episode {episode[row]} at {time[row]:.3f} s" for row in resting_rows
-    )
-    episodes = episode[resting_rows].astype(np.intp)
+    places_of_rest = [row for row, _ in frames]
     table = JointTable(
         str(dataset.root),
         names,
-        q[resting_rows],
-        None,
-        pictures,
-        episodes=episodes,
+        q[places_of_rest],
+        time=None,
+        pictures=tuple(
+            f"episode {episode[row]} at {time[row]:.3f} s"
+            for row in places_of_rest
+        ),
+        episodes=episode[places_of_rest].astype(np.intp),
     )
     return table, [picture for _, picture in frames], notes
 
@@ -253,7 +228,7 @@ def _radians(
     most = float(np.abs(state).max())
     if most <= _MOST_RADIANS:
         return state, "radians"
-    if abs(most - _WHOLE_SHARE) > 1e-3:
+    if abs(most - WHOLE_SHARE) > 1e-3:
         return np.radians(state), "degrees"
     if motors is None:
         raise LogError(
@@ -285,19 +260,15 @@ def _resting(q: Array, time: Array, episode: Array) -> tuple[Index, bool]:
 
 
 def _frames(
-    path: Path, instants: list[tuple[float, int]], near: float, codec: str
+    path: Path, instants: list[tuple[float, int]], near: float
 ) -> list[tuple[int, Picture]]:
     """Return rows and grey frames of a video that stand within `near` [s] of instants.
 
     instants : times [s] in the video, and the row that each is of
     """
-    if not path.is_file():
-        raise LogError(
-            f"{path} is missing: the data set names it; download its videos too"
-        )
     waiting = sorted(instants)
     frames: list[tuple[int, Picture]] = []
-    for stamp, picture in _decoded(path, codec):
+    for stamp, picture in Video(path).frames():
         while waiting and stamp > waiting[0][0] + near:
             waiting.pop(0)
         if not waiting:
@@ -305,32 +276,3 @@ def _frames(
         if abs(stamp - waiting[0][0]) <= near:
             frames.append((waiting.pop(0)[1], picture))
     return frames
-
-
-def _decoded(path: Path, codec: str) -> Iterator[tuple[float, Picture]]:
-    """Yield times [s] and grey frames: by PyAV where it is installed, else by OpenCV.
-
-    LeRobot records AV1, which OpenCV's wheels do not decode.
-    """
-    try:
-        import av
-    except ImportError:
-        empty = True
-        for frame in Video(path).frames():
-            empty = False
-            yield frame
-        if empty:
-            raise LogError(
-                f"OpenCV reads no frame of {path} (codec {codec})",
-                hint="install what does, `pip install av`, or convert it: `ffmpeg -i "
-                f"{path.name} -c:v mpeg4 -q:v 2 new.mp4`, and put it in its place",
-            ) from None
-        return
-    try:
-        with av.open(str(path)) as container:
-            for image in container.decode(video=0):
-                yield float(image.time), image.to_ndarray(format="gray")
-    except (av.error.FFmpegError, IndexError, TypeError) as error:
-        raise LogError(
-            f"{path} (codec {codec}) cannot be read: {error}"
-        ) from None

@@ -21,7 +21,7 @@ from ..errors import LogError
 TICKS = 4096
 """Ticks of a Feetech motor in a turn."""
 
-_WHOLE_SHARE = 100.0  # what LeRobot calls either end of a motor's range
+WHOLE_SHARE = 100.0  # what LeRobot calls either end of a motor's range
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Motor:
 
     def angle(self, share: Array) -> Array:
         """Return angles [rad] from the middle of the range for shares of it, -100 to 100."""
-        ticks = share / (2 * _WHOLE_SHARE) * (self.range_max - self.range_min)
+        ticks = share / (2 * WHOLE_SHARE) * (self.range_max - self.range_min)
         if self.drive_mode:
             ticks = -ticks
         angle: Array = ticks * math.tau / (TICKS - 1)

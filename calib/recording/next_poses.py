@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arm.rotations import exponential, logarithm, matrix_of
+from ..arm.rotations import exponential, matrix_of
 from ..common.arrays import Array
 from ..errors import OptionError
-from .bundle import Bundle, Corners, FlangePoses, Unknowns
-from .fit import Estimate, Noise, information
+from .bundle import Bundle, Corners, Motions, Unknowns
+from .fit import Fit, Noise, information
 from .rig import HandEye, Place
 from .rigid import inverse, rigid
 
@@ -19,15 +19,11 @@ from .rigid import inverse, rigid
 class Settings:
     """Which poses are drawn, and which are left."""
 
-    draws: int = 3000
-    tilt: float = float(
-        np.radians(45.0)
-    )  # of the camera against the board [rad]
-    nearer: tuple[float, float] = (0.7, 1.4)  # times the usual distance
+    draws: int = 2000
+    # most that the board turns about each axis from a picture's pose [rad]
+    tilt: float = 0.5
+    nearer: tuple[float, float] = (0.8, 1.25)  # times that picture's distance
     edge: float = 0.05  # share of the picture that stays free
-    # of the nearest pose that the arm was in: it may not reach further [m, rad]
-    far: float = 0.25
-    turned: float = float(np.radians(60.0))
     lever: float = 0.1  # from what is in the hand to where it is used [m]
 
 
@@ -47,24 +43,23 @@ def next_poses(
     base = frame_of(rig.base)
     points = np.array(rig.board["points"])
     flange = _candidates(rig, hand, base, points, np.random.default_rng(seed))
-    if not in_hand:
-        hand, base = base, hand  # the camera, then the board
     motion = np.repeat(np.arange(len(flange)), len(points))
     tiled = np.tile(points, (len(flange), 1))
     corners = Corners(tiled, np.zeros((len(tiled), 2)), motion, in_hand, points)
-    bundle = Bundle((corners,), FlangePoses(flange))
+    bundle = Bundle((corners,), Motions(flange))
     layout = bundle.layout
     values = np.zeros(layout.size)
     lens = rig.lens
-    matrix = lens["matrix"]
-    values[layout.lens(0)] = [
-        matrix[0][0],
-        matrix[1][1],
-        *lens["centre"],
-    ] + lens["distortion"]
-    none = np.zeros((len(flange), layout.errors))
-    unknowns = Unknowns(np.stack([hand, base]), values, none)
-    pixels = bundle.predict(unknowns)[0].reshape(len(flange), -1, 2)
+    focal = np.diag(lens["matrix"])[:2]
+    values[layout.lenses[0]] = [*focal, *lens["centre"], *lens["distortion"]]
+    exact = np.zeros((len(flange), layout.errors))
+    frames = np.stack([hand, base])
+    order = layout.frames
+    if not in_hand:  # the camera is first, then the board
+        frames = frames[::-1]
+        order = order[::-1]
+    unknowns = Unknowns(frames, values, exact)
+    pixels = bundle.sights(unknowns)[0].pixels.reshape(len(flange), -1, 2)
     size = np.array(lens["size"])
     margin = SETTINGS.edge * size
     is_in_view = ((pixels > margin) & (pixels < size - margin)).all(axis=(1, 2))
@@ -73,36 +68,32 @@ def next_poses(
             f"{is_in_view.sum()} of {len(flange)} poses near those of the pictures keep the board "
             f"in view: expected {count}"
         )
+    turn = max(rig.repeatability["rotation"], 1e-5)
+    shift = max(rig.repeatability["position"], 1e-5)
     noise = Noise(
         corner=np.array([max(rig.reprojection["mean"] / 10, 0.1)]),
-        turn=max(rig.repeatability["rotation"], 1e-5),
-        shift=max(rig.repeatability["position"], 1e-5),
-        focus=np.array([1e-6]),
+        error=np.repeat([turn, shift, 1e-6], [3, 3, 1]),
         prior=np.full(layout.size, np.inf),
     )
-    products = information(bundle, Estimate(unknowns, noise))
-    frames = np.concatenate([layout.frame(0), layout.frame(1)])
-    if not in_hand:
-        frames = np.roll(frames, 6)
-    errors = np.arange(layout.size, layout.size + layout.errors)
+    products = information(bundle, Fit(unknowns, noise))
+    places = order.ravel()
     certain = np.diag(noise.error**-2.0)
-    own = products[:, errors[:, None], errors] + certain
-    across = products[:, frames[:, None], errors]
-    told = products[:, frames[:, None], frames]
-    told = told - across @ np.linalg.solve(own, np.swapaxes(across, 1, 2))
-    told[~is_in_view] = 0.0
+    own = products[:, layout.size :, layout.size :] + certain
+    across = products[:, places, layout.size :]
+    gain = products[:, places[:, None], places]
+    gain = gain - across @ np.linalg.solve(own, np.swapaxes(across, 1, 2))
+    gain[~is_in_view] = 0.0
     precision = np.linalg.inv(rig.covariance + 1e-14 * np.eye(12))
     weight = np.repeat([SETTINGS.lever**2, 1.0], 3)
     chosen = []
     intervals = []
     for _ in range(count):
-        variances = np.linalg.inv(precision + told).diagonal(axis1=1, axis2=2)[
-            :, :6
-        ]
+        after = np.linalg.inv(precision + gain)
+        variances = after.diagonal(axis1=1, axis2=2)[:, :6]
         best = int(np.argmin(variances @ weight))
         chosen.append(flange[best])
         intervals.append(1.96 * np.sqrt(variances[best, 3:]))
-        precision = precision + told[best]
+        precision = precision + gain[best]
     return np.array(chosen), np.array(intervals)
 
 
@@ -118,35 +109,16 @@ def _candidates(
     points: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """Flange poses (n, 4, 4) near those of the rig, the camera aimed at the board."""
+    """Flange poses (n, 4, 4) of the rig's pictures, in which the board turns about its middle."""
     draws = SETTINGS.draws
-    scenes = inverse(base) @ rig.flange @ hand
+    pictures = rng.integers(len(rig.flange), size=draws)
+    scenes = inverse(base) @ rig.flange[pictures] @ hand
     if rig.eye == "hand":
         scenes = inverse(scenes)
     middle = points.mean(axis=0)
-    usual = float(
-        np.median((scenes[:, :3, :3] @ middle + scenes[:, :3, 3])[:, 2])
-    )
-    tilt = SETTINGS.tilt * np.sqrt(rng.random(draws))
-    side = rng.uniform(-np.pi, np.pi, draws)
-    turns = exponential(
-        np.stack([tilt * np.cos(side), tilt * np.sin(side), 0.0 * tilt], axis=1)
-    )
-    roll = np.pad(rng.uniform(-1.5, 1.5, (draws, 1)), ((0, 0), (2, 0)))
-    turns = exponential(roll) @ turns
-    # the middle of the board is ahead of the camera, nearer or further, a little aside
-    ahead = np.zeros((draws, 3))
-    ahead[:, 2] = usual * rng.uniform(*SETTINGS.nearer, draws)
-    ahead[:, :2] = ahead[:, 2:] * rng.normal(0.0, 0.05, (draws, 2))
-    scenes = rigid(turns, ahead - turns @ middle)
+    turns = exponential(SETTINGS.tilt * rng.uniform(-1.0, 1.0, (draws, 3)))
+    scenes = scenes @ rigid(turns, middle - turns @ middle)
+    scenes[:, :3, 3] *= rng.uniform(*SETTINGS.nearer, (draws, 1))
     if rig.eye == "hand":
-        flange = base @ inverse(scenes) @ inverse(hand)
-    else:
-        flange = base @ scenes @ inverse(hand)
-    gaps = np.linalg.norm(flange[:, None, :3, 3] - rig.flange[:, :3, 3], axis=2)
-    relative = (
-        np.swapaxes(rig.flange[:, :3, :3], 1, 2) @ flange[:, None, :3, :3]
-    )
-    angles = np.linalg.norm(logarithm(relative), axis=2)
-    is_near = ((gaps < SETTINGS.far) & (angles < SETTINGS.turned)).any(axis=1)
-    return np.asarray(flange[is_near])
+        scenes = inverse(scenes)
+    return np.asarray(base @ scenes @ inverse(hand))

@@ -7,25 +7,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arm.arm import SpatialArm
 from ..common.arrays import Mask
 from ..common.wording import listed, two_digits
+from .bundle import SCENE
 from .fit import Fit
 from .joint_motions import JointMotions
 from .problem import Setting, turning
 from .rig import HandEye
-from .start import MISSAID
 
 
 @dataclass(frozen=True)
 class Limits:
     """From where on something is told."""
 
-    turn: float = float(
-        np.radians(7.5)
-    )  # least spread of the hand's turns [rad]
+    # least spread of the hand's turns [rad]
+    turn: float = float(np.radians(7.5))
     open: float = 0.01  # of an interval [m], beyond which a direction is open
     size: float = 4e-3  # of a board's size
     focal: float = 2e-3  # of the focal length of a lens that was given
+    doubtful: float = 0.01  # of the focal length, half of its interval
     focus: float = 1e-3  # sd of the focal length from picture to picture
     repeats: tuple[float, float] = (1e-4, 3.5e-4)  # of joints [m, rad]
     # of joint origins, that no drawing is off by [m, rad]
@@ -46,24 +47,16 @@ def limit_of(setting: Setting, rig: HandEye, agreeing: Mask) -> str:
     if turns[1] < LIMITS.turn:
         return f"few turns of the wrist (by {np.degrees(turns[1]):.1f} deg about one axis); {add}"
     focal = rig.lens["focal_95"] / rig.lens["focal"]
-    if focal > 0.01:
+    if focal > LIMITS.doubtful:
         return (
             f"the lens (its focal length is known to {100 * focal:.1f} %); add pictures with the "
             "board tilted, nearer and further away, or give a lens"
         )
-    shift = 1e3 * rig.repeatability["position"]
-    turn = np.degrees(rig.repeatability["rotation"])
-    if shift > 0.02 or turn > 5e-3:
-        return (
-            f"the arm's repeatability ({two_digits(shift)} mm and "
-            f"{two_digits(turn)} deg in each pose); "
-            f"{add}, or let the arm stand still for each"
-        )
-    off = rig.reprojection["mean"]
-    if off > 0.5:
-        return f"blur (corners miss by {two_digits(off)} px); let the arm stand still for each"
     hand = 1e3 * max(rig.hand["position_95_up_to_gauge"])
-    return f"the arm's own errors (hand known to {hand:.1f} mm); {add}"
+    return (
+        f"the arm, which repeats to {rig.repeats} (what is in the hand is known to "
+        f"{two_digits(hand)} mm); {add}, or let the arm stand still for each"
+    )
 
 
 def notes_of(
@@ -73,40 +66,33 @@ def notes_of(
     notes: list[str] = []
     for view in setting.views:
         notes += [*view.shots.notes, *view.doubts]
-    notes += _convention(setting)
-    notes += _contradicting(setting, rig, agreeing)
+    choice = setting.choice
+    if choice is not None:
+        notes.append(
+            f"poses are read as {choice.reading.words}, lengths in {choice.convention['unit']}; "
+            f"the next reading fits {choice.convention['ratio']:.3g} times worse"
+        )
+        if choice.ties:
+            notes.append(f"not told apart from it: {'; '.join(choice.ties)}")
+    notes += _contradicting(rig, agreeing)
     notes += _open(rig, agreeing)
-    notes += _size(setting, rig)
+    notes += _size(rig)
     notes += _lenses(setting, fit)
-    notes += _nearness(rig) if setting.arm is None else _arm(setting, fit, rig)
+    arm = setting.arm
+    notes += _nearness(rig) if arm is None else _arm(setting, arm, fit, rig)
     return tuple(notes)
 
 
-def _convention(setting: Setting) -> Iterator[str]:
-    if setting.choice is None:
-        return
-    convention = setting.choice.convention
-    yield (
-        f"poses are read as {setting.choice.reading.words}, lengths in {convention['unit']}; the "
-        f"next reading fits {convention['ratio']:.3g} times worse"
-    )
-    if setting.choice.ties:
-        yield f"not told apart from it: {'; '.join(setting.choice.ties)}"
-
-
-def _contradicting(
-    setting: Setting, rig: HandEye, agreeing: Mask
-) -> Iterator[str]:
+def _contradicting(rig: HandEye, agreeing: Mask) -> Iterator[str]:
     names = rig.left_out
     if not names:
         return
     is_end = len(names) > 1 and not agreeing[-len(names) :].any()
     where = f"from {names[0]} on" if is_end else "in them"
-    motions = "poses" if setting.arm is None else "joints"
     yield (
         f"{len(names)} pictures contradict the others and are left out ({listed(names)}): {where} "
-        f"camera or board was moved, the camera refocused or zoomed, or the {motions} are not "
-        "theirs"
+        "camera or board was moved, the camera refocused or zoomed, or the joints or poses are "
+        "not theirs"
     )
 
 
@@ -115,59 +101,45 @@ def _open(rig: HandEye, agreeing: Mask) -> Iterator[str]:
     if max(rig.hand["position_95_up_to_gauge"]) < LIMITS.open:
         return
     squares, directions = np.linalg.eigh(rig.covariance[3:6, 3:6])
-    off = 1.96 * float(np.sqrt(max(squares[-1], 0.0)))
+    off = 1.96e3 * float(np.sqrt(max(squares[-1], 0.0)))
     turns, axes = turning(rig.flange[agreeing])
-    degrees = np.degrees(turns).tolist()
-    along, second, third = (
+    first, second, third = map(two_digits, np.degrees(turns).tolist())
+    along, one, other = (
         ", ".join(f"{value:+.2f}" for value in axis)
         for axis in (directions[:, -1], axes[1], axes[2])
     )
     yield (
-        f"what is in the hand is open along ({along}) of the flange, to ± "
-        f"{two_digits(1e3 * off)} mm: the hand turns by {two_digits(degrees[0])} deg about one "
-        f"axis, by {two_digits(degrees[1])} and {two_digits(degrees[2])} about the others. "
-        f"Two poses more tell it: turned by 30 deg about ({second}) and about "
-        f"({third}) of the flange"
+        f"what is in the hand is open along ({along}) of the flange, to ± {two_digits(off)} mm: "
+        f"the hand turns by {first} deg about one axis, by {second} and {third} about the others. "
+        f"Two poses more tell it: turned by 30 deg about ({one}) and about ({other}) of the flange"
     )
 
 
-def _size(setting: Setting, rig: HandEye) -> Iterator[str]:
+def _size(rig: HandEye) -> Iterator[str]:
     stated = rig.square["said"]
     measured = rig.square["measured"]
     low, high = rig.square["interval"]
-    if abs(measured / stated - 1.0) < LIMITS.size or low < stated < high:
-        return
-    source = (
-        "the flange's motions"
-        if setting.arm is None
-        else "the drawn arm's size"
-    )
-    yield (
-        f"the board's squares measure {1e3 * measured:.4g} mm (95 %: {1e3 * low:.4g} to "
-        f"{1e3 * high:.4g}) by {source}, {1e3 * stated:.4g} mm as said: the measured size is used; "
-        "measure the print, and give its size in `board`"
-    )
-    if abs(np.log(measured / stated)) > MISSAID:
+    if abs(measured / stated - 1.0) > LIMITS.size and not low < stated < high:
         yield (
-            "a fit that begins so far from the board's size may end where it is not best, and call "
-            "a camera refocusing: run it again with the measured size in `board`"
+            f"the board's squares measure {1e3 * measured:.4g} mm (95 %: {1e3 * low:.4g} to "
+            f"{1e3 * high:.4g}) by the arm's motions, {1e3 * stated:.4g} mm as said: the measured "
+            "size is used; measure the print, and give its size in `board`"
         )
 
 
 def _lenses(setting: Setting, fit: Fit) -> Iterator[str]:
-    layout = setting.problem.bundle.layout
+    lenses = setting.problem.bundle.layout.lenses
     for number, view in enumerate(setting.views):
-        focus = float(fit.noise.focus[number])
+        focus = float(fit.noise.error[SCENE + number])
         if focus > LIMITS.focus:
             yield (
                 f"{view.name}: the focal length changes by {two_digits(100 * focus)} % from "
-                "picture to "
-                "picture: switch the camera's autofocus off and take the pictures again; the "
-                "intervals are wider for it"
+                "picture to picture: switch the camera's autofocus off and take the pictures "
+                "again; the intervals are wider for it"
             )
         if view.given is None:
             continue
-        focal = fit.unknowns.values[layout.lens(number)[:2]].mean()
+        focal = fit.unknowns.values[lenses[number, :2]].mean()
         given = float(view.given.focal.mean())
         off = focal / given - 1.0
         if abs(off) > LIMITS.focal:
@@ -191,23 +163,21 @@ def _nearness(rig: HandEye) -> Iterator[str]:
         )
 
 
-def _arm(setting: Setting, fit: Fit, rig: HandEye) -> Iterator[str]:
+def _arm(
+    setting: Setting, arm: SpatialArm, fit: Fit, rig: HandEye
+) -> Iterator[str]:
     """How good the arm is, whether it is this one, and what no picture tells of joints."""
-    arm = setting.arm
-    motions = setting.problem.bundle.motions
-    assert arm is not None  # noqa: S101 - called with joints alone
-    assert isinstance(motions, JointMotions)  # noqa: S101
-    shift = rig.repeatability["position"]
-    turn = rig.repeatability["rotation"]
-    if shift > LIMITS.repeats[0] or turn > LIMITS.repeats[1]:
+    bundle = setting.problem.bundle
+    most_shift, most_turn = LIMITS.repeats
+    is_loose = rig.repeatability["rotation"] > most_turn
+    if is_loose or rig.repeatability["position"] > most_shift:
         yield (
-            f"the arm repeats to {two_digits(np.degrees(turn))} deg and "
-            f"{two_digits(1e3 * shift)} mm (sd of a pose "
-            "beyond what zeros and geometry explain): play, or joints that were read while it "
-            "moved"
+            f"the arm repeats to {rig.repeats} (sd of a pose beyond what zeros and geometry "
+            "explain): play, or joints that were read while it moved"
         )
-    values = fit.unknowns.values[setting.problem.bundle.layout.arm_values]
-    name, shifted, turned = motions.largest_move(values)
+    assert isinstance(bundle.motions, JointMotions)  # noqa: S101 - of an arm
+    moves = bundle.motions.largest_move(fit.unknowns.values[bundle.layout.arm])
+    name, shifted, turned = moves
     if shifted > LIMITS.drawing[0] or turned > LIMITS.drawing[1]:
         yield (
             f"the chain has to move by {two_digits(1e3 * shifted)} mm and "

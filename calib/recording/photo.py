@@ -23,13 +23,13 @@ from .tags import TagFinder
 WIDEST = 1000
 """Pixels along a kept photo's longer side, at most."""
 
-_AROUND = 0.12  # of the workspace's sides, shown beyond it
-_QUALITY = 82
-# blue, green, red
-_TIP = (60, 200, 60)
-_OTHER = (210, 210, 210)
-_BOARD = (230, 90, 230)
-_PLACES = (0, 200, 255)
+COLOURS = {
+    "tip": (60, 200, 60),
+    "mark": (230, 90, 230),
+    "ignored": (210, 210, 210),
+    "place": (255, 200, 0),
+}
+"""Red, green and blue of what is drawn."""
 
 
 def take_photo(
@@ -71,10 +71,10 @@ def take_photo(
         )
     if reference is None:
         return Photo(_packed(picture), (-0.5, width - 0.5, height - 0.5, -0.5))
-    # the plane of the positions as a camera straight above would see it
+    # the plane of the positions as a camera straight above would see it, and some of it beyond
     low = x[inside].min(axis=0)
     high = x[inside].max(axis=0)
-    margin = _AROUND * (high - low).max()
+    margin = 0.12 * (high - low).max()
     low = low - margin
     high = high + margin
     step = (high - low).max() / WIDEST
@@ -82,15 +82,15 @@ def take_photo(
         np.arange(low[k] + 0.5 * step, high[k], step) for k in range(2)
     )
     plane = np.stack(np.meshgrid(along, up[::-1]), axis=-1)
-    at = (
-        reference.pixels(plane.reshape(-1, 2))
-        .reshape(plane.shape)
-        .astype(np.float32)
-    )
+    at = reference.pixels(plane.reshape(-1, 2)).reshape(plane.shape)
     cv2 = opencv()
-    white = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": (255, 255, 255)}
     above = cv2.remap(
-        picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, **white
+        picture,
+        at.astype(np.float32),
+        None,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=(255, 255, 255),
     )
     west, bottom = low
     right, top = low + step * np.array([len(along), len(up)])
@@ -116,7 +116,7 @@ def _packed(picture: Picture) -> bytes:
     image = Image.fromarray(picture)
     image.thumbnail((WIDEST, WIDEST), Image.Resampling.LANCZOS)
     buffer = io.BytesIO()
-    image.save(buffer, "JPEG", quality=_QUALITY, optimize=True)
+    image.save(buffer, "JPEG", quality=82, optimize=True)
     return buffer.getvalue()
 
 
@@ -128,42 +128,25 @@ def write_seen(
     The photo is red, green, blue; `places` (n, 2) [px] are where the tag's centre was seen.
     """
     cv2 = opencv()
-    grey, canvas = (
-        cv2.cvtColor(photo, code)
-        for code in (cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR)
-    )
+    canvas = photo.copy()
     thick = max(1, round(max(canvas.shape) / 640))
-
-    def circles(
-        places: Array, radius: int, colour: tuple[int, int, int], line: int
-    ) -> None:
-        for u, v in np.round(places).astype(int).tolist():
-            cv2.circle(
-                canvas, (u, v), radius * thick, colour, line, cv2.LINE_AA
-            )
-
-    circles(places, 3, _PLACES, -1)
+    grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
     for tag in TagFinder(setting.dictionary).find(grey):
-        expected = tag.number in setting.finder.numbers
-        colour = (
-            _TIP
-            if tag.number == setting.tag
-            else _BOARD
-            if expected
-            else _OTHER
-        )
+        words = f"{tag.number}"
+        colour = COLOURS["tip" if tag.number == setting.tag else "mark"]
+        if tag.number not in setting.finder.numbers:
+            words = f"{tag.number} ignored"
+            colour = COLOURS["ignored"]
         corners = np.round(tag.corners).astype(np.int32)
         cv2.polylines(canvas, [corners], True, colour, thick + 1, cv2.LINE_AA)
-        words = f"{tag.number}" if expected else f"{tag.number} ignored"
         at = (corners.max(axis=0) + 4).tolist()
         cv2.putText(
             canvas, words, at, 0, 0.55 * thick, colour, thick, cv2.LINE_AA
         )
-    if setting.board is not None:
-        circles(
-            np.array([*setting.marks(grey, ()).values()]).reshape(-1, 2),
-            4,
-            _BOARD,
-            thick,
-        )
-    atomic_write(path, cv2.imencode(".png", canvas)[1].tobytes())
+    marks = {} if setting.board is None else setting.marks(grey, ())
+    circles = {"place": places, "mark": marks.values()}
+    for what, centres in circles.items():
+        for centre in centres:
+            at = np.round(centre).astype(int).tolist()
+            cv2.circle(canvas, at, 3 * thick, COLOURS[what], -1, cv2.LINE_AA)
+    atomic_write(path, cv2.imencode(".png", canvas[:, :, ::-1])[1].tobytes())

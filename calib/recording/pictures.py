@@ -6,6 +6,7 @@ import io
 import os
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from glob import glob
 from importlib import import_module
 from pathlib import Path
@@ -26,20 +27,18 @@ Frame = tuple[int, str, Picture]
 
 
 def opencv() -> Any:
-    """Import OpenCV and silence what it and FFmpeg write to standard error.
-
-    Raises LogError if it is missing.
-    """
+    """Import OpenCV and silence what it writes to standard error; LogError if it is missing."""
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    os.environ.setdefault(
-        "OPENCV_FFMPEG_LOGLEVEL", "-8"
-    )  # read when a video is opened
+    return package("cv2")
+
+
+def package(name: str) -> Any:
+    """Import a package of the extra `camera`; LogError if it is missing."""
     try:
-        return import_module("cv2")
+        return import_module(name)
     except ImportError:
-        raise LogError(
-            f"reading pictures needs OpenCV: {INSTALL.format('camera')}"
-        ) from None
+        what = {"cv2": "pictures needs OpenCV", "av": "videos needs PyAV"}[name]
+        raise LogError(f"reading {what}: {INSTALL.format('camera')}") from None
 
 
 def _natural(path: Path) -> list[tuple[int, int | str]]:
@@ -95,12 +94,6 @@ def read_picture(
         with Image.open(io.BytesIO(Path(path).read_bytes())) as opened:
             opened.load()
             image = ImageOps.exif_transpose(opened)
-            if image.mode.startswith("I") or image.mode == "F":
-                values = np.asarray(image, float)
-                scale = 256.0 if values.max(initial=0.0) > 255 else 1.0
-                image = Image.fromarray(
-                    np.clip(values / scale, 0, 255).astype(np.uint8)
-                )
             return np.array(image.convert("RGB" if colour else "L"))
     except (
         OSError,
@@ -141,51 +134,25 @@ def read_series(paths: Sequence[Path], damaged: list[str]) -> Iterator[Frame]:
 
 
 class Video:
-    """A video that OpenCV can read; LogError if it is none."""
+    """A video that FFmpeg can read; LogError if it is none."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.name = Path(path).name
+        self._decoder = package("av")
         try:
-            with Path(path).open("rb") as file:
-                start = file.read(512)
-        except OSError as error:
+            self._container = self._decoder.open(os.fspath(path))
+            self.claimed = int(self._container.streams.video[0].frames)
+        except (OSError, ValueError, IndexError) as error:
             raise LogError(
-                f"cannot read {os.fspath(path)!r}: {error.strerror}"
+                f"video {os.fspath(path)!r} cannot be read ({error}): expected mp4, mov, avi, mkv "
+                "or webm"
             ) from None
-        # FFmpeg draws a text file as a video of its letters
-        text = bool(start) and all(
-            32 <= byte < 127 or byte in b"\r\n\t" for byte in start
-        )
-        cv2 = opencv()
-        self._capture: Any = (
-            None if text else cv2.VideoCapture(os.fspath(path), cv2.CAP_FFMPEG)
-        )
-        if self._capture is None or not self._capture.isOpened():
-            raise LogError(
-                f"{self.name} is no video that OpenCV can read: expected mp4, mov, avi, mkv or webm"
-            )
-        self.claimed = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
 
     def frames(self) -> Iterator[tuple[float, Picture]]:
-        """Yield times [s] and grey frames."""
+        """Yield times [s] and grey frames, of one that is cut off or damaged to where it is."""
         cv2 = opencv()
-        capture = self._capture
-        last = -np.inf
-        rate = float(capture.get(cv2.CAP_PROP_FPS))
-        while (read := capture.read())[0] and read[1] is not None:
-            stamp = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
-            if not stamp > last:  # a file without times: its rate must do
-                stamp = (
-                    max(last, 0.0) + 1.0 / rate
-                    if rate > 0 and last > -np.inf
-                    else 0.0
-                )
-            last = stamp
-            frame = read[1]
-            yield (
-                stamp,
-                frame
-                if frame.ndim == 2
-                else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY),
-            )
-        capture.release()
+        with self._container, suppress(self._decoder.error.FFmpegError):
+            for image in self._container.decode(video=0):
+                colours = image.to_ndarray(format="bgr24")
+                grey = cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY)
+                yield float(image.time), grey

@@ -34,11 +34,9 @@ def refuse_readings(
     base = structure.with_view("base")
     neutral = structure.neutral()
 
-    def misfit(
-        values: Array, sight: BoardPoses, rounds: int = 4
-    ) -> tuple[float, float]:
+    def misfit(values: Array, sight: BoardPoses) -> tuple[float, float]:
         places, turns = base.pose(values, neutral)
-        start = find_start(rigid(turns, places), sight, rounds, unit="m")
+        start = find_start(rigid(turns, places), sight, "m")
         return start.misfit, start.size
 
     own, size = misfit(q, seen)
@@ -55,7 +53,7 @@ def refuse_readings(
             if finding.kind == "eye"
             else few
         )
-        there, _ = misfit(values[some], sight, 1)
+        there, _ = misfit(values[some], sight)
         if there < _CLEAR * best:
             best = there
             words = finding.words

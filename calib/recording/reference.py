@@ -18,11 +18,19 @@ from .board import LEAST_CORNERS, Board
 from .lens import Lens
 from .pictures import opencv
 
-_LEAST_NOISE = 0.01  # [px]; corners are credited with no less
-_HALF = np.array([[0.5, 0.0], [0.0, 0.5]])  # [px], steps of a finite difference
-_MOVED = 0.7  # [px]; marks further off than this are elsewhere
-_STRETCH = 1.5e-3  # growth of the marks that a new focus is told by
-_MOST_OFF = 0.3  # share of the pictures in which the marks may be elsewhere
+
+@dataclass(frozen=True)
+class Settings:
+    """When a reference is where it was."""
+
+    noise: float = 0.01  # [px]; corners are credited with no less
+    moved: float = 0.7  # [px]; marks further off than this are elsewhere
+    stretch: float = 1.5e-3  # growth of the marks that a new focus is told by
+    # share of the pictures in which the marks may be elsewhere
+    elsewhere: float = 0.3
+
+
+SETTINGS = Settings()
 
 Marks = Mapping[int, Array]
 """Places (2,) by number: of corners, or of tags' centres."""
@@ -65,30 +73,25 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
         raise LogError(
             "the reference's points lie on a line or in one place: no pose fits them"
         )
-    fits = []
+    least = np.inf
     for start in zip(turns, shifts, strict=True):
         turn, shift = cv2.solvePnPRefineLM(points, pixels, *camera, *start)
         projected, slopes = cv2.projectPoints(points, turn, shift, *camera)
-        miss = pixels - projected.reshape(-1, 2)
-        fits.append(
-            (
-                float((miss**2).sum()),
-                exponential(turn.ravel()),
-                shift.ravel(),
-                slopes,
-            )
-        )
-    square, rotation, shift, slopes = min(fits, key=lambda fit: fit[0])
+        square = float(((pixels - projected.reshape(-1, 2)) ** 2).sum())
+        if square < least:
+            least = square
+            best = (turn.ravel(), shift.ravel(), slopes)
+    turn, shift, slopes = best
+    rotation = exponential(turn)
     by = slopes[:, 3:6].reshape(-1, 2, 3)
-    by_pose = np.concatenate(
-        [-by @ cross_matrix(points @ rotation.T), by], axis=2
-    ).reshape(-1, 6)
+    by_turn = -by @ cross_matrix(points @ rotation.T)
+    by_pose = np.concatenate([by_turn, by], axis=2).reshape(-1, 6)
     # where the lens is not as it was taken to be, the pose follows it
     follows = np.vstack(
         [-np.linalg.lstsq(by_pose, slopes[:, 6:15], rcond=None)[0], np.eye(9)]
     )
     covariance = follows @ lens.covariance @ follows.T
-    variance = max(square / max(len(by_pose) - 6, 1), _LEAST_NOISE**2)
+    variance = max(least / max(len(by_pose) - 6, 1), SETTINGS.noise**2)
     covariance[:6, :6] += np.linalg.pinv(by_pose.T @ by_pose) * variance
     return Pose(rotation, shift, covariance)
 
@@ -123,18 +126,19 @@ class PlaneReference:
         """Return the scale of a pixel (n,), and the sd (n,) that pose and lens make for all [m]."""
         base = self.positions(pixels)
         variance = np.zeros(len(pixels))
-        x, y = (self.positions(pixels + step) - base for step in _HALF)
+        half = [self.positions(pixels + step) - base for step in np.eye(2) / 2]
         values, vectors = np.linalg.eigh(self.pose.covariance)
         for d in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
-            turned = exponential(d[:3]) @ self.pose.rotation
             pose = replace(
-                self.pose, rotation=turned, shift=self.pose.shift + d[3:6]
+                self.pose,
+                rotation=exponential(d[:3]) @ self.pose.rotation,
+                shift=self.pose.shift + d[3:6],
             )
-            moved = replace(
-                self, lens=self.lens.moved(d[6:]), pose=pose
-            ).positions(pixels)
-            variance += ((moved - base) ** 2).sum(1) / 2.0
-        return np.sqrt(2.0 * (x**2 + y**2).sum(1)), np.sqrt(variance)
+            other = replace(self, lens=self.lens.moved(d[6:]), pose=pose)
+            moved = other.positions(pixels) - base
+            variance += (moved**2).sum(axis=1) / 2.0
+        scale = np.sqrt(2.0 * np.square(half).sum(axis=(0, 2)))
+        return scale, np.sqrt(variance)
 
     def to_json(self) -> dict[str, Any]:
         """Return the camera's pose over the frame, as plain values."""
@@ -230,34 +234,34 @@ def watch(
     off = frozenset(
         number for number, marks in looked.items() if _elsewhere(middle, marks)
     )
-    if len(off) > _MOST_OFF * len(looked):
+    if len(off) > SETTINGS.elsewhere * len(looked):
         raise LogError(
             f"{layout.what} is elsewhere, or of another size, in {len(off)} of {len(looked)} "
             "pictures: was the camera bumped, is it loose, or does it refocus? fix it and switch "
             "its autofocus off, or make a log of each part"
         )
-    settled = _middle(
-        [marks for number, marks in looked.items() if number not in off]
-    )
+    settled = _middle([looked[number] for number in looked.keys() - off])
     points = np.array([[*layout.points[number], 0.0] for number in settled])
     pose = find_pose(lens, points, np.array([*settled.values()]))
     return PlaneReference(lens, pose, height), off
 
 
 def _middle(group: Sequence[Marks]) -> dict[int, Array]:
-    numbers = sorted({n for marks in group for n in marks})
+    """The median place of each mark."""
+    numbers = sorted({number for marks in group for number in marks})
     return {
-        n: np.median([m[n] for m in group if n in m], axis=0) for n in numbers
+        number: np.median([m[number] for m in group if number in m], axis=0)
+        for number in numbers
     }
 
 
 def _elsewhere(middle: Marks, marks: Marks) -> bool:
     """Whether marks moved, by the median of them, or grew by a new focus, as a pose cannot tell."""
-    a = np.array([middle[n] for n in marks])
-    b = np.array([*marks.values()])
-    moved = np.linalg.norm(b - a, axis=1)
-    growth = similarity(a, b)[2] - 1.0
-    return bool(
-        np.median(moved) > _MOVED
-        or (abs(growth) > _STRETCH and moved.max() > _MOVED)
+    usual = np.array([middle[number] for number in marks])
+    places = np.array([*marks.values()])
+    moved = np.linalg.norm(places - usual, axis=1)
+    growth = similarity(usual, places)[2] - 1.0
+    is_refocused = (
+        abs(growth) > SETTINGS.stretch and moved.max() > SETTINGS.moved
     )
+    return bool(np.median(moved) > SETTINGS.moved or is_refocused)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, TypedDict
 
@@ -18,9 +19,9 @@ from ..samples.samples import Samples
 from .conventions import Convention
 
 KIND = "rig"
-VERSION = 1
-ARRAYS = ("flange", "misses", "covariance")
-TUPLES = ("notes", "left_out", "names", "frames")
+UNWRITTEN = ("poses", "body")
+FILED = ("flange", "misses", "covariance", "names", "frames", "photo")
+"""What files hold, and JSON for people does not."""
 
 Place = dict[str, list[float]]
 """A place as JSON: position [m], quaternion, and half-widths of 95 % intervals [m, rad]."""
@@ -31,12 +32,10 @@ class LensFacts(TypedDict):
 
     focal: float  # [px]
     centre: list[float]
-    k1: float
     focal_95: float
     known: bool
     matrix: list[list[float]]
     distortion: list[float]  # k1, k2, p1, p2, k3
-    parameters_95: list[float]  # of focal lengths, centre and distortion
     size: list[int]
 
 
@@ -61,12 +60,20 @@ class CameraPlace:
 
     def to_json(self) -> dict[str, object]:
         """What `calib handeye --json` prints of it."""
-        where = "hand" if self.eye == "hand" else "base"
         document: dict[str, object] = {"name": self.name, "eye": self.eye}
-        document |= {where: self.place, "lens": self.lens}
+        document |= {self.eye: self.place, "lens": self.lens}
         if self.from_first is not None:
             document["from_first"] = self.from_first
         return document
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any]) -> CameraPlace:
+        """The camera that `to_json` told."""
+        eye = document["eye"]
+        first = document.get("from_first")
+        return cls(
+            document["name"], eye, document[eye], document["lens"], first
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,20 +81,28 @@ class Photo:
     """A picture that the fit did not see, with its corners [px]."""
 
     name: str
-    camera: int
     jpeg: bytes
     corners: Array  # (m, 2), as they are
     predicted: Array  # (m, 2)
 
-    def document(self) -> dict[str, object]:
+    def to_json(self) -> dict[str, object]:
         """As plain values."""
         return {
             "name": self.name,
-            "camera": self.camera,
             "jpeg": base64.b64encode(self.jpeg).decode(),
             "corners": self.corners.tolist(),
             "predicted": self.predicted.tolist(),
         }
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any]) -> Photo:
+        """The photo that `to_json` told."""
+        return cls(
+            document["name"],
+            base64.b64decode(document["jpeg"]),
+            corners=np.array(document["corners"], float).reshape(-1, 2),
+            predicted=np.array(document["predicted"], float).reshape(-1, 2),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,20 +119,18 @@ class HandEye:
     used: int  # motions that the fit rests on
     hand: Place  # what is in the hand, in the tip's or the flange's frame
     base: Place  # what stands still, in the base's
-    reprojection: dict[str, float]  # mean and largest distance of corners [px]
+    # mean and largest distance of corners [px]
+    reprojection: dict[str, float]
     lens: LensFacts  # of the first camera
     limited_by: str  # what limits the accuracy, and what would help most
     notes: tuple[str, ...]
-    repeatability: dict[
-        str, float
-    ]  # sd of the arm's poses: position [m], rotation [rad]
+    # sd of the arm's poses: position [m], rotation [rad]
+    repeatability: dict[str, float]
     square: Square
-    board: dict[
-        str, object
-    ]  # its text, and its corners as fitted, in its frame [m]
-    held_out: dict[
-        str, float
-    ]  # rms and median of pictures predicted by others [px]
+    # its text, and its corners as fitted, in its frame [m]
+    board: dict[str, object]
+    # rms and median of pictures predicted by others [px]
+    held_out: dict[str, float]
     left_out: tuple[str, ...]  # names of pictures
     cameras: tuple[CameraPlace, ...]
     convention: Convention | None  # what the poses mean
@@ -142,37 +155,34 @@ class HandEye:
         """What stands still."""
         return "board" if self.eye == "hand" else "camera"
 
+    @property
+    def repeats(self) -> str:
+        """The arm's repeatability for people."""
+        shift = 1e3 * self.repeatability["position"]
+        turn = np.degrees(self.repeatability["rotation"])
+        return f"{two_digits(shift)} mm and {two_digits(turn)} deg"
+
+    def document(self) -> dict[str, Any]:
+        """All but the log and the body, as plain values."""
+        names = [field.name for field in fields(self)]
+        return {
+            name: _plain(getattr(self, name))
+            for name in names
+            if name not in UNWRITTEN
+        }
+
     def to_json(self) -> dict[str, object]:
         """What `calib handeye --json` prints."""
-        own = {*ARRAYS, "frames", "names", "photo", "poses", "body"}
-        document = {
-            field.name: getattr(self, field.name)
-            for field in fields(self)
-            if field.name not in own
-        }
-        document["cameras"] = [camera.to_json() for camera in self.cameras]
-        for name in ("notes", "left_out"):
-            document[name] = list(document[name])
+        document = self.document()
+        for name in FILED:
+            del document[name]
         if self.convention is None:
             del document["convention"]
         return document
 
-    def document(self) -> dict[str, Any]:
-        """All but the log and the body, as plain values."""
-        document: dict[str, Any] = {
-            **self.to_json(),
-            "convention": self.convention,
-        }
-        document |= {name: getattr(self, name).tolist() for name in ARRAYS}
-        document |= {name: list(getattr(self, name)) for name in TUPLES}
-        document["photo"] = None
-        if self.photo is not None:
-            document["photo"] = self.photo.document()
-        return document
-
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write all but the log into one file: the same rig gives the same bytes."""
-        header = {"kind": KIND, "format": VERSION, KIND: self.document()}
+        header = {"kind": KIND, "format": 1, KIND: self.document()}
         atomic_write(path, pack(header, {}))
 
     def lines(self) -> list[str]:
@@ -190,18 +200,27 @@ class HandEye:
             if camera.from_first is not None:
                 words = f"{camera.name} in the first camera's frame"
                 lines.append(_line(words, camera.from_first))
-        shift = 1e3 * self.repeatability["position"]
-        turn = np.degrees(self.repeatability["rotation"])
-        lines += [
+        mean, largest = map(two_digits, self.reprojection.values())
+        return [
+            *lines,
             "pictures that the fit did not see are predicted to "
-            f"{two_digits(self.held_out['rms'])} px; corners to "
-            f"{two_digits(self.reprojection['mean'])} px (largest "
-            f"{two_digits(self.reprojection['max'])}); {self.used} of {self.pictures} pictures",
-            f"this arm repeats to {two_digits(shift)} mm and {two_digits(turn)} deg",
+            f"{two_digits(self.held_out['rms'])} px; corners to {mean} px (largest {largest}); "
+            f"{self.used} of {self.pictures} pictures",
+            f"this arm repeats to {self.repeats}",
             f"lens: focal length {self.lens['focal']:.1f} ± {two_digits(self.lens['focal_95'])} px",
             f"limited by {self.limited_by}",
         ]
-        return lines
+
+
+def _plain(value: object) -> object:
+    """A value without arrays and classes."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, tuple):
+        return [_plain(part) for part in value]
+    if isinstance(value, CameraPlace | Photo):
+        return value.to_json()
+    return value
 
 
 def _line(what: str, place: Place) -> str:

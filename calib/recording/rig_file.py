@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import os
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,7 @@ import numpy as np
 from ..errors import ModelError
 from ..model.model import Model
 from ..model_file.container import check_sum, unpack
-from .rig import ARRAYS, KIND, TUPLES, VERSION, CameraPlace, HandEye, Photo
+from .rig import KIND, CameraPlace, HandEye, Photo
 
 
 def rig_of(document: Mapping[str, Any]) -> HandEye:
@@ -22,36 +20,15 @@ def rig_of(document: Mapping[str, Any]) -> HandEye:
 
     Raises KeyError, TypeError, ValueError if it is none.
     """
-    values = {
-        field.name: document[field.name]
-        for field in fields(HandEye)
-        if field.name not in ("poses", "body")
-    }
-    values |= {name: np.array(document[name], float) for name in ARRAYS}
-    values |= {name: tuple(document[name]) for name in TUPLES}
-    values["cameras"] = tuple(_camera(camera) for camera in document["cameras"])
-    photo = document["photo"]
-    if photo is not None:
-        values["photo"] = Photo(
-            name=photo["name"],
-            camera=photo["camera"],
-            jpeg=base64.b64decode(photo["jpeg"]),
-            corners=np.array(photo["corners"], float).reshape(-1, 2),
-            predicted=np.array(photo["predicted"], float).reshape(-1, 2),
-        )
+    values = dict(document)
+    for name in ("flange", "misses", "covariance"):
+        values[name] = np.array(document[name], float)
+    for name in ("notes", "left_out", "names", "frames"):
+        values[name] = tuple(document[name])
+    values["cameras"] = tuple(map(CameraPlace.of, document["cameras"]))
+    if document["photo"] is not None:
+        values["photo"] = Photo.of(document["photo"])
     return HandEye(**values)
-
-
-def _camera(document: Mapping[str, Any]) -> CameraPlace:
-    eye = document["eye"]
-    place = document["hand" if eye == "hand" else "base"]
-    return CameraPlace(
-        document["name"],
-        eye,
-        place,
-        document["lens"],
-        document.get("from_first"),
-    )
 
 
 def is_rig(path: str | os.PathLike[str]) -> bool:
@@ -71,20 +48,13 @@ def load_rig(path: str | os.PathLike[str]) -> HandEye:
     name = str(path)
     try:
         header, tensors = unpack(Path(path).read_bytes(), name)
-    except OSError as error:
-        raise ModelError(
-            f"{name}: cannot be read ({error.strerror})"
-        ) from error
-    if header.get("kind") != KIND or header.get("format") != VERSION:
-        raise ModelError(
-            f"{name}: no rig: expected what calib handeye -o writes"
-        )
-    check_sum(header, tensors, name)
-    document: Any = header[KIND]
-    try:
+        check_sum(header, tensors, name)
+        document: Any = header[KIND]
         return rig_of(document)
-    except (LookupError, TypeError, ValueError) as error:
-        raise ModelError(f"{name}: not complete ({error})") from error
+    except (OSError, LookupError, TypeError, ValueError) as error:
+        raise ModelError(
+            f"{name}: no rig: expected what calib handeye -o writes ({error})"
+        ) from error
 
 
 def rig_of_model(model: Model) -> HandEye | None:

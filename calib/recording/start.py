@@ -5,7 +5,7 @@ Half turns of a chessboard that looks the same from both ends follow from the mo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from .rigid import inverse, rigid
 MISSAID = 0.3
 """Log of a board's size over the stated one, that is none."""
 
+ROUNDS = 4
+"""Rounds in which pictures that contradict are weighed down."""
+
 UNITS = ("m", "cm", "mm", "in")
 
 
@@ -26,16 +29,13 @@ class BoardPoses:
 
     poses: Array  # (n, 4, 4) [m]
     ends: Array  # (k, 3), corners of the board [m]
-    half_turn: (
-        Array | None
-    )  # (4, 4) [m], of a board that looks the same from its ends
+    # (4, 4) [m], of a board that looks the same from its ends
+    half_turn: Array | None
     in_hand: bool  # whether the camera is in the hand
 
     def take(self, rows: Index) -> BoardPoses:
         """Some of the pictures."""
-        return BoardPoses(
-            self.poses[rows], self.ends, self.half_turn, self.in_hand
-        )
+        return replace(self, poses=self.poses[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,8 @@ class Start:
     camera: Array  # (4, 4), X [m]
     board: Array  # (4, 4), Y [m]
     unit: str
-    size: float  # log of the board's size over the stated one
+    # log of the board's size over the stated one; minus infinity of one behind the camera
+    size: float
     misfit: float  # of the median picture, as the camera sees it [rad]
     turned: Mask  # (n,), pictures numbered from the board's other end
 
@@ -56,46 +57,54 @@ class Start:
 
 
 def find_start(
-    flange: Array,
-    boards: BoardPoses,
-    rounds: int = 4,
-    unit: str | None = None,
-    *,
-    sized: bool = False,
+    flange: Array, boards: BoardPoses, unit: str | None = None
 ) -> Start:
-    """Solve for camera and board; pictures that contradict are weighed down.
+    """Solve for camera and board; where the motions tell no lengths, with the board as stated.
+
+    A flange that turns on the spot fits in any unit: then it is some 0.6 m from the base.
 
     flange : (n, 4, 4), in the base
-    rounds : in which pictures are weighed
     unit : of its lengths; by default the one in which the board is nearest to its stated size
-    sized : whether the board has its stated size in that unit
     """
-    length = METRES[unit] if unit is not None and sized else None
+    start = _solved(flange, boards, unit)
+    if abs(start.size) < MISSAID:
+        return start
+    distances = np.linalg.norm(flange[:, :3, 3], axis=1)
+    distance = max(float(np.median(distances)), 1e-9)
+    usual = sorted(
+        UNITS, key=lambda name: abs(np.log(distance / METRES[name] / 0.6))
+    )
+    for name in [unit] if unit else usual:
+        sized = _solved(flange, boards, name, METRES[name])
+        if sized.misfit < max(1.3 * start.misfit, np.radians(0.2)):
+            return sized
+    return start
+
+
+def _solved(
+    flange: Array,
+    boards: BoardPoses,
+    unit: str | None,
+    length: float | None = None,
+) -> Start:
+    """Camera and board; `length` is that of a metre in the flange's unit, where boards tell it."""
     motions = inverse(flange) if boards.in_hand else flange
     weights = np.ones(len(motions))
     turn = boards.half_turn
     turned = np.zeros(len(motions), bool)
     poses = boards.poses
     if turn is not None:
-        turned = half_turned(motions, poses, turn)
-    for _ in range(rounds):
-        if turn is not None:
-            poses = np.where(
-                turned[:, None, None], boards.poses @ turn, boards.poses
-            )
-        x, y, scale = closed_form(motions, poses, weights, length)
+        turned = _half_turned(motions, poses, turn)
+        poses = np.where(turned[:, None, None], poses @ turn, poses)
+    for _ in range(ROUNDS):
+        x, y, scale = _closed_form(motions, poses, weights, length)
         predicted = inverse(x) @ motions @ y
         predicted[:, :3, 3] /= scale if abs(scale) > 1e-12 else 1e-12
         misses = _gaps(predicted, poses, boards.ends)
-        if turn is not None:
-            others = _gaps(predicted, poses @ turn, boards.ends)
-            turned = turned ^ (others < 0.7 * misses)
-            misses = np.minimum(misses, others)
         misfit = float(np.median(misses))
         weights = 1.0 / (1.0 + (misses / (3.0 * misfit + 1e-9)) ** 2) ** 2
-    if (
-        turn is not None and turned[0]
-    ):  # from which end is free: the first picture's
+    if turn is not None and turned[0]:
+        # from which end is free: the first picture's
         half = turn.copy()
         half[:3, 3] *= scale
         y = y @ half
@@ -106,37 +115,12 @@ def find_start(
     )
     x[:3, 3] /= METRES[unit]
     y[:3, 3] /= METRES[unit]
-    size = float(np.log(lengths / METRES[unit]))
-    if scale <= 0.0:  # a board behind the camera
-        size = -np.inf
+    size = float(np.log(lengths / METRES[unit])) if scale > 0.0 else -np.inf
     return Start(x, y, unit, size, misfit, turned)
 
 
-def find_sized_start(
-    flange: Array, boards: BoardPoses, rounds: int = 4, unit: str | None = None
-) -> Start:
-    """Solve for camera and board; where the motions tell no lengths, with the board as stated.
-
-    A flange that turns on the spot fits in any unit: then it is some 0.6 m from the base.
-    """
-    start = find_start(flange, boards, rounds, unit)
-    if abs(start.size) < MISSAID:
-        return start
-    distance = max(
-        float(np.median(np.linalg.norm(flange[:, :3, 3], axis=1))), 1e-9
-    )
-    usual = sorted(
-        UNITS, key=lambda name: abs(np.log(distance / METRES[name] / 0.6))
-    )
-    for name in [unit] if unit else usual:
-        sized = find_start(flange, boards, rounds, name, sized=True)
-        if sized.misfit < max(1.3 * start.misfit, np.radians(0.2)):
-            return sized
-    return start
-
-
-def closed_form(
-    motions: Array, boards: Array, weights: Array, size: float | None = None
+def _closed_form(
+    motions: Array, boards: Array, weights: Array, size: float | None
 ) -> tuple[Array, Array, float]:
     """X, Y (4, 4) and the motions' lengths in one of the boards', of X B = M Y.
 
@@ -153,21 +137,20 @@ def closed_form(
     y = nearest_rotation(sign * left[:, 0].reshape(3, 3))
     places = boards[:, :3, 3] @ x.T
     same = np.broadcast_to(np.eye(3), turns.shape)
-    root = np.sqrt(weights)
+    root = np.sqrt(weights)[:, None]
     rows = np.concatenate([same, -turns, places[:, :, None]], axis=2)
-    rows = (rows * root[:, None, None]).reshape(-1, 7)
-    target = (motions[:, :3, 3] * root[:, None]).ravel()
+    rows = (rows * root[:, None]).reshape(-1, 7)
+    target = (motions[:, :3, 3] * root).ravel()
     if size is None:
         shift = np.linalg.lstsq(rows, target, rcond=1e-10)[0]
     else:
         target = target - size * rows[:, 6]
-        shift = np.append(
-            np.linalg.lstsq(rows[:, :6], target, rcond=1e-6)[0], size
-        )
+        shift = np.linalg.lstsq(rows[:, :6], target, rcond=1e-6)[0]
+        shift = np.append(shift, size)
     return rigid(x, shift[:3]), rigid(y, shift[3:6]), float(shift[6])
 
 
-def half_turned(motions: Array, boards: Array, turn: Array) -> Mask:
+def _half_turned(motions: Array, boards: Array, turn: Array) -> Mask:
     """Which boards (n,) are numbered from their other end.
 
     Turns between two pictures are as large as the flange's, wherever camera and board are: the
@@ -184,13 +167,12 @@ def half_turned(motions: Array, boards: Array, turn: Array) -> Mask:
 
 def _gaps(predicted: Array, boards: Array, ends: Array) -> Array:
     """Angle [rad] between ends of a board as predicted and as they are, rms of each picture."""
-    away = (
-        ends @ np.swapaxes(predicted[:, :3, :3], 1, 2)
-        + predicted[:, None, :3, 3]
-    )
-    there = ends @ np.swapaxes(boards[:, :3, :3], 1, 2) + boards[:, None, :3, 3]
+    places = []
+    for poses in (predicted, boards):
+        turns = np.swapaxes(poses[:, :3, :3], 1, 2)
+        places.append(ends @ turns + poses[:, None, :3, 3])
+    away, there = places
     depth = np.maximum(away[:, :, 2:], 0.05 * there[:, :, 2:])
     gap = away[:, :, :2] / depth - there[:, :, :2] / there[:, :, 2:]
-    return np.asarray(
-        np.minimum(np.sqrt((gap**2).sum(axis=2).mean(axis=1)), 3.0)
-    )
+    rms = np.sqrt((gap**2).sum(axis=2).mean(axis=1))
+    return np.asarray(np.minimum(rms, 3.0))

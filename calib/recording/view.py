@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Index
 from ..errors import LogError
 from .board_pictures import BoardPictures
 from .bundle import Corners
@@ -23,30 +23,21 @@ class View:
 
     name: str
     shots: BoardPictures
-    in_hand: bool
     given: Lens | None  # by the user
     lens: Lens  # where the fit begins
-    poses: Array  # (p, 4, 4), the board before the camera, by each picture alone [m]
+    boards: BoardPoses  # by each picture alone
     rows: Index  # (p,), of the joints or poses
     doubts: tuple[str, ...] = ()
 
     @property
-    def boards(self) -> BoardPoses:
-        """The board before the camera."""
-        points = self.shots.board.points()
-        x, y, _ = np.stack([points.min(axis=0), points.max(axis=0)], axis=1)
-        ends = np.array([[left, top, 0.0] for left in x for top in y])
-        return BoardPoses(
-            self.poses, ends, self.shots.board.half_turn, self.in_hand
-        )
+    def in_hand(self) -> bool:
+        """Whether the camera is in the hand."""
+        return self.boards.in_hand
 
-    def turned(self, others: Mask) -> View:
-        """The view with the board of some pictures numbered from its other end."""
-        half = self.shots.board.half_turn
-        if half is None or not others.any():
-            return self
-        poses = np.where(others[:, None, None], self.poses @ half, self.poses)
-        return replace(self, shots=self.shots.turned(others), poses=poses)
+    @property
+    def eye(self) -> str:
+        """Where the camera is."""
+        return "hand" if self.in_hand else "base"
 
     def corners(self, rows: Index) -> Corners:
         """The corners, in the order of the motions at some rows."""
@@ -79,4 +70,8 @@ def view_of(
     lens, doubts = shots.lens(given)
     poses = rigid(*turns_and_shifts(shots.poses(lens)))
     rows = np.arange(len(poses)) if shots.rows is None else shots.rows
-    return View(name, shots, in_hand, given, lens, poses, rows, doubts)
+    points = shots.board.points()
+    x, y, _ = np.stack([points.min(axis=0), points.max(axis=0)], axis=1)
+    ends: Array = np.array([[left, top, 0.0] for left in x for top in y])
+    boards = BoardPoses(poses, ends, shots.board.half_turn, in_hand)
+    return View(name, shots, given, lens, boards, rows, doubts)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Mask
+from ..common.rows import finite_rows, row_lengths
 from ..errors import LogError
 from .diagnosis import is_path
 from .samples import Samples
@@ -31,25 +32,18 @@ class Delay:
     @property
     def clear(self) -> bool:
         """Whether it is sure, and matters."""
-        return self._beyond(CLOCK.clear, CLOCK.share)
-
-    def _beyond(self, deviations: float, share: float) -> bool:
-        return abs(self.value) > deviations * self.sd and self.share > share
+        sure = abs(self.value) > CLOCK.clear * self.sd
+        return sure and self.share > CLOCK.share
 
     def note(self) -> str:
-        """What the user should be told, empty for nothing."""
+        """What the user should be told of a clear delay."""
         factor, unit = (1e3, "ms") if self.unit == "s" else (1.0, "rows")
         side = "late" if self.value > 0 else "early"
-        sd = 1.96 * factor * self.sd
-        words = f"{factor * abs(self.value):.3g} +- {sd:.2g} {unit} {side} against the joints"
-        if self.clear:
-            return f"the positions are {words}: corrected; poses at rest do not depend on clocks"
-        if self._beyond(CLOCK.doubted, CLOCK.doubted_share):
-            return (
-                f"the positions may be {words}, which the rows do not settle: not corrected; "
-                "measure at rest, or along a path that is run in both directions"
-            )
-        return ""
+        size = f"{factor * abs(self.value):.3g} +- {1.96 * factor * self.sd:.2g} {unit}"
+        return (
+            f"the positions are {size} {side} against the joints: corrected; poses at rest do not "
+            "depend on clocks"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,18 +62,12 @@ class Trajectory:
         if samples.time is not None:
             motion = Trajectory(samples.time, samples.q, "s")
         else:
-            rows = (
-                np.arange(len(samples))
-                if samples.rows is None
-                else samples.rows
-            )
+            rows = samples.rows
+            rows = np.arange(len(samples)) if rows is None else rows
             motion = Trajectory(rows.astype(float), samples.q, "rows")
         joined = motion.joined
-        return (
-            motion
-            if joined.mean() >= 0.5 and is_path(samples.q, joined)
-            else None
-        )
+        moves = joined.mean() >= 0.5 and is_path(samples.q, joined)
+        return motion if moves else None
 
     @property
     def step(self) -> float:
@@ -91,9 +79,8 @@ class Trajectory:
     def joined(self) -> Mask:
         """Whether each row but the last goes on to the next one without a pause (n - 1,)."""
         step = np.diff(self.time)
-        return np.asarray(
-            (step > 0) & (step <= CLOCK.longest_pause * self.step)
-        )
+        longest = CLOCK.longest_pause * self.step
+        return np.asarray((step > 0) & (step <= longest))
 
     def before(self, delay: float) -> tuple[Array, Array]:
         """Joints (n, dof) at the rows' times less `delay`, and their velocity [../unit].
@@ -105,9 +92,8 @@ class Trajectory:
         when = self.time - delay
         q = np.full(self.q.shape, np.nan)
         velocity = np.full(self.q.shape, np.nan)
-        for run in np.split(
-            np.arange(len(when)), np.flatnonzero(~self.joined) + 1
-        ):
+        ends = np.flatnonzero(~self.joined) + 1
+        for run in np.split(np.arange(len(when)), ends):
             if len(run) < 3:
                 continue
             time = self.time[run]
@@ -121,7 +107,7 @@ class Trajectory:
     def moved(self, samples: Samples, delay: float) -> Samples:
         """The rows whose joints are known `delay` [unit] before, with these."""
         q, _ = self.before(delay)
-        inside = np.asarray(np.isfinite(q).all(axis=1))
+        inside = finite_rows(q)
         return replace(samples.take(inside), q=q[inside])
 
 
@@ -134,16 +120,16 @@ def with_offset(samples: Samples, offset: float) -> Samples:
         raise LogError(
             "`time_offset` needs the times of the rows: expected a column `time` [s]"
         )
-    q = Trajectory(samples.time, samples.q, "s").before(-offset)[0]
-    inside = np.asarray(np.isfinite(q).all(axis=1))
+    motion = Trajectory(samples.time, samples.q, "s")
+    inside = finite_rows(motion.before(-offset)[0])
     if not inside.any():
         raise LogError(
             f"`time_offset={offset:g}`: no row's joints are known {offset:g} s later"
         )
     outside = int((~inside).sum())
     note = f"{offset:+g} s added to the positions' times; {outside} rows have no joints"
-    moved = replace(samples.take(inside), q=q[inside], in_time=True)
-    return replace(moved, notes=(*samples.notes, note))
+    moved = motion.moved(samples, -offset)
+    return replace(moved, in_time=True, notes=(*samples.notes, note))
 
 
 def estimate_delay(
@@ -169,72 +155,44 @@ def estimate_delay(
     play : (n, m, j), what else could explain the residual: the better explanation counts
     Returns the delay and how the parameters change with it (k,), None where nothing moves.
     """
-    rows = np.flatnonzero(
-        np.isfinite(velocity).all(axis=1) & np.isfinite(residual).all(axis=1)
-    )
+    finite = finite_rows(np.hstack([velocity, residual]))
+    rows = np.flatnonzero(finite)
     n = len(rows)
     m = residual.shape[1]
     late = -velocity[rows].reshape(-1, 1)
     if n < CLOCK.fewest_rows or not np.abs(late).max() > 0:
         return None
-    size = np.linalg.norm(residual[rows], axis=1)
-    noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * float(
-        np.abs(late).max()
-    )
-    weight = (
-        (CLOCK.student + m) / (CLOCK.student + (size / noise) ** 2) / noise**2
-    )
-    beside = _Beside(
-        np.empty((n * m, 0))
-        if columns is None
-        else columns[rows].reshape(n * m, -1),
-        np.repeat(weight, m)[:, None],
-        np.asarray(precision, float),
-    )
-    r = residual[rows].reshape(-1, 1)
-    base = beside.taken(r) + beside.pulled(np.asarray(pull, float))
-    left_over = r - beside.X @ base
-    alone = late - beside.X @ beside.taken(late)
-    information = float(np.sum(late * beside.W * alone))
+    size = row_lengths(residual[rows])
+    noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * np.abs(late).max()
+    weight = (CLOCK.student + m) / (CLOCK.student + (size / noise) ** 2)
+    root = np.repeat(np.sqrt(weight) / noise, m)[:, None]
+    precision = np.asarray(precision, dtype=float)
+    beside = np.empty((n * m, 0))
+    if columns is not None:
+        beside = columns[rows].reshape(n * m, -1)
+    # weighted least squares, with a row for what the prior says of each parameter
+    X = np.vstack([root * beside, np.diag(np.sqrt(precision))])
+    pulled = np.sqrt(precision) * np.asarray(pull, dtype=float)
+    r = np.append(root * residual[rows].reshape(-1, 1), pulled)
+    late_column = np.append(root * late, np.zeros(len(precision)))
+    Q, R = np.linalg.qr(X)
+    left_over = r - Q @ (Q.T @ r)
+    alone = late_column - Q @ (Q.T @ late_column)
+    information = float(alone @ alone)
     if not information > 0:
         return None
-    value = float(np.sum(alone * beside.W * left_over)) / information
-    score = alone * beside.W * (left_over - alone * value)
+    value = float(alone @ left_over) / information
+    score = (alone * (left_over - alone * value))[: n * m]
     blocks = np.array_split(score.reshape(n, m).sum(axis=1), CLOCK.blocks)
     sd = float(np.linalg.norm([block.sum() for block in blocks])) / information
-    share = beside.share(late, left_over)
-    if (
-        play is not None
-        and beside.share(play[rows].reshape(n * m, -1), left_over) >= share
-    ):
-        share = 0.0
-    change = base - beside.taken(late) * value
-    return Delay(value, sd, unit, share), change[:, 0]
-
-
-class _Beside:
-    """Parameters that are fitted beside a delay: weighted least squares with a prior."""
-
-    def __init__(self, X: Array, W: Array, precision: Array) -> None:
-        self.X = X  # (nm, k), derivative by them
-        self.W = W  # (nm, 1), weights
-        self.precision = precision  # (k,)
-        self.normal = X.T @ (W * X) + np.diag(precision)
-
-    def taken(self, A: Array) -> Array:
-        """What the parameters take (k, j) of columns (nm, j)."""
-        return np.asarray(np.linalg.solve(self.normal, self.X.T @ (self.W * A)))
-
-    def pulled(self, pull: Array) -> Array:
-        """What the prior adds (k, 1)."""
-        return np.asarray(
-            np.linalg.solve(self.normal, (self.precision * pull)[:, None])
-        )
-
-    def share(self, A: Array, left_over: Array) -> float:
-        """Share of the weighted squares that columns (nm, j) explain beyond the parameters."""
-        alone = A - self.X @ self.taken(A)
-        gram = A.T @ (self.W * alone)
-        b = alone.T @ (self.W * left_over)
-        explained = np.sum(b * (np.linalg.pinv(gram, hermitian=True) @ b))
-        return float(explained / np.sum(self.W * left_over**2))
+    squares = float((left_over[: n * m] ** 2).sum())
+    share = information * value**2 / squares
+    if play is not None:
+        other = root * play[rows].reshape(n * m, -1)
+        other = np.vstack([other, np.zeros((len(precision), other.shape[1]))])
+        other -= Q @ (Q.T @ other)
+        fitted = other @ np.linalg.lstsq(other, left_over)[0]
+        if fitted @ fitted >= share * squares:
+            share = 0.0
+    change = np.linalg.lstsq(R, Q.T @ (r - late_column * value))[0]
+    return Delay(value, sd, unit, share), change

@@ -15,7 +15,7 @@ import numpy as np
 from ..arm.rotations import logarithm, matrix_of, nearest_rotation, similarity
 from ..common.arrays import Array, Mask
 from ..common.robust import solve_least_squares
-from ..common.rows import thinned
+from ..common.rows import finite_rows, median_length, row_lengths, thinned
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
@@ -32,7 +32,7 @@ PosePredict = Callable[[Array], tuple[Array, Array]]
 class Finding:
     """Something that is wrong with a log, or looks so."""
 
-    # still, copied, unit, inverted, turns, degrees, exchanged, reversed, mirrored
+    # still, copied, unit, turns, degrees, exchanged, reversed, mirrored
     kind: str
     words: str
     hint: str = ""  # the remedy, with Python's names of options
@@ -44,32 +44,6 @@ class Finding:
 
 _Reading = tuple[Array, Finding]
 """Joint values (n, dof) read otherwise, and what that would mean, "... only if" its words hold."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Rows of a log beside what an arm predicts of them."""
-
-    predict: Predict
-    pose: PosePredict | None
-    q: Array  # (n, dof)
-    x: Array  # (n, m)
-    predicted: Array  # (n, k)
-    answered: Mask  # (n,)
-    affine: bool  # whether the sensor may distort: pixels, other coordinates
-
-    def misfit(self, q: Array, *, tool: bool = True) -> float:
-        """Median distance that is left of rows read otherwise; `tool`: one of unknown size."""
-        predicted = self.predict(q)
-        answered = np.isfinite(predicted).all(axis=1)
-        if answered.mean() < 0.6:
-            return float("inf")
-        affine = self.affine
-        if tool and self.pose is not None and len(q) >= DIAGNOSIS.tool_rows:
-            place, turn = self.pose(q)  # positions are linear in the tool
-            predicted = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
-            affine = True
-        return misfit(predicted[answered], self.x[answered], affine=affine)
 
 
 def diagnose(
@@ -111,28 +85,48 @@ def diagnose(
     q = q[some]
     x = x[some]
     predicted = predict(q)
-    answered = np.asarray(np.isfinite(predicted).all(axis=1))
+    answered = finite_rows(predicted)
     places = len(np.unique(x, axis=0))  # of touches few, which fit anything
-    if places < DIAGNOSIS.fewest_rows or answered.mean() <= 0.5:
-        return ()
-    if not np.ptp(predicted[answered], axis=0).any():
+    few = places < DIAGNOSIS.fewest_rows or answered.mean() <= 0.5
+    if few or not np.ptp(predicted[answered], axis=0).any():
         return ()
     affine = unit == "px" or predicted.shape[1] != x.shape[1]
-    rows = _Rows(predict, pose, q, x, predicted, answered, affine)
-    size = spread(x)
     if unit == "m":
-        wrong = _unit_finding(size / max(spread(predicted), 1e-300))
-        if wrong:
-            return (wrong,)
+        ratio = spread(x) / max(spread(predicted), 1e-300)
+        low, high = DIAGNOSIS.usual_size
+        hint = unit_hint(ratio)
+        if hint and not low < ratio < high:
+            words = f"the positions extend over {ratio:.4g} times what the robot's links allow"
+            hint = hint.removeprefix("; ")
+            return (Finding("unit", f"{words}, in m", hint, "unit", "m"),)
     if turns is not None and pose is not None:
         wrong = _turned(*pose(q), x, turns[some])
         if wrong:
             return (wrong,)
-    wrong = _other_reading(rows, size, names, revolute)
+
+    def missed(q: Array, *, tool: bool = True) -> float:
+        """Median distance that is left of rows read otherwise; `tool`: one of unknown size."""
+        predicted = predict(q)
+        answered = finite_rows(predicted)
+        if answered.mean() < 0.6:
+            return float("inf")
+        if not tool or pose is None or len(q) < DIAGNOSIS.tool_rows:
+            return misfit(predicted[answered], x[answered], affine=affine)
+        place, turn = pose(q)  # positions are linear in the tool
+        moved = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
+        return misfit(moved[answered], x[answered], affine=True)
+
+    wrong = _other_reading(missed, q, spread(x), names, revolute)
+    if wrong and wrong.kind == "reversed" and x.shape[1] == 2:
+        wrong = replace(wrong, hint="", mistake=False)  # it may be learned
     findings = (wrong,) if wrong else ()
-    if not (left_handed or affine or (wrong and wrong.mistake)) and _mirrored(
-        rows
-    ):
+    if left_handed or affine or (wrong and wrong.mistake):
+        return findings
+    mirror = np.ones(x.shape[1])
+    mirror[0] = -1.0
+    as_it_is = misfit(predicted[answered], x[answered])
+    mirrored = misfit(predicted[answered], x[answered] * mirror)
+    if mirrored < DIAGNOSIS.far_better * as_it_is:
         words = (
             "the positions are mirrored, compared with the robot: the sensor's axes are "
             "left-handed, or one of them is reversed"
@@ -141,55 +135,33 @@ def diagnose(
     return findings
 
 
-def _unit_finding(ratio: float) -> Finding | None:
-    """What an extent of so many times the nominal one says of the unit."""
-    low, high = DIAGNOSIS.usual_size
-    hint = unit_hint(ratio)
-    if low < ratio < high or not hint:
-        return None
-    words = f"the positions extend over {ratio:.4g} times what the robot's links allow, in m"
-    return Finding("unit", words, hint.removeprefix("; "), "unit", "m")
-
-
 def _other_reading(
-    rows: _Rows, size: float, names: Sequence[str], revolute: Sequence[bool]
+    missed: Callable[..., float],
+    q: Array,
+    size: float,
+    names: Sequence[str],
+    revolute: Sequence[bool],
 ) -> Finding | None:
-    """The simplest other reading of the joints that explains rows far better."""
-    as_it_is = rows.misfit(rows.q)
+    """The simplest other reading of joints (n, dof) that is missed by far less than this one."""
+    as_it_is = missed(q)
     if as_it_is <= DIAGNOSIS.small * size:
         return None
     any_order = (
         as_it_is > DIAGNOSIS.good * size
         and len(names) <= DIAGNOSIS.most_ordered
     )
-    for others in readings(rows.q, names, revolute, any_order=any_order):
+    for others in readings(q, names, revolute, any_order=any_order):
         far_better = [
-            (rows.misfit(q, tool=False), finding)
-            for q, finding in others
-            if rows.misfit(q) < DIAGNOSIS.far_better * as_it_is
+            (missed(other, tool=False), finding)
+            for other, finding in others
+            if missed(other) < DIAGNOSIS.far_better * as_it_is
         ]
         if far_better:
             # a tool of unknown size explains what a mirror does: by the place alone
-            _, best = min(far_better, key=lambda reading: reading[0])
-            best = replace(
-                best, words=f"the log fits the robot only if {best.words}"
-            )
-            planar = rows.predicted.shape[1] == 2
-            if best.kind == "reversed" and planar:  # its signs may be learned
-                best = replace(best, hint="", mistake=False)
-            return best
+            _, best = min(far_better, key=lambda pair: pair[0])
+            words = f"the log fits the robot only if {best.words}"
+            return replace(best, words=words)
     return None
-
-
-def _mirrored(rows: _Rows) -> bool:
-    """Whether positions fit far better with their first axis reversed."""
-    predicted = rows.predicted[rows.answered]
-    x = rows.x[rows.answered]
-    mirror = np.ones(x.shape[1])
-    mirror[0] = -1.0
-    return misfit(predicted, x * mirror) < DIAGNOSIS.far_better * misfit(
-        predicted, x
-    )
 
 
 def refuse_mistakes(
@@ -201,16 +173,16 @@ def refuse_mistakes(
     """
     notes = []
     for finding in findings:
+        words = f"{label}: {finding.words}"
+        hint = finding.hint
         if finding.mistake:
             raise LogError(
-                f"{label}: {finding.words}",
-                hint=finding.hint or None,
+                words,
+                hint=hint or None,
                 parameter=finding.parameter,
                 value=finding.value,
             )
-        notes.append(
-            f"{label}: {'; '.join(filter(None, (finding.words, finding.hint)))}"
-        )
+        notes.append(f"{words}; {hint}" if hint else words)
     return notes
 
 
@@ -230,18 +202,12 @@ def readings(
 
 
 def _units(q: Array, revolute: Sequence[bool]) -> Iterator[_Reading]:
-    words = "its joint values are"
     for unit, convert, hint in (
         ("degrees", np.deg2rad, "give `degrees=True`"),
         ("radians", np.rad2deg, "leave out `degrees`"),
     ):
-        finding = Finding(
-            "degrees",
-            f"{words} {unit}",
-            hint,
-            "degrees",
-            value=unit == "radians",
-        )
+        words = f"its joint values are {unit}"
+        finding = Finding("degrees", words, hint, "degrees", unit == "radians")
         yield np.where(revolute, convert(q), q), finding
 
 
@@ -254,11 +220,10 @@ def _orders(
             holds = listed(
                 f"{column} holds {name}" for name, column in column_of.items()
             )
-            hint = f"give `columns={column_of}`, or correct the header"
             words = f"columns are exchanged ({holds})"
-            finding = Finding(
-                "exchanged", words, hint, "columns", list(column_of)
-            )
+            hint = f"give `columns={column_of}`, or correct the header"
+            value = list(column_of)
+            finding = Finding("exchanged", words, hint, "columns", value)
             yield q[:, list(order)], finding
 
 
@@ -286,17 +251,16 @@ def unit_hint(ratio: float) -> str:
 
 def spread(x: Array) -> float:
     """Median distance of rows (n, m) from their middle: one wrong row does not move it."""
-    x = x[np.isfinite(x).all(axis=1)]
-    return float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1)))
+    x = x[finite_rows(x)]
+    return median_length(x - np.median(x, axis=0))
 
 
 def _unmoved(q: Array, x: Array, names: Sequence[str]) -> tuple[Finding, ...]:
     """What never moves, and joints that are copies; in space a sensor may see a plane's points."""
     findings = []
     if len(q) < 2:
-        findings.append(
-            Finding("still", "one usable row; learning needs two or more")
-        )
+        words = "one usable row; learning needs two or more"
+        findings.append(Finding("still", words))
     columns = dict(zip(names, q.T, strict=True))
     if x.shape[1] == 2:
         columns |= dict(zip("xy", x.T, strict=True))
@@ -305,9 +269,9 @@ def _unmoved(q: Array, x: Array, names: Sequence[str]) -> tuple[Finding, ...]:
             words = f"{name} is {column[0]:g} in every row; what does not move cannot be learned"
             hint = "leave it out of `joints`" if name in names else ""
             findings.append(Finding("still", words, hint, "joints", name))
-    for one, other in itertools.combinations(range(len(names)), 2):
-        if np.array_equal(q[:, one], q[:, other]):
-            words = f"joints {names[one]!r} and {names[other]!r} have the same values: a copy"
+    for one, other in itertools.combinations(names, 2):
+        if np.array_equal(columns[one], columns[other]):
+            words = f"joints {one!r} and {other!r} have the same values: a copy"
             findings.append(Finding("copied", words))
     return tuple(findings)
 
@@ -316,7 +280,7 @@ def _turned(
     place: Array, nominal: Array, x: Array, turns: Array
 ) -> Finding | None:
     """Quaternions `turns` that do not turn as the joints predict, and the reading that does."""
-    answered = np.isfinite(place).all(axis=1) & np.isfinite(nominal).all(axis=1)
+    answered = finite_rows(np.hstack([place, nominal]))
     if answered.sum() < DIAGNOSIS.fewest_rows:
         return None
     place = place[answered]
@@ -324,17 +288,20 @@ def _turned(
     x = x[answered]
     seen = matrix_of(turns[answered])
     back = np.swapaxes(seen, 1, 2)
-    off, angle = _pose_misfit(place, drawn, x, seen)
-    if angle <= DIAGNOSIS.turned:
+
+    def angle(x: Array, seen: Array) -> float:
+        """Median turn [rad] that the best frame and tool leave."""
+        frame = similarity(place, aligned(place, x))[0]
+        between = (np.swapaxes(drawn, 1, 2) @ frame.T @ seen).sum(axis=0)
+        expected = frame @ drawn @ nearest_rotation(between)
+        off = logarithm(seen @ np.swapaxes(expected, 1, 2))
+        return median_length(off)
+
+    as_it_is = angle(x, seen)
+    if as_it_is <= DIAGNOSIS.turned:
         return None
     order = "{'qx': 'qy', 'qy': 'qz', 'qz': 'qw', 'qw': 'qx'}"
     others = (
-        (
-            -(back @ x[:, :, None])[:, :, 0],
-            back,
-            "the poses are inverted: they are those of the sensor in the tool's frame",
-            "write the tool's pose in the sensor's: -R'x, the conjugate quaternion",
-        ),
         (
             x,
             matrix_of(turns[answered][:, [1, 2, 3, 0]]),
@@ -347,30 +314,17 @@ def _turned(
             "the orientations are inverted: of the sensor in the tool's frame",
             "conjugate the quaternions: change the signs of qx, qy and qz",
         ),
+        (
+            -(back @ x[:, :, None])[:, :, 0],
+            back,
+            "the poses are inverted: they are those of the sensor in the tool's frame",
+            "write the tool's pose in the sensor's: -R'x, the conjugate quaternion",
+        ),
     )
     for where, turn, words, hint in others:
-        other_off, other_angle = _pose_misfit(place, drawn, where, turn)
-        nearer = where is x or other_off < DIAGNOSIS.far_better * off
-        if nearer and other_angle < DIAGNOSIS.far_better * angle:
+        if angle(where, turn) < DIAGNOSIS.far_better * as_it_is:
             return Finding("turns", words, hint, "columns")
     return None
-
-
-def _pose_misfit(
-    place: Array, drawn: Array, x: Array, seen: Array
-) -> tuple[float, float]:
-    """Median distance and angle [rad] that the best frames leave of x (n, 3) and seen (n, 3, 3)."""
-    off = np.linalg.norm(x - aligned(place, x), axis=1)
-    agree = off <= 3.0 * np.median(off) + 1e-300
-    frame, shift, scale = similarity(place[agree], x[agree])
-    between = (np.swapaxes(drawn, 1, 2) @ frame.T @ seen).sum(axis=0)
-    expected = frame @ drawn @ nearest_rotation(between)
-    angle = logarithm(seen @ np.swapaxes(expected, 1, 2))
-    far = x - scale * place @ frame.T - shift
-    off = np.linalg.norm(far, axis=1)
-    return float(np.median(off)), float(
-        np.median(np.linalg.norm(angle, axis=1))
-    )
 
 
 def rows_behind(
@@ -398,16 +352,14 @@ def rows_behind(
 def is_path(q: Array, joined: Mask | slice = slice(None)) -> bool:
     """Whether rows (n, dof) are those of a motion, by the steps that are `joined` (n - 1,)."""
     step = np.median(np.abs(np.diff(q, axis=0)[joined]), axis=0)
-    return bool(
-        np.max(step / np.maximum(np.ptp(q, axis=0), 1e-12)) <= DIAGNOSIS.path
-    )
+    extent = np.maximum(np.ptp(q, axis=0), 1e-12)
+    return bool(np.max(step / extent) <= DIAGNOSIS.path)
 
 
 def misfit(a: Array, b: Array, *, affine: bool = False) -> float:
     """Median distance of `b` (n, m) from `a` (n, k), `aligned`."""
-    return float(
-        np.median(np.linalg.norm(b - aligned(a, b, affine=affine), axis=1))
-    )
+    off = b - aligned(a, b, affine=affine)
+    return median_length(off)
 
 
 def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
@@ -419,7 +371,7 @@ def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
     affine = affine or a.shape[1] != b.shape[1]
     features = np.column_stack([a, np.ones(len(a))])
     # spreads about the median: single wrong rows decide nothing
-    away = np.linalg.norm(b - np.median(b, axis=0), axis=1)
+    away = row_lengths(b - np.median(b, axis=0))
     agree = away <= 5.0 * np.median(away) + 1e-300
     for _ in range(4):
         if affine:
@@ -427,6 +379,6 @@ def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
         else:
             turn, shift, scale = similarity(a[agree], b[agree])
             moved = scale * a @ turn.T + shift
-        away = np.linalg.norm(b - moved, axis=1)
+        away = row_lengths(b - moved)
         agree = away <= 3.0 * np.median(away) + 1e-300
     return np.asarray(moved)

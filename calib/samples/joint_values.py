@@ -14,12 +14,14 @@ import numpy as np
 
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index
-from ..common.rows import LARGEST
+from ..common.rows import LARGEST, finite_rows
 from ..common.scale import TURN
 from ..common.wording import for_people, unit_of_joint
 from ..errors import CalibError, LogError, OptionError
 from .settings import READING, SLIDING, TURNING
 from .tables import Source, open_source
+
+_TURN = (-math.pi, math.pi)
 
 
 def check_joint_values(
@@ -41,13 +43,12 @@ def check_joint_values(
     lower, upper : (dof,) [rad or m], the joints' learned range
     degrees : whether the values were given in degrees, and converted
     """
-    rows = np.flatnonzero(np.isfinite(q).all(axis=1))
-    if not len(rows):
-        return
+    rows = np.flatnonzero(finite_rows(q))
     for k in np.flatnonzero(revolute).tolist():
         limits = (float(lower[k]), float(upper[k]))
         joint = JointColumn(label, names[k], True, limits, degrees, error)
-        joint.check_unit(q[rows, k], rows + 1)
+        if len(rows):
+            joint.check_unit(q[rows, k], rows + 1)
 
 
 @dataclass(frozen=True)
@@ -63,18 +64,14 @@ class JointColumn:
 
     def check_unit(self, values: Array, rows: Index) -> None:
         """Refuse angles (n,) [rad] of another unit: too many turns, or in range as degrees."""
-        low = float(values.min())
-        high = float(values.max())
-        most = max(abs(low), abs(high))
+        most = float(np.abs(values).max())
         fits = False
-        if (
-            self.limits and not self.degrees and most > TURN
-        ):  # small ones look like degrees
+        # small values look like degrees
+        if self.limits and not self.degrees and most > TURN:
             as_degrees = beyond(np.deg2rad(values), *self.limits)
             fits = beyond(values, *self.limits) > READING.slack >= as_degrees
-        if not (
-            fits or high - low > 2.02 * TURN or most > READING.most_turns * TURN
-        ):
+        several = np.ptp(values) > 2.02 * TURN
+        if not (fits or several or most > READING.most_turns * TURN):
             return
         if self.degrees:
             hint = "it is in rad: leave out `degrees`"
@@ -82,9 +79,8 @@ class JointColumn:
             hint = "as degrees it fits: give `degrees=True`"
         else:
             hint = "if it is in degrees, give `degrees=True`"
-        words = self._outside(values, rows, self.limits or (-math.pi, math.pi))
-        raise self.error(
-            words, hint=hint, parameter="degrees", value=self.degrees
+        raise self._outside(
+            values, rows, self.limits or _TURN, hint, "degrees", self.degrees
         )
 
     def settle(
@@ -95,35 +91,28 @@ class JointColumn:
         rows : (n,), their numbers in the file
         """
         extremes = (float(values.min()), float(values.max()))
-        if self.limits is None and not self.revolute:
-            return values, extremes, []
-        limits = self.limits or (-math.pi, math.pi)
+        limits = self.limits or (_TURN if self.revolute else extremes)
         full = self.revolute and limits[1] - limits[0] >= TURN - 1e-9
         excess = beyond(values, *limits)
         if self.revolute and excess > 0:
             self.check_unit(values, rows)
-        if (
-            full and extremes[1] - extremes[0] <= TURN
-        ):  # the log's turn, whatever its gaps
+        # the log's turn, whatever its gaps
+        if full and extremes[1] - extremes[0] <= TURN:
             middle = sum(extremes) / 2.0
-            turn = (
-                limits
-                if excess < 1e-9
-                else (middle - math.pi, middle + math.pi)
-            )
+            turn = (middle - math.pi, middle + math.pi)
+            if excess < 1e-9:
+                turn = limits
             return np.clip(values, *turn), turn if self.limits else extremes, []
         wrapped = values
         if self.revolute and (full or excess > READING.slack):
             wrapped = wrap(values, *limits)
             excess = beyond(wrapped, *limits)
         if excess > READING.slack:
-            raise self.error(
-                self._outside(values, rows, limits),
-                hint="check that the column is of this joint, its unit and its sign; if the joint "
-                f"really goes there, give `ranges={{{self.name!r}: (LOW, HIGH)}}`",
-                parameter="ranges",
-                value=float(values[_furthest(values, limits)]),
+            hint = (
+                "check that the column is of this joint, its unit and its sign; if the joint "
+                f"really goes there, give `ranges={{{self.name!r}: (LOW, HIGH)}}`"
             )
+            raise self._outside(values, rows, limits, hint, "ranges")
         low = min(limits[0], float(wrapped.min()))
         high = max(limits[1], float(wrapped.max()))
         notes = []
@@ -139,28 +128,36 @@ class JointColumn:
     def _show(self, *values: float) -> str:
         """Values [rad or m] in the unit of the table."""
         factor, unit = unit_of_joint(self.revolute, self.degrees)
-        return (
-            f"{'..'.join(f'{factor * value:.6g}' for value in values)} {unit}"
-        )
+        numbers = "..".join(f"{factor * value:.6g}" for value in values)
+        return f"{numbers} {unit}"
 
-    def _outside(self, values: Array, rows: Index, limits: Range) -> str:
-        """Name the value (n,) furthest outside of a range."""
-        row = _furthest(values, limits)
+    def _outside(
+        self,
+        values: Array,
+        rows: Index,
+        limits: Range,
+        hint: str,
+        parameter: str,
+        value: object = None,
+    ) -> CalibError:
+        """The error that names the value (n,) furthest outside of a range."""
+        away = np.maximum(limits[0] - values, values - limits[1])
+        row = int(np.argmax(away))
         words = (
             f"{self.name} is {self._show(values[row])}, outside of the range"
         )
-        return f"{self.label}, row {rows[row]}: {words} {self._show(*limits)}"
-
-
-def _furthest(values: Array, limits: Range) -> int:
-    """Return which value (n,) is furthest outside of a range."""
-    return int(np.argmax(np.maximum(limits[0] - values, values - limits[1])))
+        return self.error(
+            f"{self.label}, row {rows[row]}: {words} {self._show(*limits)}",
+            hint=hint,
+            parameter=parameter,
+            value=float(values[row]) if value is None else value,
+        )
 
 
 def beyond(values: Array, low: float, high: float) -> float:
     """Return by how much values (n,) leave a range, as a share of its width."""
     away = max(low - float(values.min()), float(values.max()) - high, 0.0)
-    return away / (high - low)
+    return away / max(high - low, 1e-300)
 
 
 def check_ranges(
@@ -168,11 +165,8 @@ def check_ranges(
 ) -> None:
     """Raise OptionError for a joint's range that is none, or more than a turn [rad or m]."""
     for name, (low, high) in ranges.items():
-        if (
-            not 0
-            < high - low
-            <= (TURN + 1e-4 if revolute.get(name) else LARGEST)
-        ):
+        most = TURN + 1e-4 if revolute.get(name) else LARGEST
+        if not 0 < high - low <= most:
             raise OptionError(
                 f"range {name}={low:g}:{high:g}: expected low:high with low below high, of a joint "
                 "that turns one turn at most [rad]",
@@ -208,24 +202,19 @@ def locked_from_log(
     Returns notes : a warning for each joint that moved more than 0.5 deg or 1 mm from it
     """
     source = open_source(path)
-    column_of = {name: name for name in names if name in source.header}
-    column_of |= {
-        name: column
-        for name, column in (columns or {}).items()
-        if name in names
-    }
+    column_of = {name: name for name in source.header} | dict(columns or {})
     column_of = {name: column_of[name] for name in names if name in column_of}
+    values: dict[str, float] = {}
+    notes: list[str] = []
     if not column_of:
-        return {}, []
+        return values, notes
     some, _ = source.drawn(READING.most_rows, 0)
     table, rows = some.numbers(list(column_of.values()))
-    values = {}
-    notes = []
-    for name, stood in zip(column_of, table.T, strict=True):
+    for name, column in zip(column_of, table.T, strict=True):
         turns = name not in prismatic
-        if not np.isfinite(stood).any():
+        if not np.isfinite(column).any():
             continue
-        stood = np.deg2rad(stood) if turns and degrees else stood
+        stood = np.deg2rad(column) if turns and degrees else column
         values[name] = float(np.nanmedian(stood))
         off = np.nan_to_num(np.abs(stood - values[name]))
         tolerance = TURNING if turns else SLIDING
@@ -241,7 +230,6 @@ def locked_from_log(
                 value=name,
             )
         if off.max() > tolerance.still:
-            notes.append(
-                f"{words}; leave out those rows, or name it in `joints`"
-            )
+            remedy = "leave out those rows, or name it in `joints`"
+            notes.append(f"{words}; {remedy}")
     return values, notes

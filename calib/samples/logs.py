@@ -25,7 +25,6 @@ from .roles import (
     FURTHER,
     PIXELS,
     QUATERNION,
-    covariances,
     find_roles,
     from_angles,
     log_columns,
@@ -33,7 +32,7 @@ from .roles import (
 )
 from .samples import POSITION, Samples
 from .settings import READING
-from .sound_values import SoundRows
+from .sound_values import sound_rows
 from .tables import Source, open_source, write_table
 from .touches import read_touches
 
@@ -92,76 +91,74 @@ def read_log(
     """
     most = whole("most", most, 2, 2**31)
     source = open_source(path)
+    label = source.label
     column_of = {
         name: column
         for name, column in (usual or {}).items()
         if column in source.header
     }
     column_of |= columns or {}
-    others = {*source.header} - {*(arm.joint_names if arm else joints or ())}
-    if (
-        not {*POSITION} & {*source.header, *column_of}
-        and {*PIXELS.values()} <= others
-    ):
+    there = {*source.header, *column_of}
+    others = there - {*(arm.joint_names if arm else joints or ())}
+    if not {*POSITION} & there and {*PIXELS.values()} <= others:
         column_of |= PIXELS
+        there |= {*PIXELS}
         unit = unit or "px"
     unit = _unit(source, unit)
-    if "point" in source.header or "point" in column_of:
+    if "point" in there:
         return read_touches(
             source, arm, joints, column_of, degrees=degrees, unit=unit
         )
     roles = find_roles(source, arm, joints, column_of)
     if arm is not None and outputs is None:
         outputs = arm.outputs
-    _check_positions(
-        {*source.header, *column_of}, source.label, roles.axes, unit, outputs
-    )
+    _check_positions(there, label, roles.axes, unit, outputs)
     names = roles.joints
+    ranges = ranges or {}
+    limits = dict(ranges)
     if arm is not None:
         revolute = tuple(arm.revolute)
-        limits = dict(
-            zip(names, zip(arm.lower, arm.upper, strict=True), strict=True)
-        )
+        bounds = zip(arm.lower, arm.upper, strict=True)
+        limits = dict(zip(names, bounds, strict=True)) | limits
     else:
         _check_prismatic(prismatic, names)
         revolute = tuple(name not in prismatic for name in names)
-        limits = {}
-    check_ranges(ranges or {}, dict(zip(names, revolute, strict=True)))
+    turning = dict(zip(names, revolute, strict=True))
+    check_ranges(ranges, turning)
 
     drawn, total = source.drawn(most, seed)
     read = [column_of.get(name, name) for name in roles.names]
     further = [
         name for name in FURTHER if name in source.header and name not in read
     ]
-    values, numbers = drawn.numbers([*read, *further])
-    values, facts = np.split(values, [len(read)], axis=1)
+    table, numbers = drawn.numbers([*read, *further])
+    values, facts = np.split(table, [len(read)], axis=1)
     if degrees:
-        turning = np.flatnonzero(revolute)
-        values[:, turning] = np.deg2rad(values[:, turning])
+        turned = np.flatnonzero(revolute)
+        values[:, turned] = np.deg2rad(values[:, turned])
     notes = []
-    side = None
+    q = values[:, : len(names)]
+    side = directions(q) if np.isfinite(q).all() else None
     if total > most:
         notes.append(
             f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
         )
-        side = np.zeros(
-            (most, len(names))
-        )  # nobody knows where joints were before
-    elif np.isfinite(values[:, : len(names)]).all():
-        side = directions(values[:, : len(names)])
-    sound = SoundRows(source.label, values, numbers, roles, revolute)
-    sound.leave_out(ranges or {})
-    kept = sound.rows
-    notes += sound.notes
-    numbers = numbers[kept]
-    q, x, turns, triangles = roles.split(values[kept])
+        side = np.zeros(q.shape)  # nobody knows where joints were before
+    chosen = {
+        name: (ranges[name], turns)
+        for name, turns in turning.items()
+        if name in ranges
+    }
+    rows = sound_rows(label, values, numbers, roles, chosen)
+    notes += rows.notes
+    numbers = numbers[rows.sound]
+    q, x, turns = roles.split(values[rows.sound])
     lower, upper = np.empty((2, len(names)))
     for k, name in enumerate(names):
-        limit = (ranges or {}).get(name, limits.get(name))
-        joint = JointColumn(source.label, name, revolute[k], limit, degrees)
+        joint = JointColumn(label, name, revolute[k], limits.get(name), degrees)
         q[:, k], (lower[k], upper[k]), words = joint.settle(q[:, k], numbers)
         notes += words
-    x, plane, words = _in_plane(source.label, x, numbers, unit, arm, outputs)
+    x, plane, words = _in_plane(label, x, numbers, unit, arm, outputs)
     notes += words
     camera = _camera(source, arm, x if len(roles.axes) == 2 else None, lens)
     if camera is not None and camera.note:
@@ -172,13 +169,12 @@ def read_log(
             f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
         )
     orientation = None
-    if roles.turns and plane is None:
-        if roles.turns == QUATERNION:
-            orientation = unit_quaternions(turns)
-        else:
-            orientation = from_angles(np.deg2rad(turns) if degrees else turns)
+    if roles.turns == QUATERNION and plane is None:
+        orientation = unit_quaternions(turns)
+    elif roles.turns and plane is None:
+        orientation = from_angles(np.deg2rad(turns) if degrees else turns)
     # what can be nothing but a mistake is refused, what may be intended told
-    refuse_mistakes(diagnose(None, q, x, names, revolute), source.label)
+    refuse_mistakes(diagnose(None, q, x, names, revolute), label)
     if arm is not None:
         findings = diagnose(
             arm.forward,
@@ -191,11 +187,12 @@ def read_log(
             pose=arm.pose if isinstance(arm, SpatialArm) else None,
             left_handed=plane is not None,
         )
-        notes += refuse_mistakes(findings, source.label)
+        notes += refuse_mistakes(findings, label)
+        arm = replace(arm, lower=lower, upper=upper)
     whole_facts = {
-        name: fact[kept]
-        for name, fact in zip(further, facts.T, strict=True)
-        if np.isfinite(fact[kept]).all()
+        name: fact
+        for name, fact in zip(further, facts[rows.sound].T, strict=True)
+        if np.isfinite(fact).all()
     }
     samples = Samples(
         q,
@@ -205,23 +202,19 @@ def read_log(
         upper,
         revolute,
         unit,
-        arm=replace(arm, lower=lower, upper=upper) if arm else None,
-        side=None if side is None else side[kept],
-        time=whole_facts.get("time"),
-        episode=whole_facts.get("episode"),
+        arm=arm,
+        side=None if side is None else side[rows.sound],
         plane=plane,
         camera=camera,
         orientation=orientation,
-        covariance=covariances(triangles, source.label)
-        if roles.covariance and plane is None
-        else None,
         rows=numbers,
         columns=column_of,
         degrees=degrees and any(revolute),
         source=source.about,
-        dropped=sound.dropped,
-        left_out=sound.left_out,
+        dropped=rows.dropped,
+        left_out=rows.left_out,
         notes=tuple(notes),
+        **whole_facts,
     )
     return samples if time_offset is None else with_offset(samples, time_offset)
 
@@ -260,14 +253,14 @@ def _unit(source: Source, unit: str | None) -> str:
 
 
 def _check_positions(
-    header: set[str],
+    there: set[str],
     label: str,
     axes: tuple[str, ...],
     unit: str,
     outputs: int | None,
 ) -> None:
     """Raise LogError for a log without positions, or with too few coordinates."""
-    if not header & {*POSITION}:
+    if not there & {*POSITION}:
         raise LogError(
             f"{label} has no positions: expected columns x, y and z [m] of a tracker, "
             "u and v of a camera, or point of sockets that the tip touched",
@@ -299,9 +292,8 @@ def _camera(
 ) -> Camera | None:
     """Return the camera of pixels (n, 2) of an arm in space; None of other readings."""
     if arm is not None and arm.outputs == 3 and pixels is not None:
-        return camera_of(
-            source.about if lens is None else {"lens": lens}, pixels
-        )
+        about = source.about if lens is None else {"lens": lens}
+        return camera_of(about, pixels)
     if lens is not None:
         raise OptionError(
             "`lens` is for pixels of an arm in space: expected columns u and v"

@@ -7,15 +7,11 @@ differ from each other.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..common.arrays import Array, Index
 from .settings import ONE_POSE
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,69 +33,47 @@ def visits_of(q: Array) -> Visits:
 
 def pose_index(q: Array) -> Index:
     """Return the number of the pose of each row (n,), in the order in which joints show them."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     # many equal rows would be each other's neighbours alone: they are one row here
     decimals = round(-np.log10(ONE_POSE.exact)) + 1
     distinct, place = np.unique(q.round(decimals), axis=0, return_inverse=True)
     place = np.asarray(place.ravel(), dtype=np.intp)
-    if not 1 < len(distinct) <= ONE_POSE.most_rows:
+    count = len(distinct)
+    if not 1 < count <= ONE_POSE.most_rows:
         return _numbered(place)
-    count = min(ONE_POSE.neighbours + 1, len(distinct))
-    tree = cKDTree(distinct)
+    near = min(ONE_POSE.neighbours + 1, count)
     distance, neighbour = map(
-        np.asarray, tree.query(distinct, k=count, p=np.inf)
+        np.asarray, cKDTree(distinct).query(distinct, k=near, p=np.inf)
     )
     if distance[:, 1].min() > ONE_POSE.most_apart:
         return _numbered(place)
-    return _numbered(_joined(distinct, distance, neighbour)[place])
+    row = np.repeat(np.arange(count), near)
+
+    def groups(longest: float) -> Index:
+        """The group (m,) of each of the different rows, whose further neighbours are others."""
+        close = distance.ravel() <= longest
+        pairs = (row[close], neighbour.ravel()[close])
+        graph = coo_array((np.ones(close.sum()), pairs), (count, count))
+        return np.asarray(connected_components(graph)[1], dtype=np.intp)
+
+    # rows of one pose that was often read are each other's neighbours alone: of the next pose
+    # only their middles tell how far away it is
+    middles = means_of(groups(ONE_POSE.most_apart), distinct)
+    lengths = distance[:, 1:].ravel()
+    if len(middles) > 1:
+        apart = cKDTree(middles).query(middles, k=2, p=np.inf)[0]
+        lengths = np.append(lengths, np.asarray(apart)[:, 1])
+    return _numbered(groups(_reading_difference(lengths))[place])
 
 
 def _numbered(labels: Index) -> Index:
     """Return labels (n,) as numbers from 0 in the order in which they come."""
     _, first, index = np.unique(labels, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), dtype=np.intp)
-    rank[np.argsort(first)] = np.arange(len(first))
+    rank = np.argsort(np.argsort(first))
     return rank[index.ravel()]
-
-
-def _joined(q: Array, distance: Array, neighbour: Index) -> Index:
-    """Return the group (m,) of each of different rows (m, dof) by its neighbours (m, k)."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import minimum_spanning_tree
-
-    count = len(q)
-    first = np.repeat(np.arange(count), distance.shape[1])
-    edges = coo_array(
-        (distance.ravel(), (first, neighbour.ravel())), shape=(count, count)
-    )
-    tree = minimum_spanning_tree(edges.tocsr())
-    # rows of one pose that was often read are each other's neighbours alone: no edge of the tree
-    # tells how far away the next pose is
-    groups = _groups(tree, ONE_POSE.most_apart)
-    lengths = np.append(tree.data, _apart(means_of(groups, q)))
-    return _groups(tree, _reading_difference(lengths))
-
-
-def _groups(tree: csr_array, longest: float) -> Index:
-    """Return the group (m,) of each row of a tree whose longer edges are cut."""
-    from scipy.sparse.csgraph import connected_components
-
-    edges = tree.copy()
-    edges.data = np.where(edges.data <= longest, edges.data, 0.0)
-    edges.eliminate_zeros()
-    return np.asarray(
-        connected_components(edges, directed=False)[1], dtype=np.intp
-    )
-
-
-def _apart(centres: Array) -> Array:
-    """Return how far each of the centres (g, dof) is from its neighbour, (g,)."""
-    from scipy.spatial import cKDTree
-
-    if len(centres) < 2:
-        return np.zeros(0)
-    return np.asarray(cKDTree(centres).query(centres, k=2, p=np.inf)[0])[:, 1]
 
 
 def _reading_difference(lengths: Array) -> float:
@@ -109,16 +83,12 @@ def _reading_difference(lengths: Array) -> float:
     """
     lengths = np.sort(np.maximum(lengths, ONE_POSE.exact))
     short = int(np.count_nonzero(lengths[:-1] <= ONE_POSE.most_apart))
-    if short < ONE_POSE.least_pairs:
-        return ONE_POSE.exact
     growth = lengths[1 : short + 1] / lengths[:short]
-    growth[: ONE_POSE.least_pairs - 1] = 0.0
-    largest = int(growth.argmax())
-    return (
-        float(lengths[largest])
-        if growth[largest] >= ONE_POSE.gap
-        else ONE_POSE.exact
-    )
+    # each pair counts from both of its ends
+    growth[: 2 * ONE_POSE.least_pairs - 1] = 0.0
+    if growth.max(initial=0.0) < ONE_POSE.gap:
+        return ONE_POSE.exact
+    return float(lengths[growth.argmax()])
 
 
 def means_of(group: Index, x: Array) -> Array:

@@ -12,18 +12,14 @@ variance), their intervals from chi-squared with the degrees of freedom that tho
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from ..common.arrays import Array
 from ..errors import LogError
-from .poses import Visits, means_of, visits_of
+from .poses import means_of, visits_of
 from .samples import Samples
-
-_TAILS = (0.975, 0.025)
 
 
 @dataclass(frozen=True)
@@ -63,7 +59,7 @@ class Repeatability:
         """Standard deviation of a single reading of a pose [unit]."""
         return float(np.hypot(*np.nan_to_num([self.sensor, self.arm])))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return what `calib noise --json` prints."""
         document = asdict(self)
         document["return"] = document.pop("arm")
@@ -86,11 +82,7 @@ def repeatability(samples: Samples) -> Repeatability:
             "be told",
             hint="go to some poses again, and read each a few times",
         )
-    return scatter(visits, samples.x[visits.rows], samples.unit)
-
-
-def scatter(visits: Visits, x: Array, unit: str = "m") -> Repeatability:
-    """Return the standard deviations of positions (k, m) [unit] of the rows of `visits`."""
+    x = samples.x[visits.rows]
     axes = x.shape[1]
     readings = np.bincount(visits.visit)  # of each visit
     pose = visits.pose[np.unique(visits.visit, return_index=True)[1]]
@@ -101,51 +93,37 @@ def scatter(visits: Visits, x: Array, unit: str = "m") -> Repeatability:
     off = means - means_of(visits.pose, x)[pose]
     within = float(((x - means[visits.visit]) ** 2).sum())
     between = float((readings[:, None] * off**2).sum())
-    sensor, sensor_interval = _deviation(within, axes * (repeats - returns))
-    arm = math.nan
-    arm_interval = (math.nan, math.nan)
+    sensor = _deviation(within, axes * (repeats - returns))
+    arm = np.full(3, np.nan)
     if returns:
-        noise, (least, most) = (
-            (sensor, sensor_interval)
-            if repeats > returns
-            else (0.0, (0.0, 0.0))
-        )
         # E[between] = free * noise^2 + size * return^2, with the visits' weights in each pose
         free = axes * returns
         weights = total - np.bincount(pose, readings.astype(float) ** 2) / total
         size = axes * float(weights.sum())
-        arm = math.sqrt(max(between - free * noise**2, 0.0) / size)
-        low, high = _deviation(between, free)[1]
-        share = free / size
-        arm_interval = (
-            math.sqrt(max(share * (low**2 - most**2), 0.0)),
-            math.sqrt(max(share * (high**2 - least**2), 0.0)),
-        )
+        # what is left of the least beside the most noise, and of the most beside the least
+        noise = sensor[[0, 2, 1]] if repeats > returns else np.zeros(3)
+        squares = _deviation(between, free) ** 2 - noise**2
+        arm = np.sqrt(free / size * np.maximum(squares, 0.0))
     return Repeatability(
-        sensor,
-        arm,
-        sensor_interval,
-        arm_interval,
-        len(total),
-        repeats,
-        returns,
-        unit,
+        sensor=float(sensor[0]),
+        arm=float(arm[0]),
+        sensor_interval=(float(sensor[1]), float(sensor[2])),
+        arm_interval=(float(arm[1]), float(arm[2])),
+        poses=len(total),
+        repeats=repeats,
+        returns=returns,
+        unit=samples.unit,
     )
 
 
-def _deviation(
-    squares: float, freedom: int
-) -> tuple[float, tuple[float, float]]:
-    """Return a standard deviation and its 95 % interval from a sum of squares."""
+def _deviation(squares: float, freedom: int) -> Array:
+    """Return a standard deviation from a sum of squares, and its 95 % interval, (3,)."""
     from scipy.special import chdtri
 
     if not freedom:
-        return math.nan, (math.nan, math.nan)
-    low, high = (
-        math.sqrt(squares / float(chdtri(freedom, 1.0 - tail)))
-        for tail in _TAILS
-    )
-    return math.sqrt(squares / freedom), (low, high)
+        return np.full(3, np.nan)
+    tails = chdtri(freedom, [0.025, 0.975])
+    return np.sqrt(squares / np.append(freedom, tails))
 
 
 def at_poses(samples: Samples) -> Samples:

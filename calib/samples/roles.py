@@ -10,6 +10,7 @@ import numpy as np
 
 from ..arm.rotations import exponential, quaternion_of
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..common.wording import listed
 from ..errors import LogError, OptionError
 from .samples import POSITION, Samples
@@ -44,16 +45,15 @@ class Roles:
     joints: tuple[str, ...]  # base to tip
     axes: tuple[str, ...]  # `("x", "y")` or `("x", "y", "z")`
     turns: tuple[str, ...] = ()  # `QUATERNION`, `ANGLES`, or nothing
-    covariance: tuple[str, ...] = ()  # `COVARIANCE`, or nothing
 
     @property
     def names(self) -> tuple[str, ...]:
         """All in their order."""
-        return (*self.joints, *self.axes, *self.turns, *self.covariance)
+        return (*self.joints, *self.axes, *self.turns)
 
     def split(self, values: Array) -> list[Array]:
-        """Columns (n, names) of values, as joints, positions, orientations and covariances."""
-        counts = (len(self.joints), len(self.axes), len(self.turns))
+        """Columns (n, names) of values, as joints, positions and orientations."""
+        counts = (len(self.joints), len(self.axes))
         return np.split(values, np.cumsum(counts), axis=1)
 
 
@@ -69,32 +69,25 @@ def find_roles(
     among the axes where the log has one.
     """
     names = joint_names(source, arm, joints)
-    locked = (
-        tuple(arm.locked) if arm is not None else ()
-    )  # named for `locked_from_log`
+    # locked joints are named for `locked_from_log`
+    choices = (*POSITION, *names, *(arm.locked if arm is not None else ()))
     for name, column in column_of.items():
-        if name not in (*names, *POSITION, *QUATERNION, *ANGLES, *locked):
+        if name not in (*choices, *QUATERNION, *ANGLES):
             raise OptionError(
                 f"columns {name}={column}: {name!r} is neither a position nor a joint; "
-                f"choices: {', '.join((*POSITION, *names, *locked))}",
+                f"choices: {', '.join(choices)}",
                 parameter="columns",
                 value=name,
             )
     there = {*source.header, *column_of} - {*names}
-    if "z" not in there:
-        roles = Roles(names, POSITION[:2])
-    elif arm is not None and arm.outputs != 3:
-        roles = Roles(names, POSITION)
-    else:
-        turns: tuple[str, ...] = ()
-        for parts in (
-            ANGLES,
-            QUATERNION,
-        ):  # of one that is named in part the rest is missed
+    axes = POSITION if "z" in there else POSITION[:2]
+    turns: tuple[str, ...] = ()
+    if "z" in there and (arm is None or arm.outputs == 3):
+        for parts in (ANGLES, QUATERNION):
+            # of one that is named in part the rest is missed
             if there.issuperset(parts) or {*parts} & {*column_of}:
                 turns = parts
-        posed = bool(turns) and there.issuperset(COVARIANCE)
-        roles = Roles(names, POSITION, turns, COVARIANCE if posed else ())
+    roles = Roles(names, axes, turns)
     columns = [column_of.get(name, name) for name in roles.names]
     if len({*columns}) < len(columns):
         raise OptionError(
@@ -164,21 +157,6 @@ def log_columns(samples: Samples) -> dict[str, Array]:
     return columns
 
 
-def covariances(values: Array, label: str) -> Array:
-    """Covariances (n, 6, 6) of their upper triangles (n, 21).  Raises LogError if one is none."""
-    matrices = np.empty((len(values), 6, 6))
-    row, column = np.triu_indices(6)
-    matrices[:, row, column] = values
-    matrices[:, column, row] = values
-    low, high = np.linalg.eigvalsh(matrices)[:, [0, -1]].T
-    if (low < -1e-6 * np.abs(high)).any():
-        raise LogError(
-            f"{label}: {COVARIANCE[0]} .. {COVARIANCE[-1]} are no covariance, expected the upper "
-            "triangle of a matrix without negative variances"
-        )
-    return matrices
-
-
 def from_angles(angles: Array) -> Array:
     """Unit quaternions (n, 4) of roll, pitch and yaw (n, 3) [rad].
 
@@ -198,5 +176,5 @@ def from_angles(angles: Array) -> Array:
 
 def unit_quaternions(turns: Array) -> Array:
     """Quaternions (n, 4) of length 1 whose qw is not negative."""
-    unit = turns / np.linalg.norm(turns, axis=1)[:, None]
+    unit = turns / row_lengths(turns)[:, None]
     return np.asarray(np.where(unit[:, 3:] < 0, -unit, unit))

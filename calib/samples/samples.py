@@ -8,11 +8,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..arm.arm import Arm
 from ..arm.plane import Plane
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Mask, frozen
 from ..common.rows import LARGEST, column_names, number_rows, whole
 from ..errors import LogError, OptionError
 from .camera import Camera
@@ -25,6 +24,8 @@ from .sockets import Touches
 POSITION = ("x", "y", "z")
 
 _OF_ROWS = (
+    "q",
+    "x",
     "side",
     "time",
     "episode",
@@ -33,7 +34,7 @@ _OF_ROWS = (
     "pixels",
     "rows",
 )
-"""Fields with an entry for each row, beside `q` and `x`."""
+"""Fields with an entry for each row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,62 +106,48 @@ class Samples:
     notes: tuple[str, ...] = ()  # what the user should be told, one line each
 
     def __post_init__(self) -> None:
-        self._set(
-            joint_names=tuple(self.joint_names),
-            revolute=tuple(self.revolute) or (True,) * self.dof,
-            notes=tuple(self.notes),
-        )
-        names = self.joint_names
-        if not 0 < len({*names}) == len(names) == len(self.revolute):
+        names = tuple(self.joint_names)
+        turns = tuple(self.revolute) or (True,) * len(names)
+        if not 0 < len({*names}) == len(names) == len(turns):
             raise LogError(
                 f"samples need one or more joints of different names, not {names}, each of which "
-                f"turns or slides: {self.revolute}"
+                f"turns or slides: {turns}"
             )
         axes = POSITION if _in_space(self.x) else POSITION[:2]
-        self._set(q=number_rows(self.q, names, "q", LogError)[0])
-        self._set(x=number_rows(self.x, axes, "x", LogError)[0])
-        if len(self) == 0:
+        q, _ = number_rows(self.q, names, "q", LogError)
+        x, _ = number_rows(self.x, axes, "x", LogError)
+        if len(q) == 0:
             raise LogError("no rows: samples need at least one")
-        for name, values in (("q", self.q), ("x", self.x)):
-            sound = (np.abs(values) < LARGEST).all(axis=1)
+        for name, numbers in (("q", q), ("x", x)):
+            sound = (np.abs(numbers) < LARGEST).all(axis=1)
             if not sound.all():
                 row = int(np.argmin(sound))
                 raise LogError(
-                    f"{name} of row {row + 1} is {values[row].tolist()}: leave out rows whose "
+                    f"{name} of row {row + 1} is {numbers[row].tolist()}: leave out rows whose "
                     f"values are missing, not finite or beyond {LARGEST:g}"
                 )
-        if not np.size(self.lower):
-            self._set(
-                lower=self.q.min(axis=0) - 1e-9, upper=self.q.max(axis=0) + 1e-9
-            )
-        if self.side is None:
-            self._set(side=directions(self.q))
-        self._check_arrays()
-        for joint, low, high in zip(names, self.lower, self.upper, strict=True):
-            if not -np.inf < low < high < np.inf:
-                raise LogError(
-                    f"joint {joint!r} has the range {low:g}:{high:g}, expected low:high"
-                )
-
-    def _set(self, **values: object) -> None:
-        """Set fields while the samples are made."""
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
-
-    def _check_arrays(self) -> None:
-        """Make all arrays read-only; raise LogError where a shape does not fit."""
-        n = len(self)
-        shapes = {
-            "q": (n, self.dof),
-            "x": (n, self.x.shape[1]),
-            "lower": (self.dof,),
-            "upper": (self.dof,),
-            "side": (n, self.dof),
-            "orientation": (n, 4),
-            "covariance": (n, 6, 6),
+        lower = self.lower
+        upper = self.upper
+        if not np.size(lower):
+            lower = q.min(axis=0) - 1e-9
+            upper = q.max(axis=0) + 1e-9
+        side = directions(q) if self.side is None else self.side
+        n = len(q)
+        arrays: dict[str, tuple[Array | None, tuple[int, ...]]] = {
+            "q": (q, q.shape),
+            "x": (x, (n, len(axes))),
+            "lower": (lower, (len(names),)),
+            "upper": (upper, (len(names),)),
+            "side": (side, q.shape),
+            "orientation": (self.orientation, (n, 4)),
+            "covariance": (self.covariance, (n, 6, 6)),
         }
-        for name, shape in shapes.items():
-            values = getattr(self, name)
+        fields: dict[str, object] = {
+            "joint_names": names,
+            "revolute": turns,
+            "notes": tuple(self.notes),
+        }
+        for name, (values, shape) in arrays.items():
             if values is None:
                 continue
             array = np.array(values, dtype=float)
@@ -168,8 +155,14 @@ class Samples:
                 raise LogError(
                     f"{name} has shape {array.shape}, expected {shape}"
                 )
-            array.flags.writeable = False
-            self._set(**{name: array})
+            fields[name] = frozen(array)
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+        for joint, low, high in zip(names, self.lower, self.upper, strict=True):
+            if not -np.inf < low < high < np.inf:
+                raise LogError(
+                    f"joint {joint!r} has the range {low:g}:{high:g}, expected low:high"
+                )
 
     def __len__(self) -> int:
         return len(self.q)
@@ -230,12 +223,10 @@ class Samples:
             revolute=tuple(self.revolute[k] for k in order),
         )
 
-    def take(self, index: ArrayLike | slice) -> Samples:
+    def take(self, index: Index | Mask | Sequence[int] | slice) -> Samples:
         """Return the rows that `index` picks: a slice, row numbers in any order or a mask."""
-        picked = np.arange(len(self))[
-            index if isinstance(index, slice) else _as_index(index)
-        ]
-        of_rows: dict[str, Any] = {"q": self.q[picked], "x": self.x[picked]}
+        picked = np.atleast_1d(np.arange(len(self))[index])
+        of_rows: dict[str, Any] = {}
         for name in _OF_ROWS:
             values = getattr(self, name)
             if values is not None:
@@ -245,12 +236,6 @@ class Samples:
         if self.touch is not None:
             of_rows["touch"] = self.touch.take(picked)
         return replace(self, **of_rows)
-
-
-def _as_index(index: ArrayLike) -> Array:
-    """Row numbers or a mask; an empty list has no type that could index."""
-    rows = np.atleast_1d(np.asarray(index))
-    return rows if rows.size else rows.astype(np.intp)
 
 
 def _in_space(x: Any) -> bool:

@@ -19,8 +19,6 @@ class Reading:
     most_turns: float = 4.0
     # share of the extent by which positions of a planar arm may leave their plane (rms)
     out_of_plane: float = 0.02
-    # times as wide as the median that a pose's sd may be: such a row would weigh like 100
-    unsure: float = 10.0
     # [m], an extent beyond which positions are most likely in another unit: arms reach 3 m, a log
     # of one in mm extends over hundreds
     largest_arm: float = 20.0
@@ -96,8 +94,6 @@ class WrongRows:
     apart: float = 10.0
     # share of the rows that can be wrong; beyond it the fit is
     most: float = 0.25
-    # rows that stand together from which on they are told
-    least_corner: int = 8
     # rows that a robust fit of a rigid chain rests on, rows for each of its functions, and how
     # many functions: those of five joints that turn
     fitted: int = 1500
@@ -112,28 +108,13 @@ class Clock:
     # median steps of time beyond which two rows are not one motion
     longest_pause: float = 5.0
     fewest_rows: int = 20  # that tell a delay
-    # a delay is corrected beyond so many sds, told from fewer on, if it explains this share of the
-    # squared residuals: real series of poses at rest stay below .02, a clock that is 1 ms late at
-    # 1 rad/s of a UR5 measured to .1 mm explains .9
+    # a delay is corrected beyond so many sds, if it explains this share of the squared residuals:
+    # real series of poses at rest stay below .02, a clock that is 1 ms late at 1 rad/s of a UR5
+    # measured to .1 mm explains .9
     clear: float = 5.0
-    doubted: float = 3.0
     share: float = 0.1
-    doubted_share: float = 0.02
     blocks: int = 20  # of neighbouring rows that vary on their own
     student: float = 4.0  # degrees of freedom of the noise
-
-
-@dataclass(frozen=True)
-class Step:
-    """When something moved while a log was taken."""
-
-    rows: int = 1000  # that are compared
-    parts: int = 32  # between which the log is split
-    least: int = 20  # poses that both sides of a split must have measured
-    # standard errors of the logarithm of the ratio: less is chance
-    sure: float = 6.0
-    # square differences across a split over those within a side: .5 mm steps hide in noise
-    times: float = 3.0
 
 
 READING = Reading()
@@ -143,4 +124,3 @@ ONE_POSE = OnePose()
 DIAGNOSIS = Diagnosis()
 WRONG = WrongRows()
 CLOCK = Clock()
-STEP = Step()

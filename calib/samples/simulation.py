@@ -21,9 +21,6 @@ from .changes import IN_SPACE, PARTS, Change, parse_changes
 if TYPE_CHECKING:
     from ..arm.arm import Arm
 
-# enough to know the extent of the workspace to a few percent
-_BOX_SAMPLES = 4096
-
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
@@ -49,50 +46,40 @@ class Simulation:
 
     def __post_init__(self) -> None:
         noise = self.noise
-        number = isinstance(noise, int | float | np.number) and not isinstance(
-            noise, bool
-        )
-        if not number or not 0.0 <= noise < LARGEST:
+        number = isinstance(noise, int | float | np.number)
+        if not number or noise is True or not 0.0 <= noise < LARGEST:
             raise OptionError(
                 f"noise is {noise!r}, expected zero or more, below {LARGEST:g} [m]"
             )
         object.__setattr__(self, "noise", float(noise))
         object.__setattr__(self, "changes", parse_changes(self.changes))
-        for change in self.changes:
-            self._check(change)
-        _ = (
-            self.true_arm
-        )  # a change of geometry that is impossible is told here
-
-    def _check(self, change: Change) -> None:
-        """Refuse a change of a joint that is none, or that an arm in space cannot have."""
         names = self.arm.joint_names
-        if change.part not in (*names, *PARTS):
-            choices = f"choices: {', '.join(names)}, sensor, tip"
-            raise OptionError(
-                f"change {str(change)!r}: no joint {change.part!r}; {choices}"
-            )
-        planar = change.part in PARTS and change.what not in IN_SPACE
-        if planar and self.arm.outputs == 3:
-            raise OptionError(
-                f"change {str(change)!r} is for planar arms; of an arm in space the joints, "
-                f"{' and '.join(f'sensor.{what}' for what in IN_SPACE)} can change"
-            )
+        for change in self.changes:
+            words = f"change {str(change)!r}"
+            if change.part not in (*names, *PARTS):
+                choices = f"choices: {', '.join(names)}, sensor, tip"
+                raise OptionError(
+                    f"{words}: no joint {change.part!r}; {choices}"
+                )
+            planar = change.part in PARTS and change.what not in IN_SPACE
+            if planar and self.arm.outputs == 3:
+                possible = " and ".join(f"sensor.{what}" for what in IN_SPACE)
+                raise OptionError(
+                    f"{words} is for planar arms; of an arm in space the joints, {possible} can "
+                    "change"
+                )
+        _ = self.true_arm  # an impossible change of geometry is told here
 
     @cached_property
     def true_arm(self) -> Arm:
         """The arm with its lengths and its tip as changed."""
         arm = self.arm
         for change in self.changes:
+            value = change.values[0]
             if change.what == "length":
-                usual = (
-                    self.arm.link_lengths[change.part]
-                    if change.relative
-                    else 1.0
-                )
-                arm = arm.with_link_length(
-                    change.part, change.values[0] * usual
-                )
+                if change.relative:
+                    value *= self.arm.link_lengths[change.part]
+                arm = arm.with_link_length(change.part, value)
             if change.part == "tip":
                 arm = arm.with_tip_offset(*change.values)
         return arm
@@ -109,14 +96,14 @@ class Simulation:
 
         Positions (n, 2) or (2,) [m] for encoders that read `q` (n, dof) or (dof,) [rad or m].
         """
-        return self._see(self._geared(np.array(q, dtype=np.float64)))
+        return self._see(self._geared(q))
 
     def true(self, q: ArrayLike, rng: Generator) -> Array:
         """Return where the tip truly is while the arm goes through `q` (n, dof), row by row.
 
         As `measure`, without the sensor's noise and outliers: what a bound has to cover.
         """
-        theta = self._geared(np.array(q, dtype=np.float64))
+        theta = self._geared(q)
         noise = rng.spawn(1)[0].standard_normal(theta.shape)
         for k, width in self._of_joints("backlash"):
             theta[:, k] = _followed(theta[:, k], width)
@@ -131,23 +118,26 @@ class Simulation:
         `rng`: more of one leaves the others as they are. Backlash depends on the order of the
         rows. An outlier is a point anywhere in the box around the workspace.
         """
-        q = np.asarray(q, dtype=np.float64)
-        x = self.true(np.atleast_2d(q), rng)
+        rows = np.atleast_2d(np.asarray(q, dtype=np.float64))
+        x = self.true(rows, rng)
         sensor_noise, outliers = rng.spawn(2)
         if self.noise > 0.0:
             x += self.noise * sensor_noise.standard_normal(x.shape)
         for (share,) in self._of_sensor("outliers"):
             wrong = outliers.random(len(x)) < share
-            low, high = self._box
+            # enough rows to know the extent of the workspace to a few percent
+            seen = self.exact(self.draw(4096, np.random.default_rng(0)))
+            low = seen.min(axis=0)
+            high = seen.max(axis=0)
             x[wrong] = outliers.uniform(low, high, size=x.shape)[wrong]
-        return x if q.ndim == 2 else x[0]
+        return x if np.ndim(q) == 2 else x[0]
 
     @property
     def hidden(self) -> bool:
         """Whether something that no encoder reads moves the tip: backlash, joint noise."""
         return bool(self._of_joints("backlash") or self._of_joints("noise"))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return the noise and the changes as plain data; the arm is stored elsewhere."""
         return {
             "noise": self.noise,
@@ -161,8 +151,9 @@ class Simulation:
             arm, noise=data["noise"], changes=parse_changes(data["changes"])
         )
 
-    def _geared(self, theta: Array) -> Array:
-        """Where the joints stand when their encoders read `theta`, which changes in place."""
+    def _geared(self, q: ArrayLike) -> Array:
+        """Where the joints stand when their encoders read `q`."""
+        theta = np.array(q, dtype=np.float64)
         for k, gear in self._of_joints("gear"):
             theta[..., k] *= gear
         for k, offset in self._of_joints("offset"):
@@ -183,12 +174,6 @@ class Simulation:
         for shift in self._of_sensor("shift"):
             x += shift
         return x
-
-    @cached_property
-    def _box(self) -> tuple[Array, Array]:
-        """Lower and upper corner of what the sensor sees of the workspace [m]."""
-        x = self.exact(self.draw(_BOX_SAMPLES, np.random.default_rng(0)))
-        return x.min(axis=0), x.max(axis=0)
 
     def _of_sensor(self, what: str) -> list[tuple[float, ...]]:
         return [

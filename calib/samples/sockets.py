@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
+from ..common.rows import row_lengths
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import OptionError
@@ -33,24 +34,18 @@ class Known:
     value: float | None  # their distance [m]; None: a plane
     tolerance: float = MACHINED  # sd [m]
 
-    def misfit(self, places: Array) -> tuple[Array, Array]:
-        """How far places (p, 3) are off (k,) [m], and the derivative (k, p, 3)."""
+    def misfit(self, places: Array) -> Array:
+        """How far places (p, 3) are off (k,) [m]."""
         points = places[list(self.points)]
         if self.value is not None:
-            apart = points[0] - points[1]
-            length = max(float(np.linalg.norm(apart)), 1e-12)
-            slope = np.zeros((1, len(places), 3))
-            slope[0, self.points[0]] = apart / length
-            slope[0, self.points[1]] = -apart / length
-            return np.array([length - self.value]), slope
+            apart = np.linalg.norm(points[:1] - points[1:], axis=1)
+            return np.asarray(apart - self.value)
         centred = points - points.mean(axis=0)
-        *_, axes = np.linalg.svd(centred)
-        # to first order a point leaves the fitted plane by what the plane does not follow
-        basis = np.column_stack([np.ones(len(points)), centred @ axes[:2].T])
-        outside = np.eye(len(points)) - basis @ np.linalg.pinv(basis)
-        slope = np.zeros((len(points), len(places), 3))
-        slope[:, list(self.points)] = outside[:, :, None] * axes[2]
-        return centred @ axes[2], slope
+        normal = np.linalg.svd(centred)[2][2]
+        # of both senses of the normal always the same one
+        return np.asarray(
+            centred @ normal * np.sign(normal[np.abs(normal).argmax()])
+        )
 
 
 @dataclass(frozen=True)
@@ -80,40 +75,44 @@ class Touches:
         """The touches of some rows; all sockets keep their numbers."""
         return replace(self, number=self.number[rows])
 
-    def means(self, x: Array, middle: Callable[..., Array] = np.mean) -> Array:
-        """Mean of positions `x` (n, m) in each socket (p, m); NaN where no row touched it."""
-        means = np.full((len(self.sockets), x.shape[1]), np.nan)
+    def with_facts(self, facts: Iterable[Known]) -> Touches:
+        """The touches with further facts."""
+        return replace(self, facts=(*self.facts, *facts))
+
+    def means(self, x: Array, *, median: bool = False) -> Array:
+        """Mean, or median, of positions `x` (n, m) in each socket (p, m); NaN of none."""
+        middles = np.full((len(self.sockets), x.shape[1]), np.nan)
+        middle = np.median if median else np.mean
         for socket in np.unique(self.number[self.touched]):
-            means[socket] = middle(x[self.number == socket], axis=0)
-        return means
+            middles[socket] = middle(x[self.number == socket], axis=0)
+        return middles
 
     def placed(self, x: Array, places: Array) -> Array:
         """Positions (n, m): places (p, m) of the touched sockets, `x` of rows of a sensor."""
         return np.where(self.touched[:, None], places[self.number], x)
 
-    def about_medians(self, x: Array) -> Array:
-        """Distances (n,) of positions `x` (n, m) from the median of their socket's."""
-        off = np.linalg.norm(x - self.means(x, np.median)[self.number], axis=1)
-        return np.where(self.touched, off, 0.0)
+    def strays(self, tip: Array, places: Array | None = None) -> Mask:
+        """Rows (n,) whose tips (n, 3) are far from their socket: the tip was not in it.
+
+        places : (p, 3), of the sockets; their tips' medians by default
+        """
+        if places is None:
+            places = self.means(tip, median=True)
+        off = row_lengths(tip - self.placed(tip, places))
+        usual = np.median(off[self.touched]) if self.touched.any() else 0.0
+        return np.asarray(off > STRAY * usual)
 
     def renumbered(self) -> tuple[Index, tuple[Known, ...], Index]:
         """Numbers of the sockets that some row touched, what is known of these, and which."""
         sockets = np.unique(self.number[self.touched])
         place = {int(old): new for new, old in enumerate(sockets)}
+        number = [place.get(int(old), -1) for old in self.number]
         facts = [
             replace(fact, points=tuple(place[point] for point in fact.points))
             for fact in self.facts
             if place.keys() >= {*fact.points}
         ]
-        number = np.where(
-            self.touched, np.searchsorted(sockets, self.number), -1
-        )
-        return number, tuple(facts), sockets
-
-    def strays(self, off: Array) -> Mask:
-        """Rows (n,) far from their socket by distances `off` (n,): the tip was not in it."""
-        usual = np.median(off[self.touched]) if self.touched.any() else 0.0
-        return np.asarray(self.touched & (off > STRAY * usual))
+        return np.array(number, dtype=np.intp), tuple(facts), sockets
 
     def stated(
         self, distances: Sequence[str] = (), planes: Sequence[str] = ()
@@ -122,20 +121,15 @@ class Touches:
 
         It holds in each setup that has these points.  Raises OptionError if none has.
         """
-        facts = list(self.facts)
+        facts: list[Known] = []
         for text in distances:
             points, value, tolerance = _distance(text)
-            facts += [
-                Known(sockets, value, tolerance)
-                for sockets in self._in_each_setup(text, points, 2)
-            ]
+            sockets = self._in_each_setup(text, points, 2)
+            facts += [Known(some, value, tolerance) for some in sockets]
         for text in planes:
-            points = [point.strip() for point in text.split(",")]
-            facts += [
-                Known(sockets, None)
-                for sockets in self._in_each_setup(text, points, 4)
-            ]
-        return replace(self, facts=tuple(facts))
+            sockets = self._in_each_setup(text, text.split(","), 4)
+            facts += [Known(some, None) for some in sockets]
+        return self.with_facts(facts)
 
     def _in_each_setup(
         self, text: str, points: Sequence[str], least: int
@@ -143,7 +137,7 @@ class Touches:
         """Numbers of some points in the setups that have all of them."""
         numbers = []
         for setup in sorted({setup for setup, _ in self.sockets}):
-            sockets = [(setup, point) for point in points]
+            sockets = [(setup, point.strip()) for point in points]
             if {*sockets} <= {*self.sockets}:
                 numbers.append(tuple(map(self.sockets.index, sockets)))
         if not numbers or len(points) < least:
@@ -170,4 +164,4 @@ def _distance(text: str) -> tuple[list[str], float, float]:
             f"distance {text!r}: expected two points, their distance and its unit, such as "
             "A,B=50mm or A,B=50mm+-0.1mm"
         ) from None
-    return [one.strip(), other.strip()], distance, sd
+    return [one, other], distance, sd

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index, Mask
-from ..common.rows import LARGEST
+from ..common.rows import LARGEST, row_lengths
 from ..common.wording import listed
 from ..errors import LogError
 from .joint_values import wrap
@@ -16,106 +17,71 @@ from .roles import QUATERNION, ROUNDING, Roles
 from .settings import READING
 
 
+@dataclass(eq=False)
 class SoundRows:
-    """Rows that are left of a log, and how many missed a value or saw nothing."""
+    """Rows that are left of a log, and what is said of the others."""
 
-    def __init__(
-        self,
-        label: str,
-        values: Array,
-        numbers: Index,
-        roles: Roles,
-        revolute: Sequence[bool],
-    ) -> None:
-        self.label = label
-        # (n, names), of which wrong ones and wrapped ones change
-        self.values = values
-        self.numbers = numbers  # (n,), of the rows in the file
-        self.roles = roles
-        self.revolute = revolute
-        self.sound: Mask = np.ones(len(values), dtype=bool)
-        self.notes: list[str] = []
-        self.dropped = 0
-        self.left_out = 0
+    label: str
+    numbers: Index  # (n,), of the rows in the file
+    sound: Mask  # (n,)
+    notes: list[str] = field(default_factory=list)
+    dropped: int = 0  # rows that miss a number
+    left_out: int = 0  # rows in which a sensor saw nothing
 
-    @property
-    def rows(self) -> Index:
-        """Those that are left."""
-        return np.flatnonzero(self.sound)
-
-    def leave_out(self, ranges: Mapping[str, Range]) -> None:
-        """Leave out what is wrong.  Raises LogError if nothing is left."""
-        self.dropped = self._without_numbers()
-        for name, (low, high) in ranges.items():
-            if name in self.roles.joints:
-                self._outside_of_range(name, low, high)
-        q, x, turns, triangles = self.roles.split(self.values)
-        self.left_out = self._zeros(q, x)
-        if self.roles.turns == QUATERNION:
-            self.left_out += self._unturned(turns)
-        if self.roles.covariance:
-            self.left_out += self._unsure(triangles)
-
-    def _drop(self, wrong: Mask, words: str) -> int:
-        """Leave out rows (n,), and return how many."""
+    def leave_out(self, wrong: Mask, words: str) -> int:
+        """Leave out rows (n,), and return how many.  Raises LogError if nothing is left."""
         wrong = wrong & self.sound
-        count = int(wrong.sum())
-        if not (self.sound & ~wrong).any():
-            raise LogError(
-                f"{self.label}: no row is left: {count} of {len(wrong)} rows {words}"
-            )
-        if count:
-            shown = rows_in_words(self.numbers[wrong])
-            self.notes.append(
-                f"{count:,} of {len(wrong):,} rows {words}; left out: {shown}"
-            )
         self.sound = self.sound & ~wrong
+        count = int(wrong.sum())
+        of_all = f"{count:,} of {len(wrong):,} rows {words}"
+        if not self.sound.any():
+            raise LogError(f"{self.label}: no row is left: {of_all}")
+        if count:
+            rows = rows_in_words(self.numbers[wrong])
+            self.notes.append(f"{of_all}; left out: {rows}")
         return count
 
-    def _without_numbers(self) -> int:
-        finite = np.abs(self.values) < LARGEST
-        columns = np.array(self.roles.names)[~finite.all(axis=0)]
-        words = f"miss a finite number (2.5, not 2,5) of {listed(columns)}"
-        count = self._drop(np.asarray(~finite.all(axis=1)), words)
-        self.values[~self.sound] = 0.0
-        return count
 
-    def _outside_of_range(self, name: str, low: float, high: float) -> None:
-        k = self.roles.joints.index(name)
-        column = self.values[:, k]
-        if self.revolute[k]:
-            column = wrap(column, low, high)
+def sound_rows(
+    label: str,
+    values: Array,
+    numbers: Index,
+    roles: Roles,
+    ranges: Mapping[str, tuple[Range, bool]],
+) -> SoundRows:
+    """Return which rows of a log are sound.
+
+    values : (n, names), of `roles`; wrong ones and those beyond a turn change
+    numbers : (n,), of the rows in the file
+    ranges : limits of some joints [rad or m], and whether they turn; rows outside are left out
+    """
+    rows = SoundRows(label, numbers, np.ones(len(values), dtype=bool))
+    finite = np.abs(values) < LARGEST
+    columns = listed(np.array(roles.names)[~finite.all(axis=0)])
+    words = f"miss a finite number (2.5, not 2,5) of {columns}"
+    rows.dropped = rows.leave_out(np.asarray(~finite.all(axis=1)), words)
+    values[~rows.sound] = 0.0
+    for name, ((low, high), is_revolute) in ranges.items():
+        column = values[:, roles.joints.index(name)]
+        if is_revolute:
+            column[:] = wrap(column, low, high)
         edge = READING.rounded * (high - low)
         away = (column < low - edge) | (column > high + edge)
-        self._drop(np.asarray(away), f"have {name} outside of the chosen range")
-        self.values[:, k] = np.clip(column, low, high)
-
-    def _zeros(self, q: Array, x: Array) -> int:
-        zero: Mask = self.sound & (x == 0.0).all(axis=1)
-        # a single row, or one place of the joints, may be the origin of the sensor
-        if (
-            zero.sum() < 2
-            or not np.ptp(q[zero], axis=0).any()
-            or zero[self.sound].all()
-        ):
-            return 0
-        return self._drop(
-            zero, "hold zeros for a position, as where a sensor saw nothing"
-        )
-
-    def _unturned(self, turns: Array) -> int:
-        length = np.linalg.norm(turns, axis=1)
-        wrong = self.sound & (np.abs(length - 1) > ROUNDING)
-        words = f"hold no orientation: qx, qy, qz, qw of length {length[np.argmax(wrong)]:.4g}"
-        return self._drop(wrong, f"{words}, expected 1")
-
-    def _unsure(self, triangles: Array) -> int:
-        variance = triangles[:, [0, 6, 11]].sum(axis=1)  # of x, y and z
-        usual = np.median(np.abs(variance[self.sound]))
-        return self._drop(
-            variance > READING.unsure**2 * usual,
-            "have a covariance far wider than usual",
-        )
+        rows.leave_out(away, f"have {name} outside of the chosen range")
+        np.clip(column, low, high, out=column)
+    q, x, turns = roles.split(values)
+    zero = rows.sound & (x == 0.0).all(axis=1)
+    # a single row, or one place of the joints, may be the origin of the sensor
+    several = zero.sum() > 1 and np.ptp(q[zero], axis=0).any()
+    if several and not zero[rows.sound].all():
+        words = "hold zeros for a position, as where a sensor saw nothing"
+        rows.left_out = rows.leave_out(zero, words)
+    if roles.turns == QUATERNION:
+        length = row_lengths(turns)
+        wrong = rows.sound & (np.abs(length - 1) > ROUNDING)
+        words = f"qx, qy, qz, qw of length {length[np.argmax(wrong)]:.4g}, expected 1"
+        rows.left_out += rows.leave_out(wrong, f"hold no orientation: {words}")
+    return rows
 
 
 def rows_in_words(numbers: Index) -> str:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array, Index
 from ..common.atomic import atomic_write
+from ..common.rows import finite_rows
 from ..common.wording import clipped, listed, printable, quoted
 from ..errors import LogError
 
@@ -40,6 +41,8 @@ _REMEDIES = {
     "utf-8": ": save it as UTF-8 CSV",
     "more fields": ": write decimals with a point, and quote text that holds a comma",
 }
+
+_HEAD = 1 << 16  # [bytes], of a file, in which its header is
 
 _POSITION_SUFFIX = ".pos"
 """LeRobot ends the names of its joints' columns with it; they are read without."""
@@ -172,17 +175,19 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
     name = os.fspath(path)
     label = "standard input" if name == "-" else printable(name)
     file = Path(name)
+    recorded = file.suffix.lower() in RECORDINGS
     try:
-        if file.is_dir() or (
-            file.exists() and file.suffix.lower() in RECORDINGS
-        ):
-            hint = f"of a bag, pictures or a video make a log: calib log {label} -o log.csv"
+        if file.is_dir() or (file.exists() and recorded):
             raise LogError(
                 f"{label} is no table: expected a CSV or Parquet file",
-                hint=hint,
+                hint=f"of a bag, pictures or a video make a log: calib log {label} -o log.csv",
             )
         content = _content(file)
-        head = _head(content)
+        if isinstance(content, bytes):
+            head = content[:_HEAD]
+        else:
+            with content.open("rb") as stream:
+                head = stream.read(_HEAD)
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise LogError(f"cannot read {label!r}: {why}") from None
@@ -193,15 +198,19 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         else:
             rows = pl.scan_parquet(content, glob=False)
             about = pl.read_parquet_metadata(content).get(KEY, "")
-        names = [*rows.collect_schema()]
-        suffixed = [name for name in names if name.endswith(_POSITION_SUFFIX)]
-        rows = rows.rename(
-            {name: name.removesuffix(_POSITION_SUFFIX) for name in suffixed}
-        )
+        names = {
+            name: name.removesuffix(_POSITION_SUFFIX)
+            for name in rows.collect_schema()
+        }
+        rows = rows.rename(names)
         header = tuple(rows.collect_schema())
-    return Source(
-        label, header, rows.with_row_index(ROW, 1), _as_mapping(about), text
-    )
+    try:
+        document = json.loads(about or "{}")
+    except ValueError:
+        document = {}
+    if not isinstance(document, dict):
+        document = {}
+    return Source(label, header, rows.with_row_index(ROW, 1), document, text)
 
 
 def _content(file: Path) -> Path | bytes:
@@ -213,16 +222,6 @@ def _content(file: Path) -> Path | bytes:
     if file.is_block_device() or file.is_char_device():
         raise OSError("it is a device, expected a CSV or Parquet file")
     return file.read_bytes() if file.is_fifo() else file
-
-
-def _head(content: Path | bytes) -> bytes:
-    """The first 64 kB."""
-    with (
-        content.open("rb")
-        if isinstance(content, Path)
-        else io.BytesIO(content) as stream
-    ):
-        return stream.read(1 << 16)
 
 
 def _scanned_text(
@@ -251,14 +250,6 @@ def _scanned_text(
         ],
     )
     return rows, about
-
-
-def _as_mapping(about: str) -> dict[str, Any]:
-    try:
-        document = json.loads(about or "{}")
-    except ValueError:
-        return {}
-    return document if isinstance(document, dict) else {}
 
 
 @contextmanager
@@ -311,18 +302,6 @@ class Batch:
         """The table with some of its rows, which may be there more than once."""
         return replace(self, values=self.values[rows], table=self.table[rows])
 
-    def notes(self, added: Sequence[str]) -> list[str]:
-        """Say how many columns go along."""
-        names = [
-            name
-            for name in self.table.columns
-            if name not in (*self.names, *added)
-        ]
-        if not names:
-            return []
-        words = f"other column{'s' * (len(names) > 1)} copied to the output unchanged"
-        return [f"{len(names)} {words}: {listed(names)}"]
-
 
 def read_batch(
     path: str | os.PathLike[str],
@@ -345,7 +324,7 @@ def read_batch(
             wanted += group
     name_of = {column_of.get(name, name): name for name in wanted}
     values, rows = source.numbers(list(name_of))
-    invalid = ~np.isfinite(values).all(axis=1)
+    invalid = ~finite_rows(values)
     values[invalid] = np.nan
     rest = [
         name for name in source.header if name in name_of or name not in wanted

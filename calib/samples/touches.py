@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..common.arrays import Array, Index
+from ..common.rows import finite_rows
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
@@ -20,8 +20,6 @@ from .tables import Source
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
-
-_LEAST = 8  # rows that tell a socket well
 
 
 def read_touches(
@@ -41,109 +39,70 @@ def read_touches(
     them.
     Raises LogError if there are no rows, the robot moves in a plane, or the joints are in degrees.
     """
+    label = source.label
     if arm is not None and arm.outputs != 3:
         raise LogError(
-            f"{source.label} holds touches: expected a robot that moves in space"
+            f"{label} holds touches: expected a robot that moves in space"
         )
     names = joint_names(source, arm, joints)
-    revolute = arm.revolute if arm is not None else (True,) * len(names)
     q, rows = source.numbers([column_of.get(name, name) for name in names])
+    revolute = arm.revolute if arm is not None else (True,) * len(names)
     if degrees:
         q = np.where(revolute, np.deg2rad(q), q)
-    pairs = _setups_and_points(source, column_of, len(q))
-    coordinates = _coordinates(source, column_of, len(q), unit)
-    touched = np.array([bool(point) for _, point in pairs])
-    measured = np.isfinite(coordinates).all(axis=1)
-    sound = np.isfinite(q).all(axis=1) & (touched | measured)
+    pairs = np.full((len(q), 2), "", dtype=object)
+    for k, name in enumerate(("setup", "point")):
+        column = column_of.get(name, name)
+        if column in source.header:
+            cells = source.read([column])[column].cast(str).fill_null("")
+            pairs[:, k] = cells.to_list()
+    x = np.full((len(q), 3), np.nan)
+    axes = [column_of.get(axis, axis) for axis in POSITION]
+    if {*axes} <= {*source.header}:
+        if unit not in METRES:
+            raise LogError(
+                f"{label}: x, y, z of touches in {unit}, expected {listed(METRES)}"
+            )
+        x = source.numbers(axes)[0] / METRES[unit]
+    touched = pairs[:, 1] != ""
+    sound = finite_rows(q) & (touched | finite_rows(x))
     if not (sound & touched).any():
-        raise LogError(f"{source.label} has no row with all joints and a point")
-    lower = q[sound].min(axis=0) - 1e-9
-    upper = q[sound].max(axis=0) + 1e-9
+        raise LogError(f"{label} has no row with all joints and a point")
+    q = q[sound]
+    x = x[sound]
+    lower = q.min(axis=0) - 1e-9
+    upper = q.max(axis=0) + 1e-9
     if arm is not None:
         limits = (arm.joint_names, arm.lower, arm.upper, arm.revolute)
-        check_joint_values(q, *limits, degrees=degrees, label=source.label)
+        check_joint_values(q, *limits, degrees=degrees, label=label)
         lower = np.minimum(arm.lower, lower)
         upper = np.maximum(arm.upper, upper)
-    sockets = tuple(
-        sorted({pairs[row] for row in np.flatnonzero(sound & touched)})
+    sockets = sorted(
+        {(setup, point) for setup, point in pairs[sound & touched]}
     )
     place = {socket: number for number, socket in enumerate(sockets)}
-    number = np.array([place.get(pair, -1) for pair in pairs], dtype=np.intp)[
-        sound
-    ]
-    q = q[sound]
-    coordinates = coordinates[sound]
-    touches = Touches(
-        number, sockets, _fixture_distances(sockets, number, coordinates)
-    )
-    x = (
-        np.zeros((len(q), 3))
-        if arm is None
-        else touches.means(arm.forward(q))[number]
-    )
-    few = [
-        touches.name(socket)
-        for socket in range(len(sockets))
-        if np.count_nonzero(number == socket) < _LEAST
-    ]
-    notes = [f"fewer than {_LEAST} postures touch {listed(few)}"] if few else []
-    if len(sockets) == 1:
-        notes.append(
-            "one socket tells little of the arm elsewhere: touch another, far from it"
-        )
+    number = [place.get((setup, point), -1) for setup, point in pairs[sound]]
+    touches = Touches(np.array(number, dtype=np.intp), tuple(sockets))
+    # points whose coordinates are stated are apart by so much, within each setup
+    stated = touches.means(x, median=True)
+    facts = []
+    for i, j in combinations(range(len(sockets)), 2):
+        apart = float(np.linalg.norm(stated[i] - stated[j]))
+        if sockets[i][0] == sockets[j][0] and np.isfinite(apart):
+            facts.append(Known((i, j), apart))
+    drawn = np.zeros_like(stated)
+    if arm is not None:
+        drawn = touches.means(arm.forward(q))
     return Samples(
         q,
-        np.where(touches.touched[:, None], x, coordinates),
+        touches.placed(x, drawn),
         names,
         lower,
         upper,
         tuple(revolute),
         arm=arm,
-        touch=touches,
+        touch=touches.with_facts(facts),
         rows=rows[sound],
         columns=dict(column_of),
         degrees=degrees,
         dropped=int((~sound).sum()),
-        notes=tuple(notes),
     )
-
-
-def _setups_and_points(
-    source: Source, column_of: Mapping[str, str], count: int
-) -> list[tuple[str, str]]:
-    """Return setup and point of each row, empty where the table has none."""
-    texts = []
-    for name in ("setup", "point"):
-        column = column_of.get(name, name)
-        if column in source.header:
-            cells = source.read([column])[column].fill_null("")
-            texts.append([str(cell) for cell in cells])
-        else:
-            texts.append([""] * count)
-    return list(zip(*texts, strict=True))
-
-
-def _coordinates(
-    source: Source, column_of: Mapping[str, str], count: int, unit: str
-) -> Array:
-    """Return x, y, z of each row (n, 3) [m], NaN where the table has none."""
-    axes = [column_of.get(axis, axis) for axis in POSITION]
-    if not {*axes} <= {*source.header}:
-        return np.full((count, 3), np.nan)
-    if unit not in METRES:
-        raise LogError(
-            f"{source.label}: x, y, z of touches in {unit}, expected {listed(METRES)}"
-        )
-    return source.numbers(axes)[0] / METRES[unit]
-
-
-def _fixture_distances(
-    sockets: Sequence[tuple[str, str]], number: Index, coordinates: Array
-) -> tuple[Known, ...]:
-    """Return the distances of points whose coordinates are stated, within each setup."""
-    distances = []
-    for i, j in combinations(range(len(sockets)), 2):
-        apart = coordinates[number == i][0] - coordinates[number == j][0]
-        if sockets[i][0] == sockets[j][0] and np.isfinite(apart).all():
-            distances.append(Known((i, j), float(np.linalg.norm(apart))))
-    return tuple(distances)

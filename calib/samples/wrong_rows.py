@@ -1,4 +1,4 @@
-"""Wrong rows of a log: single ones that contradict their neighbours, and corners that contradict.
+"""Wrong rows of a log: single ones that contradict their neighbours.
 
 One policy for whoever learns from a log or compares it: `screen` before anything is fitted,
 `contradictions` with what a fit or a model predicts.
@@ -10,9 +10,8 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from ..common.robust import robust_solve
-from ..common.rows import thinned
+from ..common.rows import row_lengths, thinned
 from ..common.scale import Scale
-from ..common.wording import for_people
 from .diagnosis import aligned
 from .samples import Samples
 from .settings import WRONG
@@ -33,12 +32,9 @@ def screen(samples: Samples) -> tuple[Mask, list[str]]:
     rows = np.random.default_rng(0).choice(n, fitted, replace=False)
     enough = WRONG.rows_per_term * terms <= min(samples.poses, fitted)
     if enough and terms <= WRONG.terms:
-        coefficients = robust_solve(
-            _products(samples.q[rows], turns), samples.x[rows]
-        )
-        pieces = np.array_split(
-            samples.q, 1 + n // 50_000
-        )  # that are held at once
+        features = _products(samples.q[rows], turns)
+        coefficients = robust_solve(features, samples.x[rows])
+        pieces = np.array_split(samples.q, 1 + n // 50_000)  # held at once
         predicted = np.concatenate(
             [_products(q, turns) @ coefficients for q in pieces]
         )
@@ -57,9 +53,8 @@ def _products(q: Array, turns: tuple[bool, ...]) -> Array:
         terms = [np.ones(len(q)), np.cos(values), np.sin(values)]
         if not turning:
             terms = [np.ones(len(q)), values]
-        products = (
-            products[:, :, None] * np.stack(terms, axis=1)[:, None]
-        ).reshape(len(q), -1)
+        pairs = products[:, :, None] * np.stack(terms, axis=1)[:, None]
+        products = pairs.reshape(len(q), -1)
     return products
 
 
@@ -75,34 +70,36 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     """
     n = len(samples)
     sound = np.ones(n, dtype=bool)
-    suspects, limit = _gross(samples, residual)
+    size = np.nan_to_num(row_lengths(residual))
+    low, high = np.quantile(samples.x, (0.05, 0.95), axis=0)
+    limit = max(
+        WRONG.gross * float(np.median(size)),
+        WRONG.spread * float(np.quantile(size, 0.7)),
+        WRONG.share * float(np.linalg.norm(high - low)),
+    )
+    suspects = np.flatnonzero(size > limit)
     if not len(suspects):
         return sound, []
     from scipy.spatial import cKDTree
 
     scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     u = scale.to_unit(samples.q)
-    around = min(WRONG.around, n - 1)
     box = scale.periodic.astype(float) if scale.periodic.any() else None
     tree = cKDTree(u, boxsize=box)
-    usual = float(
-        np.median(tree.query(u[thinned(n, WRONG.fitted)], k=[around + 1])[0])
-    )
-    reach, near = map(
-        np.asarray, tree.query(u[suspects], k=np.arange(1, around + 2))
-    )
+    around = min(WRONG.around, n - 1) + 1  # with the row itself
+    some = u[thinned(n, WRONG.fitted)]
+    usual = float(np.median(tree.query(some, k=[around])[0]))
+    nearest = np.arange(1, around + 1)
+    reach, near = map(np.asarray, tree.query(u[suspects], k=nearest))
     close = reach[:, -1] <= WRONG.near * usual
     suspects = suspects[close]
     near = near[close]
     others = residual[near]
-    others[near == suspects[:, None]] = (
-        np.nan
-    )  # a row is no neighbour of its own
+    others[near == suspects[:, None]] = np.nan
     middle = np.nanmedian(others, axis=1)
-    scatter = np.nanmedian(
-        np.linalg.norm(others - middle[:, None], axis=2), axis=1
-    )
-    away = np.linalg.norm(residual[suspects] - middle, axis=1)
+    apart = np.linalg.norm(others - middle[:, None], axis=2)
+    scatter = np.nanmedian(apart, axis=1)
+    away = row_lengths(residual[suspects] - middle)
     wrong = suspects[away > np.maximum(limit, WRONG.apart * scatter)]
     if not 0 < len(wrong) <= WRONG.most * n:
         return sound, []
@@ -113,52 +110,8 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     ]
 
 
-def contradicting_corner(samples: Samples, residual: Array) -> list[str]:
-    """Say that rows which stand together are all off by the same, if some are.
-
-    residual : (n, m), measured less predicted positions; the prediction is one that few rows do
-        not move, such as a fit with Student noise
-    """
-    suspects, _ = _gross(samples, residual)
-    if not WRONG.least_corner <= len(suspects) <= WRONG.most * len(samples):
-        return []
-    shift = np.median(residual[suspects], axis=0)
-    size = float(np.linalg.norm(shift))
-    together = suspects[
-        np.linalg.norm(residual[suspects] - shift, axis=1) < 0.5 * size
-    ]
-    if len(together) < max(WRONG.least_corner, 0.5 * len(suspects)):
-        return []
-    low, high = np.quantile(samples.q[together], (0.02, 0.98), axis=0)
-    inside = ((samples.q >= low) & (samples.q <= high)).all(axis=1)
-    if (
-        inside.mean() > 0.5
-        or np.isin(np.flatnonzero(inside), together).mean() < 0.5
-    ):
-        return []  # they are all over the range
-    factor, unit = for_people(samples.unit)
-    return [
-        f"a corner contradicts the rest: {len(together):,} of {len(samples):,} rows that stand "
-        f"together are off by {factor * size:.3g} {unit}, all the same way; was the sensor or the "
-        f"arm disturbed there? measure these again or leave them out: "
-        f"{row_numbers(samples, together)}"
-    ]
-
-
 def row_numbers(samples: Samples, rows: Index) -> str:
     """Name the first of some rows by their numbers in the log's file, counted below its header."""
-    return rows_in_words(
-        rows + 1 if samples.rows is None else samples.rows[rows]
-    )
-
-
-def _gross(samples: Samples, residual: Array) -> tuple[Index, float]:
-    """Rows whose residual (n, m) is gross by the standard of all rows, and the limit."""
-    size = np.nan_to_num(np.linalg.norm(residual, axis=1))
-    low, high = np.quantile(samples.x, (0.05, 0.95), axis=0)
-    limit = max(
-        WRONG.gross * float(np.median(size)),
-        WRONG.spread * float(np.quantile(size, 0.7)),
-        WRONG.share * float(np.linalg.norm(high - low)),
-    )
-    return np.flatnonzero(size > limit), limit
+    if samples.rows is None:
+        return rows_in_words(rows + 1)
+    return rows_in_words(samples.rows[rows])

@@ -12,18 +12,17 @@ import numpy as np
 
 from ..body.belief import Body
 from ..body.curves import waves_of
+from ..body.structure import Structure
 from ..common.arrays import Array, Index
-from ..common.wording import for_people
+from ..common.wording import sized
 from ..errors import CalibError
 from ..model.model import Model
-from ..model.nominal import nominal_in_plane
-from .error_scale import number
+from ..model.nominal import nominal_before
 from .settings import SETTINGS, Z95
 
 _ORDER = ("length", "offset", "gain", "elastic", "placement")
 _WORDS = {
     "offset": "zero",
-    "gain": "gain",
     "length": "link length",
     "shift": "origin along",
     "turn": "axis turned about",
@@ -47,65 +46,55 @@ class Cause:
         return abs(self.value) > self.half
 
     @property
-    def effect_half(self) -> float:
-        """Half of the 95 % interval of the effect."""
-        return self.effect * self.half / abs(self.value) if self.value else 0.0
-
-    @property
     def words(self) -> str:
-        """It with its value and interval: "elbow: zero +0.56 ± 0.003 deg"."""
-        factor, unit = (
-            (100.0, "%") if self.unit == "1" else for_people(self.unit)
-        )
-        value = number(abs(factor * self.value))
-        if not self.half:
-            return f"{self.name} {value} {unit}"
-        sign = "+" if self.value > 0 else "−"
-        return f"{self.name} {sign}{value} ± {number(factor * self.half, 2)} {unit}"
+        """It with its value and interval: "elbow: zero 0.56 ± 0.003 deg"."""
+        return f"{self.name} {sized(self.value, self.unit, self.half)}"
+
+
+def drawing_behind(model: Model) -> tuple[Structure, Array] | None:
+    """Structure and parameters of the drawing's arm behind the sensor that the body knows."""
+    if model.body is None or not model.about.urdf:
+        return None
+    try:
+        return nominal_before(model)
+    except CalibError:
+        return None
 
 
 def causes_of(model: Model) -> list[Cause]:
     """Return what differs from the drawing, the largest effect first; none without a drawing."""
     body = model.body
-    if body is None or not model.about.urdf:
+    drawn = drawing_behind(model)
+    if body is None or drawn is None:
         return []
     structure = body.structure
-    drawing = structure.neutral()
-    if structure.kind == "planar":
-        try:
-            drawing = nominal_in_plane(model)[1]
-        except CalibError:
-            return []
-    away = body.beta - drawing
+    away = body.beta - drawn[1]
     columns = _motions_of_tip(model, body)
     candidates = [k for name in _ORDER for k in structure.groups.get(name, ())]
     of_arm = [k for k in candidates if k in body.active]
     chosen = _independent(columns, of_arm)
     others = [k for k in of_arm if k not in chosen]
-    share = np.linalg.lstsq(columns[:, chosen], columns[:, others], rcond=None)[
-        0
-    ]
+    share = _in_terms_of(columns[:, chosen], columns[:, others])
+    sizes = np.linalg.norm(columns, axis=0)
     root = np.zeros((structure.size, body.root.shape[1]))
     root[body.active] = body.root
     values = away[chosen] + share @ away[others]
     halves = Z95 * np.linalg.norm(root[chosen] + share @ root[others], axis=1)
-    sizes = np.linalg.norm(columns[:, chosen], axis=0)
     causes = []
-    for k, value, half, size in zip(chosen, values, halves, sizes, strict=True):
+    for k, value, half in zip(
+        chosen, values.tolist(), halves.tolist(), strict=True
+    ):
         label = structure.labels[k]
         name = _in_words(label.name, str(label.joint))
-        effect = float(size * abs(value))
-        causes.append(
-            Cause(name, float(value), float(half), label.unit, effect)
-        )
+        effect = float(sizes[k]) * abs(value)
+        causes.append(Cause(name, value, half, label.unit, effect))
     for k, joint in enumerate(structure.joint_names):
         waves = structure.groups[f"curve.{k}"]
-        if len(waves) and away[waves].any():
-            effect = float(np.linalg.norm(columns[:, waves] @ away[waves]))
+        effect = float(np.linalg.norm(columns[:, waves] @ away[waves]))
+        if effect:
             rms = float(np.linalg.norm(away[waves])) / 2**0.5
-            causes.append(
-                Cause(f"{joint}: error curve, rms", rms, 0.0, "rad", effect)
-            )
+            name = f"{joint}: error curve, rms"
+            causes.append(Cause(name, rms, 0.0, "rad", effect))
     return sorted(causes, key=lambda cause: -cause.effect)
 
 
@@ -124,9 +113,9 @@ def frame_of(model: Model) -> Index:
 def error_curve(body: Body, joint: int, q: Array) -> tuple[Array, Array]:
     """Learned error curve (n,) of a joint and half of its 95 % band [rad] at values (n,)."""
     indices = body.structure.groups[f"curve.{joint}"]
-    if not len(indices) or not np.isin(indices, body.active).all():
-        return np.zeros(len(q)), np.zeros(len(q))
-    waves = waves_of(q).T
+    if not np.isin(indices, body.active).all():
+        indices = indices[:0]
+    waves = waves_of(q).T[:, : len(indices)]
     root = body.root[np.searchsorted(body.active, indices)]
     half = Z95 * np.linalg.norm(waves @ root, axis=1)
     return np.asarray(waves @ body.beta[indices]), np.asarray(half)
@@ -138,32 +127,31 @@ def _motions_of_tip(model: Model, body: Body) -> Array:
     The length of a column is the rms motion of the tip for one unit of its parameter.
     """
     structure = body.structure
+    about = model.about
     shape = SETTINGS.postures, structure.dof
-    q = np.random.default_rng(0).uniform(
-        model.about.lower, model.about.upper, shape
-    )
+    q = np.random.default_rng(0).uniform(about.lower, about.upper, shape)
     slope = structure.linearise(q, body.beta)[1][:, : structure.blocks[0]]
     columns = slope.reshape(-1, structure.size) / SETTINGS.postures**0.5
     frame = columns[:, frame_of(model)]
-    return np.asarray(
-        columns - frame @ np.linalg.lstsq(frame, columns, rcond=1e-9)[0]
-    )
+    return np.asarray(columns - frame @ _in_terms_of(frame, columns))
 
 
 def _independent(columns: Array, parameters: list[int]) -> list[int]:
     """Parameters whose columns are independent, the first ones first."""
-    chosen = []
-    basis = np.zeros((len(columns), 0))
     sizes = np.linalg.norm(columns, axis=0)
     rounding = 1e-9 * sizes[parameters].max(initial=0.0)
+    chosen: list[int] = []
     for k in parameters:
-        column = columns[:, k]
-        rest = column - basis @ (basis.T @ column)
-        length = float(np.linalg.norm(rest))
-        if length > max(SETTINGS.same * sizes[k], rounding):
+        others = columns[:, chosen]
+        rest = columns[:, k] - others @ _in_terms_of(others, columns[:, k])
+        if np.linalg.norm(rest) > max(SETTINGS.same * sizes[k], rounding):
             chosen.append(k)
-            basis = np.column_stack([basis, rest / length])
     return chosen
+
+
+def _in_terms_of(columns: Array, others: Array) -> Array:
+    """Shares of columns (m, k) that add up to others (m, l) best."""
+    return np.asarray(np.linalg.lstsq(columns, others, rcond=1e-9)[0])
 
 
 def _in_words(name: str, joint: str) -> str:

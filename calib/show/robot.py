@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..arm.description import parse_robot
 from ..arm.posture import posture_of
@@ -30,31 +29,25 @@ class Robot:
             return None
         try:
             urdf = parse_robot(about.urdf, about.robot)
-            links = (
-                urdf.root,
-                *(joint.child for joint in urdf.path(about.tip)),
-            )
+            path = urdf.path(about.tip)
             posture_of(urdf, about.locked)  # without Pinocchio no arm is drawn
         except CalibError:
             return None
+        links = (urdf.root, *(joint.child for joint in path))
         return Robot(urdf, about, links)
 
-    def poses(self, q: ArrayLike) -> dict[str, Array]:
+    def poses(self, q: Array) -> dict[str, Array]:
         """Transforms (n, 4, 4) of the links in the root's frame, for joints (n, dof)."""
-        names = self.about.joint_names
         postures = []
-        for row in np.atleast_2d(np.asarray(q, dtype=float)).tolist():
-            values = {**self.about.locked, **dict(zip(names, row, strict=True))}
-            postures.append(posture_of(self.urdf, values).frames)
+        for row in q.tolist():
+            joints = dict(zip(self.about.joint_names, row, strict=True))
+            posture = posture_of(self.urdf, {**self.about.locked, **joints})
+            postures.append(posture.frames)
         return {
             link: np.stack([frames[link] for frames in postures])
             for link in self.links
         }
 
-    def bones(self, q: ArrayLike) -> Array:
-        """Origins (links, 3) of the links at joints (dof,) [m]."""
-        return np.array([frames[0, :3, 3] for frames in self.poses(q).values()])
-
-    def tips(self, q: ArrayLike) -> Array:
+    def tips(self, q: Array) -> Array:
         """Position (n, 3) of the tip in the root's frame [m]."""
         return np.asarray(self.poses(q)[self.links[-1]][:, :3, 3])

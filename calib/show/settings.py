@@ -16,25 +16,19 @@ class Settings:
     fresh: int = 1_000
     few_rows: int = 10  # of a log, fewer cannot be judged
     postures: int = 200  # that tell how parameters move the tip
-    field: int = 2_500  # postures that a field of bounds is drawn with
+    field: int = 6_000  # postures that a field of bounds is drawn with
     dots: int = 1_000  # rows in a figure
     arrows: int = 250  # in a figure
     causes: int = 7  # as many as the first screen has room for
-    names: int = 12  # in a sentence
-    points: int = 3_000  # rows in a preview
+    points: int = 3_000  # in a preview
     played: int = 60  # rows that Play goes through, 15 frames each
     links: int = 24  # of a node
-    branches: int = 12  # of an inverse answer
 
     small_effect: float = 0.01  # of the largest: causes with less are not drawn
     same: float = 0.03  # of a column: with less of its own, others tell it
     # of a joint's longest: with less, a row says little of it
     lever: float = 0.3
     arrow: float = 0.08  # of the picture's width: the longest arrows
-    long_edge: float = 5.0  # of the median edge: it crosses what no tip reaches
-    thin: float = 0.05  # of the median density: a field ends where it is less
-    # held-out over learned errors: with more, rows help most
-    unseen: float = 1.5
 
 
 SETTINGS = Settings()

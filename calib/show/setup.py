@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..arm.rotations import matrix_of
 from ..body.sensor_pose import SensorPose
-from ..body.spatial import SpatialStructure
 from ..body.views import is_camera
 from ..common.arrays import Array
-from ..errors import CalibError
 from ..model.model import Model
-from ..recording.board import parse_board
 from ..recording.rig import HandEye, Place
+from ..recording.rig_file import rig_of_model
+from .workspace import extent
 
 SENSOR = "sensor frame"
 """Name of the frame that positions are told in."""
 
-_CAMERA = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1))
-_CAMERA_SIDES = ((0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 1))
-_BOARD = ((0, 1), (1, 2), (2, 3), (3, 0))
-_BOARD_SIDES = ((0, 1, 2), (0, 2, 3))
+_FRUSTUM = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1))
+_OUTLINE = ((0, 1), (1, 2), (2, 3), (3, 0))
 _CROSS = ((0, 3), (1, 4), (2, 5))
 _AXES = ((0, 1), (0, 2), (0, 3))
+_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +38,6 @@ class Thing:
     pairs: Sequence[tuple[int, int]]
     frame: Array  # (4, 4)
     carried: bool = False
-    faces: Sequence[tuple[int, int, int]] = ()
 
     @property
     def kind(self) -> str:
@@ -56,124 +52,68 @@ class Thing:
 
 def things_of(model: Model) -> list[Thing]:
     """Return what a model knows of its setup, as its first sensor sees the arm."""
+    rig = rig_of_model(model)
+    if rig is not None:
+        return things_of_rig(rig)
     body = model.body
     sensor = SensorPose.of(body)
     if body is None or sensor is None:
         return []
-    structure = body.structure
-    assert isinstance(structure, SpatialStructure)  # noqa: S101 - it has a sensor's pose
-    size = 0.15 * float(structure.chain.reach)
     frame = transform(sensor.rotation, sensor.position)
-    pictures = model.about.options.get("board")
-    if isinstance(pictures, Mapping) and "eye" in pictures:
-        return _hand_eye(model, structure, pictures, frame, size)
+    structure = body.structure
     name = model.about.sensor
     if is_camera(structure.view):
         focal = float(body.beta[structure.groups["lens"]][0])
         picture = model.about.picture or (1280, 720)
+        depth = 0.3 * float(np.linalg.norm(sensor.position))
         return [
-            camera_thing(f"camera {name}".strip(), picture, focal, size, frame)
+            camera_thing(f"camera {name}".strip(), picture, focal, depth, frame)
         ]
+    size = 0.1 * extent(model)
     if structure.view == "base":
-        return _sockets(model, 0.15 * size)
-    axes = np.vstack([np.zeros(3), 0.6 * size * np.eye(3)])
+        return _sockets(model, 0.2 * size)
+    axes = np.vstack([np.zeros(3), size * np.eye(3)])
     return [Thing(f"{SENSOR} {name}".strip(), axes, _AXES, frame)]
-
-
-def _hand_eye(
-    model: Model,
-    structure: SpatialStructure,
-    pictures: Mapping[str, Any],
-    frame: Array,
-    size: float,
-) -> list[Thing]:
-    """Camera and board: the one stands still, the other is carried."""
-    assert model.body is not None  # noqa: S101 - the caller has looked
-    beta = model.body.beta
-    bare = beta.copy()
-    bare[structure.groups["tool"]] = 0.0
-    bare[structure.groups["tool.rotation"]] = 0.0
-    base = structure.with_view("base", unit="m", metre=1.0)
-    q = np.zeros((1, structure.dof))
-    (tool,), (turn,) = base.pose(q, beta)
-    (tip,), (flange,) = base.pose(q, bare)
-    point = tool - turn @ np.array(pictures["point"])
-    carried = transform(flange.T @ turn, flange.T @ (point - tip))
-    in_hand = pictures["eye"] == "hand"
-    camera_frame, board_frame = (
-        (carried, frame) if in_hand else (frame, carried)
-    )
-    lens = pictures["lens"]
-    focal = float(np.mean(lens["focal"]))
-    things = [
-        camera_thing(
-            "camera", lens["size"], focal, size, camera_frame, carried=in_hand
-        )
-    ]
-    try:
-        board = parse_board(str(pictures["board"])).points()
-    except CalibError:  # tags need OpenCV
-        return things
-    return [*things, board_thing(board, board_frame, carried=not in_hand)]
 
 
 def things_of_rig(rig: HandEye) -> list[Thing]:
     """Cameras and the board of a rig; what is carried is in the frame of the flange."""
-    reach = float(np.ptp(rig.flange[:, :3, 3], axis=0).max())
+    depth = 0.3 * float(np.ptp(rig.flange[:, :3, 3], axis=0).max())
     things = []
     for camera in rig.cameras:
         lens = camera.lens
-        carried = camera.eye == "hand"
         frame = _frame_of(camera.place)
         name = f"camera {camera.name}" if len(rig.cameras) > 1 else "camera"
-        size = lens["size"]
+        carried = camera.eye == "hand"
         things.append(
             camera_thing(
-                name, size, lens["focal"], 0.3 * reach, frame, carried=carried
+                name, lens["size"], lens["focal"], depth, frame, carried=carried
             )
         )
     in_hand = rig.eye == "hand"
+    corners = np.array(rig.board["points"])
+    low = corners.min(axis=0)
+    sides = np.column_stack([_SQUARE, np.zeros(4)])
+    outline = low + sides * (corners.max(axis=0) - low)
     frame = _frame_of(rig.base if in_hand else rig.hand)
-    board = np.array(rig.board["points"])
-    return [*things, board_thing(board, frame, carried=not in_hand)]
-
-
-def _frame_of(place: Place) -> Array:
-    return transform(
-        matrix_of(place["quaternion"]), np.array(place["position"])
-    )
+    return [*things, Thing("board", outline, _OUTLINE, frame, not in_hand)]
 
 
 def camera_thing(
     name: str,
     picture: Sequence[float],
     focal: float,
-    size: float,
+    depth: float,
     frame: Array,
     *,
     carried: bool = False,
 ) -> Thing:
-    """A camera as a frustum with the lens's angle, `size` [m] deep."""
-    width, height = (0.5 * size * side / focal for side in picture)
-    corners = [
-        [-width, -height],
-        [width, -height],
-        [width, height],
-        [-width, height],
-    ]
-    points = np.vstack([np.zeros(3), [[*corner, size] for corner in corners]])
-    return Thing(name, points, _CAMERA, frame, carried, _CAMERA_SIDES)
-
-
-def board_thing(
-    corners: Array, frame: Array, *, carried: bool = False
-) -> Thing:
-    """A board as the outline of its corners (n, 3) [m]."""
-    low = corners.min(axis=0)
-    high = corners.max(axis=0)
-    sides = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    points = low + sides * (high - low)
-    return Thing("board", points, _BOARD, frame, carried, _BOARD_SIDES)
+    """A camera as a frustum with the lens's angle, so deep [m]."""
+    corners = (_SQUARE - 0.5) * np.array(picture) * depth / focal
+    points = np.vstack(
+        [np.zeros(3), np.column_stack([corners, np.full(4, depth)])]
+    )
+    return Thing(name, points, _FRUSTUM, frame, carried)
 
 
 def _sockets(model: Model, size: float, least: int = 3) -> list[Thing]:
@@ -196,3 +136,9 @@ def transform(rotation: Array, position: Array) -> Array:
     frame[:3, :3] = rotation
     frame[:3, 3] = position
     return frame
+
+
+def _frame_of(place: Place) -> Array:
+    return transform(
+        matrix_of(place["quaternion"]), np.array(place["position"])
+    )

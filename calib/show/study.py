@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from ..change.judge import Verdict, judge
-from ..common.arrays import Array, Mask
-from ..errors import CalibError
+from ..common.arrays import Array
+from ..common.robust import solve_least_squares
 from ..model.model import Model
-from ..model.nominal import nominal_arm, nominal_behind, nominal_in_plane
 from ..samples.samples import Samples
 from ..training.evaluate import learned_rows, simulation_of
-from .causes import Cause, causes_of, frame_of
+from .causes import Cause, causes_of, drawing_behind, frame_of
 from .settings import SETTINGS
 
 
@@ -29,9 +28,8 @@ class StudiedRows:
     q: Array  # (n, dof) [rad or m]
     x: Array  # (n, m) [unit], measured positions
     held_out: Array  # of predictions that have not seen the row
-    learned: (
-        Array | None
-    )  # of the model, which has learned from the row; None of a new log
+    # of the model, which has learned from the row; None of a new log
+    learned: Array | None
     source: str  # what the rows are
     # (k, m) [unit], positions of rows that take no part
     left_out: Array | None = None
@@ -41,14 +39,6 @@ class StudiedRows:
     def distance(self) -> Array:
         """Distance (n,) [unit] between measured and held-out predicted positions."""
         return np.asarray(np.linalg.norm(self.held_out, axis=1))
-
-    def take(self, rows: Mask) -> StudiedRows:
-        """The rows of a mask (n,)."""
-        parts = {
-            name: getattr(self, name)[rows] for name in ("q", "x", "held_out")
-        }
-        learned = None if self.learned is None else self.learned[rows]
-        return replace(self, **parts, learned=learned)
 
 
 class Bar(NamedTuple):
@@ -83,24 +73,23 @@ class Study:
         rows = None
         if self.log is not None:
             rows = _rows_of_log(self.model, self.log)
-        if rows is None:
-            rows = _rows_of_training(self.model)
-        if rows is None:
-            return None
-        errors = (
-            [rows.held_out]
-            if rows.learned is None
-            else [rows.held_out, rows.learned]
-        )
-        answered = np.asarray(np.isfinite(np.hstack(errors)).all(axis=1))
-        return rows.take(answered) if answered.any() else None
+        return rows or _rows_of_training(self.model)
 
     @cached_property
     def delivered(self) -> Array | None:
-        """Errors (n, m) [unit] of the arm as its URDF describes it."""
-        if self.rows is None:
+        """Errors (n, m) [unit] of the drawing's arm in the frame and with the tool that suit it."""
+        drawn = drawing_behind(self.model)
+        if self.rows is None or drawn is None:
             return None
-        return _as_delivered(self.model, self.rows.q, self.rows.x)
+        structure, beta = drawn
+        outputs = structure.blocks[0]
+        predicted, slope = structure.linearise(
+            self.rows.q, beta, frame_of(self.model)
+        )
+        error = self.rows.x - predicted[:, :outputs]
+        columns = slope[:, :outputs].reshape(error.size, -1)
+        step = solve_least_squares(columns, error.reshape(-1, 1))
+        return np.asarray(error - (columns @ step).reshape(error.shape))
 
     @cached_property
     def bars(self) -> list[Bar]:
@@ -123,9 +112,9 @@ class Study:
     @property
     def views(self) -> tuple[tuple[int, int], ...]:
         """Pairs of coordinates that positions are projected on."""
-        return (
-            ((0, 1), (0, 2), (1, 2)) if len(self.model.axes) == 3 else ((0, 1),)
-        )
+        if len(self.model.axes) == 3:
+            return ((0, 1), (0, 2), (1, 2))
+        return ((0, 1),)
 
     @cached_property
     def causes(self) -> list[Cause]:
@@ -146,26 +135,27 @@ class Study:
 
 def studies_of(model: Model, log: Samples | None = None) -> list[Study]:
     """Return a study for each sensor; a log is that of one of them."""
-    studies = [Study(model, log)]
-    if log is not None and log.sensor not in ("", model.about.sensor):
-        studies = [Study(model)]
-    for number, name in enumerate(model.sensors[1:], 2):
-        own = log if log is not None and log.sensor == name else None
-        studies.append(Study(model.by(name), own, f"-{number}"))
-    return studies
+    measured = None if log is None else model.by(log.sensor).about.sensor
+    return [
+        Study(
+            model.by(name),
+            log if name == measured else None,
+            f"-{place}" if place > 1 else "",
+        )
+        for place, name in enumerate(model.sensors, 1)
+    ]
 
 
 def _rows_of_log(model: Model, log: Samples) -> StudiedRows | None:
     """The rows of a log with the verdict on them; None where the model learned from them."""
-    learned = learned_rows(model, log)
-    if len(log) - np.count_nonzero(learned) < SETTINGS.few_rows:
+    new = ~learned_rows(model, log)
+    if np.count_nonzero(new) < SETTINGS.few_rows:
         return None
-    new = log.take(~learned)
-    verdict = judge(model, new, learn=False)
+    verdict = judge(model, log.take(new), learn=False)
     rows = verdict.rows
     sound = verdict.sound
-    shown = {row.tobytes() for row in rows.x[sound]}
-    left_out = [row for row in new.x if row.tobytes() not in shown]
+    counted = {row.tobytes() for row in rows.x[sound]}
+    left_out = [row for row in log.x[new] if row.tobytes() not in counted]
     return StudiedRows(
         q=rows.logged[sound],
         x=rows.x[sound],
@@ -184,37 +174,23 @@ def _rows_of_training(model: Model) -> StudiedRows | None:
         rng = np.random.default_rng(model.about.seed)
         q = simulation.draw(SETTINGS.fresh, rng)
         x = simulation.true(q, rng)
+        held_out = x - model.forward(q)
         noise = simulation.noise * rng.standard_normal(x.shape)
-        missed = x - model.forward(q)
-        return StudiedRows(q, x, missed, missed + noise, "fresh exact samples")
-    if model.rows is None:
+        learned = held_out + noise
+        source = "fresh exact samples"
+    elif model.rows is not None:
+        q = model.rows.q
+        x = model.rows.x
+        learned = x - model.forward(q)
+        held_out = learned
+        if model.rows.held_out is not None:
+            held_out = model.rows.held_out
+        source = "rows held out"
+    else:
         return None
-    learned = model.rows.x - model.forward(model.rows.q)
-    held_out = learned if model.rows.held_out is None else model.rows.held_out
+    answered = np.isfinite(held_out + learned).all(axis=1)
+    if not answered.any():
+        return None
     return StudiedRows(
-        model.rows.q, model.rows.x, held_out, learned, "rows held out"
+        q[answered], x[answered], held_out[answered], learned[answered], source
     )
-
-
-def _as_delivered(model: Model, q: Array, x: Array) -> Array | None:
-    """Errors (n, m) [unit] of the URDF's arm, with the frame and the tool that suit it best."""
-    about = model.about
-    body = model.body
-    try:
-        if about.simulation:
-            return np.asarray(x - nominal_arm(model).forward(q))
-        if body is None or not about.urdf:
-            return None
-        structure = body.structure
-        if structure.kind == "planar":
-            structure, beta = nominal_in_plane(model)
-        else:
-            beta = nominal_behind(structure, body.beta)
-    except CalibError:
-        return None
-    outputs = structure.blocks[0]
-    predicted, slope = structure.linearise(q, beta, frame_of(model))
-    error = x - predicted[:, :outputs]
-    columns = slope[:, :outputs].reshape(error.size, -1)
-    step = np.linalg.lstsq(columns, error.ravel(), rcond=1e-9)[0]
-    return np.asarray(error - (columns @ step).reshape(error.shape))

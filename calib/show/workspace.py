@@ -42,7 +42,7 @@ def drawn_edges(part: Map) -> NDArray[np.intp]:
     if len(shape) == 3:
         places = np.indices(shape).reshape(3, -1).T
         middle = places == np.array(shape) // 2
-        edges = edges[(middle[edges[:, 0]] & middle[edges[:, 1]]).any(axis=1)]
+        edges = edges[middle[edges].all(axis=1).any(axis=1)]
     return edges
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..body.covariance import RADIUS_95
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..errors import OptionError
 from ..maps.node_bounds import learn_bounds
 from ..model.model import Model
@@ -75,7 +76,7 @@ def simulated_bounds(
             "no test sample is near the motor map's nodes", hint=UNFOLD
         )
     u = model.motor.scale.to_unit(q[inside])
-    errors = np.linalg.norm(model.predictor.value(u) - x[inside], axis=1)
+    errors = row_lengths(model.predictor.value(u) - x[inside])
     nodes = learn_bounds(model.motor, u, errors)
     rounding = TESTING.rounding * model.solver.extent
     return SimulatedBounds(np.maximum(nodes, rounding), u, x[inside])

@@ -10,7 +10,8 @@ import numpy as np
 from ..arm.loading import arm_from_urdf
 from ..arm.rotations import logarithm, matrix_of, similarity
 from ..body.belief import knows_orientation
-from ..common.arrays import Array, Mask
+from ..common.arrays import Mask
+from ..common.rows import finite_rows, median_length, row_lengths
 from ..common.wording import for_people
 from ..errors import OptionError, require
 from ..model.about import holds
@@ -123,25 +124,29 @@ def evaluate(
         if simulation is None:
             return _of_training(model)
         residuals = fresh_residuals(model, simulation)
-        rows_given = len(residuals.q) + residuals.left_out
-        return _evaluation(model, residuals, rows_given, "fresh exact samples")
+        return _evaluation(model, residuals, "fresh exact samples")
     model = model.by(samples.sensor)
-    rows_given = len(samples) + samples.left_out
     source = "measured rows of the log"
+    lost = samples.left_out
     if samples.touch is not None:
+        count = len(samples)
         samples, touch = in_sockets(model, samples, samples.touch)
-        evaluation = _of_positions(model, samples, rows_given, source)
+        lost += count - len(samples)
+        evaluation = _evaluation(
+            model, _residuals(model, samples), source, lost
+        )
         return replace(evaluation, touch=touch)
     learned = learned_rows(model, samples)
     count = int(np.count_nonzero(learned))
+    fresh = len(samples) - count
     notes: list[str] = []
-    if count and len(samples) - count < TESTING.fewest:
+    if count and fresh < TESTING.fewest:
         note = (
             f"the model has learned {count} of these {len(samples)} rows, so that they do not "
             "tell its errors: those of rows that were held out while it was trained follow"
         )
         training = _of_training(model)
-        left_out = training.left_out + rows_given - count
+        left_out = training.left_out + fresh + lost
         return replace(
             training, notes=(note,), learned=count, left_out=left_out
         )
@@ -150,47 +155,51 @@ def evaluate(
             f"{count} of these rows were learned by the model and tell nothing of it"
         )
         samples = samples.take(~learned)
-        rows_given -= count
         source = "measured rows of the log that were not learned"
     samples, sound_notes = sound_log(model, samples)
+    lost += fresh - len(samples)
     samples, frame_notes = _in_frame(model, samples, frame)
-    evaluation = _of_positions(model, samples, rows_given, source)
     notes += sound_notes + frame_notes
+    evaluation = _evaluation(model, _residuals(model, samples), source, lost)
     return replace(evaluation, notes=tuple(notes), learned=count)
 
 
 def _of_training(model: Model) -> Evaluation:
     """The errors on rows of its log that were held out while a model was trained."""
     about = model.about
-    source = "rows held out in contiguous blocks"
     return Evaluation(
         dict(about.errors),
         about.tested,
         about.left_out,
-        source,
+        "rows held out in contiguous blocks",
         dict(about.within),
     )
 
 
-def _of_positions(
-    model: Model, samples: Samples, rows_given: int, source: str
-) -> Evaluation:
-    """The evaluation on measured positions, and orientations where they are known."""
-    side = None if samples.touch is not None else samples.side
-    residuals = evaluate_residuals(model, samples.q, samples.x, side=side)
-    residuals = replace(residuals, turned=_turned(model, samples))
-    return _evaluation(model, residuals, rows_given, source)
+def _residuals(model: Model, samples: Samples) -> Residuals:
+    """Residuals on measured positions, and on orientations where they are known."""
+    residuals = evaluate_residuals(
+        model, samples.q, samples.x, side=samples.side
+    )
+    if samples.orientation is None or not knows_orientation(model.body):
+        return residuals
+    space = Space.of(model)
+    q = model.about.joints_of(samples)
+    predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
+    off = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
+    answered = finite_rows(model.forward(q))
+    turned = row_lengths(logarithm(off[answered]))
+    return replace(residuals, turned=turned)
 
 
 def _evaluation(
-    model: Model, residuals: Residuals, rows_given: int, source: str
+    model: Model, residuals: Residuals, source: str, lost: int = 0
 ) -> Evaluation:
-    """The evaluation that residuals tell."""
-    tested = len(residuals.q)
+    """The evaluation that residuals tell, beside `lost` rows that were left out before."""
     return Evaluation(
         errors=summarise(residuals),
-        rows=tested,
-        left_out=rows_given - tested,
+        rows=len(residuals.q),
+        left_out=residuals.left_out + lost,
         source=source,
         within=answered_within(model, residuals),
         residuals=residuals,
@@ -228,7 +237,7 @@ def _in_frame(
 ) -> tuple[Samples, list[str]]:
     """The log in the model's frame if that is free, and notes on how its own frame moved."""
     tip = model.forward(samples.q)
-    answered = np.isfinite(tip).all(axis=1)
+    answered = finite_rows(tip)
     if answered.sum() < TESTING.placed:
         return samples, []
     x = samples.x[answered]
@@ -236,8 +245,8 @@ def _in_frame(
     turn, _, _ = similarity(x, tip)
     shift = np.median(tip - x @ turn.T, axis=0)
     moved = x @ turn.T + shift
-    before = float(np.median(np.linalg.norm(x - tip, axis=1)))
-    after = float(np.median(np.linalg.norm(moved - tip, axis=1)))
+    before = median_length(x - tip)
+    after = median_length(moved - tip)
     if frame == "kept" and after > TESTING.nearer * before:
         return samples, []
     away = float(np.linalg.norm(x.mean(axis=0) - moved.mean(axis=0)))
@@ -256,18 +265,6 @@ def _in_frame(
         "places: `check` tells which it is, `frame='free'` gives the errors after that, `adapt` "
         "takes it over"
     ]
-
-
-def _turned(model: Model, samples: Samples) -> Array | None:
-    """Errors (n,) of the orientation [rad], None where it is not measured or not known."""
-    if samples.orientation is None or not knows_orientation(model.body):
-        return None
-    space = Space.of(model)
-    q = model.about.joints_of(samples)
-    predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
-    residual = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
-    answered = np.isfinite(model.forward(q)).all(axis=1)
-    return np.asarray(np.linalg.norm(logarithm(residual[answered]), axis=1))
 
 
 def simulation_of(model: Model) -> Simulation | None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..body.belief import Body
+from ..common.rows import finite_rows
 from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.motion import directions
 from ..samples.samples import Samples
@@ -38,19 +39,15 @@ def in_time(
     """
     delay = _delay(samples, trajectory, body, start, fresh=fit is not None)
     if start:  # beside which its rest explains little, or nothing
-        delay = delay or Delay(
-            start, 0.1 * trajectory.step, trajectory.unit, 1.0
-        )
+        sd = 0.1 * trajectory.step
+        delay = delay or Delay(start, sd, trajectory.unit, 1.0)
         delay = replace(delay, share=1.0)
-    if delay is None:
+    if delay is None or not delay.clear:
         return InTime(samples)
-    if not delay.clear:
-        return InTime(samples, notes=[delay.note()] if delay.note() else [])
     moved = samples
     part = None
-    for _ in range(
-        LATE_CLOCK.rounds
-    ):  # where joints jump, a delay is found by several
+    # where joints jump, a delay is found by several
+    for _ in range(LATE_CLOCK.rounds):
         moved = trajectory.moved(samples, delay.value)
         if fit is not None:  # with curves that have not followed the delay
             part = fit(moved)
@@ -79,25 +76,21 @@ def _delay(
     if structure.outputs != samples.x.shape[1]:
         return None
     members = structure.members()
-    chain = dict(members).get("chain", members[0][1])
-    prior = structure.prior(chain)
+    prior = structure.prior(dict(members).get("chain", members[0][1]))
     active = prior.active
     beta = body.beta.copy()
     if fresh:
-        fitted = np.isin(np.arange(len(beta)), active)
-        beta[~fitted] = 0.0
         beta[prior.sd == 0] = prior.mean[prior.sd == 0]
     middle = len(trajectory.time) // 2
-    some = slice(
-        max(0, middle - LATE_CLOCK.rows // 2), middle + LATE_CLOCK.rows // 2
-    )
+    half = LATE_CLOCK.rows // 2
+    some = slice(max(0, middle - half), middle + half)
     total = start
     share = 0.0
     for _ in range(LATE_CLOCK.steps):
         q, speed = trajectory.before(total)
         q = q[some]
-        inside = np.asarray(np.isfinite(q).all(axis=1))
-        if inside.sum() < len(inside) // 2:
+        inside = finite_rows(q)
+        if inside.mean() < 0.5:
             return None
         q = q[inside]
         seen, slope = structure.predict_and_slope(q, beta)
@@ -107,17 +100,17 @@ def _delay(
             structure.linearise(q, beta, active)[1],
             prior.sd[active] ** -2.0,
             (prior.mean - beta)[active],
-            play=slope
-            * directions(q)[:, None],  # joints with play err by their direction
+            # joints with play err by their direction
+            play=slope * directions(q)[:, None],
             unit=trajectory.unit,
         )
         if step is None:
             return None
         delay, change = step
         share = share or delay.share
-        full = np.zeros(len(beta))
-        full[active] = change
-        beta = structure.retract(beta, full)
+        moved = np.zeros(len(beta))
+        moved[active] = change
+        beta = structure.retract(beta, moved)
         total += delay.value
         if abs(delay.value) < LATE_CLOCK.settled * delay.sd:
             break

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import numpy as np
 from numpy.random import SeedSequence
 
 from ..common.arrays import Array
 from ..common.choices import BODIES, FREED, VIEWS
 from ..common.parallel import in_turn, side_by_side
+from ..common.rows import whole
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..maps.association import Association
@@ -52,9 +52,8 @@ class TrainingOptions:
         Nodes along each axis of both lattices, or of one.  70 by default, which stands for 70x70
         and, with three joints, a 17x17x17 motor map; for a log about five rows per node.
     map : str or gain function, optional
-        Network: "vdsom:residual" (default; "gas" where held-out blocks of a log without a body
-        prefer it) or another name that :class:`calib.SOM` knows, or a function of a
-        :class:`calib.Visit`.
+        Network: "vdsom:residual" (default) or another name that :class:`calib.SOM` knows, or a
+        function of a :class:`calib.Visit`.
     rule : {"batch", "online"}
         Kohonen's batch map, or the paper's eq. 1 to 8, sample by sample.
     epochs : int, optional
@@ -97,15 +96,7 @@ class TrainingOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        seed = self.seed
-        if (
-            isinstance(seed, bool)
-            or not isinstance(seed, int | np.integer)
-            or seed < 0
-        ):
-            raise OptionError(
-                f"seed {seed!r}: expected a whole number, 0 or more"
-            )
+        whole("seed", self.seed, 0, 2**63 - 1)
         wiring_of(self.links)
         for name, value, choices in (
             ("body", self.body, BODIES),
@@ -210,97 +201,43 @@ def resolved(
 ) -> tuple[TrainingOptions, list[str]]:
     """The options with lattices and map for these samples, and what the user is told."""
     notes: list[str] = []
+    shapes = {
+        name: shape_of(size, name)
+        for name, size in vars(options).items()
+        if name.endswith("size") and size is not None
+    }
+    if not shapes and samples.simulation is None:
+        count = len(samples)
+        least = LEARNING.least_side_of_body
+        if options.body == "none":
+            least = LEARNING.least_side
+        side = max(least, round(math.sqrt(count / LEARNING.rows_per_node)))
+        side = min(LEARNING.side, side)
+        shapes["size"] = (side, side)
+        notes = [
+            f"lattices of {side}x{side} nodes for {count:,} rows, `size` chooses others"
+        ]
+    square: tuple[int, ...] = (LEARNING.side, LEARNING.side)
+    motor = shapes.get("size", square)
+    sensory = motor if len(motor) == 2 else square
     dof = samples.dof
     width = samples.x.shape[1]
-    size = _shape(options.size, "size")
-    motor = _shape(options.motor_size, "motor_size")
-    sensory = _shape(options.sensory_size, "sensory_size")
-    if (
-        size is None
-        and motor is None
-        and sensory is None
-        and samples.simulation is None
-    ):
-        side = _side_for_rows(len(samples), options.body)
-        notes = [
-            f"lattices of {side}x{side} nodes for {len(samples):,} rows, `size` chooses others"
-        ]
-        size = (side, side)
-    size = size or (LEARNING.side, LEARNING.side)
-    plane = size if len(size) == 2 else (LEARNING.side, LEARNING.side)
     # as many nodes in a lattice of the joints' dimension, and in one of the space
-    if motor is None:
-        motor = (
-            _of_dimension(dof, size)
-            if len(size) == 2 and dof in (1, 3)
-            else size
-        )
-    if sensory is None:
-        sensory = _of_dimension(3, plane) if width == 3 else plane
-    for name, shape, most in (
-        ("motor", motor, dof),
-        ("sensory", sensory, width),
-    ):
+    if len(motor) == 2 and dof in (1, 3):
+        motor = _of_dimension(dof, motor)
+    if width == 3:
+        sensory = _of_dimension(3, sensory)
+    lattices: dict[str, Any] = {"motor_size": motor, "sensory_size": sensory}
+    for name, most in (("motor_size", dof), ("sensory_size", width)):
+        shape = shapes.get(name, lattices[name])
+        lattices[name] = shape
         if len(shape) > most:
-            words = f"{name} size {'x'.join(map(str, shape))}: expected at most {most} numbers"
+            words = f"{name.replace('_', ' ')} {'x'.join(map(str, shape))}"
             raise OptionError(
-                f"{words}, one for each axis", parameter=f"{name}_size"
+                f"{words}: expected at most {most} numbers, one for each axis",
+                parameter=name,
             )
-    options = replace(options, motor_size=motor, sensory_size=sensory)
-    if options.map:
-        return options, notes
-    by_default = (options.rule, options.epochs, options.sigma) == (
-        "batch",
-        None,
-        None,
-    )
-    if samples.simulation is None and options.body == "none" and by_default:
-        share = _gas_over_lattice(samples, options)
-        if share < LEARNING.better:
-            notes.append(
-                f"maps without a lattice (gas), which have {share:.2f} of a VDSOM's error on "
-                "held-out blocks of the log; `map` chooses another"
-            )
-            return replace(options, map="gas"), notes
-    return replace(options, map=LATTICE), notes
-
-
-def _gas_over_lattice(samples: Samples, options: TrainingOptions) -> float:
-    """Error of a gas on held-out blocks of a log over that of a lattice, readout ``linear``.
-
-    A lattice folds over a few paths which cross in the workspace; but a gas follows no stream.
-    """
-    folds = np.array_split(np.arange(len(samples)), LEARNING.blocks)
-    scale = unit_box(samples)
-    u = scale.to_unit(samples.q)
-    x = samples.x
-    error = {"gas": 0.0, LATTICE: 0.0}
-    # each row is held out once: of an uneven log a third of the blocks alone, most of them from
-    # where it dwells, had the gas at 0.86, all of them at 0.95 of the lattice's error
-    for first in range(LEARNING.parts):
-        held_out = np.concatenate(folds[first :: LEARNING.parts])
-        learned = np.setdiff1d(
-            np.arange(len(samples)), held_out, assume_unique=True
-        )
-        for network in error:
-            tried = replace(options, map=network)
-            pair = associate(scale, u[learned], x[learned], tried)
-            miss = pair.linear.value(u[held_out]) - x[held_out]
-            error[network] += float(np.linalg.norm(miss, axis=1).sum())
-    return error["gas"] / max(error[LATTICE], 1e-300)
-
-
-def _shape(size: Size | None, name: str) -> tuple[int, ...] | None:
-    return None if size is None else shape_of(size, name)
-
-
-def _side_for_rows(rows: int, body: str) -> int:
-    """Nodes along each side of a lattice for so many rows of a log."""
-    least = (
-        LEARNING.least_side if body == "none" else LEARNING.least_side_of_body
-    )
-    side = round(math.sqrt(rows / LEARNING.rows_per_node))
-    return min(LEARNING.side, max(least, side))
+    return replace(options, map=options.map or LATTICE, **lattices), notes
 
 
 def _of_dimension(dim: int, nodes: tuple[int, ...]) -> tuple[int, ...]:

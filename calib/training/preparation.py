@@ -4,24 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 
-from ..body.belief import Body, Second
 from ..common.arrays import Array
 from ..errors import LogError, OptionError
-from ..samples.moved import moved_words
 from ..samples.repeatability import at_poses, noise_beside_poses
 from ..samples.samples import Samples
 from ..samples.wrong_rows import screen
 from .learn import TrainingOptions
-from .play import play_words, without_play
 from .smooth import SmoothPart, find_smooth_part, find_smooth_parts
-from .sound_rows import fit_sound_rows
+from .sound_rows import fit_sound_rows, play_words, without_play
 from .touched import fit_sockets
-
-_Noisy = TypeVar("_Noisy", Body, Second)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +42,7 @@ def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
     """Leave wrong rows out, bring clocks together, and fit the body; a row a pose is left."""
     rows_given = len(samples) + samples.left_out
     if samples.touch is not None:
-        samples, part, notes = fit_sockets(samples, options)
+        samples, part, notes = fit_sockets(samples, samples.touch, options)
         return Prepared(samples, rows_given, (*notes, *part.fit.notes), part)
     if options.body == "none":
         notes = []
@@ -61,16 +55,14 @@ def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
         return find_smooth_part(at_poses(rows), options)
 
     log = fit_sound_rows(samples, fit)
-    samples = log.samples
-    part = log.part
     notes = log.notes
-    play = log.play if log.play.any() else None
-    if play is not None:
+    play = None
+    if log.play.any():
+        play = log.play
         notes.append(play_words(samples, play))
-    if samples.simulation is None:
-        notes += moved_words(samples, part.fit.body.predict(samples.q))
-    notes += part.fit.notes
-    part = _of_single_readings(part, samples)
+    notes += log.part.fit.notes
+    samples = log.samples
+    part = _of_single_readings(log.part, samples)
     return Prepared(
         at_poses(samples), rows_given, tuple(notes), part, play, samples
     )
@@ -81,30 +73,28 @@ def prepare_several(
 ) -> dict[str, Prepared]:
     """Prepare the log of each sensor by itself, then fit one body to all of them."""
     alone = {name: prepare(samples, options) for name, samples in logs.items()}
-    plays = [
-        prepared.play
-        for prepared in alone.values()
-        if prepared.play is not None
-    ]
+    shown = {
+        name: np.zeros(logs[name].dof) if log.play is None else log.play
+        for name, log in alone.items()
+    }
+    # the arm's, whichever sensors have shown it
+    plays = [play for play in shown.values() if play.any()]
     play = np.mean(plays, axis=0) if plays else None
     readings: dict[str, Samples] = {}
-    for name, prepared in alone.items():
-        samples = prepared.readings or prepared.samples
-        if play is not None:  # the arm's, whichever sensors have shown it
-            shown = (
-                np.zeros_like(play) if prepared.play is None else prepared.play
-            )
-            samples = without_play(samples, play - shown)
+    for name, log in alone.items():
+        samples = log.readings or log.samples
+        if play is not None:
+            samples = without_play(samples, play - shown[name])
         readings[name] = samples
     poses = {name: at_poses(samples) for name, samples in readings.items()}
     parts = find_smooth_parts(poses, options)
     together: dict[str, Prepared] = {}
-    for name, prepared in alone.items():
+    for name, log in alone.items():
         part = _of_single_readings(parts[name], readings[name])
-        notes_of_fit = prepared.part.fit.notes if prepared.part else ()
-        notes = [note for note in prepared.notes if note not in notes_of_fit]
+        notes_of_fit = log.part.fit.notes if log.part else ()
+        notes = [note for note in log.notes if note not in notes_of_fit]
         together[name] = replace(
-            prepared,
+            log,
             samples=poses[name],
             part=part,
             play=play,
@@ -120,19 +110,14 @@ def _of_single_readings(part: SmoothPart, samples: Samples) -> SmoothPart:
     repeat, hidden = noise_beside_poses(samples)
     if not hidden:
         return part
-    width = samples.x.shape[1]
-    body = replace(_noisier(part.fit.body, hidden, width), repeat=repeat)
-    if body.second is not None:
-        body = replace(body, second=_noisier(body.second, hidden, width))
+    body = part.fit.body
+    second = body.second
+    if second is not None:
+        second = replace(second, noise=np.hypot(second.noise, hidden))
+    noise = np.hypot(body.noise, hidden)
+    body = replace(body, noise=noise, second=second, repeat=repeat)
     fit = replace(part.fit, body=body)
     return replace(part, fit=fit, smooth=replace(part.smooth, body=body))
-
-
-def _noisier(belief: _Noisy, hidden: float, width: int) -> _Noisy:
-    """A belief with more noise of each coordinate [unit]."""
-    noise = belief.noise.copy()
-    noise[:width] = np.hypot(noise[:width], hidden)
-    return replace(belief, noise=noise)
 
 
 def logs_by_sensor(
@@ -147,29 +132,23 @@ def logs_by_sensor(
             "several sensors share a body: expected `body='auto'`",
             parameter="body",
         )
-    first = logs[0]
-    names = [log.sensor or f"sensor {k}" for k, log in enumerate(logs, start=1)]
-    if len({*names}) < len(names):
-        raise LogError(
-            f"sensors {', '.join(names)}: expected a name of its own for each log"
-        )
-    for log in logs:
+    by_sensor: dict[str, Samples] = {}
+    for number, log in enumerate(logs, start=1):
         if log.simulation is not None or log.touch is not None:
             raise LogError(
                 "one of several logs is of a simulation or of touches: expected measured "
                 "positions; touches beside positions stand in one log"
             )
-        if (log.joint_names, log.revolute) != (
-            first.joint_names,
-            first.revolute,
-        ):
+        name = log.sensor or f"sensor {number}"
+        if name in by_sensor:
             raise LogError(
-                f"the logs have the joints {', '.join(first.joint_names)} and "
-                f"{', '.join(log.joint_names)}: expected the same ones in one order"
+                f"sensor {name} twice: expected a name of its own for each log"
             )
-    lower = np.min([log.lower for log in logs], axis=0)
-    upper = np.max([log.upper for log in logs], axis=0)
+        log = log.reordered(logs[0].joint_names)
+        by_sensor[name] = replace(log, sensor=name)
+    lower = np.min([log.lower for log in by_sensor.values()], axis=0)
+    upper = np.max([log.upper for log in by_sensor.values()], axis=0)
     return {
-        name: replace(log, sensor=name, lower=lower, upper=upper)
-        for name, log in zip(names, logs, strict=True)
+        name: replace(log, lower=lower, upper=upper)
+        for name, log in by_sensor.items()
     }

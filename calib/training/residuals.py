@@ -10,6 +10,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.choices import MAP_READOUTS
 from ..common.parallel import side_by_side
+from ..common.rows import row_lengths
 from ..errors import LogError
 from ..model.answers import unit_joints
 from ..model.model import Model
@@ -17,9 +18,9 @@ from ..model.prediction import predict
 from ..samples.motion import Motion
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
-from .learn import TrainingOptions, associate
+from .learn import TrainingOptions
 from .settings import TESTING
-from .smooth import SmoothPart, to_learn
+from .smooth import SmoothPart, maps_of
 from .touched import NOT_LEARNED
 
 Sizes = dict[str, float]
@@ -50,7 +51,7 @@ class Residuals:
     def errors(self) -> dict[str, Array]:
         """Distance between predicted and true position, (n,) per readout."""
         return {
-            readout: np.linalg.norm(error, axis=1)
+            readout: row_lengths(error)
             for readout, error in self.forward.items()
         }
 
@@ -76,10 +77,8 @@ def _residuals(
     distance = {}
     for readout, answer in answers.items():
         inverse[readout] = scale.difference(answer, u) * scale.span
-        reached = (
-            value(answer) if truth is None else truth(scale.from_unit(answer))
-        )
-        distance[readout] = np.linalg.norm(reached - targets, axis=1)
+        reached = truth(scale.from_unit(answer)) if truth else value(answer)
+        distance[readout] = row_lengths(reached - targets)
     return Residuals(q, x, forward, inverse, distance, model.about.joint_names)
 
 
@@ -94,21 +93,19 @@ def evaluate_residuals(
 
     side : (n, dof), from which side the joints came, where that is known
     """
-    scale = model.motor.scale
     answered = model.covers(q)
     if not answered.any():
         raise LogError(NOT_LEARNED)
     motion = Motion(q, side).take(answered)
     x = x[answered]
     prediction = predict(model, motion)
-    near = model.solver.newton.clip(scale.to_unit(motion.q))
+    near = model.solver.newton.clip(model.motor.scale.to_unit(motion.q))
     # the answers' bounds, of which `Model.solve` takes most of the time, are not asked for
-    forward, answers = side_by_side(
-        lambda: {
-            readout: prediction.read(readout) - x for readout in model.readouts
-        },
+    predicted, answers = side_by_side(
+        lambda: {name: prediction.read(name) for name in model.readouts},
         lambda: unit_joints(model, x, near, model.readouts),
     )
+    forward = {readout: value - x for readout, value in predicted.items()}
     residuals = _residuals(model, motion.q, x, forward, answers, truth)
     left_out = int(np.count_nonzero(~answered))
     return replace(residuals, left_out=left_out, side=motion.side)
@@ -141,9 +138,10 @@ def held_out_residuals(
             turned = part.fit.turned[some]
     q = samples.q[rows]
     x = samples.x[rows]
-    here = model.predictor.value(scale.to_unit(q))
-    near = clip(scale.to_unit(q))
+    u = scale.to_unit(q)
+    near = clip(u)
     # a target that a held-out prediction misses is answered by joints that the map leads there
+    here = model.predictor.value(u)
     answers = {
         readout: unit_joints(model, here - error, near, ("local",))["local"]
         for readout, error in forward.items()
@@ -155,14 +153,12 @@ def held_out_residuals(
     for half in (0, 1):
         tested = np.isin(rows, np.concatenate(folds[half::2]))
         learned = np.sort(np.concatenate(folds[1 - half :: 2]))
-        learned_u, learned_x, wrong = to_learn(samples, part, options, learned)
-        pair = associate(scale, learned_u, learned_x, options, wrong)
+        pair = maps_of(samples, part, options, learned)
         targets = pair.sensory.scale.to_unit(x[tested])
         inverses = pair.inverses(targets, near[tested])
         for readout in MAP_READOUTS:
-            forward[readout][tested] = (
-                pair.predict(q[tested], readout) - x[tested]
-            )
+            predicted = pair.predict(q[tested], readout)
+            forward[readout][tested] = predicted - x[tested]
             answers[readout][tested] = clip(inverses[readout])
     return replace(_residuals(model, q, x, forward, answers), turned=turned)
 
@@ -191,21 +187,18 @@ def summarise(residuals: Residuals) -> ErrorTable:
     table: ErrorTable = {}
     for readout, gap in residuals.forward.items():
         forward = dict(zip("xyz", gap.T, strict=False))
-        forward["distance"] = np.linalg.norm(gap, axis=1)
+        forward["distance"] = row_lengths(gap)
         if residuals.turned is not None and readout in ("local", "body"):
             forward["orientation"] = residuals.turned
         answers = residuals.inverse[readout].T
         inverse = dict(zip(residuals.joint_names, answers, strict=True))
         inverse["distance"] = residuals.distance[readout]
+        directions = {"forward": forward, "inverse": inverse}
         table[readout] = {
-            "forward": _all_sizes(forward),
-            "inverse": _all_sizes(inverse),
+            direction: {name: error_sizes(e) for name, e in errors.items()}
+            for direction, errors in directions.items()
         }
     return table
-
-
-def _all_sizes(errors: dict[str, Array]) -> dict[str, Sizes]:
-    return {name: error_sizes(error) for name, error in errors.items()}
 
 
 def error_sizes(error: Array) -> Sizes:

@@ -22,11 +22,6 @@ class Learning:
     # with one: its links have to propose starts for every branch
     least_side: int = 4
     least_side_of_body: int = 20
-    # contiguous blocks of a log without a body, of which every third is held out in turn, and what
-    # share of a lattice's error there a gas has to reach
-    blocks: int = 10
-    parts: int = 3
-    better: float = 0.9
     collapsed: float = 1e-9  # mean distance of joined nodes in the unit box
     # share of the extent: a body that is further off explains nothing
     no_arm: float = 0.02
@@ -80,15 +75,6 @@ class LateClock:
 
 
 @dataclass(frozen=True)
-class OtherOrder:
-    """Whether joints without a robot are in another order."""
-
-    rows: int = 150  # that orders are compared by
-    # the stated noise of a log: such errors are no calibration's
-    noises: float = 30.0
-
-
-@dataclass(frozen=True)
 class Touching:
     """What arms and sockets are fitted to."""
 
@@ -97,8 +83,6 @@ class Touching:
     attempts: int = 3
     few: int = 12  # touches that tell an arm in space at least
     few_of_one: int = 4  # of them in one socket
-    # times the usual scatter, within which a stray was in another socket
-    in_socket: float = 5.0
     # [rad or m], joints that moved less in each socket tell nothing
     alike: float = 0.05
     clearly: float = 3.0  # sds by which two sizes of an arm have to differ
@@ -117,5 +101,4 @@ LEARNING = Learning()
 TESTING = Testing()
 PLAY = Play()
 LATE_CLOCK = LateClock()
-OTHER_ORDER = OtherOrder()
 TOUCHING = Touching()

@@ -4,21 +4,169 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.body_fit import BodyFit, fit, fit_sensors
+from ..arm.arm import SpatialArm
+from ..arm.rotations import logarithm, matrix_of
+from ..body.body_fit import BodyFit, fit_sensors
+from ..body.drawing import PlanarDrawing
+from ..body.planar import planar_structure
 from ..body.row_notes import warnings_of
+from ..body.rows import Rows
 from ..body.sensor_pose import doubtful_depth
+from ..body.spatial import structure_of, unknown_structure
+from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array, Index
+from ..common.choices import VIEWS
+from ..common.rows import row_lengths
+from ..common.scale import METRES
+from ..errors import OptionError
+from ..maps.association import Association
 from ..maps.model_selection import misfit
 from ..maps.predictor import BodyInBox
 from ..samples.samples import Samples
-from .learn import TrainingOptions, unit_box
+from .learn import Progress, TrainingOptions, associate, unit_box
 from .settings import LEARNING
-from .template import Template
+
+_POSED = {
+    "rigid": "pose",
+    "base": "base pose",
+}  # the same views of positions and orientations
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """What a body is fitted to and begins from."""
+
+    structure: Structure
+    rows: Rows
+    index: Index  # (k,), of these rows in the samples
+    notes: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(samples: Samples, options: TrainingOptions) -> Template:
+        """The template of samples, or of evenly spread ones of very many.
+
+        Raises OptionError if the view is not one of such samples, or no drawing is to be trusted.
+        """
+        arm = samples.arm
+        drawn = isinstance(arm, SpatialArm)
+        pixels = samples.camera is not None and drawn
+        in_space = not pixels and samples.x.shape[1] == 3
+        kinds = [
+            kind
+            for kind in VIEWS
+            if kind == "auto" or is_camera(kind) == pixels
+        ]
+        if in_space:
+            kinds = ["auto", "base", "rigid", "similarity"]
+        view = options.view
+        if view not in kinds:
+            raise OptionError(
+                f"view {view!r}: expected one of {', '.join(kinds)} for these samples",
+                parameter="view",
+                value=view,
+            )
+        every = -(-len(samples) // LEARNING.most_rows)
+        index = np.arange(0, len(samples), every)
+        if pixels or in_space:
+            template = _in_space_template(samples, index, view)
+        else:
+            template = _in_plane_template(samples, index, view)
+            drawn = getattr(template.structure, "nominal", None) is not None
+        if options.free == "all":
+            return template
+        if not drawn or samples.simulation is not None:
+            raise OptionError(
+                "free 'offsets' trusts the drawing of a robot: give `robot` and a measured log",
+                parameter="free",
+                value=options.free,
+            )
+        structure = template.structure.changed(zeros_alone=True)
+        return replace(template, structure=structure)
+
+
+def _in_plane_template(samples: Samples, rows: Index, view: str) -> Template:
+    """The template of a planar arm, a log's with its URDF as prior."""
+    simulated = samples.simulation is not None
+    drawing: PlanarDrawing | None = None
+    if samples.arm is not None and not simulated:
+        # a joint out of the plane has no prior: the rows have to tell
+        with suppress(OptionError):
+            drawing = PlanarDrawing.of(samples.arm)
+    if view == "base" and drawing is None:
+        raise OptionError(
+            "view 'base' needs a measured log and the planar robot that it is of: give both, or "
+            "another view"
+        )
+    x = samples.x[rows]
+    structure = planar_structure(
+        x,
+        samples.joint_names,
+        samples.revolute,
+        drawing,
+        view,
+        samples.unit,
+        simulated,
+    )
+    return Template(structure, Rows(samples.q[rows], x), rows)
+
+
+def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
+    """The template of an arm in space; only a log's URDF is a prior."""
+    arm = samples.arm
+    unit = samples.unit
+    metre = METRES.get(unit, 1.0)
+    simulation = samples.simulation
+    measured = Rows(samples.q[rows], samples.x[rows])
+    # root mean square distance of positions from their mean
+    off = measured.z - measured.z.mean(axis=0)
+    extent = float(np.sqrt((off**2).sum(axis=1).mean()))
+    notes: tuple[str, ...] = ()
+    if not isinstance(arm, SpatialArm):
+        simulated = simulation is not None
+        structure = unknown_structure(
+            samples.joint_names,
+            samples.revolute,
+            extent,
+            unit,
+            metre,
+            simulated,
+        )
+        if samples.orientation is not None:
+            words = "orientations are used together with the robot's URDF"
+            notes = (f"{words}: give `robot`",)
+        return Template(structure, measured, rows, notes)
+    if samples.camera is not None and measured.z.shape[1] == 2:
+        pinhole = structure_of(
+            arm,
+            "pinhole",
+            unit="px",
+            extent=extent,
+            lens=samples.camera.lens,
+            lens_sd=samples.camera.lens_sd,
+        )
+        return Template(pinhole, measured, rows)
+    if view == "auto":
+        view = "rigid" if unit in METRES else "similarity"
+    if simulation is not None:
+        view = "base"
+    structure = structure_of(arm, view, unit=unit, metre=metre, extent=extent)
+    if simulation is not None:
+        # the drawing is where the search begins, and no prior
+        structure = replace(structure, informed=False, simulated=True)
+        measured = replace(measured, noise=simulation.noise or None)
+    elif samples.orientation is not None and view in _POSED:
+        structure = structure.with_view(_POSED[view])
+        turns = logarithm(matrix_of(samples.orientation[rows]))
+        measured = replace(measured, z=np.hstack([measured.z, turns]))
+    elif samples.orientation is not None:
+        notes = (f"orientations are not used with the view {view!r}",)
+    return Template(structure, measured, rows, notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +185,11 @@ class SmoothPart:
     @property
     def error(self) -> float:
         """Mean distance of held-out rows from the body [unit]."""
-        return float(np.linalg.norm(self.fit.held_out, axis=1).mean())
+        return float(row_lengths(self.fit.held_out).mean())
+
+    def extent(self, samples: Samples) -> float:
+        """Diagonal of the workspace of the samples [unit]."""
+        return float(np.linalg.norm(np.ptp(samples.x[self.rows], axis=0)))
 
 
 Fit = Callable[[Samples], SmoothPart]
@@ -51,24 +203,15 @@ def find_smooth_parts(
 
     logs : samples of each sensor by its name, of the same joints; the first one's drawing counts
     """
-    rows = {name: _learned_rows(samples) for name, samples in logs.items()}
     templates = {
-        name: Template.of(logs[name], rows[name], options) for name in logs
+        name: Template.of(samples, options) for name, samples in logs.items()
     }
-    if len(logs) == 1:
-        fits = {
-            name: fit(template.structure, [template.rows], seed=options.seed)
-            for name, template in templates.items()
-        }
-    else:
-        fits = fit_sensors(
-            {name: template.structure for name, template in templates.items()},
-            {name: template.rows for name, template in templates.items()},
-            seed=options.seed,
-        )
+    structures = {name: made.structure for name, made in templates.items()}
+    rows = {name: made.rows for name, made in templates.items()}
+    fits = fit_sensors(structures, rows, seed=options.seed)
     return {
-        name: _smooth_part(logs[name], rows[name], templates[name], fits[name])
-        for name in logs
+        name: _smooth_part(samples, templates[name], fits[name])
+        for name, samples in logs.items()
     }
 
 
@@ -77,15 +220,11 @@ def find_smooth_part(samples: Samples, options: TrainingOptions) -> SmoothPart:
     return find_smooth_parts({"": samples}, options)[""]
 
 
-def _learned_rows(samples: Samples) -> Index:
-    return np.arange(0, len(samples), -(-len(samples) // LEARNING.most_rows))
-
-
 def _smooth_part(
-    samples: Samples, rows: Index, template: Template, fit: BodyFit
+    samples: Samples, template: Template, fit: BodyFit
 ) -> SmoothPart:
     """The body of a fit, with notes on what its rows cannot tell."""
-    q = samples.q[rows]
+    q = template.rows.q
     view = fit.body.structure.view
     travel = samples.upper - samples.lower
     notes = [
@@ -102,15 +241,13 @@ def _smooth_part(
     notes += template.notes
     if template.rows.z.shape[1] == 6:
         fit = fit.of_positions()
-    part = SmoothPart.of(samples, fit, rows)
-    extent = _extent(samples, rows)
-    if samples.simulation is None and part.error > LEARNING.no_arm * extent:
-        planar = (
-            "planar " if samples.x.shape[1] == 2 and samples.arm is None else ""
-        )
+    part = SmoothPart.of(samples, fit, template.index)
+    share = part.error / part.extent(samples)
+    if samples.simulation is None and share > LEARNING.no_arm:
+        planar = samples.x.shape[1] == 2 and samples.arm is None
         notes.append(
-            f"no {planar}arm explains the positions: held-out rows are missed by "
-            f"{100 * part.error / extent:.2g} % of their extent; check that `joints` names all "
+            f"no {'planar ' if planar else ''}arm explains the positions: held-out rows are missed "
+            f"by {100 * share:.2g} % of their extent; check that `joints` names all "
             "that moved, base to tip, that each row's joints and position are of one moment, and "
             "give the URDF of an arm in space; maps and links alone learn what is no arm: "
             "`body='none'`"
@@ -118,34 +255,27 @@ def _smooth_part(
     return replace(part, fit=replace(fit, notes=tuple(notes)))
 
 
-def _extent(samples: Samples, rows: Index) -> float:
-    """Diagonal of the workspace [unit]."""
-    return float(np.linalg.norm(np.ptp(samples.x[rows], axis=0)))
-
-
 def wrong_around(part: SmoothPart, samples: Samples, u: Array) -> Array | None:
     """How wrong (k,) the body is around points `u` (k, dof) of the unit box, None within noise."""
     scale = part.smooth.scale
     learned = scale.to_unit(samples.q[part.rows])
-    extent = _extent(samples, part.rows)
+    extent = part.extent(samples)
     return misfit(scale, learned, part.fit.held_out, extent, u)
 
 
-def to_learn(
+def maps_of(
     samples: Samples,
     part: SmoothPart | None,
     options: TrainingOptions,
     rows: slice | Index = slice(None),
-) -> tuple[Array, Array, Array | None]:
-    """What the maps learn from: some rows of the samples, and what the body of `part` imagines.
-
-    Returns u, x : (k, dof), (k, m), joints in the unit box and positions
-    Returns wrong : (k,), how wrong the body is there, None within noise
-    """
-    u = unit_box(samples).to_unit(samples.q[rows])
+    progress: Progress | None = None,
+) -> Association:
+    """Maps and links of some rows of the samples, and of what the body of `part` imagines."""
+    scale = unit_box(samples)
+    u = scale.to_unit(samples.q[rows])
     x = samples.x[rows]
     if part is None:
-        return u, x, None
+        return associate(scale, u, x, options, None, progress)
     # a log may leave parts of the joints' range out, a simulation only has too few samples
     nodes = math.prod(options.shapes[0])
     if samples.simulation is None or len(samples) < nodes:
@@ -154,4 +284,5 @@ def to_learn(
         drawn = rng.random((LEARNING.imagined * nodes, u.shape[1]))
         u = np.concatenate([u[::every], drawn])
         x = np.concatenate([x[::every], part.smooth.value(drawn)])
-    return u, x, wrong_around(part, samples, u)
+    wrong = wrong_around(part, samples, u)
+    return associate(scale, u, x, options, wrong, progress)

@@ -1,25 +1,25 @@
-"""Sound rows of a log: in time, and without those that contradict the others."""
+"""Sound rows of a log: in time, free of backlash, and without those that contradict the others."""
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..body.approach import learn_play
 from ..common.arrays import Array
-from ..common.rows import thinned
-from ..errors import LogError
+from ..common.rows import finite_rows, row_lengths
+from ..common.wording import unit_of_joint
 from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.delays import Trajectory
 from ..samples.diagnosis import aligned, rows_behind
+from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.settings import DIAGNOSIS
-from ..samples.wrong_rows import contradicting_corner, contradictions, screen
-from .late_clock import InTime, in_time
-from .play import freed_of_play
-from .settings import LEARNING, OTHER_ORDER
+from ..samples.wrong_rows import contradictions, screen
+from .late_clock import in_time
+from .settings import PLAY
 from .smooth import Fit, SmoothPart
 
 
@@ -41,81 +41,103 @@ def fit_sound_rows(samples: Samples, fit: Fit) -> SoundLog:
     """
     if samples.simulation is not None:
         return SoundLog(*freed_of_play(samples, fit(samples), fit))
-    notes: list[str] = []
     play = np.zeros(samples.dof)
-    sound, wrong_notes = screen(samples)
-    if (
-        not sound.all() and Trajectory.of(samples) is None
-    ):  # a lag looks like play
+    sound, notes = screen(samples)
+    # a lag looks like play
+    if not sound.all() and Trajectory.of(samples) is None:
         freed, _, play = freed_of_play(samples, fit(samples), fit)
         if play.any():
             samples = freed
-            sound, wrong_notes = screen(samples)
+            sound, notes = screen(samples)
     samples = samples.take(sound)
-    notes += wrong_notes
     trajectory = Trajectory.of(samples)
-    delay = 0.0
+    shift = 0
     if samples.arm is not None and not samples.in_time:
         shift = rows_behind(
             samples.arm.forward, samples.q, samples.x, samples.unit
         )
-        if trajectory is not None:
-            delay = shift * trajectory.step
-        elif shift:  # poses beside the positions of others
-            rows = np.arange(max(shift, 0), len(samples) + min(shift, 0))
-            samples = replace(samples.take(rows), q=samples.q[rows - shift])
-            notes.append(
-                f"positions are moved by {-shift:+d} rows to those of their joints"
-            )
-    part = fit(
-        trajectory.moved(samples, delay) if trajectory and delay else samples
-    )
     if trajectory is not None:
-        mended: InTime = in_time(samples, trajectory, part.fit.body, delay, fit)
+        delay = shift * trajectory.step
+        part = fit(trajectory.moved(samples, delay) if delay else samples)
+        mended = in_time(samples, trajectory, part.fit.body, delay, fit)
         samples = mended.samples
         part = mended.part or part
         notes += mended.notes
-    notes += _other_order(samples, part, fit)
+    else:
+        if shift:  # poses beside the positions of others
+            rows = np.arange(max(shift, 0), len(samples) + min(shift, 0))
+            samples = replace(samples.take(rows), q=samples.q[rows - shift])
+            words = f"positions are moved by {-shift:+d} rows"
+            notes.append(f"{words} to those of their joints")
+        part = fit(samples)
     samples, part, more = freed_of_play(samples, part, fit)
     play = play + more
-    sound, wrong_notes = contradictions(samples, _residual(samples, part))
+    residual = samples.x - part.fit.body.predict(samples.q)
+    sound, wrong_notes = contradictions(samples, residual)
     if not sound.all():
         samples = samples.take(sound)
         samples, part, more = freed_of_play(samples, fit(samples), fit)
         play = play + more
-    corner = contradicting_corner(samples, _residual(samples, part))
-    return SoundLog(samples, part, play, [*notes, *wrong_notes, *corner])
+    return SoundLog(samples, part, play, [*notes, *wrong_notes])
 
 
-def _residual(samples: Samples, part: SmoothPart) -> Array:
-    return samples.x - part.fit.body.predict(samples.q)
+def freed_of_play(
+    samples: Samples, part: SmoothPart, fit: Fit
+) -> tuple[Samples, SmoothPart, Array]:
+    """Return samples without the play that their order shows, their part, and half the play.
+
+    part : of the samples as they are
+    """
+    play = np.zeros(samples.dof)
+    # curves and frame have taken a part of it before
+    for _ in range(PLAY.rounds):
+        more = _play_of(at_poses(samples), part)
+        if more is None:
+            break
+        samples = without_play(samples, more)
+        part = fit(samples)
+        play = play + more
+    return samples, part, play
 
 
-def _other_order(samples: Samples, part: SmoothPart, fit: Fit) -> list[str]:
-    """Say that joints without a robot fit far better in another order from base to tip."""
-    most = LEARNING.no_arm * float(np.linalg.norm(np.ptp(samples.x, axis=0)))
-    noise = samples.source.get("noise")
-    usual = OTHER_ORDER.noises * noise if isinstance(noise, float) else most
-    if (
-        samples.arm is not None
-        or not 2 <= samples.dof <= 3
-        or part.error <= min(most, usual)
-    ):
-        return []
-    some = samples.take(thinned(len(samples), OTHER_ORDER.rows))
-    errors = {
-        names: fit(some.reordered(names)).error
-        for names in itertools.permutations(samples.joint_names)
-    }
-    best = min(errors, key=errors.__getitem__)
-    if errors[best] >= min(
-        DIAGNOSIS.far_better * errors[samples.joint_names], most
-    ):
-        return []
-    return [
-        f"the rows fit far better with the joints in the order {', '.join(best)}: name them so in "
-        "`joints`, from base to tip"
-    ]
+def _play_of(samples: Samples, part: SmoothPart) -> Array | None:
+    """Half the play of each joint (dof,) [rad or m], None where the rows' order shows none."""
+    simulation = samples.simulation
+    exact = simulation is not None and not simulation.hidden
+    if len(part.rows) < PLAY.fewest or exact or samples.side is None:
+        return None
+    rows = part.rows[:: -(-len(part.rows) // PLAY.most)]
+    scale = part.smooth.scale
+    u = scale.to_unit(samples.q[rows])
+    value, slope = part.smooth.value_and_slope(u)
+    # a joint near a limit mostly came from one side: its curve has taken that part already
+    surprise = samples.side[rows].copy()
+    for k, values in enumerate(np.clip(u, 0.0, 1.0).T):
+        powers = np.polynomial.chebyshev.chebvander(
+            2.0 * values - 1.0, PLAY.trend
+        )
+        trend = np.linalg.lstsq(powers, surprise[:, k])[0]
+        surprise[:, k] -= powers @ trend
+    return learn_play(samples.x[rows] - value, slope / scale.span, surprise)
+
+
+def without_play(samples: Samples, play: Array) -> Samples:
+    """Return the samples with the joints where they stood, rather than what they read."""
+    return replace(samples, q=samples.motion.stood(play))
+
+
+def play_words(samples: Samples, play: Array) -> str:
+    """One line about the backlash that the order of the rows shows."""
+    backlash = []
+    joints = zip(samples.joint_names, play, samples.revolute, strict=True)
+    for name, half, turns in joints:
+        factor, unit = unit_of_joint(turns, True)
+        if half > 0.0:
+            backlash.append(f"{name} {2 * factor * half:.3g} {unit}")
+    return (
+        f"the direction of approach counts, backlash of {', '.join(backlash)}: give it to forward "
+        "for smaller errors, else the expected error covers both sides"
+    )
 
 
 def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
@@ -124,11 +146,6 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     samples : in the model's unit; the arm or its sensor may have changed
     Returns the samples, their joints in the model's order, and notes.
     """
-    if samples.touch is not None:
-        raise LogError(
-            "the log holds touches of sockets, whose places nobody measured: `calib.evaluate` "
-            "tells how they scatter; train anew with them, and with those of before"
-        )
     about = model.about
     samples = replace(
         samples.reordered(about.joint_names),
@@ -144,14 +161,14 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
         notes = mended.notes
     predicted = predict(model, samples.motion).value
     residual = samples.x - predicted
-    answered = np.asarray(np.isfinite(predicted).all(axis=1))
+    answered = finite_rows(predicted)
     if answered.sum() < DIAGNOSIS.fewest_rows:
         return samples, notes
     # a sensor that was moved is no reason to leave rows out
     x = samples.x[answered]
     moved = x - aligned(predicted[answered], x, affine=samples.unit == "px")
-    far = np.median(np.linalg.norm(residual[answered], axis=1))
-    if np.median(np.linalg.norm(moved, axis=1)) < 0.5 * far:
+    far = np.median(row_lengths(residual[answered]))
+    if np.median(row_lengths(moved)) < 0.5 * far:
         residual[answered] = moved
     sound, wrong_notes = contradictions(samples, residual)
     left_out = samples.left_out + int(np.count_nonzero(~sound))

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,27 +17,26 @@ from ..arm.arm import Arm
 from ..body.approach import Approach
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread, side_by_side
+from ..common.rows import row_lengths
 from ..common.scale import Scale
 from ..errors import LogError
-from ..maps.association import Association
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
 from ..model.about import About, MeasuredRows
-from ..model.baseline import Baseline, Seen, learn_baseline
+from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
 from ..samples.samples import Samples
 from .bounds import node_bounds, simulated_bounds
-from .learn import Progress, TrainingOptions, associate, resolved, unit_box
+from .learn import Progress, TrainingOptions, resolved
 from .preparation import Prepared, logs_by_sensor, prepare, prepare_several
 from .residuals import (
-    Residuals,
     answered_within,
     fresh_residuals,
     held_out_residuals,
     summarise,
 )
 from .settings import LEARNING, TESTING
-from .smooth import to_learn
+from .smooth import maps_of
 
 
 def train(
@@ -104,21 +102,19 @@ class _Clock:
 
     def __init__(self, progress: Progress) -> None:
         self.progress = progress
-        self.marks: list[tuple[str, float]] = []
+        self.seconds = {"total": 0.0}  # how long each stage took, and all
+        self.stage = ""
+        self.since = time.perf_counter()
 
     def begin(self, share: float, stage: str) -> None:
         """Begin a stage, with the share of the work that is done."""
-        self.marks.append((stage, time.perf_counter()))
+        now = time.perf_counter()
+        for name in filter(None, (self.stage, "total")):
+            before = self.seconds.get(name, 0.0)
+            self.seconds[name] = before + now - self.since
+        self.stage = stage
+        self.since = now
         self.progress(share, stage, float("nan"))
-
-    @property
-    def seconds(self) -> dict[str, float]:
-        """How long each stage took, and all."""
-        seconds: dict[str, float] = {}
-        for (stage, start), (_, end) in pairwise(self.marks):
-            seconds[stage] = seconds.get(stage, 0.0) + end - start
-        seconds["total"] = sum(seconds.values())
-        return seconds
 
 
 def _refuse_few(samples: Samples) -> None:
@@ -130,10 +126,9 @@ def _refuse_few(samples: Samples) -> None:
     poses = samples.poses
     if samples.touch is not None or poses >= LEARNING.fewest_poses:
         return
-    plural = "" if poses == 1 else "s"
-    words = f"{poses} sample{plural} {'are' if plural else 'is'}"
+    words = "1 sample is" if poses == 1 else f"{poses} samples are"
     if poses < len(samples):
-        words = f"{len(samples)} samples of {poses} pose{plural} are"
+        words = f"{len(samples)} samples of {poses} poses are"
     raise LogError(
         f"{words} too few to learn from: give at least {LEARNING.fewest_poses}"
     )
@@ -144,130 +139,79 @@ def _learned(
 ) -> Model:
     """Learn maps, links and local models on a body, and measure the errors of them all."""
     samples = prepared.samples
+    simulation = samples.simulation
     part = prepared.part
+    rows = slice(None) if part is None else part.rows
     options, size_notes = resolved(samples, options)
 
     clock.begin(0.1, "maps")
-    scale = unit_box(samples)
-    mapped_u, mapped_x, wrong = to_learn(samples, part, options)
 
     def report(done: float, stage: str, error: float) -> None:
         clock.progress(0.1 + 0.6 * done, stage, error)
 
-    association = associate(scale, mapped_u, mapped_x, options, wrong, report)
+    association = maps_of(samples, part, options, progress=report)
 
     clock.begin(0.7, "local models")
+    motor = association.motor
+    scale = motor.scale
     u = scale.to_unit(samples.q)
-    model = _without_bounds(prepared, options, association, u)
+    unknown = np.zeros(motor.size)
+    visited = np.zeros(motor.size, dtype=bool)
+    visited[motor.nearest(u)[1][:, 0]] = True
+    about = _about(samples, options)
+    model = Model(about, association, NO_MODELS, unknown, unknown, visited)
     held_out = None
     if part is not None:
-        learned_x = samples.x[part.rows]
         predictor, held_out = select(
-            model.motor, u[part.rows], learned_x, part.smooth, part.fit.held_out
+            motor, u[rows], samples.x[rows], part.smooth, part.fit.held_out
         )
         model = replace(model, local=predictor.models, body=part.fit.body)
 
     clock.begin(0.8, "evaluation")
-    bounded = _with_bounds(model, prepared, held_out, options)
-    model = bounded.model
-    tested = bounded.tested
-    within = answered_within(model, tested)
-    if prepared.play is not None:
-        model = replace(model, approach=Approach(prepared.play))
-        if samples.simulation is not None:
-            within = answered_within(model, tested)
+    approach = None if prepared.play is None else Approach(prepared.play)
+    measured = None
+    if simulation is None:
+        tested = held_out_residuals(model, samples, part, held_out, options)
+        shown_u = scale.to_unit(tested.q)
+        shown_x = tested.x
+        errors = tested.errors[model.default_readout]
+        reading, position = node_bounds(model, shown_u, errors)
+        model = replace(model, bounds=reading, model_bounds=position)
+        within = answered_within(model, tested)
+        model = replace(model, approach=approach)
+        measured = MeasuredRows.of(samples.q[rows], samples.x[rows], held_out)
+    else:
+        seed = options.stream("bounds")
+        (nodes, shown_u, shown_x), tested = side_by_side(
+            lambda: simulated_bounds(model, simulation, prepared.play, seed),
+            lambda: fresh_residuals(model, simulation),
+        )
+        model = replace(
+            model, bounds=nodes, model_bounds=nodes, approach=approach
+        )
+        within = answered_within(model, tested)
     about = replace(
-        model.about,
+        about,
         errors=summarise(tested),
         within=within,
         tested=len(tested.q),
         left_out=tested.left_out + prepared.left_out,
         notes=(*size_notes, *prepared.notes),
     )
-    baseline = _baseline(model, prepared, bounded)
-    rows = _remembered_rows(prepared, held_out)
+    # what an undisturbed arm's distortions look like
+    some = slice(None, None, max(1, len(samples) // TESTING.baseline))
+    missed = row_lengths(model.predictor.value(u[some]) - samples.x[some])
+    baseline = learn_baseline(association, shown_u, shown_x, missed)
+    if part is None and simulation is None:
+        baseline = replace(baseline, seen=Seen.of(scale, shown_u))
     clock.begin(1.0, "done")
     return replace(
-        model, about=about, baseline=baseline, rows=rows, seconds=clock.seconds
+        model,
+        about=about,
+        baseline=baseline,
+        rows=measured,
+        seconds=dict(clock.seconds),
     )
-
-
-def _without_bounds(
-    prepared: Prepared,
-    options: TrainingOptions,
-    association: Association,
-    u: Array,
-) -> Model:
-    """A model of maps and links alone, whose bounds are not known yet."""
-    motor = association.motor
-    unknown = np.zeros(motor.size)
-    visited = np.zeros(motor.size, dtype=bool)
-    visited[motor.nearest(u)[1][:, 0]] = True
-    about = _about(prepared.samples, options)
-    return Model(about, association, NO_MODELS, unknown, unknown, visited, None)
-
-
-@dataclass(frozen=True, eq=False)
-class _Bounded:
-    """A model with its bounds, and what it was tested on."""
-
-    model: Model
-    tested: Residuals  # that its errors are told from
-    u: Array  # (k, dof), joints in the unit box that were not learned
-    x: Array  # (k, m), positions there
-
-
-def _with_bounds(
-    model: Model,
-    prepared: Prepared,
-    held_out: Array | None,
-    options: TrainingOptions,
-) -> _Bounded:
-    """Bound a model by fresh samples of its simulation, or by blocks of rows held out."""
-    simulation = prepared.samples.simulation
-    if simulation is not None:
-        seed = options.stream("bounds")
-        bounds, tested = side_by_side(
-            lambda: simulated_bounds(model, simulation, prepared.play, seed),
-            lambda: fresh_residuals(model, simulation),
-        )
-        model = replace(model, bounds=bounds.nodes, model_bounds=bounds.nodes)
-        return _Bounded(model, tested, bounds.u, bounds.x)
-    tested = held_out_residuals(
-        model, prepared.samples, prepared.part, held_out, options
-    )
-    u = model.motor.scale.to_unit(tested.q)
-    reading, position = node_bounds(
-        model, u, tested.errors[model.default_readout]
-    )
-    model = replace(model, bounds=reading, model_bounds=position)
-    return _Bounded(model, tested, u, tested.x)
-
-
-def _baseline(model: Model, prepared: Prepared, bounded: _Bounded) -> Baseline:
-    """What an undisturbed arm's distortions look like."""
-    samples = prepared.samples
-    some = slice(None, None, max(1, len(samples) // TESTING.baseline))
-    scale = model.motor.scale
-    predicted = model.predictor.value(scale.to_unit(samples.q[some]))
-    miss = np.linalg.norm(predicted - samples.x[some], axis=1)
-    baseline = learn_baseline(model.association, bounded.u, bounded.x, miss)
-    if prepared.part is None and samples.simulation is None:
-        baseline = replace(baseline, seen=Seen.of(scale, bounded.u))
-    return baseline
-
-
-def _remembered_rows(
-    prepared: Prepared, held_out: Array | None
-) -> MeasuredRows | None:
-    """Rows of a log that are kept with its model; None of a simulation."""
-    samples = prepared.samples
-    if samples.simulation is not None:
-        return None
-    if prepared.part is None:
-        return MeasuredRows.of(samples.q, samples.x)
-    rows = prepared.part.rows
-    return MeasuredRows.of(samples.q[rows], samples.x[rows], held_out)
 
 
 def _limits(samples: Samples, arm: Arm) -> Array:

@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arm.rotations import logarithm
-from ..body.covariance import radius_95, spread_of
-from ..body.settings import SHARED
 from ..common.arrays import Array
 from ..common.rows import checked_rows, each_joint
 from ..errors import OptionError, QueryError, require
@@ -92,29 +90,6 @@ class Corrected:
         turn = logarithm(real @ np.swapaxes(nominal, 1, 2))
         return np.asarray(np.linalg.norm(turn, axis=1))
 
-    @cached_property
-    def placement_error(self) -> Array | None:
-        """95 % bound on the distance of the corrected tip from where the nominal arm would be.
-
-        (n,) [unit], with what is unsure of the sensor's frame and of the probe.  None where the
-        frame is known.
-        """
-        body = self._wanted.model.body
-        drawn = self._wanted.drawn
-        if body is None or drawn is None:
-            return None
-        structure = body.structure
-        position = slice(structure.blocks[0])
-        _, real = structure.linearise(self.nearest, body.beta)
-        _, nominal = structure.linearise(self.given, drawn)
-        for name, indices in structure.groups.items():
-            if not name.startswith(("view.", "tool", "lens")):  # the arm's own
-                nominal[:, :, indices] = 0.0
-        apart = (real - nominal)[:, position][:, :, body.active]
-        spread = SHARED**2 * spread_of(apart, body.root)
-        unexplained = np.diag(body.residual[position] ** 2)
-        return np.asarray(body.kappa * radius_95(spread + unexplained))
-
     @property
     def _unit(self) -> Array:
         return self._wanted.model.motor.scale.to_unit(self.nearest)
@@ -125,7 +100,6 @@ def correct(
     q: ArrayLike,
     *,
     limit: ArrayLike | None = None,
-    view: str = "auto",
     orientation: str = "keep",
 ) -> Corrected:
     """Compensate for what the nominal kinematics do not know.
@@ -146,8 +120,6 @@ def correct(
     limit : float or (dof,) array, optional [rad or m]
         Largest change of a joint that is trusted; three times what this model usually
         corrects where not given, at least 0.01.  Rows beyond are marked in `exceeded`.
-    view : {"auto", "base"}
-        "base" says that the log was in the robot's root frame.
     orientation : {"keep", "free"}
         "free" gives the position alone with six joints or more, too: near a singularity of the
         wrist the pose cannot be had.
@@ -157,7 +129,7 @@ def correct(
         raise OptionError(
             f"orientation {orientation!r}: expected 'keep' or 'free'"
         )
-    usual = limit is None and view == "auto" and orientation == "keep"
+    usual = limit is None and orientation == "keep"
     if model.kernel is not None and usual:
         quick = _compiled(model, q)
         if quick is not None:
@@ -172,36 +144,35 @@ def correct(
         about.revolute,
         error=QueryError,
     )
-    wanted = Wanted.of(model, view)
+    wanted = Wanted.of(model)
     if orientation == "free":
         wanted = replace(wanted, keeps_turn=False)
     nearest, reachable = wanted.solve(rows)
     if limit is None:
-        limits = usual_limit(model, view)
+        limits = usual_limit(model)
     else:
         limits = each_joint("limit", limit, about.joint_names, zero=False)
     return Corrected(rows, nearest, reachable, limits, wanted.notes, wanted)
 
 
-def usual_limit(model: Model, view: str = "auto") -> Array:
+def usual_limit(model: Model) -> Array:
     """Return the largest change of each joint that is trusted, (dof,) [rad or m].
 
     Three times the 95 % quantile of what correcting the motor map's own nodes changes; one
     limit for all joints that turn, another for those that slide.  It is found once.
     """
-    key = f"limit {view}"
-    if key not in model.remembered:
+    if "limit" not in model.remembered:
         q = visited_joints(model, CORRECTION.nodes)
         turns = np.array(model.about.revolute)
-        nearest, reachable = Wanted.of(model, view).solve(q)
+        nearest, reachable = Wanted.of(model).solve(q)
         change = np.abs(nearest - q)[reachable]
         limits = np.full(len(turns), CORRECTION.least)
         for kind in (turns, ~turns):
             if kind.any() and len(change):
                 usual = float(np.quantile(change[:, kind].max(axis=1), 0.95))
                 limits[kind] = max(CORRECTION.least, CORRECTION.usual * usual)
-        model.remembered[key] = limits.tolist()
-    return np.array(model.remembered[key])
+        model.remembered["limit"] = limits.tolist()
+    return np.array(model.remembered["limit"])
 
 
 @dataclass(frozen=True, eq=False)

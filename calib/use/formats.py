@@ -6,7 +6,6 @@ import hashlib
 import json
 import re
 from dataclasses import replace
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -162,7 +161,7 @@ def static_transform(model: Model) -> str:
     return json.dumps(_stamped(root, child, sensor), indent=2) + "\n"
 
 
-def _stamped(parent: str, child: str, pose: SensorPose) -> dict[str, Any]:
+def _stamped(parent: str, child: str, pose: SensorPose) -> dict[str, object]:
     place = {
         "translation": dict(zip("xyz", pose.position.tolist(), strict=True)),
         "rotation": dict(zip("xyzw", pose.quaternion.tolist(), strict=True)),
@@ -193,8 +192,11 @@ def mjcf_text(urdf: str, tip: str) -> str:
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     body = ElementTree.SubElement(root, "worldbody")
     for joint in parse_robot(urdf).path(tip):
-        x, y, z, w = quaternion_of(joint.rotation).tolist()
-        place = {"pos": numbers(joint.xyz), "quat": numbers([w, x, y, z])}
+        x, y, z, w = quaternion_of(joint.origin[:3, :3]).tolist()
+        place = {
+            "pos": numbers(joint.origin[:3, 3]),
+            "quat": numbers([w, x, y, z]),
+        }
         body = ElementTree.SubElement(
             body, "body", {"name": joint.child, **place}
         )

@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-from ..common.choices import LOG_FRAMES
-from ..errors import OptionError
 from ..model.alignment import Alignment
 from ..model.model import Model
 
 FRAME_IS_FITTED = (
     "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero; if the "
-    "log is in the robot's root frame, give `view='base'`"
+    "log is in the robot's root frame, train with `view='base'`"
 )
 """What is assumed where nothing says how the sensor's frame lies."""
 
 
-def frame_is_free(model: Model, view: str = "auto") -> bool:
+def frame_is_free(model: Model) -> bool:
     """Whether nothing says how the sensor's frame lies to the robot's root link.
 
     Positions of a simulation are in the root link's plane; those of a log are in the sensor's
-    own frame, unless `view` is "base".
+    own frame, unless the model was trained with the view "base".
     """
-    if view not in LOG_FRAMES:
-        raise OptionError(
-            f"view {view!r}: expected one of {', '.join(LOG_FRAMES)}",
-            parameter="view",
-            value=view,
-        )
-    based = "base" in (view, model.about.options.get("view"))
+    based = model.about.options.get("view") == "base"
     return not is_simulated(model) and not based
 
 

@@ -22,7 +22,7 @@ class Quantity:
     value: Array
     interval: Array
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return plain data."""
         return {
             "value": self.value.tolist(),
@@ -39,8 +39,6 @@ class Geometry:
     beta: Array  # (d,)
     covariance: Array  # (d, d), of the posterior, 0 where nothing was fitted
     free: bool  # whether the sensor's frame was fitted; the first joint is nominal then
-    # whether the sensed point is the tip; else it is a probe or a tag
-    move_tip: bool
     # [m; px], root mean square distance that this geometry, and the nominal one, do not explain,
     # each with the sensor and the tip where they fit best
     residual: float
@@ -145,7 +143,7 @@ class Geometry:
                 for shift, turn in self.origins
             )
             document["places"] = dict(zip(self.places, places, strict=True))
-            document["tip"] = {**tip, "written": self.move_tip}
+            document["tip"] = {**tip, "written": False}
         else:
             base, *moved = self.ends
             document["base"] = base.to_json()
@@ -177,5 +175,5 @@ class Geometry:
         )
 
 
-def _plain(quantities: Mapping[str, Quantity]) -> dict[str, Any]:
+def _plain(quantities: Mapping[str, Quantity]) -> dict[str, object]:
     return {name: quantity.to_json() for name, quantity in quantities.items()}

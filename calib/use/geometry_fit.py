@@ -7,6 +7,7 @@ cannot see.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,9 +17,9 @@ from ..arm.rotations import logarithm, similarity
 from ..body.belief import Body, knows_orientation
 from ..body.fit import Fit
 from ..body.normal import Factor, with_prior
-from ..body.parameters import Indices, Prior
+from ..body.parameters import Hyper, Indices, Prior
 from ..body.rows import Rows
-from ..body.settings import FREE, SHIFT, STUDENT, UNTOLD
+from ..body.settings import FREE, PRIOR, SHIFT, STUDENT, UNTOLD
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.starts import frame
 from ..common.arrays import Array
@@ -92,44 +93,25 @@ class Freedom:
     frame: bool  # the sensor's frame; the first joint is nominal then
     # joint origins and lengths; else the drawing's are true
     origins: bool = True
-    base: bool = False  # the first joint's place
-    tip: bool = False  # of an arm in space the tip, where the sensed point is
-    # where on the last link of an arm in space the sensed point is
+    # where on the last link of an arm in space the sensed point is; else it is the tip
     probe: bool = False
 
 
-def fit_geometry(
-    model: Model,
-    *,
-    view: str = "auto",
-    move_base: bool = False,
-    move_tip: bool = False,
-    drawn: bool = False,
-) -> Geometry:
+def fit_geometry(model: Model, *, drawn: bool = False) -> Geometry:
     """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
 
-    Unknown are the joints' offsets and places and the tip's (of an arm in space six numbers for
-    each joint origin), and with a free frame the sensor's place and, for other units than m, its
-    scale.  The prior settles what the data cannot tell apart, such as an offset and a turned link;
-    the intervals hold that freedom.
+    Unknown are the joints' offsets and places (of an arm in space six numbers for each joint
+    origin), and with a free frame the sensor's place and, for other units than m, its scale.  The
+    prior settles what the data cannot tell apart, such as an offset and a turned link; the
+    intervals hold that freedom.
 
     model : it must have a URDF
-    view : {"auto", "base"}, "base" says that a log's positions are in the root link's frame
-    move_base : whether the first joint's place is fitted too; only in a known frame
-    move_tip : whether the sensed point of a spatial arm is the tip itself and belongs to the
-        geometry; else it is a probe or tag that was put on, and the tip stays where the URDF has it
     drawn : whether the drawing's lengths and axes are true, so that joints' zeros alone are fitted,
         beside the sensor's frame and the probe
     """
     arm = nominal_arm(model)
-    free = frame_is_free(model, view)
+    free = frame_is_free(model)
     points = Points.of(model)
-    if move_base and free:
-        raise OptionError(
-            "the base cannot be told from the sensor's frame",
-            hint="say that the log is in the robot's root frame with `view='base'`",
-            parameter="view",
-        )
     if not free and points.unit != "m":
         raise OptionError(
             f"the model's positions are in {points.unit!r}, a URDF's are in m",
@@ -138,9 +120,7 @@ def fit_geometry(
             value=points.unit,
         )
     points = replace(points, x=_before_adaptations(model, points.x))
-    freedom = Freedom(
-        free, not drawn, move_base, move_tip, not is_simulated(model)
-    )
+    freedom = Freedom(free, not drawn, not is_simulated(model))
     if isinstance(arm, SpatialArm):
         return fit_in_space(arm, model.body, points, freedom)
     if free and points.unit == "m" and model.history and model.body is not None:
@@ -189,38 +169,24 @@ def fit_in_space(
     arm: SpatialArm, body: Body | None, points: Points, freedom: Freedom
 ) -> Geometry:
     """Fit an arm in space; the prior and the view are those of a body, where there is one."""
-    structure, body_beta, z = _seen_in_space(arm, body, points, freedom)
+    structure, start, z = _seen_in_space(arm, body, points, freedom.frame)
     groups = structure.groups
     tool = groups["tool"]
-    start = structure.neutral()
-    if body_beta is not None:
-        start = body_beta
-    elif freedom.probe:
+    still = [structure.shifts[0], structure.turns[0]]
+    if not freedom.probe:  # a simulation's point is the tip
+        still.append(tool)
+    elif start is None:
         start = frame(structure, points.q, z)
-    nominal_prior = structure.prior(structure.frame_groups)
-    if not freedom.probe:
-        nominal_prior = _held(nominal_prior, tool)
-    nominal = start
-    if len(nominal_prior.active):
-        nominal = _maximum(structure, points, z, start, nominal_prior).beta
+    nominal = structure.neutral() if start is None else start
+    frame_prior = _held(structure.prior(structure.frame_groups), still)
+    if len(frame_prior.active):
+        nominal = _maximum(structure, points, z, nominal, frame_prior).beta
     free_groups = [*structure.frame_groups, "offset"]
     if freedom.origins:
         free_groups.append("placement")
-    prior = structure.prior(free_groups)
-    still: list[Indices] = []
-    if (
-        not freedom.probe
-    ):  # a simulation's point is the tip, as sure as any other place
-        prior.sd[tool] = SHIFT
-        if not freedom.tip:
-            still.append(tool)
-    if not freedom.base:
-        still += [structure.shifts[0], structure.turns[0]]
-    if still:
-        prior = _held(prior, np.concatenate(still))
+    prior = _held(structure.prior(free_groups), still)
     fit = _maximum(structure, points, z, nominal, prior)
     metre = 1.0 if structure.camera else structure.metre
-    positions = z[:, : structure.blocks[0]]
     covariance = _covariance(fit)
     last = groups["offset"][-1]
     untold = np.sqrt(covariance[last, last]) >= UNTOLD * fit.scales["offset"]
@@ -234,44 +200,40 @@ def fit_in_space(
         fit.beta,
         covariance,
         free=freedom.frame,
-        move_tip=freedom.tip,
         residual=_unexplained(fit, fit.beta) / metre,
         before=_unexplained(fit, nominal) / metre,
-        reach=_reach(positions) / metre,
+        reach=_reach(z[:, : structure.blocks[0]]) / metre,
     )
 
 
 def _seen_in_space(
-    arm: SpatialArm, body: Body | None, points: Points, freedom: Freedom
+    arm: SpatialArm, body: Body | None, points: Points, free: bool
 ) -> tuple[SpatialStructure, Array | None, Array]:
     """Return the chain behind its sensor, parameters that are known, and readings (n, m)."""
-    body_structure = None if body is None else body.structure
-    if (
-        body is None
-        or not isinstance(body_structure, SpatialStructure)
-        or not body_structure.informed
-    ):
+    structure = None if body is None else body.structure
+    if not isinstance(structure, SpatialStructure) or not structure.informed:
         view = "base"
-        if freedom.frame:
+        if free:
             view = "rigid" if points.unit in METRES else "similarity"
         metre = METRES.get(points.unit, 1.0)
         structure = structure_of(
             arm, view, unit=points.unit, metre=metre, extent=points.extent
         )
         return structure, None, points.x
-    if not freedom.frame:
-        structure = body_structure.with_view("base")
+    assert body is not None  # noqa: S101 - it has the structure
+    view = structure.view
+    if not free:
+        view = "base"
     elif knows_orientation(body):
+        view = "pose"
+    elif view == "pose":
+        view = "rigid"
+    seen = structure.with_view(view)
+    if view == "pose":
         # orientations tell turns of the tool and of the wrist that positions leave open
-        structure = body_structure.with_view("pose")
-        turns = structure.predict(points.q, body.beta)[:, points.x.shape[1] :]
-        return structure, body.beta, np.hstack([points.x, turns])
-    else:
-        structure = body_structure.with_view(
-            "rigid" if body_structure.view == "pose" else body_structure.view
-        )
-    body_beta = body.beta if body_structure.view == structure.view else None
-    return structure, body_beta, points.x
+        turns = seen.predict(points.q, body.beta)[:, points.x.shape[1] :]
+        return seen, body.beta, np.hstack([points.x, turns])
+    return seen, body.beta if structure.view == view else None, points.x
 
 
 def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
@@ -303,8 +265,12 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
     sd[groups["offset"]] = np.where(
         structure.revolute, FITTING.offset, FITTING.along
     )
+    hypers = []
     if freedom.origins:
-        sd[ends] = FITTING.along
+        sd[ends] = SHIFT
+        shape = np.ones(ends.size)
+        hyper = Hyper("link", SHIFT, PRIOR.wider, 0.0, ends.ravel(), shape)
+        hypers.append(hyper)
     if (
         freedom.frame
     ):  # the first joint's offset and a turn of the frame are one
@@ -313,12 +279,7 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
         sd[groups["view.shift"][:2]] = FREE * structure.extent
     if scaled:
         sd[groups["view.scale"]] = FITTING.flat
-    if freedom.base:
-        sd[structure.shifts[0]] = FREE * structure.chain.reach
-    precision = _precision(arm, ends, sd) if freedom.origins else None
-    fit = _maximum(
-        structure, points, x, start, Prior(start, sd, known=precision)
-    )
+    fit = _maximum(structure, points, x, start, Prior(start, sd, tuple(hypers)))
     nominal = fit.beta.copy()
     for group in ("offset", "placement", "tool"):
         nominal[groups[group]] = 0.0
@@ -329,33 +290,15 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
         fit.beta,
         _covariance(fit),
         free=freedom.frame,
-        move_tip=True,
         residual=_unexplained(fit, fit.beta) / metre,
         before=_unexplained(fit, nominal) / metre,
         reach=_reach(tips),
     )
 
 
-def _precision(arm: PlanarArm, ends: Indices, sd: Array) -> Array:
-    """Prior precision (k, k); links' `ends` (dof, 3) are narrow across, where an offset turns."""
-    active = np.flatnonzero(sd)
-    chain = arm.chain
-    precision = np.diag(sd[active] ** -2)
-    links = np.diff(np.vstack([chain.points, chain.tip]), axis=0)
-    for k in np.flatnonzero(arm.revolute):
-        across = np.cross(arm.plane.normal, links[k])
-        length = float(np.linalg.norm(across))
-        if length > SHIFT:
-            if k + 1 == arm.dof:
-                across = across @ chain.rotation
-            end = np.searchsorted(active, ends[k])
-            narrower = (SHIFT**-2 - FITTING.along**-2) / length**2
-            precision[np.ix_(end, end)] += narrower * np.outer(across, across)
-    return precision
-
-
-def _held(prior: Prior, still: Indices) -> Prior:
-    """Return the prior that holds parameters `still` at their means."""
+def _held(prior: Prior, groups: Sequence[Indices]) -> Prior:
+    """Return the prior that holds groups of parameters at their means."""
+    still = np.concatenate(groups)
     sd = prior.sd.copy()
     sd[still] = 0.0
     hypers = []

@@ -10,8 +10,8 @@ delivered); one that corrects its joints by the model, where the model says so (
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -41,7 +41,7 @@ class PoseTest:
     )  # AP by the drawing [unit]; None where the model knows none
     corrected: float  # AP by the model [unit]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return plain data."""
         return {
             "joints": self.joints.tolist(),
@@ -61,42 +61,14 @@ class Iso9283:
 
     poses: tuple[PoseTest, ...]
     unit: str
+    repeatability: float  # RP [unit]
+    # AP [unit] by the model, and by the drawing; None where there is no drawing
+    corrected: float
+    delivered: float | None
+    cycles: int  # visits of the pose with the fewest
+    notes: tuple[str, ...]  # where the test falls short of the standard
 
-    @property
-    def repeatability(self) -> float:
-        """RP [unit] of the worst pose."""
-        return max(pose.repeatability for pose in self.poses)
-
-    @property
-    def corrected(self) -> float:
-        """AP [unit] of the worst pose where the joints are corrected by the model."""
-        return max(pose.corrected for pose in self.poses)
-
-    @property
-    def delivered(self) -> float | None:
-        """AP [unit] of the worst pose by the drawing; None where there is no drawing."""
-        values = [
-            pose.delivered for pose in self.poses if pose.delivered is not None
-        ]
-        return max(values) if values else None
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Return where the test falls short of the standard."""
-        notes = []
-        cycles = min(pose.cycles for pose in self.poses)
-        if len(self.poses) < POSES or cycles < CYCLES:
-            notes.append(
-                f"ISO 9283 asks for {POSES} poses with {CYCLES} cycles each: the log has "
-                f"{len(self.poses)} with {cycles} or more"
-            )
-        if self.delivered is None:
-            notes.append(
-                "the model knows no URDF: there is no accuracy as delivered"
-            )
-        return tuple(notes)
-
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return what `calib evaluate --iso9283 --json` prints as `"iso9283"`."""
         return {
             "AP": self.corrected,
@@ -104,7 +76,7 @@ class Iso9283:
             "as_delivered": {"AP": self.delivered, "RP": self.repeatability},
             "as_corrected": {"AP": self.corrected, "RP": self.repeatability},
             "poses": len(self.poses),
-            "cycles": min(pose.cycles for pose in self.poses),
+            "cycles": self.cycles,
             "each": [pose.to_json() for pose in self.poses],
             "unit": self.unit,
             "notes": list(self.notes),
@@ -122,35 +94,58 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
     joints = _means(visits.visit, q[visits.rows])
     attained = _means(visits.visit, samples.x[visits.rows])
     first = np.unique(visits.visit, return_index=True)[1]
-    pose = visits.pose[first]
-    corrected = model.forward(joints) if len(joints) else joints
-    delivered = _delivered(model, joints) if len(joints) else None
+    places, pose, counts = np.unique(
+        visits.pose[first], return_inverse=True, return_counts=True
+    )
+    repeated = [k for k in range(len(places)) if counts[k] > 1]
+    if not repeated:
+        raise LogError(
+            "the log went to no pose twice: ISO 9283 needs poses that were attained repeatedly",
+            hint=f"go to {POSES} poses {CYCLES} times each, in turn",
+        )
+    corrected = model.forward(joints)
+    delivered = None
+    if model.about.urdf:
+        with suppress(CalibError):
+            delivered = nominal_positions(model, joints)
     tests = []
-    for number in np.unique(pose):
-        members = pose == number
-        if members.sum() < 2:
-            continue
+    for k in repeated:
+        members = pose == k
         barycentre = attained[members].mean(axis=0)
         distance = np.linalg.norm(attained[members] - barycentre, axis=1)
-        by_drawing = (
-            None
-            if delivered is None
-            else _apart(delivered[members], barycentre)
-        )
+        by_drawing = None
+        if delivered is not None:
+            by_drawing = _apart(delivered[members], barycentre)
         test = PoseTest(
             joints=joints[members].mean(axis=0),
-            cycles=int(members.sum()),
+            cycles=int(counts[k]),
             repeatability=float(distance.mean() + 3.0 * distance.std(ddof=1)),
             delivered=by_drawing,
             corrected=_apart(corrected[members], barycentre),
         )
         tests.append(test)
-    if not tests:
-        raise LogError(
-            "the log went to no pose twice: ISO 9283 needs poses that were attained repeatedly",
-            hint=f"go to {POSES} poses {CYCLES} times each, in turn",
+    cycles = min(test.cycles for test in tests)
+    notes = []
+    if len(tests) < POSES or cycles < CYCLES:
+        notes.append(
+            f"ISO 9283 asks for {POSES} poses with {CYCLES} cycles each: the log has "
+            f"{len(tests)} with {cycles} or more"
         )
-    return Iso9283(tuple(tests), samples.unit)
+    if delivered is None:
+        notes.append(
+            "the model knows no URDF: there is no accuracy as delivered"
+        )
+    return Iso9283(
+        tuple(tests),
+        samples.unit,
+        repeatability=max(test.repeatability for test in tests),
+        corrected=max(test.corrected for test in tests),
+        delivered=max(
+            (t.delivered for t in tests if t.delivered), default=None
+        ),
+        cycles=cycles,
+        notes=tuple(notes),
+    )
 
 
 def _apart(commanded: Array, barycentre: Array) -> float:
@@ -162,13 +157,3 @@ def _means(group: Index, values: Array) -> Array:
     counts = np.bincount(group)
     sums = [np.bincount(group, column) for column in values.T]
     return np.asarray(np.stack(sums, axis=1) / counts[:, None])
-
-
-def _delivered(model: Model, joints: Array) -> Array | None:
-    """Return where the drawing says that joints lead, in the sensor's frame; None without one."""
-    if not model.about.urdf:
-        return None
-    try:
-        return nominal_positions(model, joints)
-    except CalibError:
-        return None

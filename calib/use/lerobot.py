@@ -6,12 +6,12 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 
 from ..common.wording import listed
 from ..errors import OptionError
 from ..model.model import Model
 from ..recording.motors import TICKS, Motors
+from .geometry import Quantity
 from .geometry_fit import fit_geometry
 
 # the register `Homing_Offset` holds a sign and eleven bits
@@ -22,31 +22,18 @@ RANGES_MOVE = "the ends of the motors' ranges move with their zeros: drive to th
 """What whoever writes corrected zeros should be told."""
 
 
-@dataclass(frozen=True)
-class Zero:
-    """Where a joint stands that reads zero."""
-
-    offset: float  # what has to be added to the joint's value [rad]
-    interval: float  # half width of 95 % [rad]
-
-    def to_json(self) -> dict[str, float]:
-        """Return plain data."""
-        return asdict(self)
-
-
-def zeros(model: Model) -> dict[str, Zero]:
+def zeros(model: Model) -> dict[str, Quantity]:
     """Return the zeros of the joints that the log tells, with the drawing's geometry trusted.
 
     The first joint's is one with the sensor's frame, the last one's often with a turn of what is
     in the hand: those are not told.
     """
     offsets = fit_geometry(model, drawn=True).offsets()
-    certain = {}
-    for name, entry in offsets.items():
-        zero = Zero(float(entry.value), float(entry.interval))
-        if 0.0 < zero.interval < _MOST_DOUBT:
-            certain[name] = zero
-    return certain
+    return {
+        name: zero
+        for name, zero in offsets.items()
+        if 0.0 < zero.interval < _MOST_DOUBT
+    }
 
 
 def homed(

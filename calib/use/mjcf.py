@@ -2,32 +2,34 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
 import numpy as np
 
-from ..arm.mjcf import Mjcf
+from ..arm.mjcf import read_mjcf
 from ..arm.rotations import quaternion_of
 from ..common.arrays import Array
 from ..common.wording import quoted
 from ..errors import RobotError
-from .xml_text import Edit, numbers, tags_of
+from .xml_text import Attributes, numbers
 
 _PLACING = ("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler")
 
 
 def mjcf_edits(
-    text: str, model: Mjcf, moved: Mapping[str, Array]
-) -> list[Edit]:
+    root: ET.Element, moved: Mapping[str, Array]
+) -> dict[int, tuple[Attributes, str]]:
     """Return what places bodies and sites so that joints have other origins (4, 4).
 
     Raises RobotError where a joint that has moved is a body's second one, which its body's place
     does not move alone.
     """
-    tags = tags_of(text)
-    edits = []
+    places = read_mjcf(root).places
+    nodes = list(root.iter())
+    edits: dict[int, tuple[Attributes, str]] = {}
     for name, origin in moved.items():
-        place = model.places.get(name)
+        place = places.get(name)
         if place is None:
             raise RobotError(
                 f"joint {quoted(name)} shares its body with another joint: give it a body of its "
@@ -37,13 +39,12 @@ def mjcf_edits(
             np.linalg.inv(place.before) @ origin @ np.linalg.inv(place.after)
         )
         x, y, z, w = quaternion_of(frame[:3, :3]).tolist()
-        tag = tags[place.element]
         attributes = {
             key: value
-            for key, value in tag.attributes.items()
+            for key, value in nodes[place.element].attrib.items()
             if key not in _PLACING
         }
         attributes["pos"] = numbers(frame[:3, 3])
         attributes["quat"] = numbers([w, x, y, z])
-        edits.append(tag.with_attributes(attributes))
+        edits[place.element] = (attributes, "")
     return edits

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arm.arm import Arm, SpatialArm
 from ..body.information import greedy, most_telling
@@ -21,7 +21,6 @@ from ..common.choices import EYES
 from ..common.rows import whole
 from ..common.scale import Scale
 from ..errors import OptionError
-from ..maps.map import search_tree
 from ..samples.tables import write_table
 from .aimed import at_point, in_sight
 from .pose_space import PoseSpace, space_of, usable_postures
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
 
     from ..model.model import Model
     from ..recording.board import Board
-    from ..samples.samples import Samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +79,7 @@ class Plan(ReadOnly):
         """Number of rows."""
         return len(self.q)
 
-    def columns(self) -> dict[str, NDArray[Any]]:
+    def columns(self) -> dict[str, Array]:
         """Columns of the plan's table: the joints' names, then what is expected.
 
         The positions are called `expected_x`, `expected_y` and in space `expected_z`, so that
@@ -109,7 +107,6 @@ def plan(
     margin: float | Sequence[float] | None = None,
     ranges: Mapping[str, tuple[float, float]] | None = None,
     start: ArrayLike | None = None,
-    measured: Samples | None = None,
     touch: Sequence[float] | None = None,
     handeye: Board | str | bool | None = None,
     eye: str = "hand",
@@ -133,8 +130,6 @@ def plan(
         Part of a joint's range to plan in.
     start : (dof,) array [rad or m], optional
         Where the arm is before the first pose: zero, clipped into the ranges, where not given.
-    measured : Samples, optional
-        What was measured already: the new poses go where those are not.
     touch : (x, y, z), optional [m]
         A point in the base frame that the tip is to touch from all poses: those that tell most.
     handeye, eye : Board or str, {"hand", "base"}, optional
@@ -165,13 +160,10 @@ def plan(
     rng = np.random.default_rng(whole("seed", seed, 0, 2**63 - 1))
     space = space_of(source, margin, ranges)
     begin = space.start(start)
-    if sum(option is not None for option in (touch, handeye, measured)) > 1:
-        raise OptionError("expected one of `touch`, `handeye` and `measured`")
+    if touch is not None and handeye is not None:
+        raise OptionError("expected one of `touch` and `handeye`")
     if eye not in EYES:
         raise OptionError(f"eye {eye!r}: expected one of {', '.join(EYES)}")
-    rows = np.zeros((0, len(begin)))
-    if measured is not None:
-        rows = _joints_of(measured, space.joint_names)
     directions: Array | None = None
     if touch is not None:
         aimed = at_point(source, space, touch, rng)
@@ -197,9 +189,7 @@ def plan(
     if directions is not None:
         chosen = greedy(directions[usable], n)
     else:
-        chosen, how = _chosen(source, space, q, n, rows)
-    if measured is not None:
-        how += f", beside the {len(measured)} measured ones"
+        chosen, how = _chosen(source, space, q, n)
     nodes = np.vstack([begin, q[chosen]])
     # by the span alone: the upper end of a whole turn is not its lower end to a cable
     away = (np.abs(nodes[:, None] - nodes[None]) / space.scale.span).max(
@@ -232,48 +222,30 @@ def plan(
     )
 
 
-def _joints_of(measured: Samples, names: Sequence[str]) -> Array:
-    """Return the joints (k, dof) of measured rows, in the order of `names`."""
-    if sorted(measured.joint_names) != sorted(names):
-        raise OptionError(
-            f"the measured rows have the joints {', '.join(measured.joint_names)}, expected "
-            f"{', '.join(names)}"
-        )
-    return measured.q[:, [measured.joint_names.index(name) for name in names]]
-
-
 def _chosen(
-    source: Arm | Model, space: PoseSpace, q: Array, n: int, measured: Array
+    source: Arm | Model, space: PoseSpace, q: Array, n: int
 ) -> tuple[Index, str]:
-    """Return rows (n,) of postures (m, dof) that tell most beside the measured ones, and why."""
-    if isinstance(
-        source, SpatialArm
-    ):  # never measured: the prior says what is unknown
-        chosen = greedy(tells(source, q, measured), n)
+    """Return rows (n,) of postures (m, dof) that tell most, and why."""
+    if isinstance(source, SpatialArm):
+        # never measured: the prior says what is unknown
+        chosen = greedy(tells(source, q), n)
         return chosen, "chosen to determine the arm best"
     body = None if isinstance(source, Arm) else source.body
-    if (
-        body is not None and not body.simulated
-    ):  # exact samples leave nothing to learn
-        chosen = most_telling(body, q, n, measured)
-        return chosen, "chosen to reduce the model's uncertainty most"
-    return farthest(
-        space.scale, q, n, measured
-    ), "as far from each other as possible"
+    if body is None or body.simulated:  # exact samples leave nothing to learn
+        chosen = farthest(space.scale, q, n)
+        return chosen, "as far from each other as possible"
+    chosen = most_telling(body, q, n)
+    return chosen, "chosen to reduce the model's uncertainty most"
 
 
-def farthest(scale: Scale, q: Array, n: int, measured: Array) -> Index:
+def farthest(scale: Scale, q: Array, n: int) -> Index:
     """Choose poses one by one, each as far as possible from all that were chosen before.
 
-    q, measured : (m, dof), (k, dof), what to choose from, and what there is already
-    Returns (n,), rows of `q`, in the order of choice; the first is the first row without any
-    measured.
+    q : (m, dof), what to choose from
+    Returns (n,), rows of `q`, in the order of choice, from the first row on.
     """
     u = scale.to_unit(q)
     away = np.full(len(q), np.inf)
-    if len(measured):
-        tree = search_tree(scale.to_unit(measured), scale)
-        away = np.asarray(tree.query(u)[0], dtype=float)
     chosen = np.empty(n, dtype=np.intp)
     for k in range(n):
         row = int(away.argmax())
@@ -285,26 +257,18 @@ def farthest(scale: Scale, q: Array, n: int, measured: Array) -> Index:
     return chosen
 
 
-def tells(arm: SpatialArm, q: Array, measured: Array) -> Array:
+def tells(arm: SpatialArm, q: Array) -> Array:
     """Directions (m, p, k) in which poses tell of the body, in units of noise and of the prior.
 
-    q, measured : (m, dof), (t, dof) [rad or m], poses to choose from, and those that were measured
+    q : (m, dof) [rad or m], poses to choose from
     """
     structure = structure_of(arm, "rigid")
     frame = ("view.rotation", "view.shift", "tool")
     prior = structure.prior((*frame, "placement", "offset", "elastic", "curve"))
     active = prior.active
-    every = np.vstack([q, measured])
-    slope = structure.linearise(every, structure.neutral(), active)[1]
-    directions = slope * (
-        np.minimum(prior.sd[active], PLANNING.widest) / PLANNING.noise
-    )
-    rows = directions[len(q) :].reshape(-1, len(active))
-    # the posterior (I + T' T)^-1 of the measured rows T is R^-T R^-1: the others tell of it by R^-T
-    root = np.linalg.cholesky(np.eye(len(active)) + rows.T @ rows)
-    others = directions[: len(q)]
-    flat = np.linalg.solve(root, others.reshape(-1, len(active)).T)
-    return np.asarray(flat.T.reshape(others.shape))
+    slope = structure.linearise(q, structure.neutral(), active)[1]
+    sd = np.minimum(prior.sd[active], PLANNING.widest)
+    return np.asarray(slope * (sd / PLANNING.noise))
 
 
 def shortest_tour(away: Array) -> Index:

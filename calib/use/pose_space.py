@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.arm import Arm, SpatialArm, checked_range
 from ..arm.description import parse_robot
-from ..arm.urdf import MJCF, Range
+from ..arm.robot_text import MJCF
+from ..arm.urdf import Range
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..common.rows import each_joint, number_rows
@@ -22,7 +23,7 @@ from ..common.scale import Scale
 from ..common.wording import quoted, suggestion
 from ..errors import OptionError
 from ..model.model import Model
-from ..model.nominal import moves_in_space, nominal_arm
+from ..model.nominal import nominal_arm
 from ..model.space import Space
 from .settings import PLANNING
 
@@ -147,71 +148,60 @@ def usable_postures(
     """
     about = source if isinstance(source, Arm) else source.about
     usable = np.ones(len(q), dtype=bool)
-    notes = [
-        "obstacles and self-collision are not checked: move slowly the first time"
-    ]
-    in_space = (
-        source.outputs == 3
-        if isinstance(source, Arm)
-        else moves_in_space(source)
-    )
-    hits = None
-    if in_space and about.urdf:
+    unchecked = "obstacles and self-collision are not"
+    left_out = "of the candidates were left out because"
+    notes = []
+    arm = None
+    if isinstance(source, Arm):
+        arm = source
+    elif about.urdf:
+        arm = nominal_arm(source)
+    if isinstance(arm, SpatialArm):
         hits = hits_itself(about.urdf, about.joint_names, about.locked, q)
-    if hits is not None:
-        usable = ~hits
-        notes = [
-            f"{hits.mean():.1%} of the candidates were left out because the arm hits itself there "
-            "(by the URDF's collision bodies without meshes); obstacles and the moves between "
-            "poses are not checked: move slowly the first time"
-        ]
-    if (
-        isinstance(source, Model)
-        and source.body
-        and is_camera(source.body.structure.view)
-    ):
+        if hits is not None:
+            usable = ~hits
+            unchecked = "meshes, obstacles and the moves between poses are not"
+            notes.append(f"{hits.mean():.1%} {left_out} the arm hits itself")
+    notes.append(f"{unchecked} checked: move slowly the first time")
+    body = None if isinstance(source, Arm) else source.body
+    if isinstance(source, Model) and body and is_camera(body.structure.view):
         chain = Space.of(source)
         in_picture = chain.sees(chain.evaluate(q)[0])
         hidden = 1.0 - in_picture[usable].mean()
         usable &= in_picture
         notes.append(
-            f"{hidden:.0%} of the candidates were left out because the tip is outside of "
-            "the camera's picture there; that a link hides it is not checked"
+            f"{hidden:.0%} {left_out} the tip is outside of the camera's picture there; that a "
+            "link hides it is not checked"
         )
-    lowest = _lowest_points(source, q)
-    if height is None:
-        if lowest is not None and lowest[usable].min() < 0.0:
-            notes.insert(
-                0,
-                f"the arm goes down to z = {lowest[usable].min():.3f} m of its base frame: if a "
-                "table is there, give its height with `above`",
+    if not isinstance(arm, SpatialArm):
+        if height is not None:
+            raise OptionError(
+                "above: expected a robot that moves in space, or a model that knows its URDF",
+                parameter="above",
+                value=height,
             )
         return usable, notes
-    if lowest is None:
-        raise OptionError(
-            "above: expected a robot that moves in space, or a model that knows its URDF",
-            parameter="above",
-            value=height,
+    lowest = _lowest_points(arm, q)
+    least = lowest[usable].min()
+    if height is not None:
+        low = 1.0 - (lowest[usable] > height).mean()
+        usable &= lowest > height
+        notes.insert(
+            0,
+            f"{low:.0%} {left_out} the tip or a joint is below z = {height:g} m there; what is "
+            "mounted beyond the tip needs room of its own",
         )
-    below = 1.0 - (lowest[usable] > height).mean()
-    notes.insert(
-        0,
-        f"{below:.0%} of the candidates were left out because the tip or a joint is below "
-        f"z = {height:g} m there; what is mounted beyond the tip needs room of its own",
-    )
-    return usable & (lowest > height), notes
+    elif least < 0.0:
+        notes.insert(
+            0,
+            f"the arm goes down to z = {least:.3f} m of its base frame: if a table is there, give "
+            "its height with `above`",
+        )
+    return usable, notes
 
 
-def _lowest_points(source: Arm | Model, q: Array) -> Array | None:
-    """Height (n,) [m] of the lowest of the tip and the joints that move; None where not known."""
-    if isinstance(source, Arm):
-        arm = source
-    elif source.about.urdf:
-        arm = nominal_arm(source)
-    else:
-        return None
-    if not isinstance(arm, SpatialArm):
-        return None
+def _lowest_points(arm: SpatialArm, q: Array) -> Array:
+    """Height (n,) [m] of the lowest of the tip and the joints that move."""
     motion = arm.chain.motion(q)
     points = np.concatenate([motion.places, motion.position[None]])
     moving = np.ptp(points, axis=2).max(axis=1) > PLANNING.stands

@@ -6,6 +6,7 @@ Only the origins that change are rewritten; comments, other elements and the lay
 from __future__ import annotations
 
 import warnings
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -13,17 +14,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arm.arm import PlanarArm
 from ..arm.description import parse_robot
-from ..arm.mjcf import read_mjcf
-from ..arm.posture import origin_of, posture_of
+from ..arm.posture import posture_of
+from ..arm.robot_text import MJCF, parse_xml
 from ..arm.spatial_chain import move
-from ..arm.urdf import MJCF, Joint, Urdf, parse_xml
+from ..arm.urdf import Joint, Urdf
 from ..common.arrays import Array
 from ..common.wording import for_people, listed, quoted
 from ..errors import OptionError, RobotError
 from .mjcf import mjcf_edits
 from .settings import FITTING
-from .xml_text import Edit, edited, numbers, tag_text, tags_of
+from .xml_text import Attributes, edited, numbers, start_of_tag
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -50,7 +52,7 @@ def corrected_urdf(geometry: Geometry) -> str:
             f"joint offsets and link placements leave {factor * geometry.residual:.4g} {unit} rms "
             f"unexplained, {100.0 * share:.3g} % of the reach (at most {MOST_UNEXPLAINED:.0%})",
             hint="check the joints, the tip and the unit of the log; a log in the robot's root "
-            "frame needs `view='base'`, one in a sensor's frame must not have it",
+            "frame needs `view='base'` in training, one in a sensor's frame must not have it",
         )
     text = geometry.arm.urdf
     tree = parse_robot(text)
@@ -58,17 +60,18 @@ def corrected_urdf(geometry: Geometry) -> str:
     moved = {
         name: origin
         for name, origin in origins.items()
-        if np.abs(origin_of(_joint(tree, name)) - origin).max() > FITTING.tiny
+        if np.abs(_joint(tree, name).origin - origin).max() > FITTING.tiny
     }
     root = parse_xml(text)
-    if root.tag == MJCF:
-        edits = mjcf_edits(text, read_mjcf(root), moved)
-    else:
-        edits = _urdf_edits(text, tree, moved)
-    corrected = edited(text, edits)
+    corrected = edited(
+        text,
+        mjcf_edits(root, moved)
+        if root.tag == MJCF
+        else _urdf_edits(root, tree, moved),
+    )
     tree = parse_robot(corrected)
     for name, origin in origins.items():
-        error = np.abs(origin_of(_joint(tree, name)) - origin).max()
+        error = np.abs(_joint(tree, name).origin - origin).max()
         if error > FITTING.same * max(1.0, np.abs(origin).max()):
             raise RobotError(
                 f"joint {quoted(name)} reads back with another origin than was written"
@@ -83,28 +86,22 @@ def _joint(tree: Urdf, name: str) -> Joint:
 
 
 def _urdf_edits(
-    text: str, tree: Urdf, moved: Mapping[str, Array]
-) -> list[Edit]:
+    root: ET.Element, tree: Urdf, moved: Mapping[str, Array]
+) -> dict[int, tuple[Attributes, str]]:
     """Return what gives joints other origins (4, 4)."""
-    edits = []
-    tags = tags_of(text)
-    for k, tag in enumerate(tags):
-        name = tag.attributes.get("name", "")
-        if tag.path != ("robot", "joint") or name not in moved:
+    index = {node: number for number, node in enumerate(root.iter())}
+    edits: dict[int, tuple[Attributes, str]] = {}
+    for joint in root.findall("joint"):
+        name = joint.get("name", "")
+        if name not in moved:
             continue
         change = _changed(_joint(tree, name), moved[name])
-        origin = None
-        for inner in tags[k + 1 :]:
-            if len(inner.path) <= len(tag.path):
-                break
-            if inner.path == ("robot", "joint", "origin"):
-                origin = inner
+        origin = joint.find("origin")
         if origin is None:
-            edits.append(tag.followed_by(tag_text("origin", change)))
+            behind = start_of_tag("origin", change) + "/>"
+            edits[index[joint]] = (joint.attrib, behind)
         else:
-            edits.append(
-                origin.with_attributes({**origin.attributes, **change})
-            )
+            edits[index[origin]] = ({**origin.attrib, **change}, "")
     return edits
 
 
@@ -114,13 +111,12 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
     structure = geometry.structure
     beta = geometry.beta
     path = urdf.path(arm.tip)
-    tool = structure.deviations(beta)
-    moves = tool.tool_turn.any() or (
-        tool.tool.any() and path[-1].kind != "prismatic"
-    )
-    if geometry.move_tip and moves and path[-1].name in geometry.places:
+    planar = isinstance(arm, PlanarArm)
+    last = path[-1]
+    moves = last.kind != "prismatic" and structure.deviations(beta).tool.any()
+    if planar and moves and last.name in geometry.places:
         raise RobotError(
-            f"the tip {arm.tip!r} is the origin of joint {path[-1].name!r}: it has no link of its "
+            f"the tip {arm.tip!r} is the origin of joint {last.name!r}: it has no link of its "
             "own that could be corrected",
             hint="name another `tip`",
             parameter="tip",
@@ -140,14 +136,14 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
             )
             carried = carried @ _placed(-structure.chain.points[k], np.eye(3))
         fitted[joint.child] = carried @ drawn[joint.child]
-    if geometry.move_tip:
+    if planar:  # in space the sensed point is a probe or a tag, not the tip
         fitted[arm.tip] = _placed(
             motion.position[:, 0], motion.rotation[:, :, 0]
         )
     origins = {}
     for joint in path:  # a locked joint's own motion stays behind its origin
         lock = np.linalg.solve(
-            drawn[joint.child], drawn[joint.parent] @ origin_of(joint)
+            drawn[joint.child], drawn[joint.parent] @ joint.origin
         )
         origin = np.linalg.solve(fitted[joint.parent], fitted[joint.child])
         origins[joint.name] = origin @ lock
@@ -157,7 +153,7 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
 def _changed(joint: Joint, moved: Array) -> dict[str, str]:
     """Return the attributes of a joint's origin that differ from `moved` (4, 4)."""
     change: dict[str, str] = {}
-    drawn = origin_of(joint)
+    drawn = joint.origin
     if np.abs(moved[:3, 3] - drawn[:3, 3]).max() > FITTING.tiny:
         change["xyz"] = numbers(moved[:3, 3])
     if np.abs(moved[:3, :3] - drawn[:3, :3]).max() > FITTING.tiny:

@@ -51,19 +51,16 @@ class Wanted:
     moves: tuple[Alignment, ...] = ()  # of the frame, after `predict`
     # whether a tool's orientation is kept where the arm can
     keeps_turn: bool = True
-    # (d,), of a body in space the nominal arm's parameters
-    drawn: Array | None = None
     # where more than what the sensor reads has to be met: the tool's pose, or before a camera,
     # whose pixel does not say how far away the tip is, its place
     space: Space | None = None
 
     @classmethod
-    def of(cls, model: Model, view: str = "auto") -> Wanted:
+    def of(cls, model: Model) -> Wanted:
         """Find it, once for a model: a controller corrects row by row."""
-        key = f"wanted {view}"
-        if key not in model.remembered:
-            model.remembered[key] = _wanted(model, view)
-        wanted: Wanted = model.remembered[key]
+        if "wanted" not in model.remembered:
+            model.remembered["wanted"] = _wanted(model)
+        wanted: Wanted = model.remembered["wanted"]
         return wanted
 
     @property
@@ -143,8 +140,8 @@ class Wanted:
         return near
 
 
-def _wanted(model: Model, view: str) -> Wanted:
-    free = frame_is_free(model, view)
+def _wanted(model: Model) -> Wanted:
+    free = frame_is_free(model)
     moves = tuple(frames(model))
     body = model.body
     body_structure: Any = None if body is None else body.structure
@@ -160,22 +157,18 @@ def _wanted(model: Model, view: str) -> Wanted:
     if not in_space or is_simulated(model):
         frame = None
         if free and not in_space:
-            frame = fit_geometry(model, view=view).frame
+            frame = fit_geometry(model).frame
         if frame is not None:
             moves = (frame, *moves)
         return Wanted(model, free, nominal_arm(model).forward, moves)
-    if (
-        body is not None
-        and body_structure.informed
-        and (free or body_structure.view == "base")
-    ):
+    if body is not None and body_structure.informed:
         drawn = frozen(nominal_behind(body_structure, body.beta))
         predict = partial(body_structure.predict, beta=drawn)
-        wanted = Wanted(model, free, predict, drawn=drawn)
+        wanted = Wanted(model, free, predict)
         if body_structure.dof >= CORRECTION.posed or body_structure.camera:
             wanted = replace(wanted, space=Space.of(model))
         return wanted
-    geometry = fit_geometry(model, view=view)
+    geometry = fit_geometry(model)
     nominal = frozen(nominal_behind(geometry.structure, geometry.beta))
     return Wanted(
         model, free, partial(geometry.structure.predict, beta=nominal), moves

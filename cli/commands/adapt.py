@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from calib.common.choices import METHODS, MethodWord
-from calib.common.wording import for_people
+import calib
+from calib.common.choices import MethodWord
 
 from .. import options as opt
 from ..logs import Reading, log_for
@@ -14,16 +14,20 @@ from ..output import (
     NO,
     Line,
     Outcome,
-    TextTable,
     as_typed,
     fields,
-    number,
     progress,
     say,
+    sized,
 )
 from ..parsing import check_file
 from ..pictures import photo_of_log
 from ..units import units_of
+
+FACTS = (
+    "improved samples outliers left_out correction kept coverage everywhere "
+    "before after"
+)
 
 
 def adapt(
@@ -35,9 +39,8 @@ def adapt(
     ] = None,
     method: Annotated[
         MethodWord,
-        opt.word(
+        opt.option(
             "--method",
-            METHODS,
             "few-shot: the body, from a few rows; online: the paper's rule.",
         ),
     ] = "few-shot",
@@ -48,15 +51,11 @@ def adapt(
     time_offset: opt.TimeOffset = None,
     degrees: opt.LogDegrees = None,
 ) -> Outcome:
-    import calib
-
-    check_file(output, ())
     loaded = calib.load(model)
     stem = Path(model).name.removesuffix(".calib").removesuffix(".adapted")
     path = output or str(Path(model).with_name(f"{stem}.adapted.calib"))
     check_file(path, ())  # before the work whose result would be lost
-    reading = Reading(columns, unit, time_offset, degrees)
-    log = log_for(loaded, data, reading)
+    log = log_for(loaded, data, Reading(columns, unit, time_offset, degrees))
     result = calib.adapt(
         loaded, log, method=method, cause=cause, free=free, progress=progress
     )
@@ -68,20 +67,15 @@ def adapt(
     about = result.model.about
     document = {
         "model": path if written else None,
-        **fields(
-            result,
-            "improved samples outliers left_out correction kept coverage everywhere "
-            "before after",
-        ),
+        **fields(result, FACTS),
         "method": method,
         "changed": [change.to_json() for change in result.changed],
         "notes": [as_typed(text) for text in result.notes],
         "unit": about.unit,
         "units": units_of(about),
     }
-    factor, name = for_people(about.unit)
-    before = f"{number(factor * result.before['mean'])} {name}"
-    after = f"{number(factor * result.after['mean'])} {name}"
+    before = sized(result.before["mean"], about.unit)
+    after = sized(result.after["mean"], about.unit)
     rows = f"on rows that it did not learn from; {result.samples} samples of {data}"
     if result.outliers:
         rows += f", {result.outliers} left out"
@@ -98,21 +92,14 @@ def adapt(
             f"no improvement: {state}",
             f"{before} as it is, {after} adapted, {rows}",
         ]
+    limit = "noise; more rows help most"
     if result.coverage < 0.99:
-        share = f"the log measured {100 * result.coverage:.0f} % of the learned range"
-        lines.append(
-            f"limited by coverage: {share}; rows from the rest help most"
+        limit = (
+            f"coverage: the log measured {100 * result.coverage:.0f} % of the learned range; "
+            "rows from the rest help most"
         )
-    else:
-        lines.append("limited by noise; more rows help most")
-    sizes = []
-    for when, error in (("before", result.before), ("after", result.after)):
-        values = [number(factor * error[key]) for key in ("mean", "p99", "max")]
-        sizes.append([when, *values])
-    title = (
-        f"distance to held-out rows [{name}], corrected: {result.correction}"
-    )
-    more: list[Line] = [TextTable(["", "mean", "p99", "max"], sizes, title)]
+    lines.append(f"limited by {limit}")
+    more: list[Line] = [f"corrected: {result.correction}"]
     if result.kept:
         more.append(f"left as it was: {', '.join(result.kept)}")
     return Outcome(document, lines, more, code=0 if result.improved else NO)

@@ -6,9 +6,12 @@ may be pictures or a LeRobotDataset.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
 
+import calib
 from calib.common.wording import for_people
 
 from .. import options as opt
@@ -17,9 +20,6 @@ from ..logs import Reading, log_for
 from ..output import NO, Outcome, TextTable, number, say, sized
 from ..pictures import log_of_pictures
 from ..units import units_of
-
-if TYPE_CHECKING:
-    from calib import Model, Samples, Verdict
 
 SIGNALS = {
     "motor": "motor map, zeta",
@@ -45,12 +45,12 @@ def check(
     joints_file: opt.JointsFile = None,
     camera: opt.DatasetCamera = None,
 ) -> Outcome:
-    import calib
-
     loaded = calib.load(model)
     reading = Reading(columns, unit, time_offset, degrees)
-    with log_of_pictures(loaded, data, joints_file, camera, degrees) as path:
-        log = log_for(loaded, path, reading)
+    if joints_file is None and not Path(data).is_dir():
+        log = log_for(loaded, data, reading)
+    else:
+        log = log_of_pictures(loaded, data, joints_file, camera, degrees)
     episodes = _episodes(loaded, log, cause)
     drift = calib.check(loaded, log, cause=cause, tolerance=tolerance)
     say(drift.notes)
@@ -65,43 +65,33 @@ def check(
     }
     lines = _verdict(drift, f"calib adapt {model} --data {data}")
     if bumped and not drift.drifted:
-        lines = [
-            f"DRIFTED in {len(bumped)} of {len(episodes)} episodes",
-            lines[-1],
-        ]
+        count = f"{len(bumped)} of {len(episodes)}"
+        lines = [f"DRIFTED in {count} episodes", lines[-1]]
     for episode in bumped:
         first = [*episode.explanations, "its cause is unknown"][0]
         lines.append(f"episode {episode.episode}: DRIFTED: {first}")
-    code = NO if bumped or _needs_action(drift) else 0
+    noisier = any(cause.group == "noise" for cause in drift.causes)
+    # a bound that noisier readings alone exceed is said, and is no change of the arm
+    calm = drift.drifted is False and (drift.bound_holds or noisier)
+    code = 0 if calm and not bumped else NO
     return Outcome(document, lines, _details(drift), code=code)
 
 
-def _needs_action(drift: Verdict) -> bool:
-    """Return whether a script should stop: a change, no answer, or a bound that fails.
-
-    A bound that noisier readings alone exceed is said, and is no change of the arm.
-    """
-    if drift.drifted is not False:
-        return True
-    noisier = any(cause.group == "noise" for cause in drift.causes)
-    return not drift.bound_holds and not noisier
-
-
-def _verdict(drift: Verdict, adapt: str) -> list[str]:
+def _verdict(drift: calib.Verdict, adapt: str) -> list[str]:
     """Say what the rows tell, what to do, and what limits the answer."""
-    smallest = sized(drift.smallest, drift.unit)
     limit = (
-        f"limited by noise: these {drift.samples} rows show changes from {smallest} on; "
-        "more rows show smaller ones"
+        f"limited by noise: these {drift.samples} rows show changes from "
+        f"{sized(drift.smallest, drift.unit)} on; more rows show smaller ones"
     )
     if drift.drifted:
         first, *others = drift.explanations or ("its cause is unknown",)
-        return [
-            f"DRIFTED: {first}",
-            *others,
-            f"what to do: {_remedy(drift, adapt)}",
-            limit,
-        ]
+        remedy = f"{adapt} re-calibrates it"
+        scales = [cause for cause in drift.causes if cause.cause == "scale"]
+        if not drift.adapts:
+            remedy = "calib adapt finds nothing that mends it: check the log and the arm"
+        elif any(cause.interval is None for cause in scales):
+            remedy = "check the log's unit before calib adapt, which learns the new scale"
+        return [f"DRIFTED: {first}", *others, f"what to do: {remedy}", limit]
     if drift.changed is None:
         return [
             "TOO FEW ROWS TO SAY: they could not show a change of ten times the noise",
@@ -120,58 +110,48 @@ def _verdict(drift: Verdict, adapt: str) -> list[str]:
     return [verdict, *drift.explanations, limit]
 
 
-def _remedy(drift: Verdict, adapt: str) -> str:
-    if not drift.adapts:
-        return (
-            "calib adapt finds nothing that mends it: check the log and the arm"
-        )
-    if any(
-        cause.cause == "scale" and cause.interval is None
-        for cause in drift.causes
-    ):
-        return "check the log's unit before calib adapt, which learns the new scale"
-    return f"{adapt} re-calibrates it"
-
-
 @dataclass(frozen=True)
 class Episode:
     """The verdict on one series of a log; `--json` prints these fields."""
 
     episode: int
     samples: int
-    drifted: bool | None = None  # None where it has too few rows
-    score: float | None = None
-    explanations: tuple[str, ...] = ()
+    drifted: bool | None  # None where it has too few rows
+    score: float | None
+    explanations: Sequence[str]
 
 
-def _episodes(model: Model, log: Samples, cause: str | None) -> list[Episode]:
+def _episodes(
+    model: calib.Model, log: calib.Samples, cause: str | None
+) -> list[Episode]:
     """Return the verdict on each series of a log."""
-    import calib
-    from calib.errors import LogError
-
+    episodes: list[Episode] = []
     if log.episode is None:
-        return []
-    series = log.episode.astype(int)
-    episodes = []
-    for number_ in sorted(set(series.tolist())):
-        rows = (series == number_).nonzero()[0]
-        episode = Episode(number_, len(rows))
+        return episodes
+    for series in sorted(set(log.episode.astype(int).tolist())):
+        rows = log.take((log.episode == series).nonzero()[0])
         try:
-            drift = calib.check(model, log.take(rows), cause=cause)
-        except LogError as error:
-            episodes.append(replace(episode, explanations=(str(error),)))
-            continue
-        episode = replace(episode, drifted=drift.drifted, score=drift.score)
-        episodes.append(replace(episode, explanations=drift.explanations))
+            drift = calib.check(model, rows, cause=cause)
+        except calib.LogError as error:
+            episode = Episode(series, len(rows), None, None, [str(error)])
+        else:
+            verdict = drift.drifted, drift.score, drift.explanations
+            episode = Episode(series, len(rows), *verdict)
+        episodes.append(episode)
     return episodes
 
 
-def _details(drift: Verdict) -> list[TextTable]:
+def _details(drift: calib.Verdict) -> list[TextTable]:
     factor, unit = for_people(drift.unit)
-    tests = []
-    for group in sorted(drift.groups, key=lambda group: -group.score)[:_MOST]:
-        sizes = number(group.p_value), number(factor * group.smallest)
-        tests.append([group.name, *sizes, "fired" if group.score > 1.0 else ""])
+    tests = [
+        [
+            group.name,
+            number(group.p_value),
+            number(factor * group.smallest),
+            "fired" if group.score > 1.0 else "",
+        ]
+        for group in sorted(drift.groups, key=lambda group: -group.score)
+    ]
     signals = []
     for key, signal in drift.distortion.items():
         # zeta is a squared share of the unit box: millionths are readable
@@ -186,6 +166,6 @@ def _details(drift: Verdict) -> list[TextTable]:
     header = ["what may have changed", "chance", f"smallest [{unit}]", ""]
     signal_header = ["on the maps", "unit", "found", "usual"]
     return [
-        TextTable(header, tests, foot=chance),
+        TextTable(header, tests[:_MOST], foot=chance),
         TextTable(signal_header, signals, left=2, foot=zeta),
     ]

@@ -6,15 +6,11 @@ more than the limit; the other rows are written.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from .. import options as opt
 from ..output import Outcome, say, sized
 from ..parsing import above_zero
-
-if TYPE_CHECKING:
-    from calib import Corrected
-    from calib.model.about import About
 
 
 def correct(
@@ -23,10 +19,9 @@ def correct(
         float | None,
         opt.value("--limit", "L", "Largest change (3 x usual).", above_zero),
     ] = None,
-    view: opt.LogView = "auto",
     orientation: Annotated[
         Literal["keep", "free"],
-        opt.flag("--orientation", "Of six joints: the tool's turn."),
+        opt.option("--orientation", "Of six joints: the tool's turn."),
     ] = "keep",
     input_: opt.Input = None,
     columns: opt.Columns = None,
@@ -48,7 +43,6 @@ def correct(
         query.model,
         batch.values[valid] / factors,
         limit=None if limit is None else limit / factors,
-        view=view,
         orientation=orientation,
     )
     say(result.notes)
@@ -57,9 +51,8 @@ def correct(
     table["distance"] = result.distance
     table["expected_error"] = result.expected_error
     table["reachable"] = result.reachable
-    for name in ("angle", "placement_error"):  # in space
-        if getattr(result, name) is not None:
-            table[name] = getattr(result, name)
+    if result.angle is not None:  # in space
+        table["angle"] = result.angle
     rows = np.flatnonzero(valid) + 1
     limits = ", ".join(
         joints.change(k, most) for k, most in enumerate(result.limit)
@@ -75,15 +68,21 @@ def correct(
         ),
         "beyond_limit": (rows[result.exceeded].tolist(), beyond),
     }
-    change = _changes(query.model.about, result)
-    lines = []
-    if change:
-        units = query.model.about.units_of_joints
-        sizes = [
-            f"{name} {sized(size['mean'], unit)} (largest {sized(size['max'], unit)})"
-            for (name, size), unit in zip(change.items(), units, strict=True)
-        ]
-        lines.append(f"mean change: {', '.join(sizes)}")
+    about = query.model.about
+    size = np.abs(result.change[result.reachable])
+    change = {}
+    sizes = []
+    if len(size):
+        for k, name in enumerate(joints.names):
+            mean = float(size[:, k].mean())
+            largest = float(size[:, k].max())
+            most = float(result.limit[k])
+            change[name] = {"mean": mean, "max": largest, "limit": most}
+            unit = about.units_of_joints[k]
+            sizes.append(
+                f"{name} {sized(mean, unit)} (largest {sized(largest, unit)})"
+            )
+    lines = [f"mean change: {', '.join(sizes)}"] if sizes else []
     answered = (
         result.reachable & ~result.exceeded
     ).any() or not result.exceeded.any()
@@ -94,19 +93,3 @@ def correct(
         lines=lines,
         facts={"change": change or None},
     )
-
-
-def _changes(about: About, result: Corrected) -> dict[str, dict[str, float]]:
-    """Return by how much each joint changes [rad or m]; nothing where no row is in reach."""
-    import numpy as np
-
-    size = np.abs(result.change[result.reachable])
-    if not len(size):
-        return {}
-    sizes = zip(size.mean(axis=0), size.max(axis=0), result.limit, strict=True)
-    return {
-        name: {"mean": float(mean), "max": float(largest), "limit": float(most)}
-        for name, (mean, largest, most) in zip(
-            about.joint_names, sizes, strict=True
-        )
-    }

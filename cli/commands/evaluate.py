@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Annotated, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from .. import options as opt
 from ..logs import Reading, log_of, stated
@@ -13,7 +13,6 @@ from ..summary import (
     accuracy,
     accuracy_of_sensor,
     advice,
-    answers_back,
     code_of,
     contradicted,
     error_table,
@@ -23,8 +22,6 @@ from ..summary import (
 if TYPE_CHECKING:
     from calib import Evaluation
     from calib.use.iso9283 import Iso9283
-
-FrameWord = Literal["kept", "free"]
 
 
 def evaluate(
@@ -37,16 +34,16 @@ def evaluate(
     distance: opt.Distances = None,
     plane: opt.Planes = None,
     frame: Annotated[
-        FrameWord,
-        opt.word(
+        Literal["kept", "free"],
+        opt.option(
             "--frame",
-            get_args(FrameWord),
             "free: the sensor's frame is found anew.",
         ),
     ] = "kept",
     sensor: opt.OfSensor = "sensor",
     iso: Annotated[
-        bool, opt.flag("--iso9283", "Accuracy and repeatability of poses, too.")
+        bool,
+        opt.option("--iso9283", "Accuracy and repeatability of poses, too."),
     ] = False,
 ) -> Outcome:
     import calib
@@ -85,7 +82,6 @@ def evaluate(
     lines = [
         *warnings,
         f"{model}: {accuracy(loaded, result.errors, result.within, tested, result.left_out)}",
-        answers_back(loaded, result.errors),
         *(accuracy_of_sensor(loaded.by(name)) for name in others),
         *limit,
     ]

@@ -23,10 +23,10 @@ def export(
         str | None,
         opt.value("--output -o", "FILE", "C header; JSON of --lerobot."),
     ] = None,
-    single: Annotated[bool, opt.flag("--float", "Single precision.")] = False,
+    single: Annotated[bool, opt.option("--float", "Single precision.")] = False,
     small: Annotated[
         bool,
-        opt.flag(
+        opt.option(
             "--small", "No tables of bounds and starts, for little memory."
         ),
     ] = False,

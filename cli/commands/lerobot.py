@@ -12,7 +12,7 @@ from typing import Annotated
 
 from typer import Argument
 
-from calib.common.choices import EYES, Eye
+from calib.common.choices import Eye
 
 from .. import options as opt
 from ..logs import Selection
@@ -43,9 +43,8 @@ def lerobot(
     ],
     eye: Annotated[
         Eye,
-        opt.word(
+        opt.option(
             "--eye",
-            EYES,
             "hand: the camera is on the arm; base: it stands still.",
         ),
     ] = "hand",
@@ -79,7 +78,7 @@ def lerobot(
     learned = calib.train(rig.poses)
     offsets = zeros(learned)
     text, ticks = homed(
-        calibration, {name: zero.offset for name, zero in offsets.items()}
+        calibration, {name: float(z.value) for name, z in offsets.items()}
     )
     if model is not None:
         learned.save(model)
@@ -87,7 +86,10 @@ def lerobot(
     say([RANGES_MOVE])
     document = {
         "output": output,
-        "offsets": {name: zero.to_json() for name, zero in offsets.items()},
+        "offsets": {
+            name: {"offset": float(z.value), "interval": float(z.interval)}
+            for name, z in offsets.items()
+        },
         "ticks": ticks,
         "hand": rig.hand,
         "base": rig.base,
@@ -97,7 +99,7 @@ def lerobot(
     for name, zero in offsets.items():
         old = motors.motors[name].homing_offset
         interval = number(math.degrees(zero.interval))
-        offset = fixed(math.degrees(zero.offset), 2)
+        offset = fixed(math.degrees(zero.value), 2)
         rows.append([name, offset, interval, str(old), str(old + ticks[name])])
     header = ["joint", "zero is off by [deg]", "+-", "homing offset was", "is"]
     line = f"{output}: {len(offsets)} zeros corrected"

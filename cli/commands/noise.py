@@ -41,11 +41,8 @@ def noise(
         from calib.recording.joint_table import joint_columns
 
         joints = joint_columns(source.header)
-        say(
-            [
-                f"joints are the columns {', '.join(joints)}; --joints names others"
-            ]
-        )
+        names = ", ".join(joints)
+        say([f"joints are the columns {names}; --joints names others"])
     selection = Selection(joints, degrees=degrees)
     reading = Reading(columns, unit, prismatic=prismatic)
     result = repeatability(measured(robot, selection, source, reading))
@@ -55,26 +52,29 @@ def noise(
         **result.to_json(),
         "units": {"positions": positions},
     }
-    sensor = (
-        "the sensor reads to: not told by this log; read each pose several times while the arm "
-        "stands"
-    )
-    if math.isfinite(result.sensor):
-        size = _interval(result.sensor, result.sensor_interval, positions)
-        sensor = f"the sensor reads to {size}"
-    arm = "the arm returns to: not told by this log; leave the poses and come back"
-    if math.isfinite(result.arm):
-        size = _interval(result.arm, result.arm_interval, positions)
-        arm = f"the arm returns to {size}"
-    rows = (
+    lines = []
+    for what, deviation, interval, remedy in (
+        (
+            "the sensor reads to",
+            result.sensor,
+            result.sensor_interval,
+            "read each pose several times while the arm stands",
+        ),
+        (
+            "the arm returns to",
+            result.arm,
+            result.arm_interval,
+            "leave the poses and come back",
+        ),
+    ):
+        if math.isfinite(deviation):
+            low, high = (sized(end, positions) for end in interval)
+            size = sized(deviation, positions)
+            lines.append(f"{what} {size} along an axis ({low} to {high})")
+        else:
+            lines.append(f"{what}: not told by this log; {remedy}")
+    lines.append(
         f"from {result.repeats} further readings and {result.returns} returns to {result.poses} "
         "poses"
     )
-    return Outcome(document, [sensor, arm, rows])
-
-
-def _interval(
-    deviation: float, interval: tuple[float, float], unit: str
-) -> str:
-    low, high = (sized(end, unit) for end in interval)
-    return f"{sized(deviation, unit)} along an axis ({low} to {high})"
+    return Outcome(document, lines)

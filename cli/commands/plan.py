@@ -1,8 +1,8 @@
 """Plan poses to measure: within the limits, well spread, with short moves between them.
 
-With --data the plan covers what that log has not measured. With --handeye the board is in the
-middle of the picture at --from, or where the model of `calib handeye -o` knows it. Obstacles
-are not checked: move slowly the first time.
+With the model of a log the plan is of poses that tell most beside it. With --handeye the board is
+in the middle of the picture at --from, or where the model of `calib handeye -o` knows it.
+Obstacles are not checked: move slowly the first time.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument
 
-from calib.common.choices import EYES, Eye
+from calib.common.choices import Eye
 
 from .. import options as opt
 from .. import parsing
-from ..logs import Reading, Selection, log_for, measured
+from ..logs import Selection
 from ..output import Outcome, fields, say
 from ..parsing import TABLES, BadOption, check_file, refuse
 from ..units import JointFormat, in_si
 
 if TYPE_CHECKING:
-    from calib import Model, Samples
+    from calib import Model
     from calib.arm.arm import Arm
     from calib.model.about import About
 
@@ -53,8 +53,6 @@ def plan(
             "--from", "Q1,Q2", "Joints before the first pose.", parsing.reals
         ),
     ] = None,
-    data: opt.Data = None,
-    columns: opt.Columns = None,
     touch: Annotated[
         parsing.Numbers | None,
         opt.value(
@@ -71,11 +69,11 @@ def plan(
         ),
     ] = None,
     handeye: Annotated[
-        bool, opt.flag("--handeye", "A camera sees --board in all poses.")
+        bool, opt.option("--handeye", "A camera sees --board in all poses.")
     ] = False,
     board: opt.BoardSpec = None,
     eye: Annotated[
-        Eye | None, opt.word("--eye", EYES, "Of --handeye (default hand).")
+        Eye | None, opt.option("--eye", "Of --handeye (default hand).")
     ] = None,
     seed: opt.Seed = 0,
 ) -> Outcome:
@@ -91,16 +89,11 @@ def plan(
             "--handeye needs --board, such as 7x5:24mm:18mm:5x5_100"
         )
     check_file(output, TABLES, stream=True)
-    if data is None:
-        refuse(
-            {"columns": columns}, "applies to a log: expected --data LOG too"
-        )
     if handeye and is_model:
         from calib.recording.rig_file import is_rig
 
         if is_rig(robot):
             return _flange_poses(robot, output, poses, seed)
-    rows: Samples | None = None
     source: Arm | Model
     facts: Arm | About
     within = None
@@ -110,9 +103,6 @@ def plan(
         model = calib.load(robot)
         source = model
         facts = model.about
-        if data is not None:
-            reading = Reading(columns, degrees=degrees or None)
-            rows = log_for(model, data, reading)
         # an arm was loaded with its ranges, which it may need where it states no limits
         turns = dict(zip(facts.joint_names, facts.revolute, strict=True))
         within = in_si("--range", ranges, turns, degrees)
@@ -122,8 +112,6 @@ def plan(
         say(arm.notes)
         source = arm
         facts = arm
-        if data is not None:
-            rows = measured(robot, selection, data, Reading(columns))
     shown = JointFormat(facts, degrees)
     result = calib.plan(
         source,
@@ -134,7 +122,6 @@ def plan(
         else [margin / factor for factor in shown.typed],
         ranges=within,
         start=shown.one_each("--from", start),
-        measured=rows,
         touch=touch,
         handeye=board or handeye or None,
         eye=eye or "hand",

@@ -8,8 +8,8 @@ from typing import Annotated
 
 from .. import options as opt
 from ..logs import Reading
-from ..output import Outcome, end_progress, note, say
-from ..parsing import BadOption, check_file, whole
+from ..output import Outcome, end_progress, note
+from ..parsing import check_file, whole
 from ..pictures import load_drawn, size_of_page
 
 
@@ -30,26 +30,16 @@ def preview(
         int, opt.value("--port", "N", "Of the page (0: any).", whole(0, 65535))
     ] = 0,
     no_open: Annotated[
-        bool, opt.flag("--no-open", "Print the address alone.")
-    ] = False,
-    live: Annotated[
-        bool, opt.flag("--live", "Drag a target, see all its solutions.")
+        bool, opt.option("--no-open", "Print the address alone.")
     ] = False,
 ) -> Outcome:
     import calib
 
-    if live and html is not None:
-        raise BadOption(
-            "--live needs a running preview: expected it without --html"
-        )
     check_file(html, (".html", ".htm"), option="--html")
     reading = Reading(columns, unit, time_offset, degrees)
     loaded, log = load_drawn(model, data, photo, no_photo, reading)
     browse = not no_open
-    with calib.preview(
-        loaded, html, log, live=live, port=port, browse=browse
-    ) as page:
-        say(page.notes)
+    with calib.preview(loaded, html, log, port=port, browse=browse) as page:
         if html is not None:
             document = {"html": html, "bytes": Path(html).stat().st_size}
             return Outcome(document, [size_of_page(html)])

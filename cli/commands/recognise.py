@@ -6,6 +6,7 @@ from typing import Annotated
 
 from typer import Argument
 
+import calib
 from calib.common.wording import for_people
 
 from .. import options as opt
@@ -23,19 +24,15 @@ def recognise(
     time_offset: opt.TimeOffset = None,
     degrees: opt.LogDegrees = None,
 ) -> Outcome:
-    import calib
-
     loaded = [calib.load(path) for path in models]
     reading = Reading(columns, unit, time_offset, degrees)
-    log = log_for(loaded[0], data, reading)
-    result = calib.recognise(loaded, log)
+    result = calib.recognise(loaded, log_for(loaded[0], data, reading))
     name = None if result.index is None else models[result.index]
-    fits = [
-        {"model": models[fit.index], **fit.to_json()} for fit in result.fits
-    ]
     factor, shown = for_people(loaded[0].about.unit)
+    fits = []
     rows = []
     for fit in result.fits:
+        fits.append({"model": models[fit.index], **fit.to_json()})
         sizes = number(fit.score), number(factor * fit.distance)
         rows.append([models[fit.index], *sizes, "fits" if fit.fits else ""])
     header = ["model", "score", f"median distance [{shown}]", ""]

@@ -8,6 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import calib
+
 from .. import options as opt
 from ..logs import Reading
 from ..output import Outcome, progress
@@ -35,9 +37,7 @@ def report(
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
 ) -> Outcome:
-    import calib
     from calib.common.atomic import atomic_write
-    from calib.recording.rig import HandEye
     from calib.show.report.drawing import to_file
 
     if output is None and png is None and figures is None:
@@ -47,7 +47,9 @@ def report(
     check_file(output, (".html", ".htm"))
     reading = Reading(columns, unit, time_offset, degrees)
     loaded, log = load_drawn(model, data, photo, no_photo, reading)
-    warnings = [] if isinstance(loaded, HandEye) else contradicted(loaded.about)
+    warnings = []
+    if isinstance(loaded, calib.Model):
+        warnings = contradicted(loaded.about)
     lines = [*warnings]
     if output is not None:
         lines.append(calib.report(loaded, output, log, progress=progress))

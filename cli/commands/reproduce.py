@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument
 
 from .. import options as opt
-from .. import parsing
 from ..output import Outcome, TextTable, number, progress
 
 if TYPE_CHECKING:
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from calib.paper.tables import Result, Table
 
 Subject = Literal["table1", "table2", "figures", "adaptation", "all"]
-SUBJECTS = get_args(Subject)
 
 _LONG = ("schedules", "adaptation_curves")  # for the CSV files only
 _TERMS = (
@@ -30,17 +28,13 @@ _TERMS = (
 def reproduce(
     what: Annotated[
         Subject,
-        Argument(
-            metavar="|".join(SUBJECTS),
-            parser=parsing.one_of(SUBJECTS),
-            help="What to repeat.",
-        ),
+        Argument(help="What to repeat."),
     ] = "all",
     output: Annotated[
         str, opt.value("--output -o", "DIR", "Folder of tables, figures.")
     ] = "reproduced",
     quick: Annotated[
-        bool, opt.flag("--quick", "Small lattices and few samples.")
+        bool, opt.option("--quick", "Small lattices and few samples.")
     ] = False,
     robot: Annotated[
         str | None,

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import calib
+
 from ..output import Outcome, TextTable, fields
 
 
 def robots() -> Outcome:
-    import calib
-
-    entries = calib.list_robots()
+    document = [
+        fields(entry, "name joints dof description")
+        for entry in calib.list_robots()
+    ]
     rows = [
-        [entry.name, str(entry.dof), entry.description] for entry in entries
+        [str(entry[key]) for key in ("name", "dof", "description")]
+        for entry in document
     ]
     table = TextTable(["robot", "joints", "description"], rows, left=3)
-    document = [
-        fields(entry, "name joints dof description") for entry in entries
-    ]
     return Outcome(document, [table])

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument
 
 from .. import options as opt
-from ..logs import Reading, Selection, babbled, check_sources, measured, stated
+from ..logs import FOR_LOGS, Reading, Selection, babbled, measured, stated
 from ..output import Outcome, progress, say
-from ..parsing import BadOption, check_file
+from ..parsing import BadOption, check_file, refuse
 from ..pictures import photo_of_log, with_photo
 from ..summary import (
     accuracy_of_sensor,
@@ -43,7 +43,7 @@ def train(
         opt.value("--output -o", "MODEL", "Default ROBOT.calib, LOG.calib."),
     ] = None,
     force: Annotated[
-        bool, opt.flag("--force", "Replace a model of another robot.")
+        bool, opt.option("--force", "Replace a model of another robot.")
     ] = False,
     joints: opt.JointNames = None,
     tip: opt.Tip = None,
@@ -77,7 +77,7 @@ def train(
         opt.value("--lens", "lens.json", "Of a camera in space (fitted)."),
     ] = None,
     no_rows: Annotated[
-        bool, opt.flag("--no-rows", "Keep no rows of the log.")
+        bool, opt.option("--no-rows", "Keep no rows of the log.")
     ] = False,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
@@ -86,11 +86,23 @@ def train(
 
     selection = Selection(joints, tip, planar, lock, ranges, degrees, gravity)
     reading = Reading(columns, unit, time_offset, prismatic=prismatic)
-    simulated = {"samples": samples, "noise": noise, "change": change}
-    of_touches = {"distance": distance, "plane": plane}
-    of_cameras = {"gravity": gravity, "lens": lens, "photo": photo}
-    of_logs = {**vars(reading), **of_touches, **of_cameras}
-    check_sources([robot] if robot else [], bool(data), simulated, of_logs)
+    if robot is None and not data:
+        raise BadOption(
+            "no source to learn from: expected ROBOT, --data LOG, or both"
+        )
+    if data:
+        simulated = {"samples": samples, "noise": noise, "change": change}
+        refuse(
+            simulated, "applies to simulated babbling, which --data replaces"
+        )
+    else:
+        of_touches = {"distance": distance, "plane": plane}
+        of_cameras = {"gravity": gravity, "lens": lens, "photo": photo}
+        refuse({**vars(reading), **of_touches, **of_cameras}, FOR_LOGS)
+    if robot is not None and prismatic is not None:
+        raise BadOption(
+            "--prismatic applies to a log without ROBOT; ROBOT defines its joints"
+        )
     if photo is not None and no_photo:
         raise BadOption(
             "--photo and --no-photo are given: expected one of them"
@@ -143,15 +155,12 @@ def train(
     warnings = [
         line for sensor in sensors for line in contradicted(sensor.about)
     ]
-    noise_of_log = log.source.get("noise")
-    if log.source.get("unit") != about.unit:
-        noise_of_log = None
     cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
     lines = [
         *warnings,
         *(accuracy_of_sensor(sensor) for sensor in sensors),
         *found_by_body(model),
-        advice(model, about.errors, noise_of_log),
+        advice(model, about.errors),
         f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}",
     ]
     table = error_table(model, about.errors, f"errors on {rows}")
@@ -175,16 +184,13 @@ def _check_same_origin(path: str, log: Samples) -> None:
 
     if not Path(path).exists():
         return
-    # what cannot be read is no model of this robot either
-    with suppress(calib.CalibError):
+    with suppress(calib.CalibError):  # what cannot be read is no model of it
         old = calib.load(path)
-        about = old.about
-        same = about.urdf == (log.arm.urdf if log.arm else "")
-        same &= about.joint_names == log.joint_names
-        same &= (about.source == "simulation") == (log.simulation is not None)
+        same = old.about.urdf == (log.arm.urdf if log.arm else "")
+        same &= old.about.joint_names == log.joint_names
+        same &= (old.about.source == "simulation") == bool(log.simulation)
         if old.rows is not None and len(old.rows):  # the first tells logs apart
             same &= np.array_equal(old.rows.q[0], log.q[0])
-            same &= np.array_equal(old.rows.x[0], log.x[0])
         if same:
             return
     raise calib.OptionError(

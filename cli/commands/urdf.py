@@ -25,13 +25,6 @@ def urdf(
     output: Annotated[
         str, opt.value("--output -o", "URDF", "The corrected description.")
     ],
-    view: opt.LogView = "auto",
-    move_base: Annotated[
-        bool, opt.flag("--move-base", "Fit the first joint's place.")
-    ] = False,
-    move_tip: Annotated[
-        bool, opt.flag("--move-tip", "The tip is sensed, no probe.")
-    ] = False,
     free: opt.Free = "all",
 ) -> Outcome:
     import calib
@@ -51,9 +44,6 @@ def urdf(
     check_output(output, loaded.about.urdf)
     geometry = fit_geometry(
         loaded,
-        view=view,
-        move_base=move_base,
-        move_tip=move_tip,
         drawn=free == "offsets",
     )
     explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
@@ -74,7 +64,7 @@ def urdf(
     if not explained:
         note(
             f"offsets and placements leave {rms} unexplained, more than {MOST_UNEXPLAINED:.0%}: "
-            "nothing was written; check the joints, the tip and the unit of the log, and --view"
+            "nothing was written; check the joints, the tip and the unit of the log"
         )
         return Outcome(document, [_table(geometry)], code=NO)
     before = sized(geometry.before, unit)
@@ -95,8 +85,7 @@ def _table(geometry: Geometry) -> TextTable:
         changes.append((name, "far end of its link, along {}", "m", change))
     places = dict(parameters.get("places", {}))
     if "tip" in parameters:
-        written = "" if parameters["tip"]["written"] else ", not written"
-        places[f"sensed point{written}"] = parameters["tip"]
+        places["sensed point, not written"] = parameters["tip"]
     for name, change in places.items():
         changes.append((name, "origin along {}", "m", change["shift"]))
         changes.append((name, "origin about {}", "rad", change["turn"]))

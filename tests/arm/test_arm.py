@@ -1,97 +1,175 @@
-"""Planar arms: kinematics against closed forms, Pinocchio and finite differences."""
+"""Arms: kinematics against closed forms, Pinocchio and finite differences."""
+
+from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from chains import SLIDE, chain_urdf, turning
-from hypothesis import given
-from hypothesis import strategies as st
+from chains import FOLLOWED, MIXED, SLIDE, chain_urdf, turning
 from models import two_link
-from reference import pinocchio_forward, random_joints
+from reference import random_joints
 
-from calib.arm.loading import arm_from_urdf, load_arm
-from calib.arm.robots import list_robots
+import calib
+from calib.arm.gravity import GRAVITY, Loads
+from calib.arm.loading import arm_from_urdf
+from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of
 
-BUNDLED = [
-    entry.name
-    for entry in list_robots()
-    if entry.name not in ("six_axis", "spatial_three", "so101")
-]
-
-
-ANGLE = st.floats(-np.pi, np.pi)
-
-
-@given(ANGLE, ANGLE)
-def test_two_links_follow_the_closed_form(q1, q2):
-    expected = two_link(np.array([q1, q2]))
-    np.testing.assert_allclose(load_arm("two_link").forward([q1, q2]), expected, atol=1e-15)
-
-
-@pytest.mark.parametrize("name", BUNDLED)
-def test_forward_agrees_with_pinocchio(name):
-    arm = load_arm(name)
-    q = random_joints(arm, 500)
-    assert np.abs(arm.forward(q) - pinocchio_forward(arm, q)).max() <= 1e-12
-
-
-@pytest.mark.parametrize("name", BUNDLED)
-def test_the_jacobian_agrees_with_finite_differences(name):
-    arm = load_arm(name)
-    q, step = random_joints(arm, 50), 1e-6
-    numeric = np.stack(
-        [
-            (arm.forward(q + step * unit) - arm.forward(q - step * unit)) / (2 * step)
-            for unit in np.eye(arm.dof)
-        ],
-        axis=-1,
-    )
-    np.testing.assert_allclose(arm.jacobian(q), numeric, atol=1e-9)
-
-
-def test_a_nearly_parallel_axis_is_computed_as_it_is():
-    text = chain_urdf(turning(), turning(axis="0.00005 0 1"), tip="0.2 0 0.1")
-    arm = arm_from_urdf(text)
-    q = random_joints(arm, 200)
-    assert np.abs(arm.forward(q) - pinocchio_forward(arm, q)).max() <= 1e-12
-
-
-def test_a_longer_link_is_longer_and_nothing_else_changes():
-    arm = load_arm("three_link")
-    longer = arm.with_link_length("elbow", 0.30)
-    assert longer.link_lengths == pytest.approx({"shoulder": 0.3, "elbow": 0.3, "wrist": 0.15})
-    q = random_joints(arm, 50)
-    angle = q[:, 0] + q[:, 1]
-    shift = 0.05 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    np.testing.assert_allclose(longer.forward(q) - arm.forward(q), shift, atol=1e-14)
-    assert arm.link_lengths["elbow"] == pytest.approx(0.25)  # the old arm is left as it was
-
-
-def test_a_slides_link_is_what_it_carries():
-    arm = load_arm("polar").with_link_length("slide", 0.2)
-    np.testing.assert_allclose(arm.forward([0, 0.1]), [0.15 + 0.1 + 0.2, 0], atol=1e-15)
-
-
+BUNDLED = [entry.name for entry in calib.list_robots()]
+PLANAR = [name for name in BUNDLED if calib.load_arm(name).outputs == 2]
+ASKEW = chain_urdf(turning(), turning(axis="0.00005 0 1"), tip="0.2 0 0.1")
 BENT = chain_urdf(turning(), turning(), tip="0.12 0.16 0")  # the last link is 0.2 m, bent
 
 
-SLIDING_TIP = chain_urdf(turning(), turning(axis="1 0 0") + SLIDE, tip="0 0 0")
+def arm_of(source):
+    return arm_from_urdf(source) if "<" in source else calib.load_arm(source)
 
 
-@pytest.mark.parametrize("text", [BENT, *(load_arm(name).urdf for name in BUNDLED)])
-def test_a_moved_tip_is_told_by_the_last_link_wherever_that_points(text):
-    arm = arm_from_urdf(text)
+def pinocchio_pose(arm, q):
+    """Positions, orientations and Jacobians by Pinocchio, one row at a time."""
+    model = pin.buildModelFromXML(arm.urdf)
+    data, frame = model.createData(), model.getFrameId(arm.tip, pin.FrameType.BODY)
+    columns = [model.joints[model.getJointId(name)].idx_v for name in arm.joint_names]
+    places, turns, slopes = [], [], []
+    for row in q:
+        values = np.zeros(model.nv)
+        for name, value in arm.locked.items():
+            values[model.joints[model.getJointId(name)].idx_v] = value
+        values[columns] = row
+        full = pin.integrate(model, pin.neutral(model), values)
+        pin.framesForwardKinematics(model, data, full)
+        pin.computeJointJacobians(model, data, full)
+        whole = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        places.append(data.oMf[frame].translation.copy())
+        turns.append(data.oMf[frame].rotation.copy())
+        slopes.append(whole[:, columns])
+    return np.array(places), np.array(turns), np.array(slopes)
+
+
+@pytest.mark.parametrize("source", [*BUNDLED, MIXED, ASKEW])
+def test_pose_and_jacobian_agree_with_pinocchio(source):
+    arm = arm_of(source)
+    q = random_joints(arm, 50)
+    places, turns, slopes = pinocchio_pose(arm, q)
+    positions, quaternions = arm.pose(q)
+    assert np.abs(positions - places).max() <= 1e-12
+    assert np.abs(matrix_of(quaternions) - turns).max() <= 1e-12
+    if arm.outputs == 3:
+        assert np.abs(arm.forward(q) - places).max() <= 1e-12
+        assert np.abs(arm.jacobian(q) - slopes).max() <= 1e-12
+    else:
+        assert np.abs(arm.forward(q) - arm.plane.project(places)).max() <= 1e-12
+        assert np.abs(arm.jacobian(q) - arm.plane.basis[:2] @ slopes[:, :3]).max() <= 1e-9
+
+
+def test_two_links_follow_the_closed_form():
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (100, 2))
+    np.testing.assert_allclose(calib.load_arm("two_link").forward(q), two_link(q), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("robot", "lengths"), [("three_link", [0.3, 0.3, 0.15]), ("six_axis", None)]
+)
+def test_a_longer_link_is_longer_and_nothing_else_changes(robot, lengths):
+    arm = calib.load_arm(robot)
+    longer = arm.with_link_length("elbow", arm.link_lengths["elbow"] + 0.05)
+    assert longer.link_lengths == pytest.approx(
+        {**arm.link_lengths, "elbow": arm.link_lengths["elbow"] + 0.05}
+    )
+    q = random_joints(arm, 50)
+    moved = longer.forward(q) - arm.forward(q)
+    np.testing.assert_allclose(np.linalg.norm(moved, axis=1), 0.05, atol=1e-12)
+    if lengths:
+        assert list(longer.link_lengths.values()) == pytest.approx(lengths)
+        angle = q[:, 0] + q[:, 1]
+        shift = 0.05 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        np.testing.assert_allclose(moved, shift, atol=1e-14)
+
+
+def test_slides_carry_their_links_and_two_make_a_plane():
+    arm = calib.load_arm("polar").with_link_length("slide", 0.2)
+    np.testing.assert_allclose(arm.forward([0, 0.1]), [0.15 + 0.1 + 0.2, 0], atol=1e-15)
+    arm = arm_from_urdf(chain_urdf(turning(axis="1 0 0") + SLIDE, turning(axis="0 2 0") + SLIDE))
+    assert arm.revolute == (False, False)
+    np.testing.assert_allclose(arm.forward([0.1, 0.2]), [0.6 + 0.2 + 0.1, 0.2], atol=1e-15)
+
+
+@pytest.mark.parametrize("source", [BENT, *PLANAR])
+def test_a_moved_tip_is_told_by_the_last_link_wherever_that_points(source):
+    arm = arm_of(source)
     q = random_joints(arm, 20)
     motion = arm.chain.motion(q)
     link = arm.plane.project((motion.position - motion.places[-1]).T + arm.plane.origin)
-    if not arm.revolute[-1]:  # its zero posture's link, which the slide's travel is not part of
-        link = link / np.linalg.norm(link, axis=1, keepdims=True)
     along = link / np.linalg.norm(link, axis=1, keepdims=True)
     left = np.stack([-along[:, 1], along[:, 0]], axis=1)
     moved = arm.with_tip_offset(0.03, -0.02).forward(q) - arm.forward(q)
     np.testing.assert_allclose(moved, 0.03 * along - 0.02 * left, atol=1e-14)
 
 
-def test_a_tip_on_its_slide_is_moved_along_the_planes_axes():
-    arm = arm_from_urdf(SLIDING_TIP)
-    moved = arm.with_tip_offset(0.03, -0.02).forward([0.0, 0.1]) - arm.forward([0.0, 0.1])
-    np.testing.assert_allclose(moved, [0.03, -0.02], atol=1e-15)
+def test_a_moved_tip_in_space_is_told_in_the_tips_frame():
+    arm = calib.load_arm("six_axis")
+    q = random_joints(arm, 5)
+    positions, quaternions = arm.pose(q)
+    expected = positions + matrix_of(quaternions) @ np.array([0.01, 0.02, -0.03])
+    moved = arm.with_tip_offset(0.01, 0.02, -0.03)
+    np.testing.assert_allclose(moved.forward(q), expected, atol=1e-14)
+
+
+def test_a_mimic_joint_follows_and_is_no_joint_of_its_own():
+    arm = arm_from_urdf(FOLLOWED)
+    assert arm.joint_names == ("turn", "lift")
+    assert arm.locked == {}
+    free = arm_from_urdf(FOLLOWED.replace("<mimic", "<!--").replace('offset="0.3"/>', "-->"))
+    q = random_joints(arm, 20)
+    own = np.column_stack([q, -0.5 * q[:, 1] + 0.3])
+    np.testing.assert_allclose(arm.forward(q), free.forward(own), atol=1e-15)
+    slopes = free.jacobian(own)
+    expected = np.stack([slopes[..., 0], slopes[..., 1] - 0.5 * slopes[..., 2]], axis=-1)
+    np.testing.assert_allclose(arm.jacobian(q), expected, atol=1e-15)
+
+
+def test_rotations_go_round():
+    rng = np.random.default_rng(0)
+    vectors = rng.normal(size=(200, 3))
+    vectors *= (rng.uniform(0, 3.1, 200) / np.linalg.norm(vectors, axis=1))[:, None]
+    for v in (*vectors, np.zeros(3), 1e-9 * vectors[0]):
+        matrix = exponential(v)
+        assert np.abs(matrix - pin.exp3(v)).max() < 1e-12
+        np.testing.assert_allclose(logarithm(matrix), v, atol=1e-9)
+        np.testing.assert_allclose(matrix_of(quaternion_of(matrix)), matrix, atol=1e-12)
+
+
+def test_torques_are_pinocchios_and_any_masses_are_a_sum_of_unit_weights():
+    arm = calib.load_arm("six_axis")
+    model = pin.buildModelFromXML(arm.urdf)
+    data, q = model.createData(), random_joints(arm, 10)
+    model.gravity.linear = np.array([0.0, 0.0, -9.80665])
+    expected = [-pin.computeGeneralizedGravity(model, data, row) for row in q]
+    torques = np.einsum("exn,x->ne", Loads.of_masses(arm.chain).levers(q), GRAVITY)
+    np.testing.assert_allclose(torques, expected, atol=1e-11)
+    # a mass on a link at the joints' own origins and ends
+    chain = replace(arm.chain, centres=np.vstack([arm.chain.points[1:], arm.chain.tip]))
+    units = Loads.of_unit_weights(chain)
+    share = chain.masses[units.links[units.weights.argmax(1)], None, None]
+    levers = np.zeros((6, 3, 10))
+    np.add.at(levers, units.joints, units.levers(q) * share)
+    np.testing.assert_allclose(levers, Loads.of_masses(chain).levers(q), atol=1e-12)
+
+
+@pytest.mark.parametrize("loads_of", [Loads.of_masses, Loads.of_unit_weights])
+def test_loads_change_as_their_differences_do(loads_of):
+    """Of turning, sliding and following joints."""
+    rng, step = np.random.default_rng(0), 1e-6
+    chain = replace(
+        arm_from_urdf(MIXED).chain,
+        coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -0.5]]),
+        bias=np.zeros(4),
+        masses=rng.uniform(1, 3, 4),
+        centres=rng.normal(size=(4, 3)),
+    )
+    q, gravity = rng.normal(size=(3, 3)), np.array([1.0, -2.0, -9.0])
+    loads = loads_of(chain)
+    ahead, behind = (
+        np.stack([gravity @ loads.levers(q + way * one) for one in np.eye(3)], axis=1)
+        for way in (step, -step)
+    )
+    np.testing.assert_allclose(loads.slopes(q, gravity), (ahead - behind) / 2 / step, atol=1e-6)

@@ -1,70 +1,66 @@
-"""Which arm of a robot is chosen, and what is told where none can be."""
+"""Which arm of a robot is chosen, what is read from its file, and what is told."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from chains import SLIDE, branching, chain_urdf, turning
+from chains import branching, chain_urdf, joint, robot, turning
+from reference import random_joints
 
-from calib.arm.description import parse_robot
-from calib.arm.finding import find_tip
-from calib.arm.loading import arm_from_urdf, load_arm
-from calib.errors import RobotError
+import calib
+from calib.arm.loading import arm_from_urdf
+
+CASES = [  # of a bundled robot: options, joints, tip
+    ("three_link", {"joints": ["wrist", "shoulder", "elbow"]}, "shoulder elbow wrist", "tip"),
+    ("three_link", {"joints": "elbow,shoulder"}, "shoulder elbow", "forearm"),
+    ("two_link", {"tip": "tip_mount"}, "shoulder elbow", "tip"),  # named by its joint
+    ("six_axis", {"planar": True}, "shoulder_lift elbow wrist_1", None),
+    ("six_axis", {"joints": ["elbow", "shoulder_lift"], "tip": "wrist_1"}, "shoulder_lift elbow",
+     None),
+    ("six_axis", {"columns": ["shoulder_pan", "shoulder_lift", "elbow", "x", "y", "z"]},
+     "shoulder_pan shoulder_lift elbow", None),
+]  # fmt: skip
 
 
-def test_the_order_of_the_joints_does_not_matter():
-    arm = load_arm("three_link", ["wrist", "shoulder", "elbow"])
-    assert arm.joint_names == ("shoulder", "elbow", "wrist")
-    assert load_arm("three_link", "elbow,shoulder").joint_names == ("shoulder", "elbow")
+@pytest.mark.parametrize(("name", "options", "joints", "tip"), CASES)
+def test_joints_and_tips_are_chosen(name, options, joints, tip):
+    arm = calib.load_arm(name, **options)
+    assert arm.joint_names == tuple(joints.split())
+    if tip is not None and "joints" not in options:
+        assert arm.tip == tip
+    expected = 3 if "columns" in options else 2
+    assert arm.outputs == expected
 
 
 def test_other_joints_are_locked_at_neutral_or_where_told():
-    arm = load_arm("three_link", ["shoulder", "wrist"])
+    arm = calib.load_arm("three_link", ["shoulder", "wrist"])
     assert arm.locked == {"elbow": pytest.approx(np.deg2rad(15))}  # 0 clipped into its limits
     assert any("elbow=0.2618" in note for note in arm.notes)
-    told = load_arm("three_link", ["shoulder", "wrist"], lock={"elbow": 1.0})
+    told = calib.load_arm("three_link", ["shoulder", "wrist"], lock={"elbow": 1.0})
     assert told.locked == {"elbow": 1.0}
-    full = load_arm("three_link")
-    expected = full.forward([0.3, 1.0, -0.2])
+    expected = calib.load_arm("three_link").forward([0.3, 1.0, -0.2])
     np.testing.assert_allclose(told.forward([0.3, -0.2]), expected, atol=1e-15)
-
-
-def test_a_follower_is_held_where_its_leader_is():
     mimic = '<mimic joint="j2" multiplier="-2" offset="0.1"/>'
     text = chain_urdf(turning(), turning(), turning(more=mimic), turning())
     arm = arm_from_urdf(text, ["j1", "j4"], lock={"j2": 0.2})
     assert arm.locked == {"j2": 0.2, "j3": pytest.approx(-0.3)}
-
-
-def test_two_slides_make_a_plane():
-    arm = arm_from_urdf(chain_urdf(turning(axis="1 0 0") + SLIDE, turning(axis="0 2 0") + SLIDE))
-    assert arm.revolute == (False, False)
-    np.testing.assert_allclose(arm.forward([0.1, 0.2]), [0.6 + 0.2 + 0.1, 0.2], atol=1e-15)
-    np.testing.assert_allclose(arm.jacobian([0.1, 0.2]), np.eye(2), atol=1e-15)
+    arm = calib.load_arm("six_axis", columns=["shoulder_lift", "elbow", "x", "y"], planar=True)
+    assert any("the log has no columns for them" in note for note in arm.notes)
 
 
 def test_what_had_to_be_chosen_is_said_aloud():
     text = chain_urdf(turning(), turning(), turning(axis="0 1 0"))
-    assert arm_from_urdf(text, ["j1", "j2"]).notes == (
-        "locked at neutral: j3=0 (`lock` changes it)",
-    )
-    assert arm_from_urdf(text, ["j1", "j2"], "tip", lock={"j3": 9}).notes == (
-        "`lock={'j3': 9}` lies outside the joint's limits -1:1 [rad]",
-    )
-    assert load_arm("two_link", ["shoulder", "elbow"]).notes == ()
+    (note,) = arm_from_urdf(text, ["j1", "j2"]).notes
+    assert "j3=0" in note
+    (note,) = arm_from_urdf(text, ["j1", "j2"], "tip", lock={"j3": 9}).notes
+    assert "outside the joint's limits -1:1 [rad]" in note
+    assert calib.load_arm("two_link", ["shoulder", "elbow"]).notes == ()
+    assert any("planar=True" in note for note in calib.load_arm("six_axis").notes)
 
 
-def test_a_tip_may_be_named_by_its_joint():
-    assert load_arm("two_link", tip="tip_mount").tip == "tip"
-
-
-@pytest.mark.parametrize(("angle", "planar"), [(0.9e-4, True), (1.1e-4, False)])
-def test_axes_may_differ_by_a_ten_thousandth(angle, planar):
+@pytest.mark.parametrize(("angle", "outputs"), [(0.9e-4, 2), (1.1e-4, 3)])
+def test_axes_may_differ_by_a_ten_thousandth(angle, outputs):
     text = chain_urdf(turning(), turning(axis=f"{np.sin(angle)} 0 {-np.cos(angle)}"))
-    if planar:
-        assert arm_from_urdf(text, ["j1", "j2"]).joint_names == ("j1", "j2")
-    else:
-        assert arm_from_urdf(text, ["j1", "j2"]).outputs == 3
-        with pytest.raises(RobotError, match="not planar"):
-            arm_from_urdf(text, ["j1", "j2"], planar=True)
+    assert arm_from_urdf(text, ["j1", "j2"]).outputs == outputs
 
 
 USUAL = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "gripper_frame_link")
@@ -74,4 +70,68 @@ USUAL = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "grippe
 def test_every_usual_name_of_a_tip_is_followed(name):
     text = branching('<origin xyz="0.1 0 0"/>', "camera", kind="fixed").replace('"tip"', '"lamp"')
     for order in (("camera_link", name), ("lamp", name)):
-        assert find_tip(parse_robot(text.replace(*order)), "l0") == name
+        assert arm_from_urdf(text.replace(*order)).tip == name
+
+
+def two_arms(length):
+    return robot(
+        joint("l1", "base", "la", "0 0.1 0", "0 0 1"),
+        joint("l2", "la", "lb", "0.3 0 0", "0 1 0"),
+        joint("l3", "lb", "left", "0.3 0 0", "1 0 0", "fixed"),
+        joint("r1", "base", "ra", "0 -0.1 0", "0 0 1"),
+        joint("r2", "ra", "rb", "0.3 0 0", "0 1 0"),
+        joint("r3", "rb", "right", f"{length} 0 0", "1 0 0", "fixed"),
+    )
+
+
+def test_equal_arms_are_told_and_a_log_must_choose():
+    arm = arm_from_urdf(two_arms(0.3))
+    assert arm.joint_names == ("l1", "l2")
+    assert any("'r1', 'r2'" in note for note in arm.notes)
+    with pytest.raises(calib.RobotError, match=r"'l1', 'l2'.*'left'.*'r1', 'r2'.*'right'"):
+        arm_from_urdf(two_arms(0.3), columns=["l1", "l2", "r1", "r2"])
+    assert arm_from_urdf(two_arms(0.3), columns=["r1", "r2"]).joint_names == ("r1", "r2")
+    assert arm_from_urdf(two_arms(0.4)).joint_names == ("r1", "r2")
+
+
+def test_an_arm_ends_before_its_fingers():
+    hand = robot(
+        joint("one", "base", "a", "0 0 0.1", "0 0 1"),
+        joint("two", "a", "b", "0.3 0 0", "0 1 0"),
+        joint("three", "b", "palm", "0.3 0 0", "1 0 0"),
+        joint("f1", "palm", "thumb", "0.05 0.02 0", "0 1 0"),
+        joint("f2", "palm", "index", "0.05 -0.02 0", "0 1 0"),
+    )
+    arm = arm_from_urdf(hand)
+    assert (arm.joint_names, arm.tip) == (("one", "two", "three"), "palm")
+
+
+TWO = chain_urdf(turning(), turning())
+
+
+def test_what_a_file_misses_is_mended_aloud():
+    arm = arm_from_urdf(chain_urdf(turning(), turning(), turning(more='<mimic joint="no"/>')))
+    assert any("'no', which does not exist" in note for note in arm.notes)
+    text = TWO.replace('<axis xyz="0 0 1"/>', "")
+    arm = arm_from_urdf(text.replace("0.2 0 0", "0.2 0.1 0"))
+    assert any("no <axis>" in note for note in arm.notes)
+    assert pin.buildModelFromXML(text).joints[1].shortname() == "JointModelRX"
+    assert arm.chain.axes[0] == pytest.approx([1, 0, 0])
+
+
+def test_a_byte_order_mark_and_a_namespace_are_no_obstacle(tmp_path):
+    path = tmp_path / "bom.urdf"
+    xacro = TWO.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"')
+    start = b'\xef\xbb\xbf<?xml version="1.0" encoding="utf-8"?>'
+    path.write_bytes(start + xacro.encode())
+    q = [[0.1, 0.2]]
+    np.testing.assert_array_equal(calib.load_arm(path).forward(q), arm_from_urdf(TWO).forward(q))
+
+
+@pytest.mark.parametrize("what", ["base", "upper_arm", "elbow", "tip"])
+@pytest.mark.parametrize("name", ["universe", "root_joint"])
+def test_names_that_mean_something_to_pinocchio_are_only_names(what, name):
+    arm = calib.load_arm("two_link")
+    renamed = arm_from_urdf(arm.urdf.replace(f'"{what}"', f'"{name}"'))
+    q = random_joints(arm, 10)
+    np.testing.assert_array_equal(renamed.forward(q), arm.forward(q))

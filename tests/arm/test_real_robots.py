@@ -9,8 +9,7 @@ import pytest
 from calib_cli.output import as_typed
 from reference import pinocchio_forward, random_joints
 
-from calib.arm.loading import load_arm
-from calib.errors import RobotError
+from calib import RobotError, load_arm
 
 FOLDER = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
 FILES = sorted(FOLDER.rglob("*.urdf"))
@@ -39,15 +38,6 @@ NAMED = {
 def size(arm):
     """Reach of an arm [m], at least 1: of a metre 1e-12 is a few units of rounding."""
     return max(arm.chain.reach, 1.0)
-
-
-@pytest.mark.parametrize("name", NAMED)
-def test_named_arms_agree_with_pinocchio(name):
-    file, joints, tip = NAMED[name]
-    arm = load_arm(FOLDER / file, joints.split(","), tip)
-    assert arm.joint_names == tuple(joints.split(","))
-    q = random_joints(arm, 300)
-    assert np.abs(arm.forward(q) - pinocchio_forward(arm, q)).max() <= 1e-12 * size(arm)
 
 
 def test_ur10_has_its_data_sheets_links_and_an_upright_plane():

@@ -6,82 +6,19 @@ import numpy as np
 import pytest
 
 import calib
+from calib import OptionError
 from calib.arm.arm import Arm
-from calib.body.body_fit import fit, fit_sensors
+from calib.body.body_fit import fit_sensors
 from calib.body.layout import joined
 from calib.body.planar import planar_structure
 from calib.body.rows import Rows
 from calib.body.spatial import structure_of
-from calib.errors import OptionError
 
 NOISE = 5e-5  # [m]
-MARKER = np.array([0.03, -0.02, 0.01])  # [m], of the right sensor's marker beside the left one's
 
 
 def joints(arm: Arm, n: int, rng: np.random.Generator) -> np.ndarray:
     return rng.uniform(arm.lower, arm.upper, (n, len(arm.lower)))
-
-
-def two_views(arm: Arm):
-    """A tracker and a camera of one arm."""
-    tracker = structure_of(arm, "rigid")
-    camera = structure_of(arm, "pinhole", unit="px", extent=200.0)
-    return joined({"left": tracker, "right": camera})
-
-
-def test_a_structure_has_one_layout_whichever_sensor_it_sees_as():
-    left = two_views(calib.load_arm("spatial_three"))
-    right = left.as_seen_by("right")
-    names = [label.name for label in left.labels]
-    assert len(set(names)) == len(names) == left.size
-    assert [label.name for label in right.labels] == names
-    assert "right.view.rotation.x" in names
-    assert np.array_equal(left.groups["right.lens"], right.groups["lens"])
-    assert np.array_equal(left.groups["view.shift"], right.groups["left.view.shift"])
-    assert np.array_equal(left.neutral(), right.neutral())
-    assert (left.outputs, right.outputs) == (3, 2)
-    assert right.as_seen_by("left").viewpoint == left.viewpoint
-    everything = (*left.frame_groups, "placement", "offset", "elastic", "curve")
-    again = (*right.frame_groups, "placement", "offset", "elastic", "curve")
-    assert np.array_equal(left.prior(everything).sd, right.prior(again).sd)
-    with pytest.raises(OptionError, match="expected one of left, right"):
-        left.as_seen_by("top")
-
-
-def test_two_trackers_tell_more_of_one_arm_than_one():
-    arm = calib.load_arm("spatial_three")
-    structure = structure_of(arm, "rigid")
-    rng = np.random.default_rng(1)
-    truth = structure.neutral()
-    truth[structure.shifts] = rng.normal(0.0, 5e-4, structure.shifts.shape)
-    truth[structure.groups["tool"]] = rng.normal(0.0, 1e-2, 3)
-    places = {"left": truth.copy(), "right": truth.copy()}
-    places["right"][structure.groups["view.rotation"]] = (0.3, -1.0, 2.0)
-    places["right"][structure.groups["view.shift"]] = (1.0, 0.2, -0.5)
-    places["right"][structure.groups["tool"]] += MARKER
-    logs: dict[str, Rows] = {}
-    for name, beta in places.items():
-        q = joints(arm, 25, rng)
-        z = structure.predict(q, beta)
-        logs[name] = Rows(q, z + rng.normal(0.0, NOISE, z.shape))
-    alone = fit(structure, [logs["left"]]).body
-    both = fit_sensors(dict.fromkeys(logs, structure), logs)
-    fresh = joints(arm, 200, rng)
-    for name, found in both.items():
-        missed = np.linalg.norm(
-            found.body.predict(fresh) - structure.predict(fresh, places[name]), axis=1
-        )
-        assert np.mean(missed <= found.body.bound(fresh, noise=False)) > 0.9
-        assert len(found.held_out) == 25
-        if name == "left":
-            before = np.linalg.norm(alone.predict(fresh) - structure.predict(fresh, truth), axis=1)
-            assert missed.mean() < 0.85 * before.mean()
-    left, right = both["left"].body, both["right"].body
-    assert np.shares_memory(left.beta, right.beta)
-    assert np.shares_memory(left.root, right.root)
-    marker = right.beta[right.structure.groups["marker"]]
-    np.testing.assert_allclose(marker, MARKER, atol=3e-4)
-    assert {"right.marker.x", "right.view.shift.x"} <= {p.name for p in left.parameters()}
 
 
 def test_two_sensors_see_a_planar_arm_from_both_sides():
@@ -97,7 +34,7 @@ def test_two_sensors_see_a_planar_arm_from_both_sides():
         structures[name] = planar_structure(z, arm.joint_names, arm.revolute)
     both = fit_sensors(structures, logs)
     fresh = joints(arm, 100, rng)
-    sides = {name: found.body.structure.mirror for name, found in both.items()}
+    sides = {name: found.body.structure.viewpoint.mirror for name, found in both.items()}
     assert sides == {"front": 1, "back": -1}
     for name, mirror in (("front", 1.0), ("back", -1.0)):
         expected = arm.forward(fresh) * (1.0, mirror) + (0.1, mirror)

@@ -92,25 +92,3 @@ def test_derivatives_are_differences(world, case):
     for k, step in enumerate(STEP * np.eye(structure.dof)):
         up, down = structure.predict(q + step, beta), structure.predict(q - step, beta)
         close(slope(up, down), by_joint[:, :, k])
-
-
-def test_two_links_are_the_closed_form():
-    structure = planar()
-    beta = structure.neutral()
-    beta[structure.groups["length"]] = 0.5, 0.25
-    q = np.array([[0.3, -0.7], [0.0, np.pi / 2]])
-    expected = [
-        [0.5 * np.cos(a) + 0.25 * np.cos(a + b), 0.5 * np.sin(a) + 0.25 * np.sin(a + b)]
-        for a, b in q
-    ]
-    assert np.allclose(structure.predict(q, beta), expected, atol=1e-15)
-
-
-def test_a_rotated_sensor_is_an_offset_of_the_first_joint():
-    structure, q, beta = in_plane()
-    for name in ("elastic", "view.shear", "view.tilt", "lens"):
-        beta[structure.groups[name]] = 0.0  # a rigid view
-    moved, turned = beta.copy(), beta.copy()
-    moved[structure.groups["offset"][0]] += 0.3
-    turned[structure.groups["view.rotation"]] += 0.3
-    assert np.allclose(structure.predict(q, moved), structure.predict(q, turned), atol=1e-14)

@@ -1,6 +1,6 @@
 """What adaptation reports and stores, on small maps that imagine few samples."""
 
-import re
+import sys
 from dataclasses import replace
 from functools import partial
 
@@ -45,29 +45,6 @@ def test_the_report_of_a_few_samples_is_what_was_measured():
     assert all(isinstance(error, float) for *_, error in told)
 
 
-def test_ten_rows_of_a_corner_answer_little_and_honestly():
-    """Ten rows of a corner, of a sensor that was moved and shows all larger."""
-    arm = calib.load_arm("two_link")
-    coarse = calib.train(calib.babble(arm, 400, seed=0), size=3)
-    rng = np.random.default_rng(1)
-    q = arm.lower + (arm.upper - arm.lower) * (0.5 + 0.02 * (rng.random((10, 2)) - 0.5))
-
-    def seen(q):
-        return 1.3 * arm.forward(q + np.array([0.5, 0.2])) + 0.1
-
-    x = seen(q) + rng.normal(0.0, 2e-4, q.shape)
-    corner = calib.Samples(q, x, arm.joint_names, arm.lower, arm.upper, (True, True))
-    found = calib.adapt(coarse, corner)
-    assert found.after["mean"] < 0.01 * found.before["mean"]
-    assert not found.everywhere
-    asked = rng.uniform(arm.lower, arm.upper, (500, 2))
-    bound = found.model.model_error(asked)
-    miss = np.linalg.norm(found.model.forward(asked) - seen(asked), axis=1)
-    known = np.isfinite(bound)
-    assert known.mean() < 0.5
-    assert np.mean(miss[known] <= bound[known]) > 0.95
-
-
 def test_what_is_known_of_an_adapted_model():
     samples = replace(log("elbow.length=+20%", noise=2e-4), unit="m")
     found = calib.adapt(model(), samples)
@@ -77,23 +54,10 @@ def test_what_is_known_of_an_adapted_model():
     assert about.unit == "m"
     assert about.notes == found.notes
     assert about.errors["local"]["forward"]["distance"] == found.after
-    assert {"local", "activity", "winner"} <= set(about.errors)
-    assert fresh.seconds == {}
     (event,) = fresh.history
-    usual = model().about.errors["local"]["forward"]["distance"]["mean"]
-    assert event["event"] == "adapted"
-    assert event["method"] == "few-shot"
-    assert (event["samples"], event["outliers"]) == (60, 0)
+    assert (event["event"], event["method"], event["samples"]) == ("adapted", "few-shot", 60)
     assert (event["before"], event["after"]) == (found.before, found.after)
-    assert event["changed"] == [cause.to_json() for cause in found.changed]
-    assert event["kept"] == list(found.kept)
-    assert event["coverage"] == found.coverage
-    assert event["from"] == {
-        "source": "simulation",
-        "samples": 2500,
-        "simulation": model().about.simulation,
-        "mean": usual,
-    }
+    assert event["from"]["samples"] == 2500
     # a bound for every place that the old model knew, and it holds
     other = log("elbow.length=+20%", n=300, noise=2e-4, seed=5)
     miss = np.linalg.norm(fresh.forward(other.q) - other.x, axis=1)
@@ -121,18 +85,6 @@ def test_wrong_detections_are_counted_and_left_out():
     assert not any("contradict" in note for note in none.notes)
 
 
-def test_a_moved_camera_is_named_with_its_frame():
-    found = calib.adapt(model(), log("sensor.rotate=0.2", "sensor.shift=0.03,0.01"))
-    assert found.correction == "frame"
-    (sensor,) = [c for c in found.changed if c.cause == "sensor"]
-    assert sensor.value == pytest.approx(0.2, abs=1e-4)
-    assert re.search(r"turned 11\.5 deg, scaled 1, shifted 30, 10 mm", sensor.words)
-    assert "the links' lengths" in found.kept
-    frame = np.array(found.model.history[0]["frame"])
-    c, s = np.cos(0.2), np.sin(0.2)
-    np.testing.assert_allclose(frame, [[c, -s, 0.03], [s, c, 0.01]], atol=1e-4)
-
-
 @pytest.mark.parametrize(
     ("scale", "unit", "expected"), [(1000.0, "m", "sensor"), (1.1, "m", "m"), (1000.0, "mm", "mm")]
 )
@@ -143,8 +95,10 @@ def test_the_unit_is_the_logs_or_the_sensors_own(scale, unit, expected):
     assert found.model.about.unit == expected
 
 
-def test_how_much_of_the_range_a_log_measured():
-    samples = log("elbow.length=+20%", n=600)
-    low = samples.take(samples.q[:, 0] < 0.4 * model().about.upper[0])
-    assert calib.adapt(model(), low).coverage == pytest.approx(0.4, abs=0.01)
-    assert calib.adapt(model(), samples).coverage == 1.0
+def test_a_model_that_misses_its_rows_by_more_than_promised_is_not_written(monkeypatch):
+    module = sys.modules[calib.adapt.__module__]
+    strict = replace(module.ADAPTING, consistent=0.0, clearly_better=0.0)
+    monkeypatch.setattr(module, "ADAPTING", strict)
+    found = calib.adapt(model(), log("elbow.length=+20%", noise=2e-4))
+    assert not found.improved
+    assert any("more than promised" in note for note in found.notes)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.errors import OptionError
+from calib import OptionError
 
 NOISE = 2e-4
 DEGREE = float(np.radians(1.0))
@@ -22,16 +22,6 @@ def spatial():
     return arm, calib.train(calib.babble(arm, 400, noise=NOISE, seed=7), size=6)
 
 
-def judged(world, *changes, n=60, seed=11, **options):
-    arm, model = world
-    log = calib.babble(arm, n, noise=NOISE, seed=seed, changes=list(changes))
-    return calib.judge(model, log, **options)
-
-
-def named(verdict):
-    return {cause.cause for cause in verdict.causes}
-
-
 @pytest.mark.parametrize("changes", [(), ("elbow.offset=0.005",)])
 def test_few_rows_say_nothing(spatial, changes):
     arm, model = spatial
@@ -41,12 +31,6 @@ def test_few_rows_say_nothing(spatial, changes):
     assert verdict.words == "too few rows to say"
     assert calib.check(model, log).drifted is None
     assert calib.recognise([model], log).index is None
-
-
-def test_held_out_errors_before_and_after(planar):
-    before, after = judged(planar, "elbow.length=+5%").held_out
-    assert before > 20 * after
-    assert after == pytest.approx(np.sqrt(np.pi / 2) * NOISE, rel=0.25)
 
 
 def test_the_drawing_is_trusted_but_the_zeros(spatial):
@@ -75,13 +59,3 @@ def test_noise_that_lasts_raises_no_alarm(planar):
     x = arm.forward(q) + NOISE * noise
     alarms = [monitor.update(*sample).drifted for sample in zip(q, x, strict=True)]
     assert not any(alarms)
-
-
-def test_play_that_the_model_knows_is_no_change():
-    arm = calib.load_arm("two_link")
-    changes = ["elbow.backlash=0.02"]
-    model = calib.train(calib.babble(arm, 1000, noise=NOISE, changes=changes), size=6)
-    assert model.approach is not None
-    verdict = calib.judge(model, calib.babble(arm, 200, noise=NOISE, seed=2, changes=changes))
-    assert verdict.changed is False
-    assert named(verdict) == set()

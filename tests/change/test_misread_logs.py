@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.samples.samples import Samples
+from calib import Samples
 
 
 def posed(n=150, seed=0):

@@ -69,7 +69,6 @@ CASES = [
     case("two_link", "sensor.mirror=x", SENSOR, {"mirror"}),
     case("two_link", "sensor.scale=1000", SENSOR, {"scale"}, adapted=1e3 * NOISE),
     case("two_link", "sensor.scale=1.02", LARGER),
-    case("two_link", "elbow.lock=1.0", {"lost:elbow"}),
     case("two_link", "tip.offset=0.01,0.02", {"length:elbow"}, OFFSET),
     case("two_link", "elbow.backlash=0.02", {"backlash:elbow"}, adapted=np.inf),
     case("six_axis", "elbow.backlash=0.02", {"backlash:elbow"}, n=100, adapted=np.inf),

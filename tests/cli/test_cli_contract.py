@@ -45,7 +45,6 @@ CONTRACT = [
     ("babble two_link -n 5 -o b.csv", 0, "log robot joints samples seed noise changes unit units"),
     ("plan m.calib -n 5 -o p.csv", 0, "output rows joints seed travel poses start length "
      "random_length unit why units"),
-    ("sweep two_link --size 5 -n 300 --jobs 1", 0, "output trainings failed units rows"),
     ("tag 7 -o tag.svg", 0, "output what"),
 ]  # fmt: skip
 
@@ -92,3 +91,15 @@ def test_no_figure_of_a_model_whose_bound_fails_ends_with_0(run, home, monkeypat
         done = run(*line.split())
         assert (done.code, line) == (3, line)
         assert done.out.startswith("THE BOUND DOES NOT HOLD")
+
+
+def test_a_check_whose_bound_fails_without_noise_ends_with_3(run, home, monkeypatch):
+    """Calm rows, no cause, and a bound that too few of them keep."""
+    monkeypatch.chdir(home)
+    line = "check m.calib --data same.csv"
+    assert run(*line.split()).code == 0
+    monkeypatch.setattr(calib.Verdict, "covered", 0.5)
+    monkeypatch.setattr(calib.Verdict, "bound_holds", False)
+    done = run(*line.split())
+    assert done.code == 3
+    assert done.out.startswith("THE BOUND DOES NOT HOLD")

@@ -1,10 +1,16 @@
 """Bad input: one clear line on standard error, nothing on standard output, no file."""
 
+import math
 import re
 from pathlib import Path
 
 import pytest
+import typer
+from calib_cli import parsing
 from calib_cli.errors import describe_error
+from calib_cli.output import plain
+from hypothesis import given
+from hypothesis import strategies as st
 
 import calib
 
@@ -61,6 +67,23 @@ CASES = [
     ("adapt . --data few.csv", 1, "directory"),
     ("babble two_link -n 10 -o - --json", 2, "--json"),
     ("frobnicate", 2, "frobnicate"),
+    # endings that are not of what is written: SVG was written into tag.png
+    ("tag 7 -o tag.png", 2, "tag.png"),
+    ("query inverse good.calib --input few.csv --output k.xlsx", 2, "k.xlsx"),
+    ("babble two_link -n 5 -o log.json", 2, "log.json"),
+    ("export good.calib -o arm.py", 2, "arm.py"),
+    ("report good.calib -o page.pdf", 2, "page.pdf"),
+    # plans
+    ("plan two_link", 2, "-o"),
+    ("plan two_link -n 3 -o poses.xlsx", 2, "poses.xlsx"),
+    ("plan two_link -n 5000 -o p.csv", 2, "1000"),
+    ("plan two_link --margin -1 -o p.csv", 2, "zero"),
+    ("plan two_link --margin 2 -o p.csv", 1, "room shoulder"),
+    ("plan two_link --from 1 -o p.csv", 2, "2 values"),
+    ("plan two_link --from 1,9 -o p.csv", 1, "elbow 9"),
+    ("plan two_linc -o p.csv", 1, "two_link"),
+    ("plan good.calib --tip t -o p.csv", 2, "--tip ROBOT"),
+    ("plan good.calib --range elbow=0:9 -o p.csv", 1, "limits"),
 ]
 
 
@@ -110,8 +133,8 @@ def test_wrong_usage_points_to_the_help(run):
 )
 def test_unexpected_errors_are_one_line_too(error, line):
     code, told = describe_error(error)
-    assert told.message.startswith(line)
-    assert "\n" not in told.message
+    assert told["message"].startswith(line)
+    assert "\n" not in told["message"]
     assert code == 1
 
 
@@ -151,6 +174,7 @@ def test_library_errors_name_parameters_and_the_command_line_options(run):
         lambda model, log: calib.write_log("log.csv", log),
         lambda model, log: calib.figures((model.motor, model.sensory)),
         lambda model, log: calib.train(log, size=5, sigma=(5,)),
+        lambda model, log: calib.babble("two_link"),
     ],
 )
 def test_arguments_of_python_that_are_exchanged_are_told_in_one_line(model, call):
@@ -181,3 +205,35 @@ def test_no_message_of_the_library_names_an_option():
                 if flag and id(node) not in docs and not foreign:
                     found.append(f"{path.name}:{node.lineno} {flag[0]}")
     assert found == []
+
+
+@given(st.text())
+def test_readers_answer_or_say_what_they_expected(text):
+    readers = [
+        parsing.count,
+        parsing.not_negative,
+        parsing.above_zero,
+        parsing.lattice_sides,
+        parsing.sigma,
+        parsing.names,
+        parsing.reals,
+        parsing.column_names,
+        parsing.joint_value,
+        parsing.joint_range,
+        parsing.one_of(("batch", "online")),
+        parsing.height,
+    ]
+    told = []
+    for read in readers:
+        try:
+            read(text)
+        except typer.BadParameter as error:
+            told.append(error.format_message())
+    assert all(told)
+
+
+def test_json_holds_no_number_that_is_not_finite():
+    assert plain({"a": [math.nan, math.inf, 1.0], 2: (True, None, "x")}) == {
+        "a": [None, None, 1.0],
+        "2": [True, None, "x"],
+    }

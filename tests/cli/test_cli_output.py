@@ -57,18 +57,6 @@ def test_quiet_is_one_line_and_no_note(run, folder, monkeypatch, words):
     assert len(done.out.splitlines()) == 1
 
 
-def test_evaluate_says_that_a_model_does_not_hold_for_a_log(run, folder):
-    """Of an arm that had drifted it said that noise limits the accuracy."""
-    done = run("evaluate", folder / "m.calib", "--data", folder / "same.csv")
-    assert done.out.splitlines()[-1].startswith("limited by ")
-    done = run("evaluate", folder / "m.calib", "--data", folder / "moved.csv")
-    assert done.code == 3
-    verdict = done.out.splitlines()[0]
-    assert "does not hold" in verdict
-    assert "calib check" in verdict
-    assert "limited by" not in done.out
-
-
 def test_positions_are_typed_and_printed_in_the_unit_asked_for(run, folder):
     path = folder / "m.calib"
     plain = run("query", "inverse", path, "0.1", "0.4", "--json").document
@@ -92,47 +80,6 @@ def test_positions_are_typed_and_printed_in_the_unit_asked_for(run, folder):
     refused = run("query", "inverse", path, "1", "1", "--unit", "px")
     assert refused.code == 2
     assert "mm" in refused.err
-
-
-def test_metres_that_were_meant_as_millimetres_are_told(run, folder):
-    done = run("query", "inverse", folder / "m.calib", "100", "400")
-    assert done.code == 3
-    assert "--unit mm" in done.err
-
-
-@pytest.mark.parametrize("words", [("query", "inverse"), ("query", "forward"), ("correct",)])
-def test_tables_of_queries_may_name_their_columns(run, folder, words):
-    typed, columns = "u,v\n0.1,0.4\n", "x=u,y=v"
-    if words != ("query", "inverse"):
-        typed, columns = "u,v\n0.5,1.0\n", "shoulder=u,elbow=v"
-    line = (*words, folder / "m.calib", "--input", "-", "--columns", columns)
-    done = run(*line, stdin=typed)
-    assert done.code == 0, done.err
-    assert done.out.startswith("x,y," if "inverse" in words else "shoulder,elbow,")
-    wrong = run(*words, folder / "m.calib", "--input", "-", stdin=typed)
-    assert wrong.code == 1
-    assert "--columns" in wrong.err  # which this command has
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "tag 7 -o tag.png",
-        "query inverse m.calib --input x.csv --output k.xlsx",
-        "babble two_link -n 5 -o log.json",
-        "export m.calib -o arm.py",
-        "report m.calib -o page.pdf",
-        "plan two_link -n 3 -o poses.xlsx",
-    ],
-)
-def test_an_ending_that_is_not_what_is_written_is_refused(run, folder, monkeypatch, line):
-    """SVG was written into tag.png, CSV into k.xlsx."""
-    monkeypatch.chdir(folder)
-    name = line.split()[-1]
-    done = run(*line.split())
-    assert done.code == 2
-    assert name in done.err
-    assert not (folder / name).exists()
 
 
 def test_a_planar_log_without_a_tip_is_told_whose_positions_it_has(run, tmp_path):

@@ -5,8 +5,6 @@ import pinocchio as pin
 import pytest
 from reference import Truth, read, table
 
-import calib
-
 X, SHIFT = pin.exp3(np.array([-0.4, 0.9, 2.0])), np.array([2.0, -1.0, 0.5])
 TOOL = pin.exp3(np.array([0.3, -0.5, 0.8]))
 
@@ -113,39 +111,6 @@ def test_a_table_of_poses_is_answered_row_by_row_in_either_frame(run, tracked):
     assert max(table_of["distance"]) < 1e-9
     refused = run("query", "inverse", folder / "m.calib", "--input", folder / "q.csv", "--all")
     assert refused.code != 0
-
-
-def test_poses_from_python_are_those_of_the_command_and_bad_ones_are_refused(run, tracked):
-    truth, folder, _ = tracked
-    model = calib.load(folder / "m.calib")
-    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
-    place, turn = seen(truth, q)[0], quaternions(seen(truth, q)[1])
-    joints = model.inverse_pose(place, turn, q)
-    np.testing.assert_allclose(joints[0], q, atol=5e-3)
-    np.testing.assert_allclose(model.forward(joints), place, atol=1e-9)
-    assert np.isnan(model.inverse_pose(place[0] + 9.0, turn[0], q)).all()
-    with pytest.raises(calib.QueryError, match="length 2"):
-        model.inverse_pose(place, 2 * turn)
-    with pytest.raises(calib.QueryError, match="near has 2 rows"):
-        model.inverse_pose(place, turn, np.tile(q, (2, 1)))
-
-
-def test_a_redundant_position_keeps_the_orientation(run, tracked):
-    truth, folder, _ = tracked
-    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
-    target = seen(truth, q + 0.05)[0][0]
-    ask = ("query", "inverse", folder / "m.calib", *target, "--near", ",".join(map(str, q)))
-    kept = run(*ask, "--keep-orientation", "--json").document
-    assert len(kept["free"]) == 3
-    joints = np.array(list(kept["solutions"][0]["joints"].values()))
-    places, turns = seen(truth, joints)
-    assert np.linalg.norm(places[0] - target) < 3e-4
-    free = seen(
-        truth, np.array(list(run(*ask, "--json").document["solutions"][0]["joints"].values()))
-    )
-    was = seen(truth, q)[1][0]
-    turned = [np.linalg.norm(pin.log3(was.T @ each[0])) for each in (turns, free[1])]
-    assert turned[0] < 0.5 * turned[1]
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """The command as a process: help, imports, streams and signals."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
 
@@ -73,3 +75,86 @@ def test_the_main_job_needs_no_pinocchio(run, tmp_path, monkeypatch):
     planned = run("plan", "six_axis", "-n", "5", "-o", tmp_path / "poses.csv")
     assert planned.code == 0
     assert "collision are not checked" in planned.err
+
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+
+# A command line that sends itself a signal when the function that is named is first called.
+AT = """
+import importlib, os, signal, sys
+number, where = int(sys.argv[1]), sys.argv[2]
+sys.argv[1:] = sys.argv[3:]
+from calib_cli import main
+
+def send(*args, **options):
+    os.kill(os.getpid(), number)
+    return original(*args, **options)
+
+if where.startswith("import "):
+    class Finder:
+        @staticmethod
+        def find_spec(name, path=None, target=None):
+            if name == where.split()[1]:
+                sys.meta_path.remove(Finder)
+                os.kill(os.getpid(), number)
+    sys.meta_path.insert(0, Finder)
+else:
+    module, _, name = where.rpartition(".")
+    place = importlib.import_module(module)
+    original = getattr(place, name)
+    setattr(place, name, send)
+main()
+"""
+
+STAGES = [
+    "import calib_cli.app",
+    "import scipy.spatial",
+    "calib.training.train.select",
+    "os.fsync",
+    "os.replace",
+]
+
+
+def at(stage, number, folder):
+    command = ["train", "two_link", "--size", "6", "-n", "300", "-o", "two_link.calib"]
+    return subprocess.run(
+        [sys.executable, "-c", AT, str(int(number)), stage, *command],
+        capture_output=True,
+        cwd=folder,
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("stage", "number", "code", "told"),
+    [(stage, signal.SIGINT, 130, b"error: interrupted\n") for stage in STAGES]
+    + [(STAGES[2], signal.SIGTERM, 143, b"")],
+)
+def test_a_signal_at_any_stage_leaves_the_old_file_whole(stage, number, code, told, tmp_path):
+    (tmp_path / "two_link.calib").write_bytes(b"old")
+    done = at(stage, number, tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (code, b"", told)
+    assert [path.name for path in tmp_path.iterdir()] == ["two_link.calib"]
+    assert (tmp_path / "two_link.calib").read_bytes() == b"old"
+
+
+STREAMS = [  # what a shell runs as "$@", with its code
+    ('cat q.csv | "$@" query forward m.calib --input -', 0),
+    ('"$@" query forward m.calib --input - <&-', 1),
+    ('"$@" query inverse m.calib 0.1 0.4 >/dev/full', 1),
+    ('"$@" info m.calib --json | true', 0),
+    ('COLUMNS=1 PYTHONIOENCODING=ascii "$@" info m.calib 2>/dev/full', 0),
+    ('PYTHONIOENCODING=ascii "$@" train two_link --lock é世=1 >&-', 1),
+]
+
+
+@pytest.mark.parametrize(("line", "code"), STREAMS)
+def test_streams_that_are_closed_full_or_narrow_end_in_order(model, tmp_path, line, code):
+    (tmp_path / "m.calib").write_bytes(model.read_bytes())
+    (tmp_path / "q.csv").write_text("shoulder,elbow\n0.5,1.0\n")
+    words = ["sh", "-c", line, "sh", sys.executable, "-m", "calib_cli"]
+    done = subprocess.run(words, capture_output=True, check=False, cwd=tmp_path, timeout=100)
+    assert done.returncode == code
+    assert b"Traceback" not in done.stderr
+    assert not code or done.stderr

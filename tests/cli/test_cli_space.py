@@ -122,18 +122,6 @@ def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, pictu
     assert "--on z=H" in alone.err
 
 
-def test_a_mirrored_picture_and_a_view_of_another_arm_are_told_in_one_line(run, pictures):
-    _, folder, _ = pictures
-    out = ("-o", folder / "no.calib")
-    done = run("train", "spatial_three", "--data", folder / "mirrored.csv", "--size", 5, *out)
-    assert done.code == 1
-    assert "mirrored picture" in done.err.splitlines()[-1]
-    done = run("train", "two_link", "-n", 50, "--size", 5, "--view", "pinhole", *out)
-    assert done.code == 1
-    assert "pinhole" in done.err.splitlines()[-1]
-    assert not (folder / "no.calib").exists()
-
-
 def test_the_camera_goes_to_ros(run, pictures):
     _, folder, _ = pictures
     files = {"--camera": folder / "camera.yaml", "--transform": folder / "camera.json"}
@@ -146,34 +134,6 @@ def test_the_camera_goes_to_ros(run, pictures):
     assert place["header"]["frame_id"] == "base"
     assert list(place["transform"]["translation"].values()) == pytest.approx(EYE, abs=3e-3)
     assert run("export", folder / "m.calib").code == 2
-
-
-def test_commands_are_corrected_in_space_and_not_in_the_picture_alone(run, pictures):
-    truth, folder, _ = pictures
-    q = truth.draw(25)
-    table(folder / "c.csv", truth.arm.joint_names, q)
-    done = run("correct", folder / "m.calib", "--input", folder / "c.csv", "--output", "-")
-    found = read(done.out.replace(",,", ",nan,").replace(",,", ",nan,"))
-    corrected = np.stack([found[name] for name in truth.arm.joint_names], axis=1)
-    known = np.isfinite(corrected).all(axis=1)
-    wanted, before = truth.arm.forward(q[known]), truth.pose(q[known])[0]
-    after = truth.pose(corrected[known])[0]
-    assert known.sum() > 15
-    assert np.linalg.norm(before - wanted, axis=1).mean() > 5e-3
-    assert np.linalg.norm(after - wanted, axis=1).max() < 2.5e-3
-    done = run("urdf", folder / "m.calib", "-o", folder / "new.urdf")
-    assert done.code == 0, done.err
-
-
-def test_poses_that_show_no_depth_are_told_with_the_poses_that_would(run, pictures):
-    truth, folder, _ = pictures
-    q = np.array([0.2, 0.6, -0.9]) + truth.rng.uniform(-0.04, 0.04, (40, 3))
-    pixels = project(truth.pose(q)[0]) + truth.rng.normal(0, 0.3, (40, 2))
-    path = table(folder / "still.csv", [*truth.arm.joint_names, "u", "v"], np.c_[q, pixels])
-    done = run("train", "spatial_three", "--data", path, "--size", 4, "-o", folder / "s.calib")
-    (told,) = (line for line in done.err.splitlines() if "hardly determine the distance" in line)
-    assert "add poses nearer to the camera" in told
-    assert "--lens" in told
 
 
 def test_check_and_adapt_follow_a_camera_that_was_moved(run, pictures):

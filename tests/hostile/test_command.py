@@ -3,66 +3,46 @@
 import json
 import re
 import unicodedata
-from random import Random
 
 import pytest
 import typer
 from calib_cli.app import application
 
-from hostile.arms import random_arm
+import calib
 from hostile.damage import NAMES, NUMBERS, damaged
 from hostile.guard import LONGEST, RAW, Violation, each_seed, guarded
 
-LEFT_OUT = {"sweep", "reproduce", "report", "handeye"}
+LEFT_OUT = {"reproduce", "report", "handeye"}
 """Commands that start processes or draw a dozen figures: their own tests ask them."""
 
-NEVER = {"--camera", "--live", "--port", "--size", "--samples", "--help"}
+NEVER = {"--camera", "--port", "--size", "--samples", "--help"}
 """Options that wait for a device or a user, and those that every line here sets small."""
 
-HUGE = ("9223372036854775808", "10" * 40, "1" * 5000, "1e9", "-1", "0", "1.5", "nan", "１２",
-        "1_000", "4294967296x4294967296", "0x10", "1x1", "3x", "3xx3",
-        "7x7x7x7x7x7x7x7x7x7")  # fmt: skip
-BAD_NUMBERS = (*NUMBERS, "1e1000000", "9" * 5000, "nan(1)", "0b1", "- 1", "0.1,0.2", "a")
-MODELS = ("m.calib", "m.calib", "p.calib", "f.calib", "l.calib")
-LOGS = ("log.csv", "log.csv", "bent.csv", "log.parquet", "bad.csv")
-FILES = ("polar", "three_link", "bad.calib", "bad.csv", "bad.urdf", "m.calib", "log.csv", "x.csv",
-         "far.csv", "r.urdf", "folder", "none", "/dev/null", "/dev/full", "/dev/zero", "-",
-         "folder/none/x", "/proc/self/mem", "/nonexistent/x.csv", "x" * 250 + ".csv")  # fmt: skip
-OUT = ("out.csv", "out.calib", "new.parquet", "folder/out.html", "out.urdf", "m.calib", "log.csv")
-BAD_OUT = ("/dev/full", "folder", "none/x", "/proc/x", "", "x" * 300, "\0", "-", "/", "bad.csv",
-           "~/x", "a\nb", "CON", "/dev/null", ".", "folder/")  # fmt: skip
-PAIRS = ("0.5,1", "1,1", "0.5,1.0,0.2")
-BAD_PAIRS = (*BAD_NUMBERS, "nan,1", "1e308,1e308", ",", "1,2,3,4")
-VALUES = {  # by option, else by metavar: good values, bad values
-    "--output": (OUT, BAD_OUT), "--html": (("p.html",), BAD_OUT), "--photo": (("none",), FILES),
-    "--data": (LOGS, FILES), "--joints-file": (LOGS, FILES),
-    "--input": (("q.csv", "x.csv", "far.csv", "log.csv", "-"), FILES),
-    "MODEL": (MODELS, (*FILES, *NAMES)), "ROBOT": (("two_link", "two_link_full"), (*FILES, *NAMES)),
-    "ROBOT|MODEL": (("two_link", "polar", "r.urdf", "m.calib"), (*FILES, *NAMES)),
-    "BAG|PICTURES|VIDEO": (("log.csv", "none.bag", "folder"), FILES),
-    "A,B": (("shoulder,elbow", "elbow,shoulder"), ("a", "a,a", ",", *NAMES)),
-    "FRAME": (("tip", "forearm"), NAMES),
-    "JOINT=VALUE": (("elbow=1.5", "shoulder=1"), ("elbow=nan", "a=b=1", "elbow=1e308", *NAMES)),
-    "JOINT=LO:HI": (("elbow=0.5:1.5", "shoulder=0.1:1.1"), ("elbow=1:0", "elbow=nan:1",
-                    "elbow=-1e308:1e308", "elbow=0.5:inf", "=1:2", "elbow=1:1.0000000001", *NAMES)),
-    "--map": (("vdsom", "som", "dsom", "gng", "vdsom:error"), ("vdsom:", "vdsom:x", ":", *NAMES)),
-    "N|NxN": (("3", "4x3"), HUGE), "N": (("5", "3"), (*HUGE, *NUMBERS)),
-    "--epochs": (("1", "2"), HUGE),
-    "START:END": (("2:0.5", "1:1"), ("1e308:1e-308", "1:0", "nan:1", ":", "1e-320:1", *NUMBERS)),
-    "K": (("0", "7"), HUGE), "S": (("0", "0.001"), BAD_NUMBERS), "L": (("0.1",), BAD_NUMBERS),
-    "M": (("0.1", "5%"), (*BAD_NUMBERS, "50%", "1e308%", "-1%")),
-    "JOINT.WHAT=VALUE": (("elbow.length=+20%", "sensor.rotate=0.1", "sensor.mirror=x",
-                          "sensor.shift=0.1,0.2", "elbow.backlash=0.01", "elbow.noise=0.01"),
-                         ("elbow.length=1e308", "sensor.scale=1e-320", "elbow.gear=1e308", "a.b=c",
-                          "elbow.length=nan", "elbow.length=-100%", ".=", "tip.offset=1e308,0",
-                          "elbow.length=+1e308%", *NAMES)),
-    "x=U,y=V": (("x=x,y=y",), ("x=y", "x=", "=x", "x=x,x=y", "q=x", "x=y,y=x", *NAMES)),
-    "m|mm|px|..": (("m", "mm", "px"), NAMES), "--prismatic": (("elbow",), NAMES),
-    "Q1,Q2": (PAIRS, BAD_PAIRS), "--step": (("0.01", "0.1", "inf"), BAD_NUMBERS),
-    "Q1 Q2": (("0.3", "0.25", "1.0", "-0.1"), BAD_NUMBERS),
-    "X Y [Z]": (("0.3", "0.25", "0.1", "-0.1"), BAD_NUMBERS),
-    "R,P,Y": (("0,0,1",), BAD_PAIRS), "QX,QY,QZ,QW": (("0,0,0,1",), ("0,0,0,0", *BAD_PAIRS)),
-    "40mm": (("40mm",), (*BAD_NUMBERS, "mm", "1e308mm")), "ID": (("7",), HUGE),
+BAD = (
+    *NAMES, *NUMBERS, "9" * 5000, "4294967296x4294967296", "3x", "1:0", "nan:1", "nan,1", ",",
+    "1e308,1e308", "elbow=nan", "elbow=1e308", "elbow=1:0", "elbow=-1e308:1e308", "x=y", "x=x,x=y",
+    "elbow.length=1e308", "elbow.length=-100%", "sensor.scale=1e-320", "a.b=c", ".=", "vdsom:x",
+    "polar", "bad.calib", "bad.csv", "bad.urdf", "m.calib", "log.csv", "far.csv", "folder", "none",
+    "/dev/null", "/dev/full", "/dev/zero", "-", "folder/none/x", "/proc/self/mem", "~/x", ".",
+)  # fmt: skip
+"""What is typed wrongly, for whatever it is typed."""
+
+GOOD = {  # by option, else by metavar
+    "--output": ("out.csv", "out.calib", "new.parquet", "folder/out.html", "out.urdf", "log.csv"),
+    "--html": ("p.html",), "--photo": ("none",), "--joints-file": ("log.csv",),
+    "--data": ("log.csv", "log.csv", "bent.csv", "log.parquet", "bad.csv"),
+    "--input": ("q.csv", "x.csv", "far.csv", "log.csv", "-"), "MODEL": ("m.calib", "l.calib"),
+    "ROBOT": ("two_link", "two_link_full"), "ROBOT|MODEL": ("two_link", "r.urdf", "m.calib"),
+    "BAG|PICTURES|VIDEO": ("log.csv", "none.bag", "folder"), "A,B": ("shoulder,elbow",),
+    "FRAME": ("tip", "forearm"), "JOINT=VALUE": ("elbow=1.5", "shoulder=1"),
+    "JOINT=LO:HI": ("elbow=0.5:1.5", "shoulder=0.1:1.1"), "--map": ("vdsom", "som", "vdsom:error"),
+    "N|NxN": ("3", "4x3"), "N": ("5", "3"), "--epochs": ("1", "2"), "START:END": ("2:0.5", "1:1"),
+    "K": ("0", "7"), "S": ("0", "0.001"), "L": ("0.1",), "M": ("0.1", "5%"),
+    "JOINT.WHAT=VALUE": ("elbow.length=+20%", "sensor.mirror=x", "elbow.backlash=0.01"),
+    "x=U,y=V": ("x=x,y=y",), "m|mm|px|..": ("m", "mm", "px"), "--prismatic": ("elbow",),
+    "Q1,Q2": ("0.5,1", "1,1"), "--step": ("0.01", "0.1"), "Q1 Q2": ("0.3", "1.0", "-0.1"),
+    "X Y [Z]": ("0.3", "0.25", "-0.1"), "R,P,Y": ("0,0,1",), "QX,QY,QZ,QW": ("0,0,0,1",),
+    "40mm": ("40mm",), "ID": ("7",),
 }  # fmt: skip
 
 
@@ -80,29 +60,22 @@ def commands(command, words=()):
 COMMANDS = list(commands(typer.main.get_command(application())))
 
 
-def good_and_bad(part):
-    kind = part.metavar or ""
-    choices = tuple(kind.split("|")) if re.fullmatch(r"[a-z-]+(\|[a-z-]+)+", kind) else ("x",)
-    return VALUES.get(part.opts[0]) or VALUES.get(kind) or (choices, NAMES)
-
-
 def typed(rng, part, careful):
     """What may be typed for an argument or an option."""
+    name, kind = part.opts[0], part.metavar or ""
     if getattr(part, "is_flag", False):
-        return [part.opts[0]]
-    good, bad = good_and_bad(part)
-    count = 1
-    if part.nargs == -1:
-        count = 2 if careful else rng.choice((0, 1, 2, 2, 3, 40))
-    values = [rng.choice(good if careful or rng.random() < 0.3 else bad) for _ in range(count)]
-    return values if not part.opts[0].startswith("-") else [part.opts[0], *values]
+        return [name]
+    choices = tuple(kind.split("|")) if re.fullmatch(r"[a-z-]+(\|[a-z-]+)+", kind) else ("x",)
+    good = GOOD.get(name) or GOOD.get(kind) or choices
+    count = rng.choice((2, 2, 2, 0, 40) if part.nargs == -1 and not careful else (2,))
+    values = [rng.choice(good if careful or rng.random() < 0.3 else BAD) for _ in range(count)]
+    values = values if part.nargs == -1 else values[:1]
+    return [name, *values] if name.startswith("-") else values
 
 
 def line(rng):
-    """A command line; the sizes that it asks for are small or impossible."""
-    words, command = rng.choice(
-        [*COMMANDS, *(c for c in COMMANDS if c[0][0] in ("train", "query"))]
-    )
+    """A command line; the sizes that it asks for are small."""
+    words, command = rng.choice([*COMMANDS, *(c for c in COMMANDS if c[0][0] != "log")])
     # all good, so that the command gets to work; one bad value; or several
     way = rng.choice(("good", "good", "one", "one", "one", "wild"))
     parts = [p for p in command.params if p.opts[0] not in NEVER]
@@ -110,24 +83,17 @@ def line(rng):
     args = list(words)
     for part in parts:
         careful = way == "good" or (way == "one" and part is not one) or rng.random() < 0.5
-        named = not part.opts[0].startswith("-")
-        wanted = 0.97 if part.required or not careful else 0.85 if named else 0.12
-        if rng.random() < wanted:
+        likely = 0.97 if part.required or not careful else 0.12
+        if rng.random() < likely:
             args += typed(rng, part, careful)
     options = {option for part in command.params for option in part.opts}
-    if words[0] == "preview" and "--html" not in args:
-        args += ["--html", "p.html"]
-    if words[0] == "train":
-        args += ["--size", rng.choice(("3", *HUGE) if way == "wild" else ("3", "4", "3x4"))]
-    if "--samples" in options and "--data" not in args:
-        args += ["--samples", rng.choice(("50", *HUGE) if way == "wild" else ("100", "60"))]
-    if "--json" not in args and rng.random() < 0.3:
-        args.append("--json")
-    if way == "wild" and rng.random() < 0.5:  # leave out, double, replace or add an argument
-        k = rng.randrange(1, len(args) + 1)
-        if not {"--size", "--samples"} & set(args[k - 1 : k + 1]):
-            odd = (*NAMES, *NUMBERS, "--", "-h", "--help", "--version", "--no-such", "--json")
-            args[k : k + 1] = rng.choice(([], args[k : k + 1] * 2, [rng.choice(odd)]))
+    args += ["--html", "p.html"] if words[0] == "preview" and "--html" not in args else []
+    args += ["--size", "3"] if words[0] == "train" else []
+    args += ["--samples", "60"] if "--samples" in options and "--data" not in args else []
+    args += ["--json"] if "--json" not in args and rng.random() < 0.3 else []
+    if way == "wild" and rng.random() < 0.5:  # an argument that nobody asked for
+        odd = ("--", "-h", "--help", "--version", "--no-such", "--json", *NAMES)
+        args.insert(rng.randrange(1, len(args) + 1), rng.choice(odd))
     return [arg.replace("\0", "") if rng.random() < 0.9 else arg for arg in args]
 
 
@@ -139,19 +105,17 @@ def home(tmp_path_factory, run):
         patch.chdir(folder)
         for args in (
             "train two_link --size 5 -n 300 -o m.calib",
-            "train polar --size 4 -n 200 -o p.calib",
-            "train two_link_full --size 8 -n 200 --body none --map som -o f.calib",
             "babble two_link -n 60 -o log.csv",
             "babble two_link -n 30 -o log.parquet",
             "babble two_link -n 40 --change elbow.length=+20% -o bent.csv",
             "train --data log.csv --joints shoulder,elbow --size 4 -o l.calib",
         ):
-            assert run(*args.split()).code in (0, 3)  # 3: so small a map has no bound that holds
+            assert run(*args.split()).code == 0
         (folder / "folder").mkdir()
         (folder / "q.csv").write_text("shoulder,elbow\n0.5,1\n1,2\n-9,0\n")
         (folder / "x.csv").write_text("x,y\n0.3,0.3\n0.3,0.31\n")
         (folder / "far.csv").write_text("x,y\n0.3,0.3\n1e308,-1e308\nnan,1\na,b\n")
-        (folder / "r.urdf").write_bytes(random_arm(Random(5)).text.encode())
+        (folder / "r.urdf").write_text(calib.load_arm("two_link").urdf)
         yield folder
 
 

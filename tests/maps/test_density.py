@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.maps.density import READINGS, Visit, border, error, residual, rho
+from calib import Visit
+from calib.maps.density import READINGS, border, error, residual, rho
 from calib.maps.lattice import Lattice
 
 BUILT_IN = [gain for name, gain in READINGS.items() if name != "printed"]

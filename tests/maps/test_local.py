@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from small_maps import grid, points
 
-from calib.common.scale import TURN
-from calib.maps import local_models as local
-from calib.maps.local_models import exponents
+from calib import SOM, Association
+from calib.common.scale import TURN, Scale
+from calib.maps.links import WIRINGS
+from calib.maps.local_models import exponents, fit, heard, predict
 
 
 def fitted(motor, u, x, degree, samples):
-    return local.fit(motor, np.arange(motor.size), u, x, (degree, samples))
+    return fit(motor, np.arange(motor.size), u, x, (degree, samples))
 
 
 def polynomial(degree, d=2, seed=0):
@@ -39,19 +40,9 @@ def test_polynomials_of_the_models_degree_are_reproduced_with_their_slopes(d, de
     motor, u = grid({2: 18, 3: 7}[d], (False,) * d), points(3000, d=d)
     models = fitted(motor, u, value(u), degree, samples)
     fresh = points(300, seed=1, d=d)
-    said, tilt = local.predict(models, motor, fresh, slope=True)
+    said, tilt = predict(models, motor, fresh, slope=True)
     np.testing.assert_allclose(said, value(fresh), atol=1e-6)
     np.testing.assert_allclose(tilt, slope(fresh), atol=1e-4)
-
-
-def test_predictions_have_no_steps_where_the_speaking_nodes_change():
-    motor, u = grid(7), points(2000)
-    ripple = np.stack([np.sin(9 * u[:, 0]), np.cos(9 * u[:, 1])], axis=1)
-    models = fitted(motor, u, ripple, 1, 50)
-    path = np.linspace([0.1, 0.2], [0.9, 0.7], 20_001)
-    said = local.predict(models, motor, path)[0]
-    step = np.linalg.norm(np.diff(said, axis=0), axis=1)
-    assert step.max() < 40 * np.linalg.norm(path[1] - path[0])
 
 
 def test_models_join_at_the_seam_of_a_joint_that_turns_round():
@@ -64,7 +55,7 @@ def test_models_join_at_the_seam_of_a_joint_that_turns_round():
     models = fitted(motor, u, truth(u), 2, 60)
     y = np.linspace(0.05, 0.95, 50)
     before, after = (np.stack([np.full(50, x), y], axis=1) for x in (1 - 1e-9, 1e-9))
-    low, high = (local.predict(models, motor, p)[0] for p in (before, after))
+    low, high = (predict(models, motor, p)[0] for p in (before, after))
     np.testing.assert_allclose(low, high, atol=1e-6)
     np.testing.assert_allclose(high, truth(after), atol=5e-3)
 
@@ -85,19 +76,29 @@ def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
 
 
-def test_rows_on_a_line_do_not_multiply_their_noise_beside_it():
-    """Unchecked, the largest answer half a spacing away is 20 times the noise."""
-    motor = grid(12)
-    u = np.stack([np.linspace(0, 1, 600), np.full(600, 0.5)], axis=1) + 1e-4 * points(600, seed=4)
-    noise = np.random.default_rng(3).normal(scale=1e-3, size=(600, 2))
-    near = np.flatnonzero(np.abs(motor.units[:, 1] - 0.5) < 0.1)[:, None]
-    beside = np.full((len(near), 1, 2), 0.04)
-    assert np.abs(local.contributions(fitted(motor, u, noise, 2, 24), near, beside)).max() < 5e-3
-
-
 def test_nodes_that_speak_are_heard_smoothly_by_their_share():
     weight = np.array([[0.2, 0.8], [0.35, 0.65], [0.4, 0.6], [0.45, 0.55], [0.6, 0.4]])
     speaking = np.tile([True, False], (5, 1))
-    answers = local.heard(weight, speaking)[:, 0]
+    answers = heard(weight, speaking)[:, 0]
     ramp = 0.25**2 * (3 - 2 * 0.25)  # a quarter of the way from silent to full
     np.testing.assert_allclose(answers, [0.0, ramp, 0.5, 1 - ramp, 1.0], atol=1e-12)
+
+
+def associated(truth, n=9, rows=20_000):
+    u = points(rows)
+    x = truth(u)
+    scale = Scale.of_data(x)
+    sensory = SOM((n, n), "som").fit(x, scale=scale)
+    return Association.learn(grid(n), u, sensory, scale.to_unit(x), WIRINGS["reciprocal"])
+
+
+def test_slopes_are_finite_differences_of_the_blended_value():
+    affine = associated(lambda u: np.stack([np.sin(2 * u[:, 0]), u[:, 0] * u[:, 1]], axis=1))
+    u, h = 0.05 + 0.9 * points(300, seed=3), 1e-6
+    value, slope = affine.linear.value_and_slope(u)
+    np.testing.assert_allclose(value, affine.linear.value(u), rtol=0, atol=1e-15)
+    for k in range(2):
+        step = h * np.eye(2)[k]
+        found = (affine.linear.value(u + step) - affine.linear.value(u - step)) / (2 * h)
+        # but for a point or two whose nearest nodes change within the step
+        assert np.quantile(np.abs(found - slope[:, :, k]), 0.99) < 1e-6

@@ -4,10 +4,13 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from calib.common.scale import TURN, Scale
+from calib import Map
+from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
-from calib.maps.map import Map, nearest_points, search_tree
+from calib.maps.map import nearest_points
 
 
 def box(lower, upper, revolute=None):
@@ -67,11 +70,6 @@ def test_topographic_error_counts_samples_between_nodes_that_are_no_neighbours()
     assert folded.topographic_error([fold, middle, middle, middle]) == 0.25
 
 
-def test_diagonal_neighbours_are_no_topographic_error(square):
-    crossed = network(square.units[[0, 3, 2, 1]], (2, 2), square.scale)
-    assert crossed.topographic_error([[0.1, -1.0]]) == 0.0
-
-
 def test_spacings_are_the_mean_distances_to_joined_nodes():
     plane = box([0, 0], [1, 1], [False, False])
     units = [[0.0, 0.0], [0.0, 0.2], [0.4, 0.0], [0.3, 0.3]]
@@ -82,10 +80,29 @@ def test_spacings_are_the_mean_distances_to_joined_nodes():
     np.testing.assert_allclose(kite.spacings, own)
 
 
-def test_coordinates_that_round_up_to_a_whole_turn_are_found_at_its_start():
-    ring = box([0.0], [TURN], [True])
-    points = np.array([[-1e-18], [0.5], [1.0], [1.25]])
-    distance, index = search_tree(points, ring).query(np.array([[0.0], [0.24], [0.6]]), k=1)
-    assert index[1:].tolist() == [3, 1]
-    assert index[0] in (0, 2)
-    np.testing.assert_allclose(distance, [0.0, 0.01, 0.1], atol=1e-12)
+shapes = st.lists(st.integers(2, 6), min_size=1, max_size=3).map(tuple)
+
+
+@given(shapes)
+def test_edges_join_exactly_the_nodes_at_lattice_distance_one(shape):
+    lattice = Lattice(shape)
+    r = lattice.positions()
+    distance = np.abs(r[:, None] - r[None]).sum(axis=2)
+    expected = {(i, j) for i, j in np.argwhere(distance == 1).tolist() if i < j}
+    edges = [tuple(e) for e in lattice.edges().tolist()]
+    assert set(edges) == expected
+    assert len(edges) == len(expected)
+
+
+@given(shapes, shapes)
+def test_resampling_keeps_linear_functions_of_the_cell_middles(coarse, fine):
+    if len(coarse) != len(fine):
+        fine = (fine * 3)[: len(coarse)]
+    slope = np.arange(1.0, len(coarse) + 1)
+
+    def plane(lattice):
+        middles = (lattice.positions() + 0.5) / lattice.shape
+        return np.stack([middles @ slope, 1 - middles @ slope], axis=1)
+
+    old, new = Lattice(coarse), Lattice(fine)
+    np.testing.assert_allclose(old.resample(plane(old), new), plane(new), atol=1e-12)

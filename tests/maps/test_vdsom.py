@@ -5,8 +5,8 @@ import pytest
 from small_maps import UNIT_BOX
 
 import calib
-from calib.errors import OptionError
-from calib.maps.density import READINGS, Visit
+from calib import OptionError, Visit
+from calib.maps.density import READINGS
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS
 from calib.maps.settings import ONLINE
@@ -69,18 +69,6 @@ def test_eq_7_and_8_weigh_a_sample_and_never_beyond_its_place():
         net.show([x], Rates((np.array([1.0]),), *(np.array([v]) for v in (0.3, 1.0, 0.1, 1.0))))
         step = min(0.3 * g, 1.0) * h_of(lattice, winner, 1.0)[:, None]
         np.testing.assert_allclose(net.layers[0].weights, w + step * (x - w), atol=1e-3)
-
-
-def test_eq_7_of_the_whole_lattice_is_smallest_at_the_border():
-    lattice = Lattice((9, 9))
-    w = lattice.positions() / 8
-    every = Visit(1.0, np.arange(81), np.zeros(81), w, lattice)
-    rho = np.exp(-np.array([np.sum((w - at) ** 2) for at in w]) / 27.0)
-    assert rho.argmin() in (0, 8, 72, 80)
-    gain = READINGS["rho"](every)  # 1 + (t mean / (rho T))^4, largest where rho is smallest
-    assert gain.argmax() in (0, 8, 72, 80)
-    start = READINGS["rho"](Visit(0.0, np.arange(81), np.zeros(81), w, lattice))
-    np.testing.assert_array_equal(start, 1.0)
 
 
 def test_eq_8_as_printed_gathers_all_nodes_in_one_place_and_only_online():

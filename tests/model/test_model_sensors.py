@@ -7,8 +7,7 @@ import pytest
 from models import draw, in_space
 
 import calib
-from calib.errors import OptionError
-from calib.model_file.storage import to_bytes
+from calib import OptionError
 
 
 def two_eyed() -> calib.Model:
@@ -46,33 +45,6 @@ def test_each_sensor_answers_in_its_own_frame():
         model.by("top")
     alone = replace(model, others=(), about=replace(model.about, sensor=""))
     assert alone.by("any") is alone
-
-
-def test_a_file_keeps_the_arm_once(tmp_path):
-    model = two_eyed()
-    model.save(tmp_path / "two.calib")
-    loaded = calib.load(tmp_path / "two.calib")
-    assert to_bytes(loaded) == to_bytes(model)
-    alone = replace(model, others=())
-    assert len(to_bytes(model)) < len(to_bytes(alone)) + 20_000
-    q = draw(model, 5)
-    for sensor in model.sensors:
-        assert np.array_equal(loaded.forward(q, sensor=sensor), model.forward(q, sensor=sensor))
-        bounds = [each.by(sensor).expected_error(q) for each in (loaded, model)]
-        np.testing.assert_allclose(*bounds, rtol=1e-12)
-
-
-def test_what_one_sensor_learns_of_the_arm_all_have():
-    model = two_eyed()
-    right = model.by("right")
-    offset = right.body.structure.groups["offset"]
-    beta = right.body.beta.copy()
-    beta[offset[1]] += 0.01
-    adapted = replace(right, body=replace(right.body, beta=beta))
-    both = model.with_sensor(adapted)
-    assert both.sensors == model.sensors
-    assert both.body.beta[offset[1]] == beta[offset[1]]
-    assert both.by("right").body is adapted.body
 
 
 def test_a_log_is_judged_as_its_sensor_sees_the_arm():

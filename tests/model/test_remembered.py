@@ -80,14 +80,6 @@ def test_a_default_name_of_another_robot_or_log_needs_force(tmp_path, monkeypatc
     assert run("train", "polar", *small, "-o", "polar.calib").code == 0
 
 
-def test_a_model_is_shown_in_three_lines():
-    text = repr(trained("two_link", 600, 8))
-    assert len(text.splitlines()) == 3
-    assert len(text) < 300
-    assert "two_link" in text
-    assert "8x8" in text
-
-
 def test_the_arrays_of_a_model_are_read_only():
     model = trained("two_link", 600, 8)
     for array in (model.motor.weights, model.sensory.weights, model.bounds, model.visited):
@@ -97,23 +89,3 @@ def test_the_arrays_of_a_model_are_read_only():
     for holder in [*holders, measured(200, 6).rows]:
         for name, value in vars(holder).items():
             assert not isinstance(value, np.ndarray) or not value.flags.writeable, name
-
-
-def test_a_report_of_a_log_says_both_errors_and_shows_its_heat_maps(tmp_path, run):
-    """The headline was the distance to noisy readings, 1.23 mm; the true error 0.28."""
-    s = calib.babble(calib.load_arm("two_link"), 300, seed=3, noise=1e-3)
-    calib.write_log(s, tmp_path / "log.csv")
-    line = ["train", "two_link", "--data", tmp_path / "log.csv", "--size", "8", "-o"]
-    assert run(*line, tmp_path / "m.calib").code == 0
-    assert run(*line, tmp_path / "bare.calib", "--no-rows").code == 0
-    assert calib.load(tmp_path / "bare.calib").rows is None
-    page = {}
-    for name in ("m", "bare"):
-        assert run("report", tmp_path / f"{name}.calib", "-o", tmp_path / "r.html").code == 0
-        page[name] = (tmp_path / "r.html").read_text()
-    for text in page.values():
-        assert "That is the distance to noisy readings" in text
-        assert "model's own error is below" in text.replace("&#x27;", "'")
-        assert "give the log" not in text
-    assert 'id="accuracy"' in page["m"]
-    assert 'id="accuracy"' not in page["bare"]

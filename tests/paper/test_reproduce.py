@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.errors import OptionError
+from calib import OptionError
 from calib.paper.setting import Setting
 from calib.paper.tables import COLUMNS, TABLE1, TABLE2
 from calib.paper.trial import SeedErrors, best_schedule, joined

@@ -6,23 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from calib import CalibError
 from calib.common.atomic import atomic_write
-from calib.errors import CalibError
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and permissions of POSIX")
 
 
 def beside(path: Path) -> list[str]:
     return sorted(p.name for p in path.parent.iterdir() if p != path)
-
-
-def test_bytes_and_callable_reach_the_file(tmp_path):
-    path = tmp_path / "a"
-    atomic_write(path, b"one")
-    assert path.read_bytes() == b"one"
-    atomic_write(str(path), lambda file: file.write(b"two"))
-    assert path.read_bytes() == b"two"
-    assert [p.name for p in tmp_path.iterdir()] == ["a"]
 
 
 @pytest.mark.parametrize(

@@ -4,23 +4,10 @@ import json
 import re
 from pathlib import Path
 
-import numpy as np
-import pytest
-import speed
 import versions
-
-import calib
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks"
-
-
-def test_the_workspace_has_the_area_of_the_closed_form():
-    arm = calib.load_arm("two_link")
-    # the integral of the Jacobian's size over the joints' ranges, each position reached once
-    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (200_000, 2))
-    size = np.abs(np.linalg.det(arm.jacobian(q))) * np.prod(arm.upper - arm.lower)
-    assert speed.area(arm) == pytest.approx(size.mean(), abs=4 * size.std() / np.sqrt(len(q)))
 
 
 def test_every_script_that_a_page_names_is_there_and_every_script_is_named():

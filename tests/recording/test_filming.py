@@ -1,8 +1,5 @@
 """Logs from videos, and the commands: right where they are made, one line where they are not."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -13,7 +10,7 @@ from rendering import Desk, tag, write_video
 from shots import LENS, refused, truth_on_board
 
 import calib
-from calib.errors import OptionError
+from calib import OptionError
 from calib.recording.joint_table import read_joints
 from calib.recording.setting import Setup
 from calib.recording.tag_logs import log_video
@@ -36,8 +33,8 @@ def test_videos_that_make_no_log(film, tmp_path):
     refused("clocks are apart", log_video, run, joints, Setup(7), time_offset=500.0)
     refused("never rests", log_video, run, joints, Setup(7), time_offset=51.3)
     (tmp_path / "text.mp4").write_text("no video\n" * 200)
-    refused("no video that OpenCV can read", log_video, tmp_path / "text.mp4", joints, Setup(7))
-    refused("cannot read", log_video, tmp_path / "none.mp4", joints, Setup(7))
+    refused("cannot be read", log_video, tmp_path / "text.mp4", joints, Setup(7))
+    refused("cannot be read", log_video, tmp_path / "none.mp4", joints, Setup(7))
     refused("lens was calibrated with 640x480", log_video, run, joints, Setup(7, lens=LENS))
     twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.05, (0.1, 0.1, 0, 1)),))
     frames = [twins.picture(q, np.random.default_rng(0)) for q in joints.q[:600:50]]
@@ -48,37 +45,6 @@ def test_videos_that_make_no_log(film, tmp_path):
     refused("a column 'time'", log_video, run, read_joints(tmp_path / "p.csv"), Setup(7))
     with pytest.raises(OptionError):
         log_video(run, joints, Setup(7), still=-1.0)
-
-
-def test_a_video_that_is_cut_off_says_so(film, tmp_path):
-    whole = (film.folder / "run.avi").read_bytes()
-    (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 2])
-    made = log_video(tmp_path / "cut.avi", film.joints, Setup(7), time_offset=51.0, still=0.5)
-    assert any("it is cut off" in note for note in made.notes)
-    miss = np.linalg.norm(made.x - film.scene.tip_pixels(made.q), axis=1)
-    assert np.median(miss) < 0.2
-
-
-def test_opencv_and_its_decoders_are_silent(film, copy, tmp_path):
-    whole = (film.folder / "run.avi").read_bytes()
-    (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 2 + 7])
-    (tmp_path / "junk.mp4").write_bytes(bytes(range(256)) * 20)
-    for path in list((copy.folder / "p").iterdir())[:3]:
-        path.write_bytes(path.read_bytes()[:-2000])
-    code = (
-        "import sys\nfrom calib.errors import CalibError\n"
-        "from calib.recording.pictures import Video\n"
-        "from calib.recording.pictures import list_pictures, read_picture\n"
-        "for path in sys.argv[2:]:\n"
-        "    try:\n        sum(1 for _ in Video(path).frames())\n"
-        "    except CalibError:\n        pass\n"
-        "for path in list_pictures(sys.argv[1]):\n"
-        "    try:\n        read_picture(path)\n"
-        "    except CalibError:\n        pass\n"
-    )
-    names = [str(copy.folder / "p"), str(tmp_path / "cut.avi"), str(tmp_path / "junk.mp4")]
-    done = subprocess.run([sys.executable, "-c", code, *names], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_the_commands(run, shot, film, tmp_path):
@@ -108,16 +74,3 @@ def test_the_commands(run, shot, film, tmp_path):
     assert "--joints-file" in done.err
     done = run("log", shot.pictures, *joints, "--still", "1", "-o", tmp_path / "n.csv")
     assert done.code == 2
-
-
-def test_a_clock_that_cannot_be_found_is_exit_three(run, film, tmp_path):
-    other = np.loadtxt(film.folder / "joints.csv", delimiter=",", skiprows=1)
-    other[:, 1:] = other[::-1, 1:] * [0.3, -1.0]
-    np.savetxt(tmp_path / "other.csv", other, delimiter=",", header="time,a,b", comments="")
-    done = run(
-        "log", film.folder / "run.mp4", "--joints-file", tmp_path / "other.csv", "--tag", 7,
-        "-o", tmp_path / "v.csv",
-    )  # fmt: skip
-    assert done.code == 3
-    assert not (tmp_path / "v.csv").exists()
-    assert "--time-offset" in done.err

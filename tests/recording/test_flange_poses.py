@@ -7,10 +7,8 @@ from flange_worlds import CONVENTIONS, SIZE, World, misses, motion
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib.errors import LogError, ModelError, OptionError
-from calib.recording.flange_table import FlangeTable, read_flange_poses
+from calib import LogError, ModelError, OptionError
 from calib.recording.lens import load_lens
-from calib.recording.rig_file import load_rig
 
 
 @pytest.mark.parametrize("in_hand", [True, False])
@@ -32,13 +30,18 @@ def test_camera_board_and_lens_are_found_with_intervals_that_hold(in_hand):
 
 
 @pytest.mark.parametrize("rotation", list(CONVENTIONS))
-def test_what_a_table_means_is_found(rotation):
+def test_what_a_table_means_is_found(rotation, tmp_path):
     number = list(CONVENTIONS).index(rotation)
     world = World(20 + number, in_hand=number % 2 == 0, count=12)
     unit, factor = (("mm", 1000.0), ("m", 1.0), ("in", 1 / 0.0254))[number % 3]
     told = np.linalg.inv(world.flange) if number % 2 else world.flange
     turns = CONVENTIONS[rotation](Rotation.from_matrix(told[:, :3, :3]))
-    table = FlangeTable("flange.csv", np.column_stack([factor * told[:, :3, 3], turns]), None)
+    rows = np.column_stack([factor * told[:, :3, 3], turns])
+    if turns.shape[1] == 9:  # matrices (3, 4) by rows
+        places = factor * told[:, :3, 3:]
+        rows = np.concatenate([turns.reshape(-1, 3, 3), places], axis=2).reshape(-1, 12)
+    table = tmp_path / "flange.csv"
+    np.savetxt(table, rows, delimiter=",")
     rig = world.solve(table)
     found = rig.convention
     tied = any("not told apart" in note for note in rig.notes)
@@ -75,32 +78,20 @@ def test_rows_that_are_wrong_are_left_out_and_a_late_table_is_refused():
         world.solve(np.roll(world.flange, 1, axis=0))
 
 
-def test_tables_are_read_as_controllers_write_them(tmp_path):
-    path = tmp_path / "flange.csv"
-    path.write_text("picture,x,y,z,A,B,C\nshots/1.png,100,200,300,10,20,30\n,1,2,3,4,5,nan\n")
-    table = read_flange_poses(path)
-    assert table.pictures == ("1.png",)
-    assert table.named == "kuka"
-    assert table.dropped == 1
-    path.write_text("1,2,3,0,0,0\n4,5,6,0,0,1\n")
-    assert read_flange_poses(path).numbers.tolist() == [[1, 2, 3, 0, 0, 0], [4, 5, 6, 0, 0, 1]]
-    rows = " ".join(map(str, motion(Rotation.identity(), [7, 8, 9]).ravel()))
-    path.write_text(f"{rows}\n{rows}\n")
-    assert read_flange_poses(path).numbers[0, :3].tolist() == [7, 8, 9]
-    path.write_text("x,y,z,yaw1,b,c\n1,2,3,4,5,6\n")
-    with pytest.raises(LogError, match=r"roll\.\.yaw"):
-        read_flange_poses(path)
-    path.write_text("x,y,z,qx,qy,qz,qw\n1,2,3,4,5,6,7\n")
-    with pytest.raises(LogError, match="quaternion of length"):
-        read_flange_poses(path)
-
-
-def test_poses_of_the_board_alone_are_enough():
-    world = World(1)
-    there = np.linalg.inv(world.camera) @ np.linalg.inv(world.flange) @ world.placed
-    rig = calib.handeye(poses=world.flange, boards=there, eye="hand")
-    assert np.allclose(rig.hand["position"], world.camera[:3, 3], atol=1e-6)
-    assert rig.notes[0].startswith("poses are read as matrix by rows, flange in base")
+def test_tables_have_the_names_that_controllers_write(tmp_path):
+    path, world = tmp_path / "flange.csv", World(5, count=12)
+    angles = CONVENTIONS["kuka"](Rotation.from_matrix(world.flange[:, :3, :3]))
+    rows = np.column_stack([1e3 * world.flange[:, :3, 3], angles])
+    lines = [f"shots/{k:02d}.png,{','.join(map(str, row))}" for k, row in enumerate(rows)]
+    path.write_text("\n".join(["picture,x,y,z,A,B,C", *lines, ",1,2,3,4,5,nan"]))
+    assert world.solve(path).convention["rotation"] == "kuka"
+    for header, row, words in (
+        ("x,y,z,yaw1,b,c", "1,2,3,4,5,6", r"roll\.\.yaw"),
+        ("x,y,z,qx,qy,qz,qw", "1,2,3,4,5,6,7", "quaternion of length"),
+    ):
+        path.write_text(f"{header}\n{row}\n")
+        with pytest.raises(LogError, match=words):
+            world.solve(path)
 
 
 @pytest.mark.parametrize("in_hand", [True, False])
@@ -127,19 +118,6 @@ def test_mirrored_pictures_are_refused():
     world.corners[0] = [c.reshape(6, 9, 2)[:, ::-1].reshape(-1, 2) for c in mirrored]
     with pytest.raises(LogError, match="mirrored"):
         world.solve()
-
-
-def test_autofocus_is_told_and_left_to_the_camera():
-    world = World(3, in_hand=False)
-    rng = np.random.default_rng(0)
-    middle = np.array([645.0, 352.0])
-    for k, corners in enumerate(world.corners[0]):
-        world.corners[0][k] = middle + rng.uniform(0.995, 1.005) * (corners - middle)
-    rig = world.solve()
-    assert any("switch the camera's autofocus off" in note for note in rig.notes)
-    assert rig.used == world.count
-    assert rig.repeatability["position"] < 5e-4  # not to the arm
-    assert (misses(rig.base, world.camera) < 1.5).all()
 
 
 def test_turns_about_one_axis_are_refused_with_what_would_tell():
@@ -173,12 +151,7 @@ def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):
     assert (misses(left["base"], world.camera) < 2.0).all()
     assert (misses(right["from_first"], world.apart) < 2.0).all()
     assert "static_transform_publisher" in (tmp_path / "t.txt").read_text()
-    # the same as a file
-    done = run("handeye", tmp_path / "rig", *words, "-o", tmp_path / "rig.calib", "--json")
-    rig = load_rig(tmp_path / "rig.calib")
-    assert rig.to_json() == {k: v for k, v in done.document.items() if k != "units"}
-    assert rig.photo.corners.shape == (54, 2)
-    assert np.allclose(rig.photo.corners, rig.photo.predicted, atol=10.0)
+    assert run("handeye", tmp_path / "rig", *words, "-o", tmp_path / "rig.calib").code == 0
     with pytest.raises(ModelError, match="a rig of flange poses"):
         calib.load(tmp_path / "rig.calib")
     done = run("handeye", tmp_path / "rig", *words[:-1], "left=base,right=other")

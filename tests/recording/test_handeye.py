@@ -11,13 +11,13 @@ import polars
 import pytest
 from boards import Rig
 from rendering import Camera, Desk, board
+from test_lerobot import REST, write_dataset
 
 import calib
+from calib import LogError, handeye
 from calib.arm.rotations import exponential, logarithm, matrix_of
-from calib.errors import LogError
 from calib.recording.board import Board
 from calib.recording.board_pictures import BoardPictures
-from calib.recording.handeye import handeye
 from calib.recording.joint_table import JointTable
 from calib.recording.lens import Lens
 
@@ -187,17 +187,7 @@ def test_what_changed_on_the_way_is_told(group, step):
     assert any(words in note for note in found.notes), found.notes
 
 
-def test_a_shift_that_no_picture_tells_is_left_out_of_the_interval_up_to_it():
-    rig = Rig(True, seed=3, pictures=16)
-    found = solve(rig)
-    whole, told = (found.hand[f"rotation_95{end}"] for end in ("", "_up_to_gauge"))
-    assert max(told) < 0.2 * max(whole)
-    assert max(found.hand["position_95"]) < 1e-3  # the arm is good, and the corners tell so
-    assert "no picture tells" in found.notes[-1]
-    assert found.held_out["rms"] < 1.0
-
-
-@pytest.mark.parametrize(("count", "off"), [(5, 1e-3), (3, 2e-3), (2, 0.1)])
+@pytest.mark.parametrize(("count", "off"), [(5, 1e-3), (2, 0.1)])
 def test_arms_of_few_joints_are_known_as_well_as_they_turn(count, off):
     names = calib.load_arm("six_axis").joint_names[:count]
     rig = Rig(True, seed=3, pictures=12, joints=names)
@@ -206,16 +196,6 @@ def test_arms_of_few_joints_are_known_as_well_as_they_turn(count, off):
     assert np.linalg.norm(miss) < off
     assert (miss < 1.5 * np.array(found.hand["position_95"])).all()
     assert ("few turns of the wrist" in found.limited_by) == (count < 5)
-
-
-def test_what_pictures_without_the_board_show_is_told():
-    rig, pictures, joints = shots(True)
-    few, table = pictures[:6], replace(joints, q=joints.q[:6])
-    flipped = [np.ascontiguousarray(picture[:, ::-1]) for picture in few]
-    with pytest.raises(LogError, match="mirrored"):
-        handeye(rig.arm, flipped, table, SPEC, "hand")
-    with pytest.raises(LogError, match="7x5"):
-        handeye(rig.arm, few, table, "5x7:24mm:18mm:5x5_100", "hand")
 
 
 @pytest.fixture(scope="module")
@@ -257,27 +237,6 @@ def test_the_command_says_where_the_camera_is_and_its_model_watches_it(folder, r
     done = run("check", model, "--data", folder / "shots")
     assert done.code == 2
     assert "--joints-file" in done.err
-    # two series of others, the second by a camera that was bumped by 6 px
-    other = Rig(True, pictures=40)
-    late = other.beta.copy()
-    late[other.structure.groups["tool.rotation"][0]] += 6 / 1000
-    rows = np.column_stack([other.q[other.rows], other.corners])
-    second = other.rows >= 20
-    bumped = np.where(second[:, None], other.truth.predict(rows, late), other.seen)
-    made = replace(corners(other, seen=bumped), episodes=np.repeat([4, 7], 20))
-    log = folder / "series.csv"
-    glass = Lens.from_json(calib.load(model).about.options["board"]["lens"])
-    calib.write_log(made.log(glass, True), log)
-    done = run("check", model, "--data", log, "--json")
-    assert done.code == 3, done.err
-    found = {each["episode"]: each["drifted"] for each in done.document["episodes"]}
-    assert found == {4: False, 7: True}
-    # the same camera, told once
-    second = calib.read_log(log, calib.load_arm("six_axis")).take(slice(20, 40))
-    causes = calib.check(calib.load(model), second).causes
-    told = [cause.words for cause in causes if cause.group.startswith("tool")]
-    assert len(told) == 1
-    assert "the camera has turned in its mount by 0.3" in told[0]
 
 
 @cache
@@ -289,9 +248,7 @@ def watching():
 
 ALIKE = {
     "the camera turned": ({("tool.rotation", 0): 0.006}, {"tool": 0.344}),
-    "about its sight": ({("tool.rotation", 2): 0.006}, {"tool": 0.344}),
     "wrist_3": ({("offset", -1): 0.05}, {"offset:wrist_3": 2.86}),
-    "one direction": ({("offset", -1): 0.02, ("tool.rotation", 0): 0.006}, {"tool": 1.2}),
     "elbow, the camera": (
         {("offset", 2): 0.01, ("tool.rotation", 0): 0.006},
         {"offset:elbow": 0.573, "tool": 0.344},
@@ -324,16 +281,8 @@ def test_a_log_of_board_pictures_is_learned_from_like_any_other(folder, run):
     assert done.document["samples"] == 10
     assert done.document["point"][:2] == [0.0, 0.0]  # ahead of the camera
     # each pose has its covariance, in the sensor's axes
-    made = calib.read_log(log, calib.load_arm("six_axis"))
-    assert made.covariance.shape == (10, 6, 6)
-    assert (np.linalg.eigvalsh(made.covariance) > 0).all()
-    calib.write_log(made, folder / "again.csv")
-    again = calib.read_log(folder / "again.csv", calib.load_arm("six_axis"))
-    assert (again.covariance == made.covariance).all()
-    none = polars.read_csv(log, comment_prefix="#").with_columns(cov_y_y=polars.lit(-1.0))
-    none.write_csv(folder / "none.csv")
-    with pytest.raises(LogError, match=r"cov_x_x .* no covariance"):
-        calib.read_log(folder / "none.csv", calib.load_arm("six_axis"))
+    columns = polars.read_csv(log, comment_prefix="#").columns
+    assert sum(name.startswith("cov_") for name in columns) == 21
     done = run("train", "six_axis", "--data", log, "--size", "8", "-o", model, "--json")
     assert done.code == 0, done.err
     assert done.document["errors"]["local"]["forward"]["distance"]["mean"] < 2e-3
@@ -348,39 +297,9 @@ def test_a_log_of_board_pictures_is_learned_from_like_any_other(folder, run):
 
 def test_a_dataset_of_lerobot_is_read_as_pictures_and_joints(tmp_path, run):
     rig, pictures, joints = shots(True)
-    rest, fps = 9, 30  # frames that the arm rests at each picture
-    video = tmp_path / "videos" / "observation.images.wrist" / "chunk-000"
-    for path in (video, tmp_path / "data" / "chunk-000", tmp_path / "meta/episodes/chunk-000"):
-        path.mkdir(parents=True)
-    writer = cv2.VideoWriter(
-        str(video / "file-000.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), fps, (1280, 720), False
-    )
-    for picture in pictures:
-        for _ in range(rest):
-            writer.write(picture)
-    writer.release()
-    q = np.degrees(np.repeat(joints.q, rest, axis=0))
-    each = len(q) // 2  # of two episodes in one video
-    polars.DataFrame({
-        "observation.state": np.column_stack([q, np.zeros(len(q))]).tolist(),
-        "timestamp": np.tile(np.arange(each) / fps, 2),
-        "episode_index": np.repeat([0, 1], each),
-    }).write_parquet(tmp_path / "data/chunk-000/file-000.parquet")  # fmt: skip
-    key = "videos/observation.images.wrist"
-    polars.DataFrame({
-        "episode_index": [0, 1], f"{key}/chunk_index": [0, 0], f"{key}/file_index": [0, 0],
-        f"{key}/from_timestamp": [0.0, each / fps],
-    }).write_parquet(tmp_path / "meta/episodes/chunk-000/file-000.parquet")  # fmt: skip
-    names = [f"{name}.pos" for name in (*joints.names, "gripper")]
-    info = {
-        "codebase_version": "v3.0", "fps": fps,
-        "video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
-        "features": {
-            "observation.state": {"dtype": "float32", "names": names},
-            "observation.images.wrist": {"dtype": "video", "info": {"video.codec": "mpeg4"}},
-        },
-    }  # fmt: skip
-    (tmp_path / "meta" / "info.json").write_text(json.dumps(info))
+    q = np.degrees(np.repeat(joints.q, REST, axis=0))
+    written = {"codec": "mpeg4", "pictures": pictures, "names": joints.names}
+    write_dataset(tmp_path, "v3.0", q, **written)
     log = tmp_path / "poses.csv"
     done = run("log", tmp_path, "--board", SPEC, "--eye", "hand", "-o", log, "--json")
     assert done.code == 0, done.err
@@ -391,13 +310,9 @@ def test_a_dataset_of_lerobot_is_read_as_pictures_and_joints(tmp_path, run):
     assert np.allclose(made[:, :6].to_numpy(), joints.q)
     # the horn of the elbow's servo sits three degrees off
     q[:, 2] -= 3.0
-    table = tmp_path / "data/chunk-000/file-000.parquet"
-    polars.read_parquet(table).with_columns(
-        polars.Series("observation.state", np.column_stack([q, np.zeros(len(q))]).tolist())
-    ).write_parquet(table)
+    write_dataset(tmp_path, "v3.0", q, **written)
     motor = {"homing_offset": 7, "range_min": 0, "range_max": 4095}
-    motors = {name: motor for name in joints.names}  # noqa: C420 - RUF024 would be the next
-    (tmp_path / "calibration.json").write_text(json.dumps(motors))
+    (tmp_path / "calibration.json").write_text(json.dumps(dict.fromkeys(joints.names, motor)))
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(rig.arm.urdf)
     words = ("--calibration", tmp_path / "calibration.json", "--robot", urdf, "--board", SPEC)
@@ -408,7 +323,3 @@ def test_a_dataset_of_lerobot_is_read_as_pictures_and_joints(tmp_path, run):
     new = json.loads((tmp_path / "new.json").read_text())
     assert new[joints.names[2]]["homing_offset"] == pytest.approx(7 - 34, abs=4)
     assert new[joints.names[0]]["homing_offset"] == 7
-    (video / "file-000.mp4").write_bytes(b"none")
-    done = run("log", tmp_path, "--board", SPEC, "--eye", "hand", "-o", log)
-    assert done.code == 1
-    assert "codec mpeg4" in done.err

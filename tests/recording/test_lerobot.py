@@ -6,7 +6,7 @@ import numpy as np
 import polars
 import pytest
 
-from calib.errors import LogError
+from calib import LogError
 from calib.recording.lerobot import is_dataset, read_dataset
 from calib.recording.motors import Motors
 
@@ -21,35 +21,32 @@ MOTORS = {
 }
 
 
-def write_video(path, levels, codec="libsvtav1"):
-    """A video of grey frames, one for each level."""
+def write_video(path, frames, codec):
+    """A video of grey frames (n, height, width)."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=RATE)
-        stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
-        for level in levels:
-            grey = np.full((64, 64), level, np.uint8)
+        stream.height, stream.width = frames[0].shape
+        stream.pix_fmt = "yuv420p"
+        for grey in frames:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="gray")))
         container.mux(stream.encode())
 
 
-def write_dataset(root, version, state, codec="libsvtav1"):
-    """Two episodes; the grey level of a frame tells its pose, from 10 on in tens."""
+def write_dataset(root, version, state, codec="libsvtav1", pictures=None, names=JOINTS):
+    """Two episodes; without pictures grey frames tell their poses, from 10 on in tens."""
+    if pictures is None:
+        pictures = [np.full((64, 64), 10 * k, np.uint8) for k in range(1, POSES + 1)]
+    frames = [picture for picture in pictures for _ in range(REST)]
     half = len(state) // 2
-    levels = np.repeat(10 * np.arange(1, POSES + 1), REST)
-    info = {
-        "codebase_version": version,
-        "fps": RATE,
-        "chunks_size": 1000,
-        "robot_type": "so101_follower",
-        "features": {
-            "observation.state": {
-                "dtype": "float32",
-                "names": [f"{name}.pos" for name in (*JOINTS, "gripper")],
-            },
-            CAMERA: {"dtype": "video", "info": {"video.codec": "av1"}},
+    features = {
+        "observation.state": {
+            "dtype": "float32",
+            "names": [f"{name}.pos" for name in (*names, "gripper")],
         },
+        CAMERA: {"dtype": "video", "info": {"video.codec": "mpeg4" if codec == "mpeg4" else "av1"}},
     }
+    info = {"codebase_version": version, "fps": RATE, "chunks_size": 1000, "features": features}
     time = np.arange(half) / RATE
     if version.startswith("v2"):
         info["video_path"] = (
@@ -60,15 +57,15 @@ def write_dataset(root, version, state, codec="libsvtav1"):
             table = root / f"data/chunk-000/episode_{episode:06d}.parquet"
             write_table(table, state[rows], time, np.full(half, episode))
             video = root / f"videos/chunk-000/{CAMERA}/episode_{episode:06d}.mp4"
-            write_video(video, levels[rows], codec)
+            write_video(video, frames[rows], codec)
     else:
         info["video_path"] = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
         table = root / "data/chunk-000/file-000.parquet"
         write_table(table, state, np.tile(time, 2), np.repeat([0, 1], half))
-        write_video(root / f"videos/{CAMERA}/chunk-000/file-000.mp4", levels, codec)
+        write_video(root / f"videos/{CAMERA}/chunk-000/file-000.mp4", frames, codec)
         key = f"videos/{CAMERA}"
         episodes = root / "meta/episodes/chunk-000/file-000.parquet"
-        episodes.parent.mkdir(parents=True)
+        episodes.parent.mkdir(parents=True, exist_ok=True)
         places = {
             "episode_index": [0, 1],
             f"{key}/chunk_index": [0, 0],
@@ -133,7 +130,7 @@ def test_what_is_missing_is_named(tmp_path, joints):
     write_dataset(tmp_path, "v2.1", recorded(joints), codec="mpeg4")
     video = tmp_path / f"videos/chunk-000/{CAMERA}/episode_000001.mp4"
     video.unlink()
-    with pytest.raises(LogError, match=r"episode_000001.mp4 is missing"):
+    with pytest.raises(LogError, match=r"episode_000001.mp4.*cannot be read"):
         read_dataset(tmp_path)
     video.write_bytes(b"no video at all")
     with pytest.raises(LogError, match="cannot be read"):

@@ -1,7 +1,5 @@
 """The map over a photo: what is kept in the model, and that positions are where they were seen."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -11,11 +9,6 @@ from rendering import Camera, Desk
 from scenes import data_of, objects, page_of
 
 import calib
-from calib.errors import CalibError
-from calib.model.about import Photo
-from calib.model_file.loading import from_bytes
-from calib.model_file.storage import to_bytes
-from calib.recording.photo import WIDEST, take_photo
 from calib.samples.tables import write_table
 
 CAMERA = Camera(size=(1280, 720))
@@ -32,7 +25,7 @@ def marked(pixels: np.ndarray, path) -> None:
     Image.fromarray(np.clip(grey, 0, 255).astype(np.uint8)).save(path)
 
 
-def spot(photo: Photo, near: np.ndarray) -> np.ndarray:
+def spot(photo, near: np.ndarray) -> np.ndarray:
     """Return where the bright spot near a position is, by the photo's own borders."""
     pixels = photo.pixels().astype(float)[..., 0]
     left, right, low, high = photo.box
@@ -46,8 +39,8 @@ def spot(photo: Photo, near: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    """A small model of pixels, its log, and a photo with spots where three tips were seen."""
+def made(tmp_path_factory, run):
+    """Models of pixels with and without a photo, with spots where three tips were seen."""
     folder = tmp_path_factory.mktemp("photo")
     rng = np.random.default_rng(0)
     q = rng.uniform([0.0, 0.2], [1.3, 1.6], (40, 2))
@@ -55,72 +48,32 @@ def made(tmp_path_factory):
     columns = {"a": q[:, 0], "b": q[:, 1], "x": x[:, 0], "y": x[:, 1]}
     write_table(folder / "log.csv", columns, about=SOURCE)
     marked(x[:3], folder / "seen.png")
-    model = calib.train(calib.read_log(folder / "log.csv", joints=["a", "b"]), size=8)
-    return folder, model, x
-
-
-def with_photo(made) -> calib.Model:
-    folder, model, x = made
-    return replace(model, photo=take_photo(folder / "seen.png", x, "px", SOURCE))
+    train = ("train", "--data", folder / "log.csv", "--joints", "a,b", "--size", 8)
+    shown = ("--photo", folder / "seen.png", "-o", folder / "with.calib")
+    for line in (shown, ("--no-photo", "-o", folder / "bare.calib")):
+        done = run(*train, *line)
+        assert done.code == 0, done.err
+    return calib.load(folder / "with.calib"), calib.load(folder / "bare.calib"), x
 
 
 def test_a_kept_photo_shows_each_pixel_where_it_was(made):
-    photo = with_photo(made).photo
-    assert max(photo.pixels().shape) == WIDEST
-    for place in made[2][:3]:
-        assert np.allclose(spot(photo, place), place, atol=0.3)
-
-
-def test_the_model_keeps_its_photo(made):
-    model = with_photo(made)
-    data = to_bytes(model)
-    again = from_bytes(data)
-    assert again.photo == model.photo
-    assert to_bytes(model) == data
-    assert 0 < len(data) - len(to_bytes(made[1])) - len(model.photo.jpeg) < 500
-    with pytest.raises(CalibError, match="photo cannot be read"):
-        Photo(b"\xff\xd8\xff and no more", (0, 1, 0, 1)).pixels()
-    for jpeg, box in ((b"GIF89a", (0, 1, 0, 1)), (b"\xff\xd8\xff", (1, 0, 0, 1))):
-        with pytest.raises(ValueError, match=r"JPEG|no box"):
-            Photo(jpeg, box)
-
-
-@pytest.mark.parametrize(
-    ("change", "unit", "match"),
-    [
-        ({"size": [640, 480]}, "px", "by the same camera"),
-        ({"reference": None}, "m", "does not say where its camera was"),
-        ({"reference": {"kind": "flat", "matrix": [0] * 9}}, "m", "does not say where its camera"),
-        ({"shift": 5000.0}, "px", "shows 0 % of the positions only"),
-        ({"file": "none.png"}, "px", "none.png is no picture"),
-        ({"file": "log.csv"}, "px", "no video that OpenCV can read"),
-    ],
-)
-def test_photos_that_do_not_belong(made, change, unit, match):
-    folder, _, x = made
-    name = change.pop("file", "seen.png")
-    shift = change.pop("shift", 0.0)
-    with pytest.raises(CalibError, match=match) as caught:
-        take_photo(folder / name, x + shift, unit, SOURCE | change)
-    assert "\n" not in str(caught.value)
+    model, bare, x = made
+    assert bare.photo is None
+    for place in x[:3]:
+        assert np.allclose(spot(model.photo, place), place, atol=0.3)
 
 
 def test_the_map_is_drawn_over_the_photo(made):
-    model = with_photo(made)
-    assert "photo" not in calib.figures(made[1])
+    model, bare, _ = made
+    assert "photo" not in calib.figures(bare)
     ax = calib.figures(model, names=["photo"])["photo"].axes[0]
     assert ax.get_xlim() == (-0.5, 1279.5)
     assert ax.get_ylim() == (719.5, -0.5)  # y down, clipped to the picture
-    *arrows, tips = ax.lines  # from seen tips to predicted ones, by held-out errors
-    places = np.column_stack(tips.get_data())
-    drawn = np.array([np.subtract(*line.get_xydata()[::-1]) for line in arrows])
-    rows = [np.flatnonzero((np.abs(model.rows.x - p) < 1e-5).all(axis=1))[0] for p in places]
-    times = -drawn / model.rows.held_out[rows]
-    assert times == pytest.approx(times[0, 0])
-    assert times[0, 0] > 10
+    (tips,) = ax.lines
+    np.testing.assert_allclose(np.column_stack(tips.get_data()), model.rows.x)
     data = data_of(page_of(model))
     assert data["layers"][0]["name"] == "Photo"
-    assert "Photo" not in [layer["name"] for layer in data_of(page_of(made[1]))["layers"]]
+    assert "Photo" not in [layer["name"] for layer in data_of(page_of(bare))["layers"]]
     # the picture's first row is up, seen from where the camera of the page is
     points = objects(data)["Photo/picture"]["points"]
     assert points[-1][1] > points[0][1]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.errors import CalibError, OptionError
+from calib import CalibError, OptionError
 from calib.samples.changes import Change, parse_change, parse_changes
 
 JOINT = ("length", "offset", "gear", "noise", "backlash", "lock")

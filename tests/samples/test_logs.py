@@ -10,11 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from log_files import GOOD, refused
 
-from calib import train
-from calib.errors import CalibError, LogError
+from calib import CalibError, LogError, Samples, babble, read_log, train, write_log
 from calib.samples.joint_values import locked_from_log
-from calib.samples.logs import read_log, write_log
-from calib.samples.samples import Samples, babble
 from calib.samples.tables import read_batch, write_table
 
 
@@ -98,25 +95,6 @@ def test_parquet_of_other_types(tmp_path):
     refused(path, "column 'b' holds Boolean, expected")
     frame.with_columns(b=pl.Series(["1", "two", "3"])).write_parquet(path)
     refused(path, "one usable row")
-
-
-def test_positions_in_space_get_their_plane(file):
-    rng = np.random.default_rng(0)
-    q, flat = rng.random((200, 2)), rng.random((200, 2))
-    c, s = math.cos(0.4), math.sin(0.4)
-    ux, uy = np.array([1.0, 0, 0]), np.array([0, c, s])
-    normal = np.cross(ux, uy)
-    points = flat[:, :1] * ux + flat[:, 1:] * uy + 0.5 * normal
-    points += 1e-3 * rng.standard_normal((200, 1)) * normal
-    rows = np.hstack([q, points])
-    path = file("a,b,x,y,z\n" + "\n".join(",".join(map(repr, r)) for r in rows.tolist()))
-    log = read_log(path, joints=["a", "b"])
-    np.testing.assert_allclose(log.x, flat, atol=2e-3)
-    np.testing.assert_allclose(np.abs(log.plane.normal @ normal), 1.0, atol=1e-5)
-    assert float(log.notes[0].split("out-of-plane rms ")[1].split()[0]) == pytest.approx(
-        1e-3, rel=0.2
-    )
-    assert read_log(path, joints=["a", "b", "z"]).plane is None  # z is a joint then
 
 
 def test_locked_joints_are_the_medians_of_their_columns(file):

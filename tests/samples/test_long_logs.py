@@ -5,8 +5,7 @@ import polars as pl
 import pytest
 
 import calib
-from calib.errors import OptionError
-from calib.samples.logs import read_log
+from calib import read_log
 from calib.samples.tables import open_source
 
 N = 3000
@@ -63,15 +62,6 @@ def test_the_rows_drawn_depend_on_the_seed_alone(files, arm, rows):
         assert "3,000 rows: 200 of them, drawn evenly" in log.notes[0]
     other = read_log(files[0], arm, most=200, seed=2)
     assert len({*map(tuple, other.q)} & {*map(tuple, drawn[0].q)}) < 60
-
-
-def test_a_log_that_fits_is_held_whole(files, arm, rows):
-    complete = rows[np.isfinite(rows).all(axis=1)]
-    log = read_log(files[0], arm, most=len(rows))
-    assert (log.q == complete[:, :2]).all()
-    for bad in (1, 2.5, True):
-        with pytest.raises(OptionError, match="most"):
-            read_log(files[0], arm, most=bad)
 
 
 def test_a_model_of_a_long_log_rests_on_the_rows_drawn_and_is_as_good(tmp_path, arm):

@@ -6,7 +6,6 @@ import pytest
 from models import draw, trained
 
 import calib
-from calib.common.rows import number_rows
 
 NAMES = ("shoulder", "elbow")
 Q = np.array([[0.3, 1.0], [0.5, 1.4], [0.9, 2.0]])
@@ -38,7 +37,6 @@ SWAPPED = {
 def test_named_columns_are_taken_by_name_wherever_joint_values_go(kind):
     swapped = SWAPPED[kind](Q)
     model, arm = trained(), calib.load_arm("two_link")
-    np.testing.assert_array_equal(number_rows(swapped, NAMES, "q")[0], Q)
     np.testing.assert_array_equal(model.forward(swapped), model.forward(Q))
     np.testing.assert_array_equal(model.expected_error(swapped), model.expected_error(Q))
     np.testing.assert_array_equal(arm.forward(swapped), arm.forward(Q))

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.errors import LogError
-from calib.samples.samples import Samples
+from calib import LogError, Samples
 
 
 def make(n=4, **changes):
@@ -59,3 +58,17 @@ def test_what_does_not_fit_is_refused_in_one_line(changes, message):
     with pytest.raises(LogError, match=message) as caught:
         make(**changes)
     assert "\n" not in str(caught.value)
+
+
+Q = np.array([[0.0, 1.0], [0.5, 1.0], [0.5, 0.2], [0.0, 1.0], [0.0, 1.0 + 1e-9]])
+SAMPLES = Samples(Q, np.arange(10.0).reshape(5, 2), ("one", "two"))
+
+
+def test_each_joint_came_from_the_side_of_its_last_motion():
+    side = SAMPLES.motion.side
+    assert side[:, 0].tolist() == [0, 1, 1, -1, -1]
+    assert side[:, 1].tolist() == [0, 0, -1, 1, 1]
+
+
+def test_rows_at_one_pose_share_its_number():
+    assert SAMPLES.pose_index.tolist() == [0, 1, 2, 0, 0]

@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-import calib
-from calib.arm.loading import load_arm
+from calib import LogError, load_arm, read_log, write_log
 from calib.arm.rotations import exponential, matrix_of
-from calib.errors import LogError
-from calib.samples.logs import read_log, write_log
 
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow")
 
@@ -52,17 +49,6 @@ def test_roll_pitch_and_yaw_turn_as_in_a_urdf(tmp_path):
     np.testing.assert_allclose(matrix_of(log.orientation[0]), yaw @ pitch @ roll, atol=1e-12)
 
 
-def test_other_names_of_an_orientation_are_given(tmp_path):
-    arm, q, x, turns = poses()
-    more = dict(zip(("a", "b", "c", "d"), turns.T, strict=True))
-    path = written(tmp_path / "a.csv", columns_of(q, x, **more))
-    assert read_log(path, arm).orientation is None
-    named = {"qx": "a", "qy": "b", "qz": "c", "qw": "d"}
-    assert read_log(path, arm, columns=named).orientation.shape == (40, 4)
-    with pytest.raises(LogError, match="no column 'qw'"):
-        read_log(path, arm, columns={"qx": "a", "qy": "b", "qz": "c"})
-
-
 def test_quaternions_that_are_none_are_told_in_one_line(tmp_path):
     arm, q, x, turns = poses()
     turns[7:30] = (0.5, 0.5, 0.0, 0.0)
@@ -81,14 +67,6 @@ def test_without_an_arm_positions_off_any_plane_stay_in_space(tmp_path):
     log = read_log(written(tmp_path / "b.csv", columns_of(q, flat)), joints=NAMES)
     assert log.x.shape == (40, 2)
     assert log.plane is not None
-
-
-def test_two_rows_of_x_y_z_lie_in_many_planes_and_are_refused_in_one_line(tmp_path):
-    path = tmp_path / "two.csv"
-    path.write_text("a,b,x,y,z\n0,1,0.1,0.2,0.3\n1,0,0.2,0.1,0.4\n")
-    with pytest.raises(calib.LogError, match="plane") as caught:
-        calib.read_log(path, joints=["a", "b"])
-    assert "\n" not in str(caught.value)
 
 
 def test_positions_in_a_plane_stay_in_space_for_a_model_of_an_arm_in_space(tmp_path):

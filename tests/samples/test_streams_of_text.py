@@ -1,8 +1,6 @@
 """Streams: pipes as logs, small alphabets and narrow terminals; see also tests/hostile."""
 
 import os
-import subprocess
-import sys
 import threading
 
 import numpy as np
@@ -10,19 +8,7 @@ import pytest
 
 import calib
 
-CALIB = [sys.executable, "-m", "calib_cli"]
-
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="pipes with a name are POSIX")
-
-
-def shell(command, **env):
-    return subprocess.run(
-        ["sh", "-c", command, "sh", *CALIB],
-        capture_output=True,
-        timeout=60,
-        check=False,
-        env={**os.environ, **env},
-    )
 
 
 def test_a_named_pipe_is_read_like_a_file(tmp_path, log):
@@ -38,46 +24,6 @@ def test_a_named_pipe_is_read_like_a_file(tmp_path, log):
     np.testing.assert_array_equal(read.x, direct.x)
 
 
-def test_a_piped_log_tells_where_locked_joints_stood(tmp_path, run):
-    arm = calib.load_arm("three_link", ["shoulder", "elbow"], "tip", lock={"wrist": 0.3})
-    samples = calib.babble(arm, 60)
-    rows = np.column_stack([samples.q, np.full(60, 0.3), samples.x])
-    path = tmp_path / "log.csv"
-    np.savetxt(path, rows, delimiter=",", header="shoulder,elbow,wrist,x,y", comments="")
-    train = "train three_link --joints shoulder,elbow --tip tip --size 5"
-    out = f'--data /dev/stdin -o "{tmp_path}/piped.calib"'
-    piped = shell(f'cat "{path}" | "$@" {train} {out}')
-    assert piped.returncode == 0, piped.stderr
-    direct = run(*train.split(), "--data", path, "-o", tmp_path / "direct.calib")
-    assert direct.code == 0, direct.err
-    model = calib.load(tmp_path / "piped.calib")
-    assert model.about.locked == {"wrist": pytest.approx(0.3)}
-    assert (tmp_path / "piped.calib").read_bytes() == (tmp_path / "direct.calib").read_bytes()
-
-
 def test_a_device_without_end_is_refused():
     with pytest.raises(calib.LogError, match="is a device"):
         calib.read_log("/dev/zero", joints=["a", "b"])
-
-
-def test_a_closed_input_is_an_empty_table(model):
-    done = shell(f'"$@" query forward "{model}" --input - <&-')
-    assert done.returncode == 1
-    assert b"standard input is empty" in done.stderr
-
-
-def test_names_beyond_the_alphabet_of_a_terminal(tmp_path):
-    rng = np.random.default_rng(0)
-    path = tmp_path / "log.csv"
-    q = rng.uniform(0.2, 1.4, (60, 2))
-    x = np.stack([np.cos(q[:, 0]) + np.cos(q.sum(1)), np.sin(q[:, 0]) + np.sin(q.sum(1))], axis=1)
-    calib.write_log(
-        calib.Samples(q, x, ("Schulter", "肘é"), q.min(0), q.max(0), (True, True)), path
-    )
-    done = shell(
-        f'"$@" train --data "{path}" --joints "Schulter,肘é" --size 5 -o "{tmp_path}/m.calib"',
-        PYTHONIOENCODING="ascii",
-        PYTHONUTF8="0",
-    )
-    assert done.returncode == 0, done.stderr
-    assert "\\u8098" in done.stdout.decode("ascii")

@@ -10,8 +10,6 @@ from models import in_space, log, measured, trained
 from scenes import data_of, objects, page_of, project, seen_by_two, tracks, unpacked
 
 import calib
-from calib.show.error_scale import STOPS
-from calib.show.preview.page import page_of as written
 
 SIZE = (900, 700)
 PANEL = 280  # pixels that the page's panel covers
@@ -131,25 +129,6 @@ def test_the_tip_is_on_its_ball_and_partners_of_the_linked_node_are_dots(page, s
     assert (near(sight, pixels, np.tile(rgb(data["links"]["link"]), (3, 1)), 1) < 40).all()
 
 
-def test_a_live_page_draws_every_branch(page, tmp_path, monkeypatch):
-    data, model = data_of(page), full()
-    target = model.forward([0.6, 0.7])
-    asked = f"<script>calib.ask({[*target.tolist(), 0.0]})</script></body>"
-    monkeypatch.setattr(
-        "calib.show.preview.server.page_of",
-        lambda data, **live: written(data, **live).replace("</body>", asked),
-    )
-    with calib.preview(model, live=True, browse=False) as shown:
-        sight = look(shown.url, tmp_path, size=SIZE)
-    branches = model.inverse_all(target[None])[0]
-    assert len(branches) == 2
-    u = model.motor.scale.to_unit(branches)
-    dots = np.array(data["panel"]["corner"]) + u @ np.array(data["panel"]["edges"])
-    pixels = project(data["camera"], dots, *SIZE, PANEL)
-    wanted = np.array([rgb("#1c7ed6"), rgb("#e8590c")])
-    assert (near(sight, pixels, wanted, 1) < 40).all()
-
-
 @pytest.mark.usefixtures("pages")
 def test_a_report_in_the_dark(folder: Path, tmp_path: Path):
     sight = look(folder / "simulated.html", tmp_path, dark=True, size=(900, 1400))
@@ -158,5 +137,5 @@ def test_a_report_in_the_dark(folder: Path, tmp_path: Path):
     # ink stands out from the ground, and the heat maps are there, from end to end
     ink = sight.pixels.reshape(-1, 3)
     assert ink.max() > 200
-    for colour in (STOPS[1], STOPS[-1]):
-        assert (np.linalg.norm(ink - rgb(colour), axis=1) < 20).sum() > 50
+    colourful = np.ptp(ink, axis=1) > 80
+    assert colourful.sum() > 500

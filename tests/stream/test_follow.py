@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 from models import babbled as log
 from models import trained
+from small_maps import UNIT_BOX
 
 import calib
-from calib.change import adapt as adapting
+from calib.maps.lattice import Lattice
 from calib.maps.model_selection import blocks
-from calib.stream.follow import BLOCK, OnlineAdapter, follow
+from calib.stream.follow import BLOCK, OnlineAdapter, matching_sigma
 
 
 @pytest.fixture(autouse=True)
 def _brief(monkeypatch, one_blas_thread):
-    monkeypatch.setattr(adapting, "HORIZON", 1500)
+    monkeypatch.setattr("calib.change.adapt.HORIZON", 1500)
 
 
 model = partial(trained, n=2500, size=10)
@@ -84,14 +85,6 @@ def test_distortion_is_the_running_mean_of_equation_9():
     assert adapter.model() is model()
 
 
-def test_a_stream_is_followed_block_by_block():
-    samples = log("elbow.length=+20%", n=250)
-    steps = [step for step, _ in follow(model(), samples.q, samples.x, horizon=500, force=True)]
-    assert [s.samples for s in steps] == [100, 200, 250]
-    adapter = OnlineAdapter(model(), 500, force=True)
-    assert adapter.feed(samples.q, samples.x) == steps[-1]
-
-
 def test_a_short_stream_is_learned_and_its_nodes_are_those_that_were_visited():
     samples = log("elbow.length=+20%", n=400)
     adapter = OnlineAdapter(model(), 400, force=True)
@@ -106,3 +99,20 @@ def test_a_short_stream_is_learned_and_its_nodes_are_those_that_were_visited():
     np.testing.assert_allclose(twice.model().forward(q), fresh.forward(q), atol=1e-4)
     assert fresh.visited[fresh.motor.winners(samples.q)].all()
     assert fresh.links.shape == model().links.shape
+
+
+def trained_like(*history, shape=(30, 30)):
+    lattice = Lattice(shape)
+    units = np.zeros((lattice.size, 2))
+    return calib.Map(units, lattice, UNIT_BOX, np.array([(*row, 0.0) for row in history]))
+
+
+def test_between_two_epochs_the_radius_is_interpolated_geometrically():
+    network = trained_like((900, 8.0, 0.5), (900, 4.0, 0.4), (900, 1.0, 0.2), (900, 0.5, 0.05))
+    # after a radius of 8 the error was 0.4, after 4 it was 0.2, after 1 it was 0.05
+    assert matching_sigma(network, 0.3) == pytest.approx(8.0 * 0.5**0.5)
+    assert matching_sigma(network, 0.35) == pytest.approx(8.0 * 0.5**0.25)
+    assert matching_sigma(network, 0.125) == pytest.approx(4.0 * 0.25**0.5)
+    assert matching_sigma(network, 0.05) == pytest.approx(1.0)
+    assert matching_sigma(network, 0.4) == pytest.approx(8.0)
+    assert matching_sigma(network, 0.41) == 15.0

@@ -1,7 +1,5 @@
 """The monitor: a stream of samples, one at a time."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from drifting import log, model
@@ -38,26 +36,6 @@ def test_a_change_within_a_stream(change):
     assert alarm(monitor, log(change, n=200, seed=2)) is not None
 
 
-@pytest.fixture(scope="module", params=[100])
-def read_log_model(request):
-    """A model of rows that no simulation is known of, as those of a file."""
-    return calib.train(replace(log(n=request.param, seed=4), simulation=None), size=15)
-
-
-def test_a_model_of_a_log_is_calm(read_log_model):
-    assert alarm(calib.monitor(read_log_model), log(n=2000, seed=5)) is None
-
-
-@pytest.mark.parametrize(
-    ("change", "most"),  # twice what a monitor of chance alone needs with 100 rows
-    [("elbow.offset=0.0174533", 190), ("elbow.length=+5%", 150), ("sensor.shift=0.005,0", 140)],
-)
-def test_the_noise_of_a_log_hides_no_change(read_log_model, change, most):
-    monitor = calib.monitor(read_log_model)
-    assert alarm(monitor, log(n=400, seed=6)) is None
-    assert alarm(monitor, log(change, n=most, seed=7)) is not None
-
-
 def test_an_alarm_ends_when_the_change_is_undone():
     monitor = calib.monitor(model(1e-3))
     assert last(monitor, log("elbow.length=+5%", n=100)).drifted
@@ -80,15 +58,3 @@ def test_samples_that_say_nothing_change_nothing():
     before = last(monitor, log(n=100))
     assert monitor.update([np.nan, 1.0], [0.1, 0.1]) == before
     assert monitor.update([9.0, 1.0], [0.1, 0.1]) == before
-
-
-def test_in_space_every_axis_counts_as_noise():
-    arm = calib.load_arm("spatial_three")
-    trained = calib.train(calib.babble(arm, 400, seed=0), size=15)
-    calm = calib.babble(arm, 800, seed=2)
-    shaken = calm.x + np.random.default_rng(0).normal(scale=[0.0, 0.0, 6e-3], size=calm.x.shape)
-    before, after = calib.monitor(trained), calib.monitor(trained)
-    for q, x, seen in zip(calm.q, calm.x, shaken, strict=True):
-        calmly, state = before.update(q, x), after.update(q, seen)
-    # what the nodes' Taylor series leave over is there without noise as well
-    assert state.noise**2 - calmly.noise**2 == pytest.approx(6e-3**2 / 3, rel=0.25)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.samples.samples import Samples
+from calib import Samples
 
 
 def moving(robot, late, n=400, rate=25.0, noise=1e-4, seed=1):
@@ -67,23 +67,3 @@ def test_evaluate_compares_a_late_log_as_if_it_were_in_time():
     result = calib.evaluate(model, late)
     assert any("30" in note and "late" in note for note in result.notes)
     assert result.errors["local"]["forward"]["distance"]["mean"] < 3e-4
-
-
-@pytest.mark.parametrize("unit", ["m", "px"])
-def test_joints_in_the_wrong_order_without_a_robot_are_told(unit):
-    """25.5 px beside .044 px of stated noise, and no hint."""
-    arm = calib.load_arm("two_link")
-    rng = np.random.default_rng(2)
-    q = rng.uniform(arm.lower, arm.upper, (200, 2))
-    x = arm.forward(q)
-    if unit == "px":  # a camera from the side
-        x = 640 + 900 * x / (1 + 0.3 * x[:, :1] + 0.2 * x[:, 1:])
-        x += rng.normal(0.0, 0.05, x.shape)
-    order = [1, 0]
-    names = tuple(arm.joint_names[k] for k in order)
-    source = {"unit": "px", "noise": 0.05} if unit == "px" else {}
-    log = Samples(
-        q[:, order], x, names, arm.lower[order], arm.upper[order], (True, True), unit, source=source
-    )
-    notes = calib.train(log, size=6).about.notes
-    assert any("the order shoulder, elbow" in note for note in notes)

@@ -12,8 +12,8 @@ import pytest
 from models import in_pixels, in_plane, in_space, six
 
 import calib
+from calib import OptionError
 from calib.arm.rotations import logarithm
-from calib.errors import OptionError
 from calib.model.nominal import nominal_behind, nominal_in_plane
 from calib.use.formats import c_header
 
@@ -142,18 +142,6 @@ def test_the_header_agrees_with_the_model(kind, language, tmp_path):
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", ["space"])
-def test_single_precision_is_close(kind, tmp_path):
-    m = model(kind)
-    q = questions(m, 10_000)
-    x, bound, _, _ = answers(m, q, tmp_path, single=True)
-    wanted = m.forward(q)
-    assert (np.isnan(x) == np.isnan(wanted)).all()
-    np.testing.assert_allclose(x, wanted, rtol=0, atol=1e-5 * m.reach)
-    np.testing.assert_allclose(bound, m.expected_error(q), rtol=0, atol=1e-5 * m.reach)
-
-
-@needs_compiler
 @pytest.mark.parametrize("single", [False, True])
 def test_a_corrected_command_brings_the_tip_to_the_nominal_place(single, tmp_path):
     m = model("real")
@@ -184,15 +172,6 @@ def test_six_joints_are_corrected_to_the_nominal_pose(tmp_path):
     off = np.linalg.norm(logarithm(structure.pose(q, beta)[1] @ np.swapaxes(aim, 1, 2)), axis=1)
     assert np.median(off) > 1e-3
     assert angle.max() < 1e-4
-
-
-def test_names_start_with_the_prefix_and_the_checksum_is_told(tmp_path):
-    header = c_header(model("polar"), prefix="left_")[0]
-    assert "calib_" not in header.replace("`calib export`", "")
-    assert "SHA-256" in header
-    assert "slide" in header
-    with pytest.raises(OptionError, match="prefix"):
-        c_header(model("polar"), prefix="1; x")
 
 
 def test_a_model_without_a_body_is_refused():

@@ -1,24 +1,51 @@
-"""The corrected arm in the files of others."""
+"""The corrected arm in the files of others: LeRobot, MuJoCo, Universal Robots."""
 
 import json
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pinocchio
 import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib.arm.description import parse_robot
-from calib.errors import LogError, OptionError
-from calib.samples.tables import write_table
-from calib.use.formats import mjcf_text
-from calib.use.lerobot import homed
-from calib.use.ur import ur_kinematics
 
-MOTORS = {
-    name: {"id": k, "drive_mode": 0, "homing_offset": 100 * k, "range_min": 800, "range_max": 3200}
-    for k, name in enumerate(("shoulder_pan", "elbow_flex", "gripper"), start=1)
+DEGREES = {"shoulder_pan": 4.0, "elbow": -2.5}
+MOTOR = {"drive_mode": 0, "homing_offset": 100, "range_min": 800, "range_max": 3200}
+ROBOTS = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
+# ur_description/config/ur10/default_kinematics.yaml, in its order: x, y, z [m], roll, pitch, yaw
+UR10 = {
+    "shoulder": (0.0, 0.0, 0.1273, 0.0, 0.0, 0.0),
+    "upper_arm": (0.0, 0.0, 0.0, np.pi / 2, 0.0, 0.0),
+    "forearm": (-0.612, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "wrist_1": (-0.5723, 0.0, 0.163941, 0.0, 0.0, 0.0),
+    "wrist_2": (0.0, -0.1157, 0.0, np.pi / 2, 0.0, 0.0),
+    "wrist_3": (0.0, 0.0922, 0.0, np.pi / 2, np.pi, np.pi),
 }
+
+
+def exported(run, folder, robot, changes=()):
+    """What `calib export` writes of an arm after changes, and the arm as it is then."""
+    arm = calib.load_arm(robot)
+    made = calib.babble(arm, 100, changes=list(changes))
+    model = folder / "arm.calib"
+    calib.train(made, size=3).save(model)
+    (folder / "old.json").write_text(json.dumps(dict.fromkeys(arm.joint_names, MOTOR)))
+    words = ["--ur", folder / "ur.yaml", "--mjcf", folder / "arm.xml", "-o", folder / "new.json"]
+    done = run("export", model, "--lerobot", folder / "old.json", *words, "--json")
+    assert done.code == 0, done.err
+    corrected = folder / "new.urdf"
+    assert run("urdf", model, "-o", corrected).code == 0
+    return done.document, calib.load_arm(corrected)
+
+
+@pytest.fixture(scope="module")
+def corrected(run, tmp_path_factory):
+    """The files of a six-joint arm two of whose joints stand elsewhere."""
+    folder = tmp_path_factory.mktemp("corrected")
+    changes = [f"{name}.offset={np.radians(value):.12g}" for name, value in DEGREES.items()]
+    return folder, *exported(run, folder, "six_axis", changes)
 
 
 def degrees(motor, actual):
@@ -27,90 +54,80 @@ def degrees(motor, actual):
     return (present - (motor["range_min"] + motor["range_max"]) / 2) * 360 / 4095
 
 
-def test_a_corrected_calibration_makes_lerobot_tell_the_true_angles(tmp_path):
-    (tmp_path / "old.json").write_text(json.dumps(MOTORS))
-    offsets = {"shoulder_pan": np.radians(4.0), "elbow_flex": np.radians(-2.5)}
-    text, ticks = homed(tmp_path / "old.json", offsets)
-    new = json.loads(text)
-    assert ticks == {"shoulder_pan": -46, "elbow_flex": 28}
-    for name, offset in offsets.items():
+def test_a_corrected_calibration_makes_lerobot_tell_the_true_angles(corrected):
+    folder, document, _ = corrected
+    motors = json.loads((folder / "new.json").read_text())
+    assert document["ticks"]["elbow"] == 28
+    for name, motor in motors.items():
         for actual in (900, 2100, 3000):
-            told = degrees(new[name], actual) - degrees(MOTORS[name], actual)
-            assert told == pytest.approx(np.degrees(offset), abs=0.05)  # half a tick is .044 deg
-    assert new["gripper"] == MOTORS["gripper"]
+            told = degrees(motor, actual) - degrees(MOTOR, actual)
+            assert told == pytest.approx(DEGREES.get(name, 0.0), abs=0.05)  # half a tick
 
 
-def test_calibrations_that_cannot_be_corrected_are_refused(tmp_path):
-    (tmp_path / "none.json").write_text("[1]")
-    with pytest.raises(LogError, match="homing_offset"):
-        homed(tmp_path / "none.json", {})
-    (tmp_path / "old.json").write_text(json.dumps(MOTORS))
-    with pytest.raises(OptionError, match="wrist"):
-        homed(tmp_path / "old.json", {"wrist": 0.1})
-    with pytest.raises(OptionError, match="2047"):
-        homed(tmp_path / "old.json", {"shoulder_pan": -3.1})
+def transform(xyz, turn):
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn.as_matrix()
+    matrix[:3, 3] = xyz
+    return matrix
 
 
-def placed(xyz, rotation):
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = rotation.as_matrix(), xyz
-    return out
+def about(axis, angle):
+    return transform(np.zeros(3), Rotation.from_rotvec(np.array(axis) * angle))
 
 
-def test_mujoco_bodies_and_ur_entries_are_where_the_arm_is():
-    arm = calib.load_arm("six_axis")
-    body = ElementTree.fromstring(mjcf_text(arm.urdf, arm.tip)).find("worldbody")
-    pose = np.eye(4)
-    q = np.linspace(-0.4, 0.5, arm.dof)
+def test_mujoco_bodies_are_where_the_arm_is(corrected):
+    folder, _, arm = corrected
+    body = ElementTree.parse(folder / "arm.xml").getroot().find("worldbody")
+    pose, q = np.eye(4), np.linspace(-0.4, 0.5, arm.dof)
     values = dict(zip(arm.joint_names, q, strict=True))
     while (body := body.find("body")) is not None:
         w, x, y, z = map(float, body.get("quat").split())
-        pose = pose @ placed(
-            np.array(body.get("pos").split(), float), Rotation.from_quat([x, y, z, w])
-        )
+        pose = pose @ transform(body.get("pos").split(), Rotation.from_quat([x, y, z, w]))
         if (joint := body.find("joint")) is not None:
             axis = np.array(joint.get("axis").split(), float)
-            pose = pose @ placed(
-                np.zeros(3), Rotation.from_rotvec(axis * values[joint.get("name")])
-            )
+            pose = pose @ about(axis, values[joint.get("name")])
         last = body
     assert last.find("site").get("name") == arm.tip
-    assert np.allclose(pose[:3, 3], arm.forward(q), atol=1e-9)
-    lines = [line.strip() for line in ur_kinematics(arm.urdf, arm.tip).splitlines()]
-    parts = [line for line in lines if line.endswith(":")]
-    names = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-    assert parts == ["kinematics:", *(f"{name}:" for name in names)]
-    first = next(joint for joint in parse_robot(arm.urdf).path(arm.tip) if joint.movable)
-    assert f"z: {float(first.xyz[2])!r}" in lines[2:8]
+    assert np.allclose(pose[:3, 3], arm.forward(q), atol=1e-7)
 
 
-def test_the_command_writes_them(tmp_path, run):
-    log, names = tmp_path / "log.csv", calib.load_arm("six_axis").joint_names
-    assert run("babble", "six_axis", "-n", "60", "-o", log).code == 0
-    model = tmp_path / "arm.calib"
-    done = run("train", "six_axis", "--data", log, "--size", "3", "-o", model)
-    assert done.code == 0, done.err
-    motors = dict.fromkeys(names, MOTORS["elbow_flex"])
-    (tmp_path / "old.json").write_text(json.dumps(motors))
-    paths = {name: tmp_path / name for name in ("new.json", "ur.yaml", "arm.xml")}
-    words = ["-o", paths["new.json"], "--ur", paths["ur.yaml"], "--mjcf", paths["arm.xml"]]
-    done = run("export", model, "--lerobot", tmp_path / "old.json", *words, "--json")
-    assert done.code == 0, done.err
-    assert set(done.document["ticks"].values()) == {0}  # nothing was wrong
-    assert all(path.stat().st_size for path in paths.values())
-    assert (
-        run("export", model, "--lerobot", tmp_path / "old.json", "--ur", paths["ur.yaml"]).code == 2
-    )
+def entries(text):
+    """Transforms of the joints that a document of Universal Robots' description holds."""
+    values: dict[str, list[float]] = {}
+    joint = ""
+    for line in text.splitlines()[1:-1]:
+        key, _, value = line.strip().partition(": ")
+        if value:
+            values[joint].append(float(value))
+        else:
+            joint = key.rstrip(":")
+            values[joint] = []
+    return {name: of_entry(row) for name, row in values.items()}
 
 
-def test_the_child_of_a_transform_is_the_frame_that_the_log_names(run, tmp_path):
-    """It was called `sensor_frame` although the bag said `tracker`."""
-    arm = calib.load_arm("spatial_three")
-    log = calib.babble(arm, 60, noise=1e-4)
-    columns = dict(zip([*arm.joint_names, *"xyz"], np.column_stack([log.q, log.x]).T, strict=True))
-    write_table(tmp_path / "log.csv", columns, about={"unit": "m", "frame": "tracker"})
-    model, out = tmp_path / "m.calib", tmp_path / "t.json"
-    train = ("train", "spatial_three", "--data", tmp_path / "log.csv", "--size", 4, "-o", model)
-    assert run(*train).code == 0
-    assert run("export", model, "--transform", out).code == 0
-    assert json.loads(out.read_text())["child_frame_id"] == "tracker"
+def of_entry(row):
+    return transform(row[:3], Rotation.from_euler("xyz", row[3:]))
+
+
+def test_entries_of_universal_robots_move_as_the_corrected_arm_does(corrected):
+    """As ur_macro.xacro moves them: each joint about its z axis."""
+    folder, _, arm = corrected
+    placed = entries((folder / "ur.yaml").read_text())
+    assert list(placed) == list(UR10)
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (6, 6))
+    tools = []
+    for row, x, quaternion in zip(q, *arm.pose(q), strict=True):
+        pose = np.diag([-1.0, -1.0, 1.0, 1.0])  # base_link_inertia in base_link
+        for name, angle in zip(UR10, row, strict=True):
+            pose = pose @ placed[name] @ about([0.0, 0.0, 1.0], angle)
+        tools.append(np.linalg.inv(pose) @ transform(x, Rotation.from_quat(quaternion)))
+    assert np.allclose(tools, tools[0], atol=1e-6)
+
+
+@pytest.mark.skipif(not ROBOTS.is_dir(), reason="example-robot-data is not installed")
+def test_a_drawing_with_other_axes_becomes_the_description_s_own_entries(run, tmp_path):
+    """The joints of this URDF turn about y: its origins, copied, put the arm metres away."""
+    exported(run, tmp_path, ROBOTS / "ur_description/urdf/ur10_robot.urdf")
+    placed = entries((tmp_path / "ur.yaml").read_text())
+    for name, values in UR10.items():
+        assert np.allclose(placed[name], of_entry(values), atol=1e-6), name

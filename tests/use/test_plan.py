@@ -1,18 +1,12 @@
 """Plans: within the limits, spread, in a short order; what is impossible is told; the command."""
 
-import itertools
 import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from models import in_pixels, trained
 
 import calib
-from calib.body.information import greedy
-from calib.common.scale import TURN
-from calib.errors import OptionError
-from calib.use.plan import length, shortest_tour, tells
 
 DEGREE = math.radians(1.0)
 
@@ -28,59 +22,6 @@ def test_poses_keep_their_margin_and_touch_it(robot):
     np.testing.assert_allclose(plan.x, arm.forward(plan.q), atol=1e-12)
 
 
-def test_a_joint_without_limits_has_no_margin_and_its_ends_are_one_place(tmp_path):
-    text = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/><link name="t"/>
-    <joint name="base" type="continuous"><parent link="a"/><child link="b"/>
-    <axis xyz="0 0 1"/></joint>
-    <joint name="arm" type="revolute"><parent link="b"/><child link="c"/>
-    <origin xyz="0.3 0 0"/><axis xyz="0 0 1"/><limit lower="0.3" upper="2.0"/></joint>
-    <joint name="tool" type="fixed"><parent link="c"/><child link="t"/>
-    <origin xyz="0.2 0 0"/></joint></robot>"""
-    path = tmp_path / "turning.urdf"
-    path.write_text(text)
-    arm = calib.load_arm(path, tip="t")
-    plan = calib.plan(arm, 30)
-    assert np.abs(plan.q[:, 0]).max() <= math.pi + 1e-12
-    gap = np.abs(plan.q[:, None] - plan.q[None])
-    gap[..., 0] = np.minimum(gap[..., 0], TURN - gap[..., 0])
-    apart = np.linalg.norm(gap / (arm.upper - arm.lower), axis=2)
-    # no pose is measured twice, once at each end of the turn
-    assert apart[~np.eye(30, dtype=bool)].min() > 0.08
-
-
-def test_new_poses_go_where_measured_ones_are_not(arm):
-    log = calib.babble(arm, 200, seed=1, ranges={"elbow": (0.3, 1.4)})
-    plan = calib.plan(arm, 12, measured=log)
-    u = (plan.q - arm.lower) / (arm.upper - arm.lower)
-    old = (log.q - arm.lower) / (arm.upper - arm.lower)
-    assert np.linalg.norm(u[:, None] - old[None], axis=2).min() > 0.1
-    assert (plan.q[:, 1] > 1.4).all()
-    swapped = calib.Samples(
-        log.q[:, ::-1], log.x, ("elbow", "shoulder"), arm.lower, arm.upper, (True, True)
-    )
-    np.testing.assert_array_equal(calib.plan(arm, 12, measured=swapped).q, plan.q)
-
-
-@given(st.integers(0, 2**32), st.integers(1, 7))
-@settings(deadline=None, max_examples=40)
-def test_tours_are_permutations_close_to_the_shortest(seed, n):
-    u = np.random.default_rng(seed).random((n, 2))
-    away = np.linalg.norm(u[:, None] - u[None], axis=2)
-    order = shortest_tour(away)
-    assert order[0] == 0
-    assert sorted(order.tolist()) == list(range(n))
-    best = min(length(away, np.array([0, *rest])) for rest in itertools.permutations(range(1, n)))
-    assert best - 1e-12 <= length(away, order) <= 1.35 * best + 1e-12
-
-
-def test_many_poses_of_an_arm_never_measured_can_be_planned():
-    """Priors of a free frame were so wide that rounding made covariances negative."""
-    arm = calib.load_arm("six_axis")
-    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (260, 6))
-    chosen = greedy(tells(arm, q, q[:0]), 100)
-    assert sorted(chosen) == sorted(set(chosen.tolist()))
-
-
 def test_travel_is_that_of_the_rows_and_short(arm):
     plan = calib.plan(arm, 60, start=[1.0, 1.0])
     np.testing.assert_array_equal(plan.start, [1.0, 1.0])
@@ -91,26 +32,6 @@ def test_travel_is_that_of_the_rows_and_short(arm):
     assert plan.length < 0.3 * plan.random_length
     # a random move is 0.47 of a range long in the mean of the larger of two uniform moves
     assert plan.random_length == pytest.approx(0.52 * 60, rel=0.15)
-
-
-@pytest.mark.parametrize(
-    ("n", "options", "part"),
-    [
-        (0, {}, "n is 0"),
-        (1001, {}, "1 to 1,000"),
-        (5, {"margin": -0.1}, "margin -0.1"),
-        (5, {"margin": [0.1, 0.1, 0.1]}, "one for each of shoulder, elbow"),
-        (5, {"margin": 2.0}, "no room is left in shoulder"),
-        (5, {"ranges": {"elbow": (0.0, 1.0)}}, "within the joint's limits"),
-        (5, {"start": [0.5]}, "start of shape (1,): expected (2,)"),
-        (5, {"start": [0.5, 9.0]}, "elbow = 9 is outside of its range"),
-    ],
-)
-def test_what_is_impossible_is_told_in_one_line(arm, n, options, part):
-    with pytest.raises(calib.OptionError) as told:
-        calib.plan(arm, n, **options)
-    assert part in str(told.value)
-    assert "\n" not in str(told.value)
 
 
 def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
@@ -134,49 +55,32 @@ def test_command_writes_what_python_plans(run, tmp_path, arm, name):
     np.testing.assert_array_equal(log.q, calib.plan(arm, 20, seed=3, start=[0.5, 1.0]).q)
 
 
-def test_command_completes_a_log(run, log, tmp_path, arm):
-    done = run("plan", "two_link", "-n", "6", "--data", log, "-o", "-")
-    assert done.code == 0
-    assert "beside the 400 measured ones" in done.err
-    rows = [[float(v) for v in line.split(",")[:2]] for line in done.out.splitlines()[1:]]
-    expected = calib.plan(arm, 6, measured=calib.read_log(log, arm)).q
-    np.testing.assert_array_equal(rows, expected)
+MODELS_DEGREE = math.radians(1.0)
 
 
-@pytest.mark.parametrize(
-    ("args", "code", "part"),
-    [
-        (["two_link"], 2, "-o"),
-        (["two_link", "-n", "5000"], 2, "at most 1000"),
-        (["two_link", "--margin", "-1"], 2, "zero or more"),
-        (["two_link", "--from", "1"], 2, "2 values"),
-        (["two_link", "--from", "1,9"], 1, "elbow = 9"),
-        (["two_linc"], 1, "did you mean two_link"),
-        (["MODEL", "--tip", "t"], 2, "--tip is for ROBOT"),
-        (["MODEL", "--range", "elbow=0:9"], 1, "limits"),
-    ],
-)
-def test_command_errors_are_one_line_and_write_nothing(run, model, tmp_path, args, code, part):
-    path = tmp_path / "p.csv"
-    words = [str(model) if arg == "MODEL" else arg for arg in args]
-    output = [] if part == "-o" else ["-o", str(path)]
-    done = run("plan", *words, *output)
-    assert done.code == code
-    assert part in done.err
-    assert len(done.err.strip().splitlines()) == 1
-    assert done.out == ""
-    assert not path.exists()
+def test_plan_of_a_model_tells_what_it_expects():
+    model = trained("two_link", n=3000, size=20)
+    plan = calib.plan(model, 25)
+    np.testing.assert_array_equal(plan.x, model.forward(plan.q))
+    np.testing.assert_array_equal(plan.expected_error, model.expected_error(plan.q))
+    names = ["shoulder", "elbow", "expected_x", "expected_y", "expected_error"]
+    assert list(plan.columns()) == names
+    # its URDF tells the limits
+    np.testing.assert_allclose(plan.q.min(axis=0), model.about.lower + MODELS_DEGREE)
 
 
-def test_tips_stay_above_a_table():
-    """Seven of thirty poses of a plan were below it."""
-    arm = calib.load_arm("six_axis")
-    plan = calib.plan(arm, 12, above=0.05)
-    motion = arm.chain.motion(plan.q)
-    assert plan.x[:, 2].min() > 0.05
-    assert motion.places[2:, 2].min() > 0.05
-    deep = calib.plan(arm, 12)
-    assert deep.x[:, 2].min() < 0.0
-    assert any("give its height with `above`" in note for note in deep.notes)
-    with pytest.raises(OptionError, match="moves in space"):
-        calib.plan(calib.load_arm("two_link"), 5, above=0.1)
+def test_a_model_of_a_log_plans_within_what_was_measured():
+    log = calib.babble(calib.load_arm("two_link"), 60, seed=2, noise=1e-3)
+    free = calib.Samples(log.q, log.x, log.joint_names, log.q.min(0), log.q.max(0), log.revolute)
+    model = calib.train(free, size=8)
+    plan = calib.plan(model, 10)
+    np.testing.assert_allclose(plan.q.min(axis=0), log.q.min(axis=0))
+    np.testing.assert_allclose(plan.q.max(axis=0), log.q.max(axis=0))
+
+
+def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture():
+    model = in_pixels()
+    plan = calib.plan(model, 20)
+    width, height = model.about.picture or (1280, 960)
+    assert ((plan.x > 0) & (plan.x < [width, height])).all()
+    assert "picture" in plan.notes[-1]

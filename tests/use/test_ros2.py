@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 import calib
-from calib.errors import OptionError
-from calib.use.ros2 import offsets_xacro, write_ros2_package
 
 OFFSET = 0.01  # of the elbow [rad]
 
@@ -61,14 +59,16 @@ class Status(Message):
 
 
 @pytest.fixture(scope="module")
-def package(tmp_path_factory):
+def package(tmp_path_factory, run):
     """The package of a model whose elbow stands 10 mrad off."""
     arm = calib.load_arm("two_link")
     log = calib.babble(arm, 150, noise=2e-5, changes=[f"elbow.offset={OFFSET}"], seed=1)
     log = calib.Samples(log.q, log.x, log.joint_names, log.lower, log.upper, arm=arm)
     model = calib.train(log, size=4, view="base")
     folder = tmp_path_factory.mktemp("ros") / "arm_calib"
-    write_ros2_package(model, folder)
+    model.save(folder.parent / "m.calib")
+    done = run("export", folder.parent / "m.calib", "--ros2", folder)
+    assert done.code == 0, done.err
     return folder
 
 
@@ -156,17 +156,11 @@ def test_the_package_is_whole(package):
     assert calib.load(package / "arm.calib").about.robot == "two_link"
 
 
-def test_other_folders_are_left_alone(package, tmp_path):
-    model = calib.load(package / "arm.calib")
-    with pytest.raises(OptionError, match="name of a ROS package"):
-        write_ros2_package(model, tmp_path / "My-Package")
+def test_other_folders_are_left_alone(package, tmp_path, run):
     (tmp_path / "notes").mkdir()
     (tmp_path / "notes" / "text.txt").write_text("mine")
-    with pytest.raises(OptionError, match="holds other files"):
-        write_ros2_package(model, tmp_path / "notes")
+    for name, words in (("My-Package", "name of a ROS package"), ("notes", "holds other files")):
+        done = run("export", package / "arm.calib", "--ros2", tmp_path / name)
+        assert done.code != 0
+        assert words in done.err
     assert [path.name for path in (tmp_path / "notes").iterdir()] == ["text.txt"]
-
-
-def test_names_cannot_leave_their_attributes():
-    entry = ElementTree.fromstring(offsets_xacro({'a"b<': 0.5}))[0]
-    assert entry.get("name") == 'a"b<_offset'

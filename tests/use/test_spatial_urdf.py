@@ -5,29 +5,30 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import in_pixels, in_space, six
+from chains import FOLLOWED, MIXED
+from models import in_pixels, in_space
 from scipy.spatial.transform import Rotation
-from test_spatial_arm import FOLLOWED, MIXED, pinocchio_pose
+from test_arm import pinocchio_pose
 
 import calib
-from calib.arm.loading import arm_from_urdf, load_arm
+from calib import load_arm
+from calib.arm.loading import arm_from_urdf
 from calib.body.spatial import structure_of
-from calib.errors import OptionError, RobotError
 from calib.use.geometry import Geometry
-from calib.use.geometry_fit import Freedom, Points, fit_geometry, fit_in_space
-from calib.use.urdf import corrected_urdf, what_no_urdf_holds
+from calib.use.geometry_fit import fit_geometry
+from calib.use.urdf import corrected_urdf
 
 LOCKED = MIXED.replace('name="lift"', 'name="held"')
 
 
-def moved_somehow(arm, *, move_tip=True):
-    """A geometry with every parameter of the chain off."""
+def moved_somehow(arm):
+    """A geometry with every parameter of the chain off; the probe is at the tip."""
     structure, rng = structure_of(arm, "base"), np.random.default_rng(1)
     beta = structure.neutral()
-    for group in ("tool", "tool.rotation", "placement", "offset"):
+    for group in ("placement", "offset"):
         beta[structure.groups[group]] = rng.normal(0, 0.05, len(structure.groups[group]))
     zero = np.zeros((structure.size, structure.size))
-    return Geometry(arm, structure, beta, zero, False, move_tip, 0.0, 0.0, 1.0)
+    return Geometry(arm, structure, beta, zero, False, 0.0, 0.0, 1.0)
 
 
 @pytest.mark.parametrize("source", ["six_axis", "spatial_three", "mixed", "followed", "locked"])
@@ -47,16 +48,12 @@ def test_pinocchio_reads_the_fitted_geometry(source):
     np.testing.assert_allclose(matrices, turns, atol=1e-9)
 
 
-def test_the_tip_stays_unless_it_is_moved():
+def test_the_tip_stays():
     arm = load_arm("spatial_three")
-    kept, moved = (corrected_urdf(moved_somehow(arm, move_tip=m)) for m in (False, True))
+    text = corrected_urdf(moved_somehow(arm))
     last = arm.urdf.index('<joint name="tip')
     line = arm.urdf[last:].split("<origin", 1)[1].split("/>", 1)[0]
-    assert line in kept
-    assert line not in moved
-    ends = load_arm("spatial_three", tip="forearm")
-    with pytest.raises(RobotError, match="no link of its own"):
-        corrected_urdf(moved_somehow(ends))
+    assert line in text
 
 
 def test_a_fit_beats_the_drawing_and_holds_the_first_joint(tmp_path, run):
@@ -87,28 +84,6 @@ def test_what_is_not_this_arm_is_refused(tmp_path, run):
     done = run("urdf", tmp_path / "m.calib", "-o", tmp_path / "c.urdf")
     assert done.code == 3
     assert not (tmp_path / "c.urdf").exists()
-    with pytest.raises(OptionError, match="view='base'"):
-        fit_geometry(model, move_base=True)
-
-
-@pytest.mark.parametrize(("move_tip", "least"), [(False, 1e-6), (True, 1e-4)])
-def test_in_simulation_the_tip_is_no_probe_and_offsets_are_written(move_tip, least):
-    """A tip that may be anywhere took 7 mm of an elbow's offset, which was not written then."""
-    arm = load_arm("spatial_three")
-    structure = structure_of(arm, "base")
-    beta = structure.neutral()
-    beta[structure.groups["offset"][2]] = 0.03
-    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (100, 3))
-    geometry = fit_in_space(
-        arm,
-        None,
-        Points(q, structure.predict(q, beta)),
-        Freedom(frame=False, tip=move_tip),
-    )
-    again = arm_from_urdf(corrected_urdf(geometry))
-    assert np.abs(again.forward(q) - structure.predict(q, beta)).max() < least
-    assert geometry.before > 1e-3
-    assert geometry.beta[structure.groups["offset"]][2] == pytest.approx(0.03, abs=1e-2)
 
 
 def test_pixels_tell_offsets():
@@ -141,12 +116,6 @@ def test_poses_turn_the_wrist_too():
     tip = (truth.inv() * base.inv() * fitted).mean()
     left = (base * truth * tip).inv() * fitted
     assert np.degrees(left.magnitude().mean()) < 0.03
-
-
-def test_what_a_urdf_cannot_hold_is_told():
-    (note,) = what_no_urdf_holds(six())
-    assert "bends under gravity" in note
-    assert what_no_urdf_holds(calib.train(calib.babble(load_arm("two_link"), 300), size=4)) == ()
 
 
 def test_a_zero_is_one_number_with_an_interval_that_holds(tmp_path, run):

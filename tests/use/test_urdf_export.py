@@ -7,11 +7,8 @@ import pytest
 from drifting import arm, log, model
 
 import calib
-from calib.arm.loading import arm_from_urdf
-from calib.body.spatial import structure_of
-from calib.errors import OptionError, RobotError
-from calib.use.geometry import Geometry
-from calib.use.geometry_fit import Freedom, InPlane, Points, fit_geometry, fit_in_plane
+from calib import RobotError
+from calib.use.geometry_fit import fit_geometry
 from calib.use.urdf import corrected_urdf
 
 
@@ -37,31 +34,6 @@ def test_kinematics_of_the_changed_arm(tmp_path, changes):
     assert np.abs(arm().forward(q) - samples.simulation.exact(q)).max() > 5e-3
 
 
-def test_offsets_and_lengths_come_out_apart():
-    adapted = calib.adapt(
-        model(), log("elbow.length=+4%", "elbow.offset=0.02", n=100, noise=0.0)
-    ).model
-    geometry = fit_geometry(adapted)
-    offsets = [offset.value for offset in geometry.offsets().values()]
-    assert offsets == pytest.approx([0.0, 0.02], abs=1e-4)
-    assert geometry.ends[2].value == pytest.approx([0.01, 0.0], abs=1e-4)
-    assert geometry.ends[0].value == pytest.approx([0.0, 0.0], abs=1e-4)
-    assert geometry.residual < 1e-5
-
-
-def test_intervals_hold_where_joints_have_waves():
-    nominal = arm()
-    covered = []
-    for seed in range(5):
-        rng = np.random.default_rng(seed)
-        q = rng.uniform(nominal.lower, nominal.upper, (30, 2))
-        seen = nominal.forward(q + 1e-3 * np.sin(2 * q + rng.uniform(0, 6.0, 2)))
-        seen += 1e-4 * rng.standard_normal(seen.shape)
-        fit = fit_in_plane(nominal, Points(q, seen), Freedom(frame=True))
-        covered += [abs(end.value[0]) < end.interval[0] for end in fit.ends[1:]]
-    assert np.mean(covered) >= 0.9  # as noise alone the waves left 0.3
-
-
 def test_command(tmp_path, run):
     path = tmp_path / "m.calib"
     calib.adapt(model(), log("elbow.length=+4%", n=60, noise=0.0)).model.save(path)
@@ -71,38 +43,6 @@ def test_command(tmp_path, run):
     found = run("urdf", path, "-o", tmp_path / "c.urdf", "--json").document
     assert found["moved"]["elbow"]["value"][0] == pytest.approx(0.01, abs=1e-5)
     assert calib.load_arm(tmp_path / "c.urdf").link_lengths["elbow"] == pytest.approx(0.26)
-
-
-def test_a_diff_shows_the_changed_attributes_alone():
-    text = arm().urdf.replace(
-        "</robot>",
-        '<!-- <joint name="elbow"><origin xyz="9 9 9"/></joint> -->\n'
-        '  <gazebo reference="tip"><a b="1 > 0"/></gazebo>\n'
-        '  <transmission name="t"><joint name="elbow"/></transmission>\n</robot>',
-    )
-    nominal = replace(arm(), urdf=text)
-    structure = structure_of(nominal, kind=InPlane)
-    beta, zero = structure.neutral(), np.zeros((structure.size, structure.size))
-    beta[structure.groups["offset"][1]] = 0.02
-    beta[structure.shifts[1]] = 0.003, 0.0, 0.0
-    geometry = Geometry(nominal, structure, beta, zero, False, True, 0.0, 0.0, 0.5)
-    new = corrected_urdf(geometry)
-    before, after = text.splitlines(), new.splitlines()
-    assert len(before) == len(after)
-    changed = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
-    assert len(changed) == 1
-    assert "<origin" in changed[0][1]
-    again = arm_from_urdf(new)
-    assert again.link_lengths["shoulder"] == pytest.approx(0.303, abs=1e-12)
-    np.testing.assert_allclose(
-        again.forward([0.3, 1.0]), two_link_changed(0.3, 1.02, 0.303), atol=1e-12
-    )
-    assert corrected_urdf(replace(geometry, beta=structure.neutral())) == text
-
-
-def two_link_changed(a, b, first):
-    ends = first * np.exp(1j * a) + 0.25 * np.exp(1j * (a + b))
-    return [ends.real, ends.imag]
 
 
 def test_what_geometry_does_not_explain_is_not_written(tmp_path, run):
@@ -130,12 +70,3 @@ def test_the_users_own_file_is_never_written_over(tmp_path, run):
     assert done.code == 1
     assert "never overwritten" in done.err
     assert nominal.read_text() == arm().urdf
-
-
-def test_the_base_stays_unless_it_is_freed():
-    shifted = calib.adapt(model(), log("elbow.offset=0.01", n=100, noise=0.0)).model
-    assert not fit_geometry(shifted).ends[0].value.any()
-    assert fit_geometry(shifted, move_base=True).ends[0].interval.all()
-    measured = calib.train(replace(log(n=300), simulation=None, arm=arm()), size=10)
-    with pytest.raises(OptionError, match="view='base'"):
-        fit_geometry(measured, move_base=True)

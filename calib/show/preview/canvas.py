@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...common.arrays import Array
+from ..error_scale import STOPS, ErrorScale
 
 Colour = NDArray[np.uint8] | str
 """``#rrggbb``, or one for each point, (n, 3)."""
@@ -23,23 +24,20 @@ Colour = NDArray[np.uint8] | str
 class Canvas:
     """Layers in the order of the legend, and what is drawn in them."""
 
+    size: float  # [m], of what is drawn: balls and dots are shares of it
     layers: list[dict[str, object]] = field(default_factory=list)
     objects: list[dict[str, object]] = field(default_factory=list)
     labels: list[dict[str, object]] = field(default_factory=list)
-    places: dict[str, list[float]] = field(
-        default_factory=dict
-    )  # by columns, by path
-    tracks: dict[str, str] = field(
-        default_factory=dict
-    )  # of the animation, by path
+    # transforms, and those of the animation, by path
+    places: dict[str, list[float]] = field(default_factory=dict)
+    tracks: dict[str, str] = field(default_factory=dict)
 
     def layer(
         self, name: str, colour: str, text: str, *, shown: bool = True
-    ) -> str:
-        """Begin a layer of the legend: what is drawn on paths below its name, which is returned."""
+    ) -> None:
+        """Begin a layer of the legend: what is drawn on paths below its name."""
         layer = {"name": name, "colour": colour, "text": text, "shown": shown}
         self.layers.append(layer)
-        return name
 
     def label(self, layer: str, text: str, at: Array) -> None:
         """Write words at a point (3,), shown with a layer."""
@@ -59,17 +57,18 @@ class Canvas:
     ) -> dict[str, object]:
         """Draw something at a path, and return it as the page will read it.
 
-        kind : "lines" between pairs (m, 2) of points, "points", a "surface" of triangles; a
-            "sphere", a "cylinder" along y, or a "marker", a ball that nothing hides
+        kind : "lines" between pairs (m, 2) of points, "points", an "image"; a "sphere", a
+            "cylinder" along y, or a "marker", a ball that nothing hides
         points : (n, 3)
-        size : [m], width of points, radius of a ball; radius and length
+        size : share of the canvas, width of points, radius of a ball; radius and length
         """
         drawn: dict[str, object] = {
             "path": path,
             "kind": kind,
             "opacity": opacity,
+            "size": (self.size * np.asarray(size)).tolist(),
+            "order": order,
         }
-        drawn |= {"size": size, "order": order}
         if isinstance(colour, str):
             drawn["colour"] = colour
         else:
@@ -87,6 +86,22 @@ class Canvas:
         self.places[path] = first.T.ravel().tolist()
         if transforms.ndim == 3 and np.ptp(transforms, axis=0).max() > 1e-9:
             self.tracks[path] = packed(transforms.swapaxes(1, 2), np.float32)
+
+    def data(
+        self,
+        scale: ErrorScale,
+        camera: dict[str, object],
+        **words: object,
+    ) -> dict[str, object]:
+        """Plain data for the page."""
+        self.place("Axes", np.diag([*[0.25 * self.size] * 3, 1.0]))
+        return {
+            **vars(self),
+            "ticks": scale.ticks(),
+            "stops": STOPS,
+            "camera": camera,
+            **words,
+        }
 
 
 def packed(values: ArrayLike, kind: type[np.generic]) -> str:

@@ -22,7 +22,6 @@
     lines: [THREE.LineSegments, THREE.LineBasicMaterial],
     points: [THREE.Points, THREE.PointsMaterial],
     image: [THREE.Mesh, THREE.MeshBasicMaterial],
-    surface: [THREE.Mesh, THREE.MeshBasicMaterial],
     marker: [THREE.Mesh, THREE.MeshBasicMaterial],
     sphere: [THREE.Mesh, THREE.MeshPhongMaterial],
     cylinder: [THREE.Mesh, THREE.MeshPhongMaterial],
@@ -243,91 +242,7 @@
     if (hits.length) link(hits[0].index);
   });
 
-  // ------------------------------------------------------------------ a target to drag
-  const GHOSTS = ["#1c7ed6", "#e8590c", "#2f9e44", "#9c36b5", "#b08900", "#0c8599"];
-  const inverse = { busy: false, next: null };
-
-  function ghost(branch, colour) {
-    const arm = viewer.scene_tree.find(["Arm"]).object.clone(true);
-    arm.visible = true;
-    for (const part of arm.children) {
-      const matrix = branch.links[part.name];
-      if (!matrix) continue;
-      new THREE.Matrix4().fromArray(matrix).decompose(part.position, part.quaternion, part.scale);
-    }
-    arm.traverse((part) => {
-      if (!part.isMesh) return;
-      part.material = new THREE.MeshPhongMaterial({ color: colour, transparent: true, opacity: 0.7 });
-    });
-    return arm;
-  }
-
-  function show(answer) {
-    const group = new THREE.Group();
-    const ball = (radius, color, place) => {
-      const mesh = new THREE.Mesh(new THREE.SphereGeometry(radius * data.size, 20, 14),
-        new THREE.MeshBasicMaterial({ color }));
-      mesh.position.fromArray(place);
-      group.add(mesh);
-      return mesh.position;
-    };
-    ball(0.018, answer.reachable ? data.target : "#c92a2a", answer.target);
-    answer.branches.forEach((branch, k) => {
-      const colour = GHOSTS[k % GHOSTS.length];
-      if (Object.keys(branch.links).length) group.add(ghost(branch, colour));
-      const dot = ball(0.014, colour, data.panel.corner);
-      data.panel.edges.forEach((edge, axis) => {
-        dot.addScaledVector(new THREE.Vector3(...edge), branch.joints[axis]);
-      });
-    });
-    viewer.set_object(["Inverse answers"], group);
-    for (const name of ["Arm", "Target path", "Reached path"]) {
-      viewer.set_property([name], "visible", false);
-    }
-    element("calib-answer").textContent = answer.words;
-    viewer.set_dirty();
-  }
-
-  async function ask(point) {
-    if (inverse.busy) { inverse.next = point; return; }
-    inverse.busy = true;
-    const at = [point.x, -point.z, point.y];
-    try {
-      const reply = await fetch("ask", { method: "POST", body: JSON.stringify({ at }) });
-      if (reply.ok) show(await reply.json());
-      else element("calib-answer").textContent = await reply.text();
-    } catch (error) {
-      element("calib-answer").textContent = "the preview has ended: start it again";
-    }
-    inverse.busy = false;
-    const next = inverse.next;
-    inverse.next = null;
-    if (next) ask(next);
-  }
-
-  // where the pointer's ray meets the drawn plane
-  function meet(event) {
-    const [normal, point] = [space(data.plane.normal), space(data.plane.point)];
-    const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(normal, point);
-    return rayOf(event).ray.intersectPlane(plane, new THREE.Vector3());
-  }
-  if (data.live) {
-    element("calib-answer").textContent = "Shift and drag: a target for the inverse map.";
-    const follow = (event) => {
-      if (!event.shiftKey || !event.buttons) return;
-      event.stopPropagation();
-      const point = meet(event);
-      if (point) ask(point);
-    };
-    // before meshcat's own controls see it
-    for (const name of ["pointerdown", "pointermove", "mousedown", "mousemove"]) {
-      window.addEventListener(name, (event) => {
-        if (event.target === canvas) follow(event);
-      }, true);
-    }
-  }
-
-  window.calib = { ask: (p) => ask(space(p)), data, viewer, fit, link, screen: (p) => screen(space(p)) };
+  window.calib = { data, viewer, fit, link, screen: (p) => screen(space(p)) };
   fit();
   requestAnimationFrame(fit);
 })();

@@ -6,12 +6,10 @@ import os
 import re
 from collections.abc import Mapping
 from html import escape
-from importlib.resources import files
-from string import Template
 from typing import TYPE_CHECKING
 
 from ...common.atomic import atomic_write
-from ..error_scale import number
+from ...common.wording import filled, number
 from .drawing import to_svg
 
 if TYPE_CHECKING:
@@ -24,37 +22,39 @@ def write_page(
     title: str,
     verdict: str,
     answers: Mapping[str, str],
-    first: str,
     sections: Mapping[str, str],
     facts: Mapping[str, str],
     notes: tuple[str, ...],
 ) -> None:
-    """Write a report: its answers and first figures, sections of figures, facts and notes."""
+    """Write a report: its answers, sections of figures, the first without a title, facts, notes."""
+    parts = []
+    for heading, content in sections.items():
+        title_of_part = f"<h2>{escape(heading)}</h2>\n" if heading else ""
+        place = "figures" if heading else "figures first"
+        if content:
+            parts.append(
+                f'{title_of_part}<div class="{place}">{content}</div>\n'
+            )
     page = filled(
+        __package__,
         "page.html",
         title=escape(title),
-        style=_file("page.css"),
         verdict=text_of(verdict),
         answers=_list(answers),
-        first=first,
-        sections="".join(
-            f'<h2>{escape(heading)}</h2>\n<div class="figures">{content}</div>\n'
-            for heading, content in sections.items()
-            if content
-        ),
+        sections="".join(parts),
         facts=_list(facts),
         notes="".join(paragraph(f"Note: {note}") for note in notes),
     )
     atomic_write(path, page.encode("utf-8"))
 
 
-def figure_of(figure: Figure | None, name: str, caption: str) -> str:
-    """A figure with its caption; "" for none."""
-    if figure is None:
-        return ""
-    svg = to_svg(figure, name, escape(caption))
-    caption = f"<figcaption>{escape(caption)}</figcaption>"
-    return f'<figure id="{name}">{svg}{caption}</figure>\n'
+def figure_of(figure: Figure, name: str, caption: str) -> str:
+    """A figure with its caption."""
+    words = escape(caption)
+    svg = to_svg(figure, name, words)
+    return (
+        f'<figure id="{name}">{svg}<figcaption>{words}</figcaption></figure>\n'
+    )
 
 
 def paragraph(text: str) -> str:
@@ -70,18 +70,9 @@ def text_of(text: str) -> str:
     return re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text))
 
 
-def filled(file: str, /, **parts: str) -> str:
-    """A template of this folder with its places filled."""
-    return Template(_file(file)).substitute(parts)
-
-
 def _list(entries: Mapping[str, str]) -> str:
     """Names and what they are."""
     return "".join(
         f"<dt>{escape(name)}</dt><dd>{text_of(value)}</dd>\n"
         for name, value in entries.items()
     )
-
-
-def _file(name: str) -> str:
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")

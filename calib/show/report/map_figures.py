@@ -7,62 +7,47 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...common.arrays import Array
-from ...common.wording import length_in_words
 from ...maps.association import Association
 from ...maps.map import Map
-from ..error_scale import ErrorScale, number
-from ..placement import seen_by_sensor
-from ..robot import Robot
-from ..settings import SETTINGS
+from ..error_scale import ErrorScale
 from ..study import Study
 from ..workspace import drawn_edges, extent, node_errors
-from .drawing import GREY, SECOND, colour_bar, draw_lattice, error_bar, panels
-from .figures import long_errors
+from .drawing import GREY, INK, colour_bar, draw_lattice, panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
 
 def lattices(study: Study) -> Figure | None:
     """Both lattices of a planar arm in their spaces, coloured by the expected error."""
     model = study.model
-    if len(model.axes) == 3:
+    if study.suffix or len(model.axes) == 3:
         return None
     errors = node_errors(model)
-    scale = ErrorScale.of(
-        np.concatenate(errors), model.about.unit, extent(model)
-    )
-    figure, axes = panels([3.2, 3.7])
-    parts = _parts(model.association)
-    for ax, (name, part), values in zip(
-        axes, parts.items(), errors, strict=True
-    ):
-        points = _two_coordinates(ax, part, name)
-        lines = draw_lattice(ax, points, drawn_edges(part), values, scale)
-        ax.autoscale()
-    error_bar(figure, lines, axes, scale, "expected error")
-    return figure
+    unit = model.about.unit
+    scale = ErrorScale.of(np.concatenate(errors), unit, extent(model))
+    shares = [scale.share(part) for part in errors]
+    return _lattices(model.association, shares, "expected error", scale)
 
 
 def u_matrices(study: Study) -> Figure | None:
     """U-matrix of both maps of a planar arm: ridges are folds and borders."""
-    if len(study.model.axes) == 3:
+    if study.suffix or len(study.model.axes) == 3:
         return None
-    return _u_matrices(_parts(study.model.association))
+    return _u_matrices(study.model.association)
 
 
 def figures_of_maps(maps: Map | Association) -> dict[str, Figure]:
     """Return the figures of a map, or of two with their links, by name."""
-    parts = _parts(maps)
-    figure, axes = panels([3.3] * len(parts))
-    for ax, (name, part) in zip(axes, parts.items(), strict=True):
-        x, y = _two_coordinates(ax, part, name).T
-        edges = drawn_edges(part).T
-        ax.plot(x[edges], y[edges], color=GREY, linewidth=0.6, rasterized=True)
-        ax.plot(x, y, ".", color=SECOND, markersize=2, rasterized=True)
-    drawn = {"lattices": figure, "u_matrices": _u_matrices(parts)}
+    gaps = [part.spacings for part in _parts(maps).values()]
+    shares = [gap / gap.max() for gap in gaps]
+    drawn = {
+        "lattices": _lattices(
+            maps, shares, "distance to the neighbours [largest]"
+        ),
+        "u_matrices": _u_matrices(maps),
+    }
     if isinstance(maps, Association):
         drawn["links"] = _links(maps)
     return drawn
@@ -74,14 +59,27 @@ def _parts(maps: Map | Association) -> dict[str, Map]:
     return {"motor map": maps.motor, "sensory map": maps.sensory}
 
 
+def _lattices(
+    maps: Map | Association,
+    shares: list[Array],
+    label: str,
+    scale: ErrorScale | None = None,
+) -> Figure:
+    """Lattices in the colour of their nodes' shares (nodes,) of a scale."""
+    figure, axes = panels([3.3] * len(shares))
+    parts = _parts(maps).items()
+    for ax, (name, part), share in zip(axes, parts, shares, strict=True):
+        points = _two_coordinates(ax, part, name)
+        lines = draw_lattice(ax, points, drawn_edges(part), share, 1.0)
+    colour_bar(figure, lines, axes, label, scale)
+    return figure
+
+
 def _two_coordinates(ax: Axes, part: Map, name: str) -> Array:
     """The first two coordinates (nodes, 2) of a map's nodes; of a line the second is 0."""
-    ax.set(
-        title=name, xlabel="first coordinate [range]", ylabel="second [range]"
-    )
-    if part.units.shape[1] == 1:
-        return np.column_stack([part.units, np.zeros(part.size)])
-    return part.units[:, :2]
+    ax.set(title=name, xlabel="first coordinate [range]")
+    ax.set_ylabel("second [range]")
+    return np.column_stack([part.units, np.zeros(part.size)])[:, :2]
 
 
 def _links(maps: Association) -> Figure:
@@ -94,41 +92,33 @@ def _links(maps: Association) -> Figure:
     return figure
 
 
-def _u_matrices(parts: dict[str, Map]) -> Figure:
+def _u_matrices(maps: Map | Association) -> Figure:
     """U-matrices over the lattices, or over the first two coordinates of a graph."""
+    parts = _parts(maps)
     figure, axes = panels([3.1] * len(parts))
     for ax, (name, part) in zip(axes, parts.items(), strict=True):
-        values = u_matrix(part)
         shape = part.lattice.shape
-        image: ScalarMappable
-        if (
-            len(shape) == 1
-        ):  # a graph: its nodes have no place but where they stand
+        if len(shape) == 1:
+            # a graph: its nodes have no place but where they stand
             x, y = _two_coordinates(ax, part, name).T
-            image = ax.scatter(x, y, 4, values, linewidths=0.0, rasterized=True)
-        else:
-            grid = values.reshape(*shape[:2], -1).mean(axis=-1).T
-            top = np.quantile(grid, 0.995)
-            image = ax.imshow(grid, vmax=top, interpolation="nearest")
-            ax.set(
-                title=name, xlabel="first lattice axis [nodes]", ylabel="second"
+            shown = ax.scatter(x, y, 4, part.spacings, linewidths=0.0)
+            colour_bar(
+                figure, shown, [ax], "distance to the neighbours [range]"
             )
+            continue
+        grid = part.spacings.reshape(*shape[:2], -1).mean(axis=-1).T
+        image = ax.imshow(grid, interpolation="nearest")
+        ax.set(
+            title=name,
+            xlabel="first lattice axis [nodes]",
+            ylabel="second",
+        )
         colour_bar(figure, image, [ax], "distance to the neighbours [range]")
     return figure
 
 
-def u_matrix(part: Map) -> Array:
-    """Mean distance (nodes,) of each node to the nodes that it is joined to, in the unit box."""
-    first, second = part.edges.T
-    apart = part.scale.difference(part.units[first], part.units[second])
-    gap = np.linalg.norm(apart, axis=1)
-    ends = part.edges.T.ravel()
-    count = np.bincount(ends, minlength=part.size)
-    return np.bincount(ends, np.tile(gap, 2), part.size) / np.maximum(count, 1)
-
-
 def photo(study: Study) -> Figure | None:
-    """The map, the arm and errors over the model's photo."""
+    """The map and the rows over the model's photo."""
     model = study.model
     if model.photo is None or len(model.axes) != 2:
         return None
@@ -137,32 +127,32 @@ def photo(study: Study) -> Figure | None:
     figure, (ax,) = panels([3.5 * len(pixels) / pixels.shape[1] + 0.9])
     # a lighter photo leaves the colours to what is drawn over it
     lighter = (46 + 0.82 * pixels).astype(np.uint8)
-    ax.imshow(lighter, extent=box, origin="upper", interpolation="antialiased")
+    ax.imshow(
+        lighter,
+        extent=box,
+        origin="upper",
+        interpolation="antialiased",
+    )
     errors = node_errors(model)[1]
-    nodes = model.sensory.weights
     edges = drawn_edges(model.sensory)
-    scale = ErrorScale.of(errors, model.about.unit, extent(model))
-    long = np.linalg.norm(np.diff(nodes[edges], axis=1)[:, 0], axis=1)
     reached = np.isfinite(errors[edges]).all(axis=1)
-    edges = edges[reached & (long < SETTINGS.long_edge * np.median(long))]
-    lines = draw_lattice(ax, nodes, edges, errors, scale)
-    robot = Robot.of(model.about)
+    scale = ErrorScale.of(errors, model.about.unit, extent(model))
+    share = scale.share(errors)
+    nodes = model.sensory.weights
+    lines = draw_lattice(ax, nodes, edges[reached], share, 1.0)
     if study.rows is not None:
-        if robot is not None:
-            bones = seen_by_sensor(model, robot.bones(study.rows.q[0]))
-            if bones is not None:
-                ax.plot(*bones.T, "-o", color="#f59f00", lw=3, ms=4, alpha=0.8)
-        x, error, times = long_errors(study.rows)
-        ends = np.stack([x, x - error], axis=1)
-        ax.plot(*ends.transpose(2, 1, 0), color=SECOND, linewidth=0.9)
-        ax.plot(*x.T, "o", ms=2.5, mfc="#ffffff", mec="#1d2730")
-        mean = length_in_words(
-            float(study.rows.distance.mean()), model.about.unit
+        ax.plot(
+            *study.rows.x.T,
+            "o",
+            ms=2.5,
+            mfc="#ffffff",
+            mec=INK,
         )
-        title = (
-            f"errors ({mean} on average) drawn {number(times)} times as long"
-        )
-        ax.set_title(title, fontsize=8)
-    ax.set(xlim=box[:2], ylim=box[2:], xticks=[], yticks=[])
-    error_bar(figure, lines, [ax], scale, "expected error")
+    ax.set(
+        xlim=box[:2],
+        ylim=box[2:],
+        xticks=[],
+        yticks=[],
+    )
+    colour_bar(figure, lines, [ax], "expected error", scale)
     return figure

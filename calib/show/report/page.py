@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from ...common.choices import READOUTS
-from ...common.wording import quoted, suggestion
+from ...common.wording import (
+    filled,
+    number,
+    quoted,
+    sized,
+    suggestion,
+    unit_for,
+)
 from ...errors import OptionError, require
 from ...maps.association import Association
 from ...maps.map import Map
@@ -18,50 +25,100 @@ from ...recording.rig import HandEye
 from ...recording.rig_file import rig_of_model
 from ...samples.samples import Samples
 from ...training.learn import Progress
-from ..error_scale import unit_for
 from ..study import Study, studies_of
 from . import figures as arm
 from . import map_figures as maps
+from . import rig_figures as rigs
 from . import words
 from .drawing import settings
-from .html import figure_of, filled, paragraph, write_page
-from .rig_page import (
-    figures_of_rig,
-    pictures_of_rig,
-    report_rig,
-    verdict_of_rig,
-)
+from .html import figure_of, paragraph, write_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Draw = Callable[[Study], "Figure | None"]
-"""What draws a figure, None where there is nothing to show."""
 
-CAPTIONS: dict[Draw, str] = {
-    arm.accuracy: "How far predictions are from measured positions.",
-    arm.causes: "What differs from the drawing, by how much it moves the tip; lines are 95 % "
-    "intervals.",
-    arm.setup: "What stands around the arm and what it carries, to scale.",
-    arm.where: "The model's own 95 % bound on the true position; dots are rows, in the colour "
-    "of their error; crosses are rows that were left out.",
-    arm.coverage: "Which part of each joint's range the rows covered.",
-    arm.arrows: "From the predicted position to the measured one.",
-    maps.photo: "The sensory map and the arm as the camera sees them.",
-    arm.joints: "What rows say of each joint's own error (dots), the learned error curve and "
-    "its band.",
-    arm.order: "Drift and steps show as slopes; the line is a running median.",
-    arm.trust: "A bound that holds follows the diagonal or lies above it; grey is what chance "
-    "does.",
-    arm.sockets: "Each dot is a touch: held out, only the play should be left.",
-    maps.lattices: "Nodes joined to their neighbours on the lattice.",
-    maps.u_matrices: "Ridges are folds and borders of the map.",
-}
-FIGURES = {draw.__name__: draw for draw in CAPTIONS}
-_WHERE = (arm.where, arm.coverage, arm.arrows, maps.photo)
-_WHY = (arm.joints, arm.order, arm.trust, arm.sockets)
-_FIRST_ALONE = (arm.coverage, arm.joints, arm.arrows)  # of several sensors
-_MAPS = (maps.lattices, maps.u_matrices)
+class Entry(NamedTuple):
+    """A figure of a page."""
+
+    heading: str  # of its section
+    # of a study or a rig, None where there is nothing to show
+    draw: Callable[..., Figure | None]
+    caption: str
+
+
+ARM = (
+    Entry("", arm.accuracy, "How far predictions are from measured positions."),
+    Entry(
+        "",
+        arm.causes,
+        "What differs from the drawing, by how much it moves the tip; lines are 95 % intervals.",
+    ),
+    Entry(
+        "What is off",
+        arm.setup,
+        "What stands around the arm and what it carries, to scale.",
+    ),
+    Entry(
+        "Where",
+        arm.where,
+        "The model's own 95 % bound on the true position; dots are rows, in the colour of their "
+        "error; crosses are rows that were left out.",
+    ),
+    Entry(
+        "Where",
+        arm.coverage,
+        "Which part of each joint's range the rows covered.",
+    ),
+    Entry(
+        "Where",
+        arm.arrows,
+        "From the predicted position to the measured one, a dot.",
+    ),
+    Entry(
+        "Where",
+        maps.photo,
+        "The sensory map and the rows as the camera sees them.",
+    ),
+    Entry(
+        "Why so",
+        arm.joints,
+        "What rows say of each joint's own error (dots), the learned error curve and its band.",
+    ),
+    Entry(
+        "Why so",
+        arm.order,
+        "Drift and steps show as slopes; the line is a running median.",
+    ),
+    Entry(
+        "Why so",
+        arm.trust,
+        "A bound that holds follows the diagonal or lies above it; grey is what chance does.",
+    ),
+    Entry(
+        "The maps",
+        maps.lattices,
+        "Nodes joined to their neighbours on the lattice.",
+    ),
+    Entry(
+        "The maps",
+        maps.u_matrices,
+        "Ridges are folds and borders of the map.",
+    ),
+)
+RIG = (
+    Entry("", rigs.setup, "Base, flange, cameras and board, to scale."),
+    Entry(
+        "The pictures",
+        rigs.misses,
+        "Each picture is predicted by a fit that did not see it.",
+    ),
+    Entry(
+        "The pictures",
+        rigs.corners,
+        "Corners over a picture that the fit did not see.",
+    ),
+)
+HEADINGS = ("", "What is off", "The pictures", "Where", "Why so", "The maps")
 
 
 def report(
@@ -93,37 +150,28 @@ def report(
     'The tip is predicted to ...'
     """
     if isinstance(model, HandEye):
-        return report_rig(model, path)
+        return _report_rig(model, path)
     require("model", model, Model)
     studies = studies_of(model, log)
-    rig = rig_of_model(model)
     study = next((one for one in studies if one.log is not None), studies[0])
-    with settings():
-        bars = _of_sensors(studies, [arm.accuracy])
-        first = "".join(bars.values()) + _figures(study, [arm.causes])
-        off = paragraph(words.uncertain(study)) + _figures(
-            studies[0], [arm.setup]
-        )
-        sections = {"What is off": off}
-        if rig is not None:
-            pictures = pictures_of_rig(rig)
-            del pictures["setup"]
-            sections["The pictures"] = "".join(pictures.values())
-        for heading, draws in (("Where", _WHERE), ("Why so", _WHY)):
-            if progress is not None:
-                progress(len(sections) / 4, heading, float("nan"))
-            for sensor, content in _of_sensors(studies, draws).items():
-                sections[f"{heading}: {sensor}" if sensor else heading] = (
-                    content
-                )
-        if (
-            model.default_readout == "linear"
-            or model.predictor.models.degree >= 0
-        ):
-            sections["The maps"] = _table(model) + _figures(studies[0], _MAPS)
     verdict = words.verdict(studies)
+    sections = dict.fromkeys(HEADINGS, "")
+    sections["What is off"] = paragraph(words.uncertain(study))
+    rig = rig_of_model(model)
     if rig is not None:
         verdict = f"{verdict_of_rig(rig)} {verdict}"
+        _add(sections, RIG[1:], rig)
+    entries: Sequence[Entry] = ARM[:-2]
+    linear = model.default_readout == "linear"
+    if linear or model.predictor.models.degree >= 0:
+        sections["The maps"] = _table(model)
+        entries = ARM
+    for k, one in enumerate(studies):
+        if progress is not None:
+            progress(k / len(studies), "figures", float("nan"))
+        sensor = one.model.about.sensor
+        label = f"{sensor}: " if len(studies) > 1 else ""
+        _add(sections, entries, one, label)
     write_page(
         path,
         title=model.about.robot or "An arm, learned from a log",
@@ -133,9 +181,8 @@ def report(
             "Still true?": words.still_true(study),
             "Next": words.next_step(study),
         },
-        first=first,
         sections=sections,
-        facts=facts(model) | words.sensors(studies),
+        facts=facts(model),
         notes=model.about.notes,
     )
     return verdict
@@ -170,75 +217,67 @@ def figures(
     >>> list(calib.figures(model.association))
     ['lattices', 'u_matrices', 'links']
     """
-    with settings(paper=True):
-        if isinstance(model, HandEye | Map | Association):
-            if isinstance(model, HandEye):
-                drawn = figures_of_rig(model)
-            else:
-                drawn = maps.figures_of_maps(model)
-            return {name: drawn[name] for name in _checked(names, drawn)}
-        if not isinstance(model, Model):
-            raise OptionError(
-                f"figures of {type(model).__name__}: expected a model, a map or an association",
-                hint="`calib.load(path)` reads a model",
-                parameter="model",
-            )
-        chosen = _checked(names, FIGURES)
-        drawn = {}
-        for study in studies_of(model, log):
-            for name in chosen:
-                figure = FIGURES[name](study)
-                if figure is not None:
-                    drawn[name + study.suffix] = figure
-    return drawn
-
-
-def _checked(
-    names: Sequence[str] | None, drawn: Iterable[str]
-) -> Sequence[str]:
-    """Names of figures, all that there are by default."""
-    there = list(drawn)
+    known = [entry.draw.__name__ for entry in (*ARM, *RIG)]
     for name in names or ():
-        if name not in there:
+        if name not in (*known, "links"):
             raise OptionError(
                 f"`names`: {quoted(name)} is no figure",
-                hint=suggestion(name, there),
+                hint=suggestion(name, known),
                 parameter="names",
                 value=name,
             )
-    return there if names is None else names
-
-
-def _of_sensors(
-    studies: Sequence[Study], draws: Sequence[Draw]
-) -> dict[str, str]:
-    """Figures as HTML, by the name of the sensor."""
+    if isinstance(model, Map | Association):
+        with settings():
+            drawn = maps.figures_of_maps(model)
+    elif isinstance(model, HandEye):
+        drawn = {name: figure for _, name, figure in _drawn(RIG, model)}
+    else:
+        require("model", model, Model)
+        drawn = {
+            name: figure
+            for study in studies_of(model, log)
+            for _, name, figure in _drawn(ARM, study, names)
+        }
     return {
-        study.model.about.sensor: _figures(study, draws) for study in studies
+        name: figure
+        for name, figure in drawn.items()
+        if names is None or name.partition("-")[0] in names
     }
 
 
-def _figures(study: Study, draws: Sequence[Draw]) -> str:
-    """Figures as HTML; "" for those that have nothing to show."""
-    parts = []
-    for draw in draws:
-        if study.suffix and draw in _FIRST_ALONE:
-            continue
-        caption = CAPTIONS[draw]
-        if draw is arm.accuracy and study.model.about.sensor:
-            caption = f"{study.model.about.sensor}: {caption}"
-        name = draw.__name__ + study.suffix
-        parts.append(figure_of(draw(study), name, caption))
-    return "".join(parts)
+def _drawn(
+    entries: Sequence[Entry],
+    subject: Study | HandEye,
+    names: Sequence[str] | None = None,
+) -> Iterator[tuple[Entry, str, Figure]]:
+    """Yield the figures that have something to show, with their names."""
+    suffix = subject.suffix if isinstance(subject, Study) else ""
+    with settings():
+        for entry in entries:
+            name = entry.draw.__name__
+            if names is None or name in names:
+                figure = entry.draw(subject)
+                if figure is not None:
+                    yield entry, f"{name}{suffix}", figure
+
+
+def _add(
+    sections: dict[str, str],
+    entries: Sequence[Entry],
+    subject: Study | HandEye,
+    label: str = "",
+) -> None:
+    """Add figures as HTML to the sections of a page."""
+    for entry, name, figure in _drawn(entries, subject):
+        content = figure_of(figure, name, f"{label}{entry.caption}")
+        sections[entry.heading] += content
 
 
 def _table(model: Model) -> str:
     """Distances of all readouts, aligned at the point."""
-    errors = model.about.errors
     distances = {
-        readout: errors[readout]["forward"]["distance"]
-        for readout in READOUTS
-        if readout in errors
+        readout: directions["forward"]["distance"]
+        for readout, directions in model.about.errors.items()
     }
     if not distances:
         return ""
@@ -249,7 +288,48 @@ def _table(model: Model) -> str:
         values = [
             f"{factor * distance[key]:,.3f}" for key in ("mean", "p99", "max")
         ]
-        rows.append(
-            f"<tr><th>{readout}</th><td>{'</td><td>'.join(values)}</td></tr>"
-        )
-    return filled("table.html", unit=escape(unit), rows="\n".join(rows))
+        cells = "</td><td>".join(values)
+        rows.append(f"<tr><th>{readout}</th><td>{cells}</td></tr>")
+    return filled(
+        __package__, "table.html", unit=escape(unit), rows="\n".join(rows)
+    )
+
+
+def _report_rig(rig: HandEye, path: str | os.PathLike[str]) -> str:
+    """Write a report of a rig, and return its verdict in words."""
+    sections = dict.fromkeys(HEADINGS, "")
+    _add(sections, RIG, rig)
+    verdict = verdict_of_rig(rig)
+    spread = rig.repeatability
+    square = rig.square
+    interval = " to ".join(number(1e3 * end, 4) for end in square["interval"])
+    write_page(
+        path,
+        title=f"Hand-eye calibration: {rig.carried} in the hand",
+        verdict=verdict,
+        answers={
+            "Limited by": rig.limited_by,
+            "Held out": f"{number(rig.held_out['rms'])} px rms, of pictures that the fit did "
+            "not see",
+            "The arm": f"its poses scatter by {sized(spread['position'], 'm')} and "
+            f"{sized(spread['rotation'], 'rad')} (sd)",
+            "A square": f"{interval} mm, {number(1e3 * square['said'], 4)} mm as stated",
+        },
+        sections=sections,
+        facts={
+            "pictures": f"{rig.used} of {rig.pictures}",
+            "left out": ", ".join(rig.left_out) or "none",
+            "board": str(rig.board["text"]),
+        },
+        notes=rig.notes,
+    )
+    return verdict
+
+
+def verdict_of_rig(rig: HandEye) -> str:
+    """Where what is carried and what stands still are, with intervals, in a sentence each."""
+    sentences = []
+    for line in rig.lines()[:2]:
+        words = re.sub(r", quaternion \(.*\) ±", ", turned ±", line.strip())
+        sentences.append(f"{words[0].upper()}{words[1:]}.")
+    return " ".join(sentences)

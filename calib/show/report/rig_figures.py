@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...common.wording import number
 from ...recording.rig import HandEye
-from ..error_scale import number
 from ..setup import things_of_rig
 from .drawing import GREY, INK, SECOND, panels
 from .figures import draw_setup
@@ -17,16 +17,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def rig_setup(rig: HandEye) -> Figure:
+def setup(rig: HandEye) -> Figure:
     """Base, flange, cameras and board to scale, at the motion in the middle of all."""
     flange = rig.flange[len(rig.flange) // 2]
-    figure = draw_setup(np.array([np.eye(4), flange]), things_of_rig(rig))
-    for ax in figure.axes:
-        view = [
-            "xyz".index(name()[0]) for name in (ax.get_xlabel, ax.get_ylabel)
-        ]
-        ax.plot(*1e3 * rig.flange[:, view, 3].T, ".", color=GREY)
-    return figure
+    return draw_setup(np.array([np.eye(4), flange]), things_of_rig(rig))
 
 
 def misses(rig: HandEye) -> Figure:
@@ -51,7 +45,7 @@ def corners(rig: HandEye) -> Figure | None:
 
     with Image.open(io.BytesIO(rig.photo.jpeg)) as opened:
         pixels = np.asarray(opened.convert("L"))
-    width, height = rig.cameras[rig.photo.camera].lens["size"]
+    width, height = rig.lens["size"]
     figure, (ax,) = panels([3.5 * height / width + 0.5])
     box = (-0.5, width - 0.5, height - 0.5, -0.5)
     ax.imshow(
@@ -61,16 +55,22 @@ def corners(rig: HandEye) -> Figure | None:
     off = rig.photo.predicted - seen
     length = float(np.linalg.norm(off, axis=1).max())
     times = float(f"{max(0.05 * width / max(length, 1e-9), 1.0):.0e}")
-    ends = np.stack([seen, seen + times * off], axis=1)
-    ax.plot(*seen.T, "o", ms=3, mfc="none", label="seen")
-    ax.plot(*ends.transpose(2, 1, 0), color=SECOND)
+    ends = np.stack([seen, seen + times * off])
     ax.plot(
-        [],
-        [],
-        color=SECOND,
-        label=f"to predicted, {number(times)} times as long",
+        *seen.T,
+        "o",
+        ms=3,
+        mfc="none",
+        label="seen",
     )
-    ax.set(xticks=[], yticks=[], xlim=box[:2], ylim=box[2:])
+    lines = ax.plot(*ends.transpose(2, 0, 1), color=SECOND)
+    lines[0].set_label(f"to predicted, {number(times)} times as long")
+    ax.set(
+        xticks=[],
+        yticks=[],
+        xlim=box[:2],
+        ylim=box[2:],
+    )
     ax.set_title(rig.photo.name, color=INK)
     figure.legend(loc="outside lower center", ncols=2)
     return figure

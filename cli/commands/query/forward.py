@@ -42,7 +42,8 @@ def forward(
         return _table(query, readout)
     q = np.array([joints.one_each("Q1 Q2", values or ())])
     answers = _answers(query, q, readout)
-    document = query.document(q[0].tolist(), {})
+    joint_values = dict(zip(joints.names, q[0].tolist(), strict=True))
+    document: dict[str, object] = {"joints": joint_values}
     position = np.stack([answers.pop(axis) for axis in query.axes], axis=1)
     document["position"] = position[0]
     lines: list[str | TextTable] = []
@@ -63,8 +64,8 @@ def forward(
     bounds = {name: answers[name] for name in query.bounds}
     lines.insert(0, query.table(q, position, bounds))
     note_size(answers)
-    factor = query.positions.factor
-    alone = " ".join(fixed(value * factor, 4) for value in position[0].tolist())
+    shown = (query.factor * position[0]).tolist()
+    alone = " ".join(fixed(value, 4) for value in shown)
     return Outcome(document, lines, result=[alone])
 
 
@@ -83,8 +84,8 @@ def _table(query: Query, readout: str | None) -> Outcome:
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
     check_joint_values(q, *ranges, degrees=query.degrees, error=QueryError)
     answers = beside(batch, valid, _answers(query, q[valid], readout))
-    unanswered = valid & np.isnan(np.asarray(answers["x"]))
-    rows = (np.flatnonzero(unanswered) + 1).tolist()
+    unanswered = np.flatnonzero(valid & np.isnan(np.asarray(answers["x"])))
+    rows = (unanswered + 1).tolist()
     failures = {"out_of_reach": (rows, "outside of what was learned")}
     return query.answer(batch, answers, failures)
 
@@ -104,13 +105,10 @@ def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
     if query.frame == "base":
         space = Space.of(model)
         position, turn = space.forward(q)
-        answers = dict(
-            zip((*"xyz", *TURN), [*position.T, *turn.T], strict=True)
-        )
-        bounds = {
-            **up_to_scale(model, q),
-            **dict.fromkeys(BOUNDS, space.bound(q)),
-        }
+        places = np.hstack([position, turn]).T
+        answers = dict(zip((*"xyz", *TURN), places, strict=True))
+        bound = space.bound(q)
+        bounds = {**up_to_scale(model, q), **dict.fromkeys(BOUNDS, bound)}
         answered = np.isfinite(position[:, 0])
         for name, bound in bounds.items():
             answers[name] = np.where(answered, bound, np.nan)

@@ -49,7 +49,7 @@ def inverse(
         ),
     ] = None,
     every: Annotated[
-        bool, opt.flag("--all", "Answer with every branch.")
+        bool, opt.option("--all", "Answer with every branch.")
     ] = False,
     readout: opt.ReadoutKind = None,
     frame: opt.InFrame = "sensor",
@@ -67,14 +67,14 @@ def inverse(
     ] = None,
     keep: Annotated[
         bool,
-        opt.flag("--keep-orientation", "Turn the tool little from --near."),
+        opt.option("--keep-orientation", "Turn the tool little from --near."),
     ] = False,
     free: Annotated[
         Literal["x", "y", "z"] | None,
-        opt.flag("--free", "Of a pose: the tool may turn about."),
+        opt.option("--free", "Of a pose: the tool may turn about."),
     ] = None,
     on: Annotated[
-        parsing.JointValue | None,
+        parsing.OfJoint | None,
         opt.value(
             "--on",
             "z=H",
@@ -142,9 +142,7 @@ def inverse(
     )
     if input_ is not None:
         return _table(query, search)
-    return _single(
-        query, search, target or (), None if on is None else on.value
-    )
+    return _single(query, search, target or (), None if on is None else on.low)
 
 
 def _single(
@@ -177,9 +175,10 @@ def _single(
     reachable = bool(answers.pop("reachable").any())
     document["reachable"] = reachable
     document["solutions"] = [
-        query.document(
-            one, {name: column[k] for name, column in answers.items()}
-        )
+        {
+            "joints": dict(zip(joints.names, one, strict=True)),
+            **{name: column[k] for name, column in answers.items()},
+        }
         for k, one in enumerate(q.tolist())
     ]
     if in_space:
@@ -221,7 +220,7 @@ def _target(
         if len(typed) == 3 and query.model.about.unit == "px":
             expected += "; --in base takes x, y, z of the robot's root frame"
         raise BadOption(f"{len(typed)} coordinates: {expected}")
-    return np.array(typed) / (query.positions.typed if height is None else 1.0)
+    return np.array(typed) / (query.typed if height is None else 1.0)
 
 
 def _on_plane(model: Model, pixel: Array, height: float) -> Array:
@@ -237,11 +236,11 @@ def _on_plane(model: Model, pixel: Array, height: float) -> Array:
 def _away(query: Query, answers: dict[str, NDArray[Any]], posed: bool) -> str:
     """Say how far the nearest answer is from what was asked."""
     distance = float(answers["distance"].min())
-    words = query.positions.words(distance)
+    words = query.words(distance)
     if posed:
         words += f" and {math.degrees(float(answers['turned'][0])):.3g} deg"
     extent = float(query.model.sensory.scale.span.max())
-    if query.positions.shown == "mm" and distance > _FAR * extent:
+    if query.shown == "mm" and distance > _FAR * extent:
         return f"{words} away; positions are typed in m, or give --unit mm"
     return f"{words} away"
 

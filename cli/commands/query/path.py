@@ -34,10 +34,9 @@ def path(
     query = Query(model, input_, columns, output, unit, degrees)
     axes = query.model.axes
     joints = query.joints
-    positions = query.positions
     batch, answered = query.read(axes)
     valid = np.flatnonzero(answered)
-    longest = None if step is None else step / positions.typed
+    longest = None if step is None else step / query.typed
     first = joints.one_each("--from", start)
     way = query.model.path(batch.values[valid], first, longest)
     table = {
@@ -51,7 +50,7 @@ def path(
         "jump": np.isin(np.arange(len(way.q)), way.jumps).astype(np.int64),
     }
     missed = ~way.reachable
-    furthest = positions.words(float(way.distance[missed].max(initial=0.0)))
+    furthest = query.words(float(way.distance[missed].max(initial=0.0)))
     failures = {
         "jumps": (
             (way.jumps + 1).tolist(),

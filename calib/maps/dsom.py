@@ -1,8 +1,4 @@
-"""Networks beside SOM and VDSOM: a dynamic map and a neural gas.
-
-DSOM: Rougier and Boniface, Neurocomputing 74, 2011.  Batch neural gas, for four joints and more,
-which a lattice folds into: Cottrell, Hammer, Hasenfuss and Villmann, Neural Networks 19, 2006.
-"""
+"""Dynamic map (DSOM): Rougier and Boniface, Neurocomputing 74, 2011."""
 
 from __future__ import annotations
 
@@ -12,10 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common.arrays import Array
-from .batch import decay
-from .lattice import Graph, Lattice
-from .map import Epoch, nearest_nodes, search_tree
-from .settings import DYNAMIC, GAS
+from .lattice import Lattice
+from .map import Epoch
+from .settings import DYNAMIC
 
 
 def learn_dsom(
@@ -28,7 +23,14 @@ def learn_dsom(
         error = float(
             np.mean(present_dsom(weights, lattice, u[rng.permutation(len(u))]))
         )
-        sigma = max(_widths(lattice, error, u.shape[1], DYNAMIC.elasticity))
+        sigma = max(
+            _widths(
+                lattice,
+                error,
+                u.shape[1],
+                DYNAMIC.elasticity,
+            )
+        )
         yield Epoch.of(u, weights, lattice, sigma, error)
 
 
@@ -70,31 +72,3 @@ def _widths(
     """Sigma along each axis [nodes] at a distance to the winner, of a lattice of unit sides."""
     wide = elasticity * distance / math.sqrt(2.0 * dim)
     return tuple(wide * (n - 1) for n in lattice.shape)
-
-
-def learn_gas(
-    u: Array, nodes: int, epochs: int, rng: np.random.Generator
-) -> Iterator[Epoch]:
-    """Train a neural gas: samples pull their nearest nodes by rank, and join the two nearest."""
-    weights = _rows(u, nodes, rng)
-    k = min(GAS.nearest, nodes)
-    columns = np.column_stack([u, np.ones(len(u))]).T
-    for reach in decay(GAS.first_range, GAS.last_range, epochs):
-        distance, index = nearest_nodes(search_tree(weights), u, k)
-        met = np.zeros((nodes, u.shape[1] + 1))
-        for ranked, share in zip(
-            index.T, np.exp(-np.arange(k) / reach), strict=True
-        ):
-            sums = [np.bincount(ranked, column, nodes) for column in columns]
-            met += share * np.stack(sums, axis=1)
-        pulled = met[:, -1] > 0.0
-        mean = met[:, :-1] / np.maximum(met[:, -1:], 1e-300)
-        weights = np.where(pulled[:, None], mean, weights)
-        graph = Graph.of(nodes, nearest_nodes(search_tree(weights), u, 2)[1])
-        yield Epoch.of(u, weights, graph, 0.0, float(distance[:, 0].mean()))
-
-
-def _rows(u: Array, nodes: int, rng: np.random.Generator) -> Array:
-    """Some of the rows as nodes."""
-    drawn = rng.choice(len(u), nodes, replace=len(u) < nodes)
-    return u[drawn] + GAS.jitter * rng.standard_normal((nodes, u.shape[1]))

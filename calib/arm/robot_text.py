@@ -1,0 +1,126 @@
+"""Robot text: the text of a robot's description, checked before any library sees it.
+
+Only the standard library's XML parser is used, and no NumPy: to list robots is light.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..common.wording import quoted
+from ..errors import RobotError
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a description may say at most; more is a mistake in the file, or an attack."""
+
+    size: int = 50_000_000  # [bytes]
+    joints: int = 1_000  # links are followed by recursion
+    # [m]; a slide that claims more states no usable limit
+    travel: float = 1_000.0
+    offset: float = 1e6  # [m]; further out a double has no micrometres left
+    axis: float = 1e6  # length whose square overflows long before a double does
+    mass: float = 1e5  # [kg]; heavier is no link of an arm
+
+
+LIMITS = Limits()
+
+_NUMBER = re.compile(
+    r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?)", re.IGNORECASE
+)
+
+Vector = tuple[float, ...]
+
+MJCF = "mujoco"
+"""Root element of the other kind of description that is read, see `calib.arm.mjcf`."""
+
+
+def read_urdf(path: Path) -> str:
+    """Read a URDF file as text.
+
+    Raises RobotError if it is missing, a folder, empty, not UTF-8, or larger than `LIMITS.size`.
+    """
+    try:
+        if not path.is_file():  # some devices never end
+            raise RobotError(
+                f"{path}: is no file, expected a URDF or a bundled robot"
+            )
+        with path.open("rb") as file:
+            text = file.read(LIMITS.size + 1).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise RobotError(
+            f"{path}: byte {error.start} is not UTF-8: save the URDF as UTF-8 text"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise RobotError(f"{path}: cannot be read: {error}") from None
+    if not text.strip() or len(text) > LIMITS.size:
+        size = f"{LIMITS.size // 1_000_000} MB"
+        raise RobotError(
+            f"{path}: is empty or above {size}, expected a URDF without its meshes"
+        )
+    return text
+
+
+def parse_xml(text: str) -> ET.Element:
+    """The root element of a robot's description.
+
+    Raises RobotError if it is none, or holds what has to be expanded first.
+    """
+    for mark in ("<!DOCTYPE", "<!ENTITY"):
+        if mark in text.upper():
+            raise RobotError(
+                f"the URDF holds {mark}: document types and entities are refused; remove it "
+                "and write its values out"
+            )
+    expand = "expand xacro first, for example: xacro robot.xacro > robot.urdf"
+    try:
+        robot = ET.fromstring(text)  # noqa: S314 - entities were refused above
+    except (ET.ParseError, ValueError) as error:
+        remedy = (
+            expand
+            if "<xacro:" in text
+            else "correct it there, or fetch a truncated file anew"
+        )
+        raise RobotError(
+            f"the URDF is not well-formed XML ({error}): {remedy}"
+        ) from None
+    if robot.tag not in ("robot", MJCF):
+        raise RobotError(
+            f"the file's root element is <{robot.tag[:60]}>, expected <robot> or <mujoco>: convert "
+            "SDF and other formats to URDF first"
+        )
+    for node in robot.iter():
+        for word in (node.tag, *node.attrib.values()):
+            if "xacro}" in word or "${" in word:
+                raise RobotError(
+                    f"the URDF still holds {quoted(word)}: {expand}"
+                )
+    return robot
+
+
+def numbers_of(
+    attributes: Mapping[str, str],
+    key: str,
+    default: Vector,
+    where: str,
+    *,
+    infinite: bool = False,
+) -> Vector:
+    """Read an attribute's numbers as URDF libraries do, not as Python does (1_000, nan)."""
+    text = attributes.get(key)
+    if text is None:
+        return default
+    words = text.split()
+    sound = len(words) == len(default) and all(map(_NUMBER.fullmatch, words))
+    values = tuple(map(float, words)) if sound else ()
+    if not values or not (infinite or all(map(math.isfinite, values))):
+        raise RobotError(
+            f"{where}: {key} is {quoted(text)}, expected {len(default)} numbers"
+        )
+    return values

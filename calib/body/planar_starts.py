@@ -1,0 +1,119 @@
+"""Starts of a planar arm: the signs of its joints, the side that it is seen from, its frame."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from ..arm.rotations import similarity
+from ..common.arrays import Array
+from .drawing import drawing_of, waves
+from .planar import PlanarStructure
+from .settings import FIT, START
+
+
+def planar_starts(
+    structure: PlanarStructure, q: Array, z: Array
+) -> list[tuple[PlanarStructure, Array]]:
+    """Candidates of signs, mirror and parameters (d,), the best linear fits first.
+
+    With a nominal geometry its signs alone, unless they do not fit or the view is not metric:
+    a camera says nothing of the servos.
+    """
+    drawing = structure.nominal
+    starts: list[tuple[PlanarStructure, Array]] = []
+    for signs in product((1, -1), repeat=structure.dof):
+        if drawing is not None:
+            turned = structure.changed(
+                signs=tuple(np.multiply(signs, drawing.signs).tolist())
+            ).with_sensor(mirror=drawing.mirror)
+            starts.append(framed(turned, q, z, turned.neutral()))
+        elif _differs(signs, structure.revolute):
+            turned = structure.changed(signs=signs)
+            for mirror in (1, -1):
+                side = turned.with_sensor(mirror=mirror)
+                starts.append((side, _linear(side, q, z)))
+    starts.sort(key=lambda start: _miss(start, q, z))
+    if drawing is not None and not structure.viewpoint.seen_as.scaled:
+        as_drawn = [
+            start for start in starts if start[0].signs == drawing.signs
+        ]
+        if _miss(as_drawn[0], q, z) <= FIT.doubted * structure.extent:
+            starts = as_drawn
+    return starts[: START.turned_ways]
+
+
+def framed(
+    structure: PlanarStructure, q: Array, z: Array, arm: Array
+) -> tuple[PlanarStructure, Array]:
+    """The side and the frame from which a sensor sees an arm of parameters (d,)."""
+    if structure.view == "base":
+        return structure, arm
+    points = structure.seen(q, arm)[0].position.T
+    turn, _, scale = similarity(points, z, mirrored=True)
+    if not structure.viewpoint.seen_as.scaled:
+        scale = structure.metre
+    beta = arm.copy()
+    groups = structure.groups
+    beta[groups["view.rotation"]] = np.arctan2(turn[1, 0], turn[0, 0])
+    beta[groups["view.scale"]] = np.log(scale / structure.metre)
+    beta[groups["view.shift"]] = (z - scale * points @ turn.T).mean(axis=0)
+    side = 1 if np.linalg.det(turn) > 0 else -1
+    return structure.with_sensor(mirror=side), beta
+
+
+def _miss(start: tuple[PlanarStructure, Array], q: Array, z: Array) -> float:
+    """Error [unit] of a start, rms."""
+    structure, beta = start
+    miss = z - structure.predict(q, beta)
+    return float(np.sqrt((miss**2).sum(axis=1).mean()))
+
+
+def _differs(signs: tuple[int, ...], revolute: tuple[bool, ...]) -> bool:
+    """Whether signs are a way of its own.
+
+    A first turning joint that turns the other way is a mirror; a slide that is reversed is another
+    offset.
+    """
+    turning = np.asarray(revolute)
+    turning[turning.argmax()] = False
+    return bool((np.array(signs)[~turning] > 0).all())
+
+
+def _linear(structure: PlanarStructure, q: Array, z: Array) -> Array:
+    """Parameters of the chain that fits positions (n, 2) best."""
+    beta = structure.neutral()
+    groups = structure.groups
+    columns = waves(
+        q, structure.signs, structure.viewpoint.mirror, structure.revolute
+    )
+    columns = np.column_stack([columns, np.ones(len(q))])
+    size = np.sqrt(np.mean(np.abs(columns) ** 2, axis=0)) + 1e-300
+    # a joint that hardly moves makes columns alike: they share what they cannot tell apart
+    tip = z @ (1, 1j)
+    fit = np.linalg.lstsq(columns / size, tip, rcond=START.one_column)
+    links = np.asarray(fit[0] / size, dtype=complex)
+    drawing = drawing_of(
+        links[:-1],
+        complex(links[-1]),
+        structure.signs,
+        structure.viewpoint.mirror,
+        structure.revolute,
+    )
+    turning = np.asarray(structure.revolute)
+    # of a slide how far it moves the tip
+    sizes = np.abs(links[:-1]) / structure.metre
+    if structure.viewpoint.seen_as.scaled:
+        # in the first length, or where joints slide in metres
+        unit = float(sizes[0])
+        if not turning.all():
+            unit = float(np.exp(np.log(sizes[~turning] + 1e-300).mean()))
+        unit = max(unit, 1e-9 * structure.extent)
+        beta[groups["view.scale"]] = np.log(unit)
+        sizes = sizes / unit
+    beta[groups["length"]] = np.where(turning, sizes, 0.0)
+    beta[groups["offset"]] = drawing.offsets
+    beta[groups["view.rotation"]] = drawing.rotation
+    beta[groups["view.shift"]] = drawing.shift
+    return beta
