@@ -32,13 +32,21 @@ class Compiler:
     """How the source is compiled."""
 
     flags: tuple[str, ...] = (
-        *("-O2", "-std=c99", "-fPIC", "-shared", "-fvisibility=hidden"),
-        *("-ffp-contract=off", "-fno-math-errno"),
+        "-O2",
+        "-std=c99",
+        "-fPIC",
+        "-shared",
+        "-fvisibility=hidden",
+        "-ffp-contract=off",
+        "-fno-math-errno",
     )
     # where the compiler knows them: a bound of six joints takes 3 us for 5
     quick: tuple[str, ...] = (
-        *("-O3", "-march=native", "-fno-inline-small-functions"),
-        *("-fno-inline-functions", "-fno-tree-pre"),
+        "-O3",
+        "-march=native",
+        "-fno-inline-small-functions",
+        "-fno-inline-functions",
+        "-fno-tree-pre",
     )
     # niceness beside another thread, where a control loop may run
     patience: int = 10
@@ -91,7 +99,6 @@ class Compiled:
         self._library = ctypes.CDLL(str(path))
         self._local = threading.local()
         self._dof = dof
-        self._outputs = outputs
         place = (outputs,)
         # sizes of what is asked beside joints, and shape of the answer
         self._shapes: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {

@@ -82,7 +82,8 @@ class CompactPosterior:
         geometric = np.delete(np.arange(structure.size), np.concatenate(groups))
         basis = arm.derivatives(q)[0].transpose(2, 1, 0).reshape(len(moves), -1)
         through = _amounts(basis, moves[:, geometric], COMPACT.least)
-        rest = np.linalg.norm(basis @ through - moves[:, geometric], axis=0)
+        rest = basis @ through - moves[:, geometric]
+        rest = np.linalg.norm(rest, axis=0)
         largest = np.linalg.norm(moves, axis=0).max()
         if (rest > COMPACT.unexplained * largest).any():
             raise OptionError(
@@ -152,11 +153,12 @@ class CompactPosterior:
         sines = np.sin(angles[:, :, 1:])
         terms = np.concatenate([cosines, sines], axis=2)
         size = np.einsum("bkh,knh->bkn", self.alone, terms)
-        waves = np.concatenate(
-            [cosines[:, :, 1 : HARMONICS + 1], sines[:, :, :HARMONICS]], axis=2
-        )
+        low_cosines = cosines[:, :, 1 : HARMONICS + 1]
+        low_sines = sines[:, :, :HARMONICS]
+        waves = np.concatenate([low_cosines, low_sines], axis=2)
         dof, n, _ = waves.shape
-        along = waves @ self.curves.reshape(dof, 2 * HARMONICS, -1)
+        curves = self.curves.reshape(dof, 2 * HARMONICS, -1)
+        along = waves @ curves
         along = along.reshape(dof, n, *self.gains.shape)
         z = np.tensordot(by_geometry, self.geometry, (0, 0))  # (m, n, b, w)
         z += np.einsum("kmn,knbw->mnbw", by_joints, along)
@@ -170,9 +172,11 @@ def _amounts(basis: Array, moves: Array, least: float) -> Array:
     size = np.linalg.norm(basis, axis=0)
     # such as the load of a joint that stands upright
     still = size < 1e-10 * size.max()
-    scaled = np.where(still, 0.0, basis / np.where(still, 1.0, size))
+    size = np.where(still, 1.0, size)
+    scaled = basis / size
+    scaled[:, still] = 0.0
     amounts = np.linalg.lstsq(scaled, moves, rcond=least)[0]
-    return np.asarray(amounts / np.where(still, 1.0, size)[:, None])
+    return np.asarray(amounts / size[:, None])
 
 
 def _strongest(covariance: Array, moves: Array) -> tuple[Array, Array]:
@@ -204,8 +208,10 @@ def _curves_alone(covariance: Array, groups: list[NDArray[np.intp]]) -> Array:
         if not len(group):
             continue
         block = np.ix_(group, group)
-        variance = ((waves @ covariance[block]) * waves).sum(axis=1)
-        terms = np.fft.rfft(variance)[: 2 * HARMONICS + 1] / len(turn)
+        spread = waves @ covariance[block]
+        variance = (spread * waves).sum(axis=1)
+        terms = np.fft.rfft(variance) / len(turn)
+        terms = terms[: 2 * HARMONICS + 1]
         terms[1:] *= 2
         alone[k] = np.concatenate([terms.real, -terms[1:].imag])
         covariance[block] = 0.0
