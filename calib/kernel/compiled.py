@@ -220,7 +220,8 @@ class Compiled:
             answer(0, n)
         else:
             with ThreadPoolExecutor(2) as pool:
-                list(pool.map(answer, (0, n // 2), (n // 2, n)))
+                half = n // 2
+                list(pool.map(answer, (0, half), (half, n)))
         return answers, flags
 
 

@@ -72,14 +72,16 @@ class CompactPosterior:
         if body.second is not None:
             beliefs.append(body.second)
         moves = np.zeros((len(q) * outputs, structure.size))
-        uncertain = np.unique(np.concatenate([b.active for b in beliefs]))
+        active = [belief.active for belief in beliefs]
+        uncertain = np.unique(np.concatenate(active))
         slope = structure.linearise(q, body.beta, uncertain)[1][:, :outputs]
         moves[:, uncertain] = slope.reshape(len(moves), -1)
         groups = [
             np.asarray(structure.groups[f"curve.{k}"], int)
             for k in range(structure.dof)
         ]
-        geometric = np.delete(np.arange(structure.size), np.concatenate(groups))
+        every = np.arange(structure.size)
+        geometric = np.delete(every, np.concatenate(groups))
         basis = arm.derivatives(q)[0].transpose(2, 1, 0).reshape(len(moves), -1)
         through = _amounts(basis, moves[:, geometric], COMPACT.least)
         rest = basis @ through - moves[:, geometric]
@@ -152,7 +154,7 @@ class CompactPosterior:
         cosines = np.cos(angles)
         sines = np.sin(angles[:, :, 1:])
         terms = np.concatenate([cosines, sines], axis=2)
-        size = np.einsum("bkh,knh->bkn", self.alone, terms)
+        size = terms @ np.moveaxis(self.alone, 0, 2)  # (dof, n, b)
         low_cosines = cosines[:, :, 1 : HARMONICS + 1]
         low_sines = sines[:, :, :HARMONICS]
         waves = np.concatenate([low_cosines, low_sines], axis=2)
@@ -160,11 +162,19 @@ class CompactPosterior:
         curves = self.curves.reshape(dof, 2 * HARMONICS, -1)
         along = waves @ curves
         along = along.reshape(dof, n, *self.gains.shape)
-        z = np.tensordot(by_geometry, self.geometry, (0, 0))  # (m, n, b, w)
-        z += np.einsum("kmn,knbw->mnbw", by_joints, along)
-        spread = np.einsum("inbw,bw,jnbw->bnij", z, self.gains, z)
-        spread += np.einsum("kin,bkn,kjn->bnij", by_joints, size, by_joints)
-        return spread, np.linalg.norm(z[..., -1], axis=0)
+        joints = by_joints.transpose(2, 1, 0)  # (n, m, dof)
+        # (b, n, m, w), how each direction moves positions
+        z = np.tensordot(by_geometry, self.geometry, (0, 0))
+        z = z.transpose(2, 1, 0, 3)
+        z = z + joints @ along.transpose(2, 1, 0, 3)
+        signed = z * self.gains[:, None, None]
+        spread = signed @ np.swapaxes(z, 2, 3)
+        # (b, n, m, dof), what each curve moves by itself
+        variance = size.transpose(2, 1, 0)
+        alone = joints * variance[:, :, None]
+        spread += alone @ np.swapaxes(joints, 1, 2)
+        apart = np.linalg.norm(z[..., -1], axis=2).T
+        return spread, apart
 
 
 def _amounts(basis: Array, moves: Array, least: float) -> Array:

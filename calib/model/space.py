@@ -314,7 +314,9 @@ class Space:
             if newton.redundant:
                 u = u[:_FAMILIES]
                 goals = np.tile(goal, (len(u), 1))
-                u = newton.settle(u, goals, np.tile(wish, (len(u), 1)))[0]
+                wishes = np.tile(wish, (len(u), 1))
+                near, miss = newton.settle(u, goals, wishes)
+                u = np.where(newton.met(miss)[:, None], near, u)
             answers.append(self._scale.from_unit(u))
         return answers
 
