@@ -3,8 +3,8 @@
 from .arm.arm import PlanarArm as PlanarArm
 from .arm.loading import load_arm as load_arm
 from .arm.robots import list_robots as list_robots
-from .change.adapt import Adaptation as Adaptation
 from .change.adapt import adapt as adapt
+from .change.adaptation import Adaptation as Adaptation
 from .change.check import Recognition as Recognition
 from .change.check import check as check
 from .change.check import recognise as recognise

@@ -98,7 +98,10 @@ def _view_of(model: Model) -> dict[str, object]:
     for parameter in body.parameters():
         # the arm's own parameters stand in `calib info`; here only what the sensor is
         if parameter.group.startswith(("view.", "lens")):
-            view[parameter.name.partition(".")[2].replace(" ", "_")] = {
+            key = parameter.name.partition(".")[2].replace(" ", "_")
+            if mirror is not None:  # of a planar arm
+                key = {"scale": "log_scale"}.get(key, key).replace(".", "_")
+            view[key] = {
                 "value": parameter.value,
                 "interval": [parameter.low, parameter.high],
                 "unit": parameter.unit,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..common.arrays import Array, Shape
 
@@ -22,9 +22,9 @@ class Approach:
     # [rad or m], half the play of each joint, 0 where the log shows none
     play: Annotated[Array, Shape("dof")]
 
-    def effective(self, q: Array, direction: ArrayLike) -> Array:
+    def effective(self, q: Array, direction: Array) -> Array:
         """Where joints (n, dof) stand that came from a direction, 1, -1 or 0 (unknown)."""
-        return np.asarray(q - self.play * np.asarray(direction, dtype=float))
+        return np.asarray(q - self.play * direction)
 
     def known(self, direction: Array) -> NDArray[np.bool_]:
         """Whether the direction (n, dof) is known of all joints with play, (n,)."""
@@ -59,7 +59,8 @@ def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:
     inverse = np.linalg.inv(gram)
     solution = inverse @ (a.T @ b)
     # one row's coordinates are one measurement: robust to what they share
-    score = (
-        (a * (b - a @ solution)[:, None]).reshape(features.shape).sum(axis=1)
-    )
-    return solution, np.sqrt(np.diag(inverse @ (score.T @ score) @ inverse))
+    missed = b - a @ solution
+    scores = (a * missed[:, None]).reshape(features.shape)
+    score = scores.sum(axis=1)
+    covariance = inverse @ (score.T @ score) @ inverse
+    return solution, np.sqrt(np.diag(covariance))

@@ -30,9 +30,8 @@ def radius_95(covariance: Array) -> Array:
     square = (covariance**2).sum(axis=(1, 2))
     freedom = trace**2 / np.maximum(square, 1e-300)
     a = 2 / (9 * np.maximum(freedom, 1e-300))
-    return np.asarray(
-        np.sqrt(np.maximum(trace, 0.0) * (1 - a + NORMAL_95 * np.sqrt(a)) ** 3)
-    )
+    quantile = (1 - a + NORMAL_95 * np.sqrt(a)) ** 3
+    return np.asarray(np.sqrt(np.maximum(trace, 0.0) * quantile))
 
 
 def spread_of(derivative: Array, root: Array) -> Array:

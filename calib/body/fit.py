@@ -79,16 +79,6 @@ class Fit:
         ]
 
     @property
-    def residual(self) -> Array:
-        """Residuals (n, m)."""
-        return self.parts[0].residual
-
-    @property
-    def weight(self) -> Array:
-        """Weights (n, m) of the residuals under Student noise."""
-        return self.parts[0].weight
-
-    @property
     def noise(self) -> Array:
         """Noise sd (m,) of each output."""
         return self.parts[0].noise

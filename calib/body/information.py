@@ -19,7 +19,9 @@ def matern(q: Array, other: Array, lengths: Array) -> Array:
     """Matern 5/2 correlation (n, k) of joints (n, dof) and (k, dof)."""
     a = q / lengths
     b = other / lengths
-    square = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
+    of_q = (a**2).sum(axis=1)
+    of_other = (b**2).sum(axis=1)
+    square = of_q[:, None] + of_other - 2 * a @ b.T
     d = np.sqrt(5.0 * np.maximum(square, 0.0))
     return np.asarray((1 + d + d * d / 3) * np.exp(-d))
 

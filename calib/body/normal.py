@@ -61,15 +61,9 @@ class Factor:
 
     def whiten(self, b: Array) -> Array:
         """``L^-1 b`` (k, r): columns whose scalar products are ``b' matrix^-1 b``."""
-        scaled = np.asfortranarray(b * self.scale[:, None])
+        scaled = b * self.scale[:, None]
         return np.asarray(
-            solve_triangular(
-                self._root,
-                scaled,
-                lower=True,
-                overwrite_b=True,
-                check_finite=False,
-            )
+            solve_triangular(self._root, scaled, lower=True, check_finite=False)
         )
 
     def log_determinant(self) -> float:

@@ -119,12 +119,8 @@ def candidates(structure: Structure, rows: Rows) -> list[Start]:
         )
     if not structure.informed:
         some = thinned(len(q), START.chain_rows)
-        share = (
-            0.0
-            if rows.noise is None
-            else float(np.max(rows.noise)) / structure.extent
-        )
-        return _chains(structure, q[some], z[some], share)
+        noise = 0.0 if rows.noise is None else float(np.max(rows.noise))
+        return _chains(structure, q[some], z[some], noise / structure.extent)
     beta = frame(structure, q, z)
     if structure.view == "base pose":
         turn = beta[structure.groups["tool.rotation"]]

@@ -90,6 +90,11 @@ class Structure(Layout):
         """What bends the joints, by the block of elasticity that has a parameter for each."""
         raise NotImplementedError
 
+    @property
+    def tilts(self) -> Mapping[str, Array]:
+        """Blocks that tilt gravity, and the ways (t, g) in which their parameters move it."""
+        return {}
+
     def gravity_at(self, beta: Array) -> Array:  # noqa: ARG002
         """What (g,) loads are of their levers, at parameters (d,)."""
         return np.ones(1)
@@ -111,14 +116,16 @@ class Structure(Layout):
             values += self.bends(q, beta)
         return values
 
-    def bends(self, q: Array, beta: Array) -> Array:
+    def bends(
+        self, q: Array, beta: Array, gravity: Array | None = None
+    ) -> Array:
         """How much loads bend the chain's joints (c, n) [rad or m] at logged values (n, dof)."""
         fixed = self.fixed(beta)
+        if gravity is None:
+            gravity = fixed.gravity
         out = np.zeros((len(self.chain_names), len(q)))
         for block, elastic in fixed.elastic.items():
-            bends = elastic[:, None] * loads_of(
-                self._levers(block, q), fixed.gravity
-            )
+            bends = elastic[:, None] * loads_of(self._levers(block, q), gravity)
             joints = self.loads[block].joints.tolist()
             for joint, bend in zip(joints, bends, strict=True):
                 out[joint] += bend
@@ -246,10 +253,6 @@ class Structure(Layout):
         look = partial(self._look, q, motion)
         for name in self.own_blocks:
             yield groups[name], partial(self._by_differences, name, look, beta)
-        if "gravity" in groups:
-            look = partial(Structure.predict, self, q)
-            name = "gravity"
-            yield groups[name], partial(self._by_differences, name, look, beta)
         chained = sight.push(*motion.joints())
         led = self.led(chained)
 
@@ -261,6 +264,8 @@ class Structure(Layout):
 
         for block in self.loads:
             yield groups[block], partial(by_loads, block)
+        if "gravity" in groups:
+            yield groups["gravity"], lambda: self._by_gravity(q, beta, chained)
         if "coupling" in groups:
             yield groups["coupling"], lambda: led[1:] * joints.T[:-1, None]
         yield groups["offset"], lambda: led
@@ -272,6 +277,14 @@ class Structure(Layout):
             yield indices, partial(_pushed, sight, moved)
         for k in range(self.dof):
             yield groups[f"curve.{k}"], partial(_waved, joints[:, k], led[k])
+
+    def _by_gravity(self, q: Array, beta: Array, chained: Array) -> Array:
+        """How outputs (t, m, n) move as gravity tilts."""
+        moved: list[Array] = []
+        for way in self.tilts["gravity"]:
+            bends = self.bends(q, beta, way)
+            moved.append((chained * bends[:, None]).sum(axis=0))
+        return np.array(moved)
 
     def _by_differences(
         self, block: str, predict: Callable[[Array], Array], beta: Array

@@ -31,7 +31,7 @@ class Cause:
 
     # ``"sensor"``, ``"offset:JOINT"``, ``"length:JOINT"``, ``"gain:JOINT"``, ``"elastic:JOINT"``,
     # ``"curve:JOINT"``, ``"curve"`` of all joints, ``"scale"``, ``"tilt"``, ``"lens"``,
-    # ``"mirror"``, ``"sign:JOINT"``, ``"backlash:JOINT"``, ``"noise"``,
+    # ``"mirror"``, ``"sign:JOINT"``, ``"lost:JOINT"``, ``"backlash:JOINT"``, ``"noise"``,
     # ``"noise:JOINT"`` or ``"unknown"``
     cause: str
     group: str  # group of parameters: ``"view.rotation"``, ``"offset"``, ``"length"``,
@@ -222,20 +222,15 @@ def single_causes(
 
 
 def rich_sets(
-    structure: Structure, cause: str | None = None
+    structure: Structure, singles: dict[str, Indices]
 ) -> dict[str, Indices]:
-    """Return the parameters of causes that may have changed together.
-
-    cause : as of `single_causes`
-    """
-    if cause == "sensor":
-        return {}
-    sets: tuple[tuple[str, ...], ...] = _SETS
-    if cause == "joints":
-        sets = tuple(groups for groups in _SETS if FRAME[0] not in groups)
-    elif cause == "offsets":
-        sets = (("offset",), ("offset", *FRAME))
-    return {"+".join(groups): indices_of(structure, groups) for groups in sets}
+    """Return the parameters of single causes that may have changed together."""
+    allowed = np.concatenate([*singles.values()])
+    sets = {}
+    for groups in _SETS:
+        indices = indices_of(structure, groups)
+        sets["+".join(groups)] = indices[np.isin(indices, allowed)]
+    return sets
 
 
 def is_sensors(group: str) -> bool:

@@ -1,7 +1,8 @@
-"""Evidence: the workings of a verdict, from which it is put in words and a belief is updated."""
+"""Evidence: the workings of a verdict: what tests, the bound, orientations and causes say."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -10,9 +11,9 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm, matrix_of
 from ..body.belief import Body, knows_orientation
-from ..body.covariance import root_of
+from ..body.covariance import autocorrelation_time, root_of
 from ..body.fit import Fit
-from ..body.parameters import Prior
+from ..body.parameters import Indices, Prior
 from ..body.rows import Rows
 from ..body.settings import FREE, STUDENT
 from ..common.arrays import Array, Mask
@@ -21,9 +22,102 @@ from .causes import Cause
 from .explain import Explanation, is_changed
 from .frame import Reference
 from .rows import LogRows
-from .settings import BEYOND, FALSE_ALARM, FEW_WRONG, UNEXPLAINED
-from .significance import BoundTest, Tested
+from .settings import (
+    BEYOND,
+    FALSE_ALARM,
+    FEW_WRONG,
+    UNEXPLAINED,
+)
+from .significance import SIGNIFICANCE, GroupTest, Tested
 from .system import Log
+
+
+@dataclass(frozen=True)
+class BoundTest:
+    """The rows that are beyond the model's own 95 % bound."""
+
+    beyond: float  # share of them
+    usual: float  # median of the bounds [unit]
+    test: GroupTest  # the chance of so many by noise
+
+    @property
+    def holds(self) -> bool:
+        """Whether they are about as many as usual."""
+        return self.beyond <= BEYOND and self.test.score <= 1.0
+
+    def words(self, *, noisier: bool) -> str:
+        """The share in words; `noisier` if noise may be all there is to it."""
+        cause = "a noisier sensor or encoder, " if noisier else ""
+        return (
+            f"{100 * self.beyond:.0f} % of the rows are further from the prediction than its "
+            f"bound, where 5 % should be: {cause}the bound does not hold"
+        )
+
+
+def bound_test(
+    rows: LogRows,
+    sound: Mask,
+    limit: Array,
+    shared: Array | float,
+    tests: Tested,
+) -> BoundTest:
+    """Count the rows beyond the 95 % bound, beside what a noisier sensor or encoder would do.
+
+    sound : (n,), rows that do not contradict all others; k of them
+    limit : (n,), the bound of each row [unit]
+    shared : (k,), variance of what all rows share [unit^2]
+    """
+    from scipy.special import bdtrc, chdtri
+
+    index = np.flatnonzero(sound)
+    away = (rows.x - rows.predicted)[index]
+    bound = limit[index]
+    usual = float(np.median(bound))
+    square = (away**2).sum(axis=1)
+    outputs = away.shape[1]
+    # squared, of 95 % of a Gaussian, in deviations
+    radius = float(chdtri(outputs, 0.05))
+    # half of the rows of a noisier sensor are nearer than its median
+    median = float(np.median(square)) / float(chdtri(outputs, 0.5))
+    noise = max(tests.noise**2, median) - tests.usual**2
+    if noise > 0.0 and alike(index, rows.u[index], away) * radius > usual**2:
+        noise = 0.0
+    variance = np.full(len(away), max(noise, 0.0))
+    if tests.noisy is not None:
+        joint, sd = tests.noisy
+        slope = rows.body.structure.slope(rows.q[sound], rows.body.beta)
+        variance += sd**2 * (slope[..., joint] ** 2).sum(axis=1)
+    over = square > bound**2 + radius * (shared + variance)
+    # rows that err together count once
+    time = 1.0
+    if over.any():
+        time = autocorrelation_time(over[:, None].astype(float))
+    count = int(over.sum() / time)
+    independent = math.ceil(len(over) / time)
+    chance = float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
+    beyond = float(np.mean(square > bound**2 + radius * shared))
+    return BoundTest(beyond, usual, GroupTest("bound", chance))
+
+
+def alike(rows: Indices, u: Array, residual: Array) -> float:
+    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
+    from scipy.spatial import cKDTree
+    from scipy.special import ndtri
+
+    # of so many rows at least one is no neighbour in time: noise may last over some rows
+    lasting = SIGNIFICANCE.lasting
+    near = cKDTree(u).query(u, min(2 * lasting + 2, len(u)))[1]
+    near = np.asarray(near)
+    later = np.abs(rows[near] - rows[:, None]) > lasting
+    row = np.flatnonzero(later.any(axis=1))
+    if not len(row):
+        return 0.0
+    pairs = np.stack([row, near[row, later[row].argmax(axis=1)]], axis=1)
+    first, second = np.unique(np.sort(pairs, axis=1), axis=0).T
+    product = (residual[first] * residual[second]).sum(axis=1)
+    # whatever its size, noise makes either sign as likely
+    sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
+    return float(product.mean()) / residual.shape[1] if sure else 0.0
 
 
 @dataclass(frozen=True)
@@ -36,7 +130,6 @@ class TurnedTool:
         default_factory=lambda: np.zeros(3)
     )  # [rad], in the tool's own axes
     covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
-    notes: tuple[str, ...] = ()  # why orientations were not compared
 
     @property
     def cause(self) -> Cause:
@@ -78,13 +171,8 @@ def turned_tool(
     from scipy.special import chdtri
 
     old = rows.body
-    if rows.orientation is None:
+    if rows.orientation is None or not knows_orientation(old):
         return TurnedTool()
-    if not knows_orientation(old):
-        why = (
-            "orientations are not compared: the model was learned without them"
-        )
-        return TurnedTool(notes=(why,))
     tool = structure.groups["tool.rotation"]
     sd = np.zeros(len(beta))
     if deviation is not None:

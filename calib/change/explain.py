@@ -111,8 +111,9 @@ class Search:
         groups = tuple(dict.fromkeys(labels))
         self.sd = freedom(reference.body, groups, cause, reference.forgotten)
         self.start = np.sort(indices_of(structure, always))
-        self.singles = self._free(single_causes(structure, cause))
-        self.sets = self._free(rich_sets(structure, cause))
+        singles = single_causes(structure, cause)
+        self.singles = self._free(singles)
+        self.sets = self._free(rich_sets(structure, singles))
         self.cost = float(np.log(max(len(self.singles) + len(self.sets), 1)))
         self.informations: dict[Level, Information] = {}
 

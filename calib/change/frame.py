@@ -41,6 +41,8 @@ class FrameSettings:
     least: float = 1e-4
     # misfit, of the extents, that is none
     exact: float = 1e-6
+    # between the angles that are tried for a joint that is held [rad]
+    angle: float = 0.1
 
 
 PLACING = FrameSettings()
@@ -88,10 +90,12 @@ class Reference:
 
 @dataclass(frozen=True)
 class _Sense:
-    """A structure with another sense of the axes or of a joint, turned as it fits a log best."""
+    """A body with another sense of axes or joints, or a joint held, as it fits a log best."""
 
     structure: Structure
-    causes: tuple[Cause, ...]  # one a freedom
+    beta: Array  # (d,)
+    causes: tuple[Cause, ...] = ()  # one a freedom
+    unit_is_open: bool = True  # whether positions may be in another unit
     misfit: float = np.inf
     turn: Array = field(default_factory=lambda: np.eye(2))
     ratio: float = 1.0  # of the sizes
@@ -107,6 +111,9 @@ class _Sense:
         sound = np.ones(len(p), dtype=bool)
         for _ in range(3):
             turn, shift, ratio = similarity(p[sound], z[sound])
+            if not self.unit_is_open:
+                ratio = 1.0
+                shift = (z[sound] - p[sound] @ turn.T).mean(axis=0)
             distance = np.linalg.norm(z - shift - ratio * p @ turn.T, axis=1)
             sound = distance <= max(3.0 * float(np.median(distance)), 1e-12)
         misfit = float(np.median(distance)) / ratio
@@ -126,12 +133,11 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     if float(np.median(missed)) < PLACING.far * extent:
         return Reference(body, body.beta)
     if is_camera(old.view):
-        starts = [body.beta, _camera_anew(body, q, z)]
-        beta = _placed(old, q, z, starts, FRAME)
+        beta = _placed(old, q, z, _camera_anew(body, q, z), FRAME)
         return Reference(body, beta, forgotten=indices_of(old, FRAME))
     fits = []
-    for sense in _senses(old):
-        p = sense.structure.predict(q, body.beta)
+    for sense in (*_senses(old, body.beta), *_held(old, body.beta)):
+        p = sense.structure.predict(q, sense.beta)
         fits.append(sense.fitted(p[:, places], z[:, places]))
     best = min(fits, key=lambda fit: _judged_misfit(fit, extent))
     structure = best.structure
@@ -149,11 +155,11 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
         )
         words = f"the log's positions are {factor:.4g} times the model's{unit_hint(factor)}"
         causes.append(Cause("scale", "view.scale", words, factor, None, "1"))
-    start = _turned(structure, best, body.beta, factor)
+    start = _turned(structure, best, factor)
     shift = structure.groups["view.shift"]
     residual = structure.residual(z, structure.predict(q, start))
     start[shift] += np.median(residual, axis=0)[: len(shift)]
-    beta = _placed(structure, q, z, [start], groups)
+    beta = _placed(structure, q, z, start, groups)
     if causes and causes[0].cause == "mirror":
         seen = structure.predict(q, beta)
         if Alignment.between(predicted, seen).swapped:
@@ -196,15 +202,15 @@ def _camera_anew(body: Body, q: Array, z: Array) -> Array:
     return beta
 
 
-def _senses(structure: Structure) -> Iterator[_Sense]:
+def _senses(structure: Structure, beta: Array) -> Iterator[_Sense]:
     """The axes as they are and mirrored, and each joint the other way, as far as that may be."""
-    plain = [_Sense(structure, ())]
+    plain = [_Sense(structure, beta)]
     mirror = getattr(structure, "mirror", None)
     if mirror is not None:
         words = "the log's positions are mirrored, compared with the model"
         cause = Cause("mirror", "view.mirror", words)
         mirrored = _with_fields(structure, mirror=-mirror)
-        plain.append(_Sense(mirrored, (cause,)))
+        plain.append(_Sense(mirrored, beta, (cause,)))
     yield from plain
     signs = getattr(structure, "signs", ())
     for k in np.flatnonzero(structure.revolute).tolist() if signs else ():
@@ -214,7 +220,22 @@ def _senses(structure: Structure) -> Iterator[_Sense]:
         other = (*signs[:k], -signs[k], *signs[k + 1 :])
         for sense in plain:
             turned = sense.structure.changed(signs=other)
-            yield _Sense(turned, (*sense.causes, cause))
+            yield _Sense(turned, beta, (*sense.causes, cause))
+
+
+def _held(structure: Structure, beta: Array) -> Iterator[_Sense]:
+    """Each joint but the first held, at angles around the turn."""
+    for k in np.flatnonzero(structure.revolute).tolist():
+        if k == 0 or "gain" not in structure.groups:
+            continue
+        words = f"{structure.joint_names[k]} no longer moves the tip"
+        cause = f"lost:{structure.joint_names[k]}"
+        for angle in np.arange(-np.pi, np.pi, PLACING.angle):
+            stuck = beta.copy()
+            stuck[structure.groups["gain"][k]] = 0.0
+            stuck[structure.groups["offset"][k]] += angle
+            lost = Cause(cause, "gain", words, 0.0, None, "1")
+            yield _Sense(structure, stuck, (lost,), unit_is_open=False)
 
 
 def _judged_misfit(sense: _Sense, extent: float) -> float:
@@ -231,9 +252,7 @@ def _with_fields(structure: Structure, **change: Any) -> Structure:
     return structure.with_sensor(**sensor)
 
 
-def _turned(
-    structure: Structure, sense: _Sense, beta: Array, factor: float
-) -> Array:
+def _turned(structure: Structure, sense: _Sense, factor: float) -> Array:
     """Parameters (d,) with the frame turned and scaled as it fits best."""
     about = structure.groups["view.rotation"]
     turn = sense.turn
@@ -243,24 +262,20 @@ def _turned(
         step[about] = logarithm(turn)
     else:
         step[about] = np.arctan2(turn[1, 0], turn[0, 0])
-    return structure.retract(beta, step)
+    return structure.retract(sense.beta, step)
 
 
 def _placed(
     structure: Structure,
     q: Array,
     z: Array,
-    starts: list[Array],
+    start: Array,
     groups: tuple[str, ...],
 ) -> Array:
-    """The frame alone fitted to the rows, from the best of some starts."""
+    """The frame alone fitted to the rows, from a start (d,)."""
     from ..body.starts import Start
 
     sd = np.zeros(structure.size)
     anywhere = 1e3 * max(1.0, float(structure.extents[0]))
     sd[indices_of(structure, groups)] = anywhere
-    runs = [
-        Start(structure, start).run(q, z, Prior(start, sd), 30)
-        for start in starts
-    ]
-    return min(runs, key=lambda run: run.cost).beta
+    return Start(structure, start).run(q, z, Prior(start, sd), 30).beta

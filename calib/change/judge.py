@@ -31,16 +31,14 @@ from .causes import (
     check_choice,
     single_causes,
 )
-from .evidence import Evidence
+from .evidence import BoundTest, Evidence, bound_test
 from .explain import explain
 from .frame import Reference, carried_offset, reference_of
 from .rows import LogRows, Signal, distortions, rows_of
 from .settings import BEYOND, FALSE_ALARM, OUTLIER
 from .significance import (
-    BoundTest,
     GroupTest,
     Tested,
-    bound_test,
     find_play,
     fired,
     group_tests,

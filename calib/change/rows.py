@@ -27,7 +27,6 @@ _MISREAD = ("exchanged", "turns")
 _CORNER = 0.5  # share of a joint's range below which it is said how little was covered
 # joints all over the learned range at which predictions are compared
 _PROBES = 120
-_SQUARED = 1e100  # positions beyond overflow where they are squared
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,11 +139,6 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     scale = model.motor.scale
     stands = scale.from_unit(scale.to_unit(prediction.joints[answered]))
     predicted = prediction.value[answered]
-    alone = predicted if model.body is None else model.body.predict(stands)
-    if not (np.abs([predicted, alone]) < _SQUARED).all():  # as in a forged file
-        raise ModelError(
-            "the model predicts no finite positions for this log: train it again"
-        )
     assert motion.side is not None  # noqa: S101 - of a log they are known
     return LogRows(
         model=model,
@@ -219,15 +213,6 @@ class Signal(NamedTuple):
 
     value: float  # of the log
     threshold: float  # what is usual where it lies
-
-    @property
-    def score(self) -> float:
-        """Value over threshold."""
-        return (
-            self.value / self.threshold
-            if self.threshold > 0
-            else float(self.value > 0)
-        )
 
 
 def distortions(rows: LogRows) -> dict[str, Signal]:

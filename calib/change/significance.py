@@ -1,4 +1,4 @@
-"""Tests: which freed group of parameters explains more of a log than chance does; and the bound.
+"""Tests: which freed group of parameters explains more of a log than chance does.
 
 The noise is that of a fit in which every group may have changed: it is unknown, and it may be that
 of one joint's encoder.  So what a group explains has the chance of an F test.
@@ -15,11 +15,10 @@ import numpy as np
 from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..body.structure import Structure
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array
 from ..common.rows import thinned
 from .causes import FRAME, changeable, freedom, indices_of, single_causes
-from .rows import LogRows
-from .settings import BEYOND, CREPT, FALSE_ALARM, LARGE, NOISIER, OWN
+from .settings import CREPT, FALSE_ALARM, LARGE, NOISIER, OWN
 from .system import NoisyJoint, System, Unknown, own_columns
 
 
@@ -27,8 +26,8 @@ from .system import NoisyJoint, System, Unknown, own_columns
 class SignificanceSettings:
     """When something is no chance."""
 
-    # noise of one encoder over that of the sensor, at the tip: a factor of two is .1 nats at most
-    joint_noises: tuple[float, ...] = (0.5, 0.7, 1, 1.4, 2, 2.8, 4, 8, 16, 32)
+    # noise of one encoder over that of the sensor, at the tip: steps of two left 2 of 90 drifted
+    joint_noises: tuple[float, ...] = tuple(2.0 ** np.arange(-1.0, 6.5, 0.5))
     # share of logs in which the smallest change that is told would be found
     power: float = 0.9
     # statistic beyond which no size of a change is computed
@@ -43,8 +42,10 @@ class SignificanceSettings:
 
 SIGNIFICANCE = SignificanceSettings()
 
+
 SHOWN = {"scale": "sensor scale", "tilt": "sensor tilt"}
 """Groups whose names alone do not say that they are the sensor's."""
+
 
 DRIFT = "drift"
 """Name of the hypotheses that a smooth residual or waves are larger than the model told."""
@@ -103,28 +104,6 @@ class Tested:
     def smallest(self) -> float:
         """Displacement [unit] that any single cause would have shown."""
         return max(self._sizes, default=np.inf)
-
-
-@dataclass(frozen=True)
-class BoundTest:
-    """The rows that are beyond the model's own 95 % bound."""
-
-    beyond: float  # share of them
-    usual: float  # median of the bounds [unit]
-    test: GroupTest  # the chance of so many by noise
-
-    @property
-    def holds(self) -> bool:
-        """Whether they are about as many as usual."""
-        return self.beyond <= BEYOND and self.test.score <= 1.0
-
-    def words(self, *, noisier: bool) -> str:
-        """The share in words; `noisier` if noise may be all there is to it."""
-        cause = "a noisier sensor or encoder, " if noisier else ""
-        return (
-            f"{100 * self.beyond:.0f} % of the rows are further from the prediction than its "
-            f"bound, where 5 % should be: {cause}the bound does not hold"
-        )
 
 
 @dataclass(frozen=True)
@@ -392,69 +371,3 @@ def find_play(system: System, side: Array) -> Play | None:
     half *= np.arange(len(half)) == best
     deviation = math.sqrt(noise.temper / float(precision[best]))
     return Play(best, half, deviation, test.score)
-
-
-def bound_test(
-    rows: LogRows,
-    sound: Mask,
-    limit: Array,
-    shared: Array | float,
-    tests: Tested,
-) -> BoundTest:
-    """Count the rows beyond the 95 % bound, beside what a noisier sensor or encoder would do.
-
-    sound : (n,), rows that do not contradict all others; k of them
-    limit : (n,), the bound of each row [unit]
-    shared : (k,), variance of what all rows share [unit^2]
-    """
-    from scipy.special import bdtrc, chdtri
-
-    index = np.flatnonzero(sound)
-    away = (rows.x - rows.predicted)[index]
-    bound = limit[index]
-    usual = float(np.median(bound))
-    square = (away**2).sum(axis=1)
-    outputs = away.shape[1]
-    # squared, of 95 % of a Gaussian, in deviations
-    radius = float(chdtri(outputs, 0.05))
-    # half of the rows of a noisier sensor are nearer than its median
-    median = float(np.median(square)) / float(chdtri(outputs, 0.5))
-    noise = max(tests.noise**2, median) - tests.usual**2
-    if noise > 0.0 and alike(index, rows.u[index], away) * radius > usual**2:
-        noise = 0.0
-    variance = np.full(len(away), max(noise, 0.0))
-    if tests.noisy is not None:
-        joint, sd = tests.noisy
-        slope = rows.body.structure.slope(rows.q[sound], rows.body.beta)
-        variance += sd**2 * (slope[..., joint] ** 2).sum(axis=1)
-    over = square > bound**2 + radius * (shared + variance)
-    # rows that err together count once
-    time = 1.0
-    if over.any():
-        time = autocorrelation_time(over[:, None].astype(float))
-    count = int(over.sum() / time)
-    independent = math.ceil(len(over) / time)
-    chance = float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
-    beyond = float(np.mean(square > bound**2 + radius * shared))
-    return BoundTest(beyond, usual, GroupTest("bound", chance))
-
-
-def alike(rows: Indices, u: Array, residual: Array) -> float:
-    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
-    from scipy.spatial import cKDTree
-    from scipy.special import ndtri
-
-    # of so many rows at least one is no neighbour in time: noise may last over some rows
-    lasting = SIGNIFICANCE.lasting
-    near = cKDTree(u).query(u, min(2 * lasting + 2, len(u)))[1]
-    near = np.asarray(near)
-    later = np.abs(rows[near] - rows[:, None]) > lasting
-    row = np.flatnonzero(later.any(axis=1))
-    if not len(row):
-        return 0.0
-    pairs = np.stack([row, near[row, later[row].argmax(axis=1)]], axis=1)
-    first, second = np.unique(np.sort(pairs, axis=1), axis=0).T
-    product = (residual[first] * residual[second]).sum(axis=1)
-    # whatever its size, noise makes either sign as likely
-    sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
-    return float(product.mean()) / residual.shape[1] if sure else 0.0

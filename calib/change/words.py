@@ -74,7 +74,7 @@ def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     if board is not None:
         what = "camera" if board["eye"] == "hand" else "board"
         causes = _mount_once(causes, what)
-    return tuple(causes), (*notes, *evidence.tool.notes)
+    return tuple(causes), tuple(notes)
 
 
 def play_cause(play: Play, model: Model) -> Cause:

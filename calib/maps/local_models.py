@@ -23,7 +23,8 @@ class LocalModels(ReadOnly):
     samples: int  # number of samples that each was fitted to
     # distance to the first sample that was left out, in the unit box
     radius: Annotated[Array, Shape("nodes")]
-    # of the monomials of (u - w) / radius [unit]; a node that is silent has zeros
+    # of the monomials of (u - w) / radius [unit]; a node that is silent, or of a lower degree, has
+    # zeros for the others
     coefficients: Annotated[Array, Shape("nodes", "terms", "width")]
 
 
@@ -65,7 +66,7 @@ def fit(
     """Kernel-weighted least squares around some of the nodes (k,); the others are silent.
 
     The weight of a sample at the distance d is (1 - (d / radius)^2)^2.  Where samples do not carry
-    this degree, as rows on a line, whose noise it multiplies beside them, a node is silent.
+    this degree, as rows on a line, whose noise it multiplies beside them, a lower one is taken.
 
     u, residual : (n, d), (n, o), samples in the unit box and what the smooth part leaves over
     shape : degree of the polynomials and number of samples that each is fitted to
@@ -93,25 +94,31 @@ def fit(
         - places[:, None]
     )
     ring /= radius[..., None]
-    terms = exponents(dof, degree)
-    coefficients = np.zeros((motor.size, len(terms), outputs))
-    together = len(nodes) * near.shape[1] * len(terms)
-    parts = 1 + together // LOCAL.numbers_at_once
-    for part in np.array_split(np.arange(len(nodes)), parts):
-        features = monomials(z[part], terms)
-        weighted = np.swapaxes(features * kernel[part, :, None], 1, 2)
-        moments = weighted @ features
-        # rows on a line leave moments singular; the ring then finds the model shaky
-        diagonal = np.einsum("nii->ni", moments)
-        diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
-        on_ring = np.swapaxes(monomials(ring[part], terms), 1, 2)
-        right_side = np.concatenate(
-            [weighted @ residual[near[part]], on_ring], axis=2
-        )
-        solved = np.linalg.solve(moments, right_side)
-        variance = np.einsum("nta,nta->na", on_ring, solved[..., outputs:])
-        firm = (variance < LOCAL.firm).all(axis=1)
-        coefficients[nodes[part[firm]]] = solved[firm, :, :outputs]
+    coefficients = np.zeros((motor.size, len(exponents(dof, degree)), outputs))
+    shaky = np.arange(len(nodes))
+    for lower in range(degree, -1, -1):
+        terms = exponents(dof, lower)
+        together = len(shaky) * near.shape[1] * len(terms)
+        parts = np.array_split(shaky, 1 + together // LOCAL.numbers_at_once)
+        still_shaky = []
+        for part in parts:
+            features = monomials(z[part], terms)
+            weighted = np.swapaxes(features * kernel[part, :, None], 1, 2)
+            moments = weighted @ features
+            # rows on a line leave moments singular; the ring then finds the model shaky
+            diagonal = np.einsum("nii->ni", moments)
+            diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
+            on_ring = np.swapaxes(monomials(ring[part], terms), 1, 2)
+            right_side = np.concatenate(
+                [weighted @ residual[near[part]], on_ring], axis=2
+            )
+            solved = np.linalg.solve(moments, right_side)
+            variance = np.einsum("nta,nta->na", on_ring, solved[..., outputs:])
+            firm = (variance < LOCAL.firm).all(axis=1)
+            models = solved[firm, :, :outputs]
+            coefficients[nodes[part[firm]], : len(terms)] = models
+            still_shaky.append(part[~firm])
+        shaky = np.concatenate(still_shaky)
     reach = np.full(motor.size, motor.spacing)
     reach[nodes] = radius[:, 0]
     return LocalModels(

@@ -103,6 +103,11 @@ class Map:
         alone = means <= 1e-6 * self.spacing
         return frozen(np.where(alone, max(self.spacing, 1e-300), means))
 
+    @property
+    def u_matrix(self) -> Array:
+        """Mean distance of each node to its neighbours in the unit box, shaped like the lattice."""
+        return self.spacings.reshape(self.lattice.shape)
+
     def nearest_of(self, members: Mask) -> Index:
         """Each node that is a member of (nodes,), and the nearest member in place of others."""
         source = np.arange(self.size)

@@ -14,6 +14,7 @@ from ..body.structure import Structure
 from ..common.atomic import atomic_write
 from ..common.parallel import one_blas_thread
 from ..errors import CalibError, ModelError
+from ..maps.links import Compressed
 from ..model.parts import Parts
 from .container import check_sum, pack, unpack
 from .fields import Kinds, Tensors, read, write
@@ -113,10 +114,20 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
     return model
 
 
+def _check_links(links: Compressed) -> None:
+    """Refuse links of nodes that do not exist; ModelError."""
+    rows, columns = links.shape
+    starts = links.indptr
+    ends = (starts[0], starts[-1]) == (0, len(links.indices))
+    ordered = len(starts) == rows + 1 and (np.diff(starts) >= 0).all()
+    inside = ((links.indices >= 0) & (links.indices < columns)).all()
+    if not (ends and ordered and inside):
+        raise ModelError("it links nodes that do not exist")
+
+
 def _check(model: Parts) -> None:
     """Refuse a model without an answer; ModelError or what breaks of its parts."""
-    # of links to nowhere
-    model.association.links.check_format()
+    _check_links(model.association.linked)
     middle = np.full((1, len(model.about.lower)), 0.5)
     answer = model.predictor.value(middle)
     if model.body is not None:

@@ -92,14 +92,10 @@ class Clocks:
 
     def words(self) -> str:
         """Say it in a line."""
-        rate = (
-            f", rates differ by {100 * self.rate:+.3f} %"
-            if abs(self.rate) > 5e-5
-            else ""
-        )
         return (
             f"clocks: joints are {self.offset:+.4f} s from the camera, sure to "
-            f"{1e3 * self.doubt:.2g} ms{rate}; they predict the tag to {self.error:.2g} px"
+            f"{1e3 * self.doubt:.2g} ms, rates differ by {100 * self.rate:+.3f} %; they predict "
+            f"the tag to {self.error:.2g} px"
         )
 
 

@@ -12,7 +12,7 @@ from ..body.belief import Body
 from ..body.settings import FINER, SHIFT, TURN
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, Index
-from .bundle import Layout, Motions
+from .bundle import Layout, Motions, follow
 from .fit import Fit, Scale
 from .rigid import inverse, rigid
 
@@ -100,14 +100,13 @@ class JointMotions(Motions):
         beta[groups["view.shift"]] = view[:3, 3]
         beta[groups["view.rotation"]] = logarithm(view[None, :3, :3])[0]
         # a step of the standing frame, in its own axes and the base's, as one of its inverse
-        turn, shift = np.split(layout.frames[standing], 2)
+        back = follow(np.eye(4), fit.unknowns.frames[standing], inverted=True)
+        back[3:] -= cross_matrix(view[:3, 3]) @ back[:3]
+        scene = [*groups["view.rotation"], *groups["view.shift"]]
+        tool = [*groups["tool.rotation"], *groups["tool"]]
         slope = np.zeros((structure.size, layout.size))
-        slope[np.ix_(groups["view.rotation"], turn)] = -np.eye(3)
-        slope[np.ix_(groups["view.shift"], turn)] = cross_matrix(view[:3, 3])
-        slope[np.ix_(groups["view.shift"], shift)] = -view[:3, :3]
-        turn, shift = np.split(layout.frames[hand], 2)
-        slope[np.ix_(groups["tool.rotation"], turn)] = np.eye(3)
-        slope[np.ix_(groups["tool"], shift)] = np.eye(3)
+        slope[np.ix_(scene, layout.frames[standing])] = back
+        slope[np.ix_(tool, layout.frames[hand])] = np.eye(6)
         slope[self.active, layout.arm[:-1]] = 1.0
         covariance = slope @ fit.covariance @ slope.T
         active = np.flatnonzero(np.diag(covariance) > 0.0)

@@ -147,40 +147,34 @@ def calibrate_lens(
     one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2
     choices = [(one, 1), (one & ~cv2.CALIB_FIX_K2, 2), (cv2.CALIB_FIX_K3, 4)]
     count = 2 * sum(map(len, images))
-    fits = []
+    least = np.inf
+    doubt = np.inf
     for flags, terms in choices[: 3 if len(images) >= _TANGENTIAL else 2]:
         with suppress(cv2.error):
-            fit = cv2.calibrateCameraExtended(
+            rms, matrix, bends, *poses = cv2.calibrateCamera(
                 objects, images, size, None, None, flags=flags
             )
             # below 0.001 px the misfit is rounding, and its logarithm would decide
-            score = count * np.log(max(fit[0], 1e-3) ** 2) + terms * np.log(
-                count
-            )
-            fits.append((float(score), terms, fit))
-    doubt = np.inf
-    if fits:
-        _, terms, fit = min(fits, key=lambda each: each[0])
-        rms, matrix, found, _, _, spread, *_ = fit
-        distortion = np.pad(
-            np.ravel(found)[:5], (0, max(5 - np.size(found), 0))
-        )
-        focal = np.diag(matrix)[:2].copy()
-        doubt = float(np.ravel(spread)[0] / matrix[0, 0])
-    if not doubt <= _DOUBT or not focal.max() <= 50 * max(size):
+            score = count * np.log(max(rms, 1e-3) ** 2) + terms * np.log(count)
+            if score < least:
+                least = score
+                focal = np.diag(matrix)[:2].copy()
+                distortion = np.resize(np.append(bends, np.zeros(5)), 5)
+                centre = matrix[:2, 2].copy()
+                lens = Lens(size, focal, centre, distortion, float(rms))
+                covariance = _covariance(objects, lens, terms, *poses)
+                doubt = float(np.sqrt(covariance[0, 0]) / focal[0])
+    if not doubt <= _DOUBT or not lens.focal.max() <= 50 * max(size):
         raise LogError(
             f"the pictures of the board determine the focal length to {100 * doubt:.3g} % only, "
             "3 % expected: tilt the board this way and that between them"
         )
-    lens = Lens(size, focal, matrix[:2, 2].copy(), distortion, float(rms))
-    lens = replace(
-        lens, covariance=_covariance(objects, lens, terms, *fit[3:5])
-    )
+    lens = replace(lens, covariance=covariance)
     notes = (
-        f"lens: the corners miss their places by {rms:.2g} px rms; check that the board is flat "
-        "and printed at its true size, and that the pictures are sharp",
+        f"lens: the corners miss their places by {lens.rms:.2g} px rms; check that the board is "
+        "flat and printed at its true size, and that the pictures are sharp",
     )
-    return lens, notes if rms > _MISSES else ()
+    return lens, notes if lens.rms > _MISSES else ()
 
 
 def _covariance(

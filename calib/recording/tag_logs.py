@@ -261,27 +261,21 @@ def _assembled(
         "size": list(sightings.size),
         "tag": setting.tag,
         "dictionary": setting.dictionary,
+        "reference": {"kind": "pixels"},
     }
-    about["reference"] = (
-        {"kind": "pixels"} if reference is None else reference.to_json()
-    )
     if reference is not None:
-        x, unit, (scale, common) = (
-            reference.positions(pixels),
-            "m",
-            reference.noise(pixels),
-        )
+        x = reference.positions(pixels)
+        unit = "m"
+        scale, common = reference.noise(pixels)
+        about["reference"] = reference.to_json()
     lens = setting.lens
     size = setting.tag_size
     if lens is not None:
         about["lens"] = lens.to_json()
     if setting.pose and lens is not None and size is not None:
         # the tag's frame: origin in the middle, x to the right, y up, z out of the paper
-        square = (
-            0.5
-            * size
-            * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
-        )
+        corners = [[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]
+        square = 0.5 * size * np.array(corners)
         turns, x = turns_and_shifts(
             [find_pose(lens, square, tag.corners) for tag in tags]
         )
@@ -300,10 +294,6 @@ def _assembled(
         f"{count} {sightings.what} left out: {why}"
         for why, count in dropped.items()
     ]
-    if steep := sum(tag.upright < 0.5 for tag in tags):
-        notes.append(
-            f"the tag is seen at more than 60 deg in {steep} rows: let it face the camera"
-        )
     about["noise"] = float(np.hypot(np.sqrt(np.mean(noise**2)), shared))
     about["noise_of_reference"] = shared
     about["dropped"] = dropped

@@ -23,29 +23,25 @@ def transform_files(
         for camera in rig.cameras:
             parent = tip if camera.eye == "hand" else base
             places[f"{camera.name}_frame"] = (parent, camera.place)
+    # geometry_msgs/TransformStamped
     stamped = []
     lines: list[str] = []
     for child, (parent, place) in places.items():
-        stamped.append(stamped_transform(parent, child, place))
+        transform = {
+            "translation": dict(zip("xyz", place["position"], strict=True)),
+            "rotation": dict(zip("xyzw", place["quaternion"], strict=True)),
+        }
+        stamped.append(
+            {
+                "header": {"frame_id": parent},
+                "child_frame_id": child,
+                "transform": transform,
+            }
+        )
         lines += _lines(parent, child, place)
     return {
         Path(path): json.dumps(stamped, indent=2) + "\n",
         Path(path).with_suffix(".txt"): "\n".join(lines) + "\n",
-    }
-
-
-def stamped_transform(
-    parent: str, child: str, place: Place
-) -> dict[str, object]:
-    """A geometry_msgs/TransformStamped."""
-    transform = {
-        "translation": dict(zip("xyz", place["position"], strict=True)),
-        "rotation": dict(zip("xyzw", place["quaternion"], strict=True)),
-    }
-    return {
-        "header": {"frame_id": parent},
-        "child_frame_id": child,
-        "transform": transform,
     }
 
 

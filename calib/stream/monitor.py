@@ -139,46 +139,35 @@ class Monitor:
         model = self._model
         q = np.asarray(q, dtype=float)
         x = np.asarray(x, dtype=float)
-        for values, names, what in (
-            (q, model.about.joint_names, "joint values"),
-            (x, model.axes, "coordinates"),
-        ):
-            if values.shape != (len(names),):
-                raise QueryError(f"{values.size} {what}: expected {len(names)}")
-        finite = np.isfinite(q).all() and np.isfinite(x).all()
-        residual = x - model.forward(q) if finite else np.full(len(x), np.nan)
+        expected = len(model.about.joint_names), len(model.axes)
+        if (*q.shape, *x.shape) != expected:
+            raise QueryError(
+                f"{q.size} joint values and {x.size} coordinates: expected "
+                f"{expected[0]} and {expected[1]}"
+            )
+        if not np.isfinite([*q, *x]).all():
+            return self._state
+        residual = x - model.forward(q)
         if not np.isfinite(residual).all():
             return self._state
         unit = model.motor.scale.to_unit(q[None])
-        bound = float(self._own[int(model.motor.nearest(unit)[1][0, 0])])
+        bound = float(self._own[model.motor.nearest(unit)[1][0, 0]])
         usual = math.sqrt(self._moments[-1, -1] / max(self._sums[0], 1.0))
-        size = max(float(np.sqrt(residual @ residual)), 1e-300)
-        residual *= min(
-            1.0, MONITOR.clip * max(usual, self._noise, bound) / size
-        )
-        row = np.concatenate(
-            [self._moves(unit)[0] @ self._combined, residual[:, None]], axis=1
-        )
-        rest = residual - row[:, :-1] @ self._change
-        self._lagged = self._fade * self._lagged + [
-            rest @ self._rest,
-            rest @ rest,
-        ]
-        self._rest = rest
-        away, winner = model.sensory.nearest(
-            model.sensory.scale.to_unit(x[None])
-        )
-        ratio = float(away[0, 0]) ** 2 / float(
-            self._expected[int(winner[0, 0])]
-        )
+        size = max(float(np.linalg.norm(residual)), 1e-300)
+        most = MONITOR.clip * max(usual, self._noise, bound)
+        residual *= min(1.0, most / size)
+        moves = self._moves(unit)[0] @ self._combined
+        row = np.column_stack([moves, residual])
+        rest = residual - moves @ self._change
         fade = self._fade  # sums over a window that forgets
+        self._lagged = fade * self._lagged + [rest @ self._rest, rest @ rest]
+        self._rest = rest
+        places = model.sensory.scale.to_unit(x[None])
+        away, winner = model.sensory.nearest(places)
+        ratio = float(away[0, 0] ** 2 / self._expected[winner[0, 0]])
         self._moments = fade * self._moments + row.T @ row
-        self._sums = self._sums * [fade, fade**2, fade, fade] + [
-            1.0,
-            1.0,
-            ratio,
-            bound**2,
-        ]
+        latest = np.array([1.0, 1.0, ratio, bound**2])
+        self._sums = self._sums * [fade, fade**2, fade, fade] + latest
         self._state = self._judged(len(x))
         return self._state
 
@@ -199,22 +188,16 @@ class Monitor:
         explained = max(float(products @ self._change), 0.0) / weight
         count = self._state.samples + 1
         independent = weight**2 / square
-        independent = max(
-            independent / self._correlation_time(independent), 1.0
-        )
+        independent /= self._correlation_time(independent)
+        independent = max(independent, 1.0)
         variance = max(float(moments[-1, -1]) / weight - explained, 0.0) / axes
         variance /= max(1.0 - p / (axes * independent), 0.1)
-        chance = (
-            max(variance, self._noise**2)
-            * float(self._chance[int(independent)])
-            / independent
-        )
+        chance = float(self._chance[int(independent)]) / independent
+        chance *= max(variance, self._noise**2)
         nuisance = MONITOR.nuisance**2 * bound / weight + self._least**2
-        score = (
-            math.sqrt(explained / (chance + nuisance))
-            if count >= MONITOR.warm
-            else 0.0
-        )
+        score = 0.0
+        if count >= MONITOR.warm:
+            score = math.sqrt(explained / (chance + nuisance))
         drifted = score > 1.0
         return State(
             samples=count,

@@ -341,7 +341,7 @@ def _covariance(fit: Fit) -> Array:
     both = np.concatenate([active, others])
     inner = slice(len(active))
     outer = slice(len(active), None)
-    root = (np.sqrt(fit.weight) / fit.noise).ravel()
+    root = (np.sqrt(fit.parts[0].weight) / fit.noise).ravel()
     x = structure.linearise(fit.parts[0].q, fit.beta, both)[1].reshape(
         len(root), -1
     )
@@ -353,7 +353,10 @@ def _covariance(fit: Fit) -> Array:
     )
     precision[outer, outer] += np.diag(other_sd[others] ** -2.0)
     spread = Factor(precision).inverse()[outer, outer]
-    pull = fit.information_share * (x.T @ (root * fit.residual.ravel()))[outer]
+    pull = (
+        fit.information_share
+        * (x.T @ (root * fit.parts[0].residual.ravel()))[outer]
+    )
     mean = spread @ pull
     bent = Factor(fit.precision).solve(gram[inner, outer])
     covariance = np.zeros((structure.size, structure.size))

@@ -213,7 +213,7 @@ def test_readers_answer_or_say_what_they_expected(text):
         parsing.count,
         parsing.not_negative,
         parsing.above_zero,
-        parsing.lattice_sides,
+        parsing.lattice_size,
         parsing.sigma,
         parsing.names,
         parsing.reals,
