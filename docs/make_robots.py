@@ -70,8 +70,8 @@ ARMS = """\
 
 Processor time of the command, all of it, and the mean error on fresh exact samples.
 
-| file | joints | tip | time [s] | error [mm] |
-|---|---:|---|---:|---:|
+| file | time [s] | error [mm] |
+|---|---:|---:|
 """
 
 
@@ -196,9 +196,7 @@ def page(outcomes: list[Outcome]) -> str:
         median=float(np.median([found.seconds for found in trained])),
     )
     arms = [
-        f"| {found.name} | {len(found.joints)} | `{found.tip}` | {found.seconds:.1f} | "
-        f"{1e3 * found.error:.1e} |"
-        for found in trained
+        f"| {found.name} | {found.seconds:.1f} | {1e3 * found.error:.1e} |" for found in trained
     ]
     said = [f"- `{found.name}`: {line}" for found in told for line in found.said]
     return "\n".join([head, *rows(outcomes), "", SAID, *said, "", ARMS.rstrip(), *arms, ""])

@@ -36,7 +36,7 @@ def test_later_commands_need_no_option(camera, run):
         ["evaluate", "camera.calib", "--data", "camera.csv"],
         ["report", "camera.calib", "--data", "camera.csv", "-o", "r.html"],
         ["preview", "camera.calib", "--data", "camera.csv", "--html", "p.html"],
-        ["plan", "camera.calib", "--data", "camera.csv", "-n", "3", "-o", "poses.csv"],
+        ["plan", "camera.calib", "-n", "3", "-o", "poses.csv"],
     ):
         done = run(*words)
         assert done.code == 0, (words, done.err)
