@@ -27,9 +27,8 @@ class TrackingSettings:
     front: int = 8  # solutions of redundant joints that set out together
     # iterations of a small step: more are of a target out of reach
     few: int = 20
-    wish: float = (
-        0.02  # of the way to the middle: so far redundant joints drift there
-    )
+    # of the way to the middle: so far redundant joints drift there
+    wish: float = 0.02
 
 
 TRACKING = TrackingSettings()
