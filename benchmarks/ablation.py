@@ -22,7 +22,8 @@ from untrained import UNTRAINED, untrained_pair
 from calib.common.choices import MAP_READOUTS
 from calib.common.parallel import one_blas_thread
 from calib.common.scale import Scale
-from calib.inverse.solver import Solver
+from calib.inverse.links import search_by_links
+from calib.inverse.search import Search
 from calib.maps.association import Association
 from calib.maps.local_models import NO_MODELS
 from calib.maps.model_selection import select
@@ -143,7 +144,7 @@ def measure(case: Case, trained: Trained) -> dict[str, float | None]:
             forward(readout, pair.sensory.scale.from_unit(pair.forward(u, readout)))
         maps = trained.alone if readout == "linear" else pair
         inverse(readout, np.clip(maps.inverses(v, near)[readout], 0.0, 1.0), u)
-    solver = Solver(pair, trained.predictors["local"])
+    solver = search_by_links(pair, trained.predictors["local"])
     some = slice(None, None, max(1, len(x) // TARGETS))
     inverse("local", solver.solve(x[some], near[some])[0], u[some])
     if case.arm is not None:
@@ -151,7 +152,7 @@ def measure(case: Case, trained: Trained) -> dict[str, float | None]:
     return figures | {"seconds": trained.seconds}
 
 
-def _missed(case: Case, arm: Any, solver: Solver) -> float:
+def _missed(case: Case, arm: Any, solver: Search) -> float:
     """Share of the arm's true branches that no answer is near to [%]."""
     q, x = case.q[:TARGETS], case.x[:TARGETS]
     first, second = arm.link_lengths.values()

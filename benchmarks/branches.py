@@ -7,7 +7,6 @@ package example-robot-data.
 """
 
 import argparse
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,10 +16,8 @@ from tables import table
 from threadpoolctl import threadpool_limits
 
 import calib
+from calib.arm.arm import PlanarArm
 from calib.maps.node_bounds import near_border
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from planar import branches_2r
 
 TARGETS = 10_000
 SAME = 2e-3  # [rad] an answer this close to a solution of the closed form is that solution
@@ -33,6 +30,36 @@ REAL = (
     ("SO-100", "so_arm_description/urdf/so100.urdf", SO),
     ("SO-101", "so_arm_description/urdf/so101.urdf", SO),
 )
+
+
+def branches_2r(arm: PlanarArm, x: np.ndarray) -> list[np.ndarray]:
+    """Every solution inside the limits, by the law of cosines: a (k, 2) array per target.
+
+    The geometry c + R(s q1) a + R(s q1 + t q2) b is fitted to the arm's own positions.
+    """
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (200, 2))
+    seen = arm.forward(q) @ (1, 1j)
+    for s, t in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        columns = [np.ones(200), np.exp(1j * s * q[:, 0]), np.exp(1j * (s * q[:, 0] + t * q[:, 1]))]
+        fit = np.linalg.lstsq(np.stack(columns, axis=1), seen, rcond=None)[0]
+        if np.abs(np.stack(columns, axis=1) @ fit - seen).max() < 1e-9:
+            break
+    else:
+        raise AssertionError("not an arm of two turning joints")
+    c, a, b = fit
+    z = x @ (1, 1j) - c
+    cosine = (np.abs(z) ** 2 - abs(a) ** 2 - abs(b) ** 2) / (2 * abs(a) * abs(b))
+    found: list[list[np.ndarray]] = [[] for _ in x]
+    for sign in (1, -1):
+        bend = sign * np.arccos(np.clip(cosine, -1, 1)) + np.angle(a) - np.angle(b)
+        turn = np.angle(z) - np.angle(a + np.exp(1j * bend) * b)
+        q = np.stack([s * turn, t * bend], axis=1)
+        q = arm.lower + (q - arm.lower + 1e-9) % (2 * np.pi) - 1e-9
+        inside = (np.abs(cosine) <= 1) & (q <= arm.upper + 1e-9).all(axis=1)
+        for i in np.flatnonzero(inside):
+            if not found[i] or np.abs(found[i][0] - q[i]).max() > 1e-6:
+                found[i].append(q[i])
+    return [np.array(f).reshape(-1, 2) for f in found]
 
 
 def branches(robot: str) -> dict[str, Any]:

@@ -32,8 +32,9 @@ class UpdateSettings:
     rows: int = 600
     # contiguous ones that are held out in turn, each of which tells a gain
     blocks: int = 5
-    # Gauss-Newton steps from where the explanation ended
-    steps: int = 8
+    # at most, from where the explanation ended: along the ways in which an arm without a drawing
+    # may be put together 12 ended on the way
+    steps: int = 60
     # nats by which a step must promise to better the fit
     nothing_left: float = 1e-3
     # what is left of one that does not better the fit

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from .newton import Newton, shortened
-from .search import rank_within
 from .settings import SEARCH
+from .ways import by_middle, distinct
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,7 @@ class FamilySettings:
     walk: int = 60  # most steps from one solution to another
     # share of the way ahead that a step has to be able to go
     stuck: float = 0.05
-    rounds: int = 7  # attempts, each of twice as many pairs of a group
-    # solutions of the same target that one may be joined with
-    nearest: int = 31
+    same: float = 1e-2  # solutions that are closer are of one family
 
 
 FAMILIES = FamilySettings()
@@ -30,71 +28,33 @@ FAMILIES = FamilySettings()
 
 def representatives(
     newton: Newton, target: Index, u: Array, x: Array
-) -> tuple[Index, Array]:
+) -> tuple[Index, Array, Array]:
     """Of solutions (n, dof) of targets (n,) the most central one of each connected family.
 
-    Two are of one family if small steps along the self-motion, on target and inside of the limits,
-    lead from one to the other.
+    Each slides as far towards the middle of the ranges as it can; of those two are of one family if
+    small steps along the self-motion, on target and inside of the limits, lead from one to the
+    other.
     """
-    label = _families(newton, target, u, x)
-    middle = np.full_like(u, 0.5)
-    order = np.lexsort((newton.away(u, middle), label))
-    first = np.append(True, np.diff(label[order]) > 0)
-    chosen = np.sort(order[first])
-    target = target[chosen]
-    u = u[chosen]
-    central, miss = newton.settle(
-        u, x[target], middle[chosen], longest=FAMILIES.step
-    )
-    return target, np.where(newton.met(miss)[:, None], central, u)
-
-
-def _families(newton: Newton, target: Index, u: Array, x: Array) -> Index:
-    """The family of each solution (n,): each group tries the nearest of others, more and more."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    a, b, gap = _pairs(newton, target, u)
-    label = np.arange(len(u))
-    ways = np.zeros((2, 0), dtype=np.intp)
-    for attempt in range(FAMILIES.rounds):
-        other = np.flatnonzero(label[a] != label[b])
-        if not len(other):
-            break
-        # the shortest ways out of each group
-        order = other[np.lexsort((gap[other], label[a[other]]))]
-        tried = order[rank_within(label[a[order]]) < 2**attempt]
-        arrived = _arrives(
-            newton, u[a[tried]], u[b[tried]], x[target[a[tried]]]
-        )
-        joined = tried[arrived]
-        ways = np.hstack([ways, np.array([a[joined], b[joined]])])
-        graph = coo_array(
-            (np.ones(ways.shape[1]), tuple(ways)), shape=(len(u), len(u))
-        )
-        label = connected_components(graph.tocsr())[1].astype(np.intp)
-        a = np.delete(a, tried)
-        b = np.delete(b, tried)
-        gap = np.delete(gap, tried)
-    return label
-
-
-def _pairs(
-    newton: Newton, target: Index, u: Array
-) -> tuple[Index, Index, Array]:
-    """Pairs of solutions of the same target, each with those nearest to it, and their distances."""
-    rows = [target[:0]]
-    columns = [target[:0]]
-    gaps = [np.zeros(0)]
-    for group in np.split(
-        np.arange(len(u)), np.flatnonzero(np.diff(target)) + 1
-    ):
-        gap = newton.away(u[group, None], u[group])
-        near = np.argsort(gap, axis=1)[:, 1 : FAMILIES.nearest + 1]
-        rows.append(np.repeat(group, near.shape[1]))
-        columns.append(group[near].ravel())
-        gaps.append(np.take_along_axis(gap, near, axis=1).ravel())
-    return np.concatenate(rows), np.concatenate(columns), np.concatenate(gaps)
+    middle = np.full_like(u, 0.5)
+    central, miss = newton.settle(u, x[target], middle, FAMILIES.step)
+    central = np.where(newton.met(miss)[:, None], central, u)
+    target, u, miss = by_middle(newton.scale, target, central, miss)
+    single = distinct(newton.scale, target, u, FAMILIES.same)
+    target = target[single]
+    u = u[single]
+    a, b = np.nonzero(np.tril(target[:, None] == target, -1))
+    arrived = _arrives(newton, u[a], u[b], x[target[a]])
+    ways = np.array([a[arrived], b[arrived]])
+    graph = coo_array(
+        (np.ones(ways.shape[1]), tuple(ways)), shape=2 * u.shape[:1]
+    )
+    label = connected_components(graph.tocsr())[1]
+    first = np.unique(label, return_index=True)[1]
+    first = np.sort(first)
+    return target[first], u[first], miss[single][first]
 
 
 def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
@@ -111,7 +71,8 @@ def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
         if not len(rows):
             break
         ahead = ahead[~near]
-        move = newton.tangent(u[rows], x[rows], wish[~near])
+        slope = newton.task.residual(u[rows], x[rows])[1]
+        move = newton.tangent(u[rows], slope, wish[~near])
         step = shortened(move, FAMILIES.step)
         trial, miss = newton.refine(u[rows] + step, x[rows], SEARCH.close)
         free = np.linalg.norm(move, axis=1) > FAMILIES.stuck * ahead

@@ -9,9 +9,12 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from ..maps.association import Association
+from ..maps.predictor import Predictor
 from .newton import Newton, shortened
-from .search import Candidates, distinct, drawn, rank_within, with_others
+from .search import Search
 from .settings import SEARCH
+from .task import Positions
+from .ways import distinct, rank_within
 
 
 @dataclass(frozen=True)
@@ -19,11 +22,8 @@ class LinkSettings:
     """How links are followed: lengths are node spacings of the motor map unless said."""
 
     sensory: int = 3  # sensory nodes whose partners are looked at
-    wide: int = 8  # the same, where others have failed
     step: float = 2.0  # longest first step of a node
     most: int = 60  # proposals of a target
-    # proposals where none is likely: out of reach, or singular
-    unlikely: int = 3
     cell: float = 1.5  # proposals that are closer count as one
     apart: float = 0.3  # solutions of two joints that are closer are one
     # spacings of the sensory map by which a start may miss its node
@@ -33,11 +33,20 @@ class LinkSettings:
     ahead: int = 48  # sensory nodes that a single query makes ready
     # of the largest singular value: less is left out of a first step
     flat: float = 1e-2
-    drawn: int = 32  # starts that are drawn besides, for each spare joint
-    beyond: float = 0.2  # what is drawn so far beyond a limit is at it
 
 
 LINKS = LinkSettings()
+
+
+def search_by_links(association: Association, predictor: Predictor) -> Search:
+    """The search for positions of a forward map, from where links say that solutions may be."""
+    scale = association.motor.scale
+    place = association.sensory.scale
+    extent = float(np.linalg.norm(place.span))
+    task = Positions(predictor.value_and_slope, len(place.span), extent)
+    newton = Newton(task, scale)
+    sure = SEARCH.surely if newton.redundant else SEARCH.beside
+    return Search(newton, LinkStarts(association, newton), sure)
 
 
 class LinkStarts:
@@ -49,35 +58,27 @@ class LinkStarts:
 
     def __init__(self, association: Association, newton: Newton) -> None:
         self.association = association
-        self.newton = newton
+        self._newton = newton
         nodes = association.sensory.size
         dof = association.motor.units.shape[1]
         outputs = association.sensory.units.shape[1]
-        self._drawn = LINKS.drawn * max(1, dof - outputs)
         self._width = LINKS.spare_width if newton.redundant else LINKS.width
         self._ready = np.zeros(nodes, dtype=bool)
         self._u = np.full((nodes, self._width, dof), np.nan)
         self._value = np.zeros((nodes, self._width, outputs))
         self._inverse = np.zeros((nodes, self._width, dof, outputs))
 
-    def of(self, x: Array) -> Candidates:
+    def of(self, x: Array) -> tuple[Index, Array]:
         """Starts of the nearest node, a linear step towards each target `x` (n, m) on."""
         node = self._nearest_nodes(x)
-        exists = np.isfinite(self._u[node, :, 0])
-        target, column = np.nonzero(exists)
+        target, column = np.nonzero(np.isfinite(self._u[node, :, 0]))
         node = node[target]
         gap = x[target] - self._value[node, column]
         step = _linear(self._inverse[node, column], gap)
         longest = LINKS.step * self.association.motor.spacing
-        return target, self.newton.clip(
+        return target, self._newton.clip(
             self._u[node, column] + shortened(step, longest)
         )
-
-    def more(self, x: Array) -> Candidates:
-        """Starts of more nodes around, and some that are drawn."""
-        target, u = self.propose(x, LINKS.wide)
-        everywhere = drawn(self._drawn, u.shape[1], LINKS.beyond)
-        return with_others(target, u, len(x), everywhere)
 
     def _nearest_nodes(self, x: Array) -> Index:
         """The sensory node nearest to each target (n,), made ready."""
@@ -94,45 +95,40 @@ class LinkStarts:
 
     def _prepare(self, nodes: Index) -> None:
         """Refine what the links propose for sensory nodes, the best of each branch."""
+        newton = self._newton
         motor = self.association.motor
         sensory = self.association.sensory
         x = sensory.scale.from_unit(sensory.units[nodes])
-        target, u = self.propose(x)
-        u, miss = self.newton.refine(u, x[target], SEARCH.close)
+        target, u = self._proposals(x)
+        u, miss = newton.refine(u, x[target], SEARCH.close)
         order = np.lexsort((miss, target))
         target = target[order]
         u = u[order]
         miss = miss[order]
         spacing = sensory.spacing * float(sensory.scale.span.mean())
         near = (miss <= LINKS.missed * spacing) | (rank_within(target) == 0)
+        solved = LINKS.cell if newton.redundant else LINKS.apart
+        apart = np.where(newton.met(miss), solved, 1.0) * motor.spacing
         target = target[near]
         u = u[near]
-        solved = LINKS.cell if self.newton.redundant else LINKS.apart
-        apart = np.where(self.newton.met(miss[near]), solved, 1.0)
-        single = distinct(motor.scale, target, u, apart * motor.spacing)
+        single = distinct(newton.scale, target, u, apart[near])
         target = target[single]
         u = u[single]
         place = rank_within(target)
         fits = place < self._width
         place = place[fits]
         node = nodes[target[fits]]
-        u = u[fits]
-        value, inverse = self._linearised(u)
-        self._u[node, place] = u
+        value, inverse = self._linearised(u[fits])
+        self._u[node, place] = u[fits]
         self._value[node, place] = value
         self._inverse[node, place] = inverse
         self._ready[nodes] = True
 
-    def propose(
-        self, x: Array, sensory_nodes: int = LINKS.sensory
-    ) -> Candidates:
-        """Joints that the links propose for targets `x` (n, m), unrefined.
-
-        They are a linear step of a motor node towards the target.
-        """
+    def _proposals(self, x: Array) -> tuple[Index, Array]:
+        """Joints that links propose for targets (n, m): linear steps of motor nodes to them."""
         motor = self.association.motor
         sensory = self.association.sensory
-        nodes = min(sensory_nodes, sensory.size)
+        nodes = min(LINKS.sensory, sensory.size)
         nearest = sensory.nearest(sensory.scale.to_unit(x), nodes)[1]
         partners = self.association.partners.take(nearest.ravel())
         pairs = np.unique(
@@ -142,22 +138,16 @@ class LinkStarts:
         value, inverse = self._nodes
         step = _linear(inverse[node], x[target] - value[node])
         length = np.linalg.norm(step, axis=1) / motor.spacing
-        step = shortened(step, LINKS.step * motor.spacing)
-        u = self.newton.clip(motor.units[node] + step)
-        # one proposal per cell: the one with the shortest step
-        cell = np.floor(u / (LINKS.cell * motor.spacing)).astype(np.int64)
-        order = np.lexsort((length, *cell.T, target))
-        key = np.column_stack([target, cell])[order]
-        first = np.ones(len(order), dtype=bool)
-        first[1:] = (key[1:] != key[:-1]).any(axis=1)
-        rows = order[first]
-        rows = rows[np.lexsort((length[rows], target[rows]))]
-        owner = target[rows]
-        close = length[rows] <= LINKS.step
-        likely = np.bincount(owner, close, minlength=len(x))[owner] > 0
-        most = np.where(likely, LINKS.most, LINKS.unlikely)
-        rows = rows[(close | ~likely) & (rank_within(owner) < most)]
-        return target[rows], u[rows]
+        # those with the shortest steps, one of each branch's surroundings
+        order = np.lexsort((length, target))
+        order = order[rank_within(target[order]) < LINKS.most]
+        target = target[order]
+        step = shortened(step[order], LINKS.step * motor.spacing)
+        u = self._newton.clip(motor.units[node[order]] + step)
+        single = distinct(
+            self._newton.scale, target, u, LINKS.cell * motor.spacing
+        )
+        return target[single], u[single]
 
     @cached_property
     def _nodes(self) -> tuple[Array, Array]:
@@ -166,12 +156,9 @@ class LinkStarts:
 
     def _linearised(self, u: Array) -> tuple[Array, Array]:
         """Position (n, m) and inverse Jacobian (n, dof, m) at joints (n, dof)."""
-        origin = np.zeros((len(u), self.newton.task.count))
-        back, slope = self.newton.task.residual(u, origin)
-        inverse = np.asarray(
-            np.linalg.pinv(slope, rcond=LINKS.flat), dtype=float
-        )
-        return -back, inverse
+        origin = np.zeros((len(u), self._newton.task.count))
+        back, slope = self._newton.task.residual(u, origin)
+        return -back, np.asarray(np.linalg.pinv(slope, rcond=LINKS.flat))
 
 
 def _linear(inverse: Array, gap: Array) -> Array:

@@ -92,45 +92,68 @@ class Newton:
     ) -> tuple[Array, Array]:
         """Joints (n, dof) on targets `x` (n, k) near to `near`, and what is missing (n,).
 
-        Redundant joints slide from where Newton leads along their self-motion, each slide at most
-        `longest`, followed by :meth:`refine`, and undone unless it is closer.  The length of a
-        slide follows from the last one (Barzilai and Borwein 1988): the self-motion is curved.
+        Redundant joints that Newton has led close slide on along their self-motion, each slide at
+        most `longest`, a step that comes no nearer undone.  The length of a slide follows from the
+        last one (Barzilai and Borwein 1988): the self-motion is curved.
         """
-        u, miss = self.refine(u, x)
         if not self.redundant:
-            return u, miss
-        rows = np.flatnonzero(self.met(miss))
+            return self.refine(u, x)
+        rough = SEARCH.rough * self.task.size
+        u, miss = self.refine(u, x, SEARCH.rough)
+        rows = np.flatnonzero(miss <= rough)
+        gap, slope = self.task.residual(u, x)
         share = np.ones(len(u))
-        pull = np.zeros(u.shape)
-        wish = self.scale.difference(near[rows], u[rows])
-        pull[rows] = self.tangent(u[rows], x[rows], wish)
+        before = np.zeros(u.shape)
+        slid = np.zeros(u.shape)
         for _ in range(SEARCH.slides):
-            length = share[rows] * lengths(pull[rows])
-            rows = rows[length > SEARCH.settled]
+            wish = self.scale.difference(near[rows], u[rows])
+            pull = self.tangent(u[rows], slope[rows], wish)
+            turned = before[rows] - pull
+            moved = slid[rows].any(axis=1)
+            fit = _slide_share(slid[rows], turned)
+            share[rows[moved]] = fit[moved]
+            going = lengths(pull) > SEARCH.settled
+            going |= ~self.met(miss[rows])
+            going &= share[rows] > SEARCH.stuck
+            rows = rows[going]
             if not len(rows):
                 break
-            slide = shortened(share[rows, None] * pull[rows], longest)
-            trial, after = self.refine(u[rows] + slide, x[rows], SEARCH.close)
+            before[rows] = pull[going]
+            calm = np.full(len(rows), SEARCH.easy)
+            step = self.move(u[rows], gap[rows], slope[rows], calm)
+            step += share[rows, None] * pull[going]
+            step = shortened(capped(step, SEARCH.longest), longest)
+            part = np.minimum(1.0, self._room(u[rows], step))
+            trial = self.clip(u[rows] + part[:, None] * step)
+            trial_gap, trial_slope = self.task.residual(trial, x[rows])
+            after = lengths(trial_gap)
             closer = self.away(trial, near[rows]) < self.away(
                 u[rows], near[rows]
             )
-            good = self.met(after) & closer
+            good = (after <= rough) & (closer | ~self.met(miss[rows]))
             share[rows[~good]] /= 4
-            slid = rows[good]
-            trial = trial[good]
-            wish = self.scale.difference(near[slid], trial)
-            pull_after = self.tangent(trial, x[slid], wish)
-            moved = self.scale.difference(trial, u[slid])
-            share[slid] = _slide_share(moved, pull[slid] - pull_after)
-            pull[slid] = pull_after
-            u[slid] = trial
+            slid[rows] = np.where(
+                good[:, None], self.scale.difference(trial, u[rows]), 0.0
+            )
+            better = rows[good]
+            u[better] = trial[good]
+            gap[better] = trial_gap[good]
+            slope[better] = trial_slope[good]
+            miss[better] = after[good]
         return self.refine(u, x)
 
-    def tangent(self, u: Array, x: Array, wish: Array) -> Array:
-        """What of a wished move (n, dof) leaves the residuals of targets `x` as they are."""
-        gap, slope = self.task.residual(u, x)
+    def _room(self, u: Array, move: Array) -> Array:
+        """Share (n,) of moves (n, dof) at which the first joint reaches its limit."""
+        room = np.where(move > 0.0, 1.0 - u, u)
+        free = self.scale.periodic | (np.abs(move) < 1e-12)
+        free |= room <= SEARCH.slack  # the limit holds them
+        share = np.where(free, np.inf, room) / np.where(free, 1.0, np.abs(move))
+        return np.asarray(share.min(axis=1))
+
+    def tangent(self, u: Array, slope: Array, wish: Array) -> Array:
+        """What of a wished move (n, dof) leaves residuals of Jacobians (n, m, dof) as they are."""
         damping = np.full(len(u), SEARCH.easiest)
-        return self.move(u, np.zeros(gap.shape), slope, damping, wish)
+        return self.move(u, np.zeros(slope.shape[:2]), slope, damping, wish)
 
     def move(
         self,

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.scale import TURN, Scale
 from .closed_form import ClosedForm
-from .search import Candidates, drawn, with_others
 from .settings import SEARCH
 from .task import Evaluate
 
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
 _NEAREST = 192  # postures that a pose starts from, without compiled C
-_DRAWN = 64  # starts of what those have missed
 _ASIDE = 0.1  # [rad] by which the drawing's joints may lie beyond the limits
 
 
@@ -32,14 +30,10 @@ class Postures:
     length: float  # [m], of the arm: a radian of turn counts as much
     columns: tuple[int, ...]  # of a pose (12,), those that a target asks for
 
-    def of(self, x: Array) -> Candidates:
+    def of(self, x: Array) -> tuple[Index, Array]:
         """The postures nearest to places (n, 3) or poses (n, 12)."""
         row = self._tree.query(self._features(x), _NEAREST)[1]
         return np.repeat(np.arange(len(x)), _NEAREST), self._u[row.ravel()]
-
-    def more(self, x: Array) -> Candidates:
-        """Some that are drawn."""
-        return _drawn_starts(len(x), len(self.scale.span))
 
     @cached_property
     def _u(self) -> Array:
@@ -78,7 +72,7 @@ class DrawnPostures:
     gain: Array
     offset: Array
 
-    def of(self, x: Array) -> Candidates:
+    def of(self, x: Array) -> tuple[Index, Array]:
         """Joints of every way to poses (n, 12), without those beyond the limits."""
         values = self.closed.joints(x[:, :3], x[:, 3:].reshape(-1, 3, 3))
         q = (values - self.offset) / self.gain
@@ -88,12 +82,3 @@ class DrawnPostures:
         target, way = np.nonzero(~beyond.any(axis=2))
         u = (q[target, way] - self.scale.lower) / self.scale.span
         return target, np.clip(u, 0.0, 1.0)
-
-    def more(self, x: Array) -> Candidates:
-        """Some that are drawn."""
-        return _drawn_starts(len(x), len(self.scale.span))
-
-
-def _drawn_starts(targets: int, dof: int) -> Candidates:
-    none = np.zeros(0, dtype=np.intp)
-    return with_others(none, np.zeros((0, dof)), targets, drawn(_DRAWN, dof))

@@ -25,8 +25,10 @@ class SearchSettings:
     hardest: float = 1e3  # ends a search
     easier: float = 30.0  # factor on the damping after a step
     # Slides of redundant joints along their self-motion.
-    slides: int = 25
-    settled: float = 1e-5  # a slide that is shorter is the last
+    rough: float = 3e-2  # residual from which on joints slide
+    slides: int = 80
+    settled: float = 3e-5  # of the way that is left: joints have settled
+    stuck: float = 1e-6  # share of the way that a slide goes at least
     # a joint so close to its limit does not slide towards it
     slack: float = 2e-5
     # Solutions.
@@ -41,7 +43,11 @@ class SearchSettings:
     beside: float = 0.005  # an answer so near to what was asked is the nearest
     surely: float = 0.3  # the same, of redundant joints and of poses
     margin: float = 0.1  # a start may be so much further away than its answer
+    drawn: int = 32  # starts all over the ranges where others have failed
+    aside: float = 0.2  # what is drawn so far beyond a limit is at it
     tries: int = 48  # starts of a position
+    # steps of a search by compiled C from joints and what is near: .. us each
+    budget: int = 2400
     # of redundant joints: a third once there is an answer
     spare_tries: int = 30
     # redundant joints start where this times the squared gap of the position, and the

@@ -88,28 +88,29 @@ class Poses:
         place, turn, slope = self.evaluate(self.scale.from_unit(u))
         goal = target[:, 3:].reshape(-1, 3, 3)
         spin = slope[:, 3:]
-        if self.free is None:
-            rest = logarithm(goal @ np.swapaxes(turn, 1, 2))
-        else:
-            axis = self.free
-            across = [(axis + 1) % 3, (axis + 2) % 3]
-            sides = np.swapaxes(turn, 1, 2)[:, across]
-            swing = _swing(turn[:, :, axis], goal[:, :, axis])
-            rest = (sides @ swing[:, :, None])[:, :, 0]
+        rest = turn_left(turn, goal, self.free)
+        if self.free is not None:  # along the tip's two other axes
+            sides = np.delete(np.swapaxes(turn, 1, 2), self.free, axis=1)
+            rest = (sides @ rest[:, :, None])[:, :, 0]
             spin = sides @ spin
         gap = np.concatenate([target[:, :3] - place, self.lever * rest], axis=1)
         slope = np.concatenate([slope[:, :3], self.lever * spin], axis=1)
         return gap, slope * self.scale.span
 
 
-def _swing(start: Array, goal: Array) -> Array:
-    """Rotation vectors (n, 3) across both that turn unit vectors (n, 3) into others."""
-    across = np.cross(start, goal)
+def turn_left(start: Array, goal: Array, axis: int | None = None) -> Array:
+    """Rotation vectors (n, 3) from orientations (n, 3, 3) to others, or of one axis alone."""
+    if axis is None:
+        return logarithm(goal @ np.swapaxes(start, 1, 2))
+    first = start[:, :, axis]
+    second = goal[:, :, axis]
+    across = np.cross(first, second)
     sine = np.linalg.norm(across, axis=1, keepdims=True)
-    angle = np.arctan2(sine, (start * goal).sum(axis=1, keepdims=True))
+    angle = np.arctan2(sine, (first * second).sum(axis=1, keepdims=True))
+    # half a turn is about any axis across
     opposite = (sine == 0.0) & (angle > 1.0)
-    if opposite.any():  # half a turn, about any axis across
-        other = np.column_stack([start[:, 1], start[:, 2], -start[:, 0]])
-        across = np.where(opposite, np.cross(start, other), across)
-        sine = np.linalg.norm(across, axis=1, keepdims=True)
+    other = np.column_stack([first[:, 1], first[:, 2], -first[:, 0]])
+    other = np.cross(first, other)
+    across = np.where(opposite, other, across)
+    sine = np.linalg.norm(across, axis=1, keepdims=True)
     return np.asarray(across * (angle / np.where(sine > 0.0, sine, 1.0)))

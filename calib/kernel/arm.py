@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,8 @@ from ..arm.rotations import exponential
 from ..arm.spatial_chain import Deviations, Links, SpatialChain, move
 from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
-from ..body.structure import loads_of
+from ..body.spatial import SpatialStructure
+from ..body.structure import Structure, loads_of
 from ..body.views import pixels
 from ..common.arrays import Array
 
@@ -32,7 +32,7 @@ class Sag:
     tilts: Array  # (2, 3), the ways in which its two angles move it
 
     @staticmethod
-    def of(structure: Any, beta: Array) -> Sag | None:
+    def of(structure: SpatialStructure, beta: Array) -> Sag | None:
         """That of an arm in space at parameters (d,); None where the drawing has no loads."""
         blocks = [
             name
@@ -71,12 +71,11 @@ class Sag:
         levers = self.loads.levers(q)
         bent = chained[self.loads.joints]
         by_elasticity = bent * loads_of(levers, self.gravity)[:, None]
-        by_gravity = [
-            (
-                bent * (self.elastic[:, None] * loads_of(levers, way))[:, None]
-            ).sum(axis=0)
-            for way in self.tilts
-        ]
+        by_gravity = []
+        for way in self.tilts:
+            pull = self.elastic[:, None] * loads_of(levers, way)
+            moved = bent * pull[:, None]
+            by_gravity.append(moved.sum(axis=0))
         return [by_elasticity, np.stack(by_gravity)]
 
 
@@ -84,7 +83,7 @@ class Sag:
 class KernelArm:
     """A chain of m joints and what sees it, as plain numbers; dof joints are logged."""
 
-    structure: Any  # of the body
+    structure: PlanarStructure | SpatialStructure  # of the body
     beta: Array  # its parameters
     chain: SpatialChain
     moved: Deviations
@@ -109,10 +108,11 @@ class KernelArm:
     sag: Sag | None = None
 
     @staticmethod
-    def of(structure: Any, beta: Array) -> KernelArm:
+    def of(structure: Structure, beta: Array) -> KernelArm:
         """The arm of a body's structure at parameters (d,)."""
         if isinstance(structure, PlanarStructure):
             return _planar(structure, beta)
+        assert isinstance(structure, SpatialStructure)  # noqa: S101
         return _spatial(structure, beta)
 
     @cached_property
@@ -156,7 +156,7 @@ class KernelArm:
         return by_all, sight.seen(joints)
 
 
-def _curves(structure: Any, beta: Array) -> Array:
+def _curves(structure: Structure, beta: Array) -> Array:
     """Curves (dof, 96) of all joints; (0, 96) where there are none."""
     out = np.zeros((structure.dof, 2 * HARMONICS))
     for k in range(structure.dof):
@@ -166,7 +166,7 @@ def _curves(structure: Any, beta: Array) -> Array:
     return out if out.any() else out[:0]
 
 
-def _spatial(structure: Any, beta: Array) -> KernelArm:
+def _spatial(structure: SpatialStructure, beta: Array) -> KernelArm:
     """An arm in space."""
     groups = structure.groups
     sensor = structure.sensor(beta)
@@ -189,7 +189,7 @@ def _spatial(structure: Any, beta: Array) -> KernelArm:
     )
 
 
-def _planar(structure: Any, beta: Array) -> KernelArm:
+def _planar(structure: PlanarStructure, beta: Array) -> KernelArm:
     """A planar arm: axes along z, links along x; a slide's direction is turned by its offset."""
     groups = structure.groups
     dof = structure.dof

@@ -37,7 +37,7 @@ def c_source(
     """C source with words such as ``@dof@`` and ``#if @word@`` filled in, and names' prefix."""
     while "#if @" in text:  # the innermost first
         text = _CHOICE.sub(
-            lambda match: (match[2] if words[match[1]] else match[3]) or "",
+            lambda match: (match[2] if words.get(match[1]) else match[3]) or "",
             text,
         )
     filled = {

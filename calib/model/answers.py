@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..errors import QueryError
+from ..inverse.links import search_by_links
 from ..inverse.newton import capped, shortened
 from ..inverse.settings import SEARCH
 from ..inverse.tracking import follow_targets
@@ -88,7 +89,8 @@ def unit_joints(
         if readout in ("local", model.default_readout):
             joints[readout] = model.solver.solve(target, near)[0]
         elif readout == "body":
-            joints[readout] = model.body_solver.solve(target, near)[0]
+            search = search_by_links(model.association, model.body_predictor)
+            joints[readout] = search.solve(target, near)[0]
     if set(readouts) - set(joints):
         v = model.sensory.scale.to_unit(target)
         linked = model.association.inverses(v, near)
@@ -113,7 +115,7 @@ def inverse(
     q = np.full_like(there, np.nan)
     rest = np.arange(len(x))
     if model.kernel is not None:
-        q, sure = model.kernel.inverse(x, there)
+        q, sure = model.kernel.rows("inverse", there, x)
         lost = (sure == 0) | (sure == NOTHING) if nearest else sure == 0
         rest = np.flatnonzero(lost)
     if len(rest):
@@ -279,7 +281,9 @@ def follow_path(
         )
     x, waypoint = _lines(corners, float(step))
     first = None if start is None else anchor(model, start, 1)[0]
-    u, jumps, held = follow_targets(model.solver, in_sight(model, x), first)
+    u, jumps, held = follow_targets(
+        model.solver, model.sensory, in_sight(model, x), first
+    )
     answers = answer(model, u, x)
     begin = answers.q[0]
     if start is not None:

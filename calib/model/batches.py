@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..kernel.compiled import Compiled
@@ -58,7 +59,7 @@ def forward_rows(model: Parts, q: Array) -> Array | None:
     kernel = prepare(model, "forward", len(q))
     if kernel is None:
         return None
-    x, valid = kernel.forward(q)
+    x, valid = kernel.rows("forward", q)
     return x if _settled(model, valid) else None
 
 
@@ -67,11 +68,11 @@ def bound_rows(model: Parts, q: Array, which: str) -> Array | None:
     kernel = prepare(model, "bounds", len(q))
     if kernel is None:
         return None
-    bound, valid = kernel.bounds(q, which)
+    bound, valid = kernel.rows(which, q)
     return bound if _settled(model, valid) else None
 
 
-def _settled(model: Parts, valid: Array) -> bool:
+def _settled(model: Parts, valid: NDArray[np.int8]) -> bool:
     """Whether NumPy has nothing to add: where rows were refused it may know better."""
     return model.everywhere or bool(valid.all())
 
@@ -93,7 +94,9 @@ def all_rows(model: Parts, x: Array) -> list[Array] | None:
 
 
 def _branches_of(model: Parts, kernel: Compiled, x: Array) -> list[Array]:
-    q, count = kernel.inverse_all(x)
+    q, count = kernel.rows(
+        "inverse_all", np.zeros((len(x), len(model.about.lower))), x
+    )
     several = np.flatnonzero(count > 1)
     scale = model.motor.scale
     u = scale.to_unit(q[several])

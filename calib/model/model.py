@@ -435,7 +435,7 @@ class Model(Parts):
         axis = free_axis(free)
         open_axis = [-1 if axis is None else axis]
         answer = kernel.ask(
-            "inverse_pose", near, position, quaternion, open_axis
+            "poses", near, position, quaternion, open_axis, [-1]
         )
         if answer is None:
             return None

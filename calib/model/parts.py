@@ -15,7 +15,8 @@ from ..common.arrays import Array, Mask, Shape, freeze
 from ..common.choices import MAP_READOUTS
 from ..common.wording import one_line
 from ..errors import OptionError
-from ..inverse.solver import Solver
+from ..inverse.links import search_by_links
+from ..inverse.search import Search
 from ..kernel.compiled import Compiled
 from ..kernel.posterior import CompactPosterior
 from ..maps.association import Association, check_readout
@@ -174,20 +175,18 @@ class Parts:
         return Predictor(self.motor, smooth, self.local)
 
     @cached_property
-    def solver(self) -> Solver:
-        """Solver of the inverse direction."""
-        return Solver(self.association, self.predictor)
+    def solver(self) -> Search:
+        """Search for joints of positions."""
+        return search_by_links(self.association, self.predictor)
 
     @cached_property
-    def body_solver(self) -> Solver:
-        """Solver of the inverse direction of the body alone, without local models."""
+    def body_predictor(self) -> Predictor:
+        """The body alone, without local models."""
         if self.body is None:
             raise OptionError(
                 "readout 'body': the model has no body, choose another readout"
             )
-        return Solver(
-            self.association, replace(self.predictor, models=NO_MODELS)
-        )
+        return replace(self.predictor, models=NO_MODELS)
 
     @cached_property
     def most_bound(self) -> float:
@@ -322,7 +321,7 @@ class Parts:
         if readout == "local":
             return self.predictor.value(u)
         if readout == "body":
-            return self.body_solver.predictor.value(u)
+            return self.body_predictor.value(u)
         return self.sensory.scale.from_unit(
             self.association.forward(u, readout)
         )

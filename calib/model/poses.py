@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arm.rotations import logarithm, matrix_of, quaternion_of
+from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..errors import QueryError
+from ..inverse.task import turn_left
 from ..samples.motion import Motion
 from ..samples.roles import QUATERNION, ROUNDING
 from .answers import anchor, rows_for
@@ -101,7 +102,7 @@ def solve_poses(
     away = np.linalg.norm(position - p[target], axis=1)
     turned = np.zeros(len(q))
     if r is not None:
-        turned = turn_left(r[target], rotation, axis)
+        turned = np.linalg.norm(turn_left(rotation, r[target], axis), axis=1)
     met = (away <= REACHED * space.length) & (turned <= 10 * REACHED)
     reachable = np.isin(target, target[met])
     bound = error = np.full(len(q), np.nan)
@@ -139,17 +140,6 @@ def free_axis(name: str | None) -> int | None:
             f"free {name!r}: expected an axis of the tip, 'x', 'y' or 'z'"
         )
     return "xyz".index(name)
-
-
-def turn_left(wanted: Array, reached: Array, axis: int | None = None) -> Array:
-    """Angles (n,) [rad] between orientations (n, 3, 3), or between one axis of each."""
-    if axis is None:
-        turn = logarithm(wanted @ np.swapaxes(reached, 1, 2))
-        return np.asarray(np.linalg.norm(turn, axis=1))
-    first = wanted[:, :, axis]
-    second = reached[:, :, axis]
-    sine = np.linalg.norm(np.cross(first, second), axis=1)
-    return np.asarray(np.arctan2(sine, (first * second).sum(axis=1)))
 
 
 def _rotations(quaternion: ArrayLike, n: int) -> Array:

@@ -27,9 +27,10 @@ from ..inverse.closed_form import WAYS, ClosedForm
 from ..inverse.families import free_directions
 from ..inverse.newton import Newton
 from ..inverse.postures import DrawnPostures, Postures
-from ..inverse.search import Search, Starts, rank_within
+from ..inverse.search import Search, Starts
 from ..inverse.settings import SEARCH
 from ..inverse.task import Poses, Positions, Task
+from ..inverse.ways import rank_within
 from ..kernel.compiled import CERTAIN
 from .parts import Parts
 
@@ -121,6 +122,14 @@ class Space:
         return free_directions(np.concatenate([moves, turns]))
 
     # What its sensor sees.
+
+    @property
+    def measured(self) -> bool:
+        """Whether its body was learned from a log, rather than drawn."""
+        structure: Any = (
+            None if self.model.body is None else self.model.body.structure
+        )
+        return structure is not None and getattr(structure, "informed", False)
 
     @property
     def camera(self) -> bool:
@@ -254,14 +263,16 @@ class Space:
         rest = np.arange(len(p))
         kernel = self.model.kernel
         if kernel is not None and kernel.poses:
-            place, turn = self.to_sensor(p, r)
-            q, sure = kernel.inverse_poses(place, turn, near, free)
-            unsure = np.flatnonzero(sure != CERTAIN)
-            if len(unsure):
-                starts = self._kernel_starts(search, target[unsure])
-                q[unsure], sure[unsure] = kernel.inverse_poses_far(
-                    *(place[unsure], turn[unsure], near[unsure], free),
-                    *(starts, q[unsure], sure[unsure]),
+            asked = self._asked(p, r, free)
+            q, sure = kernel.rows(
+                "poses", near, *asked, np.full((len(p), 1), -1)
+            )
+            rows = np.flatnonzero(sure != CERTAIN)
+            if len(rows):
+                some = [column[rows] for column in asked]
+                starts = self._kernel_starts(search, target[rows])
+                q[rows], sure[rows] = kernel.rows(
+                    "poses", near[rows], *some, *starts
                 )
             rest = np.flatnonzero(sure == 0)
         if len(rest):
@@ -282,8 +293,10 @@ class Space:
         newton = search.newton
         kernel = self.model.kernel
         if kernel is not None and kernel.poses and not newton.redundant:
+            asked = self._asked(p, r, free)
             starts = self._kernel_starts(search, target)
-            ways = kernel.inverse_poses_all(*self.to_sensor(p, r), starts, free)
+            q, count = kernel.rows("poses_all", near, *asked, *starts)
+            ways = [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
         else:
             owner, u, _ = search.every(target)
             edges = np.searchsorted(owner, np.arange(1, len(p)))
@@ -301,7 +314,9 @@ class Space:
             if newton.redundant:
                 u = u[:_FAMILIES]
                 goals = np.tile(goal, (len(u), 1))
-                u = newton.settle(u, goals, np.tile(wish, (len(u), 1)))[0]
+                wishes = np.tile(wish, (len(u), 1))
+                near, miss = newton.settle(u, goals, wishes)
+                u = np.where(newton.met(miss)[:, None], near, u)
             answers.append(self._scale.from_unit(u))
         return answers
 
@@ -340,14 +355,25 @@ class Space:
             columns = (0, 1, 2, *range(3 + free, 12, 3))
         return Postures(self.evaluate, self._scale, self.length, columns)
 
-    def _kernel_starts(self, search: Search, target: Array) -> Array:
-        """Starts (n, 8, 6) of poses by the drawing's closed form; NaN beyond the limits."""
+    def _asked(
+        self, p: Array, r: Array, free: int | None
+    ) -> tuple[Array, Array, Array]:
+        """What the compiled C is asked of poses: places, quaternions, the free axis or -1."""
+        place, turn = self.to_sensor(p, r)
+        axis = -1 if free is None else free
+        return place, quaternion_of(turn), np.full((len(p), 1), axis)
+
+    def _kernel_starts(
+        self, search: Search, target: Array
+    ) -> tuple[Array, Array]:
+        """How many starts poses have by the drawing's closed form, and these; none is NaN."""
         if not isinstance(search.starts, DrawnPostures):
-            return np.zeros((len(target), 0, len(self._scale.span)))
+            return np.zeros((len(target), 1)), np.zeros((len(target), 0))
         owner, u = search.starts.of(target)
         starts = np.full((len(target), WAYS, u.shape[1]), np.nan)
         starts[owner, rank_within(owner)] = self._scale.from_unit(u)
-        return starts
+        count = np.full((len(target), 1), WAYS)
+        return count, starts.reshape(len(target), -1)
 
     def _unit(self, q: Array) -> Array:
         return self.search(posed=False).newton.clip(self._scale.to_unit(q))

@@ -1,17 +1,18 @@
-/* What the model says, wherever q is. */
-static inline void calib_model(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
-  calib_seen(&calib_body, q, x, J);
-#if @local@
-  calib_local(q, x, J);
+/* What the model says, wherever q is; `plain` without curves, bending and local models. */
+static inline void calib_model(int plain, const calib_real q[CALIB_DOF], calib_real *x,
+                               calib_real *J) {
+  calib_seen(&calib_body, plain, q, x, J);
+#if @local_terms@
+  if (!plain) calib_local(q, x, J);
 #endif
 }
 
-#if @plays@
+#if @play@
 /* How far the tip may be with all joints at the worst side of their play. */
 static inline calib_real calib_play_reach(const calib_real q[CALIB_DOF]) {
   calib_real x[CALIB_OUT], J[CALIB_OUT * CALIB_DOF], reach = 0;
   int i, k;
-  calib_model(q, x, J);
+  calib_model(0, q, x, J);
   for (k = 0; k < CALIB_DOF; ++k) {
     calib_real square = 0;
     for (i = 0; i < CALIB_OUT; ++i) square += J[i * CALIB_DOF + k] * J[i * CALIB_DOF + k];
@@ -31,7 +32,7 @@ static inline int calib_position(const calib_real q[CALIB_DOF], calib_real *x, c
     return 0;
   }
   calib_wrapped(q, inside);
-  calib_model(inside, x, J);
+  calib_model(0, inside, x, J);
   return 1;
 }
 
@@ -63,19 +64,20 @@ static inline int calib_model_error(const calib_real q[CALIB_DOF], calib_real *b
   *bound = @model_bound@;
   return @bounded@;
 }
+#if @placed@
 
 /* Position, and the tip's orientation in the sensor's frame: a matrix, row by row. */
 static inline int calib_pose(const calib_real q[CALIB_DOF], calib_real *x, calib_real R[9]) {
-  calib_real inside[CALIB_DOF], p[3], own[9];
+  calib_real inside[CALIB_DOF], p[3], turn[9];
   int i;
   if (!calib_position(q, x, 0)) {
     for (i = 0; i < 9; ++i) R[i] = calib_not_a_number();
     return 0;
   }
   calib_wrapped(q, inside);
-  calib_chain(&@placing@, inside, p, own, 0, 0);
+  calib_chain(&calib_placed, 0, inside, p, turn, 0, 0);
   for (i = 0; i < 9; ++i) R[i] = calib_aim[i];
-  calib_times(R, own);
+  calib_times(R, turn);
   return 1;
 }
 
@@ -116,4 +118,4 @@ static inline void calib_matrix(const calib_real q[4], calib_real R[9]) {
   R[7] = s * (y * z + x * w);
   R[8] = 1 - s * (x * x + y * y);
 }
-
+#endif

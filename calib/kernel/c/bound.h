@@ -1,4 +1,4 @@
-#if @posterior@
+#if @ways@
 
 /* Radius of 95 % of a Gaussian of covariance S (xx, xy, xz, yy, yz, zz) and more (3). */
 static inline calib_real calib_radius_95(const calib_real S[6], calib_real share,
@@ -28,7 +28,7 @@ static inline void calib_derivatives(const calib_real q[CALIB_DOF],
   calib_real hinge[CALIB_CHAIN][3], swing[CALIB_CHAIN][CALIB_POINTS][3];
   calib_swings(q, hinge, swing);
 #endif
-  calib_chain(&calib_body, q, p, R, 0, at);
+  calib_chain(&calib_body, 0, q, p, R, 0, at);
   for (i = 0; i < CALIB_GEOMETRY; ++i)
     for (k = 0; k < 3; ++k) geometry[i][k] = 0;
   for (k = 0; k < 3; ++k) {
@@ -60,7 +60,7 @@ static inline void calib_derivatives(const calib_real q[CALIB_DOF],
       out[CALIB_DOF + k][a] = own[k][a] * q[k];
     }
   out += 2 * CALIB_DOF;
-#if @coupled@
+#if @neighbour@
   for (k = 1; k < CALIB_DOF; ++k)
     for (a = 0; a < 3; ++a) out[k - 1][a] = own[k][a] * q[k - 1];
   out += CALIB_DOF - 1;
@@ -83,7 +83,7 @@ static inline void calib_derivatives(const calib_real q[CALIB_DOF],
   }
   out += CALIB_LOADS + 2;
 #endif
-#if @flexible@
+#if @way@
   {
     calib_real psi = 0;
     for (k = 0; k < CALIB_DOF; ++k) {
@@ -96,7 +96,7 @@ static inline void calib_derivatives(const calib_real q[CALIB_DOF],
     }
   }
 #endif
-#if @projective@
+#if @lens@
   {
     calib_real seen[3], x[2], L[6], u[2];
     for (k = 0; k < 3; ++k) seen[k] = calib_shift[k] + calib_dot(calib_view + 3 * k, p);
@@ -121,83 +121,73 @@ static inline void calib_derivatives(const calib_real q[CALIB_DOF],
 #endif
 }
 
-/* S += y y' of each of `count` directions, with their signs where there are some. */
-static inline void calib_spread(const calib_real *y, int count, int width, const int *sign,
-                                calib_real S[6]) {
-  int i;
-  for (i = 0; i < count; ++i) {
-    const calib_real a = y[i], b = y[width + i], c = y[2 * width + i];
-    const calib_real s = sign ? (calib_real)sign[i] : 1;
-    S[0] += s * a * a; S[1] += s * a * b; S[2] += s * a * c;
-    S[3] += s * b * b; S[4] += s * b * c; S[5] += s * c * c;
-  }
-}
-
-/* out += each of the numbers of a position times a row. */
-static inline void calib_spanned(const calib_real by[3], const float *row, int width,
-                                 calib_real *out) {
+/* out += each of the numbers of a position times a row of what beliefs vary together in. */
+static inline void calib_spanned(const calib_real by[3], const float *row,
+                                 calib_real out[3][CALIB_TOGETHER]) {
   int k, r;
   for (k = 0; k < CALIB_OUT; ++k)
-    for (r = 0; r < width; ++r) out[k * width + r] += by[k] * row[r];
+    for (r = 0; r < CALIB_TOGETHER; ++r) out[k][r] += by[k] * row[r];
 }
 #if @waved@
 
-/* Cosines and sines of multiples of an angle, next to each other. */
-static inline void calib_waves(calib_real angle, calib_real wave[4 * CALIB_HARMONICS]) {
-  const calib_real c = cos(angle), s = sin(angle);
-  int n;
-  wave[0] = c;
-  wave[1] = s;
-  for (n = 2; n < 4 * CALIB_HARMONICS; n += 2) {
-    wave[n] = wave[n - 2] * c - wave[n - 1] * s;
-    wave[n + 1] = wave[n - 2] * s + wave[n - 1] * c;
+/* What joints' curves add: together with all else to z, and the variance of each by itself. */
+static inline void calib_curve_spread(const calib_real q[CALIB_DOF],
+                                      calib_real own[CALIB_DOF][3],
+                                      calib_real z[3][CALIB_TOGETHER],
+                                      calib_real alone[CALIB_BELIEFS][CALIB_DOF]) {
+  calib_real wave[4 * CALIB_HARMONICS][CALIB_DOF], sum[CALIB_TOGETHER];
+  int b, i, k, n, r;
+  for (i = 0; i < CALIB_DOF; ++i) { /* cosines and sines of multiples, next to each other */
+    wave[0][i] = cos(q[i]);
+    wave[1][i] = sin(q[i]);
   }
-}
-
-/* Adds what a joint's curve makes unsure, by itself to S and together with all else to z. */
-static inline void calib_curve_spread(int belief, int joint, const calib_real *wave,
-                                      const calib_real by[3], calib_real S[6], calib_real *z) {
-  const float *term = calib_own[belief * CALIB_DOF + joint];
-  calib_real sum[CALIB_WAYS], size = term[0];
-  int j, k, n = 0, r;
-  for (r = 0; r < 4 * CALIB_HARMONICS; ++r) size += term[1 + r] * wave[r];
-  for (j = 0; j < 3; ++j)
-    for (k = j; k < 3; ++k) S[n++] += size * by[j] * by[k];
-  for (r = 0; r < CALIB_WAYS; ++r) sum[r] = 0;
-  for (n = 0; n < 2 * CALIB_HARMONICS; ++n) {
-    const float *row = calib_waved[belief][2 * CALIB_HARMONICS * joint + n];
-    for (r = 0; r < CALIB_WAYS; ++r) sum[r] += wave[n] * row[r];
+  for (n = 2; n < 4 * CALIB_HARMONICS; n += 2)
+    for (i = 0; i < CALIB_DOF; ++i) {
+      wave[n][i] = wave[n - 2][i] * wave[0][i] - wave[n - 1][i] * wave[1][i];
+      wave[n + 1][i] = wave[n - 2][i] * wave[1][i] + wave[n - 1][i] * wave[0][i];
+    }
+  for (b = 0; b < CALIB_BELIEFS; ++b) {
+    for (i = 0; i < CALIB_DOF; ++i) alone[b][i] = calib_alone[b][0][i];
+    for (n = 0; n < 4 * CALIB_HARMONICS; ++n)
+      for (i = 0; i < CALIB_DOF; ++i) alone[b][i] += calib_alone[b][n + 1][i] * wave[n][i];
   }
-  for (k = 0; k < CALIB_OUT; ++k)
-    for (r = 0; r < CALIB_WAYS; ++r) z[k * CALIB_WAYS + r] += by[k] * sum[r];
+  for (i = 0; i < CALIB_DOF; ++i) {
+    for (r = 0; r < CALIB_TOGETHER; ++r) sum[r] = 0;
+    for (n = 0; n < 2 * CALIB_HARMONICS; ++n)
+      for (r = 0; r < CALIB_TOGETHER; ++r) sum[r] += wave[n][i] * calib_waved[i][n][r];
+    for (k = 0; k < CALIB_OUT; ++k)
+      for (r = 0; r < CALIB_TOGETHER; ++r) z[k][r] += own[i][k] * sum[r];
+  }
 }
 #endif
 
 static inline calib_real calib_posterior(const calib_real q[CALIB_DOF], const calib_real more[3]) {
-  calib_real geometry[CALIB_GEOMETRY][3], own[CALIB_DOF][3], S[6], bound = 0, apart;
-  calib_real y[3 * CALIB_ROOT], z[3 * CALIB_WAYS];
-  int b, i, k;
-#if @waved@
-  calib_real wave[CALIB_DOF][4 * CALIB_HARMONICS];
-  for (i = 0; i < CALIB_DOF; ++i) calib_waves(q[i], wave[i]);
-#endif
+  calib_real geometry[CALIB_GEOMETRY][3], own[CALIB_DOF][3], z[3][CALIB_TOGETHER];
+  calib_real alone[CALIB_BELIEFS][CALIB_DOF], bound = 0;
+  int b, i, j, k, n, r;
   calib_derivatives(q, geometry, own);
-  for (b = 0; b < CALIB_BELIEFS; ++b) {
-    for (k = 0; k < 6; ++k) S[k] = 0;
-    for (k = 0; k < 3 * CALIB_ROOT; ++k) y[k] = 0;
-    for (k = 0; k < 3 * CALIB_WAYS; ++k) z[k] = 0;
-    for (i = 0; i < CALIB_GEOMETRY; ++i) {
-      calib_spanned(geometry[i], calib_root[b][i], CALIB_ROOT, y);
-      calib_spanned(geometry[i], calib_coupled[b][i], CALIB_WAYS, z);
-    }
-    calib_spread(y, CALIB_ROOT, CALIB_ROOT, 0, S);
+  for (k = 0; k < 3; ++k)
+    for (r = 0; r < CALIB_TOGETHER; ++r) z[k][r] = 0;
+  for (b = 0; b < CALIB_BELIEFS; ++b)
+    for (i = 0; i < CALIB_DOF; ++i) alone[b][i] = 0;
+  for (i = 0; i < CALIB_GEOMETRY; ++i) calib_spanned(geometry[i], calib_ways[i], z);
 #if @waved@
-    for (i = 0; i < CALIB_DOF; ++i) calib_curve_spread(b, i, wave[i], own[i], S, z);
+  calib_curve_spread(q, own, z, alone);
 #endif
+  for (b = 0; b < CALIB_BELIEFS; ++b) {
+    const int first = b * (CALIB_TOGETHER / CALIB_BELIEFS);
+    calib_real S[6], apart = 0;
+    for (n = 0, j = 0; j < 3; ++j)
+      for (k = j; k < 3; ++k, ++n) {
+        S[n] = 0;
+        for (r = first; r < first + CALIB_TOGETHER / CALIB_BELIEFS; ++r)
+          S[n] += calib_gains[r] * z[j][r] * z[k][r];
+        for (i = 0; i < CALIB_DOF; ++i) S[n] += alone[b][i] * own[i][j] * own[i][k];
+      }
     /* the last direction is by how much the beliefs are apart */
-    calib_spread(z, CALIB_WAYS - 1, CALIB_WAYS, calib_gains[b], S);
-    for (apart = 0, k = 1; k <= 3; ++k) apart += z[k * CALIB_WAYS - 1] * z[k * CALIB_WAYS - 1];
-    apart = sqrt(apart) + calib_scale[b][0] * calib_radius_95(S, calib_scale[b][1], more);
+    r = first + CALIB_TOGETHER / CALIB_BELIEFS - 1;
+    for (k = 0; k < 3; ++k) apart += z[k][r] * z[k][r];
+    apart = sqrt(apart) + calib_belief_scale[b][0] * calib_radius_95(S, calib_belief_scale[b][1], more);
     if (apart > bound) bound = apart;
   }
   return bound;

@@ -1,5 +1,5 @@
 
-#if @curved@
+#if @curve_cos@
 /* Error curves of all joints and their derivatives, by Horner's rule in exp(j q). */
 static inline void calib_curves(const calib_real q[CALIB_DOF], calib_real value[CALIB_DOF],
                                 calib_real slope[CALIB_DOF], int slopes) {
@@ -90,19 +90,22 @@ static inline void calib_sag(const calib_real q[CALIB_DOF], calib_real bend[CALI
 
 /* Position and orientation in the root's frame; where G is not null also the geometric
  * Jacobian, of which the rows 0 to 2 are velocities and the rows 3 to 5 angular velocities, and
- * where `at` is not null each joint's frame before and after its own turn, and its origin. */
-static inline void calib_chain(const calib_arm *arm, const calib_real q[CALIB_DOF], calib_real p[3],
-                               calib_real R[9], calib_real *G, calib_real at[][21]) {
+ * where `at` is not null each joint's frame before and after its own turn, and its origin; `plain`
+ * without curves and bending. */
+static inline void calib_chain(const calib_arm *arm, int plain, const calib_real q[CALIB_DOF],
+                               calib_real p[3], calib_real R[9], calib_real *G,
+                               calib_real at[][21]) {
+  const int bends = arm->own && !plain;
   calib_real value[CALIB_DOF], rate[CALIB_DOF], slope[CALIB_CHAIN][CALIB_DOF];
   calib_real origin[CALIB_CHAIN][3], axis[CALIB_CHAIN][3], arrow[3], swept[3];
   int i, k, o;
 #if @gravity@
   calib_real bend[CALIB_CHAIN], bent[CALIB_CHAIN][CALIB_DOF];
-  if (arm->own) calib_sag(q, bend, bent, G != 0);
+  if (bends) calib_sag(q, bend, bent, G != 0);
 #endif
   for (k = 0; k < CALIB_DOF; ++k) value[k] = rate[k] = 0;
-#if @curved@
-  if (arm->own) calib_curves(q, value, rate, G != 0);
+#if @curve_cos@
+  if (bends) calib_curves(q, value, rate, G != 0);
 #endif
   for (k = 0; k < CALIB_DOF; ++k) {
     value[k] += arm->gain[k] * q[k] + arm->offset[k];
@@ -110,15 +113,15 @@ static inline void calib_chain(const calib_arm *arm, const calib_real q[CALIB_DO
   }
   for (i = 0; G && i < CALIB_CHAIN; ++i)
     for (k = 0; k < CALIB_DOF; ++k) slope[i][k] = calib_coupling[i][k] * rate[k];
-#if @coupled@
-  for (k = 1; arm->own && k < CALIB_DOF; ++k) { /* a joint moves with its neighbour's motor */
+#if @neighbour@
+  for (k = 1; bends && k < CALIB_DOF; ++k) { /* a joint moves with its neighbour's motor */
     value[k] += calib_neighbour[k] * q[k - 1];
     for (i = 0; G && i < CALIB_CHAIN; ++i)
       slope[i][k - 1] += calib_coupling[i][k] * calib_neighbour[k];
   }
 #endif
-#if @flexible@
-  if (arm->own) { /* bent by the sums of all angles up to each joint: planar, gravity unknown */
+#if @way@
+  if (bends) { /* bent by the sums of all angles up to each joint: planar, gravity unknown */
     calib_real psi = 0;
     for (k = 0; k < CALIB_DOF; ++k) {
       calib_real c, s;
@@ -139,7 +142,7 @@ static inline void calib_chain(const calib_arm *arm, const calib_real q[CALIB_DO
     calib_real v = calib_bias[i];
     for (k = 0; k < CALIB_DOF; ++k) v += calib_coupling[i][k] * value[k];
 #if @gravity@
-    if (arm->own) {
+    if (bends) {
       v += bend[i];
       for (k = 0; G && k < CALIB_DOF; ++k) slope[i][k] += bent[i][k];
     }
@@ -169,7 +172,7 @@ static inline void calib_chain(const calib_arm *arm, const calib_real q[CALIB_DO
       }
   }
 }
-#if @projective@
+#if @lens@
 
 /* What is seen of a point before the sensor, its derivative by the point, and the point at
  * depth 1; the lens is focal length, centre and k1. */
@@ -192,15 +195,15 @@ static inline void calib_pinhole(const calib_real at[3], calib_real x[2], calib_
 #endif
 
 /* What the sensor sees of a chain, and where J is not null its derivative (row by row). */
-static inline void calib_seen(const calib_arm *arm, const calib_real q[CALIB_DOF],
+static inline void calib_seen(const calib_arm *arm, int plain, const calib_real q[CALIB_DOF],
                               calib_real x[CALIB_OUT], calib_real *J) {
   calib_real p[3], R[9], G[6 * CALIB_DOF], at[3], V[9];
   int i, j, k;
-  calib_chain(arm, q, p, R, J ? G : 0, 0);
+  calib_chain(arm, plain, q, p, R, J ? G : 0, 0);
   for (i = 0; i < 3; ++i) at[i] = calib_shift[i] + calib_dot(calib_view + 3 * i, p);
   for (i = 0; i < 9; ++i) V[i] = calib_view[i];
   for (i = 0; i < CALIB_OUT; ++i) x[i] = at[i];
-#if @projective@
+#if @lens@
   {
     calib_real L[6], u[2];
     calib_pinhole(at, x, L, u);

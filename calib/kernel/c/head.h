@@ -6,8 +6,8 @@
 @facts@ *
  * Functions return 1 where there is an answer; else 0, and their results are NaN, unless they say
  * otherwise.  Joint values are in rad (or m where a joint slides), positions in @unit@.
- * Nothing is allocated, nothing recurses, nothing is kept between calls.
- * A search takes at most 2 CALIB_STEPS steps from a start, and at most CALIB_TRIES starts.
+ * Nothing is allocated, nothing recurses, nothing but calib_prepare's table is kept between calls.
+ * A search takes at most CALIB_BUDGET steps, CALIB_STEPS of a start.
  */
 #ifndef @guard@
 #define @guard@
@@ -19,8 +19,10 @@ typedef @real@ calib_real;
 enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_NODES = @nodes@, CALIB_NEAR = @near@,
   CALIB_HARMONICS = @harmonics@, CALIB_CHAIN = @chain@, CALIB_STARTS = @starts@,
-  CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_TRIES = @tries@, CALIB_POSTURES = @postures@,
-  CALIB_SCANNED = @scanned@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@, CALIB_POINTS = @points@
+  CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_BUDGET = @budget@, CALIB_TRIES = @tries@, CALIB_POSTURES = @postures@,
+  CALIB_SCANNED = @scanned@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@, CALIB_POINTS = @points@,
+  CALIB_LOADS = @loads@, CALIB_GEOMETRY = @geometry@, CALIB_BELIEFS = @beliefs@,
+  CALIB_TOGETHER = @together@
 };
 
 /* An arm: joint values are gain q + offset + curve, and bend with their posture. */

@@ -1,4 +1,4 @@
-#if @local@
+#if @local_terms@
 
 /* Factor on what nodes with a model say, by their share of the weight beside those without one. */
 static inline calib_real calib_heard(calib_real share) {

@@ -103,47 +103,15 @@ static inline void calib_copy(const calib_real from[CALIB_DOF], calib_real to[CA
   for (k = 0; k < CALIB_DOF; ++k) to[k] = from[k];
 }
 
-/* Joints a move on, of which none goes further than `longest`, within their limits. */
+/* Joints a move on, of which none goes further than a step may, within their limits. */
 static inline void calib_moved(const calib_real q[CALIB_DOF], const calib_real move[CALIB_DOF],
-                               calib_real longest, calib_real out[CALIB_DOF]) {
-  calib_real largest = longest;
+                               calib_real out[CALIB_DOF]) {
+  calib_real largest = @longest@;
   int k;
   for (k = 0; k < CALIB_DOF; ++k)
     if (fabs(move[k]) > largest) largest = fabs(move[k]);
-  for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + calib_span[k] * move[k] * longest / largest;
+  for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + calib_span[k] * move[k] * @longest@ / largest;
   calib_clipped(out);
-}
-
-/* Joints from a start (in q) to a task by damped Newton steps; `gap` is what they miss at the end.
- * Given up where a step ends beside one of `count` known ways: returns 0, else 1. */
-static inline int calib_newton(const calib_task *task, const calib_real *known, int count,
-                               int steps, calib_real enough, calib_real q[CALIB_DOF],
-                               calib_gap *gap) {
-  const int n = calib_rows(task);
-  const calib_real size = calib_size(task);
-  calib_real move[CALIB_DOF], trial[CALIB_DOF], damping = @calm@;
-  calib_gap next;
-  int step;
-  calib_clipped(q);
-  calib_left(task, q, gap);
-  for (step = 0; step < steps && gap->left > enough * size; ++step) {
-    if (!calib_move(n, gap->J, gap->r, q, 0, damping, move)) return 0;
-    calib_moved(q, move, @longest@, trial);
-    if (calib_beside(trial, known, count, @margin@ / 4)) return 0;
-    calib_left(task, trial, &next);
-    if (next.left < gap->left) {
-      const int stalled = !(next.left < gap->left * (1 - @slow@));
-      calib_copy(trial, q);
-      *gap = next;
-      damping = damping > @easier@ * @calm@ ? damping / @easier@ : @calm@;
-      if (stalled) break;
-    } else {
-      if (gap->left <= @close@ * size) break;
-      damping = damping * @easier@ > @hard@ ? damping * @easier@ : @hard@;
-      if (!(damping < @hardest@)) break;
-    }
-  }
-  return 1;
 }
 
 /* What of the way to `near` leaves the task as it is; returns its length. */
@@ -159,59 +127,99 @@ static inline calib_real calib_pull(const calib_task *task, const calib_real nea
   return sqrt(squared);
 }
 
-/* Redundant joints slide along their self-motion towards `near`; a slide that comes no closer is
- * undone.  The length of a slide follows from the last one (Barzilai and Borwein 1988).  Given up
- * beside one of `count` known ways: returns 0, else 1. */
-static inline int calib_slide(const calib_task *task, const calib_real near[CALIB_DOF],
-                              const calib_real *known, int count, calib_real q[CALIB_DOF],
-                              calib_gap *gap) {
-  const calib_real close = @close@ * calib_size(task);
-  calib_real pull[CALIB_DOF], after[CALIB_DOF], trial[CALIB_DOF], way[CALIB_DOF], share = 1;
-  calib_real length = calib_pull(task, near, q, gap, pull);
-  calib_gap next;
-  int n, k;
-  for (n = 0; n < CALIB_SLIDES && share * length > @settled@; ++n) {
-    calib_real along = 0, squared = 0, factor = share;
-    if (share * length > @longest@) factor = @longest@ / length;
-    for (k = 0; k < CALIB_DOF; ++k) way[k] = factor * pull[k];
-    calib_moved(q, way, 1, trial);
-    if (!calib_newton(task, 0, 0, CALIB_STEPS, @close@, trial, &next) || next.left > close ||
-        !(calib_apart(trial, near, 0) < calib_apart(q, near, 0))) {
-      share /= 4;
-      continue;
-    }
-    length = calib_pull(task, near, trial, &next, after);
-    calib_apart(trial, q, way);
-    for (k = 0; k < CALIB_DOF; ++k) {
-      along += way[k] * (pull[k] - after[k]);
-      squared += way[k] * way[k];
-    }
-    share = along > 0 ? squared / along : (calib_real)1.5;
-    share = share < (calib_real)0.1 ? (calib_real)0.1 : share > 3 ? 3 : share;
-    calib_copy(trial, q);
-    calib_copy(after, pull);
-    *gap = next;
-    if (calib_beside(q, known, count, @margin@ / 4)) return 0;
+/* Share of the pull that the next slide goes, by how the pull turned on the last one (Barzilai and
+ * Borwein 1988). */
+static inline calib_real calib_share(const calib_real slid[CALIB_DOF],
+                                     const calib_real before[CALIB_DOF],
+                                     const calib_real after[CALIB_DOF]) {
+  calib_real along = 0, squared = 0, share;
+  int k;
+  for (k = 0; k < CALIB_DOF; ++k) {
+    along += slid[k] * (before[k] - after[k]);
+    squared += slid[k] * slid[k];
   }
-  return 1;
+  share = along > 0 ? squared / along : (calib_real)1.5;
+  return share < (calib_real)0.1 ? (calib_real)0.1 : share > 3 ? 3 : share;
 }
 
-/* Joints from a start (in q) to a task; with more joints than residuals those nearest to `near`.
- * Returns whether they are there; `left` is what is left.  A start that leads to one of `count`
- * known ways is given up. */
+/* Joints from a start (in q) to a task by damped Newton steps, at most as many as the `budget` has,
+ * where `rough` first without curves, bending and local models.  More joints than residuals slide towards `near`
+ * along their self-motion once they are close.  Returns whether they are there; `left` is what is
+ * left.  A start that leads to one of `count` known ways is given up. */
 static inline int calib_reach(const calib_task *task, const calib_real near[CALIB_DOF],
-                              const calib_real *known, int count, int steps,
+                              const calib_real *known, int count, int rough, int *budget,
                               calib_real q[CALIB_DOF], calib_real *left) {
-  const int spare = CALIB_DOF > calib_rows(task);
-  const calib_real close = @close@ * calib_size(task);
-  calib_gap gap;
-  int good = calib_newton(task, known, count, steps, spare ? @close@ : @enough@, q, &gap);
-  if (good && spare && gap.left <= close) {
-    good = calib_slide(task, near, known, count, q, &gap) &&
-           calib_newton(task, 0, 0, steps, @enough@, q, &gap);
+  const calib_real size = calib_size(task), close = @close@ * size;
+  calib_real move[CALIB_DOF], pull[CALIB_DOF], before[CALIB_DOF], slid[CALIB_DOF];
+  calib_real trial[CALIB_DOF], damping = @calm@, share = 1, length;
+  calib_gap gap, next;
+  int plain = rough && @bent@, sliding = CALIB_DOF > calib_rows(task), moved = 0, ends = 0, k;
+  int step = 0, slide = 0;
+  *left = calib_not_a_number();
+  calib_clipped(q);
+  calib_left(task, plain, q, &gap);
+  while (step < CALIB_STEPS && *budget > 0) {
+    const int slides = sliding && gap.left <= @rough@ * size;
+    int better;
+    *budget -= @bent@ && !plain ? 4 : 1; /* curves and bending take so much longer */
+    ends |= !slides && gap.left <= (plain ? @rough@ : @enough@) * size;
+    if (slides) {
+      length = calib_pull(task, near, q, &gap, pull);
+      if (moved) share = calib_share(slid, before, pull);
+      if ((plain ? length <= 100 * @settled@ : length <= @settled@ && gap.left <= close) ||
+          share < @stuck@ || slide++ >= CALIB_SLIDES) {
+        sliding = plain;
+        ends = plain;
+        if (!plain) continue;
+      }
+    }
+    if (ends && !plain) break;
+    if (ends) { /* what misses by far does so with curves, too */
+      if (gap.left > 10 * @rough@ * size) break;
+      plain = ends = moved = 0;
+      share = 1;
+      calib_left(task, plain, q, &gap);
+      continue;
+    }
+    if (!calib_move(calib_rows(task), gap.J, gap.r, q, 0, damping, move)) return 0;
+    if (slides) { /* no joint beyond its limit */
+      calib_real part = 1;
+      for (k = 0; k < CALIB_DOF; ++k) move[k] += share * pull[k];
+      for (k = 0; k < CALIB_DOF; ++k)
+        if (fabs(move[k]) * part > @longest@) part = @longest@ / fabs(move[k]);
+      for (k = 0; k < CALIB_DOF; ++k) {
+        const calib_real u = (q[k] - calib_lower[k]) / calib_span[k];
+        const calib_real room = move[k] > 0 ? 1 - u : u;
+        if (!calib_periodic[k] && room > @slides_slack@ && fabs(part * move[k]) > room)
+          part = room / fabs(move[k]);
+      }
+      for (k = 0; k < CALIB_DOF; ++k) move[k] *= part;
+    }
+    calib_moved(q, move, trial);
+    if (calib_beside(trial, known, count, @margin@ / 4)) return 0;
+    calib_left(task, plain, trial, &next);
+    if (slides) {
+      better = next.left <= @rough@ * size &&
+               (gap.left > close || calib_apart(trial, near, 0) < calib_apart(q, near, 0));
+      if (!better) share /= 4;
+      calib_apart(trial, q, slid);
+      calib_copy(pull, before);
+      moved = better;
+    } else {
+      ++step;
+      better = next.left < gap.left;
+      damping = better ? damping / @easier@ : damping * @easier@;
+      if (better && damping < @calm@) damping = @calm@;
+      if (!better && damping < @hard@) damping = @hard@;
+      ends = better ? !(next.left < gap.left * (1 - @slow@))
+                    : gap.left <= close || !(damping < @hardest@);
+    }
+    if (!better) continue;
+    calib_copy(trial, q);
+    gap = next;
   }
   *left = gap.left;
-  return good && gap.left <= close;
+  return gap.left <= close;
 }
 
 /* The direction y of residuals that joints hardly reach, and the motion v that hardly moves the tip;
@@ -245,12 +253,12 @@ static inline int calib_twin(const calib_task *task, const calib_real q[CALIB_DO
   calib_real y[6], v[CALIB_DOF], size, reach, rate = 0;
   calib_gap gap;
   int i, k, side;
-  calib_left(task, q, &gap);
+  calib_left(task, 0, q, &gap);
   size = calib_flat(n, gap.J, y, v);
   if (!(size > 0)) return 0;
   for (side = -1; side <= 1; side += 2) { /* how fast that singular value changes */
     for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + side * @probe@ * calib_span[k] * v[k];
-    calib_left(task, out, &gap);
+    calib_left(task, 0, out, &gap);
     for (i = 0; i < n; ++i)
       for (k = 0; k < CALIB_DOF; ++k)
         rate += side * y[i] * gap.J[i * CALIB_DOF + k] * v[k] / (2 * @probe@);

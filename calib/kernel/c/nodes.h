@@ -1,4 +1,4 @@
-#if @nodes_asked@
+#if @node@
 
 /* The nodes that speak for q and their weights, which sum to one. */
 static inline void calib_near(const calib_real *q, int *node, calib_real *weight,

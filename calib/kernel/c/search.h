@@ -4,7 +4,7 @@
  * those from `likely` on, all over the table, are for what the first lead to nowhere. */
 static inline int calib_starting(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
                                  short row[CALIB_TRIES], int *likely) {
-#if @gridded@
+#if @grid@
   int cell[CALIB_OUT], found = 0, around = 1, i, n, ring;
   (void)near;
   for (i = 0; i < CALIB_OUT; ++i) {
@@ -76,8 +76,115 @@ typedef struct {
   calib_real apart;    /* starts closer to a known way lead to it */
 } calib_starts;
 
-static inline const calib_real *calib_start(const calib_starts *starts, int n) {
-  return starts->q + (starts->row ? starts->row[n] : n) * CALIB_DOF;
+/* A search: from where, and of all ways so far that do the task the nearest, or what comes closest. */
+typedef struct {
+  const calib_task *task;
+  calib_real from[CALIB_DOF]; /* joints that the answer should be near to */
+  int met, budget;            /* whether there is a way; steps that are left */
+  calib_real q[CALIB_DOF], away;
+  calib_real nearest[CALIB_DOF], left;
+} calib_search;
+
+/* Replaces a way by what a start leads to, or what lies across a fold beside that, if it is nearer. */
+static inline void calib_try(calib_search *search, const calib_real start[CALIB_DOF]) {
+  calib_real trial[CALIB_DOF], way[CALIB_DOF], left, away;
+  int fold;
+  calib_copy(start, trial);
+  for (fold = 0; fold < 2; ++fold) {
+    if (!calib_reach(search->task, search->from, search->q, fold ? 0 : search->met, !fold,
+                     &search->budget, trial, &left)) {
+      if (search->met || search->left <= left || !(left - left == 0)) return;
+      search->left = left;
+      calib_copy(trial, search->nearest);
+      return;
+    }
+    away = calib_apart(trial, search->from, 0);
+    calib_copy(trial, way);
+    if (!search->met || away < search->away) {
+      search->met = 1;
+      search->away = away;
+      calib_copy(way, search->q);
+    }
+    if (CALIB_DOF > calib_rows(search->task) || away <= @beside@ ||
+        !calib_twin(search->task, way, trial))
+      return;
+  }
+}
+
+/* Begins a search near joints; 0 where they are none.  1 where no other way can be nearer than what
+ * they lead to, or what lies across a fold beside it; else 2. */
+static inline int calib_try_near(calib_search *search, const calib_task *task,
+                                 const calib_real near[CALIB_DOF]) {
+  const int spare = CALIB_DOF > calib_rows(task);
+  int k;
+  search->task = task;
+  search->met = 0;
+  search->budget = CALIB_BUDGET;
+  search->left = calib_not_a_number();
+  for (k = 0; k < CALIB_DOF; ++k) {
+    const calib_real u = (near[k] - calib_lower[k]) / calib_span[k];
+    if (!(u - u == 0) || (!calib_periodic[k] && !(u >= -1 && u <= 2))) return 0;
+  }
+  calib_copy(near, search->from);
+  calib_clipped(search->from);
+  calib_try(search, search->from);
+  return search->met && search->away <= (spare || task->kind ? @surely@ : @beside@) ? 1 : 2;
+}
+
+/* The same of starts, but for those that can lead to no nearer one. */
+static inline void calib_try_starts(calib_search *search, const calib_starts *starts) {
+  int n, runs = 0;
+  for (n = 0; n < starts->count && runs < starts->runs; ++n) {
+    const calib_real *start = starts->q + (starts->row ? starts->row[n] : n) * CALIB_DOF;
+    if (n >= starts->likely && search->met) return;
+    if (!(start[0] - start[0] == 0)) continue;
+    if (search->met && (calib_apart(start, search->from, 0) > search->away + @margin@ ||
+                        calib_apart(start, search->q, 0) < starts->apart))
+      continue;
+    ++runs;
+    calib_try(search, start);
+  }
+}
+
+/* Writes what was found, on the turn nearest to `near`; `sure` where it is certain, 0 without a way. */
+static inline int calib_answered(const calib_search *search, const calib_real near[CALIB_DOF],
+                                 int sure, calib_real q[CALIB_DOF]) {
+  int k;
+  for (k = 0; k < CALIB_DOF; ++k) q[k] = search->met ? search->q[k] : calib_not_a_number();
+  if (search->met) calib_on_turn(near, q);
+  return search->met ? sure : 0;
+}
+
+/* All ways to a task that starts lead to, and what lies across folds beside them, at most `most`;
+ * returns how many. */
+static inline int calib_every(const calib_task *task, const calib_starts *starts, int most,
+                              calib_real q[][CALIB_DOF]) {
+  int n, fold, runs = 0, count = 0;
+  for (n = 0; n < starts->count && runs < starts->runs && count < most; ++n) {
+    const calib_real *start = starts->q + (starts->row ? starts->row[n] : n) * CALIB_DOF;
+    const int first = count;
+    if (n >= starts->likely && count) break;
+    if (!(start[0] - start[0] == 0) || calib_beside(start, q[0], count, starts->apart)) continue;
+    for (fold = 0; fold < 2 && count < most && fold == count - first; ++fold) {
+      calib_real trial[CALIB_DOF], left;
+      int budget = CALIB_BUDGET;
+      calib_copy(start, trial);
+      if (fold && (CALIB_DOF > calib_rows(task) || !calib_twin(task, q[first], trial))) break;
+      if (!calib_reach(task, start, q[0], fold ? 0 : count, !fold, &budget, trial, &left)) break;
+      if (calib_beside(trial, q[0], count, @same@)) break;
+      calib_copy(trial, q[count++]);
+    }
+    runs = count > first ? 0 : runs + 1;
+  }
+  return count;
+}
+
+static inline void calib_position_task(const calib_real x[CALIB_OUT], calib_task *task) {
+  int i;
+  task->kind = CALIB_POSITION;
+  task->axis = -1;
+  task->arm = &calib_body;
+  for (i = 0; i < CALIB_OUT; ++i) task->x[i] = x[i];
 }
 
 /* Starts of a position near joints, from the table; `row` is room for their order. */
@@ -89,142 +196,6 @@ static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
   return starts;
 }
 
-/* The best way to a task so far: joints that do it, or that come nearest to it. */
-typedef struct {
-  int met;
-  calib_real q[CALIB_DOF], away;       /* nearest to the joints asked for, and how near */
-  calib_real nearest[CALIB_DOF], left; /* of what misses the task the best, and what is left */
-} calib_best;
-
-/* Replaces a way by what a start leads to, if that is nearer. */
-static inline void calib_try(const calib_task *task, const calib_real from[CALIB_DOF], int known,
-                             const calib_real start[CALIB_DOF], calib_best *way) {
-  calib_real trial[CALIB_DOF], left, away;
-  calib_copy(start, trial);
-  if (!calib_reach(task, from, way->q, known, CALIB_STEPS, trial, &left)) {
-    if (way->met || way->left <= left) return;
-    way->left = left;
-    calib_copy(trial, way->nearest);
-    return;
-  }
-  away = calib_apart(trial, from, 0);
-  if (way->met && !(away < way->away)) return;
-  way->met = 1;
-  way->away = away;
-  calib_copy(trial, way->q);
-}
-
-/* Whether no other way can be nearer. */
-static inline int calib_sure(const calib_task *task, const calib_best *way) {
-  const int single = task->kind == CALIB_POSITION && CALIB_DOF == CALIB_OUT;
-  return way->met && way->away <= (single ? @beside@ : @surely@);
-}
-
-/* The way that `from` leads to, or what lies across a fold beside it. */
-static inline void calib_try_near(const calib_task *task, const calib_real from[CALIB_DOF],
-                                  calib_best *way) {
-  calib_real twin[CALIB_DOF];
-  way->met = 0;
-  way->left = calib_not_a_number();
-  calib_try(task, from, 0, from, way);
-  if (way->met && CALIB_DOF <= calib_rows(task) && way->away > @beside@ &&
-      calib_twin(task, way->q, twin))
-    calib_try(task, from, 0, twin, way);
-}
-
-/* The same of starts, but for those that can lead to no nearer one. */
-static inline void calib_try_starts(const calib_task *task, const calib_real from[CALIB_DOF],
-                                    const calib_starts *starts, calib_best *way) {
-  int n, runs = 0;
-  for (n = 0; n < starts->count && runs < starts->runs; ++n) {
-    const calib_real *start = calib_start(starts, n);
-    if (n >= starts->likely && way->met) return;
-    if (!(start[0] - start[0] == 0)) continue;
-    if (way->met && (calib_apart(start, from, 0) > way->away + @margin@ ||
-                     calib_apart(start, way->q, 0) < starts->apart))
-      continue;
-    ++runs;
-    calib_try(task, from, way->met, start, way);
-  }
-}
-
-/* `near` within its limits; 0 where it is no joints. */
-static inline int calib_from(const calib_real near[CALIB_DOF], calib_real from[CALIB_DOF]) {
-  int k;
-  for (k = 0; k < CALIB_DOF; ++k) {
-    const calib_real u = (near[k] - calib_lower[k]) / calib_span[k];
-    if (!(u - u == 0) || (!calib_periodic[k] && !(u >= -1 && u <= 2))) return 0;
-  }
-  calib_copy(near, from);
-  calib_clipped(from);
-  return 1;
-}
-
-/* Joints nearest to `near` that do a task; x is the position by which starts are chosen.  1 where
- * no other way is nearer, 2 where one might be, 0 where none was found: `way` has what comes
- * closest then. */
-static inline int calib_search(const calib_task *task, const calib_real x[CALIB_OUT],
-                               const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF],
-                               calib_best *way) {
-  const int single = task->kind == CALIB_POSITION && CALIB_DOF == CALIB_OUT;
-  calib_real from[CALIB_DOF];
-  short row[CALIB_TRIES];
-  int k;
-  for (k = 0; k < CALIB_DOF; ++k) q[k] = calib_not_a_number();
-  way->met = 0;
-  way->left = calib_not_a_number();
-  if (!calib_from(near, from)) return 0;
-  calib_try_near(task, from, way);
-  if (!calib_sure(task, way)) {
-    calib_starts starts = calib_position_starts(x, from, row);
-    if (!single) starts.count = starts.likely;
-    calib_try_starts(task, from, &starts, way);
-  }
-  if (!way->met) return 0;
-  calib_copy(way->q, q);
-  calib_on_turn(near, q);
-  return single || calib_sure(task, way) ? 1 : 2;
-}
-
-/* Adds what a start leads to, and what lies across a fold beside it, to `count` ways to do a task,
- * unless it is one of them; returns how many there are. */
-static inline int calib_add_way(const calib_task *task, const calib_real start[CALIB_DOF],
-                                int steps, int most, calib_real q[][CALIB_DOF], int count) {
-  calib_real trial[CALIB_DOF], left;
-  int first = count, fold;
-  calib_copy(start, trial);
-  for (fold = 0; fold < 2 && count < most; ++fold) {
-    if (fold && (count == first || CALIB_DOF > calib_rows(task) ||
-                 !calib_twin(task, q[first], trial)))
-      break;
-    if (!calib_reach(task, start, q[0], fold ? 0 : count, steps, trial, &left)) break;
-    if (calib_beside(trial, q[0], count, @same@)) break;
-    calib_copy(trial, q[count++]);
-  }
-  return count;
-}
-
-/* All ways to a task that starts lead to, at most `most`; returns how many. */
-static inline int calib_every(const calib_task *task, const calib_starts *starts, int steps,
-                              int most, calib_real q[][CALIB_DOF]) {
-  int n, runs = 0, count = 0;
-  for (n = 0; n < starts->count && runs < starts->runs && count < most; ++n) {
-    const calib_real *start = calib_start(starts, n);
-    const int before = count;
-    if (n >= starts->likely && count) break;
-    if (!(start[0] - start[0] == 0) || calib_beside(start, q[0], count, starts->apart)) continue;
-    count = calib_add_way(task, start, steps, most, q, count);
-    runs = count > before ? 0 : runs + 1;
-  }
-  return count;
-}
-
-static inline void calib_position_task(const calib_real x[CALIB_OUT], calib_task *task) {
-  int i;
-  task->kind = CALIB_POSITION;
-  for (i = 0; i < CALIB_OUT; ++i) task->x[i] = x[i];
-}
-
 /* All ways to a position that the table of starts leads to, at most `most`; returns how many. */
 static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
                                     calib_real q[][CALIB_DOF]) {
@@ -233,43 +204,43 @@ static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
   calib_starts starts = calib_position_starts(x, calib_start_q[0], row);
   starts.apart = @margin@;
   calib_position_task(x, &task);
-  return calib_every(&task, &starts, CALIB_STEPS, most, q);
+  return calib_every(&task, &starts, most, q);
 }
 
 /* Joints that bring the tip to a position: of several ways the one nearest to `near`, in shares of
- * the joints' ranges.  1, or 2 where another way might be nearer; 0 where none was found. */
+ * the joints' ranges.  1, or 2 where another way might be nearer; 0 where none was found, 3 where
+ * nothing reaches the position. */
 static inline int calib_inverse(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
                                 calib_real q[CALIB_DOF]) {
   calib_task task;
-  calib_best way;
-  calib_position_task(x, &task);
-  return calib_search(&task, x, near, q, &way);
-}
-
-/* As calib_inverse, and 3 where nothing reaches the position. */
-static inline int calib_answer(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
-                               calib_real q[CALIB_DOF]) {
-  calib_task task;
-  calib_best way;
+  calib_search search;
   calib_real bound, most = @sure@ * @extent@;
-  int found;
+  int sure;
   calib_position_task(x, &task);
-  found = calib_search(&task, x, near, q, &way);
-  if (found || !(way.left - way.left == 0)) return found;
+  sure = calib_try_near(&search, &task, near);
+  if (sure == 2) {
+    short row[CALIB_TRIES];
+    calib_starts starts = calib_position_starts(x, search.from, row);
+    if (CALIB_DOF > CALIB_OUT) starts.count = starts.likely;
+    else sure = 1;
+    calib_try_starts(&search, &starts);
+  }
+  sure = calib_answered(&search, near, sure, q);
+  if (sure || !(search.left - search.left == 0)) return sure;
   /* within the expected error it may still count as reached */
-  if (calib_expected_error(way.nearest, &bound) && bound < most) most = bound;
-  return way.left > 2 * most ? 3 : 0;
+  if (calib_expected_error(search.nearest, &bound) && bound < most) most = bound;
+  return search.budget > 0 && search.left > 2 * most ? 3 : 0;
 }
 #if @placed@
 
-/* The task of a pose of the sensor's frame (R row by row); `free` is -1, or an axis of the tip, 0
- * to 2, about which its turn is left open. */
-static inline void calib_pose_task(const calib_real x[3], const calib_real R[9], int free,
+/* The task of a pose of the sensor's frame (R row by row); `axis` is -1, or an axis of the tip, 0 to
+ * 2, about which its turn is left open. */
+static inline void calib_pose_task(const calib_real x[3], const calib_real R[9], int axis,
                                    calib_task *task) {
   int i, j, k;
-  task->kind = free < 0 ? CALIB_POSE : CALIB_AXIS;
-  task->axis = free;
-  task->arm = &@placing@;
+  task->kind = axis < 0 ? CALIB_POSE : CALIB_AXIS;
+  task->axis = axis;
+  task->arm = &calib_placed;
   for (i = 0; i < 3; ++i) {
     task->x[i] = 0;
     for (j = 0; j < 3; ++j) {
@@ -280,13 +251,16 @@ static inline void calib_pose_task(const calib_real x[3], const calib_real R[9],
   }
 }
 
-/* Joints that bring the tip to a pose of the sensor's frame (R row by row), as calib_inverse. */
-static inline int calib_inverse_pose(const calib_real x[3], const calib_real R[9],
+/* Joints that bring the tip to a pose of the sensor's frame (R row by row), as calib_inverse; `axis`
+ * is -1, or an axis of the tip, 0 to 2, about which its turn is left open. */
+static inline int calib_inverse_pose(const calib_real x[3], const calib_real R[9], int axis,
                                      const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF]) {
   calib_task task;
-  calib_best way;
-  calib_pose_task(x, R, -1, &task);
-  return calib_search(&task, x, near, q, &way);
+  calib_search search;
+  int sure;
+  calib_pose_task(x, R, axis, &task);
+  sure = calib_try_near(&search, &task, near);
+  return calib_answered(&search, near, sure, q);
 }
 #endif
 
@@ -298,16 +272,16 @@ static inline calib_real calib_newton_step(const calib_real target[CALIB_OUT], c
   calib_real move[CALIB_DOF];
   int i;
   calib_position_task(target, &task);
-  calib_left(&task, q, &gap);
+  calib_left(&task, 0, q, &gap);
   if (!calib_move(CALIB_OUT, gap.J, gap.r, q, 0, damping, move)) return calib_not_a_number();
   for (i = 0; i < CALIB_DOF; ++i) q[i] += calib_span[i] * move[i];
   return gap.left;
 }
-#if @corrected@
+#if @limit@
 
 /* Where the nominal arm would be with q, as the sensor sees it. */
 static inline void calib_wanted(const calib_real q[CALIB_DOF], calib_real x[CALIB_OUT]) {
-  calib_seen(&calib_nominal, q, x, 0);
+  calib_seen(&calib_nominal, 0, q, x, 0);
 }
 
 /* Joints that bring the real tip to where the nominal arm would be with q, near q; with six joints
@@ -315,20 +289,21 @@ static inline void calib_wanted(const calib_real q[CALIB_DOF], calib_real x[CALI
 static inline int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
   calib_real start[CALIB_DOF], left;
   calib_task task;
-  int k, good = calib_in_range(q);
+  int k, good = calib_in_range(q), budget = CALIB_BUDGET;
   if (good) {
     calib_wrapped(q, start);
-    for (k = 0; k < CALIB_DOF; ++k) out[k] = start[k];
+    calib_copy(start, out);
     task.kind = @correcting@;
+    task.axis = -1;
     task.arm = &calib_body;
     if (task.kind == CALIB_POSITION) calib_wanted(start, task.x);
-    else calib_chain(&calib_nominal, start, task.x, task.R, 0, 0);
-    good = calib_reach(&task, start, 0, 0, CALIB_STEPS, out, &left);
-#if @local@
+    else calib_chain(&calib_nominal, 0, start, task.x, task.R, 0, 0);
+    good = calib_reach(&task, start, 0, 0, 0, &budget, out, &left);
+#if @local_terms@
     if (good && task.kind != CALIB_POSITION) { /* what local models move is met as a position */
       task.kind = CALIB_POSITION;
       calib_wanted(start, task.x);
-      good = calib_reach(&task, out, 0, 0, CALIB_STEPS, out, &left);
+      good = calib_reach(&task, out, 0, 0, 0, &budget, out, &left);
     }
 #endif
     for (k = 0; k < CALIB_DOF; ++k) {
