@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import typer
 from calib_cli.app import application
@@ -62,15 +62,20 @@ def commands(command: Any, words: tuple[str, ...] = ("calib",)) -> Iterator[tupl
         yield from commands(command.get_command(context, name), (*words, name))
 
 
+def form(parameter: Any) -> str:
+    """Return how a value is typed: its form, or the words that it may be."""
+    return parameter.metavar or "|".join(get_args(parameter.type_descriptor.annotation))
+
+
 def usage(name: str, command: Any) -> str:
     """Return one line: the command, what must be given, what may be."""
     words = [name]
     for parameter in command.params:
         if parameter.param_type_name == "argument":
-            shown = parameter.metavar
+            shown = form(parameter)
             words.append(shown if parameter.required else f"[{shown}]")
     words += [
-        f"{parameter.opts[0]} {parameter.metavar}"
+        f"{parameter.opts[0]} {form(parameter)}"
         for parameter in command.params
         if parameter.param_type_name == "option" and parameter.required
     ]
@@ -81,10 +86,10 @@ def usage(name: str, command: Any) -> str:
 def row(parameter: Any) -> str:
     """Return a line of a list: how it is typed, what it does, its default."""
     if parameter.param_type_name == "argument":
-        typed = f"`{parameter.metavar}`"
+        typed = f"`{form(parameter)}`"
     else:
         names = sorted(parameter.opts, key=len, reverse=True)
-        value = "" if parameter.is_flag else f" {parameter.metavar}"
+        value = "" if parameter.is_flag else f" {form(parameter)}"
         typed = ", ".join([f"`{names[0]}{value}`", *(f"`{name}`" for name in names[1:])])
     text = parameter.help
     if (
