@@ -58,11 +58,10 @@ Locked joints are at neutral, `--lock` moves them.
 SAID = """\
 ## What was said
 
-Each file that was not trained at once ends with one line that names the joint and the option.
-The six that stay refused were read, and what is said of them is so: the two pendulums have no
-frame beyond `link2`, whose origin lies on the axis of `joint2`; the four rotors of `iris` turn
-side by side; `iris_simple` and `quadrotor_base` have fixed joints or none; `ur3.urdf` is the
-empty shell that a macro left.
+One line each, from the files that were not trained at once. The six that stay refused were read,
+and what is said of them is so: the two pendulums have no frame beyond `link2`, whose origin lies on
+the axis of `joint2`; the four rotors of `iris` turn side by side; `iris_simple` and
+`quadrotor_base` have fixed joints or none; `ur3.urdf` is the empty shell that a macro left.
 """
 
 
@@ -178,6 +177,7 @@ def rows(outcomes: list[Outcome]) -> Iterator[str]:
 def page(outcomes: list[Outcome]) -> str:
     """Return the whole page."""
     trained = [found for found in outcomes if found.trained]
+    told = [found for found in outcomes if found.said]
     largest = max(1e3 * found.error for found in trained)  # [mm]
     head = INTRODUCTION.format(
         package=PACKAGE,
@@ -198,7 +198,8 @@ def page(outcomes: list[Outcome]) -> str:
     arms = [
         f"| {found.name} | {found.seconds:.1f} | {1e3 * found.error:.1e} |" for found in trained
     ]
-    return "\n".join([head, *rows(outcomes), "", SAID, ARMS.rstrip(), *arms, ""])
+    said = [f"- `{found.name}`: {line}" for found in told for line in found.said]
+    return "\n".join([head, *rows(outcomes), "", SAID, *said, "", ARMS.rstrip(), *arms, ""])
 
 
 def main() -> None:
