@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..arm.rotations import exponential, matrix_of
 from ..common.arrays import Array
 from ..errors import OptionError
-from .bundle import Bundle, Corners, Motions, Unknowns
-from .fit import Fit, Noise, information
+from .bundle import SHAPE, Bundle, Motions, Unknowns
+from .fit import Noise, information
 from .rig import HandEye, Place
 from .rigid import inverse, rigid
 
@@ -45,8 +45,15 @@ def next_poses(
     flange = _candidates(rig, hand, base, points, np.random.default_rng(seed))
     motion = np.repeat(np.arange(len(flange)), len(points))
     tiled = np.tile(points, (len(flange), 1))
-    corners = Corners(tiled, np.zeros((len(tiled), 2)), motion, in_hand, points)
-    bundle = Bundle((corners,), Motions(flange))
+    bundle = Bundle(
+        Motions(flange),
+        in_hand=[in_hand],
+        points=tiled,
+        bends=np.zeros((len(tiled), 3, SHAPE - 1)),
+        pixels=tiled[:, :2],
+        camera=np.zeros(len(tiled), int),
+        motion=motion,
+    )
     layout = bundle.layout
     values = np.zeros(layout.size)
     lens = rig.lens
@@ -58,8 +65,8 @@ def next_poses(
     if not in_hand:  # the camera is first, then the board
         frames = frames[::-1]
         order = order[::-1]
-    unknowns = Unknowns(frames, values, exact)
-    pixels = bundle.sights(unknowns)[0].pixels.reshape(len(flange), -1, 2)
+    sight = bundle.look(Unknowns(frames, values, exact))
+    pixels = sight.pixels.reshape(len(flange), -1, 2)
     size = np.array(lens["size"])
     margin = SETTINGS.edge * size
     is_in_view = ((pixels > margin) & (pixels < size - margin)).all(axis=(1, 2))
@@ -75,7 +82,8 @@ def next_poses(
         error=np.repeat([turn, shift, 1e-6], [3, 3, 1]),
         prior=np.full(layout.size, np.inf),
     )
-    products = information(bundle, Fit(unknowns, noise))
+    seen = replace(bundle, pixels=sight.pixels)
+    products = information(seen, noise, sight)[0]
     places = order.ravel()
     certain = np.diag(noise.error**-2.0)
     own = products[:, layout.size :, layout.size :] + certain
