@@ -68,12 +68,16 @@ def notes_of(
         notes += [*view.shots.notes, *view.doubts]
     choice = problem.choice
     if choice is not None:
-        notes.append(
-            f"poses are read as {choice.reading.words}, lengths in {choice.convention['unit']}; "
-            f"the next reading fits {choice.convention['ratio']:.3g} times worse"
-        )
+        convention = choice.convention
+        words = f"the next reading fits {convention['ratio']:.3g} times worse"
         if choice.ties:
-            notes.append(f"not told apart from it: {'; '.join(choice.ties)}")
+            words = (
+                f"not told apart from it: {', or '.join(choice.ties)}; give `rotation`, or add "
+                "pictures with the hand at other places"
+            )
+        notes.append(
+            f"poses are read as {choice.reading.words}, lengths in {convention['unit']}; {words}"
+        )
     notes += _contradicting(rig, agreeing)
     notes += _open(rig, agreeing)
     notes += _size(rig)

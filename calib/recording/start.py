@@ -69,13 +69,13 @@ def find_start(
     """
     problem = (inverse(flange) if in_hand else flange, poses, board, unit)
     start = _solved(*problem, None)
-    if start.is_sized:
-        return start
     distance = float(np.median(np.linalg.norm(flange[:, :3, 3], axis=1)))
     name = unit or _nearest(max(distance, 1e-9) / USUAL)
     sized = _solved(*problem, METRES[name])
-    is_as_good = sized.misfit < max(1.3 * start.misfit, np.radians(0.2))
-    return sized if is_as_good else start
+    most = max(1.3 * start.misfit, np.radians(0.2))
+    if start.is_sized:  # by chance, where a length of noise fits badly
+        most = 0.5 * start.misfit
+    return sized if sized.misfit < most else start
 
 
 def _nearest(length: float) -> str:

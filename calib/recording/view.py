@@ -14,8 +14,7 @@ from .board import Pattern
 from .board_pictures import BoardPictures
 from .lens import Lens
 from .lens_files import UNSTATED
-from .reference import turns_and_shifts
-from .rigid import rigid
+from .reference import matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,5 +61,5 @@ def view_of(
             )
         )
     lens, doubts = shots.lens(given)
-    poses = rigid(*turns_and_shifts(shots.poses(lens)))
+    poses = matrices(shots.poses(lens))
     return View(name, shots, in_hand, given, lens, doubts, poses)
