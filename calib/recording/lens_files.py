@@ -17,7 +17,9 @@ WIDTH = "image_width|imageWidth|width"
 HEIGHT = "image_height|imageHeight|height"
 """Keys in YAML or JSON."""
 
-_NUMBER = r"[-+]?(?:\.?nan|\.?inf|\d+\.?\d*(?:e[-+]?\d+)?|\.\d+(?:e[-+]?\d+)?)"
+_NUMBER = (
+    r"(?i:[-+]?(?:\.?nan|\.?inf|\d+\.?\d*(?:e[-+]?\d+)?|\.\d+(?:e[-+]?\d+)?))"
+)
 # what stands between a key and its numbers: a type, and the sizes of a matrix
 _ABOUT = (
     r"[\s{]*(?:!!\S+\s+)?"
@@ -66,7 +68,6 @@ def _numbers(text: str, keys: str) -> Array:
         block = re.search(
             rf"(?<!\w)[\"']?{key}[\"']?\s*:{_ABOUT}((?:{_NUMBER}|[\s\[\],.]|-\s)*)",
             text,
-            re.IGNORECASE if len(key) > 1 else 0,
         )
         if block is not None:
             words = re.findall(_NUMBER, block[1].lower())

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arm.rotations import exponential, matrix_of
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..errors import OptionError
 from .bundle import POSE, SHAPE, Bundle, Motions, Unknowns
 from .fit import Noise, information
@@ -63,7 +63,7 @@ def next_poses(
     return np.array(chosen), np.array(intervals)
 
 
-def _gains(rig: HandEye, flange: Array) -> tuple[Array, Array]:
+def _gains(rig: HandEye, flange: Array) -> tuple[Mask, Array]:
     """Which poses (n,) show the whole board, and what each tells of hand and base (n, 12, 12)."""
     points = np.array(rig.board["points"])
     corners = np.tile(points, (len(flange), 1))
@@ -108,7 +108,8 @@ def _gains(rig: HandEye, flange: Array) -> tuple[Array, Array]:
     spread = np.linalg.inv(errors + np.diag(noise.error**-2.0))
     gain = products[:, some[:, None], some]
     gain = gain - across @ spread @ np.swapaxes(across, 1, 2)
-    return inside.reshape(len(flange), -1).all(axis=1), gain
+    is_in_view: Mask = np.asarray(inside.reshape(len(flange), -1).all(axis=1))
+    return is_in_view, gain
 
 
 def frame_of(place: Place) -> Array:
