@@ -243,12 +243,15 @@ class _Fit:
         all_rows = _with_ones(self.information)
         residual = np.empty_like(self.residual)
         for block in np.array_split(np.arange(n), UPDATING.blocks):
-            rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
+            first = block[0] * outputs
+            end = (block[-1] + 1) * outputs
+            rows = slice(first, end)
             x = self.columns[rows]
             y = self.residual[rows]
             others = Factor(all_rows - x.T @ x)
             delta = others.solve(self.gradient - x.T @ y)
-            residual[rows] = y - x[:, :size] @ delta[:size]
+            by_parameters = x[:, :size] @ delta[:size]
+            residual[rows] = y - by_parameters
         unit = (residual / self.weight).reshape(n, -1) * self.scale
         return np.asarray(unit)
 
@@ -268,12 +271,14 @@ class _Fit:
         for damping in UPDATING.dampings:
             damped = _with_ones(self.information)
             damped[:size, :size] += damping * stiffness
-            self.normals = normals + Factor(damped).solve(self.gradient)[:size]
+            step = Factor(damped).solve(self.gradient)[:size]
+            self.normals = normals + step
             full = np.zeros(self.structure.size)
-            full[self.active] = self.prior @ (self.normals - normals)
+            full[self.active] = self.prior @ step
             beta = self.structure.retract(self.beta, full)
             with np.errstate(all="ignore"):
-                away = self._away(self.structure.predict(self.log.q, beta))
+                predicted = self.structure.predict(self.log.q, beta)
+                away = self._away(predicted)
                 gain = cost - self._learn_weights(away, own)
             if gain > 0.0:
                 self.beta = beta
@@ -295,9 +300,12 @@ class _Fit:
         square = self.temper * (rest**2).sum(axis=1)
         energy = (STUDENT + outputs) * np.log1p(square / STUDENT).sum()
         weights = (STUDENT + outputs) / (STUDENT + square)
-        self.weight = np.repeat(np.sqrt(weights), outputs)
-        cost = float(energy) / self.temper + float(followed @ followed)
-        return cost + float((self.normals**2).sum())
+        roots = np.sqrt(weights)
+        self.weight = np.repeat(roots, outputs)
+        of_rows = float(energy) / self.temper
+        of_own = float(followed @ followed)
+        of_parameters = float(self.normals @ self.normals)
+        return of_rows + of_own + of_parameters
 
     def _away(self, predicted: Array) -> Array:
         """Residuals (n m,) of the log's rows [scales]."""
