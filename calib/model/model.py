@@ -147,7 +147,7 @@ class Model(Parts):
             return Motion(rows), single
         names = self.about.joint_names
         side = np.sign(answers.rows_for(approach, names, "approach", len(rows)))
-        return Motion(rows, side), single
+        return Motion(rows, side=side), single
 
     def _single(
         self, kind: str, joints: ArrayLike, *others: ArrayLike
