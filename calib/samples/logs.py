@@ -154,7 +154,10 @@ def read_log(
     q, x, turns = roles.split(values[sound])
     lower, upper = np.empty((2, len(names)))
     for k, name in enumerate(names):
-        joint = JointColumn(label, name, revolute[k], limits.get(name), degrees)
+        limit = limits.get(name)
+        if limit and roles.touched:  # wherever a hand has moved the arm
+            limit = (min(limit[0], q[:, k].min()), max(limit[1], q[:, k].max()))
+        joint = JointColumn(label, name, revolute[k], limit, degrees)
         q[:, k], (lower[k], upper[k]), words = joint.settle(q[:, k], numbers)
         notes += words
     touch = None
