@@ -18,9 +18,8 @@ from ..samples.motion import Motion
 from . import answers, batches
 from .answers import Answer, Path
 from .header import compiled_of
-from .parts import MOST_SHARE, BoundName, Parts
+from .parts import MOST_SHARE, BoundName, Parts, with_arm_of
 from .prediction import predict
-from .sensors import with_arm_of
 
 if TYPE_CHECKING:
     import os

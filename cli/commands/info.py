@@ -24,7 +24,7 @@ def info(
     degrees: opt.Degrees = False,
 ) -> Outcome:
     import calib
-    from calib.model.facts import facts
+    from calib.model.about import facts
     from calib.use.geometry_fit import body_with_zeros
 
     loaded = calib.load(model)
