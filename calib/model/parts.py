@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -90,6 +90,10 @@ class Parts:
             self.bounds, self.model_bounds
         ):  # one answer is enough
             object.__setattr__(self, "model_bounds", self.bounds)
+
+    def values(self) -> dict[str, Any]:
+        """What each field holds, by name."""
+        return {part.name: getattr(self, part.name) for part in fields(Parts)}
 
     def __getstate__(self) -> dict[str, object]:
         """What was compiled for single queries stays behind when a model is pickled."""
