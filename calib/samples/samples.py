@@ -50,9 +50,8 @@ class Readings(OfRows):
 class LogFile(OfRows):
     """What a file, or the pictures that rows were made of, say beside the rows."""
 
-    rows: Index | None = (
-        None  # (n,), numbers of the rows, counted below the header from 1
-    )
+    # (n,), numbers of the rows, counted below the header from 1
+    rows: Index | None = None
     # columns that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict)
     degrees: bool = False  # whether turning joints are in degrees there
@@ -60,14 +59,12 @@ class LogFile(OfRows):
         default_factory=dict
     )  # what it says of itself
     in_time: bool = False  # whether the user said how late positions are
-    pictures: NDArray[np.str_] | None = (
-        None  # (n,), names of what each row was made of
-    )
+    # (n,), names of what each row was made of
+    pictures: NDArray[np.str_] | None = None
     pixels: Array | None = None  # (n, 2), of a tag in them [px]
     dropped: int = 0  # rows that missed a value
-    left_out: int = (
-        0  # rows without what a sensor saw: zeros, or no orientation
-    )
+    # rows without what a sensor saw: zeros, or no orientation
+    left_out: int = 0
     notes: tuple[str, ...] = ()  # what the user should be told, one line each
 
     @property

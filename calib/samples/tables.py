@@ -39,9 +39,8 @@ SENSOR = "sensor"
 
 _ROW = "\0row"  # column with the number of each row, counted below the header from 1
 _HEAD = 1 << 16  # [bytes], of a file, in which its header is
-_POSITION_SUFFIX = (
-    ".pos"  # LeRobot's, of joints' columns, which are read without
-)
+# LeRobot's, of joints' columns, which are read without
+_POSITION_SUFFIX = ".pos"
 _REMEDIES = {
     "utf-8": ": save it as UTF-8 CSV",
     "more fields": ": write decimals with a point, and quote text that holds a comma",
