@@ -16,13 +16,13 @@ from ..common.choices import READOUTS
 from ..common.wording import for_people, sized, unit_of_joint, vector
 from ..errors import ModelError
 from ..samples.samples import Samples
+from ..samples.tables import Document
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
-    from .parts import Parts
 
 STATISTICS = ("mean", "p99", "max")
-Errors = Mapping[str, Mapping[str, Mapping[str, Mapping[str, Any]]]]
+Errors = Mapping[str, Mapping[str, Mapping[str, Document]]]
 """Statistics by readout, direction and quantity, as a model keeps them."""
 _ErrorRow = dict[str, dict[str, float]]
 """Statistics of one quantity, by readout."""
@@ -57,15 +57,11 @@ class About(ReadOnly):
     source: str  # "simulation" or "log"
     samples: int  # number of training samples
     seed: int
-    options: Mapping[
-        str, Any
-    ]  # "map", "rule", "epochs", "sigma" of the training
-    simulation: (
-        Mapping[str, Any] | None
-    )  # noise and changes of the simulated arm
+    options: Document  # "map", "rule", "epochs", "sigma" of the training
+    simulation: Document | None  # noise and changes of the simulated arm
     urdf: str  # the URDF's own text ("" without one)
     # errors per readout as ``calib evaluate --json`` prints them
-    errors: Mapping[str, Any] = field(default_factory=dict)
+    errors: Document = field(default_factory=dict)
     # "p95" and "covered" of the answers' distances, see `calib.Evaluation.within`
     within: Mapping[str, float] = field(default_factory=dict)
     tested: int = 0  # samples behind those errors
@@ -176,9 +172,10 @@ class MeasuredRows(ReadOnly):
         return MeasuredRows(q[::every].copy(), x[::every].copy(), errors)
 
 
-def facts(model: Parts, *, degrees: bool = True) -> dict[str, str]:
+def facts(
+    about: About, size_in_words: str, *, degrees: bool = True
+) -> dict[str, str]:
     """Return names and values; ranges of joints that turn in degrees or in rad."""
-    about = model.about
     options = about.options
     words = {"robot": about.robot or "none, learned from a log alone"}
     for k, name in enumerate(about.joint_names):
@@ -197,7 +194,7 @@ def facts(model: Parts, *, degrees: bool = True) -> dict[str, str]:
     words |= {
         "positions in": about.unit,
         "learned from": _source(about),
-        "maps": f"{options['map']}, {options['rule']} rule, {model.size_in_words}",
+        "maps": f"{options['map']}, {options['rule']} rule, {size_in_words}",
         "expected error": f"95 % bound on the distance to the {about.bound_of}",
         "model error": (
             "95 % bound on the distance to the true position in the sensor's frame"
@@ -241,7 +238,7 @@ def shown_errors(
             yield direction, name, unit, statistics
 
 
-def _in_unit(error: Mapping[str, Any], factor: float) -> dict[str, float]:
+def _in_unit(error: Document, factor: float) -> dict[str, float]:
     """Return statistics in another unit, NaN for what could not be measured."""
     return {
         name: math.nan if error[name] is None else factor * error[name]

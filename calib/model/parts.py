@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -25,6 +24,7 @@ from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map
 from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import BodyInBox, Predictor
+from ..samples.tables import Document
 from .about import About, MeasuredRows, Photo
 from .baseline import Baseline, Seen
 
@@ -67,7 +67,7 @@ class Parts:
     # measured rows that are kept with the model of a log
     rows: MeasuredRows | None = None
     # earlier states of this model: trained, adapted, with their errors
-    history: tuple[Mapping[str, Any], ...] = ()
+    history: tuple[Document, ...] = ()
     # what an undisturbed arm's distortions look like
     baseline: Baseline | None = None
     # how long the steps of its training took

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -33,7 +32,7 @@ from .samples import Samples
 from .settings import READING
 from .sockets import Touches
 from .sound_values import sound_rows
-from .tables import Source, open_source, write_table
+from .tables import Document, Source, open_source, write_table
 
 
 def read_log(
@@ -50,7 +49,7 @@ def read_log(
     seed: int = 0,
     usual: Mapping[str, str] | None = None,
     outputs: int | None = None,
-    lens: Mapping[str, Any] | None = None,
+    lens: Document | None = None,
     time_offset: float | None = None,
 ) -> Samples:
     """Read a measured log: one column for each joint, and x, y or x, y, z.
@@ -279,7 +278,7 @@ def _camera(
     source: Source,
     arm: Arm | None,
     x: Array,
-    lens: Mapping[str, Any] | None,
+    lens: Document | None,
 ) -> Camera | None:
     """Return the camera of pixels (n, 2) of an arm in space; None of other readings."""
     if arm is not None and arm.outputs == 3 and x.shape[1] == 2:

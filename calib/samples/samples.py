@@ -21,6 +21,7 @@ from .motion import Motion, OfRows, directions
 from .poses import pose_index
 from .simulation import Simulation
 from .sockets import Touches
+from .tables import Document
 
 POSITION = ("x", "y", "z")
 
@@ -55,9 +56,7 @@ class LogFile(OfRows):
     # columns that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict)
     degrees: bool = False  # whether turning joints are in degrees there
-    source: Mapping[str, Any] = field(
-        default_factory=dict
-    )  # what it says of itself
+    source: Document = field(default_factory=dict)  # what it says of itself
     in_time: bool = False  # whether the user said how late positions are
     # (n,), names of what each row was made of
     pictures: NDArray[np.str_] | None = None

@@ -25,6 +25,9 @@ from ..errors import LogError
 if TYPE_CHECKING:
     import polars as pl
 
+Document = Mapping[str, Any]
+"""What a file says of itself, as JSON."""
+
 PARQUET = (".parquet", ".pq")
 RECORDINGS = (".bag", ".db3", ".mcap")
 
@@ -54,7 +57,7 @@ class Source:
     label: str  # what errors call it
     table: pl.DataFrame  # text from CSV; with numbers of the rows
     # what the file says of all its rows, see `write_table`
-    about: Mapping[str, Any]
+    about: Document
 
     @property
     def header(self) -> tuple[str, ...]:
@@ -318,7 +321,7 @@ def write_table(
     path: str | os.PathLike[str],
     columns: Mapping[str, ArrayLike],
     *,
-    about: Mapping[str, Any] | None = None,
+    about: Document | None = None,
 ) -> None:
     """Write columns of numbers, in full, whole or not at all.
 

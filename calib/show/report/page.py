@@ -182,7 +182,7 @@ def report(
             "Next": words.next_step(study),
         },
         sections=sections,
-        facts=facts(model),
+        facts=facts(model.about, model.size_in_words),
         notes=model.about.notes,
     )
     return verdict
