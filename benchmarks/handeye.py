@@ -114,7 +114,8 @@ def opencv(rig: Rig, true: object) -> dict[str, tuple[float, float]]:
     base, neutral = rig.structure.with_view("base"), rig.structure.neutral()
     p, turn = base.pose(rig.q, neutral)
     seen = pictures(rig, rig.seen, 0, len(rig.q)).poses(rig.glass)
-    boards, shifts = held_poses(seen, in_hand=False)
+    there = held_poses(seen, in_hand=False)
+    boards, shifts = there[:, :3, :3], there[:, :3, 3]
     out = {}
     kinds = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
     if not rig.in_hand:  # the base in the hand's frame takes the place of the hand in the base's
