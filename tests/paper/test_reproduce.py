@@ -78,7 +78,7 @@ def test_a_quick_run_writes_tables_and_one_json_document(run, tmp_path):
     assert np.degrees([printed["mean"], printed["max"]]) == pytest.approx([0.91, 4.6])
     with (tmp_path / "table2.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 2 * 3 * len(cells)
+    assert len(rows) == 2 * 3 * 4
     row = next(r for r in rows if r["network"] == "VDSOM 12x12" and r["readout"] == "activity")
     assert float(row["mean"]) == pytest.approx(1e3 * cell["mean"])
 
