@@ -264,7 +264,7 @@ def load_drawn(
 ) -> tuple[Model | HandEye, Samples | None]:
     """Load a model or a rig as it is to be drawn, and a log of its own arm where one is given."""
     import calib
-    from calib.recording.rig_file import is_rig, load_rig
+    from calib.recording.rig import is_rig, load_rig
 
     if is_rig(path):
         if data is not None or photo is not None:
