@@ -126,6 +126,7 @@ def record_tag(
     else:
         log = log_pictures(sources, table, setting)
         paths = {path.name: path for path in list_pictures(sources)}
+        assert log.pictures is not None  # noqa: S101 - of pictures
         path = paths[log.pictures[len(log) // 2]]
     say(log.notes)
     folder = Path(output).resolve().parent

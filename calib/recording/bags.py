@@ -12,7 +12,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.wording import INSTALL, listed
 from ..errors import LogError
-from ..samples.joint_times import (
+from ..samples.motion import (
     MAX_GAP,
     check_limits,
     covered,

@@ -127,7 +127,7 @@ class BoardPictures:
             notes=self.notes,
             orientation=quaternion_of(turns),
             covariance=covariance,
-            pictures=self.names,
+            pictures=np.array(self.names),
             episode=None
             if self.episodes is None
             else self.episodes.astype(float),

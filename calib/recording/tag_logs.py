@@ -13,7 +13,7 @@ from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Index, Mask
 from ..common.parallel import one_blas_thread
 from ..errors import LogError
-from ..samples.joint_times import (
+from ..samples.motion import (
     MAX_GAP,
     SETTLE,
     check_limits,
@@ -90,7 +90,7 @@ def log_pictures(
         {"source": "pictures"},
         joint_names=joints.names,
         q=q[steady],
-        pictures=tuple(sightings.names[k] for k in steady),
+        pictures=np.array(sightings.names)[steady],
     )
 
 
