@@ -54,17 +54,16 @@ def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
     def fit(rows: Samples) -> SmoothPart:
         return find_smooth_part(at_poses(rows), options)
 
-    log = fit_sound_rows(samples, fit)
-    notes = log.notes
-    play = None
-    if log.play.any():
-        play = log.play
+    samples, part, play, notes = fit_sound_rows(samples, fit)
+    if play.any():
         notes.append(play_words(samples, play))
-    notes += log.part.fit.notes
-    samples = log.samples
-    part = _of_single_readings(log.part, samples)
     return Prepared(
-        at_poses(samples), rows_given, tuple(notes), part, play, samples
+        at_poses(samples),
+        rows_given,
+        (*notes, *part.fit.notes),
+        _of_single_readings(part, samples),
+        play if play.any() else None,
+        samples,
     )
 
 

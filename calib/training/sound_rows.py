@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from ..common.wording import unit_of_joint
 from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.delays import Delay, Trajectory, estimate_delay
-from ..samples.diagnosis import aligned, rows_behind
+from ..samples.diagnosis import aligned
 from ..samples.motion import directions
 from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
@@ -24,55 +24,31 @@ from .settings import LATE_CLOCK, PLAY
 from .smooth import Fit, SmoothPart
 
 
-@dataclass(frozen=True, eq=False)
-class SoundLog:
-    """What is learned from: rows in time, and where their joints stood."""
-
-    samples: Samples
-    part: SmoothPart
-    play: Array  # (dof,), half the play of each joint, which the samples are freed of
-    notes: list[str] = field(default_factory=list)
-
-
-def fit_sound_rows(samples: Samples, fit: Fit) -> SoundLog:
+def fit_sound_rows(
+    samples: Samples, fit: Fit
+) -> tuple[Samples, SmoothPart, Array, list[str]]:
     """Fit samples; of a log without its delay and without the rows that contradict the others.
 
     Rows that came from the other side of a joint with play contradict the others, too: play is
     learned before.
+    Returns the samples as they are learned from, in time and with their joints where they stood,
+    their part, half the play of each joint (dof,) that they are freed of, and notes.
     """
+    part = fit(samples)
     if samples.simulation is not None:
-        return SoundLog(*freed_of_play(samples, fit(samples), fit))
+        return *freed_of_play(samples, part, fit), []
     play = np.zeros(samples.dof)
     sound, notes = screen(samples)
-    # a lag looks like play
-    if not sound.all() and Trajectory.of(samples) is None:
-        freed, _, play = freed_of_play(samples, fit(samples), fit)
-        if play.any():
-            samples = freed
-            sound, notes = screen(samples)
-    samples = samples.take(sound)
-    trajectory = Trajectory.of(samples)
-    shift = 0
-    if samples.arm is not None and not samples.in_time:
-        shift = rows_behind(
-            samples.arm.forward, samples.q, samples.x, samples.unit
-        )
-    if trajectory is not None:
-        delay = shift * trajectory.step
-        part = fit(trajectory.moved(samples, delay) if delay else samples)
-        samples, moved_part, clock_notes = in_time(
-            samples, trajectory, part.fit.body, delay, fit
-        )
-        part = moved_part or part
-        notes += clock_notes
-    else:
-        if shift:  # poses beside the positions of others
-            rows = np.arange(max(shift, 0), len(samples) + min(shift, 0))
-            samples = replace(samples.take(rows), q=samples.q[rows - shift])
-            words = f"positions are moved by {-shift:+d} rows"
-            notes.append(f"{words} to those of their joints")
+    if not sound.all():
+        if Trajectory.of(samples) is None:  # a lag looks like play
+            freed, _, play = freed_of_play(samples, part, fit)
+            if play.any():
+                samples = freed
+                sound, notes = screen(samples)
+        samples = samples.take(sound)
         part = fit(samples)
-    samples, part, more = freed_of_play(samples, part, fit)
+    samples, moved_part, clock_notes = in_time(samples, part.fit.body, fit)
+    samples, part, more = freed_of_play(samples, moved_part or part, fit)
     play = play + more
     residual = samples.x - part.fit.body.predict(samples.q)
     sound, wrong_notes = contradictions(samples, residual)
@@ -80,7 +56,7 @@ def fit_sound_rows(samples: Samples, fit: Fit) -> SoundLog:
         samples = samples.take(sound)
         samples, part, more = freed_of_play(samples, fit(samples), fit)
         play = play + more
-    return SoundLog(samples, part, play, [*notes, *wrong_notes])
+    return samples, part, play, [*notes, *clock_notes, *wrong_notes]
 
 
 def freed_of_play(
@@ -157,9 +133,8 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
         revolute=about.revolute,
     )
     notes: list[str] = []
-    trajectory = Trajectory.of(samples)
-    if model.body is not None and trajectory is not None:
-        samples, _, notes = in_time(samples, trajectory, model.body)
+    if model.body is not None:
+        samples, _, notes = in_time(samples, model.body)
     predicted = predict(model, samples).value
     residual = samples.x - predicted
     answered = finite_rows(predicted)
@@ -177,24 +152,18 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
 
 
 def in_time(
-    samples: Samples,
-    trajectory: Trajectory,
-    body: Body,
-    start: float = 0.0,
-    fit: Fit | None = None,
+    samples: Samples, body: Body, fit: Fit | None = None
 ) -> tuple[Samples, SmoothPart | None, list[str]]:
-    """Bring the clocks of a log together where a delay is clear.
+    """Bring the clocks of a log along a path together where a delay is clear.
 
-    start : a delay that rows have shown, with which the body was fitted
     fit : fits the body anew to moved samples; without it the body is that of another log
     Returns the samples with their joints at the times of their positions, the part of moved ones
         where they were fitted, and notes.
     """
-    delay = _delay(samples, trajectory, body, start, fresh=fit is not None)
-    if start:  # beside which its rest explains little, or nothing
-        sd = 0.1 * trajectory.step
-        delay = delay or Delay(start, sd, trajectory.unit, 1.0)
-        delay = replace(delay, share=1.0)
+    trajectory = Trajectory.of(samples)
+    if trajectory is None:
+        return samples, None, []
+    delay = _delay(samples, trajectory, body, 0.0, fresh=fit is not None)
     if delay is None or not delay.clear:
         return samples, None, []
     moved = samples
