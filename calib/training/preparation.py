@@ -11,10 +11,9 @@ from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from ..samples.repeatability import at_poses, noise_beside_poses
 from ..samples.samples import Samples
-from ..samples.wrong_rows import screen
 from .learn import TrainingOptions
 from .smooth import SmoothPart, find_smooth_part, find_smooth_parts
-from .sound_rows import fit_sound_rows, play_words, without_play
+from .sound_rows import fit_sound_rows, play_words, sound_beside, without_play
 from .touched import fit_sockets
 
 
@@ -44,16 +43,16 @@ def _alone(samples: Samples, options: TrainingOptions) -> Prepared:
     if samples.touch is not None:
         samples, part, notes = fit_sockets(samples, samples.touch, options)
         return Prepared(samples, rows_given, (*notes, *part.fit.notes), part)
-    if options.body == "none":
-        notes = []
-        if samples.simulation is None:
-            sound, notes = screen(samples)
-            samples = samples.take(sound)
-        return Prepared(at_poses(samples), rows_given, tuple(notes))
 
     def fit(rows: Samples) -> SmoothPart:
         return find_smooth_part(at_poses(rows), options)
 
+    if options.body == "none":
+        notes = []
+        if samples.simulation is None:
+            sound, notes = sound_beside(samples, fit(samples))
+            samples = samples.take(sound)
+        return Prepared(at_poses(samples), rows_given, tuple(notes))
     samples, part, play, notes = fit_sound_rows(samples, fit)
     if play.any():
         notes.append(play_words(samples, play))

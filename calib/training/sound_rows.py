@@ -8,7 +8,7 @@ import numpy as np
 
 from ..body.approach import learn_play
 from ..body.belief import Body
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.rows import finite_rows, row_lengths
 from ..common.wording import unit_of_joint
 from ..model.model import Model
@@ -19,7 +19,7 @@ from ..samples.motion import directions
 from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.settings import DIAGNOSIS
-from ..samples.wrong_rows import contradictions, screen
+from ..samples.wrong_rows import contradictions
 from .settings import LATE_CLOCK, PLAY
 from .smooth import Fit, SmoothPart
 
@@ -38,25 +38,28 @@ def fit_sound_rows(
     if samples.simulation is not None:
         return *freed_of_play(samples, part, fit), []
     play = np.zeros(samples.dof)
-    sound, notes = screen(samples)
+    sound, notes = sound_beside(samples, part)
     if not sound.all():
         if Trajectory.of(samples) is None:  # a lag looks like play
-            freed, _, play = freed_of_play(samples, part, fit)
-            if play.any():
-                samples = freed
-                sound, notes = screen(samples)
+            samples, part, play = freed_of_play(samples, part, fit)
+            sound, notes = sound_beside(samples, part)
         samples = samples.take(sound)
         part = fit(samples)
     samples, moved_part, clock_notes = in_time(samples, part.fit.body, fit)
     samples, part, more = freed_of_play(samples, moved_part or part, fit)
     play = play + more
-    residual = samples.x - part.fit.body.predict(samples.q)
-    sound, wrong_notes = contradictions(samples, residual)
+    sound, wrong_notes = sound_beside(samples, part)
     if not sound.all():
         samples = samples.take(sound)
         samples, part, more = freed_of_play(samples, fit(samples), fit)
         play = play + more
     return samples, part, play, [*notes, *clock_notes, *wrong_notes]
+
+
+def sound_beside(samples: Samples, part: SmoothPart) -> tuple[Mask, list[str]]:
+    """Which rows (n,) do not contradict the others beside a fit, and notes."""
+    residual = samples.x - part.fit.body.predict(samples.q)
+    return contradictions(samples, residual)
 
 
 def freed_of_play(
