@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -134,7 +134,7 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     q = log.q[rows]
     x = log.x[rows]
     turns = None if log.orientation is None else log.orientation[rows]
-    notes += _misreadings(model, q, x, turns)
+    notes += _misreadings(model, log.take(rows))
     scale = model.motor.scale
     stands = scale.from_unit(scale.to_unit(prediction.joints[answered]))
     predicted = prediction.value[answered]
@@ -157,28 +157,19 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     )
 
 
-def _misreadings(
-    model: Model, q: Array, x: Array, turns: Array | None
-) -> list[str]:
+def _misreadings(model: Model, log: Samples) -> list[str]:
     """Notes on rows that were read wrongly, and on joints that cover little of their range.
 
     Units, mirrors, signs and clocks are causes that the judgement itself tells.
     """
     names = model.about.joint_names
-    findings = diagnose(
-        model.forward,
-        q,
-        x,
-        names,
-        model.about.revolute,
-        unit=model.about.unit,
-        turns=turns,
-        pose=model.pose if knows_orientation(model.body) else None,
-    )
+    pose = model.pose if knows_orientation(model.body) else None
+    same_unit = replace(log, unit=model.about.unit)
+    findings = diagnose(same_unit, model.forward, pose)
     notes = refuse_mistakes(
         [finding for finding in findings if finding.kind in _MISREAD]
     )
-    widths = np.ptp(model.motor.scale.to_unit(q), axis=0).tolist()
+    widths = np.ptp(model.motor.scale.to_unit(log.q), axis=0).tolist()
     for name, width in zip(names, widths, strict=True):
         if width < _CORNER:
             notes.append(
