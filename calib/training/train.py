@@ -6,6 +6,7 @@ the held-out errors and the bounds, the facts that travel with the model.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -87,35 +88,17 @@ def train(
         raise LogError("no samples: expected those of one sensor or more")
     for log in logs:
         _refuse_few(log)
-    clock = _Clock(progress or (lambda *_: None))
+    started = time.perf_counter()
+    report = progress or (lambda *_: None)
     # a BLAS that splits sums over threads would change the last bits
     with one_blas_thread():
-        clock.begin(0.0, "body")
+        report(0.0, "body", math.nan)
         first, *others = (
-            _learned(prepared, options, clock)
+            _learned(prepared, options, report)
             for prepared in prepare(logs_by_sensor(logs, options), options)
         )
-        return replace(first, others=tuple(others))
-
-
-class _Clock:
-    """Times of the stages of a training, which tells how far it is."""
-
-    def __init__(self, progress: Progress) -> None:
-        self.progress = progress
-        self.seconds = {"total": 0.0}  # how long each stage took, and all
-        self.stage = ""
-        self.since = time.perf_counter()
-
-    def begin(self, share: float, stage: str) -> None:
-        """Begin a stage, with the share of the work that is done."""
-        now = time.perf_counter()
-        for name in filter(None, (self.stage, "total")):
-            before = self.seconds.get(name, 0.0)
-            self.seconds[name] = before + now - self.since
-        self.stage = stage
-        self.since = now
-        self.progress(share, stage, float("nan"))
+    seconds = {"total": time.perf_counter() - started}
+    return replace(first, others=tuple(others), seconds=seconds)
 
 
 def _refuse_few(samples: Samples) -> None:
@@ -136,7 +119,7 @@ def _refuse_few(samples: Samples) -> None:
 
 
 def _learned(
-    prepared: Prepared, options: TrainingOptions, clock: _Clock
+    prepared: Prepared, options: TrainingOptions, progress: Progress
 ) -> Model:
     """Learn maps, links and local models on a body, and measure the errors of them all."""
     samples = prepared.samples
@@ -145,14 +128,14 @@ def _learned(
     rows = slice(None) if part is None else part.rows
     options, size_notes = resolved(samples, options)
 
-    clock.begin(0.1, "maps")
+    progress(0.1, "maps", math.nan)
 
     def report(done: float, stage: str, error: float) -> None:
-        clock.progress(0.1 + 0.6 * done, stage, error)
+        progress(0.1 + 0.6 * done, stage, error)
 
     association = maps_of(samples, part, options, progress=report)
 
-    clock.begin(0.7, "local models")
+    progress(0.7, "local models", math.nan)
     motor = association.motor
     scale = motor.scale
     u = scale.to_unit(samples.q)
@@ -168,7 +151,7 @@ def _learned(
         )
         model = replace(model, local=predictor.models, body=part.fit.body)
 
-    clock.begin(0.8, "evaluation")
+    progress(0.8, "evaluation", math.nan)
     approach = None if prepared.play is None else Approach(prepared.play)
     measured = None
     if simulation is None:
@@ -205,13 +188,12 @@ def _learned(
     baseline = learn_baseline(association, shown_u, shown_x, missed)
     if part is None and simulation is None:
         baseline = replace(baseline, seen=Seen.of(scale, shown_u))
-    clock.begin(1.0, "done")
+    progress(1.0, "done", math.nan)
     return replace(
         model,
         about=about,
         baseline=baseline,
         rows=measured,
-        seconds=dict(clock.seconds),
     )
 
 
