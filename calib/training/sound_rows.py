@@ -166,21 +166,12 @@ def in_time(
     trajectory = Trajectory.of(samples)
     if trajectory is None:
         return samples, None, []
-    delay = _delay(samples, trajectory, body, 0.0, fresh=fit is not None)
+    delay = _delay(samples, trajectory, body, fresh=fit is not None)
     if delay is None or not delay.clear:
         return samples, None, []
-    moved = samples
-    part = None
-    # where joints jump, a delay is found by several
-    for _ in range(LATE_CLOCK.rounds):
-        moved = trajectory.moved(samples, delay.value)
-        if fit is not None:  # with curves that have not followed the delay
-            part = fit(moved)
-            body = part.fit.body
-        again = _delay(samples, trajectory, body, delay.value, fresh=False)
-        if again is None or abs(again.value - delay.value) < again.sd:
-            break
-        delay = replace(again, share=delay.share)
+    moved = trajectory.moved(samples, delay.value)
+    # with curves that have not followed the delay
+    part = None if fit is None else fit(moved)
     return moved, part, [delay.note()]
 
 
@@ -188,11 +179,10 @@ def _delay(
     samples: Samples,
     trajectory: Trajectory,
     body: Body,
-    start: float,
     *,
     fresh: bool,
 ) -> Delay | None:
-    """Estimate a delay from `start` on, together with the chain and its frame.
+    """Estimate a delay together with the chain and its frame.
 
     fresh : whether the body was fitted to these rows as they are: then its curves may have followed
         the delay along a path, and are left out
@@ -209,7 +199,7 @@ def _delay(
     middle = len(trajectory.time) // 2
     half = LATE_CLOCK.rows // 2
     some = slice(max(0, middle - half), middle + half)
-    total = start
+    total = 0.0
     share = 0.0
     for _ in range(LATE_CLOCK.steps):
         q, speed = trajectory.before(total)
