@@ -221,7 +221,7 @@ def log_for(model: Model, path: str, reading: Reading) -> Samples:
     if sensor:
         log = replace(log, sensor=sensor)
     if "board" in about.options:
-        from calib.recording.board_log import with_lens_of
+        from calib.recording.board_pictures import with_lens_of
 
         log = with_lens_of(model, log)
     say(log.notes)

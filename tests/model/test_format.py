@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hostile.test_model_file import described
-from models import draw, log, measured, trained
+from models import bytes_of, draw, log, measured, trained
 from safetensors import safe_open
 from safetensors.numpy import load as unpack
 from safetensors.numpy import save as pack
 
 import calib
 from calib import ModelError
-from calib.model_file.storage import VERSION, to_bytes
 
 PAGE = (Path(__file__).parents[2] / "docs" / "format.md").read_text(encoding="utf-8")
 
@@ -99,7 +98,7 @@ def body_of(said, tensors, q):
 @pytest.mark.parametrize("robot", ["two_link", "three_link", "polar", "log"])
 def test_a_reader_that_knows_this_page_alone_answers_forward(robot):
     model = measured(150, 5) if robot == "log" else trained(robot, 300, 5)
-    said, tensors = read(to_bytes(model))
+    said, tensors = read(bytes_of(model))
     assert said["local"]["degree"] == -1
     q = draw(model, 50)
     np.testing.assert_allclose(body_of(said, tensors, q), model.forward(q), rtol=0, atol=1e-12)
@@ -107,9 +106,9 @@ def test_a_reader_that_knows_this_page_alone_answers_forward(robot):
 
 @pytest.mark.parametrize("version", [1, 2, 0, None, "2"])
 def test_an_older_format_says_train_again(version, tmp_path):
-    data = to_bytes(trained("two_link", 300, 5))
+    data = bytes_of(trained("two_link", 300, 5))
     header = {**described(data), "format": version}
     old = pack(unpack(data), metadata={"calib": json.dumps(header)})
     (tmp_path / "old.calib").write_bytes(old)
-    with pytest.raises(ModelError, match=f"expected {VERSION}.*train the model again"):
+    with pytest.raises(ModelError, match=r"expected \d+.*train the model again"):
         calib.load(tmp_path / "old.calib")

@@ -10,16 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hostile.test_model_file import described, split
-from models import draw, log, measured, no_arm, trained, turning
+from models import bytes_of, draw, log, measured, no_arm, trained, turning
 
 import calib
 from calib import ModelError
-from calib.model_file.storage import VERSION, to_bytes
 
 
 @pytest.fixture(scope="module")
 def data():
-    return to_bytes(trained("two_link", 300, 5))
+    return bytes_of(trained("two_link", 300, 5))
 
 
 def of_a_camera():
@@ -51,7 +50,7 @@ def test_a_round_trip_gives_the_same_answers_and_the_same_bytes(kind, tmp_path):
     path = tmp_path / "m.calib"
     model.save(path)
     again = calib.load(path)
-    assert to_bytes(again) == path.read_bytes() == to_bytes(model)
+    assert bytes_of(again) == path.read_bytes() == bytes_of(model)
     q = draw(model, 200, seed=1)
     assert again.readouts == model.readouts
     for readout in model.readouts:
@@ -67,7 +66,7 @@ def test_a_round_trip_gives_the_same_answers_and_the_same_bytes(kind, tmp_path):
         assert again.body.describe() == model.body.describe()
         assert again.body.parameters() == model.body.parameters()
         np.testing.assert_allclose(again.body.bound(q), model.body.bound(q), rtol=1e-12)
-    assert len(to_bytes(model)) < 1_000_000
+    assert len(bytes_of(model)) < 1_000_000
     assert (again.rows is None) == (model.rows is None)
     if model.rows is not None:
         assert again.rows.q.tobytes() == model.rows.q.tobytes()
@@ -99,7 +98,6 @@ def test_the_description_is_one_canonical_json_string(data):
     text = header["__metadata__"]["calib"]
     again = json.dumps(json.loads(text), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     assert text == again
-    assert described(data)["format"] == VERSION
 
 
 def test_a_file_is_loaded_and_asked_without_pinocchio_and_yourdfpy(data, tmp_path):

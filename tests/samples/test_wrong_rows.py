@@ -69,19 +69,6 @@ def test_a_row_far_from_all_others_is_no_outlier():
     assert screen(replace(log, x=x).take(rows))[0].all()
 
 
-def test_training_leaves_outliers_out_aloud():
-    arm = calib.load_arm("two_link")
-    clean = log_of("two_link", 1200)
-    log, wrong = spoiled(clean, 0.05)
-    model = calib.train(log, size=6)
-    assert model.about.samples == 1200 - wrong.sum()
-    assert any("contradict their neighbours" in note for note in model.about.notes)
-    q = calib.babble(arm, 1000, seed=9).q
-    kept = calib.train(clean.take(~wrong), size=6)
-    assert (model.forward(q) == kept.forward(q)).all()
-    assert model.about.errors == kept.about.errors
-
-
 def in_space(n=120, seed=2):
     arm = calib.load_arm("spatial_three")
     rng = np.random.default_rng(seed)
