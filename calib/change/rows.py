@@ -131,10 +131,8 @@ def rows_of(model: Model, log: Samples) -> LogRows:
             f"{outside} rows outside of what the model has learned are left out"
         )
     rows = first[answered]
-    q = log.q[rows]
-    x = log.x[rows]
-    turns = None if log.orientation is None else log.orientation[rows]
-    notes += _misreadings(model, log.take(rows))
+    log = log.take(rows)
+    notes += _misreadings(model, log)
     scale = model.motor.scale
     stands = scale.from_unit(scale.to_unit(prediction.joints[answered]))
     predicted = prediction.value[answered]
@@ -142,11 +140,11 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     return LogRows(
         model=model,
         cause=cause,
-        logged=q,
+        logged=log.q,
         q=stands,
-        side=log.side[rows],
-        x=x,
-        orientation=turns,
+        side=log.side,
+        x=log.x,
+        orientation=log.orientation,
         unit=unit,
         shared=shared,
         predicted=predicted,
@@ -166,10 +164,13 @@ def _misreadings(model: Model, log: Samples) -> list[str]:
     pose = model.pose if knows_orientation(model.body) else None
     same_unit = replace(log, unit=model.about.unit)
     findings = diagnose(same_unit, model.forward, pose)
-    notes = refuse_mistakes(
-        [finding for finding in findings if finding.kind in _MISREAD]
-    )
-    widths = np.ptp(model.motor.scale.to_unit(log.q), axis=0).tolist()
+    misread = []
+    for finding in findings:
+        if finding.kind in _MISREAD:
+            misread.append(finding)
+    notes = refuse_mistakes(misread)
+    u = model.motor.scale.to_unit(log.q)
+    widths = np.ptp(u, axis=0).tolist()
     for name, width in zip(names, widths, strict=True):
         if width < _CORNER:
             notes.append(
