@@ -7,7 +7,14 @@ import pytest
 
 import calib
 from calib.samples.tables import write_table
-from calib.samples.wrong_rows import screen
+from calib.training.learn import TrainingOptions
+from calib.training.smooth import find_smooth_part
+from calib.training.sound_rows import sound_beside
+
+
+def screen(log):
+    """Which rows agree with what is fitted to them all."""
+    return sound_beside(log, find_smooth_part(log, TrainingOptions()))
 
 
 def log_of(robot, n, noise=1e-3, seed=1):
