@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
+import models
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib import Samples
 from calib.use.geometry_fit import fit_geometry
 
 NOISE = 2e-4
@@ -20,8 +20,7 @@ def log_of(seed, n=150, turn=FRAME, shift=(1.0, 0.5, 0.2)):
     rng = np.random.default_rng(seed)
     q = rng.uniform(ARM.lower, ARM.upper, (n, 3))
     x = ARM.forward(q) @ np.transpose(turn) + shift + rng.normal(0.0, NOISE, (n, 3))
-    known = ARM.joint_names, ARM.lower, ARM.upper, ARM.revolute
-    return Samples(q, x, *known, unit="m", arm=ARM)
+    return models.log_of(ARM, q, x, unit="m")
 
 
 def bare(arm, n, seed, *changes, noise=1e-4):
