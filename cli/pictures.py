@@ -179,9 +179,8 @@ def record_board(
     if isinstance(lens, str):
         lens, notes = load_lens(lens, shots.board)
         say(notes)
-    lens, doubts = shots.lens(lens)
-    log = shots.log(lens, eye == "hand")
-    say([*log.notes, *doubts])
+    log = shots.log(lens or shots.lens(), eye == "hand")
+    say(log.notes)
     return log
 
 

@@ -78,8 +78,11 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
         photo=solved.photo(pixels),
         body=solved.body(0),
     )
-    rig = replace(rig, limited_by=limit_of(problem, rig, agreeing))
-    rig = replace(rig, notes=notes_of(problem, fit, rig, agreeing))
+    rig = replace(
+        rig,
+        limited_by=limit_of(problem, rig, agreeing),
+        notes=notes_of(problem, fit, rig, agreeing),
+    )
     return replace(rig, poses=solved.log(rig))
 
 
