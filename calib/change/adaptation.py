@@ -28,8 +28,8 @@ from ..training.residuals import (
 )
 from .causes import Cause
 from .frame import carried_offset
-from .judge import Verdict
 from .rows import LogRows
+from .verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def old_model(
     return Adaptation(
         model=rows.model,
         improved=False,
-        samples=len(rows) - verdict.outliers + rows.wrong,
+        samples=len(rows),
         outliers=verdict.outliers,
         before=error_sizes(before),
         after=error_sizes(after),
@@ -225,7 +225,7 @@ def finished(
     baseline = learn_baseline(
         fresh.association, points, fresh.predictor.value(points), after
     )
-    learned = MeasuredRows.of(rows.logged[verdict.sound], rows.x[verdict.sound])
+    learned = MeasuredRows.of(rows.motion.q, rows.x)
     if len(residual) == len(learned):  # of all rows that are kept
         learned = replace(learned, held_out=residual)
     if fresh.body is None:  # maps that followed these rows know no others

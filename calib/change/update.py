@@ -18,10 +18,10 @@ from ..body.parameters import Indices
 from ..body.settings import STUDENT
 from ..common.arrays import Array
 from ..common.rows import thinned
-from .evidence import Evidence
 from .explain import Explanation, least_residual
 from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE
 from .system import Log, own_columns, prior_columns, shared_columns
+from .verdict import Evidence
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,7 @@ def update(evidence: Evidence) -> Update:
     changed = evidence.score > 1.0
     explanation = _to_update_by(evidence)
     body, residual = _updated(explanation, evidence.data.some(UPDATING.rows))
-    rows = np.flatnonzero(evidence.sound)
-    rows = rows[thinned(len(rows), UPDATING.rows)]
+    rows = thinned(len(evidence.rows), UPDATING.rows)
     before = evidence.rows.missed[rows]
     gain = before - np.linalg.norm(residual, axis=1)
     gains = np.array(

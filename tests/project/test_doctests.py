@@ -13,7 +13,7 @@ import calib
 from calib.common.choices import BODIES, CAUSES, FRAMES, METHODS, READOUTS, RULES, VIEWS
 from calib.maps.density import kind_of
 from calib.maps.links import WIRINGS
-from calib.training.evaluate import EVALUATED
+from calib.use.evaluate import EVALUATED
 
 MODULES = sorted(
     ["calib"]

@@ -17,7 +17,7 @@ from ...model.about import Photo
 from ...model.model import Model
 from ...model.nominal import moves_in_space
 from ...samples.samples import Samples
-from ...training.evaluate import simulation_of
+from ...use.evaluate import simulation_of
 from ..error_scale import UNKNOWN, ErrorScale
 from ..placement import Placement, place_model
 from ..robot import Robot
