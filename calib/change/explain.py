@@ -125,11 +125,23 @@ _evidence = attrgetter("evidence")
 
 
 class Information(NamedTuple):
-    """What rows tell at one level, for s sizes of the noise."""
+    """What rows tell at one level, for s sizes of the noise; rows that are alike count once."""
 
     likelihood: Array  # (s,) [nats]
-    power: Array  # (s, k, k), information on the parameters that may be free
+    # (s, k, k), information on the parameters that may be free, each in its standard deviation
+    power: Array
     pull: Array  # (s, k), its moments
+
+    def evidence(self, places: Indices) -> tuple[Array, Array]:
+        """Evidence (s,) of freeing some parameters (p,) [nats], and their best step (p,)."""
+        power = self.power[:, places[:, None], places] + np.eye(len(places))
+        pull = self.pull[:, places]
+        root = np.linalg.cholesky(power)
+        half = np.linalg.solve(root, pull[..., None])[..., 0]
+        volume = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+        evidence = self.likelihood + 0.5 * (half**2).sum(axis=1) - volume
+        best = int(np.argmax(evidence))
+        return evidence, np.linalg.solve(power[best], pull[best])
 
 
 class Search:
@@ -174,15 +186,24 @@ class Search:
         if level in self.informations:
             return self.informations[level]
         x = self.system.x[:, self.free] * self.sd[self.free]
-        products = self.system.unknown(level).products(self.system.y, x)
+        unknown = self.system.unknown(level)
+        products = unknown.products(self.system.y, x)
         noises, likelihood = products.noises()
         rows = [
             products.information(float(noise))
             for noise in noises[:: SEARCH.coarser]
         ]
-        power = np.stack([row[0] for row in rows])
-        pull = np.stack([row[1] for row in rows])
-        information = Information(likelihood[:: SEARCH.coarser], power, pull)
+        information = Information(
+            likelihood[:: SEARCH.coarser] / self.temper,
+            np.stack([power for power, _ in rows]) / self.temper,
+            np.stack([pull for _, pull in rows]) / self.temper,
+        )
+        # the noise of any set lies between those of all that may be free and of nothing
+        most = int(np.argmax(information.likelihood))
+        every = np.arange(len(self.free))
+        least = min(int(np.argmax(information.evidence(every)[0])), most)
+        between = slice(max(least - 1, 0), most + 2)
+        information = Information(*(part[between] for part in information))
         self.informations[level] = information
         return information
 
@@ -191,20 +212,11 @@ class Search:
         parts = [self.sets[cause] for cause in causes]
         indices = np.unique(np.concatenate([self.start, *parts]))
         places = np.searchsorted(self.free, indices)
+        cost = self.cost * len(causes)
         candidates = []
         for level in OWN:
-            information = self.information(level)
-            power = information.power[:, places][:, :, places] / self.temper
-            power += np.eye(len(places))
-            pull = information.pull[:, places] / self.temper
-            root = np.linalg.cholesky(power)
-            half = np.linalg.solve(root, pull[..., None])[..., 0]
-            volume = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-            evidence = information.likelihood / self.temper - volume
-            evidence += 0.5 * (half**2).sum(axis=1) - self.cost * len(causes)
-            best = int(np.argmax(evidence))
-            step = np.linalg.solve(power[best], pull[best])
-            value = float(evidence[best])
+            evidence, step = self.information(level).evidence(places)
+            value = float(evidence.max()) - cost
             candidates.append(Candidate(causes, level, indices, value, step))
         return sorted(candidates, key=_evidence, reverse=True)
 

@@ -137,6 +137,12 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     calm = not (suspicious or bound.beyond > BEYOND or reference.new)
 
     # Which causes explain it?
+    if (
+        not learn
+    ):  # the wider belief is for the bound of a model that is written
+        reference = replace(
+            reference, body=replace(reference.body, second=None)
+        )
     systems = [System(reference, data)]
     if is_moved and not reference.new:  # the frame may be where it was
         there = Reference(reference.body, body.beta)

@@ -24,6 +24,8 @@ from ..training.touched import as_positions
 # fewest different rows that a judgement or a correction can rest on
 _LEAST_ROWS = 10
 _MISREAD = ("exchanged", "turns")
+# share of the positions' spread: rows that are missed by less are not read wrongly
+_NEAR = 0.1
 _CORNER = 0.5  # share of a joint's range below which it is said how little was covered
 # joints all over the learned range at which predictions are compared
 _PROBES = 120
@@ -183,19 +185,22 @@ def _misreadings(rows: LogRows) -> list[str]:
     """
     model = rows.model
     names = model.about.joint_names
-    findings = diagnose(
-        model.forward,
-        rows.motion.q,
-        rows.x,
-        names,
-        model.about.revolute,
-        unit=model.about.unit,
-        turns=rows.orientation,
-        pose=model.pose if knows_orientation(model.body) else None,
-    )
-    notes = refuse_mistakes(
-        [finding for finding in findings if finding.kind in _MISREAD]
-    )
+    notes: list[str] = []
+    spread = np.median(np.abs(rows.x - np.median(rows.x, axis=0)))
+    if rows.orientation is not None or np.median(rows.missed) > _NEAR * spread:
+        findings = diagnose(
+            model.forward,
+            rows.motion.q,
+            rows.x,
+            names,
+            model.about.revolute,
+            unit=model.about.unit,
+            turns=rows.orientation,
+            pose=model.pose if knows_orientation(model.body) else None,
+        )
+        notes = refuse_mistakes(
+            [finding for finding in findings if finding.kind in _MISREAD]
+        )
     widths = np.ptp(model.motor.scale.to_unit(rows.motion.q), axis=0)
     for name, width in zip(names, widths.tolist(), strict=True):
         if width < _CORNER:
