@@ -122,11 +122,11 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
         if verdict.changed or (uneven and beyond > 0.5):
             return _wider(verdict, old, fresh)
         return old
-    if not np.isfinite(fresh.expected_error(rows.motion.q)).any():
+    if not np.isfinite(fresh.expected_error(rows.log.q)).any():
         why = "the new bound is a tenth of the reach or more at every row: measure more"
         return old.noted(why)
     # the equations are linear and the model is not: what is written has to keep the promise
-    error = np.linalg.norm(rows.x - predict(fresh, rows.motion).value, axis=1)
+    error = np.linalg.norm(rows.x - predict(fresh, rows.log).value, axis=1)
     error = error[learned.rows]
     rounding = LEAST_OWN * float(evidence.reference.structure.extents[0])
     promise = ADAPTING.consistent * after.mean() + rounding
@@ -148,7 +148,7 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
         frame = frame_between(evidence, learned.body.beta)
     report(1.0, "done", made.after["mean"])
     residual = learned.residual
-    judged = rows.motion.q[learned.rows]
+    judged = rows.log.q[learned.rows]
     return finished(verdict, made, fresh, judged, residual, "few-shot", frame)
 
 

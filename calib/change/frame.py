@@ -338,7 +338,7 @@ def turned_tool(
     from scipy.special import chdtri
 
     old = rows.body
-    if rows.orientation is None or not knows_orientation(old):
+    if rows.log.orientation is None or not knows_orientation(old):
         return TurnedTool()
     tool = structure.groups["tool.rotation"]
     sd = np.zeros(len(beta))
@@ -346,7 +346,7 @@ def turned_tool(
         sd = deviation.copy()
         sd[structure.groups["view.rotation"]] = FREE
     sd[tool] = FREE
-    poses = np.hstack([rows.x, logarithm(matrix_of(rows.orientation))])
+    poses = np.hstack([rows.x, logarithm(matrix_of(rows.log.orientation))])
     # of positions nothing is asked
     floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
     fit = Fit(

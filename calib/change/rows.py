@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ..body.belief import Body, knows_orientation
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from ..errors import LogError, ModelError
 from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.diagnosis import diagnose, readings, refuse_mistakes
-from ..samples.motion import Motion
+from ..samples.motion import OfRows
 from ..samples.samples import Samples
 from ..training.sound_rows import sound_log
 from ..training.touched import as_positions
@@ -33,14 +33,12 @@ _MOST = 1000  # rows that distortions are measured on
 
 
 @dataclass(frozen=True, eq=False)
-class LogRows:
+class LogRows(OfRows):
     """Rows of a log beside a model; repeated rows count once."""
 
     model: Model
-    motion: Motion  # as the log has it
+    log: Samples  # their joints and positions, as they were logged
     q: Array  # (n, dof), where they stand: with the play that the model knows taken up [rad or m]
-    x: Array  # (n, m) [unit]
-    orientation: Array | None  # (n, 4), qx, qy, qz, qw, where the log has them
     unit: str  # unit of the log's positions
     shared: float  # standard deviation that all positions share [unit]
     predicted: Array  # (n, m), positions that the model predicts [unit]
@@ -48,8 +46,9 @@ class LogRows:
     wrong: int  # rows that contradict the others and were left out
     lost: int  # these, and rows outside of what the model has learned
     notes: tuple[str, ...]
-    # {"joints"} or None, what is known about the change
-    cause: str | None = None
+    cause: str | None = (
+        None  # {"joints"} or None, what is known about the change
+    )
 
     def __len__(self) -> int:
         return len(self.q)
@@ -61,10 +60,15 @@ class LogRows:
         return self.model.body
 
     @property
+    def x(self) -> Array:
+        """Positions (n, m) [unit]."""
+        return self.log.x
+
+    @property
     def side(self) -> Array:
         """Sign of each joint's last motion, (n, dof), 0 where it is not known."""
-        side = self.motion.side
-        return np.zeros_like(self.q) if side is None else side
+        assert self.log.side is not None  # noqa: S101 - of samples it is known
+        return self.log.side
 
     @property
     def u(self) -> Array:
@@ -87,19 +91,6 @@ class LogRows:
         about = self.model.about
         u = np.random.default_rng(0).random((_PROBES, len(about.joint_names)))
         return np.asarray(about.lower + u * (about.upper - about.lower))
-
-    def take(self, rows: Mask | Index) -> LogRows:
-        """Return some of the rows."""
-        turns = None if self.orientation is None else self.orientation[rows]
-        return replace(
-            self,
-            motion=self.motion.take(rows),
-            q=self.q[rows],
-            x=self.x[rows],
-            orientation=turns,
-            predicted=self.predicted[rows],
-            bound=self.bound[rows],
-        )
 
     def sound(self, sound: Mask) -> LogRows:
         """Return the rows that do not contradict all others, and say how many do."""
@@ -141,7 +132,7 @@ def rows_of(model: Model, log: Samples) -> LogRows:
         np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1]
     )
     repeated = len(log) - len(first)
-    prediction = predict(model, log.motion.take(first))
+    prediction = predict(model, log.take(first))
     answered = np.isfinite(prediction.bound)
     if answered.sum() < _LEAST_ROWS:
         why = "measure more poses, spread over the joints' ranges"
@@ -161,10 +152,8 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     scale = model.motor.scale
     rows = LogRows(
         model=model,
-        motion=log.motion.take(first),
+        log=log.take(first),
         q=scale.from_unit(scale.to_unit(prediction.joints)),
-        x=log.x[first],
-        orientation=None if log.orientation is None else log.orientation[first],
         unit=unit,
         shared=shared,
         predicted=prediction.value,
@@ -183,24 +172,15 @@ def _misreadings(rows: LogRows) -> list[str]:
     Units, mirrors, signs and clocks are causes that the judgement itself tells.
     """
     model = rows.model
-    names = model.about.joint_names
+    log = replace(rows.log, unit=model.about.unit)
     notes: list[str] = []
-    spread = np.median(np.abs(rows.x - np.median(rows.x, axis=0)))
-    if rows.orientation is not None or np.median(rows.missed) > _NEAR * spread:
-        findings = diagnose(
-            model.forward,
-            rows.motion.q,
-            rows.x,
-            names,
-            model.about.revolute,
-            unit=model.about.unit,
-            turns=rows.orientation,
-            pose=model.pose if knows_orientation(model.body) else None,
-        )
-        notes = refuse_mistakes(
-            [finding for finding in findings if finding.kind in _MISREAD]
-        )
-    widths = np.ptp(model.motor.scale.to_unit(rows.motion.q), axis=0)
+    spread = np.median(np.abs(log.x - np.median(log.x, axis=0)))
+    if log.orientation is not None or np.median(rows.missed) > _NEAR * spread:
+        pose = model.pose if knows_orientation(model.body) else None
+        findings = diagnose(log, model.forward, pose)
+        notes = refuse_mistakes([f for f in findings if f.kind in _MISREAD])
+    widths = np.ptp(model.motor.scale.to_unit(log.q), axis=0)
+    names = model.about.joint_names
     for name, width in zip(names, widths.tolist(), strict=True):
         if width < _CORNER:
             notes.append(

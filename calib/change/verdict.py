@@ -293,7 +293,7 @@ class Verdict:
     def smallest(self) -> float:
         """Displacement (rms over the learned range) by the smallest change to be seen [unit]."""
         if self.evidence is None:
-            bounds = self.rows.model.expected_error(self.rows.motion.q)
+            bounds = self.rows.model.expected_error(self.rows.log.q)
             return float(np.median(bounds))
         return self.tests.smallest
 

@@ -157,7 +157,7 @@ def _rows_of_log(model: Model, log: Samples) -> StudiedRows | None:
     counted = {row.tobytes() for row in rows.x}
     left_out = [row for row in log.x[new] if row.tobytes() not in counted]
     return StudiedRows(
-        q=rows.motion.q,
+        q=rows.log.q,
         x=rows.x,
         held_out=rows.x - rows.predicted,
         learned=None,

@@ -12,7 +12,7 @@ from ..arm.rotations import logarithm, matrix_of, similarity
 from ..body.belief import knows_orientation
 from ..change.judge import judge
 from ..change.verdict import Verdict
-from ..common.arrays import Array, Mask
+from ..common.arrays import Mask
 from ..common.rows import finite_rows, median_length, row_lengths
 from ..common.wording import for_people
 from ..errors import LogError, OptionError, require
@@ -20,7 +20,6 @@ from ..model.about import holds
 from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.space import Space
-from ..samples.motion import Motion
 from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
@@ -141,7 +140,7 @@ def evaluate(
         count = len(samples)
         samples, touch = in_sockets(model, samples, samples.touch)
         lost += count - len(samples)
-        residuals = _residuals(model, samples.motion, samples.x)
+        residuals = _residuals(model, samples)
         evaluation = _evaluation(model, residuals, source, lost)
         return replace(evaluation, touch=touch)
     learned = learned_rows(model, samples)
@@ -183,13 +182,11 @@ def _of_log(model: Model, samples: Samples, source: str) -> Evaluation:
     except LogError:  # too few rows for a verdict
         sound, notes = sound_log(model, samples)
         lost = len(samples) - len(sound)
-        q = model.about.joints_of(sound)
-        motion = replace(sound.motion, q=q)
-        residuals = _residuals(model, motion, sound.x, sound.orientation)
+        residuals = _residuals(model, sound)
         evaluation = _evaluation(model, residuals, source, lost)
         return replace(evaluation, notes=tuple(notes))
     rows = verdict.rows
-    residuals = _residuals(model, rows.motion, rows.x, rows.orientation)
+    residuals = _residuals(model, rows.log)
     lost = rows.lost - samples.left_out
     evaluation = _evaluation(model, residuals, source, lost)
     notes = [*verdict.notes]
@@ -216,17 +213,15 @@ def _of_training(model: Model) -> Evaluation:
     )
 
 
-def _residuals(
-    model: Model, motion: Motion, x: Array, orientation: Array | None = None
-) -> Residuals:
-    """Residuals on measured positions (n, m), and on orientations where they are known."""
-    q = motion.q
-    residuals = evaluate_residuals(model, q, x, side=motion.side)
-    if orientation is None or not knows_orientation(model.body):
+def _residuals(model: Model, samples: Samples) -> Residuals:
+    """Residuals on measured positions, and on orientations where they are known."""
+    q = samples.q
+    residuals = evaluate_residuals(model, q, samples.x, side=samples.side)
+    if samples.orientation is None or not knows_orientation(model.body):
         return residuals
     space = Space.of(model)
     predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
-    off = matrix_of(orientation) @ np.swapaxes(predicted, 1, 2)
+    off = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
     turned = row_lengths(logarithm(off[finite_rows(model.forward(q))]))
     return replace(residuals, turned=turned)
 

@@ -50,12 +50,6 @@ def test_what_ten_rows_left_open_is_no_change(arm, seed):
     assert not calib.check(model, fresh).drifted
 
 
-def test_a_bent_tool_is_noticed_and_named(arm, model):
-    found = calib.check(model, log_of(arm, 2, tool=(0.0, 0.004, -0.003)))
-    assert found.drifted
-    assert any(cause.cause.startswith("tool") for cause in found.causes), found.causes
-
-
 def test_a_tracker_that_stands_elsewhere_is_told_by_its_turn_and_its_shift(arm, model):
     log = log_of(arm, 4, turn=np.eye(3), shift=(0.0, 3.0, 0.0))
     found = calib.check(model, log)
@@ -178,3 +172,22 @@ def test_the_model_that_is_written_is_the_one_that_is_praised(tmp_path):
     error = np.linalg.norm(calib.load(tmp_path / "after.calib").forward(q) - truth, axis=1)
     assert found.improved
     assert error.mean() < 2 * found.after["mean"]  # before .17 mm was told and 12.7 mm written
+
+
+def test_many_rows_make_a_model_of_few_without_a_drawing_better():
+    # along the ways in which such an arm may be put together no step is small
+    arm = calib.load_arm("six_axis")
+
+    def measured(n, seed):
+        log = calib.babble(arm, n, seed=seed, noise=1e-5)
+        return replace(log, simulation=None, arm=None)
+
+    few = calib.train(measured(16, seed=1), size=4)
+    more = calib.adapt(few, measured(150, seed=11))
+    fresh = calib.babble(arm, 500, seed=99)
+    before, after = (
+        np.linalg.norm(model.forward(fresh.q) - fresh.x, axis=1).mean()
+        for model in (few, more.model)
+    )
+    assert more.improved
+    assert after < 0.3 * before
