@@ -46,9 +46,8 @@ class LogRows(OfRows):
     wrong: int  # rows that contradict the others and were left out
     lost: int  # these, and rows outside of what the model has learned
     notes: tuple[str, ...]
-    cause: str | None = (
-        None  # {"joints"} or None, what is known about the change
-    )
+    # {"joints"} or None, what is known about the change
+    cause: str | None = None
 
     def __len__(self) -> int:
         return len(self.q)
