@@ -28,10 +28,11 @@ from .adaptation import (
     shown,
 )
 from .causes import FRAME, GROUPS
+from .evidence import Evidence
 from .judge import check_choice, judge, plain_numbers
 from .settings import LEAST_OWN
 from .update import Update
-from .verdict import Evidence, Verdict
+from .verdict import Verdict
 from .words import frame_between
 
 

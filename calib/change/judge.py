@@ -24,6 +24,7 @@ from ..errors import ModelError, OptionError, require
 from ..model.model import Model
 from ..samples.samples import Samples
 from .causes import Cause, as_built, as_drawn
+from .evidence import BoundTest, Evidence, bound_test
 from .explain import explain
 from .frame import Reference, carried_offset, reference_of
 from .rows import LogRows, rows_of
@@ -36,7 +37,7 @@ from .significance import (
 )
 from .system import Log, System, shared_columns, sound_rows
 from .update import update
-from .verdict import BoundTest, Evidence, Verdict, bound_test
+from .verdict import Verdict
 from .words import causes_of
 
 # Times the bound of maps: a corner's rows share the errors of a few nodes

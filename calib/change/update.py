@@ -18,10 +18,10 @@ from ..body.parameters import Indices
 from ..body.settings import STUDENT
 from ..common.arrays import Array
 from ..common.rows import thinned
+from .evidence import Evidence
 from .explain import Explanation, least_residual
 from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE
 from .system import Log, own_columns, prior_columns, shared_columns
-from .verdict import Evidence
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,10 @@ from ..common.arrays import Array
 from ..common.wording import for_people
 from ..model.alignment import Alignment
 from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, single_causes
+from .evidence import Evidence
 from .explain import Explanation, simplest
 from .settings import CREEP, NOISIER
 from .significance import Play, fired
-from .verdict import Evidence
 
 
 @dataclass(frozen=True)

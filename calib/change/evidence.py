@@ -1,0 +1,205 @@
+"""Evidence: the workings of a verdict: tests, the bound, causes, orientations."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..body.belief import Body
+from ..body.covariance import autocorrelation_time
+from ..common.arrays import Array
+from ..samples.diagnosis import rows_behind
+from .explain import Explanation
+from .frame import Reference, TurnedTool, turned_tool
+from .rows import LogRows
+from .settings import BEYOND, FALSE_ALARM, FEW_WRONG, MARGIN, UNEXPLAINED
+from .significance import GroupTest, Tested
+from .system import Log
+
+_LASTING = 10  # rows over which noise may last
+
+
+@dataclass(frozen=True)
+class BoundTest:
+    """The rows that are beyond the model's own 95 % bound."""
+
+    beyond: float  # share of them
+    usual: float  # median of the bounds [unit]
+    test: GroupTest  # the chance of so many by noise
+
+    @property
+    def holds(self) -> bool:
+        """Whether they are about as many as usual."""
+        return self.beyond <= BEYOND and self.test.score <= 1.0
+
+    def words(self, *, noisier: bool) -> str:
+        """The share in words; `noisier` if noise may be all there is to it."""
+        cause = "a noisier sensor or encoder, " if noisier else ""
+        return (
+            f"{100 * self.beyond:.0f} % of the rows are further from the prediction than its "
+            f"bound, where 5 % should be: {cause}the bound does not hold"
+        )
+
+
+def bound_test(
+    rows: LogRows, limit: Array, shared: Array | float, tests: Tested
+) -> BoundTest:
+    """Count the rows beyond the 95 % bound, beside what a noisier sensor or encoder would do.
+
+    rows : n of them that do not contradict all others
+    limit : (n,), the bound of each row [unit]
+    shared : (n,), variance of what all rows share [unit^2]
+    """
+    from scipy.special import bdtrc, chdtri
+
+    away = rows.x - rows.predicted
+    usual = float(np.median(limit))
+    square = (away**2).sum(axis=1)
+    outputs = away.shape[1]
+    # squared, of 95 % of a Gaussian, in deviations
+    radius = float(chdtri(outputs, 0.05))
+    # half of the rows of a noisier sensor are nearer than its median
+    median = float(np.median(square)) / float(chdtri(outputs, 0.5))
+    noise = max(tests.noise**2, median) - tests.usual**2
+    if noise > 0.0 and variance_of_places(rows, away) * radius > usual**2:
+        noise = 0.0
+    variance = np.full(len(away), max(noise, 0.0))
+    if tests.noisy is not None:
+        joint, sd = tests.noisy
+        slope = rows.body.structure.slope(rows.q, rows.body.beta)
+        variance += sd**2 * (slope[..., joint] ** 2).sum(axis=1)
+    over = square > limit**2 + radius * (shared + variance)
+    # rows that err together count once
+    time = 1.0
+    if over.any():
+        time = autocorrelation_time(over[:, None].astype(float))
+    count = int(over.sum() / time)
+    independent = math.ceil(len(over) / time)
+    chance = float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
+    beyond = float(np.mean(square > limit**2 + radius * shared))
+    return BoundTest(beyond, usual, GroupTest("bound", chance))
+
+
+def variance_of_places(rows: LogRows, residual: Array) -> float:
+    """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
+    from scipy.spatial import cKDTree
+    from scipy.special import ndtri
+
+    # of so many rows at least one is no neighbour in time: noise may last over some rows
+    lasting = _LASTING
+    near = cKDTree(rows.u).query(rows.u, min(2 * lasting + 2, len(rows)))[1]
+    near = np.asarray(near)
+    later = np.abs(near - np.arange(len(rows))[:, None]) > lasting
+    row = np.flatnonzero(later.any(axis=1))
+    if not len(row):
+        return 0.0
+    pairs = np.stack([row, near[row, later[row].argmax(axis=1)]], axis=1)
+    first, second = np.unique(np.sort(pairs, axis=1), axis=0).T
+    product = (residual[first] * residual[second]).sum(axis=1)
+    # whatever its size, noise makes either sign as likely
+    sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
+    return float(product.mean()) / residual.shape[1] if sure else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a log says of a belief."""
+
+    rows: LogRows
+    # {"sensor", "joints", "offsets"} or None, what is known about the change
+    cause: str | None
+    prior: Body  # the belief that a changed arm starts from
+    reference: Reference  # the same in the frame of the log
+    data: Log
+    tests: Tested
+    bound: BoundTest
+    explanations: tuple[Explanation, ...]  # the best first
+
+    @property
+    def unit(self) -> str:
+        """Unit of the positions; "sensor" where their scale shows that it is not the model's."""
+        unit = self.rows.unit
+        same = self.reference.scale == 1.0 or unit != self.rows.model.about.unit
+        return unit if same else "sensor"
+
+    @property
+    def distance(self) -> float:
+        """Typical distance of the rows from the best explanation [unit]."""
+        residual = self.explanations[0].residual
+        return float(np.median(np.linalg.norm(residual, axis=1)))
+
+    @property
+    def misfit(self) -> float:
+        """The same as a share of the typical distance of the positions from their middle."""
+        away = self.rows.x - np.median(self.rows.x, axis=0)
+        spread = float(np.median(np.linalg.norm(away, axis=1)))
+        return self.distance / max(spread, 1e-300)
+
+    @cached_property
+    def explained(self) -> bool:
+        """Whether any explanation comes near the rows: to a part of their spread, or as bounded."""
+        if self.misfit < UNEXPLAINED:
+            return True
+        # rows that lag or whose joints are exchanged come near too, but for those at each jump
+        few = self.rows.wrong <= FEW_WRONG * (len(self.rows) + self.rows.wrong)
+        return few and self.distance < self.bound.usual < np.inf
+
+    @cached_property
+    def better(self) -> bool:
+        """Whether a change explains the rows, and by the margin better than none."""
+        best = self.explanations[0].evidence - MARGIN
+        nothing = [
+            some.evidence for some in self.explanations if some.unchanged
+        ]
+        changed = self.reference.new or best > max(nothing, default=-np.inf)
+        return self.explained and changed
+
+    @cached_property
+    def score(self) -> float:
+        """Above 1 the arm or its sensor changed."""
+        fails = self.bound.beyond > BEYOND
+        scores = [self.tests.score, self.bound.test.score]
+        if self.reference.new:
+            scores.append(2.0)
+        if not self.explained and (fails or max(scores) > 1.0):
+            scores.append(1.0 + self.misfit)
+        if self.better and fails and self.tests.noisy is None:
+            scores.append(1.0 + self.bound.beyond)
+        return max(scores)
+
+    @property
+    def attributed(self) -> bool:
+        """Whether something changed, and a change is clearly better than none."""
+        return self.better and self.score > 1.0
+
+    @cached_property
+    def tool(self) -> TurnedTool:
+        """How the tool is turned beside the best explanation of the positions, as far as sure."""
+        if not self.attributed:
+            return self.tool_beside(self.rows.body.beta)
+        best = self.explanations[0]
+        structure = self.reference.structure
+        return turned_tool(self.rows, structure, best.beta, best.deviation)
+
+    def tool_beside(self, beta: Array) -> TurnedTool:
+        """How the tool is turned beside what parameters (d,) predict."""
+        return turned_tool(self.rows, self.reference.structure, beta)
+
+    def why_not(self) -> str:
+        """One line on a log that nothing explains."""
+        reference = self.reference
+        lag = rows_behind(
+            lambda q: reference.structure.predict(q, reference.beta),
+            self.rows.q,
+            self.data.z,
+        )
+        check = "check that joints and positions of a row belong together and are of this arm"
+        if lag:
+            check = f"positions follow the joints by {lag} rows: align the clocks of both"
+        return (
+            f"nothing explains the log: its positions are {100 * self.misfit:.0f} % of their "
+            f"spread away from any change of the arm or the sensor; {check}"
+        )
