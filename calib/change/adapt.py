@@ -116,18 +116,13 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     report(0.8, "maps", float("nan"))
     fresh = rebuilt(rows.model, rows.body, learned.body, rows.u)
     if not learned.improved:
-        # noise alone is no error of the model: rows miss evenly
-        missed = rows.missed
-        uneven = np.quantile(missed, 0.95) > ADAPTING.tail * np.median(missed)
-        beyond = np.mean(missed > rows.bound)
-        if verdict.changed or (uneven and beyond > 0.5):
-            return _wider(verdict, old, fresh)
-        return old
+        return _wider(verdict, old, fresh) if verdict.changed else old
     if not np.isfinite(fresh.expected_error(rows.log.q)).any():
         why = "the new bound is a tenth of the reach or more at every row: measure more"
         return old.noted(why)
     # the equations are linear and the model is not: what is written has to keep the promise
-    error = np.linalg.norm(rows.x - predict(fresh, rows.log).value, axis=1)
+    predicted = predict(fresh, rows.log).value
+    error = np.linalg.norm(rows.x - predicted, axis=1)
     error = error[learned.rows]
     rounding = LEAST_OWN * float(evidence.reference.structure.extents[0])
     promise = ADAPTING.consistent * after.mean() + rounding
@@ -210,7 +205,8 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
     q = rows.q
     x = rows.x
     # every tenth block is kept apart to judge by
-    apart = np.concatenate(blocks(len(u), max(10, len(u) // BLOCK))[4::10])
+    count = max(10, len(u) // BLOCK)
+    apart = np.concatenate(blocks(len(u), count)[4::10])
     shown = np.setdiff1d(np.arange(len(u)), apart)
     adapter = OnlineAdapter(rows.model, max(HORIZON, len(shown)), force=True)
     times = -(-HORIZON // len(shown))  # a short stream is shown again

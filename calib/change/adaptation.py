@@ -41,9 +41,6 @@ class AdaptationSettings:
     # Of the error before: a model that misses rows by less is written although the linear equations
     # promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
     clearly_better: float = 0.01
-    # 95 % quantile over median of the distances that is no noise (in the plane that of noise is
-    # 2.1): a bump of 5 mm that 3 of 30 rows saw, as in tests/change/test_adapt.py
-    tail: float = 3.0
     # least spread of rows in any direction, over that of the learned range
     wide: float = 0.5
     # along each joint, for the share of the range that a log measured
@@ -136,7 +133,8 @@ def old_model(
     """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
     rows = verdict.rows
     # rows of uniform joints have a variance of 1 / 12 in every direction
-    least = float(np.linalg.eigvalsh(np.atleast_2d(np.cov(rows.u.T)))[0])
+    spread = np.atleast_2d(np.cov(rows.u.T))
+    least = float(np.linalg.eigvalsh(spread)[0])
     changed = [cause for cause in verdict.causes if cause.group != "noise"]
     if verdict.evidence is not None and verdict.evidence.explained:
         # what nobody may miss: another unit, a mirror, a joint that turns round

@@ -253,7 +253,9 @@ def creep(body: Body, waves: float = CREEP) -> Array:
     if waves > CREEP:
         curves = indices_of(body.structure, ("curve",))
         creeping = np.union1d(creeping, curves)
-    return np.where(np.isin(np.arange(len(sd)), creeping), sd, 0.0)
+    crept = np.zeros_like(sd)
+    crept[creeping] = sd[creeping]
+    return crept
 
 
 def as_built(body: Body) -> Body:
@@ -266,7 +268,8 @@ def as_built(body: Body) -> Body:
     sd = _deviations(body, _arms(body), "built", BUILT_CURVE)
     # the first origin's place is the frame's own
     if isinstance(structure, SpatialStructure):
-        sd[np.concatenate([structure.shifts[0], structure.turns[0]])] = 0.0
+        sd[structure.shifts[0]] = 0.0
+        sd[structure.turns[0]] = 0.0
     # What the samples left open stays correlated: along the gauge of a chain without a drawing,
     # deviations alone, of radians, would say that nothing was learned.
     active = np.union1d(np.flatnonzero(sd), body.active)

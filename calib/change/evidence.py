@@ -90,14 +90,17 @@ def variance_of_places(rows: LogRows, residual: Array) -> float:
 
     # of so many rows at least one is no neighbour in time: noise may last over some rows
     lasting = _LASTING
-    near = cKDTree(rows.u).query(rows.u, min(2 * lasting + 2, len(rows)))[1]
-    near = np.asarray(near)
-    later = np.abs(near - np.arange(len(rows))[:, None]) > lasting
+    count = min(2 * lasting + 2, len(rows))
+    _, neighbours = cKDTree(rows.u).query(rows.u, count)
+    near = np.asarray(neighbours)
+    index = np.arange(len(rows))
+    later = np.abs(near - index[:, None]) > lasting
     row = np.flatnonzero(later.any(axis=1))
     if not len(row):
         return 0.0
-    pairs = np.stack([row, near[row, later[row].argmax(axis=1)]], axis=1)
-    first, second = np.unique(np.sort(pairs, axis=1), axis=0).T
+    other = near[row, later[row].argmax(axis=1)]
+    pairs = np.sort(np.stack([row, other], axis=1), axis=1)
+    first, second = np.unique(pairs, axis=0).T
     product = (residual[first] * residual[second]).sum(axis=1)
     # whatever its size, noise makes either sign as likely
     sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)

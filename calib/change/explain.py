@@ -138,8 +138,9 @@ class Information(NamedTuple):
         pull = self.pull[:, places]
         root = np.linalg.cholesky(power)
         half = np.linalg.solve(root, pull[..., None])[..., 0]
-        volume = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-        evidence = self.likelihood + 0.5 * (half**2).sum(axis=1) - volume
+        sizes = np.diagonal(root, axis1=1, axis2=2)
+        gain = 0.5 * (half**2).sum(axis=1)
+        evidence = self.likelihood + gain - np.log(sizes).sum(axis=1)
         best = int(np.argmax(evidence))
         return evidence, np.linalg.solve(power[best], pull[best])
 
@@ -201,7 +202,8 @@ class Search:
         # the noise of any set lies between those of all that may be free and of nothing
         most = int(np.argmax(information.likelihood))
         every = np.arange(len(self.free))
-        least = min(int(np.argmax(information.evidence(every)[0])), most)
+        evidence, _ = information.evidence(every)
+        least = min(int(np.argmax(evidence)), most)
         between = slice(max(least - 1, 0), most + 2)
         information = Information(*(part[between] for part in information))
         self.informations[level] = information
@@ -277,8 +279,9 @@ class Search:
             best_fit = fit
             power, pull = products.information(noise)
             factor = Factor(power / self.temper + np.eye(len(free)))
+            variance = factor.variances()
             deviation = np.zeros(structure.size)
-            deviation[free] = sd[free] * np.sqrt(np.diag(factor.inverse()))
+            deviation[free] = sd[free] * np.sqrt(variance)
             best = Explanation(
                 causes=candidate.causes,
                 level=candidate.level,

@@ -180,7 +180,8 @@ class _Placement(NamedTuple):
     @staticmethod
     def of(sense: _Sense, q: Array, z: Array) -> _Placement:
         """Turn predictions to positions (n, m); rows that contradict most are left out."""
-        p = sense.structure.predict(q, sense.beta)[:, : z.shape[1]]
+        predicted = sense.structure.predict(q, sense.beta)
+        p = predicted[:, : z.shape[1]]
         sound = np.ones(len(p), dtype=bool)
         for _ in range(3):
             turn, shift, ratio = similarity(p[sound], z[sound])
@@ -346,7 +347,8 @@ def turned_tool(
         sd = deviation.copy()
         sd[structure.groups["view.rotation"]] = FREE
     sd[tool] = FREE
-    poses = np.hstack([rows.x, logarithm(matrix_of(rows.log.orientation))])
+    turns = logarithm(matrix_of(rows.log.orientation))
+    poses = np.hstack([rows.x, turns])
     # of positions nothing is asked
     floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
     fit = Fit(
@@ -356,7 +358,8 @@ def turned_tool(
         Prior(beta, sd),
         nu=STUDENT,
     ).maximise()
-    before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
+    turns = np.stack([beta[tool], fit.beta[tool]])
+    before, after = exponential(turns)
     turn = logarithm(before.T @ after)
     place = np.searchsorted(fit.active, tool)
     covariance = fit.covariance[np.ix_(place, place)]

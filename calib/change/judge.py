@@ -12,6 +12,7 @@ the same equations.  `check`, `adapt`, `recognise` and the command line show the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -116,7 +117,9 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     z = rows.x - added
     sound = sound_rows(reference, rows.q, z, cause)
     rows = rows.sound(sound)
-    data = Log(rows.q, z[sound], float(np.sqrt(2.0)) * rows.shared)
+    # that of the model's own log and of this one
+    common = math.sqrt(2.0) * rows.shared
+    data = Log(rows.q, z[sound], common)
 
     # Is anything wrong, and could these rows say so?
     old = reference if reference.new else Reference(body, body.beta)
@@ -133,7 +136,8 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
     tests = group_tests(noise, rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
     shared = shared_columns(reference, data, data.z)
-    bound = bound_test(rows, limit, (shared**2).mean(axis=1).sum(axis=1), tests)
+    variance = (shared**2).mean(axis=1)
+    bound = bound_test(rows, limit, variance.sum(axis=1), tests)
     suspicious = max(tests.score, bound.test.score) > 1.0
     calm = not (suspicious or bound.beyond > BEYOND or reference.new)
 
@@ -202,7 +206,8 @@ def _of_maps(rows: LogRows) -> Verdict:
     noise = rows.model.baseline.noise if rows.model.baseline else 0.0
     limit = SHARED_ERRORS * rows.bound
     usual = float(np.median(rows.missed))
-    sound = np.asarray(rows.missed <= max(OUTLIER * usual, float(limit.max())))
+    most = max(OUTLIER * usual, float(limit.max()))
+    sound = np.asarray(rows.missed <= most)
     rows = rows.sound(sound)
     tests = Tested((), noise, noise)
     bound = bound_test(rows, limit[sound], rows.shared**2, tests)

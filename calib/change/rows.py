@@ -127,9 +127,9 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     _refuse_degrees(model, log)
     log, more = sound_log(model, log)
     notes = [*notes, *more]
-    first = np.sort(
-        np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1]
-    )
+    values = np.hstack([log.q, log.x])
+    _, index = np.unique(values, axis=0, return_index=True)
+    first = np.sort(index)
     repeated = len(log) - len(first)
     prediction = predict(model, log.take(first))
     answered = np.isfinite(prediction.bound)
@@ -173,7 +173,8 @@ def _misreadings(rows: LogRows) -> list[str]:
     model = rows.model
     log = replace(rows.log, unit=model.about.unit)
     notes: list[str] = []
-    spread = np.median(np.abs(log.x - np.median(log.x, axis=0)))
+    middle = np.median(log.x, axis=0)
+    spread = np.median(np.abs(log.x - middle))
     if log.orientation is not None or np.median(rows.missed) > _NEAR * spread:
         pose = model.pose if knows_orientation(model.body) else None
         findings = diagnose(log, model.forward, pose)
@@ -228,7 +229,8 @@ def distortions(rows: LogRows) -> dict[str, Signal]:
     tree = search_tree(np.unique(nodes, axis=0), sensory.scale)
     away = np.asarray(tree.query(nodes_predicted)[0])
     usual = np.where(np.isfinite(rows.bound), rows.bound, 0.0)
-    links = np.sqrt(np.mean([rows.missed**2, usual**2], axis=1))
+    squares = np.mean([rows.missed**2, usual**2], axis=1)
+    links = np.sqrt(squares)
     return {
         "motor": _zeta(model.motor, rows.u, baseline.motor),
         "sensory": _zeta(sensory, measured, baseline.sensory),

@@ -79,7 +79,8 @@ class GroupTest:
     @property
     def score(self) -> float:
         """Logarithm of the p-value over that of `FALSE_ALARM`: above 1 it fired."""
-        return abs(math.log(max(self.p_value, 1e-300)) / math.log(FALSE_ALARM))
+        chance = max(self.p_value, 1e-300)
+        return abs(math.log(chance) / math.log(FALSE_ALARM))
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,8 @@ class FreeNoise:
         reference = system.reference
         self.system = system
         self.unknown = Unknown(system, OWN[0], CREPT, everything(reference))
-        self.products = self.unknown.products(system.y, system.x[:, :0])
+        nothing = system.x[:, :0]
+        self.products = self.unknown.products(system.y, nothing)
         self.usual = usual_noise(reference)
         # in `Reference.sizes`
         self.size = self.products.most_likely_noise(self.usual)
@@ -302,7 +304,8 @@ def moves_of(reference: Reference, probes: Array) -> Array:
     structure = reference.structure
     moves = structure.linearise(probes, reference.beta)[1]
     moves = moves[:, : structure.blocks[0]]
-    return np.asarray(np.sqrt((moves**2).sum(axis=1).mean(axis=0)))
+    square = (moves**2).sum(axis=1)
+    return np.asarray(np.sqrt(square.mean(axis=0)))
 
 
 def group_tests(noise: FreeNoise, probes: Array) -> Tested:
@@ -372,12 +375,15 @@ def find_play(noise: FreeNoise, side: Array) -> Play | None:
     moved = noise.unknown.rest(columns, noise.size)
     by_row = np.einsum("nmd,nm->nd", moved, noise.rest)
     square = by_row.sum(axis=0) ** 2
-    most = (moved**2).sum(axis=(0, 1)) * (noise.rest**2).sum()
+    whole = (noise.rest**2).sum()
+    most = whole * (moved**2).sum(axis=(0, 1))
     # an encoder that is noisy moves the tip along the same slope, to either side
     by_chance = square / (len(by_row) * by_row.var(axis=0) + 1e-300)
     statistic = np.minimum(half * pull / noise.temper, by_chance)
-    shares = np.minimum((side > 0).mean(axis=0), (side < 0).mean(axis=0))
-    may_play = (shares > SIGNIFICANCE.least_share) & (half > 0.0)
+    above = (side > 0).mean(axis=0)
+    below = (side < 0).mean(axis=0)
+    may_play = np.minimum(above, below) > SIGNIFICANCE.least_share
+    may_play &= half > 0.0
     may_play &= square > SIGNIFICANCE.least_explained * most
     statistic *= may_play
     best = int(np.argmax(statistic))

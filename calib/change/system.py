@@ -117,7 +117,8 @@ class System:
     def _white(self) -> tuple[Array, float]:
         """Roots (n, m, m) of the precision of each row, and the logarithm of their covariance."""
         sizes = self.reference.sizes
-        white = np.tile(np.diag(1.0 / sizes), (len(self.log.q), 1, 1))
+        rows = len(self.log.q)
+        white = np.tile(np.diag(1.0 / sizes), (rows, 1, 1))
         if self.noisy is None:
             return white, 0.0
         # noise of a joint, too: I + ratio^2 g g' of a row has one eigenvalue beside 1
@@ -280,9 +281,10 @@ class Unknown:
     def rest(self, x: Array, noise: float) -> Array:
         """Return what the unknown does not follow of residuals or columns, by rows, in noises."""
         share = self.values / (noise**2 + self.values)
-        rest = x - self.axes @ ((self.axes.T @ x).T * share).T
+        along = (self.axes.T @ x).T * share
+        rest = (x - self.axes @ along.T) / noise
         rows = len(self.system.log.q)
-        return np.asarray(rest.reshape(rows, -1, *x.shape[1:]) / noise)
+        return np.asarray(rest.reshape(rows, -1, *x.shape[1:]))
 
 
 def principal_axes(columns: Array) -> tuple[Array, Array]:
@@ -340,7 +342,8 @@ def prior_columns(
         sd = np.hypot(sd, freed)
         lost = np.intersect1d(lost, np.flatnonzero(freed))
     active = np.union1d(body.active, np.flatnonzero(sd)).astype(np.intp)
-    old = np.where(np.isin(body.active, lost)[:, None], 0.0, body.root)
+    old = body.root.copy()
+    old[np.isin(body.active, lost)] = 0.0
     covariance = np.diag(sd[active] ** 2)
     place = np.searchsorted(active, body.active)
     covariance[np.ix_(place, place)] += body.kappa**2 * old @ old.T

@@ -136,7 +136,8 @@ class Verdict:
         """Mean distance of held-out rows from the model, and from the updated belief [unit]."""
         if self.update is None:
             return None
-        return float(self.update.before.mean()), float(self.update.after.mean())
+        before = float(self.update.before.mean())
+        return before, float(self.update.after.mean())
 
     @property
     def distortion(self) -> dict[str, Signal]:

@@ -160,7 +160,8 @@ def _of_change(evidence: Evidence) -> list[Cause]:
     probes = evidence.rows.probes
     moves = structure.linearise(probes, best.beta, best.indices)[1]
     effect = np.zeros(len(change))
-    effect[best.indices] = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
+    square = (moves**2).sum(axis=1)
+    effect[best.indices] = np.sqrt(square.mean(axis=0))
     effect *= np.abs(change)
     loud = {cause.cause for cause in evidence.reference.causes}
     causes: list[tuple[float, Cause]] = []
