@@ -202,8 +202,8 @@ def resolved(
     """The options with lattices and map for these samples, and what the user is told."""
     notes: list[str] = []
     size = options.size
-    typed = size or options.motor_size or options.sensory_size
-    if samples.simulation is None and not typed:
+    sizes = {size, options.motor_size, options.sensory_size}
+    if samples.simulation is None and sizes == {None}:
         count = len(samples)
         least = LEARNING.least_side_of_body
         if options.body == "none":
@@ -213,7 +213,7 @@ def resolved(
         notes = [
             f"lattices of {size}x{size} nodes for {count:,} rows, `size` chooses others"
         ]
-    motor = shape_of(size or LEARNING.side)
+    motor = shape_of(LEARNING.side if size is None else size)
     sensory = motor if len(motor) == 2 else shape_of(LEARNING.side)
     dof = samples.dof
     width = samples.x.shape[1]
