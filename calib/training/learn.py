@@ -202,8 +202,9 @@ def resolved(
     """The options with lattices and map for these samples, and what the user is told."""
     notes: list[str] = []
     size = options.size
-    sizes = {size, options.motor_size, options.sensory_size}
-    if samples.simulation is None and sizes == {None}:
+    sizes = (size, options.motor_size, options.sensory_size)
+    is_free = all(part is None for part in sizes)
+    if samples.simulation is None and is_free:
         count = len(samples)
         least = LEARNING.least_side_of_body
         if options.body == "none":
