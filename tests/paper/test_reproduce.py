@@ -51,9 +51,9 @@ def test_the_best_schedule_comes_first_and_is_the_same_each_time():
 
 def test_the_same_schedule_gives_the_paper_its_ratio():
     """At a last radius of 2 nodes the varying density is far ahead, as in Table 1."""
-    log = calib.babble(calib.load_arm("two_link"), 8000, seed=0)
+    log = calib.babble(calib.load_arm("two_link"), 5000, seed=0)
     som, vdsom = (
-        calib.train(log, size=30, map=name, epochs=15, sigma=(15.0, 2.0), body="none").about.errors[
+        calib.train(log, size=24, map=name, epochs=15, sigma=(15.0, 2.0), body="none").about.errors[
             "activity"
         ]
         for name in ("som", "vdsom")
