@@ -149,24 +149,23 @@ def _through(model: Model, rows: StudiedRows) -> Motion:
     return Motion(q, rows.x[some], model.forward(q), names, step=15)
 
 
-def _loop(model: Model, frames: int = 180) -> Motion:
-    """Joints that the inverse map answers with on a closed path."""
+def _loop(model: Model, frames: int = 180, swing: float = 0.25) -> Motion:
+    """Joints that the inverse map answers with on a closed path.
+
+    swing : of the ranges about their middles
+    """
     t = np.linspace(0.0, 2 * np.pi, frames + 1)[:, None]
     k = np.arange(len(model.about.joint_names))
     # cosines and sines of one and two turns: a closed loop in which no joint follows another
     wave = np.cos((1 + k // 2) * t - (k % 2) * np.pi / 2 + 0.7 * k)
-    for swing in (0.36, 0.25, 0.15, 0.08):  # of the ranges about their middles
-        q = model.motor.scale.from_unit(0.5 + swing * wave)
-        answered = np.isfinite(model.forward(q)).all(axis=1)
-        if answered.all():
-            break
-    q = q[answered]
+    q = model.motor.scale.from_unit(0.5 + swing * wave)
+    q = q[np.isfinite(model.forward(q)).all(axis=1)]
     if not len(q):  # a log with a hole in its middle: stay at a node
         q = model.motor.weights[[int(np.argmax(model.visited))] * 2]
     target = model.forward(q)
     answer = model.solve(target, q)
-    simulation = simulation_of(model)
     reached = answer.position
+    simulation = simulation_of(model)
     if simulation is not None:
         reached = simulation.exact(answer.q)
     names = ("Target path", "Reached path")
