@@ -24,11 +24,9 @@ from .summary import contradicted
 from .units import JointFormat, units_of
 
 BOUNDS = ("expected_error", "model_error")
-UP_TO_SCALE = "expected_error_up_to_scale"
-"""Key and column of a bound in a camera's base frame that leaves out the arm's size."""
 TURN = ("qx", "qy", "qz", "qw")
 # columns in the unit of the positions
-_LENGTHS = ("x", "y", "z", "distance", *BOUNDS, UP_TO_SCALE)
+_LENGTHS = ("x", "y", "z", "distance", *BOUNDS)
 
 Columns = Mapping[str, ArrayLike]
 
@@ -209,20 +207,3 @@ def _note_rows(numbers: Sequence[int], count: int, what: str) -> None:
     if numbers:
         rows = "row" if len(numbers) == 1 else "rows"
         note(f"{rows} {listed(map(str, numbers))} of {count}: {what}")
-
-
-def up_to_scale(model: calib.Model, q: ArrayLike) -> dict[str, Array]:
-    """The bound (n,) in the base frame of a camera [m], but for the arm's size; else nothing."""
-    from calib.model.space import Space
-
-    space = Space.of(model)
-    return {UP_TO_SCALE: space.bound(q, size=False)} if space.camera else {}
-
-
-def note_size(bounds: Mapping[str, Array]) -> None:
-    """Say what of a bound in the base frame of a camera is the arm's size."""
-    if UP_TO_SCALE in bounds and np.isfinite(bounds[UP_TO_SCALE][0]):
-        note(
-            "one camera cannot tell the size of the arm: but for it, the expected error is "
-            f"{1e3 * bounds[UP_TO_SCALE][0]:.2g} mm"
-        )

@@ -34,7 +34,7 @@ def forward(
 ) -> Outcome:
     import numpy as np
 
-    from ...query import TURN, Query, note_size
+    from ...query import TURN, Query
 
     query = Query(model, input_, columns, output, unit, degrees, frame, values)
     joints = query.joints
@@ -62,7 +62,6 @@ def forward(
     if outside is not None:
         note(f"no answer: {outside}")
         return Outcome(document, code=NO)
-    note_size(answers)
     alone = " ".join(fixed(query.factor * value, 4) for value in position)
     return Outcome(document, lines, result=[alone])
 
@@ -97,7 +96,7 @@ def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
     from calib.model.space import Space
     from calib.samples.motion import Motion
 
-    from ...query import BOUNDS, TURN, up_to_scale
+    from ...query import BOUNDS, TURN
 
     model = query.model
     if query.frame == "base":
@@ -107,7 +106,6 @@ def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
         answers = dict(
             zip((*"xyz", *TURN), [*position.T, *turn.T], strict=True)
         )
-        answers |= up_to_scale(model, q)
         answers |= dict.fromkeys(BOUNDS, bound)
         answered = np.isfinite(position[:, 0])
         return {

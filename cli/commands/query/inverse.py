@@ -151,8 +151,6 @@ def _single(
     """Answer one question, which may be a pixel on a plane of that height [m]."""
     from calib.model.space import Space
 
-    from ...query import note_size
-
     joints = query.joints
     posed = search.turn is not None
     in_space = search.in_space(query)
@@ -186,10 +184,8 @@ def _single(
         ways = Space.of(query.model).free(q[0], posed=posed, axis=axis).tolist()
         free = [dict(zip(joints.names, way, strict=True)) for way in ways[:9]]
         document["free"] = free if reachable else []
-    if query.frame == "base":
-        note_size(answers)
-        if not Space.of(query.model).sees(x).all():
-            note("the camera's picture does not show the target")
+    if query.frame == "base" and not Space.of(query.model).sees(x).all():
+        note("the camera's picture does not show the target")
     document |= query.meaning
     shown = dict(zip(query.axes, answers["position"].T, strict=True))
     for name in ("distance", *(["turned"] if posed else []), *query.bounds):
@@ -311,8 +307,6 @@ def _answers_in_space(
     from calib.model.poses import solve_poses
     from calib.model.space import Space
 
-    from ...query import up_to_scale
-
     if search.readout is not None:
         raise BadOption(
             "--readout is for positions in the sensor's frame alone"
@@ -321,7 +315,7 @@ def _answers_in_space(
         raise QueryError(
             "a pixel alone is no position in space; give --on z=H or --in base"
         )
-    answers = solve_poses(
+    return solve_poses(
         query.model,
         x,
         search.turn,
@@ -331,6 +325,3 @@ def _answers_in_space(
         keep=search.keep,
         free=search.free,
     )._asdict()
-    if query.frame == "base":
-        answers |= up_to_scale(query.model, answers["q"])
-    return answers
