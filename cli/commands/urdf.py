@@ -35,7 +35,6 @@ def urdf(
         MOST_UNEXPLAINED,
         check_output,
         corrected_urdf,
-        what_no_urdf_holds,
     )
 
     check_file(output, (".urdf", ".xml"))
@@ -58,7 +57,6 @@ def urdf(
     }
     if geometry.free:
         say([FRAME_IS_FITTED])
-    say(what_no_urdf_holds(loaded))
     share = 100.0 * geometry.residual / geometry.reach
     rms = f"{sized(geometry.residual, unit)} rms ({share:.3g} % of the reach)"
     if not explained:

@@ -107,9 +107,8 @@ def test_the_camera_goes_to_ros(run, pictures):
     files = {"--camera": folder / "camera.yaml", "--transform": folder / "camera.json"}
     done = run("export", folder / "m.calib", *(part for pair in files.items() for part in pair))
     assert done.code == 0, done.err
-    info = dict(line.split(": ", 1) for line in files["--camera"].read_text().splitlines()
-                if ": " in line and not line.startswith(" "))  # fmt: skip
-    assert (info["image_width"], info["distortion_model"]) == ("1280", "plumb_bob")
+    info = json.loads(files["--camera"].read_text())
+    assert (info["image_width"], info["distortion_model"]) == (1280, "plumb_bob")
     place = json.loads(files["--transform"].read_text())
     assert place["header"]["frame_id"] == "base"
     assert list(place["transform"]["translation"].values()) == pytest.approx(EYE, abs=3e-3)
