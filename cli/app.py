@@ -4,8 +4,6 @@ Exit codes: 0 done, 1 an error, 2 wrong usage, 3 a result that a script should a
 interrupted.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Sequence

@@ -3,8 +3,6 @@
 Each is an annotation of Typer; a parser of `parsing` reads what is typed in a form of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Annotated, TypeVar
 

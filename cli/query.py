@@ -3,8 +3,6 @@
 It needs NumPy: commands import it when they run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Settings of the maps: every number that was tuned, with its unit and its reason."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

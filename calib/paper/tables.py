@@ -1,7 +1,5 @@
 """Table 1 and Table 2 of the paper, ours beside the paper's."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools

@@ -4,8 +4,6 @@ Motions of the tip that several parameters share are told once: a minimal set of
 the order of `_ORDER`, stands for all others (zeros before turned origins, lengths before shifts).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -27,7 +27,7 @@ class Placement:
         """Points (n, 3) [m] of the scene for positions (n, m) [unit]."""
         mapped = np.asarray(x, dtype=float) @ self.matrix[:, :-1].T
         mapped += self.matrix[:, -1]
-        return np.asarray(mapped[..., :-1] / mapped[..., -1:])
+        return mapped[..., :-1] / mapped[..., -1:]
 
     @staticmethod
     def of(origin: Array, axes: Array, eye: Array | None = None) -> Placement:
@@ -86,4 +86,4 @@ def _homography(placed: Placed) -> Array:
         return np.vstack([placed.matrix, [0.0, 0.0, 1.0]])
     size, u, v, _ = placed.lens
     camera = np.array([[size, 0.0, u], [0.0, size, v], [0.0, 0.0, 1.0]])
-    return np.asarray(camera @ placed.matrix)
+    return camera @ placed.matrix

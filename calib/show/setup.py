@@ -1,7 +1,5 @@
 """Setup: what stands around an arm and what it carries: camera, board, sockets, sensor frame."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -47,7 +45,7 @@ class Thing:
     def placed(self, tip: Array) -> Array:
         """Points (n, 3) in the root link's frame, with the tip at a transform (4, 4)."""
         frame = tip @ self.frame if self.carried else self.frame
-        return np.asarray(self.points @ frame[:3, :3].T + frame[:3, 3])
+        return self.points @ frame[:3, :3].T + frame[:3, 3]
 
 
 def things_of(model: Model) -> list[Thing]:

@@ -4,8 +4,6 @@ Random postures are led to where they are aimed by damped Newton steps; those th
 a plan chooses from.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast

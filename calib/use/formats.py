@@ -1,7 +1,5 @@
 """What a model knows, in the files of others: C, ROS, Universal Robots, MuJoCo, LeRobot."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,7 +1,5 @@
 """The geometry of a chain that fits a model best: offsets, joint origins, the tip, the sensor."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

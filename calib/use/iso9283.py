@@ -8,8 +8,6 @@ A controller that trusts the drawing commands where the drawing says that the jo
 delivered); one that corrects its joints by the model, where the model says so (as corrected).
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -156,4 +154,4 @@ def _means(group: Index, values: Array) -> Array:
     """Return the mean (groups, k) of each group's rows (n, k)."""
     counts = np.bincount(group)
     sums = [np.bincount(group, column) for column in values.T]
-    return np.asarray(np.stack(sums, axis=1) / counts[:, None])
+    return np.stack(sums, axis=1) / counts[:, None]

@@ -268,7 +268,7 @@ def tells(arm: SpatialArm, q: Array) -> Array:
     active = prior.active
     slope = structure.linearise(q, structure.neutral(), active)[1]
     sd = np.minimum(prior.sd[active], PLANNING.widest)
-    return np.asarray(slope * (sd / PLANNING.noise))
+    return slope * (sd / PLANNING.noise)
 
 
 def shortest_tour(away: Array) -> Index:

@@ -1,7 +1,5 @@
 """The space of poses: which joint values an arm that is measured may take."""
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence

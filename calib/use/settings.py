@@ -1,7 +1,5 @@
 """Numbers of the room that were chosen: each with its unit and its reason."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Exit code 3 if the real arm cannot reach one of these places, or if a joint woul
 more than the limit; the other rows are written.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from .. import options as opt

@@ -1,7 +1,5 @@
 """Write a model as one C99 header for controllers, or files for ROS, LeRobot and MuJoCo."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from .. import options as opt

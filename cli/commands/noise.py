@@ -4,8 +4,6 @@ They are told apart where poses were measured again: readings that follow each o
 arm stands are the sensor's, visits to one pose the arm's. No model is needed.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Show the arm and its learned maps in a browser, with meshcat."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Annotated

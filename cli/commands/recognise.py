@@ -1,7 +1,5 @@
 """Tell which of some models the arm is in. Exit code 3 if it is in none."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from typer import Argument

@@ -3,8 +3,6 @@
 Exit code 3, with the page written, if the model's own rows contradict its bound.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

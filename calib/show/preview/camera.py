@@ -1,7 +1,5 @@
 """Camera: from where a scene is seen, so that all of it is in the picture."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...common.arrays import Array

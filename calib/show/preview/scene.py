@@ -1,7 +1,5 @@
 """Scene: an arm with what stands around it, its rows, its bound and its maps, in layers."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Mapping, Sequence
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Words of a report: how accurate, whether it still holds, what to do next."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

@@ -3,8 +3,6 @@
 Exit code 3 if the joints have to jump between branches or a point is out of reach.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from ... import options as opt
