@@ -14,7 +14,7 @@ import sys
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from time import monotonic
 from typing import TYPE_CHECKING, TextIO
 
@@ -244,7 +244,7 @@ def print_json(document: Document) -> None:
 
 
 def plain(value: object) -> object:
-    """Return plain data: no arrays, of which Polars and NumPy need not be imported, no NaN."""
+    """Return plain data: no dataclasses, no arrays of Polars or NumPy, no NaN."""
     text = json.dumps(value, default=_listed)
     return json.loads(text, parse_constant=lambda _: None)
 
@@ -252,6 +252,8 @@ def plain(value: object) -> object:
 def _listed(value: object) -> object:
     if isinstance(value, Mapping):
         return dict(value)
+    if is_dataclass(value):
+        return vars(value)
     method = "tolist" if hasattr(value, "tolist") else "to_list"
     return getattr(value, method)()
 

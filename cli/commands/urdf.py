@@ -41,17 +41,14 @@ def urdf(
     loaded = calib.load(model)
     say(contradicted(loaded.about))
     check_output(output, loaded.about.urdf)
-    geometry = fit_geometry(
-        loaded,
-        drawn=free == "offsets",
-    )
+    geometry = fit_geometry(loaded, drawn=free == "offsets")
     explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
     if explained:
         atomic_write(output, corrected_urdf(geometry).encode())
     unit = geometry.unit
     document = {
         "urdf": output if explained else None,
-        **geometry.to_json(),
+        **geometry.document(),
         "unit": unit,
         "units": units_of(loaded.about, unit),
     }
@@ -73,7 +70,7 @@ def urdf(
 def _table(geometry: Geometry) -> TextTable:
     import numpy as np
 
-    parameters = geometry.to_json()
+    parameters = geometry.document()
     arm = geometry.arm
     changes = [
         (name, "offset", unit, parameters["offsets"][name])
@@ -92,8 +89,8 @@ def _table(geometry: Geometry) -> TextTable:
     rows = []
     for name, what, kind, change in changes:
         factor, unit = for_people(kind)
-        values = factor * np.ravel(change["value"])
-        intervals = factor * np.ravel(change["interval"])
+        values = factor * np.ravel(change.value)
+        intervals = factor * np.ravel(change.interval)
         for axis, value, interval in zip(
             "xyz", values, intervals, strict=False
         ):
