@@ -129,6 +129,9 @@ class SelectionSettings:
     parts: int = 20
     node_gain: float = 1.0  # standard errors beyond zero of a node's gain
     total_gain: float = 3.0  # standard errors beyond zero of the sum
+    # share of the residuals along the motion that is no chance
+    along: float = 0.1
+    sure: float = 5.0  # standard errors of the same
     rows_averaged: int = 30  # whose residuals are averaged for a map's density
     # standard errors by which a mean square must exceed the common one
     chance: float = 4.0
