@@ -15,7 +15,7 @@ from calib.maps.association import Association
 from calib.maps.density import READINGS
 from calib.maps.links import WIRINGS
 from calib.paper.setting import Setting
-from calib.paper.tables import FACTORS, unit_of
+from calib.paper.tables import COLUMNS, FACTORS, UNITS
 from calib.paper.trial import (
     SAME_SCHEDULE,
     NetworkTrial,
@@ -100,7 +100,7 @@ def perturbation(setting: Setting) -> None:
     for degrees in _TREMBLE[:: 4 if setting.quick else 1]:
         setting.report(degrees / max(_TREMBLE), f"commands off by {degrees:g} deg")
         tremble = np.radians(degrees)
-        changes = [f"{joint}.noise={tremble:.9g}" for joint in setting.joints]
+        changes = [f"{joint}.noise={tremble:.9g}" for joint in COLUMNS[2:]]
         found = []
         for seed in seeds:
             samples = setting.babble(seed, n, changes=changes if degrees else ())
@@ -128,7 +128,7 @@ def directions(setting: Setting) -> None:
         "one set, eq. 5 from motor to sensory": (ahead, ahead),
         "a set for each direction": (ahead, back),
     }
-    columns = ("x", "y", *setting.joints)
+    columns = COLUMNS
     spans = np.concatenate([one.sensory.scale.span, one.motor.scale.span])
     for name, (forward, inverse) in found.items():
         first, second = (activity_errors(pair, q, x) for pair in (forward, inverse))
@@ -159,7 +159,7 @@ def cells(columns: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     for name, error in columns.items():
         if name.endswith("distance"):
             continue
-        unit = unit_of(name)
+        unit = UNITS[name]
         found |= {f"{name} {k} [{unit}]": error[k] * FACTORS[unit] for k in ("mean", "max")}
     return found
 

@@ -101,7 +101,6 @@ class GrowingSettings:
 class LocalSettings:
     """Local models of the motor nodes (`local_models.py`)."""
 
-    most_degree: int = 5  # of a local model
     # share of the weight at which speaking nodes are not heard
     silent: float = 0.3
     full: float = 0.5  # share of the weight at which they are heard in full

@@ -17,10 +17,6 @@ def preview(
         str | None,
         opt.value("--html", "FILE", "Write the page for any browser."),
     ] = None,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    time_offset: opt.TimeOffset = None,
-    degrees: opt.LogDegrees = None,
     data: opt.Data = None,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
@@ -34,8 +30,7 @@ def preview(
     import calib
 
     check_file(html, (".html", ".htm"), option="--html")
-    reading = Reading(columns, unit, time_offset, degrees)
-    loaded, log = load_drawn(model, data, photo, no_photo, reading)
+    loaded, log = load_drawn(model, data, photo, no_photo, Reading())
     browse = not no_open
     with calib.preview(loaded, html, log, port=port, browse=browse) as page:
         if html is not None:

@@ -27,10 +27,6 @@ def report(
     figures: Annotated[
         str | None, opt.value("--figures", "FOLDER", "Its figures as SVG.")
     ] = None,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    time_offset: opt.TimeOffset = None,
-    degrees: opt.LogDegrees = None,
     data: opt.Data = None,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
@@ -43,8 +39,7 @@ def report(
             "nothing to write: expected -o FILE.html, --figures FOLDER or --png DIR"
         )
     check_file(output, (".html", ".htm"))
-    reading = Reading(columns, unit, time_offset, degrees)
-    loaded, log = load_drawn(model, data, photo, no_photo, reading)
+    loaded, log = load_drawn(model, data, photo, no_photo, Reading())
     warnings = []
     if isinstance(loaded, calib.Model):
         warnings = contradicted(loaded.about)

@@ -11,31 +11,80 @@ NUMBER_OR_NONE = (float, None)
 UNITS = {"joints": {"*": str}, "positions": str, "seconds": str}
 ERROR = {"mean": NUMBER_OR_NONE, "max": NUMBER_OR_NONE, "p99": NUMBER_OR_NONE}
 FITTED = {"value": float, "interval": [float], "unit": str}
-CAUSE = {"cause": str, "group": str, "words": str, "value": (float, [float], None),
-         "interval": ([float], None), "unit": TEXT_OR_NONE}
-SENSOR = {"name": str, "kind": str, "unit": str, "view": TEXT_OR_NONE, "noise": NUMBER_OR_NONE,
-          "rows": int}
+CAUSE = {
+    "cause": str,
+    "group": str,
+    "words": str,
+    "value": (float, [float], None),
+    "interval": ([float], None),
+    "unit": TEXT_OR_NONE,
+}
+SENSOR = {
+    "name": str,
+    "kind": str,
+    "unit": str,
+    "view": TEXT_OR_NONE,
+    "noise": NUMBER_OR_NONE,
+    "rows": int,
+}
 MODEL = {
-    "model": str, "robot": TEXT_OR_NONE, "joints": [str], "tip": TEXT_OR_NONE,
+    "model": str,
+    "robot": TEXT_OR_NONE,
+    "joints": [str],
+    "tip": TEXT_OR_NONE,
     "plane": ({"origin": [float], "x": [float], "y": [float]}, None),
-    "view": {"*": (TEXT_OR_NONE, bool, FITTED)}, "map": str, "rule": str,
-    "size": {"motor": [int], "sensory": [int]}, "samples": int, "left_out": int, "seed": int,
-    "seconds": {"*": float}, "unit": str, "units": UNITS, "bound_of": str, "bound_holds": bool,
-    "sensors": [SENSOR], "errors": {"*": {"forward": {"*": ERROR}, "inverse": {"*": ERROR}}},
+    "view": {"*": (TEXT_OR_NONE, bool, FITTED)},
+    "map": str,
+    "rule": str,
+    "size": {"motor": [int], "sensory": [int]},
+    "samples": int,
+    "left_out": int,
+    "seed": int,
+    "seconds": {"*": float},
+    "unit": str,
+    "units": UNITS,
+    "bound_of": str,
+    "bound_holds": bool,
+    "sensors": [SENSOR],
+    "errors": {"*": {"forward": {"*": ERROR}, "inverse": {"*": ERROR}}},
 }
 FACTS = {
-    "ranges": {"*": [float]}, "joint_units": {"*": str}, "locked": {"*": float}, "source": str,
-    "simulation": (dict, None), "options": dict, "history": [dict], "body": (dict, None),
-    "rows": int, "notes": [str], "backlash": ([float], None),
+    "ranges": {"*": [float]},
+    "joint_units": {"*": str},
+    "locked": {"*": float},
+    "source": str,
+    "simulation": (dict, None),
+    "options": dict,
+    "history": [dict],
+    "body": (dict, None),
+    "rows": int,
+    "notes": [str],
+    "backlash": ([float], None),
 }
 EVALUATED = {
-    **MODEL, "evaluated": {"source": str, "rows": int, "left_out": int}, "learned": int,
+    **MODEL,
+    "evaluated": {"source": str, "rows": int, "left_out": int},
+    "learned": int,
 }
 WORST = {"AP": NUMBER_OR_NONE, "RP": float}
-POSE_TEST = {"joints": [float], "cycles": int, "RP": float, "as_delivered": NUMBER_OR_NONE,
-             "as_corrected": float}
-ISO9283 = {"AP": float, "RP": float, "as_delivered": WORST, "as_corrected": WORST, "poses": int,
-           "cycles": int, "each": [POSE_TEST], "unit": str, "notes": [str]}
+POSE_TEST = {
+    "joints": [float],
+    "cycles": int,
+    "RP": float,
+    "as_delivered": NUMBER_OR_NONE,
+    "as_corrected": float,
+}
+ISO9283 = {
+    "AP": float,
+    "RP": float,
+    "as_delivered": WORST,
+    "as_corrected": WORST,
+    "poses": int,
+    "cycles": int,
+    "each": [POSE_TEST],
+    "unit": str,
+    "notes": [str],
+}
 ANSWER = {"unit": str, "bound_of": str, "units": UNITS}
 BOUNDS = {"expected_error": NUMBER_OR_NONE, "model_error": NUMBER_OR_NONE}
 POSITION = {"joints": {"*": float}, "position": [NUMBER_OR_NONE], **BOUNDS, **ANSWER}
@@ -45,37 +94,88 @@ COLUMNS = {"*": [NUMBER_OR_NONE]}
 BATCH = {"output": TEXT_OR_NONE, "rows": int, "invalid": [int], "out_of_reach": [int], **ANSWER}
 SIGNAL = {"value": float, "threshold": float}
 DRIFT = {
-    "model": str, "drifted": (bool, None), "samples": int, "outliers": int, "left_out": int,
-    "score": float, "smallest": float, "tolerance": NUMBER_OR_NONE, "adapts": bool,
-    "bound_holds": bool, "covered": float, "threshold": float,
+    "model": str,
+    "drifted": (bool, None),
+    "samples": int,
+    "outliers": int,
+    "left_out": int,
+    "score": float,
+    "smallest": float,
+    "tolerance": NUMBER_OR_NONE,
+    "adapts": bool,
+    "bound_holds": bool,
+    "covered": float,
+    "threshold": float,
     "distortion": {"motor": SIGNAL, "sensory": SIGNAL, "reverse": SIGNAL, "links": SIGNAL},
-    "fired": [str], "causes": [CAUSE], "smallest_by_group": {"*": NUMBER_OR_NONE},
-    "explanations": [str], "noise": {"now": float, "usual": float}, "false_alarm": float, "episodes": [dict], "unit": str,
+    "fired": [str],
+    "causes": [CAUSE],
+    "smallest_by_group": {"*": NUMBER_OR_NONE},
+    "explanations": [str],
+    "noise": {"now": float, "usual": float},
+    "false_alarm": float,
+    "episodes": [dict],
+    "unit": str,
     "units": UNITS,
 }
 ADAPTED = {
-    "model": TEXT_OR_NONE, "improved": bool, "samples": int, "outliers": int, "left_out": int,
-    "correction": str, "kept": [str], "coverage": float, "everywhere": bool, "before": ERROR,
-    "after": ERROR, "method": str, "changed": [CAUSE], "notes": [str], "unit": str, "units": UNITS,
+    "model": TEXT_OR_NONE,
+    "improved": bool,
+    "samples": int,
+    "outliers": int,
+    "left_out": int,
+    "correction": str,
+    "kept": [str],
+    "coverage": float,
+    "everywhere": bool,
+    "before": ERROR,
+    "after": ERROR,
+    "method": str,
+    "changed": [CAUSE],
+    "notes": [str],
+    "unit": str,
+    "units": UNITS,
 }
 FIT = {"model": str, "index": int, "fits": bool, "score": float, "distance": float}
 CHANGE = {"mean": float, "max": float, "limit": float}
 QUANTITY = {"value": (float, [float]), "interval": (float, [float])}
 GEOMETRY = {
-    "urdf": TEXT_OR_NONE, "offsets": {"*": QUANTITY}, "base": QUANTITY, "moved": {"*": QUANTITY},
-    "frame": {"matrix": [[float]], "shift": [float]}, "frame_fitted": bool, "residual": float,
-    "before": float, "reach": float, "unit": str, "units": UNITS,
+    "urdf": TEXT_OR_NONE,
+    "offsets": {"*": QUANTITY},
+    "base": QUANTITY,
+    "moved": {"*": QUANTITY},
+    "frame": {"matrix": [[float]], "shift": [float]},
+    "frame_fitted": bool,
+    "residual": float,
+    "before": float,
+    "reach": float,
+    "unit": str,
+    "units": UNITS,
 }
 UNITS_OF_LOG = {"joints": {"*": str}, "positions": str}
 PLAN = {
-    "output": str, "rows": int, "joints": [str], "seed": int, "travel": {"*": float},
-    "poses": COLUMNS, "start": [float], "length": float, "random_length": float, "unit": str,
-    "why": [str], "units": UNITS_OF_LOG,
+    "output": str,
+    "rows": int,
+    "joints": [str],
+    "seed": int,
+    "travel": {"*": float},
+    "poses": COLUMNS,
+    "start": [float],
+    "length": float,
+    "random_length": float,
+    "unit": str,
+    "why": [str],
+    "units": UNITS_OF_LOG,
 }
 NOISE = {
-    "log": str, "sensor": NUMBER_OR_NONE, "return": NUMBER_OR_NONE,
-    "intervals": {"sensor": [NUMBER_OR_NONE], "return": [NUMBER_OR_NONE]}, "poses": int,
-    "repeats": int, "returns": int, "unit": str, "units": {"positions": str},
+    "log": str,
+    "sensor": NUMBER_OR_NONE,
+    "return": NUMBER_OR_NONE,
+    "intervals": {"sensor": [NUMBER_OR_NONE], "return": [NUMBER_OR_NONE]},
+    "poses": int,
+    "repeats": int,
+    "returns": int,
+    "unit": str,
+    "units": {"positions": str},
 }
 
 # of `log`, `handeye`, `lerobot`: tests/recording, where their pictures are
