@@ -10,8 +10,7 @@ from ..body.sensor_pose import SensorPose
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..model.model import Model
-from ..recording.rig import HandEye, Place
-from ..recording.rig_file import rig_of_model
+from ..recording.rig import HandEye, Place, rig_of_model
 from .workspace import extent
 
 SENSOR = "sensor frame"
@@ -79,10 +78,13 @@ def things_of_rig(rig: HandEye) -> list[Thing]:
     depth = 0.3 * float(np.ptp(rig.flange[:, :3, 3], axis=0).max())
     things = []
     for camera in rig.cameras:
-        lens = camera.lens
-        frame = _frame_of(camera.place)
-        name = f"camera {camera.name}" if len(rig.cameras) > 1 else "camera"
-        carried = camera.eye == "hand"
+        lens = camera["lens"]
+        eye = camera["eye"]
+        frame = _frame_of(camera[eye])
+        name = "camera"
+        if len(rig.cameras) > 1:
+            name = f"camera {camera['name']}"
+        carried = eye == "hand"
         things.append(
             camera_thing(
                 name, lens["size"], lens["focal"], depth, frame, carried=carried
