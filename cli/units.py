@@ -78,8 +78,8 @@ class JointFormat:
 
         for k in np.flatnonzero(~model.in_range(np.array([q]))[0]).tolist():
             ends = learned_range(model.about, k, degrees=self._degrees)
-            value = f"{self.names[k]} = {q[k] * self.typed[k]:.6g}"
-            return f"{value} is outside of the learned range {ends}"
+            value = f"{q[k] * self.typed[k]:.6g} {self._units[k]}"
+            return f"{self.names[k]} = {value} is outside of the learned range {ends}"
         return None
 
     def change(self, k: int, value: float) -> str:
