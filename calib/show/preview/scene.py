@@ -91,13 +91,10 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
         around.append(_draw_photo(canvas, photo, placement, front))
     dof = model.motor.units.shape[1]
     panel = Panel.beside(frame, np.vstack([*around, nodes]), 0.75 * size, dof)
-    if photo is not None and placement.eye is not None:
-        camera = camera_onto(around[-1], frame, placement.eye)
-    else:
-        if not moves_in_space(model):  # with room for words at each side
-            corners = panel.lift([[-0.3, -0.2, 0.0], [1.1, 1.15, 0.0]])
-            around += [nodes, corners]
-        camera = camera_onto(np.vstack(around), frame)
+    if not moves_in_space(model):  # with room for words at each side
+        corners = panel.lift([[-0.3, -0.2, 0.0], [1.1, 1.15, 0.0]])
+        around += [nodes, corners]
+    camera = camera_onto(np.vstack(around), frame)
 
     if robot is not None:
         _draw_robot(canvas, robot.links, poses)
