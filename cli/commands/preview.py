@@ -6,7 +6,7 @@ from typing import Annotated
 
 from .. import options as opt
 from ..logs import Reading
-from ..output import Outcome, end_progress, note
+from ..output import Outcome, note
 from ..parsing import check_file, whole
 from ..pictures import load_drawn, size_of_page
 
@@ -36,7 +36,6 @@ def preview(
         if html is not None:
             document = {"html": html, "bytes": Path(html).stat().st_size}
             return Outcome(document, [size_of_page(html)])
-        end_progress()
         try:
             print(page.url, flush=True)
             note("showing the preview; Ctrl-C ends it")
