@@ -23,6 +23,7 @@ from ..arm.urdf import Joint, Urdf
 from ..common.arrays import Array
 from ..common.wording import for_people
 from ..errors import OptionError, RobotError
+from ..recording.rigid import rigid
 from .mjcf import mjcf_edits
 from .settings import FITTING
 from .xml_text import Attributes, edited, numbers, start_of_tag
@@ -117,15 +118,13 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
     for joint in path:
         if joint.name in geometry.places:
             k = geometry.places.index(joint.name)
-            carried = _placed(
-                motion.places[k, :, 0], motion.frames[k + 1, :, :, 0]
+            carried = rigid(
+                motion.frames[k + 1, :, :, 0], motion.places[k, :, 0]
             )
-            carried = carried @ _placed(-structure.chain.points[k], np.eye(3))
+            carried = carried @ rigid(np.eye(3), -structure.chain.points[k])
         fitted[joint.child] = carried @ drawn[joint.child]
     if planar:  # in space the sensed point is a probe or a tag, not the tip
-        fitted[arm.tip] = _placed(
-            motion.position[:, 0], motion.rotation[:, :, 0]
-        )
+        fitted[arm.tip] = rigid(motion.rotation[:, :, 0], motion.position[:, 0])
     origins = {}
     for joint in path:  # a locked joint's own motion stays behind its origin
         lock = np.linalg.solve(
@@ -152,13 +151,6 @@ def _changed(joint: Joint, moved: Array) -> dict[str, str]:
                 Rotation.from_matrix(moved[:3, :3]).as_euler("xyz")
             )
     return change
-
-
-def _placed(shift: Array, turn: Array) -> Array:
-    frame = np.eye(4)
-    frame[:3, :3] = turn
-    frame[:3, 3] = shift
-    return frame
 
 
 def check_output(path: str, nominal: str) -> None:

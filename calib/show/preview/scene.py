@@ -14,13 +14,14 @@ from ...maps.lattice import Lattice
 from ...model.about import Photo
 from ...model.model import Model
 from ...model.nominal import moves_in_space
+from ...recording.rigid import rigid
 from ...samples.samples import Samples
 from ...training.evaluate import simulation_of
 from ..error_scale import UNKNOWN, ErrorScale
 from ..placement import Placement, place_model
 from ..robot import Robot
 from ..settings import SETTINGS
-from ..setup import Thing, things_of, transform
+from ..setup import Thing, things_of
 from ..study import StudiedRows, Study, studies_of
 from ..workspace import bound_field, extent, node_errors
 from .camera import camera_onto, frame_of_view
@@ -264,7 +265,7 @@ def _draw_robot(
             turn, _ = Rotation.align_vectors([end], [[0.0, 1.0, 0.0]])
             path = f"{ARM}/{link}/bone"
             canvas.add(path, "cylinder", _BONE, size=[0.02, length])
-            canvas.place(path, transform(turn.as_matrix(), end / 2))
+            canvas.place(path, rigid(turn.as_matrix(), end / 2))
 
 
 def standing(things: Sequence[Thing]) -> list[Array]:
