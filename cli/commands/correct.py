@@ -15,7 +15,7 @@ def correct(
     model: opt.ModelFile,
     limit: Annotated[
         float | None,
-        opt.value("--limit", "L", "Largest change (3 x usual).", above_zero),
+        opt.value("--limit L", "Largest change (3 x usual).", above_zero),
     ] = None,
     orientation: Annotated[
         Literal["keep", "free"],

@@ -19,7 +19,7 @@ def export(
     model: opt.ModelFile,
     output: Annotated[
         str | None,
-        opt.value("--output -o", "FILE", "C header; JSON of --lerobot."),
+        opt.value("--output -o FILE", "C header; JSON of --lerobot."),
     ] = None,
     single: Annotated[bool, opt.option("--float", "Single precision.")] = False,
     small: Annotated[
@@ -29,33 +29,31 @@ def export(
         ),
     ] = False,
     prefix: Annotated[
-        str, opt.value("--prefix", "NAME", "Prefix of every name in C.")
+        str, opt.value("--prefix NAME", "Prefix of every name in C.")
     ] = "calib_",
     camera: Annotated[
         str | None,
-        opt.value("--camera", "FILE.yaml", "The lens as ROS camera_info."),
+        opt.value("--camera FILE.yaml", "The lens as ROS camera_info."),
     ] = None,
     transform: Annotated[
         str | None,
-        opt.value("--transform", "FILE.json", "The sensor in the base."),
+        opt.value("--transform FILE.json", "The sensor in the base."),
     ] = None,
     lerobot: Annotated[
         str | None,
-        opt.value("--lerobot", "OLD.json", "LeRobot's: -o has new zeros."),
+        opt.value("--lerobot OLD.json", "LeRobot's: -o has new zeros."),
     ] = None,
     ur: Annotated[
         str | None,
-        opt.value(
-            "--ur", "FILE.yaml", "Kinematics of a UR, as ROS reads them."
-        ),
+        opt.value("--ur FILE.yaml", "Kinematics of a UR, as ROS reads them."),
     ] = None,
     mjcf: Annotated[
         str | None,
-        opt.value("--mjcf", "FILE.xml", "Bodies, joints, tip for MuJoCo."),
+        opt.value("--mjcf FILE.xml", "Bodies, joints, tip for MuJoCo."),
     ] = None,
     ros2: Annotated[
         str | None,
-        opt.value("--ros2", "FOLDER", "A ROS 2 package that runs the model."),
+        opt.value("--ros2 FOLDER", "A ROS 2 package that runs the model."),
     ] = None,
     free: opt.Free = "all",
     sensor: opt.OfSensor = "sensor",

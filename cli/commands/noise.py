@@ -23,7 +23,7 @@ def noise(
         ),
     ],
     robot: Annotated[
-        str | None, opt.value("--robot", "ROBOT", "Whose joints they are.")
+        str | None, opt.value("--robot ROBOT", "Whose joints they are.")
     ] = None,
     joints: opt.JointNames = None,
     degrees: opt.Degrees = False,

@@ -15,13 +15,13 @@ def preview(
     model: opt.ModelFile,
     html: Annotated[
         str | None,
-        opt.value("--html", "FILE", "Write the page for any browser."),
+        opt.value("--html FILE", "Write the page for any browser."),
     ] = None,
     data: opt.Data = None,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
     port: Annotated[
-        int, opt.value("--port", "N", "Of the page (0: any).", whole(0, 65535))
+        int, opt.value("--port N", "Of the page (0: any).", whole(0, 65535))
     ] = 0,
     no_open: Annotated[
         bool, opt.option("--no-open", "Print the address alone.")

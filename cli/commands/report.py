@@ -19,13 +19,13 @@ from ..summary import code_of, contradicted
 def report(
     model: opt.ModelFile,
     output: Annotated[
-        str | None, opt.value("--output -o", "FILE.html", "One file.")
+        str | None, opt.value("--output -o FILE.html", "One file.")
     ] = None,
     png: Annotated[
-        str | None, opt.value("--png", "DIR", "Its figures as PNG.")
+        str | None, opt.value("--png DIR", "Its figures as PNG.")
     ] = None,
     figures: Annotated[
-        str | None, opt.value("--figures", "FOLDER", "Its figures as SVG.")
+        str | None, opt.value("--figures FOLDER", "Its figures as SVG.")
     ] = None,
     data: opt.Data = None,
     photo: opt.PhotoFile = None,

@@ -31,7 +31,7 @@ def reproduce(
         Argument(help="What to repeat."),
     ] = "all",
     output: Annotated[
-        str, opt.value("--output -o", "DIR", "Folder of tables, figures.")
+        str, opt.value("--output -o DIR", "Folder of tables, figures.")
     ] = "reproduced",
     quick: Annotated[
         bool, opt.option("--quick", "Small lattices and few samples.")

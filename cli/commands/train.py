@@ -40,7 +40,7 @@ def train(
     data: opt.DataOfSensors = None,
     output: Annotated[
         str | None,
-        opt.value("--output -o", "MODEL", "Default ROBOT.calib, LOG.calib."),
+        opt.value("--output -o MODEL", "Default ROBOT.calib, LOG.calib."),
     ] = None,
     force: Annotated[
         bool, opt.option("--force", "Replace a model of another robot.")
@@ -74,7 +74,7 @@ def train(
     plane: opt.Planes = None,
     lens: Annotated[
         str | None,
-        opt.value("--lens", "lens.json", "Of a camera in space (fitted)."),
+        opt.value("--lens lens.json", "Of a camera in space (fitted)."),
     ] = None,
     no_rows: Annotated[
         bool, opt.option("--no-rows", "Keep no rows of the log.")

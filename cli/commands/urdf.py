@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def urdf(
     model: opt.ModelFile,
     output: Annotated[
-        str, opt.value("--output -o", "URDF", "The corrected description.")
+        str, opt.value("--output -o URDF", "The corrected description.")
     ],
     free: opt.Free = "all",
 ) -> Outcome:

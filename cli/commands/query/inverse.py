@@ -51,7 +51,7 @@ def inverse(
     near: Annotated[
         parsing.Numbers | None,
         opt.value(
-            "--near", "Q1,Q2", "The branch nearest to these.", parsing.reals
+            "--near Q1,Q2", "The branch nearest to these.", parsing.reals
         ),
     ] = None,
     every: Annotated[
@@ -62,13 +62,13 @@ def inverse(
     quaternion: Annotated[
         parsing.Numbers | None,
         opt.value(
-            "--quaternion", "QX,QY,QZ,QW", "Orientation.", parsing.quaternion
+            "--quaternion QX,QY,QZ,QW", "Orientation.", parsing.quaternion
         ),
     ] = None,
     rpy: Annotated[
         parsing.Numbers | None,
         opt.value(
-            "--rpy", "R,P,Y", "Roll, pitch, yaw as in a URDF.", parsing.angles
+            "--rpy R,P,Y", "Roll, pitch, yaw as in a URDF.", parsing.angles
         ),
     ] = None,
     keep: Annotated[
@@ -82,8 +82,7 @@ def inverse(
     on: Annotated[
         parsing.OfJoint | None,
         opt.value(
-            "--on",
-            "z=H",
+            "--on z=H",
             "The pixel X Y lies on this plane [m].",
             parsing.height,
         ),

@@ -15,9 +15,7 @@ def path(
     start: opt.StartJoints = None,
     step: Annotated[
         float | None,
-        opt.value(
-            "--step", "S", "Longest, or inf (default 1 % extent).", length
-        ),
+        opt.value("--step S", "Longest, or inf (default 1 % extent).", length),
     ] = None,
     input_: opt.Input = None,
     columns: opt.Columns = None,
