@@ -20,6 +20,7 @@ from ..model.about import MeasuredRows
 from ..model.alignment import Alignment
 from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
+from ..samples.motion import Motion
 from ..training.residuals import (
     ErrorTable,
     error_sizes,
@@ -249,7 +250,8 @@ def _errors(fresh: Model, rows: LogRows, residual: Array) -> ErrorTable:
     """Errors of all readouts; held-out residuals (k, m) tell those of the default one."""
     readout = fresh.default_readout
     some = thinned(len(rows), ADAPTING.evaluated)
-    errors = summarise(evaluate_residuals(fresh, rows.q[some], rows.x[some]))
+    motion = Motion(rows.q[some])
+    errors = summarise(evaluate_residuals(fresh, motion, rows.x[some]))
     if readout != "body":
         errors.pop("body", None)
     forward = errors[readout]["forward"]

@@ -178,9 +178,7 @@ def _of_training(model: Model) -> Evaluation:
 
 def _residuals(model: Model, samples: Samples) -> Residuals:
     """Residuals on measured positions, and on orientations where they are known."""
-    residuals = evaluate_residuals(
-        model, samples.q, samples.x, side=samples.side
-    )
+    residuals = evaluate_residuals(model, samples, samples.x)
     if samples.orientation is None or not knows_orientation(model.body):
         return residuals
     space = Space.of(model)
@@ -198,7 +196,7 @@ def _evaluation(
     """The evaluation that residuals tell, beside `lost` rows that were left out before."""
     return Evaluation(
         errors=summarise(residuals),
-        rows=len(residuals.q),
+        rows=len(residuals.x),
         left_out=residuals.left_out + lost,
         source=source,
         within=answered_within(model, residuals),
