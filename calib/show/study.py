@@ -90,7 +90,7 @@ class Study:
         error = self.rows.x - predicted[:, :outputs]
         columns = slope[:, :outputs].reshape(error.size, -1)
         step = solve_least_squares(columns, error.reshape(-1, 1))
-        return np.asarray(error - (columns @ step).reshape(error.shape))
+        return error - (columns @ step).reshape(error.shape)
 
     @cached_property
     def bars(self) -> list[Bar]:
