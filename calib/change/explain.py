@@ -279,7 +279,7 @@ class Search:
             best_fit = fit
             power, pull = products.information(noise)
             factor = Factor(power / self.temper + np.eye(len(free)))
-            variance = factor.variances()
+            variance = np.diag(factor.inverse())
             deviation = np.zeros(structure.size)
             deviation[free] = sd[free] * np.sqrt(variance)
             best = Explanation(
