@@ -87,7 +87,7 @@ def babbled(
     """Babble in simulation, and say what was assumed."""
     import calib
     from calib.errors import OptionError
-    from calib.samples.changes import parse_changes
+    from calib.samples.simulation import parse_changes
 
     arm = selection.load(robot)
     say(arm.notes)
