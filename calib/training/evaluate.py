@@ -20,6 +20,7 @@ from ..model.space import Space
 from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
+from .preparation import sound_log
 from .residuals import (
     ErrorTable,
     Residuals,
@@ -29,7 +30,6 @@ from .residuals import (
     summarise,
 )
 from .settings import TESTING
-from .sound_rows import sound_log
 from .touched import in_sockets
 
 Frame = Literal["kept", "free"]
