@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -32,28 +33,32 @@ from .touched import fit_sockets
 class Prepared:
     """What is learned from: sound rows of one sensor, in time, and the body under the maps."""
 
-    samples: Samples  # a row for each pose
+    readings: Samples  # poses as often as they were read
     rows_given: int  # rows of the log before any was left out
-    notes: tuple[str, ...]
-    part: SmoothPart | None = None
+    notes: list[str]  # of these rows
+    part: SmoothPart | None  # of a row for each pose
     # (dof,), half the play of each joint, which the samples are freed of
-    play: Array | None = None
-    # of the same poses, each as often as it was read
-    readings: Samples | None = None
+    play: Array
+
+    @cached_property
+    def samples(self) -> Samples:
+        """A row for each pose; of touches, whose sockets are positions, all."""
+        touched = self.readings.touch is not None
+        return self.readings if touched else at_poses(self.readings)
 
     @property
     def left_out(self) -> int:
         """Number of the log's rows that are wrong; poses that were read again are not."""
-        used = self.samples if self.readings is None else self.readings
-        return self.rows_given - len(used)
+        return self.rows_given - len(self.readings)
 
 
 def _alone(samples: Samples, options: TrainingOptions) -> Prepared:
     """Leave wrong rows out, bring clocks together, and fit the body; a row a pose is left."""
     rows_given = len(samples) + samples.left_out
+    play = np.zeros(samples.dof)
     if samples.touch is not None:
         samples, part, notes = fit_sockets(samples, samples.touch, options)
-        return Prepared(samples, rows_given, (*notes, *part.fit.notes), part)
+        return Prepared(samples, rows_given, notes, part, play)
 
     def fit(rows: Samples) -> SmoothPart:
         return find_smooth_part(at_poses(rows), options)
@@ -63,58 +68,37 @@ def _alone(samples: Samples, options: TrainingOptions) -> Prepared:
         if samples.simulation is None:
             sound, notes = sound_beside(samples, fit(samples))
             samples = samples.take(sound)
-        return Prepared(at_poses(samples), rows_given, tuple(notes))
+        return Prepared(samples, rows_given, notes, None, play)
     samples, part, play, notes = fit_sound_rows(samples, fit)
     if play.any():
         notes.append(play_words(samples, play))
-    return Prepared(
-        at_poses(samples),
-        rows_given,
-        (*notes, *part.fit.notes),
-        _of_single_readings(part, samples),
-        play if play.any() else None,
-        samples,
-    )
+    part = _of_single_readings(part, samples)
+    return Prepared(samples, rows_given, notes, part, play)
 
 
 def prepare(
     logs: Mapping[str, Samples], options: TrainingOptions
 ) -> list[Prepared]:
     """Prepare the log of each sensor by itself, then fit one body to all of several."""
-    alone = [_alone(samples, options) for samples in logs.values()]
+    alone = {name: _alone(log, options) for name, log in logs.items()}
     if len(alone) == 1:
-        return alone
+        return [*alone.values()]
     # the arm's, whichever sensors have shown it
-    plays = [log.play for log in alone if log.play is not None]
-    play = np.mean(plays, axis=0) if plays else None
-    readings: dict[str, Samples] = {}
-    for name, log in zip(logs, alone, strict=True):
-        samples = log.readings or log.samples
-        if play is not None:
-            rest = play if log.play is None else play - log.play
-            samples = without_play(samples, rest)
-        readings[name] = samples
-    poses = {name: at_poses(samples) for name, samples in readings.items()}
+    plays = [log.play for log in alone.values() if log.play.any()]
+    for name, log in alone.items():
+        play = np.mean(plays, axis=0) if plays else log.play
+        readings = without_play(log.readings, play - log.play)
+        alone[name] = replace(log, readings=readings, play=play)
+    poses = {name: log.samples for name, log in alone.items()}
     parts = find_smooth_parts(poses, options)
-    together = []
-    for name, log in zip(logs, alone, strict=True):
-        part = _of_single_readings(parts[name], readings[name])
-        notes_of_fit = log.part.fit.notes if log.part else ()
-        notes = [note for note in log.notes if note not in notes_of_fit]
-        together.append(
-            replace(
-                log,
-                samples=poses[name],
-                part=part,
-                play=play,
-                notes=(*notes, *part.fit.notes),
-            )
-        )
-    return together
+    return [
+        replace(log, part=_of_single_readings(parts[name], log.readings))
+        for name, log in alone.items()
+    ]
 
 
 def _of_single_readings(part: SmoothPart, samples: Samples) -> SmoothPart:
-    """The smooth part with the noise of single readings, where it was fitted to medians of them."""
+    """The smooth part with the noise of single readings, where it was fitted to means of them."""
     if samples.simulation is not None:
         return part
     repeat, hidden = noise_beside_poses(samples)
