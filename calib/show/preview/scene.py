@@ -58,9 +58,9 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
     things = [thing for study in studies for thing in things_of(study.model)]
     nodes = placement.lift(model.sensory.weights)
     x, bound = bound_field(model)
-    errors = [*node_errors(model), bound]
-    errors += [study.rows.distance for study in studies if study.rows]
-    scale = ErrorScale.of(np.concatenate(errors), about.unit, extent(model))
+    every = [*node_errors(model), bound]
+    every += [study.rows.distance for study in studies if study.rows]
+    scale = ErrorScale.of(np.concatenate(every), about.unit, extent(model))
 
     working = [nodes, *(frames[:, :3, 3] for frames in poses.values())]
     size = float(np.ptp(np.vstack(working), axis=0).max())
@@ -89,7 +89,9 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
         if study.rows is not None:
             layer = f"Rows {study.model.about.sensor}".strip()
             points = place.lift(study.rows.x) + front
-            draw_points(canvas, layer, points, study.rows.distance, scale)
+            shown = about.simulation is None  # of those the map tells more
+            errors = study.rows.distance
+            draw_points(canvas, layer, points, errors, scale, shown=shown)
     _draw_motion(canvas, motion, placement, about.unit)
     measure = about.bound_of if about.source == "log" else "true position"
     middle = motion.measured[len(motion.q) // 2]
@@ -152,13 +154,18 @@ def _draw_photo(
 
 
 def draw_points(
-    canvas: Canvas, layer: str, points: Array, errors: Array, scale: ErrorScale
+    canvas: Canvas,
+    layer: str,
+    points: Array,
+    errors: Array,
+    scale: ErrorScale,
+    *,
+    shown: bool = True,
 ) -> None:
     """Draw measured points (n, 3) in the colour of their errors (n,)."""
     some = thinned(len(points), SETTINGS.points)
-    canvas.layer(
-        layer, "scale", f"{len(some):,}, in the colour of their errors"
-    )
+    words = f"{len(some):,}, in the colour of their errors"
+    canvas.layer(layer, "scale", words, shown=shown)
     tints = scale.colours(errors[some])
     canvas.add(f"{layer}/positions", "points", tints, points[some], size=0.014)
 
