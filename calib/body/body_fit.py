@@ -219,10 +219,8 @@ def _wide_fit(
     free = (*passed.free, *chain, *guarded, *(["curve"] if bends else []))
     prior = structure.prior(free)
     sd = prior.sd.copy()
-    for block in guarded:
-        guard = structure.guard(block)
-        if guard is not None:
-            sd[groups[block]] = guard
+    for block in {*guarded} & structure.guards.keys():
+        sd[groups[block]] = structure.guards[block]
     sd[first.active] = first.sd
     hypers = []
     pseudo, rms = structure.wide

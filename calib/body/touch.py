@@ -7,13 +7,14 @@ arm's base stands nor how it is turned about its first axis: both stay as drawn.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.rotations import logarithm, similarity
+from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from ..samples.sockets import Known
 from .belief import Body
@@ -23,7 +24,7 @@ from .parameters import Block, Gaussian, Hyper, Indices
 from .rows import Rows, together
 from .settings import FINER, FIT, FREE, PRIOR
 from .spatial import SpatialStructure
-from .views import Angular, ArmSize, Measurement, Scene
+from .views import ArmSize, Measurement, Sight
 
 _POSTURES = 400
 """Postures all over the range, of which the mean motion is that of the whole arm."""
@@ -46,11 +47,13 @@ class Touch(Measurement):
         names = [f"{k}.{axis}" for k in range(self.count) for axis in "xyz"]
         return (Block.of("point", "m", names, FREE * arm.reach),)
 
-    def look(self, scene: Scene) -> _Misses:
+    def look(
+        self, blocks: Mapping[str, Array], motion: Motion, also: Array
+    ) -> Sight:
         """See the tip in its sockets."""
-        places = scene.blocks["point"].reshape(-1, 3)
-        number = scene.also[:, 0].astype(int)
-        return _Misses(scene.motion.position.T - places[number], 1.0)
+        places = blocks["point"].reshape(-1, 3)
+        miss = motion.position.T - places[also[:, 0].astype(int)]
+        return Sight(miss, np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,24 +68,17 @@ class Stated(Measurement):
     outputs = 1
     noise = 1.0
 
-    def look(self, scene: Scene) -> _Misses:
+    def look(
+        self,
+        blocks: Mapping[str, Array],
+        motion: Motion,  # noqa: ARG002
+        also: Array,
+    ) -> Sight:
         """See how far the sockets are off."""
-        places = scene.blocks["point"].reshape(-1, 3)
+        places = blocks["point"].reshape(-1, 3)
         values = [fact.misfit(places) / fact.tolerance for fact in self.facts]
-        rows = scene.also[:, 0].astype(int)
-        return _Misses(np.concatenate(values)[rows, None], 0.0)
-
-
-@dataclass(frozen=True)
-class _Misses:
-    """How far n rows are off their sockets."""
-
-    values: Array  # (n, m)
-    moves: float  # by how much they move with the tip
-
-    def push(self, velocity: Array, angular: Angular = 0.0) -> Array:  # noqa: ARG002
-        """How outputs (..., m, n) move when the tip does."""
-        return np.asarray(self.moves * velocity[..., : self.values.shape[1], :])
+        rows = also[:, 0].astype(int)
+        return Sight(np.concatenate(values)[rows, None], np.zeros((1, 3)))
 
 
 def touching(

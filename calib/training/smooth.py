@@ -16,7 +16,6 @@ from ..body.drawing import PlanarDrawing
 from ..body.planar import planar_structure
 from ..body.row_notes import warnings_of
 from ..body.rows import Rows
-from ..body.sensor_pose import doubtful_depth
 from ..body.spatial import structure_of, unknown_structure
 from ..body.structure import Structure
 from ..body.views import is_camera
@@ -231,8 +230,6 @@ def _smooth_part(
         *warnings_of(q, samples.joint_names, samples.revolute, travel),
         *fit.notes,
     ]
-    if is_camera(view):
-        notes += doubtful_depth(fit.body, q)
     if view == "base target":
         notes.append(
             "the orientations are of a target that is turned against the tip: its turn cannot be "

@@ -8,7 +8,7 @@ from boards import BOARD, Rig
 
 import calib
 from calib.arm.rotations import exponential, logarithm
-from calib.body.corners import held_of
+from calib.body.sensor_pose import held_of
 from calib.recording.board import Board
 from calib.recording.board_pictures import BoardPictures
 from calib.recording.lens import Lens
