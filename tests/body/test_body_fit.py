@@ -30,16 +30,6 @@ def fit(q, z, **options):
     return fit_body(planar_structure(z, names, [True] * len(names), **options), [Rows(q, z)])
 
 
-def test_a_log_in_millimetres_is_that_in_metres():
-    nominal, q = PlanarDrawing((0.3, 0.25), (0.0, 0.0)), rows(60, 2, seed=29)
-    z = seen(chain(q, LENGTHS[:2])) + np.random.default_rng(30).normal(0, 1e-4, (60, 2))
-    for drawn in (nominal, None):
-        own, other = (fit(q, k * z, unit=u, nominal=drawn).body for k, u in ((1, "m"), (1e3, "mm")))
-        lengths = own.structure.groups["length"]
-        assert np.allclose(other.beta[lengths], own.beta[lengths], rtol=1e-6)
-        assert np.allclose(other.bound(q), 1e3 * own.bound(q), rtol=1e-3)
-
-
 def homography(p, tilt=0.25):
     w = 1 + tilt * p.imag
     return np.stack([640 + 1500 * p.real / w, 360 - 1500 * p.imag / w], axis=1)

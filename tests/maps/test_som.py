@@ -83,21 +83,6 @@ def test_a_70x70_map_is_ordered_and_close_to_the_best_quantizer(name, near):
     assert network.topographic_error(fresh) < 0.05
 
 
-@pytest.mark.parametrize("rule", ["batch", "online"])
-def test_a_varying_density_map_reaches_closer_to_the_border(rule):
-    x = points(3000)
-    plain, varying = (
-        SOM((8, 8), name, rule=rule, epochs=6, sigma=(4.0, 1.0)).fit(x, scale=UNIT_BOX)
-        for name in ("som", "vdsom")
-    )
-
-    def margin(network):
-        low, high = network.units.min(axis=0), network.units.max(axis=0)
-        return float(np.mean([*low, *(1 - high)]))
-
-    assert margin(varying) < 0.8 * margin(plain)
-
-
 @pytest.mark.parametrize(
     ("name", "rule"),
     [("vdsom", "batch"), ("vdsom", "online"), *((n, None) for n in ("dsom", "gng:error"))],

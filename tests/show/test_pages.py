@@ -7,7 +7,7 @@ import pytest
 from browser import Sight, look, measured_pages
 from flange_worlds import World
 from models import in_space, log, measured, trained
-from scenes import data_of, objects, page_of, project, seen_by_two, tracks, unpacked
+from scenes import data_of, objects, page_of, project, seen_by_two
 
 import calib
 
@@ -110,32 +110,3 @@ def test_nodes_have_their_colours_where_they_are(page, seen, name):
     assert hit.mean() > 0.75
     shuffled = wanted[np.random.default_rng(0).permutation(len(wanted))]
     assert hit.mean() > (near(sight, pixels, shuffled) < 40).mean() + 0.1
-
-
-def test_the_tip_is_on_its_ball_and_partners_of_the_linked_node_are_dots(page, seen):
-    sight, data = seen, data_of(page)
-    tip = tracks(data)["Arm/tip"][0, :3, 3]
-    expected = project(data["camera"], tip, *SIZE, PANEL)[0]
-    ball = next(o for o in data["objects"] if o["path"] == "Reached path/ball")
-    orange = np.linalg.norm(sight.pixels - rgb(ball["colour"]), axis=2) < 30
-    rows, columns = np.nonzero(orange)
-    close = np.hypot(columns - expected[0], rows - expected[1]) < 12
-    assert close.sum() > 15
-    assert np.hypot(columns[close].mean() - expected[0], rows[close].mean() - expected[1]) < 3
-    partners = unpacked(data["links"]["partners"], "<u4").reshape(-1, data["links"]["each"])
-    nodes = objects(data)["Motor map/nodes"]["points"]
-    strongest = nodes[partners[data["links"]["node"]][:3]]
-    pixels = project(data["camera"], strongest, *SIZE, PANEL)
-    assert (near(sight, pixels, np.tile(rgb(data["links"]["link"]), (3, 1)), 1) < 40).all()
-
-
-@pytest.mark.usefixtures("pages")
-def test_a_report_in_the_dark(folder: Path, tmp_path: Path):
-    sight = look(folder / "simulated.html", tmp_path, dark=True, size=(900, 1400))
-    assert sight.console == []
-    assert sight.pixels[:, :10].max() < 60
-    # ink stands out from the ground, and the heat maps are there, from end to end
-    ink = sight.pixels.reshape(-1, 3)
-    assert ink.max() > 200
-    colourful = np.ptp(ink, axis=1) > 80
-    assert colourful.sum() > 500

@@ -1,4 +1,4 @@
-"""The URDF that is written of a spatial arm is the fitted geometry, and nothing else changes."""
+"""The URDF that is written is the fitted geometry, in the plane and in space, and no more."""
 
 import json
 from dataclasses import replace
@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from chains import FOLLOWED, MIXED
+from drifting import arm, log, model
 from models import in_pixels, in_space
 from scipy.spatial.transform import Rotation
 from test_arm import pinocchio_pose
@@ -19,6 +20,75 @@ from calib.use.geometry_fit import fit_geometry
 from calib.use.urdf import corrected_urdf
 
 LOCKED = MIXED.replace('name="lift"', 'name="held"')
+
+
+@pytest.fixture
+def written(run, tmp_path):
+    """Write the URDF of a model by the command; return how it ended, and the file."""
+
+    def write(trained, *words):
+        trained.save(tmp_path / "m.calib")
+        path = tmp_path / "new.urdf"
+        return run("urdf", tmp_path / "m.calib", "-o", path, *words), path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ("shoulder.length=+5%", "elbow.length=-3%"),
+        ("shoulder.offset=0.03", "elbow.offset=-0.02"),
+        ("tip.offset=0.01,0.02", "elbow.offset=0.02"),
+    ],
+)
+def test_kinematics_of_the_changed_planar_arm(written, changes):
+    samples = log(*changes, n=100, noise=0.0)
+    done, path = written(calib.adapt(model(), samples, cause="joints").model)
+    assert done.code == 0, done.err
+    q = np.random.default_rng(0).uniform(arm().lower, arm().upper, (200, 2))
+    assert np.abs(load_arm(path).forward(q) - samples.simulation.exact(q)).max() < 1e-5
+    assert np.abs(arm().forward(q) - samples.simulation.exact(q)).max() > 5e-3
+
+
+def test_a_longer_link_is_told_along_its_axis(written):
+    adapted = calib.adapt(model(), log("elbow.length=+4%", n=60, noise=0.0)).model
+    done, path = written(adapted)
+    assert "its link, along x" in done.out
+    document = written(adapted, "--json")[0].document
+    assert document["moved"]["elbow"]["value"][0] == pytest.approx(0.01, abs=1e-5)
+    assert load_arm(path).link_lengths["elbow"] == pytest.approx(0.26)
+
+
+def no_chain():
+    """Another arm's log once gave an elbow offset of 6,844 degrees and 277 mm rms, exit 0."""
+    q = np.random.default_rng(0).uniform(arm().lower, arm().upper, (400, 2))
+    x = np.stack([np.sin(3 * q[:, 0]) * q[:, 1], np.cos(2 * q[:, 1]) + q[:, 0] ** 2], axis=1)
+    return calib.train(replace(log(n=400), q=q, x=x, simulation=None, arm=arm()), size=12)
+
+
+def another_arm():
+    trained = in_space()
+    return replace(trained, rows=replace(trained.rows, x=trained.rows.x[::-1] * [1, 1, -1]))
+
+
+@pytest.mark.parametrize("made", [no_chain, another_arm])
+def test_what_geometry_does_not_explain_is_not_written(written, tmp_path, made):
+    (tmp_path / "new.urdf").write_text("old")
+    done, path = written(made(), "--json")
+    assert done.code == 3
+    assert done.document["urdf"] is None
+    assert path.read_text() == "old"
+    assert "% of the reach" in done.err
+    assert "mesh" not in done.err
+
+
+def test_the_users_own_file_is_never_written_over(written, tmp_path):
+    (tmp_path / "new.urdf").write_text(arm().urdf)
+    done, path = written(model())
+    assert done.code == 1
+    assert "never overwritten" in done.err
+    assert path.read_text() == arm().urdf
 
 
 def moved_somehow(arm):
@@ -56,34 +126,22 @@ def test_the_tip_stays():
     assert line in text
 
 
-def test_a_fit_beats_the_drawing_and_holds_the_first_joint(tmp_path, run):
-    model = in_space()
-    geometry = fit_geometry(model)
+def test_a_fit_beats_the_drawing_and_holds_the_first_joint(written):
+    trained = in_space()
+    geometry = fit_geometry(trained)
     assert geometry.free
     assert geometry.residual < 0.5 * geometry.before
-    structure = geometry.structure
-    assert not geometry.beta[structure.shifts[0]].any()
+    assert not geometry.beta[geometry.structure.shifts[0]].any()
     assert geometry.origins[1][0].interval.all()
-    model.save(tmp_path / "m.calib")
-    done = run("urdf", tmp_path / "m.calib", "-o", tmp_path / "c.urdf", "--json")
+    done, path = written(trained, "--json")
     assert done.code == 0
     assert done.document["places"]["shoulder_pan"]["shift"]["interval"][0] == 0.0
     assert done.document["residual"] == pytest.approx(geometry.residual)
-    told = run("urdf", tmp_path / "m.calib", "-o", tmp_path / "c.urdf")
-    assert "sensed point, not written" in told.out
-    before, after = model.about.urdf.splitlines(), (tmp_path / "c.urdf").read_text().splitlines()
-    changed = [a for a, b in zip(before, after, strict=True) if a != b]
+    assert "sensed point, not written" in written(trained)[0].out
+    lines = zip(trained.about.urdf.splitlines(), path.read_text().splitlines(), strict=True)
+    changed = [new for old, new in lines if old != new]
     assert changed
     assert all("<origin" in line for line in changed)
-
-
-def test_what_is_not_this_arm_is_refused(tmp_path, run):
-    model = in_space()
-    far = replace(model, rows=replace(model.rows, x=model.rows.x[::-1] * [1, 1, -1]))
-    far.save(tmp_path / "m.calib")
-    done = run("urdf", tmp_path / "m.calib", "-o", tmp_path / "c.urdf")
-    assert done.code == 3
-    assert not (tmp_path / "c.urdf").exists()
 
 
 def test_pixels_tell_offsets():
@@ -118,22 +176,21 @@ def test_poses_turn_the_wrist_too():
     assert np.degrees(left.magnitude().mean()) < 0.03
 
 
-def test_a_zero_is_one_number_with_an_interval_that_holds(tmp_path, run):
+def test_a_zero_is_one_number_with_an_interval_that_holds(written, tmp_path, run):
     """`info`, `urdf` and `export` told three: -.2 +- 1.1, -2.63 +- 1.22, and -3.0 was true."""
-    arm = load_arm("six_axis")
-    log = calib.babble(arm, 100, noise=1e-4, changes=["elbow.offset=-0.05"], seed=1)
-    log = calib.Samples(log.q, log.x, log.joint_names, log.lower, log.upper, arm=arm)
-    calib.train(log, size=4).save(tmp_path / "m.calib")
-    motors = {"homing_offset": 0, "range_min": 800, "range_max": 3200}
-    (tmp_path / "old.json").write_text(json.dumps(dict.fromkeys(arm.joint_names, motors)))
-    zero = run("urdf", tmp_path / "m.calib", "-o", tmp_path / "c.urdf", "--json")
-    zero = zero.document["offsets"]["elbow"]
+    six = load_arm("six_axis")
+    rows = calib.babble(six, 100, noise=1e-4, changes=["elbow.offset=-0.05"], seed=1)
+    done, _ = written(calib.train(replace(rows, simulation=None), size=4), "--json")
+    zero = done.document["offsets"]["elbow"]
     assert abs(zero["value"] + 0.05) < zero["interval"] < 0.02
+    motors = {"homing_offset": 0, "range_min": 800, "range_max": 3200}
+    (tmp_path / "old.json").write_text(json.dumps(dict.fromkeys(six.joint_names, motors)))
     words = ("export", tmp_path / "m.calib", "--lerobot", tmp_path / "old.json", "--json")
-    written = run(*words, "-o", tmp_path / "new.json").document
-    assert written["offsets"]["elbow"] == pytest.approx(zero["value"])
-    assert written["intervals"]["elbow"] == pytest.approx(zero["interval"])
-    told = run("info", tmp_path / "m.calib", "--json").document["body"]["parameters"]
-    (entry,) = (part for part in told if part["name"] == "elbow.offset")
-    assert entry["value"] == pytest.approx(zero["value"])
-    assert entry["high"] - entry["value"] == pytest.approx(zero["interval"])
+    lerobot = run(*words, "-o", tmp_path / "new.json").document
+    parameters = run("info", tmp_path / "m.calib", "--json").document["body"]["parameters"]
+    (entry,) = (part for part in parameters if part["name"] == "elbow.offset")
+    for value, interval in (
+        (lerobot["offsets"]["elbow"], lerobot["intervals"]["elbow"]),
+        (entry["value"], entry["high"] - entry["value"]),
+    ):
+        assert (value, interval) == pytest.approx((zero["value"], zero["interval"]))
