@@ -69,14 +69,6 @@ class Loads:
         return Loads(chain, joints, weights, points, np.arange(chain.joints))
 
     @staticmethod
-    def none(chain: SpatialChain) -> Loads:
-        """No load at all."""
-        nothing = np.zeros(0, dtype=np.intp)
-        return Loads(
-            chain, nothing, np.zeros((0, 0)), np.zeros((0, 3)), nothing
-        )
-
-    @staticmethod
     def together(parts: Sequence[Loads]) -> Loads:
         """The loads of several sets on one chain, one after another."""
         from scipy.linalg import block_diag

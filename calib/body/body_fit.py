@@ -18,7 +18,7 @@ from .fit import Fit
 from .gate import Passed, leave_blocks_out, pass_gate
 from .layout import joined
 from .parameters import Prior
-from .rows import Rows
+from .rows import Rows, typical_length
 from .settings import FIT, LOG_FLOOR, SIMULATED_FLOOR, STUDENT
 from .starts import Start, best_start, with_other_sensors
 from .structure import Structure
@@ -76,11 +76,11 @@ def fit(
     """
     drawn = _fit(structure, rows, begin, seed)
     undrawn = structure.undrawn()
-    typical = np.median(np.linalg.norm(drawn.held_out, axis=1))
+    typical = typical_length(drawn.held_out)
     if undrawn is None or typical < FIT.doubted * structure.extent:
         return drawn
     free = _fit(undrawn, rows, begin, seed)
-    if not np.median(np.linalg.norm(free.held_out, axis=1)) < typical / 2:
+    if not typical_length(free.held_out) < typical / 2:
         return drawn
     note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
     return replace(free, notes=(note,))

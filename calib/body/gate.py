@@ -16,7 +16,7 @@ from ..common.arrays import Array
 from .covariance import radius_95
 from .fit import Fit
 from .parameters import Indices
-from .rows import Part, Rows
+from .rows import Part, Rows, edges_of
 from .settings import FIT, NATS
 from .starts import Start
 from .structure import Structure
@@ -54,9 +54,8 @@ class HeldOut:
         where there are too few rows.
         """
         most = _quantiles(list(self.ratios.values()))
-        single = _quantiles(
-            np.split(self.ratios[max(self.ratios)], self.edges[1:-1])
-        )
+        finest = self.ratios[max(self.ratios)]
+        single = _quantiles(np.split(finest, self.edges[1:-1]))
         if len(single) > 1:
             most.append(float(np.mean(single) + np.std(single)))
         return max(most) if most else FIT.unknown_kappa
@@ -104,9 +103,9 @@ def leave_blocks_out(
     ratios: dict[int, Array] = {}
     for count in partitions:
         parts = max(min(count, len(derivatives)), 1)
-        limits = np.linspace(0, len(derivatives), parts + 1).round().astype(int)
+        limits = edges_of(len(derivatives), parts).tolist()
         ratios[count] = np.full(n, np.nan)
-        for first, last in pairwise(limits.tolist()):
+        for first, last in pairwise(limits):
             # of no partition the fit itself
             blocks = slice(first, last) if count else slice(0)
             try:

@@ -293,13 +293,14 @@ def planar_structure(
     if view == "auto":
         view = "rigid" if unit in METRES else "homography"
     centre = z.mean(axis=0)
-    extent = float(np.sqrt(((z - centre) ** 2).sum(axis=1).mean()))
+    extent = float(np.sqrt(z.var(axis=0).sum()))
+    size = float(np.abs(z).max())
     signs = (1,) * len(joint_names) if nominal is None else nominal.signs
     sensor = InPlane(
         view=view,
         unit=unit,
         metre=METRES.get(unit, 1.0),
-        extent=max(extent, 1e-9 * (1e-3 + float(np.abs(z).max()))),
+        extent=max(extent, 1e-9 * (1e-3 + size)),
         centre=(float(centre[0]), float(centre[1])),
     )
     return PlanarStructure(

@@ -45,6 +45,16 @@ def together(structure: S, rows: Sequence[Rows]) -> S:
     return structure.changed(others=others).as_seen_by(rows[0].sensor)
 
 
+def edges_of(count: int, blocks: int) -> Indices:
+    """Limits (b + 1,) of contiguous blocks of rows."""
+    return np.linspace(0, count, blocks + 1).round().astype(int)
+
+
+def typical_length(x: Array) -> float:
+    """Median length of vectors (n, m)."""
+    return float(np.median(np.linalg.norm(x, axis=1)))
+
+
 class Part:
     """Rows of one sensor within a fit: residuals, noise, and weights under Student noise.
 
@@ -70,7 +80,7 @@ class Part:
         self.nu = nu
         ends = np.cumsum((0, *self.structure.blocks)).tolist()
         self.outputs = [slice(first, last) for first, last in pairwise(ends)]
-        self.edges = np.linspace(0, len(rows), blocks + 1).round().astype(int)
+        self.edges = edges_of(len(rows), blocks)
         stated = self.structure.measurement.noise
         self.stated = stated is not None
         floor = rows.floor if stated is None else stated
@@ -135,9 +145,8 @@ class Part:
         if np.isfinite(self.nu):
             for columns, p, squares in self._squares(self.residual):
                 away = squares / self.noise[columns.start] ** 2
-                self.weight[:, columns] = ((self.nu + p) / (self.nu + away))[
-                    :, None
-                ]
+                weight = (self.nu + p) / (self.nu + away)
+                self.weight[:, columns] = weight[:, None]
         return np.asarray(np.sqrt(self.weight) / self.noise)
 
     def energy(self, residual: Array) -> float:

@@ -21,7 +21,7 @@ from .fit import Fit
 from .parameters import Prior
 from .planar import PlanarStructure
 from .planar_starts import framed, planar_starts
-from .rows import Rows
+from .rows import Rows, typical_length
 from .settings import SIMULATED_FLOOR, START, STUDENT
 from .spatial import SpatialStructure
 from .structure import Structure
@@ -169,9 +169,9 @@ def _refuse_misfit(
 ) -> None:
     """Refuse rows that the nominal arm does not explain; the log's reader says why."""
     misfit = structure.residual(z, structure.predict(q, beta))
-    off = float(np.median(np.linalg.norm(misfit[:, :3], axis=1)))
-    away = z[:, :3] - np.median(z[:, :3], axis=0)
-    size = float(np.linalg.norm(away, axis=1).max())
+    off = typical_length(misfit[:, :3])
+    middle = np.median(z[:, :3], axis=0)
+    size = float(np.linalg.norm(z[:, :3] - middle, axis=1).max())
     most = START.other_arm
     what = "positions"
     if structure.camera:
@@ -183,7 +183,7 @@ def _refuse_misfit(
             f"of {size:.3g} that they spread; check the order of the joints, their unit and that "
             f"of the {what}, mirrored axes, times, and whether it is this robot"
         )
-    turned = float(np.median(np.linalg.norm(misfit[:, 3:], axis=1)))
+    turned = typical_length(misfit[:, 3:])
     if turned > START.other_turns:
         raise LogError(
             f"the orientations do not turn as the joints do: {np.degrees(turned):.0f} deg are left "
@@ -211,7 +211,8 @@ def _guesses(
         )
         return
     aside = START.tool * structure.chain.reach
-    for tool in (nothing, *(aside * np.eye(3)), *(-aside * np.eye(3))):
+    tools = np.vstack([nothing, np.eye(3), -np.eye(3)])
+    for tool in aside * tools:
         tip = points + rotations @ tool
         turn, _, _ = similarity(tip, z[:, :3])
         yield _with_frame(structure, beta, tip, rotations, z, tool, turn)

@@ -140,8 +140,8 @@ def fit_touches(
     x = np.zeros((len(q), 3)) if x is None else x
     tip = structure.pose(q, structure.neutral())[0]
     measured = point < 0
-    extent = float(np.sqrt(((tip - tip.mean(axis=0)) ** 2).sum(axis=1).mean()))
     rows = touching(q, point, known, x)
+    extent = float(np.sqrt(tip.var(axis=0).sum()))
     whole = together(structure.with_sensor(extent=extent), rows)
     begin = whole.neutral()
     groups = whole.groups
@@ -213,8 +213,9 @@ def anchored(body: Body, q: Array) -> Body:
 
     def without(belief: Gaussian) -> dict[str, Array | Indices]:
         both = np.concatenate([base, belief.active])
-        x = structure.linearise(q, belief.beta, both)[1].reshape(-1, len(both))
-        whole = np.linalg.lstsq(x[:, :6], x[:, 6:], rcond=None)[0]
+        _, slope = structure.linearise(q, belief.beta, both)
+        base_moved, moved = np.split(slope.reshape(-1, len(both)), [6], axis=1)
+        whole = np.linalg.lstsq(base_moved, moved, rcond=None)[0]
         order = np.argsort(both)
         root = np.concatenate([-whole @ belief.root, belief.root])
         return {"active": both[order], "root": root[order]}

@@ -16,7 +16,7 @@ from test_lerobot import REST, write_dataset
 import calib
 from calib import LogError, handeye
 from calib.arm.rotations import exponential, logarithm, matrix_of
-from calib.body.corners import held_of
+from calib.body.sensor_pose import held_of
 from calib.recording.joint_table import JointTable
 
 FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's frame of a board has y down
