@@ -209,7 +209,7 @@ def _wide_fit(
     first = passed.fit
     structure = first.structure
     groups = structure.groups
-    bends = "curve" in passed.free or passed.against("curves") < FIT.no_curves
+    bends = "curve" in passed.free or passed.against_curves() < FIT.no_curves
     guarded: list[str] = []
     if len(rows[0]) >= FIT.guarded_rows:
         blocks = ("elastic", "gravity", "lens")

@@ -6,8 +6,8 @@ by the block's rows, and by the evidence.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -147,20 +147,12 @@ class Passed:
     free: tuple[str, ...]  # blocks
     fit: Fit
     held_out: HeldOut
-    evidences: Mapping[
-        str, float
-    ]  # of each member that was tried, logarithm up to a constant
+    bent: float  # best evidence of the members with curves that were tried
 
-    def against(self, name: str) -> float:
-        """Nats of evidence against the best tried member with `name`; 0 where there is none."""
-        others = [
-            evidence
-            for member, evidence in self.evidences.items()
-            if name in member
-        ]
-        if not others:
-            return 0.0
-        return (self.fit.evidence - max(others)) / self.fit.autocorrelation
+    def against_curves(self) -> float:
+        """Nats of evidence against joint curves; 0 where they were not tried."""
+        gain = self.fit.evidence - self.bent
+        return gain / self.fit.autocorrelation if np.isfinite(gain) else 0.0
 
 
 def _wins(richer: Passed, simpler: Passed) -> bool:
@@ -201,15 +193,14 @@ def pass_gate(
     members = start.structure.members()
     names = {frozenset(groups): name for name, groups in members}
     best: Passed | None = None
-    evidences: dict[str, float] = {}
+    bent = -np.inf
     tried: list[set[str]] = []
     for member_name, groups in members:
         name = member_name
         free = groups
         begin = start.beta
-        if (
-            best is not None
-        ):  # what has passed stays: a lens stays beneath the curves
+        # what has passed stays: a lens stays beneath the curves
+        if best is not None:
             free = tuple(dict.fromkeys((*best.free, *groups)))
             name = names.get(frozenset(free), f"{best.name} and {member_name}")
             if set(chain) <= set(best.free):
@@ -222,15 +213,16 @@ def pass_gate(
             held_out = leave_blocks_out(member, (FIT.blocks,))
         except np.linalg.LinAlgError:
             continue
-        evidences[name] = member.evidence
-        candidate = Passed(name, free, member, held_out, evidences)
+        if "curve" in free:
+            bent = max(bent, member.evidence)
+        candidate = Passed(name, free, member, held_out, bent)
         if best is None or _wins(candidate, best):
             best = candidate
         if _is_exact(member):
             break
     if best is None:
         raise np.linalg.LinAlgError("no member of the body could be fitted")
-    return best
+    return replace(best, bent=bent)
 
 
 def _member(
