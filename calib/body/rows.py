@@ -105,18 +105,14 @@ class Part:
         self, beta: Array, active: Indices
     ) -> Iterator[tuple[slice, Array]]:
         """Each block's rows, and the derivatives (n, m, k) of their predictions."""
-        at_once = len(self.q) <= FIT.rows_at_once
-        if at_once:
-            whole = self.structure.linearise(self.q, beta, active)[1]
-        for first, last in pairwise(self.edges.tolist()):
-            rows = slice(first, last)
-            if at_once:
-                yield rows, whole[rows]
-            else:
-                yield (
-                    rows,
-                    self.structure.linearise(self.q[rows], beta, active)[1],
-                )
+        blocks = [slice(*ends) for ends in pairwise(self.edges.tolist())]
+        structure = self.structure
+        if len(self.q) <= FIT.rows_at_once:
+            whole = structure.linearise(self.q, beta, active)[1]
+            yield from ((rows, whole[rows]) for rows in blocks)
+        else:
+            for rows in blocks:
+                yield rows, structure.linearise(self.q[rows], beta, active)[1]
 
     def learn_noise(self, share: float = 0.0) -> None:
         """Find the most probable noise (m,); a `share` of the numbers was fitted."""
