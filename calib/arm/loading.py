@@ -251,8 +251,8 @@ def _furthest(
             hint=hint,
         )
     parts = [planar_part(chain, posture) for chain in chains]
-    notes: list[str] = []
-    if planar or plane_normal(chains[0].joints, posture) is not None:
+    flat = planar or plane_normal(chains[0].joints, posture) is not None
+    if flat:
         chains = [
             part or chain for part, chain in zip(parts, chains, strict=True)
         ]
@@ -261,10 +261,6 @@ def _furthest(
             replace(chain, joints=chain.joints[-FINDING.most_joints :])
             for chain in chains
         ]
-        if parts[0]:
-            notes.append(
-                f"the arm moves in space; `planar=True` takes its planar part: {parts[0]}"
-            )
     best = chains[0]
     others = "; ".join(map(str, chains[1:]))
     # a log was measured on one of them only; in simulation the first serves
@@ -272,8 +268,13 @@ def _furthest(
         raise RobotError(
             f"the robot has {len(chains)} arms of one reach, choose one: {best}; {others}"
         )
+    notes: list[str] = []
     if others:
         notes.append(f"chosen by reach: {best} (others: {others})")
+    if parts[0] and not flat:
+        notes.append(
+            f"the arm moves in space; `planar=True` takes its planar part: {parts[0]}"
+        )
     if columns is not None:
         path = urdf.path(best.tip)
         idle = [j.name for j in usable if j in path and j.name not in columns]

@@ -16,10 +16,9 @@ from ..common.arrays import Array, Index, frozen
 from ..common.rows import LARGEST, column_names, number_rows, whole
 from ..errors import LogError, OptionError
 from .camera import Camera
-from .changes import Change, parse_changes
 from .motion import Motion, OfRows, directions
 from .poses import pose_index
-from .simulation import Simulation
+from .simulation import Change, Simulation, parse_changes
 from .sockets import Touches
 from .tables import Document
 
@@ -52,7 +51,8 @@ class LogFile(OfRows):
     """What a file, or the pictures that rows were made of, say beside the rows."""
 
     # (n,), numbers of the rows, counted below the header from 1
-    rows: Index | None = None
+    # (n,), numbers of the rows, counted below the header from 1, which stand where it is empty
+    rows: Index = field(default_factory=lambda: np.empty(0, np.intp))
     # columns that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict)
     degrees: bool = False  # whether turning joints are in degrees there
@@ -138,6 +138,8 @@ class Samples(LogFile, Readings, Motion):
             "revolute": turns,
             "notes": tuple(self.notes),
         }
+        if not len(self.rows):
+            values["rows"] = np.arange(1, n + 1)
         for name, (array, shape) in arrays.items():
             if array is None:
                 continue

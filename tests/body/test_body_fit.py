@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+import calib
 from calib.body.body_fit import fit as fit_body
-from calib.body.drawing import PlanarDrawing
 from calib.body.planar import planar_structure
 from calib.body.rows import Rows
 
@@ -77,11 +77,14 @@ def test_curves_pass_the_gate_where_there_are_curves_and_only_there():
 
 @pytest.mark.parametrize("lengths", [(0.6, 0.05), (300.0, 250.0), (3e-4, 2.5e-4)])
 def test_a_wrong_geometry_does_no_harm(lengths):
+    drawn = calib.load_arm("two_link")
+    for name, length in zip(drawn.joint_names, lengths, strict=True):
+        drawn = drawn.with_link_length(name, length)
     q = rows(100, 2, seed=22)
     z = seen(chain(q, LENGTHS[:2])) + np.random.default_rng(23).normal(0, 1e-4, (100, 2))
-    fitted = fit(q, z, nominal=PlanarDrawing(lengths, (0.0, 0.0)))
-    assert np.linalg.norm(fitted.held_out, axis=1).mean() < 3e-4
-    found = fitted.body.beta[fitted.body.structure.groups["length"]]
+    model = calib.train(calib.Samples(q, z, drawn.joint_names, arm=drawn), size=4)
+    assert model.about.errors["local"]["forward"]["distance"]["mean"] < 3e-4
+    found = model.body.beta[model.body.structure.groups["length"]]
     assert np.allclose(found, LENGTHS[:2], atol=1e-3)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calib import OptionError, Simulation, babble
-from calib.samples.changes import parse_changes
+from calib.samples.simulation import parse_changes
 
 L1, L2 = 0.30, 0.25
 

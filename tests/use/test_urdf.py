@@ -15,7 +15,6 @@ import calib
 from calib import load_arm
 from calib.arm.loading import arm_from_urdf
 from calib.body.spatial import structure_of
-from calib.use.geometry import Geometry
 from calib.use.geometry_fit import fit_geometry
 from calib.use.urdf import corrected_urdf
 
@@ -97,8 +96,7 @@ def moved_somehow(arm):
     beta = structure.neutral()
     for group in ("placement", "offset"):
         beta[structure.groups[group]] = rng.normal(0, 0.05, len(structure.groups[group]))
-    zero = np.zeros((structure.size, structure.size))
-    return Geometry(arm, structure, beta, zero, False, 0.0, 0.0, 1.0)
+    return replace(fit_geometry(in_space()), arm=arm, structure=structure, beta=beta)
 
 
 @pytest.mark.parametrize("source", ["six_axis", "spatial_three", "mixed", "followed", "locked"])
