@@ -28,7 +28,8 @@ class Approach:
 
     def known(self, direction: Array) -> NDArray[np.bool_]:
         """Whether the direction (n, dof) is known of all joints with play, (n,)."""
-        return np.asarray(((direction != 0.0) | (self.play == 0.0)).all(axis=1))
+        tells = (direction != 0.0) | (self.play == 0.0)
+        return np.asarray(tells.all(axis=1))
 
 
 def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:

@@ -216,7 +216,9 @@ def _wide_fit(
         guarded = [block for block in blocks if len(groups.get(block, ()))]
     if not bends and {*chain, *guarded} <= set(passed.free):
         return None
-    free = (*passed.free, *chain, *guarded, *(["curve"] if bends else []))
+    free = [*passed.free, *chain, *guarded]
+    if bends:
+        free.append("curve")
     prior = structure.prior(free)
     sd = prior.sd.copy()
     for block in {*guarded} & structure.guards.keys():

@@ -37,7 +37,8 @@ def radius_95(covariance: Array) -> Array:
 def spread_of(derivative: Array, root: Array) -> Array:
     """Covariances (n, p, p) of predictions: derivatives (n, p, k), root (k, r) of a covariance."""
     n, p, k = derivative.shape
-    y = (derivative.reshape(n * p, k) @ root).reshape(n, p, -1)
+    flat = derivative.reshape(n * p, k) @ root
+    y = flat.reshape(n, p, -1)
     return np.asarray(y @ np.swapaxes(y, 1, 2))
 
 
@@ -52,7 +53,8 @@ def autocorrelation_time(r: Array) -> float:
     power = float((r * r).sum()) + 1e-300
     total = 1.0
     for lag in range(1, min(_LAGS, n // 3)):
-        rho = float((r[lag:] * r[:-lag]).sum()) / power
+        shared = float((r[lag:] * r[:-lag]).sum())
+        rho = shared / power
         if rho < 2 / np.sqrt(r.size):
             break
         total += 2 * rho

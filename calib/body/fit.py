@@ -119,7 +119,8 @@ class Fit:
         # summed, not subtracted: a parameter that these blocks alone tell, such as where a socket
         # is, has a prior that is lost in the rounding of a difference
         gram = self.grams[others].sum(axis=0)
-        gradient = self.moments[others].sum(axis=0) - self._pull(self.beta)
+        moment = self.moments[others].sum(axis=0)
+        gradient = moment - self._pull(self.beta)
         precision = with_prior(gram.copy(), self.sd, self.known)
         return gram, Factor(precision).solve(gradient)
 
@@ -237,7 +238,8 @@ class Fit:
                 flat = (x * root[rows, :, None]).reshape(-1, size)
                 self.grams[k % blocks] += flat.T @ flat
                 self.moments[k % blocks] += flat.T @ missed[rows].ravel()
-        self.precision = with_prior(self.grams.sum(axis=0), self.sd, self.known)
+        gram = self.grams.sum(axis=0)
+        self.precision = with_prior(gram, self.sd, self.known)
         self.gradient = self.moments.sum(axis=0) - self._pull(self.beta)
 
     def _learn(self, factor: Factor, variance: Array) -> None:

@@ -136,7 +136,8 @@ def _negative_log_density(length: Array, spread: Array) -> Array:
     p = spread.shape[1]
     variance = np.einsum("nii->n", spread) / p
     beyond = np.log1p(length**2 / (4 * variance))
-    return np.asarray(0.5 * (p * np.log(variance) + (4 + p) * beyond))
+    twice = p * np.log(variance) + (4 + p) * beyond
+    return np.asarray(0.5 * twice)
 
 
 @dataclass(frozen=True)
@@ -176,7 +177,9 @@ def _wins(richer: Passed, simpler: Passed) -> bool:
     ) / richer.fit.autocorrelation
     if gain.mean() <= 0 or evidence <= 0:
         return False
-    error = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.inf
+    error = np.inf
+    if len(gain) > 1:
+        error = gain.std(ddof=1) / np.sqrt(len(gain))
     return bool(gain.mean() > error or evidence > NATS)
 
 
@@ -243,5 +246,7 @@ def _member(
 
 def _is_exact(member: Fit) -> bool:
     """Whether samples of a simulation reach their least noise."""
-    exact = bool((member.noise <= 1.5 * member.parts[0].floor).all())
-    return exact and not np.isfinite(member.nu)
+    if np.isfinite(member.nu):
+        return False
+    least = 1.5 * member.parts[0].floor
+    return bool((member.noise <= least).all())

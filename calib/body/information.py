@@ -42,7 +42,8 @@ def most_telling(body: Body, q: Array, n: int) -> Index:
     # what no parameter explains counts as noise
     noise = np.hypot(body.noise, body.tau)[:p]
     _, x = body.structure.linearise(q, body.beta, body.active)
-    return greedy(x[:, :p] @ body.root * (body.kappa / noise[:, None]), n)
+    directions = x[:, :p] @ body.root
+    return greedy(directions * body.kappa / noise[:, None], n)
 
 
 def greedy(directions: Array, n: int) -> Index:

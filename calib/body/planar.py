@@ -37,8 +37,9 @@ class PlanarMotion:
     def joints(self) -> Moved:
         """How the tip moves with the value of each joint, (dof, 2, n)."""
         # a joint turns all that comes after it about its structure place
-        swept = 1j * np.cumsum(self.terms[::-1], axis=0)[::-1]
-        return _pairs(np.where(self.turning, swept, self.direction)), None
+        beyond = np.cumsum(self.terms[::-1], axis=0)[::-1]
+        moved = np.where(self.turning, 1j * beyond, self.direction)
+        return _pairs(moved), None
 
 
 @dataclass(frozen=True, eq=False)

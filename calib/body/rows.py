@@ -151,11 +151,10 @@ class Part:
         for columns, p, squares in self._squares(residual):
             noise = float(self.noise[columns.start])
             total += len(squares) * p * np.log(noise)
+            away = squares / noise**2
             if np.isfinite(self.nu):
-                away = squares / noise**2 / self.nu
-                total += 0.5 * (self.nu + p) * float(np.log1p(away).sum())
-            else:
-                total += 0.5 * float(squares.sum()) / noise**2
+                away = (self.nu + p) * np.log1p(away / self.nu)
+            total += 0.5 * float(away.sum())
         return total
 
     def _squares(self, residual: Array) -> Iterator[tuple[slice, int, Array]]:

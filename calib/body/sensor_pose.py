@@ -210,7 +210,8 @@ def without_gauge(
     """
     base, beta = without_sensor(structure, belief.beta)
     of_arm = ~np.isin(belief.active, sensor_of(structure))
-    q = np.random.default_rng(0).uniform(-2.0, 2.0, (_POSES, base.dof))
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-2.0, 2.0, (_POSES, base.dof))
     position, x = base.linearise(q, beta, belief.active[of_arm])
     axis = base.chain.axes[0]
     arm = position - base.chain.points[0]

@@ -127,7 +127,8 @@ class SpatialStructure(Structure):
         scales: tuple[Hyper, ...] = ()
         if self.informed:
             within = self.others[0].within if self.others else PRIOR.wider
-            places = np.arange(6 * self._first, len(sd)).reshape(-1, 2, 3)
+            own = np.arange(6 * self._first, len(sd))
+            places = own.reshape(-1, 2, 3)
             shifts = places[:, 0].ravel()
             turns = places[:, 1].ravel()
             scales = (
@@ -349,7 +350,8 @@ def unknown_structure(
     """
     dof = len(joint_names)
     ends = np.zeros((dof + 1, 3))
-    ends[:, 2] = extent / metre / max(dof, 1) * np.arange(dof + 1)
+    link = extent / metre / max(dof, 1)
+    ends[:, 2] = link * np.arange(dof + 1)
     chain = SpatialChain(
         axes=np.tile([0.0, 0.0, 1.0], (dof, 1)),
         points=ends[:-1],

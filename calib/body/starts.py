@@ -52,8 +52,8 @@ def best_start(
 
     free : groups that the runs fit; the gate's chain
     """
-    order = np.random.default_rng(0).permutation(len(rows))[: START.rows]
-    some = rows.take(np.sort(order))
+    order = np.random.default_rng(0).permutation(len(rows))
+    some = rows.take(np.sort(order[: START.rows]))
     runs = candidates(structure, some)
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
         return runs[0]
@@ -64,7 +64,8 @@ def best_start(
         ]
         runs = sorted(runs, key=lambda run: run.cost)[: START.runs]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
-    tied = [run for run in runs if not run.cost > runs[0].cost + START.tied]
+    most = runs[0].cost + START.tied
+    tied = [run for run in runs if not run.cost > most]
     return min(tied, key=lambda run: run.structure.reversals)
 
 
@@ -247,9 +248,15 @@ def _turn_of_poses(rotations: Array, seen: Array) -> Array:
     Relative rotations of any two rows are conjugate, so that X turns the axes of A_k A_l' into
     those of Z_k Z_l' (Park and Martin 1994); rows are paired with their neighbours.
     """
-    nominal = logarithm(rotations[1:] @ np.swapaxes(rotations[:-1], 1, 2))
-    observed = logarithm(seen[1:] @ np.swapaxes(seen[:-1], 1, 2))
+    nominal = _turns_between(rotations)
+    observed = _turns_between(seen)
     return nearest_rotation(observed.T @ nominal)
+
+
+def _turns_between(rotations: Array) -> Array:
+    """Rotation vectors (n - 1, 3) from each of orientations (n, 3, 3) to the next."""
+    before = np.swapaxes(rotations[:-1], 1, 2)
+    return logarithm(rotations[1:] @ before)
 
 
 def _cameras(
@@ -272,7 +279,9 @@ def _cameras(
     upright = np.array([right, down, np.cross(right, down)])
     # an affine camera does not tell before from behind: also a start from elsewhere, tilted
     tilted = exponential([0.6, 0.0, 0.0]) @ upright
-    factors = (1.0, 0.7, 1.4) if structure.viewpoint.lens_sd[0] else (1.0,)
+    factors = [1.0]
+    if structure.viewpoint.lens_sd[0]:
+        factors += [0.7, 1.4]
     for factor in factors:
         focal = factor * known_focal
         depth = focal / max(float(s.mean()), 1e-9)
@@ -308,7 +317,8 @@ def _chains(
             break
         if end.noise <= START.explained:
             costs.append(end.cost)
-        if sum(cost < min(costs) + START.same for cost in costs) >= START.alike:
+        agreeing = [cost for cost in costs if cost < min(costs) + START.same]
+        if len(agreeing) >= START.alike:
             break
         begin = _drawn(structure, z, rng)
     return sorted(ends, key=lambda end: end.cost)[: START.alike]

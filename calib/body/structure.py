@@ -122,9 +122,7 @@ class Structure(Layout):
         out = np.zeros((len(self.chain_names), len(q)))
         for block, elastic in fixed.elastic.items():
             bends = elastic[:, None] * loads_of(self._levers(block, q), gravity)
-            joints = self.loads[block].joints.tolist()
-            for joint, bend in zip(joints, bends, strict=True):
-                out[joint] += bend
+            np.add.at(out, self.loads[block].joints, bends)
         return out
 
     @cached_property
@@ -186,7 +184,8 @@ class Structure(Layout):
         """
         out = np.asarray(z - predicted)
         if len(self.blocks) == 2:
-            out[:, 3:] = compose(z[:, 3:], -predicted[:, 3:])
+            observed = z[:, 3:]
+            out[:, 3:] = compose(observed, -predicted[:, 3:])
         return out
 
     def retract(self, beta: Array, delta: Array) -> Array:
@@ -239,11 +238,9 @@ class Structure(Layout):
             yield groups["gravity"], lambda: self._by_gravity(q, beta, chained)
         if "coupling" in groups:
             yield groups["coupling"], lambda: led[1:] * joints.T[:-1, None]
+        signed = (joints * self.directions).T
         yield groups["offset"], lambda: led
-        yield (
-            groups["gain"],
-            lambda: led * (joints * self.directions).T[:, None],
-        )
+        yield groups["gain"], lambda: led * signed[:, None]
         for indices, moved in self.moving(motion):
             yield indices, partial(_pushed, sight, moved)
         for k in range(self.dof):
@@ -328,13 +325,14 @@ def _fixed(structure: Structure, parameters: bytes) -> Fixed:
     blocks = structure.by_blocks(beta)
     curves = {k: blocks[f"curve.{k}"] for k in range(structure.dof)}
     bent = [k for k, curve in curves.items() if curve.any()]
+    shapes = [curves[k] for k in bent]
     gain = blocks["gain"] * structure.directions
     coupling = blocks.get("coupling", np.zeros(0))
     return Fixed(
         gain=gain[:, None],
         offset=structure.offsets(beta)[:, None],
         bent=bent,
-        curves=np.reshape([curves[k] for k in bent], (-1, 2 * HARMONICS)),
+        curves=np.reshape(shapes, (-1, 2 * HARMONICS)),
         coupling=coupling[:, None] if coupling.any() else None,
         elastic={
             name: blocks[name] for name in structure.loads if blocks[name].any()

@@ -76,9 +76,10 @@ class Stated(Measurement):
     ) -> Sight:
         """See how far the sockets are off."""
         places = blocks["point"].reshape(-1, 3)
-        values = [fact.misfit(places) / fact.tolerance for fact in self.facts]
+        misfits = [fact.misfit(places) / fact.tolerance for fact in self.facts]
         rows = also[:, 0].astype(int)
-        return Sight(np.concatenate(values)[rows, None], np.zeros((1, 3)))
+        values = np.concatenate(misfits)[rows, None]
+        return Sight(values, np.zeros((1, 3)))
 
 
 def touching(
@@ -91,9 +92,8 @@ def touching(
     touched = point >= 0
     # origins are not far off where nothing tells how large the arm is
     sized = not touched.all() or any(fact.value is not None for fact in known)
-    touch = Touch(
-        int(point.max()) + 1, within=(FINER[0], 5.0 if sized else 1.0)
-    )
+    most = 5.0 if sized else 1.0
+    touch = Touch(int(point.max()) + 1, within=(FINER[0], most))
     number = point[touched].astype(float)
     rows = [
         Rows(
@@ -110,7 +110,8 @@ def touching(
         )
         still = np.zeros((count, q.shape[1] + 1))
         still[:, -1] = np.arange(count)
-        rows.append(Rows(still, np.zeros((count, 1)), Stated(tuple(known))))
+        stated = Stated(tuple(known))
+        rows.append(Rows(still, np.zeros((count, 1)), stated))
     return rows
 
 
@@ -146,13 +147,13 @@ def fit_touches(
     begin = whole.neutral()
     groups = whole.groups
     # each socket begins where the drawing says that the tip was on average
-    begin[groups["point"]] = np.ravel(
-        [tip[point == k].mean(axis=0) for k in range(max(point) + 1)]
-    )
+    for k, place in enumerate(groups["point"].reshape(-1, 3)):
+        begin[place] = tip[point == k].mean(axis=0)
     if measured.any():
         turn = similarity(tip[measured], x[measured])[0]
         begin[groups["view.rotation"]] = logarithm(turn)
-        begin[groups["view.shift"]] = (x - tip @ turn.T)[measured].mean(axis=0)
+        shifts = x[measured] - tip[measured] @ turn.T
+        begin[groups["view.shift"]] = shifts.mean(axis=0)
     of_all = fit(whole, rows, begin=begin, seed=seed)
     points = of_all.body.beta[groups["point"]].reshape(-1, 3)
     body = restated(of_all.body, structure)
@@ -163,7 +164,8 @@ def fit_touches(
         sensor = structure.sensor(body.beta)
         points = points @ sensor.rotation.T + sensor.shift
     else:
-        shares = np.random.default_rng(seed).random((_POSTURES, q.shape[1]))
+        rng = np.random.default_rng(seed)
+        shares = rng.random((_POSTURES, q.shape[1]))
         body = anchored(body, lower + shares * (upper - lower))
     return replace(of_all, body=body, held_out=held_out), points
 

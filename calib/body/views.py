@@ -97,7 +97,8 @@ def _product(slope: Array, moved: Array) -> Array:
     """Products (..., m, n) of derivatives (m, d) or (m, d, n) and motions (..., d, n)."""
     if slope.ndim == 2:
         return slope @ moved
-    return np.asarray((slope * moved[..., None, :, :]).sum(axis=-2))
+    products = slope * moved[..., None, :, :]
+    return np.asarray(products.sum(axis=-2))
 
 
 class ArmSize(NamedTuple):
@@ -185,7 +186,8 @@ def pixels(lens: Array, point: Array) -> Sight:
     across = focal / depth * (across + bent * np.eye(2)[..., None])
     ahead = -(across * ideal).sum(axis=1)
     slope = np.concatenate([across, ahead[:, None]], axis=1)
-    return Sight(np.ascontiguousarray((focal * ideal * bent).T) + centre, slope)
+    values = np.ascontiguousarray((focal * ideal * bent).T)
+    return Sight(values + centre, slope)
 
 
 def refocused(lens: Array, point: Array) -> Array:
