@@ -100,11 +100,11 @@ class LinkStarts:
         sensory = self.association.sensory
         x = sensory.scale.from_unit(sensory.units[nodes])
         target, u = self._proposals(x)
-        u, miss = newton.refine(u, x[target], SEARCH.close)
-        order = np.lexsort((miss, target))
+        stand = newton.refine(u, x[target], SEARCH.close)
+        order = np.lexsort((stand.miss, target))
         target = target[order]
-        u = u[order]
-        miss = miss[order]
+        u = stand.u[order]
+        miss = stand.miss[order]
         spacing = sensory.spacing * float(sensory.scale.span.mean())
         near = (miss <= LINKS.missed * spacing) | (rank_within(target) == 0)
         solved = LINKS.cell if newton.redundant else LINKS.apart
@@ -152,13 +152,13 @@ class LinkStarts:
     @cached_property
     def _nodes(self) -> tuple[Array, Array]:
         """Position (nodes, m) and inverse Jacobian (nodes, dof, m) of each motor node."""
-        return self._linearised(np.clip(self.association.motor.units, 0.0, 1.0))
+        return self._linearised(self.association.motor.units)
 
     def _linearised(self, u: Array) -> tuple[Array, Array]:
         """Position (n, m) and inverse Jacobian (n, dof, m) at joints (n, dof)."""
         origin = np.zeros((len(u), self._newton.task.count))
-        back, slope = self._newton.task.residual(u, origin)
-        return -back, np.asarray(np.linalg.pinv(slope, rcond=LINKS.flat))
+        stand = self._newton.at(u, origin)
+        return -stand.gap, np.linalg.pinv(stand.slope, rcond=LINKS.flat)
 
 
 def _linear(inverse: Array, gap: Array) -> Array:

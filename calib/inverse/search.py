@@ -7,13 +7,16 @@ from typing import Protocol
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from .closest import closest
 from .families import representatives
-from .newton import Newton
+from .newton import Newton, Stand
 from .settings import SEARCH
 from .ways import by_middle, distinct
+
+_FURTHER = 1e3
+"""What is missed ranks behind whatever is met."""
 
 
 class Starts(Protocol):
@@ -52,7 +55,9 @@ class Search:
 
         Joints are in the unit box; out of reach they are those of the nearest attainable point.
         """
-        u, miss = self.nearest(x, near)
+        stand = self.nearest(x, near)
+        u = stand.u
+        miss = stand.miss
         lost = np.flatnonzero(~self.newton.met(miss))
         if len(lost):
             u[lost], miss[lost] = closest(self.newton, u[lost], x[lost])
@@ -65,7 +70,7 @@ class Search:
         each connected family has one; out of reach there is one, the nearest attainable point.
         """
         target, u, miss = self.every(x)
-        if self.redundant and len(u):
+        if self.redundant:
             target, u, miss = representatives(self.newton, target, u, x)
         lost = np.setdiff1d(np.arange(len(x)), target)
         if len(lost):
@@ -74,28 +79,40 @@ class Search:
             target = np.concatenate([target, lost])
             u = np.concatenate([u, nearest])
             miss = np.concatenate([miss, missing])
-        return by_middle(self.scale, target, u, miss)
+        order = by_middle(self.scale, target, u)
+        return target[order], u[order], miss[order]
 
-    def nearest(self, x: Array, near: Array) -> tuple[Array, Array]:
-        """Joints (n, dof) nearest to `near` (n, dof) for targets `x`, and what is missing (n,)."""
+    def nearest(self, x: Array, near: Array) -> Stand:
+        """Joints nearest to `near` (n, dof) for targets `x`; where none are met what comes close."""
         newton = self.newton
-        u, miss = newton.settle(near, x, near)
-        rows = _unsure(newton, u, miss, near, self.sure)
+        if self.sure < SEARCH.surely:
+            best = newton.at(near, x)
+            close = SEARCH.rough * newton.task.size
+            rows = np.flatnonzero(best.miss <= close)
+            self._improve(best, near, rows, near[rows])
+        else:
+            best = newton.settle(near, x, near)
+        rows = self._unsure(best, near, self.sure)
         if len(rows):
             owner, start = self.starts.of(x[rows])
             owner = rows[owner]
-            likely = _likely(newton, u, miss, near, owner, start)
-            u, miss = _better(
-                newton, x, near, u, miss, owner[likely], start[likely]
-            )
+            away = newton.away(start, near[owner])
+            first = self._rank(best, near)
+            np.minimum.at(first, owner, away + 2 * SEARCH.margin)
+            likely = away <= first[owner] + SEARCH.margin
+            # starts beside an answer lead to it
+            other = newton.away(start, best.u[owner]) >= 0.5 * SEARCH.margin
+            likely &= other | ~newton.met(best.miss[owner])
+            self._improve(best, near, owner[likely], start[likely])
+            missed = ~likely & ~newton.met(best.miss[owner])
+            self._improve(best, near, owner[missed], start[missed])
+        rows = np.flatnonzero(~newton.met(best.miss))
+        self._improve(best, near, *_drawn(rows, near.shape[1]))
         if not newton.redundant:
-            rows = _unsure(newton, u, miss, near, SEARCH.beside)
-            row, across = twins(newton, u[rows], x[rows])
-            u, miss = _better(newton, x, near, u, miss, rows[row], across)
-        rows = np.flatnonzero(~newton.met(miss))
-        start = np.tile(_drawn(u.shape[1]), (len(rows), 1))
-        owner = np.repeat(rows, SEARCH.drawn)
-        return _better(newton, x, near, u, miss, owner, start)
+            rows = self._unsure(best, near, SEARCH.beside)
+            row, start = twins(newton, best.rows(rows))
+            self._improve(best, near, rows[row], start)
+        return best
 
     def every(self, x: Array) -> tuple[Index, Array, Array]:
         """Every way: of which target (k,), ascending, joints (k, dof), what is missing (k,).
@@ -103,102 +120,83 @@ class Search:
         Of redundant joints these are some of infinitely many.
         """
         newton = self.newton
-        target, u = self.starts.of(x)
-        u, miss = newton.refine(u, x[target])
+        target, start = self.starts.of(x)
+        if newton.redundant:
+            owner, drawn = _drawn(np.arange(len(x)), start.shape[1])
+            target = np.concatenate([target, owner])
+            start = np.concatenate([start, drawn])
+        stand = newton.refine(start, x[target])
+        u = stand.u
+        miss = stand.miss
         if not newton.redundant:  # where branches meet
-            row, start = twins(newton, u, x[target])
-            across, missing = newton.refine(start, x[target[row]])
-            target = np.append(target, target[row])
-            u = np.concatenate([u, across])
-            miss = np.append(miss, missing)
+            row, start = twins(newton, stand)
+            across = newton.refine(start, stand.x[row])
+            target = np.concatenate([target, target[row]])
+            u = np.concatenate([u, across.u])
+            miss = np.concatenate([miss, across.miss])
         met = newton.met(miss)
-        target, u, miss = by_middle(
-            newton.scale, target[met], u[met], miss[met]
-        )
-        single = distinct(newton.scale, target, u, SEARCH.same)
-        return target[single], u[single], miss[single]
+        target = target[met]
+        u = u[met]
+        miss = miss[met]
+        order = by_middle(newton.scale, target, u)
+        single = distinct(newton.scale, target[order], u[order], SEARCH.same)
+        order = order[single]
+        return target[order], u[order], miss[order]
+
+    def _unsure(self, stand: Stand, near: Array, sure: float) -> Index:
+        """Targets that are missed, or met further than `sure` from where joints should be."""
+        return np.flatnonzero(self._rank(stand, near) > sure)
+
+    def _rank(self, stand: Stand, near: Array) -> Array:
+        """What (n,) makes answers better the less it is: how near if they are met, else the miss."""
+        away = self.newton.away(stand.u, near)
+        behind = _FURTHER + stand.miss / self.newton.task.size
+        return np.where(self.newton.met(stand.miss), away, behind)
+
+    def _improve(
+        self, best: Stand, near: Array, owner: Index, start: Array
+    ) -> None:
+        """Put what starts (k, dof) of targets (k,) lead to in the place of what is no better."""
+        if not len(owner):
+            return
+        trial = self.newton.settle(start, best.x[owner], near[owner])
+        rank = self._rank(trial, near[owner])
+        order = np.lexsort((rank, owner))
+        rows, first = np.unique(owner[order], return_index=True)
+        first = order[first]
+        before = self._rank(best.rows(rows), near[rows])
+        better = rank[first] < before
+        best.put(rows[better], trial.rows(first[better]))
 
 
-def _unsure(
-    newton: Newton, u: Array, miss: Array, near: Array, sure: float
-) -> Index:
-    """Targets that are missed, or met further than `sure` from where joints should be."""
-    return np.flatnonzero((newton.away(u, near) > sure) | ~newton.met(miss))
-
-
-def _likely(
-    newton: Newton,
-    u: Array,
-    miss: Array,
-    near: Array,
-    owner: Index,
-    start: Array,
-) -> Mask:
-    """Which starts (k, dof) may lead to joints that are nearer than the best so far."""
-    away = newton.away(start, near[owner])
-    best = newton.away(u, near)
-    other = newton.away(start, u[owner]) >= 0.5 * SEARCH.margin
-    nearer = other & (away <= best[owner] + SEARCH.margin)
-    missed = ~newton.met(miss[owner])
-    if newton.redundant:  # each slide takes long
-        first = np.full(len(u), np.inf)
-        np.minimum.at(first, owner, away)
-        missed &= away <= first[owner] + SEARCH.surely
-    return np.where(newton.met(miss[owner]), nearer, missed)
-
-
-def _better(
-    newton: Newton,
-    x: Array,
-    near: Array,
-    u: Array,
-    miss: Array,
-    owner: Index,
-    start: Array,
-) -> tuple[Array, Array]:
-    """The best joints (n, dof) of those so far and those that starts (k, dof) lead to, and misses.
-
-    A target that is met goes before one that is missed, then what is near counts.
-    """
-    if not len(owner):
-        return u, miss
-    others, missing = newton.settle(start, x[owner], near[owner])
-    count = len(u)
-    owner = np.concatenate([np.arange(count), owner])
-    u = np.concatenate([u, others])
-    miss = np.concatenate([miss, missing])
-    missed = ~newton.met(miss)
-    away = newton.away(u, near[owner])
-    order = np.lexsort((np.where(missed, miss, away), missed, owner))
-    best = order[np.searchsorted(owner[order], np.arange(count))]
-    return u[best], miss[best]
-
-
-def _drawn(dof: int) -> Array:
-    """Joints (n, dof) at random all over their ranges, many at a limit."""
+def _drawn(rows: Index, dof: int) -> tuple[Index, Array]:
+    """For each row joints (k, dof) at random all over their ranges, many at a limit."""
     u = np.random.default_rng(0).random((SEARCH.drawn, dof))
-    return np.clip(u + SEARCH.aside * (2.0 * u - 1.0), 0.0, 1.0)
+    u = np.clip(u + SEARCH.aside * (2.0 * u - 1.0), 0.0, 1.0)
+    return np.repeat(rows, SEARCH.drawn), np.tile(u, (len(rows), 1))
 
 
-def twins(newton: Newton, u: Array, x: Array) -> tuple[Index, Array]:
-    """Rows (m,) of `u` (n, dof) near a fold, and starts (m, dof) for the ways across it.
+def twins(newton: Newton, stand: Stand) -> tuple[Index, Array]:
+    """Rows (m,) near a fold, and starts (m, dof) for the ways across it.
 
     At a fold, where the Jacobian loses a direction, two ways meet.  Along the direction that hardly
     moves the tip its least singular value falls linearly to zero, and the other way lies about as
     far beyond as this one lies before.
     """
-    slope = newton.task.residual(u, x)[1]
-    sides, size, directions = np.linalg.svd(slope, full_matrices=False)
+    sides, size, directions = np.linalg.svd(stand.slope, full_matrices=False)
     folded = size[:, -1] ** 2 <= SEARCH.folded * (size * size).sum(axis=1)
     rows = np.flatnonzero(folded)
+    if not len(rows):
+        return rows, stand.u[rows]
+    here = stand.rows(rows)
     side = sides[rows, :, -1]
     flat = directions[rows, -1]
     shift = SEARCH.probe * flat
-    ahead = newton.task.residual(u[rows] + shift, x[rows])[1]
-    behind = newton.task.residual(u[rows] - shift, x[rows])[1]
+    ahead = newton.task.residual(here.u + shift, here.x)[1]
+    behind = newton.task.residual(here.u - shift, here.x)[1]
     change = (side[:, None] @ (ahead - behind) @ flat[:, :, None])[:, 0, 0]
     rate = change / (2 * SEARCH.probe)
     reach = -2.0 * size[rows, -1] / np.where(rate == 0.0, np.inf, rate)
     near = (np.abs(reach) < SEARCH.beyond) & (reach != 0.0)
-    across = u[rows[near]] + reach[near, None] * flat[near]
+    across = here.u[near] + reach[near, None] * flat[near]
     return rows[near], newton.clip(across)

@@ -19,7 +19,8 @@ class TrackingSettings:
 
     # of the ranges: joints that move further are looked at closely
     smooth: float = 0.05
-    halved: int = 10  # times that a step is halved at most
+    # pieces of a step, each tried where joints do not follow the ones before
+    pieces: tuple[int, ...] = (1, 8, 64, 512)
     # of the workspace, and of its nodes' spacing: targets further away from all nodes are
     # not followed
     beyond: float = 0.1
@@ -107,45 +108,43 @@ def _furthest(search: Search, x: Array, front: Array) -> Array:
 
 
 def _advance(
-    search: Search,
-    u: Array,
-    begin: Array,
-    end: Array,
-    depth: int = 0,
-    *,
-    halfway: bool = False,
+    search: Search, start: Array, begin: Array, end: Array
 ) -> tuple[Array, Mask]:
-    """Joints (n, dof) moved along a line, in halves if far, and whether they kept to it.
-
-    Targets `halfway` may be missed.
-    """
+    """Joints (n, dof) moved along a line, in pieces if far, and whether they kept to it."""
     newton = search.newton
-    targets = np.tile(end, (len(u), 1))
+    moved = start.copy()
+    going = np.zeros(len(start), dtype=bool)
+    for pieces in TRACKING.pieces:
+        rows = np.flatnonzero(~going)
+        u = start[rows]
+        smooth = np.ones(len(rows), dtype=bool)
+        for share in np.linspace(0.0, 1.0, pieces + 1)[1:]:
+            trial, miss = _step(search, u, begin + share * (end - begin))
+            smooth &= newton.away(trial, u) <= TRACKING.smooth
+            u = trial
+        moved[rows] = u
+        going[rows] = smooth & newton.met(miss)
+        if not going.all() and pieces == 1 and not _reaches(search, end):
+            going[:] = True  # joints are as close as they can be
+        if going.all():
+            break
+    return moved, going
+
+
+def _step(search: Search, u: Array, target: Array) -> tuple[Array, Array]:
+    """Joints (n, dof) of the next target (m,), and what is missing; spare ones drift."""
+    newton = search.newton
+    targets = np.tile(target, (len(u), 1))
     if newton.redundant:
         middle = np.full(u.shape, 0.5)
-        drift = TRACKING.wish * newton.scale.difference(middle, u)
-        trial, miss = newton.settle(u, targets, u + drift)
-    else:
-        trial, miss = newton.refine(u, targets, SEARCH.close, TRACKING.few)
-    going = newton.away(trial, u) <= TRACKING.smooth
-    going &= newton.met(miss) | halfway
-    again = np.flatnonzero(~going)
-    if len(again) and depth == 0 and not _reaches(search, end):
-        going[:] = True  # joints are as close as they can be
-    elif len(again) and depth < TRACKING.halved:
-        between = 0.5 * (begin + end)
-        half, first = _advance(
-            search, u[again], begin, between, depth + 1, halfway=True
-        )
-        trial[again], second = _advance(
-            search, half, between, end, depth + 1, halfway=halfway
-        )
-        going[again] = first & second
-    return trial, going
+        wish = TRACKING.wish * newton.scale.difference(middle, u)
+        u = u + newton.tangent(newton.at(u, targets), wish)
+    stand = newton.refine(u, targets, SEARCH.close, TRACKING.few)
+    return stand.u, stand.miss
 
 
 def _reaches(search: Search, x: Array) -> bool:
     """Whether the links lead to joints that meet a target (m,)."""
     owner, start = search.starts.of(x[None])
-    miss = search.newton.refine(start, x[None][owner], SEARCH.close)[1]
-    return bool(search.newton.met(miss).any())
+    stand = search.newton.refine(start, x[None][owner], SEARCH.close)
+    return bool(search.newton.met(stand.miss).any())

@@ -8,13 +8,10 @@ from ..common.arrays import Array, Index, Mask
 from ..common.scale import Scale
 
 
-def by_middle(
-    scale: Scale, target: Index, u: Array, miss: Array
-) -> tuple[Index, Array, Array]:
-    """Ways sorted by target and distance to the middle of the ranges."""
+def by_middle(scale: Scale, target: Index, u: Array) -> Index:
+    """Order of ways (n,) by target and distance to the middle of the ranges."""
     away = np.linalg.norm(scale.difference(u, np.full_like(u, 0.5)), axis=1)
-    order = np.lexsort((away, target))
-    return target[order], u[order], miss[order]
+    return np.lexsort((away, target))
 
 
 def rank_within(owner: Index) -> Index:

@@ -222,8 +222,8 @@ class Space:
         """
         search = self.search(posed=r is not None)
         target = p if r is None else Poses.target(p, r)
-        u, miss = search.newton.refine(self._unit(near), target)
-        return self._scale.from_unit(u), miss
+        stand = search.newton.refine(self._unit(near), target)
+        return self._scale.from_unit(stand.u), stand.miss
 
     def at_positions(
         self, p: Array, near: Array, *, keep: bool = False
@@ -237,7 +237,7 @@ class Space:
         wish = self._unit(near)
         if keep:
             wish = self._turned_least(p, wish)
-        return self._scale.from_unit(search.nearest(p, wish)[0])
+        return self._scale.from_unit(search.nearest(p, wish).u)
 
     def _turned_least(self, p: Array, u: Array) -> Array:
         """Joints for positions (n, 3), turned as little as possible from where joints `u` are."""
@@ -247,7 +247,7 @@ class Space:
         )
         target = Poses.target(p, self.evaluate(self._scale.from_unit(u))[1])
         newton = Newton(task, self._scale)
-        return newton.refine(u, target, steps=4 * SEARCH.steps)[0]
+        return newton.refine(u, target, steps=4 * SEARCH.steps).u
 
     def at_poses(
         self, p: Array, r: Array, near: Array, free: int | None = None
@@ -276,7 +276,7 @@ class Space:
                 )
             rest = np.flatnonzero(sure == 0)
         if len(rest):
-            u = search.nearest(target[rest], self._unit(near[rest]))[0]
+            u = search.nearest(target[rest], self._unit(near[rest])).u
             q[rest] = self._scale.from_unit(u)
         return q
 
@@ -306,8 +306,8 @@ class Space:
             ways, target, self._unit(near), strict=True
         ):
             if not len(rows):
-                rows = search.nearest(goal[None], wish[None])[0]
-                answers.append(self._scale.from_unit(rows))
+                stand = search.nearest(goal[None], wish[None])
+                answers.append(self._scale.from_unit(stand.u))
                 continue
             u = self._scale.to_unit(rows)
             u = u[np.argsort(newton.away(u, wish), kind="stable")]
@@ -315,8 +315,8 @@ class Space:
                 u = u[:_FAMILIES]
                 goals = np.tile(goal, (len(u), 1))
                 wishes = np.tile(wish, (len(u), 1))
-                near, miss = newton.settle(u, goals, wishes)
-                u = np.where(newton.met(miss)[:, None], near, u)
+                stand = newton.settle(u, goals, wishes)
+                u = np.where(newton.met(stand.miss)[:, None], stand.u, u)
             answers.append(self._scale.from_unit(u))
         return answers
 
