@@ -33,6 +33,8 @@ class LinkSettings:
     ahead: int = 48  # sensory nodes that a single query makes ready
     # of the largest singular value: less is left out of a first step
     flat: float = 1e-2
+    # branches further apart than a node have starts of their own
+    folded: float = 1e-3
 
 
 LINKS = LinkSettings()
@@ -46,7 +48,8 @@ def search_by_links(association: Association, predictor: Predictor) -> Search:
     task = Positions(predictor.value_and_slope, len(place.span), extent)
     newton = Newton(task, scale)
     sure = SEARCH.surely if newton.redundant else SEARCH.beside
-    return Search(newton, LinkStarts(association, newton), sure)
+    starts = LinkStarts(association, newton)
+    return Search(newton, starts, sure, LINKS.folded)
 
 
 class LinkStarts:

@@ -85,25 +85,32 @@ class Newton:
         enough = tolerance * self.task.size
         rounding = max(tolerance, 1e-12) * self.task.size
         stand = self.at(u, x)
-        damping = np.full(len(u), SEARCH.easy)
         rows = np.flatnonzero(stand.miss > enough)
+        here = stand.rows(rows)
+        damping = np.full(len(rows), SEARCH.easy)
         for _ in range(steps):
             if not len(rows):
                 break
-            here = stand.rows(rows)
-            step = self.move(here, damping[rows])
+            step = self.move(here, damping)
             trial = self.at(here.u + capped(step, SEARCH.longest), here.x)
             gain = here.miss - trial.miss
             better = gain > 0.0
-            stand.put(rows[better], trial.rows(better))
-            eased = np.maximum(damping[rows] / SEARCH.easier, SEARCH.easiest)
-            harder = np.maximum(damping[rows] * SEARCH.easier, SEARCH.hard)
-            damping[rows] = np.where(better, eased, harder)
-            slow = gain < SEARCH.slow * here.miss
-            ends = slow & (better | (here.miss < rounding))
+            ends = gain < SEARCH.slow * here.miss
+            ends &= better | (here.miss < rounding)
             ends |= np.abs(step).max(axis=1) < 1e-15
-            ends |= damping[rows] > SEARCH.hardest
-            rows = rows[~(ends | (stand.miss[rows] < enough))]
+            eased = np.maximum(damping / SEARCH.easier, SEARCH.easiest)
+            harder = np.maximum(damping * SEARCH.easier, SEARCH.hard)
+            damping = np.where(better, eased, harder)
+            if better.all():
+                here = trial
+            else:
+                here.put(better, trial.rows(better))
+            stand.put(rows, here)
+            going = ~(ends | (damping > SEARCH.hardest) | (here.miss < enough))
+            if not going.all():
+                rows = rows[going]
+                here = here.rows(going)
+                damping = damping[going]
         return stand
 
     def settle(

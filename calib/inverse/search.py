@@ -34,6 +34,8 @@ class Search:
     newton: Newton
     starts: Starts
     sure: float  # so near to what was asked no other way is nearer
+    # least singular value of the Jacobian's squares, beside a fold that starts overlook
+    folded: float = SEARCH.folded
 
     @property
     def extent(self) -> float:
@@ -92,26 +94,32 @@ class Search:
             self._improve(best, near, rows, near[rows])
         else:
             best = newton.settle(near, x, near)
-        rows = self._unsure(best, near, self.sure)
+        rank = self._rank(best, near)
+        rows = np.flatnonzero(rank > self.sure)
         if len(rows):
             owner, start = self.starts.of(x[rows])
             owner = rows[owner]
             away = newton.away(start, near[owner])
-            first = self._rank(best, near)
+            first = rank.copy()
             np.minimum.at(first, owner, away + 2 * SEARCH.margin)
             likely = away <= first[owner] + SEARCH.margin
             # starts beside an answer lead to it
             other = newton.away(start, best.u[owner]) >= 0.5 * SEARCH.margin
-            likely &= other | ~newton.met(best.miss[owner])
+            likely &= other | (rank[owner] >= _FURTHER)
             self._improve(best, near, owner[likely], start[likely])
-            missed = ~likely & ~newton.met(best.miss[owner])
+            rank = self._rank(best, near)
+            missed = ~likely & (rank[owner] >= _FURTHER)
             self._improve(best, near, owner[missed], start[missed])
         rows = np.flatnonzero(~newton.met(best.miss))
-        self._improve(best, near, *_drawn(rows, near.shape[1]))
-        if not newton.redundant:
-            rows = self._unsure(best, near, SEARCH.beside)
-            row, start = twins(newton, best.rows(rows))
-            self._improve(best, near, rows[row], start)
+        if len(rows):
+            self._improve(best, near, *_drawn(rows, near.shape[1]))
+        rows = np.flatnonzero(rank > SEARCH.beside)
+        if len(rows) and not newton.redundant:
+            row, start = twins(newton, best.rows(rows), self.folded)
+            row = rows[row]
+            limit = self._rank(best.rows(row), near[row]) + SEARCH.margin
+            likely = newton.away(start, near[row]) <= limit
+            self._improve(best, near, row[likely], start[likely])
         return best
 
     def every(self, x: Array) -> tuple[Index, Array, Array]:
@@ -129,7 +137,7 @@ class Search:
         u = stand.u
         miss = stand.miss
         if not newton.redundant:  # where branches meet
-            row, start = twins(newton, stand)
+            row, start = twins(newton, stand, SEARCH.folded)
             across = newton.refine(start, stand.x[row])
             target = np.concatenate([target, target[row]])
             u = np.concatenate([u, across.u])
@@ -142,10 +150,6 @@ class Search:
         single = distinct(newton.scale, target[order], u[order], SEARCH.same)
         order = order[single]
         return target[order], u[order], miss[order]
-
-    def _unsure(self, stand: Stand, near: Array, sure: float) -> Index:
-        """Targets that are missed, or met further than `sure` from where joints should be."""
-        return np.flatnonzero(self._rank(stand, near) > sure)
 
     def _rank(self, stand: Stand, near: Array) -> Array:
         """What (n,) makes answers better the less it is: how near if they are met, else the miss."""
@@ -161,12 +165,11 @@ class Search:
             return
         trial = self.newton.settle(start, best.x[owner], near[owner])
         rank = self._rank(trial, near[owner])
-        order = np.lexsort((rank, owner))
-        rows, first = np.unique(owner[order], return_index=True)
-        first = order[first]
-        before = self._rank(best.rows(rows), near[rows])
-        better = rank[first] < before
-        best.put(rows[better], trial.rows(first[better]))
+        before = self._rank(best, near)
+        lowest = before.copy()
+        np.minimum.at(lowest, owner, rank)
+        better = (rank < before[owner]) & (rank == lowest[owner])
+        best.put(owner[better], trial.rows(better))
 
 
 def _drawn(rows: Index, dof: int) -> tuple[Index, Array]:
@@ -176,7 +179,9 @@ def _drawn(rows: Index, dof: int) -> tuple[Index, Array]:
     return np.repeat(rows, SEARCH.drawn), np.tile(u, (len(rows), 1))
 
 
-def twins(newton: Newton, stand: Stand) -> tuple[Index, Array]:
+def twins(
+    newton: Newton, stand: Stand, folded: float
+) -> tuple[Index, Array]:
     """Rows (m,) near a fold, and starts (m, dof) for the ways across it.
 
     At a fold, where the Jacobian loses a direction, two ways meet.  Along the direction that hardly
@@ -184,18 +189,16 @@ def twins(newton: Newton, stand: Stand) -> tuple[Index, Array]:
     far beyond as this one lies before.
     """
     sides, size, directions = np.linalg.svd(stand.slope, full_matrices=False)
-    folded = size[:, -1] ** 2 <= SEARCH.folded * (size * size).sum(axis=1)
-    rows = np.flatnonzero(folded)
+    flattest = size[:, -1] ** 2 <= folded * (size * size).sum(axis=1)
+    rows = np.flatnonzero(flattest)
     if not len(rows):
         return rows, stand.u[rows]
     here = stand.rows(rows)
     side = sides[rows, :, -1]
     flat = directions[rows, -1]
-    shift = SEARCH.probe * flat
-    ahead = newton.task.residual(here.u + shift, here.x)[1]
-    behind = newton.task.residual(here.u - shift, here.x)[1]
-    change = (side[:, None] @ (ahead - behind) @ flat[:, :, None])[:, 0, 0]
-    rate = change / (2 * SEARCH.probe)
+    ahead = newton.task.residual(here.u + SEARCH.probe * flat, here.x)[1]
+    change = side[:, None] @ (ahead - here.slope) @ flat[:, :, None]
+    rate = change[:, 0, 0] / SEARCH.probe
     reach = -2.0 * size[rows, -1] / np.where(rate == 0.0, np.inf, rate)
     near = (np.abs(reach) < SEARCH.beyond) & (reach != 0.0)
     across = here.u[near] + reach[near, None] * flat[near]
