@@ -229,7 +229,7 @@ class Model(Parts):
         if (
             self.kernel is not None
             and readout in (None, "local")
-            and near is not None
+            and (near is not None or (self.strict and np.ndim(x) == 1))
         ):
             quick = self._single_inverse(self.kernel, x, near, nearest=nearest)
             if quick is not None:
@@ -247,8 +247,15 @@ class Model(Parts):
         return q[0] if np.ndim(x) == 1 else q
 
     def _single_inverse(
-        self, kernel: Compiled, x: ArrayLike, near: ArrayLike, *, nearest: bool
+        self,
+        kernel: Compiled,
+        x: ArrayLike,
+        near: ArrayLike | None,
+        *,
+        nearest: bool,
     ) -> Array | None:
+        if near is None:
+            near = 0.5 * (self.about.lower + self.about.upper)
         answer = kernel.ask("inverse", near, x)
         if answer is None:
             return None
@@ -398,7 +405,7 @@ class Model(Parts):
         """
         from .poses import solve_poses
 
-        if self.kernel is not None and quaternion is not None:
+        if self.kernel is not None and np.ndim(position) == 1:
             quick = self._single_pose(position, quaternion, near, frame, free)
             if quick is not None:
                 return quick
@@ -417,7 +424,7 @@ class Model(Parts):
     def _single_pose(
         self,
         position: ArrayLike,
-        quaternion: ArrayLike,
+        quaternion: ArrayLike | None,
         near: ArrayLike | None,
         frame: str,
         free: str | None,
@@ -426,16 +433,21 @@ class Model(Parts):
         from .poses import free_axis, pose_in_sensor
 
         kernel = self.kernel
-        if kernel is None or not kernel.poses or np.ndim(position) != 1:
+        if kernel is None or not kernel.poses:
             return None
+        turn = (0.0, 0.0, 0.0, 1.0) if quaternion is None else quaternion
         if frame == "base":
-            position, quaternion = pose_in_sensor(self, position, quaternion)
+            position, turn = pose_in_sensor(self, position, turn)
         if near is None:
             near = 0.5 * (self.about.lower + self.about.upper)
+        if quaternion is None:
+            if not self.strict:
+                return None
+            return self._single_inverse(kernel, position, near, nearest=False)
         axis = free_axis(free)
         open_axis = [-1 if axis is None else axis]
         answer = kernel.ask(
-            "poses", near, position, quaternion, open_axis, [-1]
+            "poses", near, position, turn, open_axis, [-1]
         )
         if answer is None:
             return None
