@@ -1,4 +1,4 @@
-"""Honesty where the truth is known: paths, cameras, exact worlds, noise, clocks."""
+"""Honesty where the truth is known: paths, cameras, clocks."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from honest_worlds import (
-    FOUR_LINKS,
     LENGTHS,
     Row,
     distance,
@@ -16,17 +15,11 @@ from honest_worlds import (
     row,
     samples,
     tip,
-    turned,
-    world,
 )
 
 import calib
-from calib.arm.loading import arm_from_urdf
 
 Array = Any
-
-BEFORE = {"lens": 6.4e-7, "ripple": 8.4e-4, "bump": 1.8e-4, "latent": 3.2e-6}
-"""Mean error of exact worlds without the body [mm], by this script on release 0.1."""
 
 
 @cache
@@ -169,64 +162,6 @@ def _sign_right(model: calib.Model, dof: int, seed: int) -> bool:
     sense[int(rng.integers(1, dof))] = -1.0
     found = np.asarray(model.body.structure.signs, dtype=float)
     return bool(np.array_equal(found * found[0], sense))
-
-
-def noise(quick: bool) -> Iterator[Row]:
-    """1 mm of noise on 20,000 rows of two_link."""
-    arm, n = _two_link(), 4000 if quick else 20_000
-    model = calib.train(calib.babble(arm, n, seed=0, noise=1e-3), size=30 if quick else 70)
-    yield row(
-        f"two_link, {n} rows at 1 mm",
-        1e3 * model.about.errors["local"]["forward"]["distance"]["mean"],
-        "mm",
-        most=0.026 * (20_000 / n) ** 0.5,
-    )
-
-
-def exact(quick: bool) -> Iterator[Row]:
-    """Exact simulated arms of two to four joints."""
-    arms = [calib.load_arm(name) for name in ("two_link", "scara", "three_link")]
-    for arm in (*arms, arm_from_urdf(FOUR_LINKS, ["j0", "j1", "j2", "j3"], "tip")):
-        n = 4000 if quick else 20_000
-        model = calib.train(calib.babble(arm, n, seed=0), size=30 if arm.dof == 2 else None)
-        error = 1e3 * model.about.errors["local"]["forward"]["distance"]["mean"]
-        yield row(f"exact {arm.name}, {arm.dof} joints", error, "mm", most=1e-6)
-
-
-def worlds(quick: bool) -> Iterator[Row]:
-    """Exact maps that are no chain: nothing may be lost there."""
-    arm = _two_link()
-    rng = np.random.default_rng(1)
-    n = 2000 if quick else 10_000
-    q, asked = (rng.uniform(arm.lower, arm.upper, (m, 2)) for m in (n, 2000))
-    for name, most in BEFORE.items():
-        truth = world(name)
-        model = calib.train(samples(q, truth(q), arm.lower, arm.upper), size=30)
-        miss = distance(model.forward(asked), truth(asked))
-        yield row(
-            f"exact world without a chain: {name}, {n} rows",
-            1e3 * float(np.nanmean(miss)),
-            "mm",
-            most=None if quick else most,
-            more=f"answered {100 * np.isfinite(miss).mean():.0f} %",
-        )
-
-
-def three(quick: bool) -> Iterator[Row]:
-    """Three joints, 58 rows at 0.15 mm, no URDF."""
-    means, largest = [], []
-    lower, upper = np.radians([0.0, 15.0, -90.0]), np.radians([90.0, 150.0, 90.0])
-    for seed in range(2 if quick else 8):
-        rng = np.random.default_rng(seed)
-        angle, shift = rng.uniform(-3, 3), rng.uniform(-0.2, 0.2, 2)
-        q, asked = (rng.uniform(lower, upper, (m, 3)) for m in (58, 1500))
-        x = turned(tip(q, LENGTHS[3]), angle, shift) + 1.5e-4 * rng.standard_normal((58, 2))
-        model = calib.train(samples(q, x, lower, upper))
-        miss = distance(model.forward(asked), turned(tip(asked, LENGTHS[3]), angle, shift))
-        means.append(1e3 * float(np.nanmean(miss)))
-        largest.append(1e3 * float(np.nanmax(miss)))
-    yield row("three joints, 58 rows at 0.15 mm, no URDF", float(np.mean(means)), "mm", most=0.5)
-    yield row("the same, largest of all", float(np.max(largest)), "mm", most=3.0)
 
 
 LATE = (0.0, 0.005, 0.02, -0.02)  # [s]

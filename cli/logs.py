@@ -242,7 +242,7 @@ def _sensor_of_log(model: Model, source: Source) -> str:
     It is the first one's where neither says another.
     """
     from calib.errors import LogError
-    from calib.samples.sensors import names_of_sensors
+    from calib.samples.tables import names_of_sensors
 
     if len(model.sensors) == 1:
         return ""

@@ -140,6 +140,7 @@ class Shooting:
         else:
             log = log_pictures(source, table, setting)
             paths = {picture.name: picture for picture in list_pictures(source)}
+            assert log.pictures is not None  # noqa: S101 - of pictures
             path = paths[log.pictures[len(log) // 2]]
         say(log.notes)
         folder = Path(output).resolve().parent

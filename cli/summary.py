@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from calib.common.choices import READOUTS
 from calib.common.wording import printable
-from calib.model.facts import STATISTICS, Errors, shown_errors
+from calib.model.about import STATISTICS, Errors, shown_errors
 
 from .output import NO, TextTable, number, sized
 from .units import units_of

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from calib.common.wording import for_people, unit_of_joint
-from calib.model.facts import learned_range
+from calib.model.about import learned_range
 
 from .output import fixed, sized
 from .parsing import BadOption, OfJoint, bad_value

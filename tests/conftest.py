@@ -11,13 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from threadpoolctl import threadpool_limits
 
 import calib
 
 # a deadline would test how busy the machine is
-settings.register_profile("calib", deadline=None)
+settings.register_profile(
+    "calib", deadline=None, derandomize=True, suppress_health_check=HealthCheck
+)
 settings.load_profile("calib")
 
 

@@ -62,7 +62,7 @@ class LogRows:
     @property
     def motion(self) -> Motion:
         """Their motion, as the log has it."""
-        return Motion(self.logged, self.side)
+        return Motion(self.logged, side=self.side)
 
     @property
     def u(self) -> Array:
@@ -109,12 +109,11 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     _refuse_degrees(model, log)
     log, told = sound_log(model, log)
     notes = [*notes, *told]
-    motion = log.motion
     first = np.sort(
         np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1]
     )
     repeated = len(log) - len(first)
-    prediction = predict(model, motion.take(first))
+    prediction = predict(model, log.take(first))
     answered = np.isfinite(prediction.bound)
     if answered.sum() < _LEAST_ROWS:
         why = "measure more poses, spread over the joints' ranges"
@@ -139,13 +138,13 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     scale = model.motor.scale
     stands = scale.from_unit(scale.to_unit(prediction.joints[answered]))
     predicted = prediction.value[answered]
-    assert motion.side is not None  # noqa: S101 - of a log they are known
+    assert log.side is not None  # noqa: S101 - of a log they are known
     return LogRows(
         model=model,
         cause=cause,
         logged=q,
         q=stands,
-        side=motion.side[rows],
+        side=log.side[rows],
         x=x,
         orientation=turns,
         unit=unit,

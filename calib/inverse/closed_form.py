@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arm.rotations import exponential
 from ..arm.spatial_chain import SpatialChain
-from ..common.arrays import Array, Index
+from ..common.arrays import Array
 
 #: Axes of a drawing meet, or are parallel, within this share of its length, or angle [rad].
 _EXACT = 1e-4
@@ -87,7 +87,7 @@ class ClosedForm:
         return _angle(axis, reached, goal), lower
 
     def _spherical_arm(self, turn: Array, place: Array) -> tuple[Array, ...]:
-        """Angles of joints 2 to 6 of an arm with a spherical wrist, given its first joint."""
+        """Angles of joints 2 to 6 with a spherical wrist, given the first joint."""
         upper, lower = self._arm(place, self.meeting)
         along = _turns(self.axes[1], upper) @ _turns(self.axes[2], lower)
         turn = np.swapaxes(along, -1, -2) @ turn
@@ -100,7 +100,7 @@ class ClosedForm:
         return upper, lower, one, middle, -three
 
     def _parallel_arm(self, turn: Array, place: Array) -> tuple[Array, ...]:
-        """Angles of joints 2 to 6 of an arm with parallel axes 2, 3 and 4, given its first joint."""
+        """Angles of joints 2 to 6 with parallel axes 2, 3 and 4, given the first joint."""
         axis = self.axes[1]
         fifth = self.axes[4]
         sixth = self.axes[5]

@@ -14,7 +14,7 @@ import numpy as np
 from ..common.arrays import Array, Index, Mask
 from .newton import Newton, lengths, shortened
 from .settings import SEARCH
-from .ways import by_middle, rank_within
+from .ways import by_middle
 
 
 @dataclass(frozen=True)

@@ -161,7 +161,8 @@ class LinkStarts:
         """Position (n, m) and inverse Jacobian (n, dof, m) at joints (n, dof)."""
         origin = np.zeros((len(u), self._newton.task.count))
         stand = self._newton.at(u, origin)
-        return -stand.gap, np.linalg.pinv(stand.slope, rcond=LINKS.flat)
+        inverse = np.linalg.pinv(stand.slope, rcond=LINKS.flat)
+        return -stand.gap, np.asarray(inverse)
 
 
 def _linear(inverse: Array, gap: Array) -> Array:

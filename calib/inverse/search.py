@@ -85,7 +85,7 @@ class Search:
         return target[order], u[order], miss[order]
 
     def nearest(self, x: Array, near: Array) -> Stand:
-        """Joints nearest to `near` (n, dof) for targets `x`; where none are met what comes close."""
+        """Joints nearest to `near` (n, dof) for targets `x`, or what comes close to them."""
         newton = self.newton
         if self.sure < SEARCH.surely:
             best = newton.at(near, x)
@@ -152,7 +152,7 @@ class Search:
         return target[order], u[order], miss[order]
 
     def _rank(self, stand: Stand, near: Array) -> Array:
-        """What (n,) makes answers better the less it is: how near if they are met, else the miss."""
+        """How bad answers are, (n,): how far from `near` if they are met, else by the miss."""
         away = self.newton.away(stand.u, near)
         behind = _FURTHER + stand.miss / self.newton.task.size
         return np.where(self.newton.met(stand.miss), away, behind)
@@ -179,9 +179,7 @@ def _drawn(rows: Index, dof: int) -> tuple[Index, Array]:
     return np.repeat(rows, SEARCH.drawn), np.tile(u, (len(rows), 1))
 
 
-def twins(
-    newton: Newton, stand: Stand, folded: float
-) -> tuple[Index, Array]:
+def twins(newton: Newton, stand: Stand, folded: float) -> tuple[Index, Array]:
     """Rows (m,) near a fold, and starts (m, dof) for the ways across it.
 
     At a fold, where the Jacobian loses a direction, two ways meet.  Along the direction that hardly

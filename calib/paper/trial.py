@@ -14,7 +14,7 @@ from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..maps.association import Association
 from ..maps.density import Gain
-from ..model.facts import Errors
+from ..model.about import Errors
 from ..samples.samples import Samples
 from ..training.learn import TrainingOptions, associate, unit_box
 from ..training.residuals import Residuals, fresh_points, summarise

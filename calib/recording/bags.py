@@ -13,7 +13,7 @@ from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
 from ..common.wording import INSTALL, listed
 from ..errors import LogError
-from ..samples.joint_times import (
+from ..samples.motion import (
     MAX_GAP,
     check_limits,
     covered,

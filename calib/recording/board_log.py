@@ -17,6 +17,7 @@ from .board import parse_board
 from .board_pictures import held_poses
 from .lens import Lens, lens_of_model
 from .reference import find_pose
+from .rigid import inverse, rigid
 
 # share by which the focal length of a camera that was not touched may differ
 _REFOCUSED = 0.02
@@ -47,23 +48,24 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
     in_hand = source["eye"] == "hand"
     point = np.array(source["point"])
     turns = matrix_of(log.orientation)
-    shifts = log.x - turns @ point
+    boards = rigid(turns, log.x - turns @ point)
+    if in_hand:  # the pose is the camera's, in the board's frame
+        boards = inverse(boards)
     board = parse_board(source["board"]).points()
     poses = []
-    for turn, shift in zip(turns, shifts, strict=True):
-        points_ahead = board @ turn.T + shift
-        if in_hand:  # the pose is the camera's, in the board's frame
-            points_ahead = (board - shift) @ turn
+    for pose in boards:
+        points_ahead = board @ pose[:3, :3].T + pose[:3, 3]
         pixels = log_lens.distort(points_ahead[:, :2] / points_ahead[:, 2:])
         poses.append(find_pose(lens, board, pixels))
-    turns, shifts = held_poses(poses, in_hand)
+    hand = held_poses(poses, in_hand)
+    turns = hand[:, :3, :3]
     note = (
         f"poses are told with the model's lens: of these pictures alone the focal length was "
         f"{growth:+.2%} off it"
     )
     return replace(
         log,
-        x=turns @ point + shifts,
+        x=turns @ point + hand[:, :3, 3],
         orientation=quaternion_of(turns),
         source={**source, "lens": lens.to_json()},
         notes=(*log.notes, note),

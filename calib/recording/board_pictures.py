@@ -19,7 +19,8 @@ from .joint_table import JointTable, read_joints, read_shots
 from .lens import Lens, calibrate_lens
 from .lerobot import is_dataset, read_dataset
 from .pictures import Picture
-from .reference import Pose, find_pose, turns_and_shifts
+from .reference import Pose, find_pose, matrices
+from .rigid import inverse
 
 LEAST = 4
 """Pictures of the board that tell where it is, and in which another one is looked for."""
@@ -85,7 +86,8 @@ class BoardPictures:
         The point that it tells is ahead of the camera, or in the middle of the board.
         """
         poses = self.poses(lens)
-        turns, shifts = held_poses(poses, in_hand)
+        hand = held_poses(poses, in_hand)
+        turns = hand[:, :3, :3]
         # a small turn and a shift of the board, in the camera's axes, move and turn what is told
         if in_hand:
             at = AHEAD * float(np.hypot(*self.board.size)) * np.eye(3)[2]
@@ -115,26 +117,23 @@ class BoardPictures:
         }
         return Samples(
             self.q,
-            turns @ at + shifts,
+            turns @ at + hand[:, :3, 3],
             self.joint_names,
             source=source,
             notes=self.notes,
             orientation=quaternion_of(turns),
             covariance=covariance,
-            pictures=self.names,
+            pictures=np.array(self.names),
             episode=None
             if self.episodes is None
             else self.episodes.astype(float),
         )
 
 
-def held_poses(poses: Sequence[Pose], in_hand: bool) -> tuple[Array, Array]:
-    """Turns (p, 3, 3) and shifts (p, 3) [m] of what is in the hand, seen from what stands still."""
-    turns, shifts = turns_and_shifts(poses)
-    if not in_hand:
-        return turns, shifts
-    back = np.swapaxes(turns, 1, 2)
-    return back, -np.einsum("pij,pj->pi", back, shifts)
+def held_poses(poses: Sequence[Pose], in_hand: bool) -> Array:
+    """What is in the hand (p, 4, 4) [m], seen from what stands still."""
+    boards = matrices(poses)
+    return inverse(boards) if in_hand else boards
 
 
 def find_board(
@@ -183,59 +182,68 @@ def find_board(
         raise LogError(
             f"{len(pictures)} pictures and {len(rows)} rows of joints: expected as many"
         )
-    shown: list[str] = []
-    places: list[int] = []
+    shown: dict[int, str] = {}  # names by row
     corners: list[dict[int, Array]] = []
     without: dict[str, int] = {}
+    copies: list[str] = []
+    contents: set[bytes] = set()
     looked: list[Picture] = []
-    size = (0, 0)
-    largest: tuple[int, Picture] | None = None
+    largest = None
+    grey = np.zeros((0, 0), np.uint8)
     for number, name, grey in frames:
+        content = grey.tobytes()
         marks = board.find(grey)
-        size = (grey.shape[1], grey.shape[0])
-        if len(marks) < LEAST_CORNERS:
+        if content in contents:
+            copies.append(name)
+        elif len(marks) < LEAST_CORNERS:
             without[name] = len(marks)
-            looked += [grey] * (len(looked) < LEAST)
-            continue
-        if largest is None or len(marks) > len(corners[largest[0]]):
-            largest = (len(shown), grey)
-        shown.append(name)
-        places.append(rows[number])
-        corners.append(marks)
-    count = len(shown) + len(without)
+            looked.append(grey)
+        else:
+            if len(marks) > max(map(len, corners), default=0):
+                largest = (len(shown), grey)
+            shown[rows[number]] = name
+            corners.append(marks)
+        contents.add(content)
+    count = len(shown) + len(without) + len(copies)
     if len(shown) < LEAST:
         most = max([*without.values(), *map(len, corners)], default=0)
         raise LogError(
             f"the board is in {len(shown)} of {count} pictures, expected {LEAST} with "
-            f"{LEAST_CORNERS} corners or more (at most {most} found): {_instead(looked, board)}"
+            f"{LEAST_CORNERS} corners or more (at most {most} found): "
+            f"{_instead(looked[:LEAST], board)}"
         )
-    if without:
-        notes.append(
-            f"no board, or fewer than {LEAST_CORNERS} corners of it, in {len(without)} pictures, "
-            f"left out: {listed(without)}"
-        )
+    reasons = {
+        f"no board, or fewer than {LEAST_CORNERS} corners of it": without,
+        "copies of others": copies,
+    }
+    for reason, left in reasons.items():
+        if left:
+            notes.append(
+                f"{reason}, in {len(left)} pictures, left out: {listed(left)}"
+            )
+    places = np.array([*shown])
     episodes = table.episodes
     return BoardPictures(
         board=board,
         joint_names=table.names,
-        names=tuple(shown),
+        names=tuple(shown.values()),
         q=table.q[places],
         corners=tuple(corners),
-        size=size,
+        size=(grey.shape[1], grey.shape[0]),
         count=count,
         notes=tuple(notes),
         episodes=None if episodes is None else episodes[places],
-        rows=np.array(places),
+        rows=places,
         largest=largest,
     )
 
 
 def _instead(looked: Sequence[Picture], board: Pattern) -> str:
     """What pictures without the board show."""
-    mirrored = [np.ascontiguousarray(grey[:, ::-1]) for grey in looked]
     columns = board.columns
     rows = board.rows
     turned = replace(board, columns=rows, rows=columns)
+    mirrored = [np.ascontiguousarray(grey[:, ::-1]) for grey in looked]
     ways = [
         (turned, looked, f"they show a board of {rows}x{columns} squares"),
         (

@@ -18,7 +18,7 @@ from ..common.parallel import one_blas_thread
 from ..common.rows import thinned
 from ..errors import CalibError, LogError
 from ..samples.delays import estimate_delay
-from ..samples.joint_times import joints_at
+from ..samples.motion import joints_at
 from .track import SOFT, Judge, jumps
 
 

@@ -17,6 +17,7 @@ from ..samples.tables import open_source
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
 from .pictures import opencv
+from .rigid import rigid
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,10 @@ class Pose:
         return -self.rotation.T @ self.shift
 
 
-def turns_and_shifts(poses: Sequence[Pose]) -> tuple[Array, Array]:
-    """Rotations (n, 3, 3) and shifts (n, 3) [m] of poses."""
-    return np.array([p.rotation for p in poses]), np.array(
-        [p.shift for p in poses]
-    )
+def matrices(poses: Sequence[Pose]) -> Array:
+    """Poses as matrices (n, 4, 4)."""
+    turns = np.array([pose.rotation for pose in poses])
+    return rigid(turns, np.array([pose.shift for pose in poses]))
 
 
 def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, TypedDict
 
@@ -13,6 +11,7 @@ import numpy as np
 from ..body.belief import Body
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
+from ..common.choices import Eye
 from ..common.wording import two_digits
 from ..model_file.container import pack
 from ..samples.samples import Samples
@@ -20,7 +19,8 @@ from .conventions import Convention
 
 KIND = "rig"
 UNWRITTEN = ("poses", "body")
-FILED = ("flange", "misses", "covariance", "names", "frames", "photo")
+ARRAYS = ("flange", "misses", "covariance")
+FILED = (*ARRAYS, "names", "frames", "photo")
 """What files hold, and JSON for people does not."""
 
 Place = dict[str, list[float]]
@@ -47,62 +47,24 @@ class Square(TypedDict):
     interval: list[float]
 
 
-@dataclass(frozen=True, eq=False)
-class CameraPlace:
-    """One of several cameras."""
+class CameraPlace(TypedDict, total=False):
+    """One of several cameras as JSON: its place under "hand" or "base", by its eye."""
 
     name: str
-    eye: str
-    place: Place  # in the hand, or in the base
+    eye: Eye
+    hand: Place
+    base: Place
     lens: LensFacts
-    # in the frame of the first camera of its eye
-    from_first: Place | None = None
-
-    def to_json(self) -> dict[str, object]:
-        """What `calib handeye --json` prints of it."""
-        document: dict[str, object] = {"name": self.name, "eye": self.eye}
-        document |= {self.eye: self.place, "lens": self.lens}
-        if self.from_first is not None:
-            document["from_first"] = self.from_first
-        return document
-
-    @classmethod
-    def of(cls, document: Mapping[str, Any]) -> CameraPlace:
-        """The camera that `to_json` told."""
-        eye = document["eye"]
-        first = document.get("from_first")
-        return cls(
-            document["name"], eye, document[eye], document["lens"], first
-        )
+    from_first: Place  # in the frame of the first camera of its eye
 
 
-@dataclass(frozen=True, eq=False)
-class Photo:
+class Photo(TypedDict):
     """A picture that the fit did not see, with its corners [px]."""
 
     name: str
-    jpeg: bytes
-    corners: Array  # (m, 2), as they are
-    predicted: Array  # (m, 2)
-
-    def to_json(self) -> dict[str, object]:
-        """As plain values."""
-        return {
-            "name": self.name,
-            "jpeg": base64.b64encode(self.jpeg).decode(),
-            "corners": self.corners.tolist(),
-            "predicted": self.predicted.tolist(),
-        }
-
-    @classmethod
-    def of(cls, document: Mapping[str, Any]) -> Photo:
-        """The photo that `to_json` told."""
-        return cls(
-            document["name"],
-            base64.b64decode(document["jpeg"]),
-            corners=np.array(document["corners"], float).reshape(-1, 2),
-            predicted=np.array(document["predicted"], float).reshape(-1, 2),
-        )
+    jpeg: str  # in base 64
+    corners: list[list[float]]  # (m, 2), as they are
+    predicted: list[list[float]]  # (m, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,11 +127,12 @@ class HandEye:
     def document(self) -> dict[str, Any]:
         """All but the log and the body, as plain values."""
         names = [field.name for field in fields(self)]
-        return {
-            name: _plain(getattr(self, name))
-            for name in names
-            if name not in UNWRITTEN
-        }
+        document = {name: getattr(self, name) for name in names}
+        for name in UNWRITTEN:
+            del document[name]
+        for name in ARRAYS:
+            document[name] = document[name].tolist()
+        return document
 
     def to_json(self) -> dict[str, object]:
         """What `calib handeye --json` prints."""
@@ -193,13 +156,13 @@ class HandEye:
             _line(f"{self.standing} in the frame of {base}", self.base),
         ]
         for camera in self.cameras[1:]:
-            parent = tip if camera.eye == "hand" else base
-            lines.append(
-                _line(f"{camera.name} in the frame of {parent}", camera.place)
-            )
-            if camera.from_first is not None:
-                words = f"{camera.name} in the first camera's frame"
-                lines.append(_line(words, camera.from_first))
+            name = camera["name"]
+            eye = camera["eye"]
+            parent = tip if eye == "hand" else base
+            lines.append(_line(f"{name} in the frame of {parent}", camera[eye]))
+            if "from_first" in camera:
+                words = f"{name} in the first camera's frame"
+                lines.append(_line(words, camera["from_first"]))
         mean, largest = map(two_digits, self.reprojection.values())
         return [
             *lines,
@@ -210,17 +173,6 @@ class HandEye:
             f"lens: focal length {self.lens['focal']:.1f} ± {two_digits(self.lens['focal_95'])} px",
             f"limited by {self.limited_by}",
         ]
-
-
-def _plain(value: object) -> object:
-    """A value without arrays and classes."""
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, tuple):
-        return [_plain(part) for part in value]
-    if isinstance(value, CameraPlace | Photo):
-        return value.to_json()
-    return value
 
 
 def _line(what: str, place: Place) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import ModelError
 from ..model.model import Model
 from ..model_file.container import check_sum, unpack
-from .rig import KIND, CameraPlace, HandEye, Photo
+from .rig import ARRAYS, KIND, HandEye
 
 
 def rig_of(document: Mapping[str, Any]) -> HandEye:
@@ -21,13 +21,10 @@ def rig_of(document: Mapping[str, Any]) -> HandEye:
     Raises KeyError, TypeError, ValueError if it is none.
     """
     values = dict(document)
-    for name in ("flange", "misses", "covariance"):
+    for name in ARRAYS:
         values[name] = np.array(document[name], float)
-    for name in ("notes", "left_out", "names", "frames"):
+    for name in ("notes", "left_out", "names", "frames", "cameras"):
         values[name] = tuple(document[name])
-    values["cameras"] = tuple(map(CameraPlace.of, document["cameras"]))
-    if document["photo"] is not None:
-        values["photo"] = Photo.of(document["photo"])
     return HandEye(**values)
 
 

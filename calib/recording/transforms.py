@@ -21,8 +21,9 @@ def transform_files(
     if len(rig.cameras) > 1:
         del places["camera_frame"]
         for camera in rig.cameras:
-            parent = tip if camera.eye == "hand" else base
-            places[f"{camera.name}_frame"] = (parent, camera.place)
+            eye = camera["eye"]
+            parent = tip if eye == "hand" else base
+            places[f"{camera['name']}_frame"] = (parent, camera[eye])
     # geometry_msgs/TransformStamped
     stamped = []
     lines: list[str] = []

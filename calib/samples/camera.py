@@ -7,9 +7,7 @@ direction n = (x/z, y/z).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +15,7 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array
 from ..common.rows import numbers
 from ..errors import LogError
+from .tables import Document
 
 # widths and heights [px] that a camera's pictures usually have
 _SIZES = (
@@ -47,7 +46,7 @@ class Camera:
     note: str = ""  # what was assumed
 
 
-def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
+def camera_of(about: Document, pixels: ArrayLike) -> Camera:
     """Return the camera of pixels (n, 2), from what their log says of it or from their extent.
 
     about : may hold "lens", as `calib.recording.lens.Lens.to_json` writes it, or "size" of pictures
@@ -88,7 +87,7 @@ def _uncalibrated(size: object, furthest: Array) -> Camera:
     )
 
 
-def _calibrated(lens: Mapping[str, Any]) -> Camera:
+def _calibrated(lens: Document) -> Camera:
     """A camera with a calibrated lens; a prior where k1 alone, or one focal length, is wrong."""
     try:
         width, height = (int(side) for side in lens["size"])

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.random import Generator
@@ -17,6 +16,7 @@ from ..common.arrays import Array
 from ..common.rows import LARGEST
 from ..errors import OptionError
 from .changes import IN_SPACE, PARTS, Change, parse_changes
+from .tables import Document
 
 if TYPE_CHECKING:
     from ..arm.arm import Arm
@@ -145,7 +145,7 @@ class Simulation:
         }
 
     @classmethod
-    def from_json(cls, arm: Arm, data: Mapping[str, Any]) -> Simulation:
+    def from_json(cls, arm: Arm, data: Document) -> Simulation:
         """Rebuild what `to_json` returned, with the arm as it was described."""
         return cls(
             arm, noise=data["noise"], changes=parse_changes(data["changes"])

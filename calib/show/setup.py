@@ -81,10 +81,13 @@ def things_of_rig(rig: HandEye) -> list[Thing]:
     depth = 0.3 * float(np.ptp(rig.flange[:, :3, 3], axis=0).max())
     things = []
     for camera in rig.cameras:
-        lens = camera.lens
-        frame = _frame_of(camera.place)
-        name = f"camera {camera.name}" if len(rig.cameras) > 1 else "camera"
-        carried = camera.eye == "hand"
+        lens = camera["lens"]
+        eye = camera["eye"]
+        frame = _frame_of(camera[eye])
+        name = "camera"
+        if len(rig.cameras) > 1:
+            name = f"camera {camera['name']}"
+        carried = eye == "hand"
         things.append(
             camera_thing(
                 name, lens["size"], lens["focal"], depth, frame, carried=carried

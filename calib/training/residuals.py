@@ -96,7 +96,7 @@ def evaluate_residuals(
     answered = model.covers(q)
     if not answered.any():
         raise LogError(NOT_LEARNED)
-    motion = Motion(q, side).take(answered)
+    motion = Motion(q, side=side).take(answered)
     x = x[answered]
     prediction = predict(model, motion)
     near = model.solver.newton.clip(model.motor.scale.to_unit(motion.q))
@@ -214,7 +214,7 @@ def error_sizes(error: Array) -> Sizes:
 def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
     """What 95 % of a model's answers are within [unit], and what share within its own bound."""
     errors = residuals.errors[model.default_readout]
-    bound = predict(model, Motion(residuals.q, residuals.side)).bound
+    bound = predict(model, Motion(residuals.q, side=residuals.side)).bound
     covered = np.mean(
         errors <= bound + 1e-12
     )  # of an exact arm both are rounding

@@ -7,19 +7,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..body.approach import learn_play
+from ..body.belief import Body
 from ..common.arrays import Array
 from ..common.rows import finite_rows, row_lengths
 from ..common.wording import unit_of_joint
 from ..model.model import Model
 from ..model.prediction import predict
-from ..samples.delays import Trajectory
+from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.diagnosis import aligned, rows_behind
+from ..samples.motion import directions
 from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.settings import DIAGNOSIS
 from ..samples.wrong_rows import contradictions, screen
-from .late_clock import in_time
-from .settings import PLAY
+from .settings import LATE_CLOCK, PLAY
 from .smooth import Fit, SmoothPart
 
 
@@ -59,10 +60,11 @@ def fit_sound_rows(samples: Samples, fit: Fit) -> SoundLog:
     if trajectory is not None:
         delay = shift * trajectory.step
         part = fit(trajectory.moved(samples, delay) if delay else samples)
-        mended = in_time(samples, trajectory, part.fit.body, delay, fit)
-        samples = mended.samples
-        part = mended.part or part
-        notes += mended.notes
+        samples, moved_part, clock_notes = in_time(
+            samples, trajectory, part.fit.body, delay, fit
+        )
+        part = moved_part or part
+        notes += clock_notes
     else:
         if shift:  # poses beside the positions of others
             rows = np.arange(max(shift, 0), len(samples) + min(shift, 0))
@@ -123,7 +125,8 @@ def _play_of(samples: Samples, part: SmoothPart) -> Array | None:
 
 def without_play(samples: Samples, play: Array) -> Samples:
     """Return the samples with the joints where they stood, rather than what they read."""
-    return replace(samples, q=samples.motion.stood(play))
+    assert samples.side is not None  # noqa: S101 - as samples are made
+    return replace(samples, q=samples.q - play * samples.side)
 
 
 def play_words(samples: Samples, play: Array) -> str:
@@ -156,10 +159,8 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     notes: list[str] = []
     trajectory = Trajectory.of(samples)
     if model.body is not None and trajectory is not None:
-        mended = in_time(samples, trajectory, model.body)
-        samples = mended.samples
-        notes = mended.notes
-    predicted = predict(model, samples.motion).value
+        samples, _, notes = in_time(samples, trajectory, model.body)
+    predicted = predict(model, samples).value
     residual = samples.x - predicted
     answered = finite_rows(predicted)
     if answered.sum() < DIAGNOSIS.fewest_rows:
@@ -173,3 +174,97 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     sound, wrong_notes = contradictions(samples, residual)
     left_out = samples.left_out + int(np.count_nonzero(~sound))
     return replace(samples.take(sound), left_out=left_out), notes + wrong_notes
+
+
+def in_time(
+    samples: Samples,
+    trajectory: Trajectory,
+    body: Body,
+    start: float = 0.0,
+    fit: Fit | None = None,
+) -> tuple[Samples, SmoothPart | None, list[str]]:
+    """Bring the clocks of a log together where a delay is clear.
+
+    start : a delay that rows have shown, with which the body was fitted
+    fit : fits the body anew to moved samples; without it the body is that of another log
+    Returns the samples with their joints at the times of their positions, the part of moved ones
+        where they were fitted, and notes.
+    """
+    delay = _delay(samples, trajectory, body, start, fresh=fit is not None)
+    if start:  # beside which its rest explains little, or nothing
+        sd = 0.1 * trajectory.step
+        delay = delay or Delay(start, sd, trajectory.unit, 1.0)
+        delay = replace(delay, share=1.0)
+    if delay is None or not delay.clear:
+        return samples, None, []
+    moved = samples
+    part = None
+    # where joints jump, a delay is found by several
+    for _ in range(LATE_CLOCK.rounds):
+        moved = trajectory.moved(samples, delay.value)
+        if fit is not None:  # with curves that have not followed the delay
+            part = fit(moved)
+            body = part.fit.body
+        again = _delay(samples, trajectory, body, delay.value, fresh=False)
+        if again is None or abs(again.value - delay.value) < again.sd:
+            break
+        delay = replace(again, share=delay.share)
+    return moved, part, [delay.note()]
+
+
+def _delay(
+    samples: Samples,
+    trajectory: Trajectory,
+    body: Body,
+    start: float,
+    *,
+    fresh: bool,
+) -> Delay | None:
+    """Estimate a delay from `start` on, together with the chain and its frame.
+
+    fresh : whether the body was fitted to these rows as they are: then its curves may have followed
+        the delay along a path, and are left out
+    """
+    structure = body.structure
+    if structure.outputs != samples.x.shape[1]:
+        return None
+    members = structure.members()
+    prior = structure.prior(dict(members).get("chain", members[0][1]))
+    active = prior.active
+    beta = body.beta.copy()
+    if fresh:
+        beta[prior.sd == 0] = prior.mean[prior.sd == 0]
+    middle = len(trajectory.time) // 2
+    half = LATE_CLOCK.rows // 2
+    some = slice(max(0, middle - half), middle + half)
+    total = start
+    share = 0.0
+    for _ in range(LATE_CLOCK.steps):
+        q, speed = trajectory.before(total)
+        q = q[some]
+        inside = finite_rows(q)
+        if inside.mean() < 0.5:
+            return None
+        q = q[inside]
+        seen, slope = structure.predict_and_slope(q, beta)
+        step = estimate_delay(
+            structure.residual(samples.x[some][inside], seen),
+            np.einsum("nmk,nk->nm", slope, speed[some][inside]),
+            structure.linearise(q, beta, active)[1],
+            prior.sd[active] ** -2.0,
+            (prior.mean - beta)[active],
+            # joints with play err by their direction
+            play=slope * directions(q)[:, None],
+            unit=trajectory.unit,
+        )
+        if step is None:
+            return None
+        delay, change = step
+        share = share or delay.share
+        moved = np.zeros(len(beta))
+        moved[active] = change
+        beta = structure.retract(beta, moved)
+        total += delay.value
+        if abs(delay.value) < LATE_CLOCK.settled * delay.sd:
+            break
+    return Delay(total, delay.sd, delay.unit, share)

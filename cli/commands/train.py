@@ -109,7 +109,7 @@ def train(
         )
     check_file(output, ())
     if data:
-        from calib.samples.sensors import sources_by_sensor
+        from calib.samples.tables import sources_by_sensor
 
         logs = []
         for sensor, source in sources_by_sensor(data).items():

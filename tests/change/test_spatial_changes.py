@@ -178,3 +178,22 @@ def test_the_model_that_is_written_is_the_one_that_is_praised(tmp_path):
     error = np.linalg.norm(calib.load(tmp_path / "after.calib").forward(q) - truth, axis=1)
     assert found.improved
     assert error.mean() < 2 * found.after["mean"]  # before .17 mm was told and 12.7 mm written
+
+
+def test_many_rows_make_a_model_of_few_without_a_drawing_better():
+    # along the ways in which such an arm may be put together no step is small
+    arm = calib.load_arm("six_axis")
+
+    def measured(n, seed):
+        log = calib.babble(arm, n, seed=seed, noise=1e-5)
+        return replace(log, simulation=None, arm=None)
+
+    few = calib.train(measured(16, seed=1), size=4)
+    more = calib.adapt(few, measured(150, seed=11))
+    fresh = calib.babble(arm, 500, seed=99)
+    before, after = (
+        np.linalg.norm(model.forward(fresh.q) - fresh.x, axis=1).mean()
+        for model in (few, more.model)
+    )
+    assert more.improved
+    assert after < 0.3 * before

@@ -19,7 +19,7 @@ from ...common.wording import (
 from ...errors import OptionError, require
 from ...maps.association import Association
 from ...maps.map import Map
-from ...model.facts import facts
+from ...model.about import facts
 from ...model.model import Model
 from ...recording.rig import HandEye
 from ...recording.rig_file import rig_of_model
@@ -182,7 +182,7 @@ def report(
             "Next": words.next_step(study),
         },
         sections=sections,
-        facts=facts(model),
+        facts=facts(model.about, model.size_in_words),
         notes=model.about.notes,
     )
     return verdict

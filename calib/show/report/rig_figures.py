@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 from typing import TYPE_CHECKING
 
@@ -43,7 +44,8 @@ def corners(rig: HandEye) -> Figure | None:
         return None
     from PIL import Image
 
-    with Image.open(io.BytesIO(rig.photo.jpeg)) as opened:
+    jpeg = base64.b64decode(rig.photo["jpeg"])
+    with Image.open(io.BytesIO(jpeg)) as opened:
         pixels = np.asarray(opened.convert("L"))
     width, height = rig.lens["size"]
     figure, (ax,) = panels([3.5 * height / width + 0.5])
@@ -51,8 +53,8 @@ def corners(rig: HandEye) -> Figure | None:
     ax.imshow(
         pixels, extent=box, origin="upper", cmap="gray", vmin=-150, vmax=280
     )
-    seen = rig.photo.corners
-    off = rig.photo.predicted - seen
+    seen = np.array(rig.photo["corners"])
+    off = np.array(rig.photo["predicted"]) - seen
     length = float(np.linalg.norm(off, axis=1).max())
     times = float(f"{max(0.05 * width / max(length, 1e-9), 1.0):.0e}")
     ends = np.stack([seen, seen + times * off])
@@ -71,6 +73,6 @@ def corners(rig: HandEye) -> Figure | None:
         xlim=box[:2],
         ylim=box[2:],
     )
-    ax.set_title(rig.photo.name, color=INK)
+    ax.set_title(rig.photo["name"], color=INK)
     figure.legend(loc="outside lower center", ncols=2)
     return figure
