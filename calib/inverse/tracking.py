@@ -9,6 +9,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from ..maps.map import Map
+from .newton import Newton, Stand
 from .search import Search
 from .settings import SEARCH
 
@@ -19,8 +20,8 @@ class TrackingSettings:
 
     # of the ranges: joints that move further are looked at closely
     smooth: float = 0.05
-    # pieces of a step, each tried where joints do not follow the ones before
-    pieces: tuple[int, ...] = (1, 8, 64, 512)
+    # share of a step: joints that do not follow a smaller one leave their branch
+    least: float = 1e-3
     # of the workspace, and of its nodes' spacing: targets further away from all nodes are
     # not followed
     beyond: float = 0.1
@@ -112,35 +113,35 @@ def _advance(
 ) -> tuple[Array, Mask]:
     """Joints (n, dof) moved along a line, in pieces if far, and whether they kept to it."""
     newton = search.newton
-    moved = start.copy()
-    going = np.zeros(len(start), dtype=bool)
-    for pieces in TRACKING.pieces:
-        rows = np.flatnonzero(~going)
-        u = start[rows]
-        smooth = np.ones(len(rows), dtype=bool)
-        for share in np.linspace(0.0, 1.0, pieces + 1)[1:]:
-            trial, miss = _step(search, u, begin + share * (end - begin))
-            smooth &= newton.away(trial, u) <= TRACKING.smooth
-            u = trial
-        moved[rows] = u
-        going[rows] = smooth & newton.met(miss)
-        if not going.all() and pieces == 1 and not _reaches(search, end):
-            going[:] = True  # joints are as close as they can be
-        if going.all():
-            break
-    return moved, going
+    u = start.copy()
+    share = np.zeros(len(u))  # of the line that joints have followed
+    piece = np.ones(len(u))
+    rows = np.arange(len(u))
+    first = True
+    while len(rows):
+        ahead = np.minimum(share[rows] + piece[rows], 1.0)
+        targets = begin + ahead[:, None] * (end - begin)
+        stand = _step(newton, u[rows], targets)
+        smooth = newton.away(stand.u, u[rows]) <= TRACKING.smooth
+        smooth &= newton.met(stand.miss) | (ahead < 1.0)
+        if first and not smooth.all() and not _reaches(search, end):
+            smooth[:] = True  # joints are as close as they can be
+        first = False
+        moved = rows[smooth]
+        u[moved] = stand.u[smooth]
+        share[moved] = ahead[smooth]
+        piece[rows] *= np.where(smooth, 2.0, 0.5)
+        rows = np.flatnonzero((share < 1.0) & (piece >= TRACKING.least))
+    return u, share == 1.0
 
 
-def _step(search: Search, u: Array, target: Array) -> tuple[Array, Array]:
-    """Joints (n, dof) of the next target (m,), and what is missing; spare ones drift."""
-    newton = search.newton
-    targets = np.tile(target, (len(u), 1))
+def _step(newton: Newton, u: Array, targets: Array) -> Stand:
+    """Joints (n, dof) of the next targets (n, m); spare ones drift to their middle."""
     if newton.redundant:
-        middle = np.full(u.shape, 0.5)
-        wish = TRACKING.wish * newton.scale.difference(middle, u)
-        u = u + newton.tangent(newton.at(u, targets), wish)
-    stand = newton.refine(u, targets, SEARCH.close, TRACKING.few)
-    return stand.u, stand.miss
+        wish = newton.scale.difference(np.full(u.shape, 0.5), u)
+        here = newton.at(u, targets)
+        u = u + newton.tangent(here, TRACKING.wish * wish)
+    return newton.refine(u, targets, SEARCH.close, TRACKING.few)
 
 
 def _reaches(search: Search, x: Array) -> bool:
