@@ -63,8 +63,8 @@ def one(in_hand: bool, known: bool, worlds: int, more: dict) -> None:
         rig = Rig(in_hand, seed=seed, known=known, last=True, **more)
         began = process_time()
         shots = pictures(rig, rig.seen, 0, len(rig.q))
-        lens = lens_of(rig) if known else None
-        answer = calib.handeye(rig.arm, shots, eye=eye_of(rig), lens=lens)
+        lens = rig.glass if known else None
+        answer = calib.handeye(rig.arm, shots, eye=rig.eye, lens=lens)
         seconds = process_time() - began
         found, true = held_of(answer.body), held_of(replace(answer.body, beta=rig.beta))
         # the drawn tip's frame, with whatever the last joint is off by
@@ -107,24 +107,13 @@ def pictures(rig: Rig, seen: np.ndarray, first: int, last: int) -> BoardPictures
     return BoardPictures(board, rig.arm.joint_names, names, q, found, SIZE, len(names), ())
 
 
-def eye_of(rig: Rig) -> str:
-    """Where its camera is."""
-    return "hand" if rig.in_hand else "base"
-
-
-def lens_of(rig: Rig) -> Lens:
-    """The true lens."""
-    f, u, v, k1 = rig.lens
-    return Lens(SIZE, np.array([f, f]), np.array([u, v]), np.array([k1, 0, 0, 0, 0]))
-
-
 def opencv(rig: Rig, true: object) -> dict[str, tuple[float, float]]:
     """How far OpenCV's solvers are off [m, rad], which take the arm as it is drawn."""
     if not hasattr(cv2, "calibrateHandEye"):
         return {}
     base, neutral = rig.structure.with_view("base"), rig.structure.neutral()
     p, turn = base.pose(rig.q, neutral)
-    seen = pictures(rig, rig.seen, 0, len(rig.q)).poses(lens_of(rig))
+    seen = pictures(rig, rig.seen, 0, len(rig.q)).poses(rig.glass)
     there = held_poses(seen, in_hand=False)
     boards, shifts = there[:, :3, :3], there[:, :3, 3]
     out = {}
@@ -159,8 +148,8 @@ def guard(worlds: int) -> None:
     alarms, found, series = 0, 0, 0
     for seed in range(worlds):
         rig = Rig(seed % 2 == 0, seed=seed, pictures=24 + 2 * SERIES)
-        lens = lens_of(rig) if seed % 4 < 2 else None
-        eye = "hand" if rig.in_hand else "base"
+        lens = rig.glass if seed % 4 < 2 else None
+        eye = rig.eye
         own = calib.handeye(rig.arm, pictures(rig, rig.seen, 0, 24), None, None, eye, lens=lens)
         model, glass = calib.train(own.poses), Lens.from_json(own.poses.source["lens"])
         late = rig.beta.copy()

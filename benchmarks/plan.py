@@ -16,8 +16,7 @@ from scipy.stats import qmc
 from tables import table
 
 import calib
-from calib.samples.changes import parse_changes
-from calib.samples.simulation import Simulation
+from calib.samples.simulation import Simulation, parse_changes
 
 Array = NDArray[np.float64]
 Design = Callable[[calib.PlanarArm, int, int], Array]

@@ -87,7 +87,7 @@ def babbled(
     """Babble in simulation, and say what was assumed."""
     import calib
     from calib.errors import OptionError
-    from calib.samples.changes import parse_changes
+    from calib.samples.simulation import parse_changes
 
     arm = selection.load(robot)
     say(arm.notes)
@@ -221,7 +221,7 @@ def log_for(model: Model, path: str, reading: Reading) -> Samples:
     if sensor:
         log = replace(log, sensor=sensor)
     if "board" in about.options:
-        from calib.recording.board_log import with_lens_of
+        from calib.recording.board_pictures import with_lens_of
 
         log = with_lens_of(model, log)
     say(log.notes)

@@ -4,10 +4,12 @@ import pickle
 import shutil
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from planar import chain_urdf
+from chains import planar_chain
 
 import calib
 from calib.arm.loading import arm_from_urdf
@@ -102,6 +104,14 @@ def two_link_inverse(x: np.ndarray, sign: float) -> np.ndarray:
     return np.stack([np.arctan2(x[:, 1], x[:, 0]) - ahead, elbow], axis=1)
 
 
+def bytes_of(model: calib.Model) -> bytes:
+    """Return the content of a model's file."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "m.calib"
+        model.save(path)
+        return path.read_bytes()
+
+
 def draw(model: calib.Model, n: int, seed: int = 0, margin: float = 0.0) -> np.ndarray:
     """Draw joints from a model's range, a share of it apart from the limits: (n, dof)."""
     u = np.random.default_rng(seed).uniform(margin, 1 - margin, (n, len(model.about.lower)))
@@ -183,7 +193,7 @@ def six():
 @cache
 def in_plane():
     """Return a planar arm of four joints, one a slide, behind a bent lens; all is uncertain."""
-    arm = arm_from_urdf(chain_urdf(4, slide=2), [f"joint_{k + 1}" for k in range(4)])
+    arm = arm_from_urdf(planar_chain(4, slide=2), [f"j{k + 1}" for k in range(4)])
     drawn = calib.train(calib.babble(arm, 60, seed=0), size=3)
     structure = drawn.body.structure.with_sensor(view="homography")
     rng, beta = np.random.default_rng(1), drawn.body.beta.copy()

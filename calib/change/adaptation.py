@@ -42,7 +42,7 @@ class AdaptationSettings:
     # promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
     clearly_better: float = 0.01
     # 95 % quantile over median of the distances that is no noise (in the plane that of noise is
-    # 2.1): a bump of 5 mm that 3 of 30 rows saw, as in tests/change/test_drawing.py
+    # 2.1): a bump of 5 mm that 3 of 30 rows saw, as in tests/change/test_adapt.py
     tail: float = 3.0
     # least spread of rows in any direction, over that of the learned range
     wide: float = 0.5

@@ -279,7 +279,7 @@ def judge(
     with plain_numbers():
         model = model.by(log.sensor)
         if "board" in model.about.options:
-            from ..recording.board_log import with_lens_of
+            from ..recording.board_pictures import with_lens_of
 
             log = with_lens_of(model, log)
         rows = rows_of(model, log)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -131,10 +131,8 @@ def rows_of(model: Model, log: Samples) -> LogRows:
             f"{outside} rows outside of what the model has learned are left out"
         )
     rows = first[answered]
-    q = log.q[rows]
-    x = log.x[rows]
-    turns = None if log.orientation is None else log.orientation[rows]
-    notes += _misreadings(model, q, x, turns)
+    log = log.take(rows)
+    notes += _misreadings(model, log)
     scale = model.motor.scale
     stands = scale.from_unit(scale.to_unit(prediction.joints[answered]))
     predicted = prediction.value[answered]
@@ -142,11 +140,11 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     return LogRows(
         model=model,
         cause=cause,
-        logged=q,
+        logged=log.q,
         q=stands,
-        side=log.side[rows],
-        x=x,
-        orientation=turns,
+        side=log.side,
+        x=log.x,
+        orientation=log.orientation,
         unit=unit,
         shared=shared,
         predicted=predicted,
@@ -157,28 +155,22 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     )
 
 
-def _misreadings(
-    model: Model, q: Array, x: Array, turns: Array | None
-) -> list[str]:
+def _misreadings(model: Model, log: Samples) -> list[str]:
     """Notes on rows that were read wrongly, and on joints that cover little of their range.
 
     Units, mirrors, signs and clocks are causes that the judgement itself tells.
     """
     names = model.about.joint_names
-    findings = diagnose(
-        model.forward,
-        q,
-        x,
-        names,
-        model.about.revolute,
-        unit=model.about.unit,
-        turns=turns,
-        pose=model.pose if knows_orientation(model.body) else None,
-    )
-    notes = refuse_mistakes(
-        [finding for finding in findings if finding.kind in _MISREAD]
-    )
-    widths = np.ptp(model.motor.scale.to_unit(q), axis=0).tolist()
+    pose = model.pose if knows_orientation(model.body) else None
+    same_unit = replace(log, unit=model.about.unit)
+    findings = diagnose(same_unit, model.forward, pose)
+    misread = []
+    for finding in findings:
+        if finding.kind in _MISREAD:
+            misread.append(finding)
+    notes = refuse_mistakes(misread)
+    u = model.motor.scale.to_unit(log.q)
+    widths = np.ptp(u, axis=0).tolist()
     for name, width in zip(names, widths, strict=True):
         if width < _CORNER:
             notes.append(

@@ -105,19 +105,12 @@ class Parts:
         }
 
     def __repr__(self) -> str:
-        """Say in three lines what it is a model of, what it has learned and how well."""
+        """Say in a line what it is a model of and what it has learned."""
         about = self.about
-        errors = about.errors.get(self.default_readout, {}).get("forward", {})
-        mean = errors.get("distance", {}).get("mean")
-        error = "unknown" if mean is None else f"{mean:.3g} {about.unit}"
         title = (
             f"Model of {about.robot or 'a log'}: {', '.join(about.joint_names)}"
         )
-        return (
-            f"{one_line(title)}\n"
-            f"  {about.samples:,} samples ({about.source}), maps: {self.size_in_words}\n"
-            f"  mean error {error}, {len(self.history)} earlier states"
-        )
+        return f"{one_line(title)}; {about.samples:,} samples, {self.size_in_words}"
 
     @property
     def size_in_words(self) -> str:

@@ -1,21 +1,28 @@
-"""Rig: where cameras and boards are, with intervals, as JSON and as lines for people."""
+"""Rig: where cameras and boards are, with intervals, as JSON, lines for people, and files."""
 
 from __future__ import annotations
 
+import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any, TypedDict
 
 import numpy as np
 
+from ..arm.rotations import logarithm, matrix_of
 from ..body.belief import Body
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..common.choices import Eye
 from ..common.wording import two_digits
-from ..model_file.container import pack
+from ..errors import ModelError
+from ..model.model import Model
+from ..model_file.container import check_sum, pack, unpack
 from ..samples.samples import Samples
 from .conventions import Convention
+from .rigid import rigid
 
 KIND = "rig"
 UNWRITTEN = ("poses", "body")
@@ -187,3 +194,106 @@ def _line(what: str, place: Place) -> str:
     return (
         f"{what}: ({at}) mm, quaternion ({quaternion}) ± {two_digits(turn)} deg"
     )
+
+
+def rig_of(document: Mapping[str, Any]) -> HandEye:
+    """The rig that `HandEye.document` told.
+
+    Raises KeyError, TypeError, ValueError if it is none.
+    """
+    values = dict(document)
+    for name in ARRAYS:
+        values[name] = np.array(document[name], float)
+    for name in ("notes", "left_out", "names", "frames", "cameras"):
+        values[name] = tuple(document[name])
+    return HandEye(**values)
+
+
+def is_rig(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a rig."""
+    try:
+        header, _ = unpack(Path(path).read_bytes(), str(path))
+    except (OSError, ModelError):
+        return False
+    return header.get("kind") == KIND
+
+
+def load_rig(path: str | os.PathLike[str]) -> HandEye:
+    """Read a rig from its file.
+
+    Raises ModelError if the file is missing, damaged, edited or no rig.
+    """
+    name = str(path)
+    try:
+        header, tensors = unpack(Path(path).read_bytes(), name)
+        check_sum(header, tensors, name)
+        document: Any = header[KIND]
+        return rig_of(document)
+    except (OSError, LookupError, TypeError, ValueError) as error:
+        raise ModelError(
+            f"{name}: no rig: expected what calib handeye -o writes ({error})"
+        ) from error
+
+
+def rig_of_model(model: Model) -> HandEye | None:
+    """The rig that a model was learned from; None of others."""
+    board: Any = model.about.options.get("board")
+    try:
+        return rig_of(board[KIND])
+    except (LookupError, TypeError, ValueError):
+        return None
+
+
+def transform_files(
+    rig: HandEye, path: str | os.PathLike[str]
+) -> dict[Path, str]:
+    """The text of each file: transforms in JSON, and beside it lines and matrices for people."""
+    base, tip = rig.frames
+    places = {f"{rig.carried}_frame": (tip, rig.hand)}
+    places[f"{rig.standing}_frame"] = (base, rig.base)
+    if len(rig.cameras) > 1:
+        del places["camera_frame"]
+        for camera in rig.cameras:
+            eye = camera["eye"]
+            parent = tip if eye == "hand" else base
+            places[f"{camera['name']}_frame"] = (parent, camera[eye])
+    # geometry_msgs/TransformStamped
+    stamped = []
+    lines: list[str] = []
+    for child, (parent, place) in places.items():
+        transform = {
+            "translation": dict(zip("xyz", place["position"], strict=True)),
+            "rotation": dict(zip("xyzw", place["quaternion"], strict=True)),
+        }
+        stamped.append(
+            {
+                "header": {"frame_id": parent},
+                "child_frame_id": child,
+                "transform": transform,
+            }
+        )
+        lines += _lines(parent, child, place)
+    return {
+        Path(path): json.dumps(stamped, indent=2) + "\n",
+        Path(path).with_suffix(".txt"): "\n".join(lines) + "\n",
+    }
+
+
+def _lines(parent: str, child: str, place: Place) -> list[str]:
+    turn = matrix_of(place["quaternion"])
+    numbers = zip(
+        ("x", "y", "z", "qx", "qy", "qz", "qw"),
+        place["position"] + place["quaternion"],
+        strict=True,
+    )
+    options = " ".join(f"--{name} {value!r}" for name, value in numbers)
+    rows = rigid(turn, place["position"])
+    return [
+        f"# {child} in {parent}",
+        f"ros2 run tf2_ros static_transform_publisher {options} --frame-id {parent} "
+        f"--child-frame-id {child}",
+        *(" ".join(f"{cell: .9f}" for cell in row) for row in rows),
+        f"rvec {logarithm(turn).tolist()}",
+        f"tvec {place['position']}",
+        "",
+    ]

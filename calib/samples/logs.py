@@ -18,7 +18,7 @@ from ..common.wording import listed, vector
 from ..errors import LogError, OptionError
 from .camera import Camera, camera_of
 from .delays import with_offset
-from .diagnosis import diagnose, refuse_mistakes
+from .diagnosis import diagnose, refuse_mistakes, unmoved
 from .joint_values import JointColumn, check_ranges
 from .motion import directions
 from .roles import (
@@ -183,20 +183,7 @@ def read_log(
                 f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
             )
         # what can be nothing but a mistake is refused, what may be intended told
-        findings = diagnose(None, q, x, names, revolute)
-        if arm is not None:
-            findings += diagnose(
-                arm.forward,
-                q,
-                x,
-                names,
-                revolute,
-                unit=unit,
-                turns=orientation,
-                pose=arm.pose if isinstance(arm, SpatialArm) else None,
-                left_handed=plane is not None,
-            )
-        notes += refuse_mistakes(findings, label)
+        refuse_mistakes(unmoved(q, x, names), label)
     whole_facts = {
         name: fact
         for name, fact in zip(further, facts[sound].T, strict=True)
@@ -224,8 +211,12 @@ def read_log(
         source=source.about,
         dropped=rows.dropped,
         left_out=rows.left_out,
-        notes=tuple(notes),
     )
+    if arm is not None and touch is None:
+        pose = arm.pose if isinstance(arm, SpatialArm) else None
+        findings = diagnose(samples, arm.forward, pose)
+        notes += refuse_mistakes(findings, label)
+    samples = replace(samples, notes=tuple(notes))
     return samples if time_offset is None else with_offset(samples, time_offset)
 
 

@@ -16,10 +16,9 @@ from ..common.arrays import Array, Index, frozen
 from ..common.rows import LARGEST, column_names, number_rows, whole
 from ..errors import LogError, OptionError
 from .camera import Camera
-from .changes import Change, parse_changes
 from .motion import Motion, OfRows, directions
 from .poses import pose_index
-from .simulation import Simulation
+from .simulation import Change, Simulation, parse_changes
 from .sockets import Touches
 from .tables import Document
 

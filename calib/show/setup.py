@@ -12,8 +12,7 @@ from ..body.sensor_pose import SensorPose
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..model.model import Model
-from ..recording.rig import HandEye, Place
-from ..recording.rig_file import rig_of_model
+from ..recording.rig import HandEye, Place, rig_of_model
 from .workspace import extent
 
 SENSOR = "sensor frame"

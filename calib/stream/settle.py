@@ -19,7 +19,7 @@ from ..maps.model_selection import blocks, select
 from ..maps.predictor import BodyInBox
 from ..model.about import MeasuredRows
 from ..model.model import Model
-from ..training.bounds import node_bounds
+from ..training.train import node_bounds
 
 # samples that links are learned from where the stream is short
 _IMAGINED = 20_000

@@ -2,85 +2,64 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ..body.approach import learn_play
 from ..body.belief import Body
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.rows import finite_rows, row_lengths
 from ..common.wording import unit_of_joint
 from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.delays import Delay, Trajectory, estimate_delay
-from ..samples.diagnosis import aligned, rows_behind
+from ..samples.diagnosis import aligned
 from ..samples.motion import directions
 from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.settings import DIAGNOSIS
-from ..samples.wrong_rows import contradictions, screen
+from ..samples.wrong_rows import contradictions
 from .settings import LATE_CLOCK, PLAY
 from .smooth import Fit, SmoothPart
 
 
-@dataclass(frozen=True, eq=False)
-class SoundLog:
-    """What is learned from: rows in time, and where their joints stood."""
-
-    samples: Samples
-    part: SmoothPart
-    play: Array  # (dof,), half the play of each joint, which the samples are freed of
-    notes: list[str] = field(default_factory=list)
-
-
-def fit_sound_rows(samples: Samples, fit: Fit) -> SoundLog:
+def fit_sound_rows(
+    samples: Samples, fit: Fit
+) -> tuple[Samples, SmoothPart, Array, list[str]]:
     """Fit samples; of a log without its delay and without the rows that contradict the others.
 
     Rows that came from the other side of a joint with play contradict the others, too: play is
     learned before.
+    Returns the samples as they are learned from, in time and with their joints where they stood,
+    their part, half the play of each joint (dof,) that they are freed of, and notes.
     """
+    part = fit(samples)
     if samples.simulation is not None:
-        return SoundLog(*freed_of_play(samples, fit(samples), fit))
+        return *freed_of_play(samples, part, fit), []
     play = np.zeros(samples.dof)
-    sound, notes = screen(samples)
-    # a lag looks like play
-    if not sound.all() and Trajectory.of(samples) is None:
-        freed, _, play = freed_of_play(samples, fit(samples), fit)
-        if play.any():
-            samples = freed
-            sound, notes = screen(samples)
-    samples = samples.take(sound)
-    trajectory = Trajectory.of(samples)
-    shift = 0
-    if samples.arm is not None and not samples.in_time:
-        shift = rows_behind(
-            samples.arm.forward, samples.q, samples.x, samples.unit
-        )
-    if trajectory is not None:
-        delay = shift * trajectory.step
-        part = fit(trajectory.moved(samples, delay) if delay else samples)
-        samples, moved_part, clock_notes = in_time(
-            samples, trajectory, part.fit.body, delay, fit
-        )
-        part = moved_part or part
-        notes += clock_notes
-    else:
-        if shift:  # poses beside the positions of others
-            rows = np.arange(max(shift, 0), len(samples) + min(shift, 0))
-            samples = replace(samples.take(rows), q=samples.q[rows - shift])
-            words = f"positions are moved by {-shift:+d} rows"
-            notes.append(f"{words} to those of their joints")
+    sound, notes = sound_beside(samples, part)
+    if not sound.all():
+        if Trajectory.of(samples) is None:  # a lag looks like play
+            samples, part, play = freed_of_play(samples, part, fit)
+            sound, notes = sound_beside(samples, part)
+        samples = samples.take(sound)
         part = fit(samples)
-    samples, part, more = freed_of_play(samples, part, fit)
+    samples, moved_part, clock_notes = in_time(samples, part.fit.body, fit)
+    samples, part, more = freed_of_play(samples, moved_part or part, fit)
     play = play + more
-    residual = samples.x - part.fit.body.predict(samples.q)
-    sound, wrong_notes = contradictions(samples, residual)
+    sound, wrong_notes = sound_beside(samples, part)
     if not sound.all():
         samples = samples.take(sound)
         samples, part, more = freed_of_play(samples, fit(samples), fit)
         play = play + more
-    return SoundLog(samples, part, play, [*notes, *wrong_notes])
+    return samples, part, play, [*notes, *clock_notes, *wrong_notes]
+
+
+def sound_beside(samples: Samples, part: SmoothPart) -> tuple[Mask, list[str]]:
+    """Which rows (n,) do not contradict the others beside a fit, and notes."""
+    residual = samples.x - part.fit.body.predict(samples.q)
+    return contradictions(samples, residual)
 
 
 def freed_of_play(
@@ -157,9 +136,8 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
         revolute=about.revolute,
     )
     notes: list[str] = []
-    trajectory = Trajectory.of(samples)
-    if model.body is not None and trajectory is not None:
-        samples, _, notes = in_time(samples, trajectory, model.body)
+    if model.body is not None:
+        samples, _, notes = in_time(samples, model.body)
     predicted = predict(model, samples).value
     residual = samples.x - predicted
     answered = finite_rows(predicted)
@@ -177,38 +155,23 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
 
 
 def in_time(
-    samples: Samples,
-    trajectory: Trajectory,
-    body: Body,
-    start: float = 0.0,
-    fit: Fit | None = None,
+    samples: Samples, body: Body, fit: Fit | None = None
 ) -> tuple[Samples, SmoothPart | None, list[str]]:
-    """Bring the clocks of a log together where a delay is clear.
+    """Bring the clocks of a log along a path together where a delay is clear.
 
-    start : a delay that rows have shown, with which the body was fitted
     fit : fits the body anew to moved samples; without it the body is that of another log
     Returns the samples with their joints at the times of their positions, the part of moved ones
         where they were fitted, and notes.
     """
-    delay = _delay(samples, trajectory, body, start, fresh=fit is not None)
-    if start:  # beside which its rest explains little, or nothing
-        sd = 0.1 * trajectory.step
-        delay = delay or Delay(start, sd, trajectory.unit, 1.0)
-        delay = replace(delay, share=1.0)
+    trajectory = Trajectory.of(samples)
+    if trajectory is None:
+        return samples, None, []
+    delay = _delay(samples, trajectory, body, fresh=fit is not None)
     if delay is None or not delay.clear:
         return samples, None, []
-    moved = samples
-    part = None
-    # where joints jump, a delay is found by several
-    for _ in range(LATE_CLOCK.rounds):
-        moved = trajectory.moved(samples, delay.value)
-        if fit is not None:  # with curves that have not followed the delay
-            part = fit(moved)
-            body = part.fit.body
-        again = _delay(samples, trajectory, body, delay.value, fresh=False)
-        if again is None or abs(again.value - delay.value) < again.sd:
-            break
-        delay = replace(again, share=delay.share)
+    moved = trajectory.moved(samples, delay.value)
+    # with curves that have not followed the delay
+    part = None if fit is None else fit(moved)
     return moved, part, [delay.note()]
 
 
@@ -216,11 +179,10 @@ def _delay(
     samples: Samples,
     trajectory: Trajectory,
     body: Body,
-    start: float,
     *,
     fresh: bool,
 ) -> Delay | None:
-    """Estimate a delay from `start` on, together with the chain and its frame.
+    """Estimate a delay together with the chain and its frame.
 
     fresh : whether the body was fitted to these rows as they are: then its curves may have followed
         the delay along a path, and are left out
@@ -237,7 +199,7 @@ def _delay(
     middle = len(trajectory.time) // 2
     half = LATE_CLOCK.rows // 2
     some = slice(max(0, middle - half), middle + half)
-    total = start
+    total = 0.0
     share = 0.0
     for _ in range(LATE_CLOCK.steps):
         q, speed = trajectory.before(total)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from ..common.wording import listed
 from ..errors import OptionError
 from ..model.model import Model
-from ..recording.motors import TICKS, Motors
+from ..recording.lerobot import TICKS, Motors
 from .geometry import Quantity
 from .geometry_fit import fit_geometry
 

@@ -141,7 +141,7 @@ def handeye(
         warnings = contradicted(model.about)
     if transform is not None:
         from calib.common.atomic import atomic_write
-        from calib.recording.transforms import transform_files
+        from calib.recording.rig import transform_files
 
         for path, text in transform_files(rig, transform).items():
             atomic_write(path, text.encode())

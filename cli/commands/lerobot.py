@@ -59,8 +59,7 @@ def lerobot(
 ) -> Outcome:
     import calib
     from calib.common.atomic import atomic_write
-    from calib.recording.lerobot import Dataset, read_dataset
-    from calib.recording.motors import Motors
+    from calib.recording.lerobot import Dataset, Motors, read_dataset
     from calib.use.lerobot import RANGES_MOVE, homed, zeros
 
     check_file(output, (".json",))

@@ -90,7 +90,7 @@ def plan(
         )
     check_file(output, TABLES, stream=True)
     if handeye and is_model:
-        from calib.recording.rig_file import is_rig
+        from calib.recording.rig import is_rig
 
         if is_rig(robot):
             return _flange_poses(robot, output, poses, seed)
@@ -158,7 +158,7 @@ def _flange_poses(rig: str, output: str, count: int, seed: int) -> Outcome:
 
     from calib.arm.rotations import quaternion_of
     from calib.recording.next_poses import next_poses
-    from calib.recording.rig_file import load_rig
+    from calib.recording.rig import load_rig
     from calib.samples.tables import write_table
 
     flange, intervals = next_poses(load_rig(rig), count, seed)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from chains import planar_chain
 from models import draw, trained
-from planar import chain_urdf
 
 import calib
 
@@ -26,8 +26,8 @@ def test_no_answer_is_further_than_joints_that_are_known_to_reach():
 @pytest.mark.parametrize(("joints", "slide"), [(4, None), (5, 1), (7, None)])
 def test_four_to_seven_joints(joints, slide, tmp_path):
     path = tmp_path / "chain.urdf"
-    path.write_text(chain_urdf(joints, slide=slide))
-    names = [f"joint_{k + 1}" for k in range(joints)]
+    path.write_text(planar_chain(joints, slide))
+    names = [f"j{k + 1}" for k in range(joints)]
     arm = calib.load_arm(path, joints=names, tip="tip")
     rows = {4: 600, 5: 900, 7: 4600}[joints]
     model = calib.train(calib.babble(arm, rows, seed=0), size=8)

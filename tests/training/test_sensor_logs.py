@@ -1,5 +1,7 @@
 """Several sensors of one arm: files or a column, and poses that are read more than once."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
@@ -69,6 +71,21 @@ def test_a_second_sensor_helps_the_first_and_both_bounds_hold(logs):
         assert np.mean(miss(seen, truth) <= seen.model_error(q)) > 0.9
 
 
+def test_two_sensors_see_a_planar_arm_from_both_sides():
+    arm, rng, rows = calib.load_arm("two_link"), np.random.default_rng(0), []
+    for name, mirror in (("front", 1.0), ("back", -1.0)):
+        q = rng.uniform(arm.lower, arm.upper, (40, 2))
+        z = arm.forward(q) * (1.0, mirror) + (0.1, mirror) + rng.normal(0.0, NOISE / 2, (40, 2))
+        limits = arm.lower, arm.upper, arm.revolute
+        rows.append(calib.Samples(q, z, arm.joint_names, *limits, arm=arm, sensor=name))
+    both = calib.train(rows, size=3)
+    fresh = rng.uniform(arm.lower, arm.upper, (100, 2))
+    for name, mirror in (("front", 1.0), ("back", -1.0)):
+        expected = arm.forward(fresh) * (1.0, mirror) + (0.1, mirror)
+        missed = np.linalg.norm(both.by(name).forward(fresh) - expected, axis=1)
+        assert missed.max() < 1e-4
+
+
 def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
     log = logs[0][0]
     with pytest.raises(LogError, match="a name of its own"):
@@ -76,6 +93,8 @@ def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
     other = calib.babble(calib.load_arm("two_link"), 50)
     with pytest.raises(LogError, match="simulation"):
         calib.train([log, other])
+    with pytest.raises(calib.CalibError):
+        calib.train([log, replace(other, simulation=None, sensor="plane")])
 
 
 def test_poses_that_are_read_again_are_no_new_poses(logs):

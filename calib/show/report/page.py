@@ -21,8 +21,7 @@ from ...maps.association import Association
 from ...maps.map import Map
 from ...model.about import facts
 from ...model.model import Model
-from ...recording.rig import HandEye
-from ...recording.rig_file import rig_of_model
+from ...recording.rig import HandEye, rig_of_model
 from ...samples.samples import Samples
 from ...training.learn import Progress
 from ..study import Study, studies_of
