@@ -115,8 +115,8 @@ class Wanted:
         if self.space is not None:
             place, turn = self.pose(near)
             reach = Reach.of(self.space, posed=self.posed)
-            target = Poses.target(place, turn) if self.posed else place
-            near, distance = reach.beside(target, near)
+            goal = Poses.target(place, turn) if self.posed else place
+            near, distance = reach.beside(goal, near)
             placed = distance <= REACHED * self.space.length
         near = np.clip(near, about.lower, about.upper)
         if model.default_readout == "local":
