@@ -98,20 +98,13 @@ class Space:
         turn[lost] = np.nan
         return position, turn
 
-    def bound(self, q: ArrayLike, *, size: bool = True) -> Array:
+    def bound(self, q: ArrayLike) -> Array:
         """95 % bound (n,) in the base frame [m], which stands where the belief has it.
 
-        Its turn about and its shift along the first joint's axis are a convention.  A camera cannot
-        tell the arm's size either: without `size` that is left out too.
+        Its turn about and its shift along the first joint's axis are a convention.
         """
-        body = (
-            self.body
-            if size
-            else _in_base(self.model.body, size=False) or self.body
-        )
-        return body.bound(
-            np.atleast_2d(np.asarray(q, dtype=float)), noise=False
-        )
+        rows = np.atleast_2d(np.asarray(q, dtype=float))
+        return self.body.bound(rows, noise=False)
 
     def free(self, q: Array, *, posed: bool, axis: int | None = None) -> Array:
         """Directions (k, dof) that leave the position, or the pose, of joints (dof,) as it is.
@@ -236,7 +229,7 @@ def _undistorted(pixel: Array, lens: Array) -> Array:
     return np.asarray(bent * (r / np.where(radius > 0, radius, 1.0))[:, None])
 
 
-def _in_base(body: Body | None, *, size: bool = True) -> Body | None:
+def _in_base(body: Body | None) -> Body | None:
     """A drawn body without its sensor, its outputs the tip in the base frame [m], by convention."""
     structure: Any = None if body is None else body.structure
     if (
@@ -249,7 +242,9 @@ def _in_base(body: Body | None, *, size: bool = True) -> Body | None:
     def alone(belief: _Belief) -> _Belief:
         # a base frame behind a sensor is turned about the first axis as the belief has it
         free = structure.view != "base"
-        root = without_gauge(structure, belief, size) if free else belief.root
+        root = (
+            without_gauge(structure, belief, size=True) if free else belief.root
+        )
         arm = ~np.isin(belief.active, sensor_of(structure))
         beta = without_sensor(structure, belief.beta)[1]
         active = belief.active[arm]

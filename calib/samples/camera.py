@@ -104,14 +104,11 @@ def _calibrated(lens: Document) -> Camera:
     places = np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1])
     grid = np.stack(places, axis=-1).reshape(-1, 2)
     n = (grid * (width, height) - centre) / (fx, fy) * 0.9
-    pixels = (bent(n, distortion) * (fx, fy)).ravel()
-    # f n + f k1 n |n|^2 is linear in f and f k1
-    cubic = n * (n**2).sum(axis=1)[:, None]
-    columns = np.stack([n.ravel(), cubic.ravel()], axis=1)
-    (f, fk), *_ = np.linalg.lstsq(columns, pixels, rcond=None)
-    wrong = float(np.abs(columns @ (f, fk) - pixels).max())
-    f = float(f)
-    simple = (f, float(centre[0]), float(centre[1]), float(fk) / f)
+    f = float(fx + fy) / 2.0
+    k1 = float(distortion[0])
+    off = f * bent(n, (k1, 0, 0, 0, 0)) - bent(n, distortion) * (fx, fy)
+    wrong = float(np.abs(off).max())
+    simple = (f, float(centre[0]), float(centre[1]), k1)
     if wrong <= _BENT:
         return Camera((width, height), simple)
     note = f"the lens bends by up to {wrong:.2g} px otherwise than k1 says: it is fitted again"

@@ -59,28 +59,20 @@ class Trajectory:
         """The motion of a log's rows; None where they are poses, or known to be in time."""
         if samples.in_time or len(samples) < CLOCK.fewest_rows:
             return None
+        motion = Trajectory(samples.rows.astype(float), samples.q, "rows")
         if samples.time is not None:
             motion = Trajectory(samples.time, samples.q, "s")
-        else:
-            rows = samples.rows
-            rows = np.arange(len(samples)) if rows is None else rows
-            motion = Trajectory(rows.astype(float), samples.q, "rows")
         joined = motion.joined
         moves = joined.mean() >= 0.5 and is_path(samples.q, joined)
         return motion if moves else None
 
     @property
-    def step(self) -> float:
-        """The usual time from row to row [unit]."""
-        step = np.diff(self.time)
-        return float(np.median(step[step > 0])) if (step > 0).any() else 0.0
-
-    @property
     def joined(self) -> Mask:
         """Whether each row but the last goes on to the next one without a pause (n - 1,)."""
         step = np.diff(self.time)
-        longest = CLOCK.longest_pause * self.step
-        return np.asarray((step > 0) & (step <= longest))
+        later = step > 0
+        usual = np.median(step[later]) if later.any() else 0.0
+        return later & (step <= CLOCK.longest_pause * usual)
 
     def before(self, delay: float) -> tuple[Array, Array]:
         """Joints (n, dof) at the rows' times less `delay`, and their velocity [../unit].

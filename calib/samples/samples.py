@@ -51,7 +51,8 @@ class LogFile(OfRows):
     """What a file, or the pictures that rows were made of, say beside the rows."""
 
     # (n,), numbers of the rows, counted below the header from 1
-    rows: Index | None = None
+    # (n,), numbers of the rows, counted below the header from 1, which stand where it is empty
+    rows: Index = field(default_factory=lambda: np.empty(0, np.intp))
     # columns that have other names than what they hold
     columns: Mapping[str, str] = field(default_factory=dict)
     degrees: bool = False  # whether turning joints are in degrees there
@@ -137,6 +138,8 @@ class Samples(LogFile, Readings, Motion):
             "revolute": turns,
             "notes": tuple(self.notes),
         }
+        if not len(self.rows):
+            values["rows"] = np.arange(1, n + 1)
         for name, (array, shape) in arrays.items():
             if array is None:
                 continue

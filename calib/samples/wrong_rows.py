@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Mask
 from ..common.rows import row_lengths, thinned
 from ..common.scale import Scale
 from .samples import Samples
@@ -63,12 +63,5 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     sound[wrong] = False
     return sound, [
         f"left out, of learning and of the errors, {len(wrong):,} of {n:,} rows that "
-        f"contradict their neighbours: {row_numbers(samples, wrong)}"
+        f"contradict their neighbours: {rows_in_words(samples.rows[wrong])}"
     ]
-
-
-def row_numbers(samples: Samples, rows: Index) -> str:
-    """Name the first of some rows by their numbers in the log's file, counted below its header."""
-    if samples.rows is None:
-        return rows_in_words(rows + 1)
-    return rows_in_words(samples.rows[rows])

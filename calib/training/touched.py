@@ -22,7 +22,7 @@ from ..errors import LogError
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.sockets import Touches
-from ..samples.wrong_rows import row_numbers
+from ..samples.sound_values import rows_in_words
 from .learn import TrainingOptions
 from .settings import LEARNING, TOUCHING
 from .smooth import SmoothPart
@@ -97,7 +97,7 @@ def fit_sockets(
     if len(strays):
         notes.append(
             f"{len(strays)} rows were in no socket of theirs and are left out: "
-            f"{row_numbers(samples, strays)}"
+            f"{rows_in_words(samples.rows[strays])}"
         )
     fit = sockets.fit
     if doubt:

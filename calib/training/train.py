@@ -156,7 +156,7 @@ def _learned(
     measured = None
     if simulation is None:
         tested = held_out_residuals(model, samples, part, held_out, options)
-        shown_u = scale.to_unit(tested.q)
+        shown_u = scale.to_unit(tested.motion.q)
         shown_x = tested.x
         errors = tested.errors[model.default_readout]
         reading, position = node_bounds(model, shown_u, errors)
@@ -178,7 +178,7 @@ def _learned(
         about,
         errors=summarise(tested),
         within=within,
-        tested=len(tested.q),
+        tested=len(tested.x),
         left_out=tested.left_out + prepared.left_out,
         notes=(*size_notes, *prepared.notes),
     )

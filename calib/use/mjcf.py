@@ -1,7 +1,5 @@
 """Corrected MJCF: bodies and sites that stand where the arm really has them."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 

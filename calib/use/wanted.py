@@ -31,10 +31,6 @@ from .frames import FRAME_IS_FITTED, frame_is_free, frames, is_simulated
 from .geometry_fit import fit_geometry
 from .settings import CORRECTION
 
-_MOVED = (
-    "an adaptation found that the sensor's frame turned, which is not corrected; an offset of the "
-    "first joint looks the same: if the sensor stayed, say so to the adaptation, `cause='joints'`"
-)
 _POSITIONS = (
     "positions alone are corrected; the tool's orientation follows from the smallest change of the "
     "joints"
@@ -80,10 +76,6 @@ class Wanted:
             notes.append(FRAME_IS_FITTED)
         if moves_in_space(self.model) and not self.posed:
             notes.append(_POSITIONS)
-        if any(
-            abs(frame.angle) > CORRECTION.turned for frame in frames(self.model)
-        ):
-            notes.append(_MOVED)
         return tuple(notes)
 
     def target(self, q: Array) -> Array:

@@ -42,11 +42,28 @@ EVERY_FORM = """<mujoco model="every form">
 </mujoco>
 """
 
-
-ONE_EACH = "".join(
-    line for line in EVERY_FORM.splitlines(True) if '"c"' not in line and '"d"' not in line
+_LINKS = (
+    ("shoulder_pan", "0 0 0.163", "1 0 0 0", "0 0 1"),
+    ("shoulder_lift", "0 0.138 0", "1 0 1 0", "0 1 0"),
+    ("elbow", "0 -0.131 0.425", "1 0 0 0", "0 1 0"),
+    ("wrist_1", "0 0 0.392", "1 0 1 0", "0 1 0"),
+    ("wrist_2", "0 0.127 0", "1 0 0 0", "0 0 1"),
+    ("wrist_3", "0 0 0.1", "1 0 0 0", "0 1 0"),
 )
-"""The same, a joint for each body: only the place of a body can be corrected."""
+UR5E = (
+    '<mujoco model="ur5e"><compiler angle="radian"/>'
+    '<default><default class="ur"><joint range="-6.28319 6.28319"/></default></default>'
+    '<worldbody><body name="base" quat="0 0 0 -1" childclass="ur">'
+    + "".join(
+        f'<body name="{name}_link" pos="{pos}" quat="{quat}">'
+        '<inertial pos="0 0 0" mass="2" diaginertia=".01 .01 .01"/>'
+        f'<joint name="{name}_joint" axis="{axis}"/>'
+        for name, pos, quat, axis in _LINKS
+    )
+    + '<site name="attachment_site" pos="0 0.1 0" quat="-1 1 0 0"/>'
+    + "</body>" * 6
+    + "</body></worldbody></mujoco>\n"
+)
 
 
 def drawn(arm, n=20):
@@ -54,10 +71,11 @@ def drawn(arm, n=20):
     return np.random.default_rng(0).uniform(arm.lower, arm.upper, (n, arm.dof))
 
 
-def test_arms_move_as_mujoco_moves_them():
+@pytest.mark.parametrize("text", [EVERY_FORM, UR5E], ids=["every form", "ur5e"])
+def test_arms_move_as_mujoco_moves_them(text):
     mujoco = pytest.importorskip("mujoco")
-    arm = arm_from_urdf(EVERY_FORM)
-    model = mujoco.MjModel.from_xml_string(EVERY_FORM)
+    arm = arm_from_urdf(text)
+    model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     q = drawn(arm)
     for row, place, quaternion in zip(q, *arm.pose(q), strict=True):
@@ -74,9 +92,9 @@ def test_arms_move_as_mujoco_moves_them():
 def test_a_model_is_trained_from_an_mjcf_and_written_back(run, tmp_path):
     """Its joints' offsets are put into the bodies' places."""
     file = tmp_path / "arm.xml"
-    file.write_text(ONE_EACH)
+    file.write_text(UR5E)
     arm = calib.load_arm(file)
-    offsets = np.array([0.0, 0.008, -0.006])
+    offsets = np.radians([0.0, 0.5, -0.4, 0.3, 0.2, 0.0])
     q = drawn(arm, 120)
     log = tmp_path / "log.csv"
     rows = np.hstack([q, arm.forward(q + offsets)])
@@ -87,8 +105,8 @@ def test_a_model_is_trained_from_an_mjcf_and_written_back(run, tmp_path):
     assert run(*train).code == 0
     out = tmp_path / "corrected.xml"
     assert run("urdf", model, "-o", out).code == 0
-    assert out.read_text().count("<body") == ONE_EACH.count("<body")
+    assert out.read_text().count("<body") == UR5E.count("<body")
     written = calib.load_arm(out)
-    before = np.linalg.norm(arm.forward(q) - rows[:, 3:], axis=1).mean()
-    after = np.linalg.norm(written.forward(q) - rows[:, 3:], axis=1).mean()
+    before = np.linalg.norm(arm.forward(q) - rows[:, 6:], axis=1).mean()
+    after = np.linalg.norm(written.forward(q) - rows[:, 6:], axis=1).mean()
     assert after < 0.02 * before

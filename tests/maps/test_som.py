@@ -78,7 +78,7 @@ def test_a_40x40_map_is_ordered_and_close_to_the_best_quantizer(name, near):
     [("vdsom", "batch"), ("vdsom", "online"), *((n, None) for n in ("dsom", "gng:error"))],
 )
 def test_the_same_seed_gives_the_same_map_and_another_seed_another(name, rule):
-    x = points(500)
+    x = points(200)
     options = {} if rule is None else {"rule": rule}
     a, b, c = (SOM((6, 6), name, seed=s, **options).fit(x) for s in (1, 1, 2))
     assert a.units.tobytes() == b.units.tobytes()

@@ -11,8 +11,8 @@ import pytest
 RECIPES = {
     "two links": {},
     "two links, online rule": {"rule": "online"},
-    "two links, dsom": {"map": "dsom", "n": 200, "size": 4},
-    "two links, growing neural gas": {"map": "gng", "n": 300, "size": 5},
+    "two links, dsom": {"map": "dsom", "n": 100, "size": 4},
+    "two links, growing neural gas": {"map": "gng", "n": 150, "size": 4},
     "three links": {"robot": "three_link", "size": 4, "n": 300},
     "a log": {"log": 60, "size": 4},
     "maps and links alone": {"log": 60, "size": 4, "body": "none"},
