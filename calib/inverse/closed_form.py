@@ -81,15 +81,17 @@ class ClosedForm:
         fore = _across(axis, point - self.points[2])
         goal = _across(axis, place - self.points[1])
         # |link + R fore| = |goal|
-        size = (goal**2).sum(axis=-1) - link @ link - fore @ fore
-        lower = _at_height(self.axes[2], fore, link, size / 2)
+        squared = (goal**2).sum(axis=-1)
+        height = (squared - link @ link - fore @ fore) / 2
+        lower = _at_height(self.axes[2], fore, link, height)
         reached = link + _turns(self.axes[2], lower) @ fore
         return _angle(axis, reached, goal), lower
 
     def _spherical_arm(self, turn: Array, place: Array) -> tuple[Array, ...]:
         """Angles of joints 2 to 6 with a spherical wrist, given the first joint."""
         upper, lower = self._arm(place, self.meeting)
-        along = _turns(self.axes[1], upper) @ _turns(self.axes[2], lower)
+        along = _turns(self.axes[1], upper)
+        along = along @ _turns(self.axes[2], lower)
         turn = np.swapaxes(along, -1, -2) @ turn
         first, second, third = self.axes[3:]
         height = (turn @ third) @ first
@@ -108,8 +110,10 @@ class ClosedForm:
         bent = _turns(fifth, tilt)
         spin = -_angle(sixth, _back(bent, axis), _back(turn, axis))
         # what is left of the turn is about the parallel axes
-        rest = turn @ np.swapaxes(bent @ _turns(sixth, spin), -1, -2)
-        side = _across(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        wrist = bent @ _turns(sixth, spin)
+        rest = turn @ np.swapaxes(wrist, -1, -2)
+        steepest = np.argmin(np.abs(axis))
+        side = _across(axis, np.eye(3)[steepest])
         total = _angle(axis, side, rest @ side)
         elbow = place - rest @ (self.meeting - self.points[3])
         upper, lower = self._arm(elbow, self.points[3])
@@ -171,8 +175,9 @@ def _at_height(
     cosine = across @ along
     sine = np.cross(axis, across) @ along
     size = np.hypot(cosine, sine)
-    level = height - (vectors @ axis) * (axis @ along)
-    share = np.clip(level / np.where(size > 0, size, 1.0), -1.0, 1.0)
-    half = np.arccos(share)
+    raised = (vectors @ axis) * (axis @ along)
+    length = np.where(size > 0, size, 1.0)
+    level = (height - raised) / length
+    half = np.arccos(np.clip(level, -1.0, 1.0))
     middle = np.arctan2(sine, cosine)
     return np.stack([middle + half, middle - half])

@@ -58,20 +58,22 @@ def _curved_step(newton: Newton, stand: Stand, gap: Array) -> Array:
     """Newton step (n, dof) of half the squared distance, with the joints that may move."""
     u = stand.u
     push = (stand.slope * gap[:, :, None]).sum(axis=1)
-    outward = ((u <= 0.0) & (push < 0.0)) | ((u >= 1.0) & (push > 0.0))
-    stuck = outward & ~newton.scale.periodic
+    below = (u <= 0.0) & (push < 0.0)
+    above = (u >= 1.0) & (push > 0.0)
+    stuck = (below | above) & ~newton.scale.periodic
     push[stuck] = 0.0
     curvature = np.swapaxes(stand.slope, 1, 2) @ stand.slope
-    for k, probe in enumerate(SEARCH.probe * np.eye(u.shape[1])):
-        ahead = newton.task.residual(u + probe, stand.x)[1]
+    probes = SEARCH.probe * np.eye(u.shape[1])
+    for k, probe in enumerate(probes):
+        _, ahead = newton.task.residual(u + probe, stand.x)
         change = (ahead - stand.slope) / SEARCH.probe
         curvature[:, k] -= (change * gap[:, :, None]).sum(axis=1)
-    curvature = 0.5 * (curvature + np.swapaxes(curvature, 1, 2))
+    curvature += np.swapaxes(curvature, 1, 2).copy()
     curvature[stuck[:, :, None] | stuck[:, None, :]] = 0.0
-    size, axes = np.linalg.eigh(curvature)
+    size, axes = np.linalg.eigh(0.5 * curvature)
     size = np.abs(size)
-    largest = np.maximum(size.max(axis=1, keepdims=True), 1e-300)
-    size = np.maximum(size, CLOSEST.flat * largest)
+    least = CLOSEST.flat * size.max(axis=1, keepdims=True)
+    size = np.maximum(size, np.maximum(least, 1e-300))
     along = (push[:, None] @ axes)[:, 0] / size
     step = (axes @ along[..., None])[..., 0]
     return shortened(np.where(stuck, 0.0, step), CLOSEST.far)

@@ -14,7 +14,7 @@ import numpy as np
 from ..common.arrays import Array, Index, Mask
 from .newton import Newton, lengths, shortened
 from .settings import SEARCH
-from .ways import by_middle
+from .ways import Ways
 
 
 @dataclass(frozen=True)
@@ -32,18 +32,19 @@ class FamilySettings:
 FAMILIES = FamilySettings()
 
 
-def representatives(
-    newton: Newton, target: Index, u: Array, x: Array
-) -> tuple[Index, Array, Array]:
-    """Of solutions (n, dof) of targets (n,) the most central one of each connected family.
+def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
+    """Of solutions of targets (n,) the most central one of each connected family.
 
     Each slides as far towards the middle of the ranges as it can.  Those that arrive at one place
     are of one family; of two families the nearest members are walked between, pair after pair.
     """
+    u = ways.u
+    goals = x[ways.target]
     middle = np.full_like(u, 0.5)
-    stand = newton.settle(u, x[target], middle, FAMILIES.step)
-    central = np.where(newton.met(stand.miss)[:, None], stand.u, u)
-    a, b = _pairs(target)
+    stand = newton.settle(u, goals, middle, FAMILIES.step)
+    met = newton.met(stand.miss)
+    central = np.where(met[:, None], stand.u, u)
+    a, b = _pairs(ways.target)
     same = newton.away(central[a], central[b]) < FAMILIES.same
     label = _labels(len(u), a[same], b[same])
     order = np.argsort(newton.away(u[a], u[b]), kind="stable")
@@ -59,14 +60,16 @@ def representatives(
             break
         start = a[nearest]
         goal = b[nearest]
-        arrived = _arrives(newton, u[start], u[goal], x[target[start]])
-        joined = label[start[arrived]], label[goal[arrived]]
-        label = _labels(len(u), *joined)[label]
+        arrived = _arrives(newton, u[start], u[goal], goals[start])
+        one = label[start[arrived]]
+        other = label[goal[arrived]]
+        label = _labels(len(u), one, other)[label]
         a = np.delete(a, nearest)
         b = np.delete(b, nearest)
-    order = by_middle(newton.scale, target, central)
-    first = order[np.sort(np.unique(label[order], return_index=True)[1])]
-    return target[first], central[first], stand.miss[first]
+    members = Ways(ways.target, central, stand.miss)
+    order = members.by_middle(newton.scale)
+    first = np.unique(label[order], return_index=True)[1]
+    return members.rows(order[np.sort(first)])
 
 
 def _pairs(target: Index) -> tuple[Index, Index]:

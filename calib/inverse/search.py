@@ -13,7 +13,7 @@ from .closest import closest
 from .families import representatives
 from .newton import Newton, Stand
 from .settings import SEARCH
-from .ways import by_middle, distinct
+from .ways import Ways, distinct
 
 _FURTHER = 1e3
 """What is missed ranks behind whatever is met."""
@@ -65,24 +65,21 @@ class Search:
             u[lost], miss[lost] = closest(self.newton, u[lost], x[lost])
         return u, miss
 
-    def solve_all(self, x: Array) -> tuple[Index, Array, Array]:
-        """Every distinct solution of targets (n, m): of which it is, joints (k, dof), distance.
+    def solve_all(self, x: Array) -> Ways:
+        """Every distinct solution of targets (n, m).
 
         Sorted by target, the one nearest to the middle of the unit box first.  Of redundant joints
         each connected family has one; out of reach there is one, the nearest attainable point.
         """
-        target, u, miss = self.every(x)
+        ways = self.every(x)
         if self.redundant:
-            target, u, miss = representatives(self.newton, target, u, x)
-        lost = np.setdiff1d(np.arange(len(x)), target)
-        if len(lost):
-            middle = np.full((len(lost), u.shape[1]), 0.5)
-            nearest, missing = self.solve(x[lost], middle)
-            target = np.concatenate([target, lost])
-            u = np.concatenate([u, nearest])
-            miss = np.concatenate([miss, missing])
-        order = by_middle(self.scale, target, u)
-        return target[order], u[order], miss[order]
+            ways = representatives(self.newton, ways, x)
+        lost = np.setdiff1d(np.arange(len(x)), ways.target)
+        if not len(lost):
+            return ways
+        middle = np.full((len(lost), ways.u.shape[1]), 0.5)
+        u, miss = self.solve(x[lost], middle)
+        return ways.joined(Ways(lost, u, miss), self.scale)
 
     def nearest(self, x: Array, near: Array) -> Stand:
         """Joints nearest to `near` (n, dof) for targets `x`, or what comes close to them."""
@@ -122,8 +119,8 @@ class Search:
             self._improve(best, near, row[likely], start[likely])
         return best
 
-    def every(self, x: Array) -> tuple[Index, Array, Array]:
-        """Every way: of which target (k,), ascending, joints (k, dof), what is missing (k,).
+    def every(self, x: Array) -> Ways:
+        """Every way to targets (n, m), sorted as those of `solve_all`.
 
         Of redundant joints these are some of infinitely many.
         """
@@ -134,22 +131,17 @@ class Search:
             target = np.concatenate([target, owner])
             start = np.concatenate([start, drawn])
         stand = newton.refine(start, x[target])
-        u = stand.u
-        miss = stand.miss
+        row = target[:0]
+        across = stand.u[:0]
         if not newton.redundant:  # where branches meet
-            row, start = twins(newton, stand, SEARCH.folded)
-            across = newton.refine(start, stand.x[row])
-            target = np.concatenate([target, target[row]])
-            u = np.concatenate([u, across.u])
-            miss = np.concatenate([miss, across.miss])
-        met = newton.met(miss)
-        target = target[met]
-        u = u[met]
-        miss = miss[met]
-        order = by_middle(newton.scale, target, u)
-        single = distinct(newton.scale, target[order], u[order], SEARCH.same)
-        order = order[single]
-        return target[order], u[order], miss[order]
+            row, across = twins(newton, stand, SEARCH.folded)
+        other = newton.refine(across, stand.x[row])
+        ways = Ways(target, stand.u, stand.miss)
+        others = Ways(target[row], other.u, other.miss)
+        ways = ways.joined(others, self.scale)
+        ways = ways.rows(newton.met(ways.miss))
+        single = distinct(self.scale, ways.target, ways.u, SEARCH.same)
+        return ways.rows(single)
 
     def _rank(self, stand: Stand, near: Array) -> Array:
         """How bad answers are, (n,): how far from `near` if they are met, else by the miss."""

@@ -82,10 +82,10 @@ def follow_targets(
 
 def _front(search: Search, x: Array) -> Array:
     """Solutions of one target, of redundant joints some of each family, (n, dof)."""
-    families = search.solve_all(x[None])[1]
+    families = search.solve_all(x[None]).u
     if not search.redundant:
         return families
-    others = search.every(x[None])[1]
+    others = search.every(x[None]).u
     return np.concatenate([families, others])[: TRACKING.front]
 
 

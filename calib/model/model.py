@@ -202,9 +202,10 @@ class Model(Compilable):
         A target out of reach has one answer, the nearest attainable point.
         """
         rows, _ = checked_rows(x, self.axes, "positions")
-        target, u, _ = self.solver.solve_all(answers.in_sight(self, rows))
-        every = answers.answer(self, u, rows[target])
-        edges = np.searchsorted(target, np.arange(len(rows) + 1)).tolist()
+        ways = self.solver.solve_all(answers.in_sight(self, rows))
+        every = answers.answer(self, ways.u, rows[ways.target])
+        numbers = np.arange(len(rows) + 1)
+        edges = np.searchsorted(ways.target, numbers).tolist()
         return [
             Answer._make(part[a:b] for part in every)
             for a, b in itertools.pairwise(edges)

@@ -105,9 +105,10 @@ class Reach:
             q, count = kernel.rows("poses_all", near, *question)
             ways = [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
         else:
-            owner, u, _ = self.search.every(target)
-            edges = np.searchsorted(owner, np.arange(1, len(target)))
-            ways = np.split(self._scale.from_unit(u), edges)
+            every = self.search.every(target)
+            numbers = np.arange(1, len(target))
+            edges = np.searchsorted(every.target, numbers)
+            ways = np.split(self._scale.from_unit(every.u), edges)
         wish = self._unit(near)
         for k, rows in enumerate(ways):
             if not len(rows):
