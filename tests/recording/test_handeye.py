@@ -199,7 +199,7 @@ def test_a_lens_that_was_fitted_anew_is_no_change(run, tmp_path, tilt, drifted):
         more = exponential(np.radians([[0.0, tilt, 0.0]]))[0]
         rig.beta[turn] = logarithm(exponential(rig.beta[turn]) @ more)
         rig.look(rig.q, np.random.default_rng(1))
-    lens, _ = rig.shots().lens(None)
+    lens = rig.shots().lens()
     log = rig.shots().log(lens, in_hand=True)
     assert calib.check(model, log).drifted is drifted
     calib.write_log(log, tmp_path / "log.csv")
