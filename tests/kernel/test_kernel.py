@@ -5,6 +5,7 @@ import shutil
 import time
 from pathlib import Path
 
+import models
 import numpy as np
 import pytest
 from models import draw, in_pixels, in_plane, in_space, measured, six, trained, turning, warm
@@ -34,8 +35,7 @@ def homography():
     x = arm.forward(q)
     seen = 640 + 900 * x / (1.2 + 0.2 * x[:, :1])
     seen += 1e-7 * (seen - 640) * ((seen - 640) ** 2).sum(axis=1, keepdims=True)
-    ranges = arm.joint_names, arm.lower, arm.upper, arm.revolute
-    return calib.train(calib.Samples(q, seen, *ranges, arm=arm, unit="px"), size=8)
+    return calib.train(models.log_of(arm, q, seen, unit="px"), size=8)
 
 
 def cold(model):
