@@ -62,10 +62,7 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
             "interval": [measured - half, measured + half],
         },
         board={"text": first.board.text, "points": solved.board().tolist()},
-        held_out={
-            "rms": float(np.sqrt(np.mean(misses[agreeing] ** 2))),
-            "median": float(np.median(misses[agreeing])),
-        },
+        held_out={"rms": float(np.sqrt(np.mean(misses[agreeing] ** 2)))},
         left_out=tuple(names[k] for k in np.flatnonzero(~agreeing)),
         cameras=tuple(map(solved.camera, range(len(problem.views)))),
         convention=None if choice is None else choice.convention,
@@ -76,8 +73,11 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
         covariance=fit.covariance[np.ix_(places, places)],
         body=solved.body(0),
     )
-    rig = replace(rig, limited_by=limit_of(problem, rig, agreeing))
-    rig = replace(rig, notes=notes_of(problem, fit, rig, agreeing))
+    rig = replace(
+        rig,
+        limited_by=limit_of(problem, rig, agreeing),
+        notes=notes_of(problem, fit, rig, agreeing),
+    )
     return replace(rig, poses=solved.log(rig))
 
 

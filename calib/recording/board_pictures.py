@@ -77,10 +77,8 @@ class BoardPictures:
         pairs = zip(self.points, places, strict=True)
         return [find_pose(lens, points, pixels) for points, pixels in pairs]
 
-    def lens(self, known: Lens | None) -> tuple[Lens, tuple[str, ...]]:
-        """The camera's lens, calibrated by the same pictures where it is not known; and doubts."""
-        if known is not None:
-            return known, ()
+    def lens(self) -> Lens:
+        """The camera's lens, calibrated by the same pictures."""
         return calibrate_lens(self.corners, self.board, self.size)
 
     def log(self, lens: Lens, in_hand: bool) -> Samples:

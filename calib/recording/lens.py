@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 _LEAST_PICTURES = 4  # of a board that a calibration needs
 _DOUBT = 0.03  # share of the focal length that its sd may be
 _TANGENTIAL = 10  # pictures from which a lens that sits askew can be told
-_MISSES = 1.0  # [px] rms, beyond which a calibration is doubtful
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +115,8 @@ def calibrate_lens(
     corners: Sequence[Mapping[int, Array]],
     board: Pattern,
     size: tuple[int, int],
-) -> tuple[Lens, tuple[str, ...]]:
-    """Fit a lens to pictures of a board held at different angles; notes say what makes it doubtful.
+) -> Lens:
+    """Fit a lens to pictures of a board held at different angles.
 
     Of lenses of one, two and four terms the one by Schwarz's criterion: what the pictures do not
     need is free near the border, where no board was.
@@ -168,12 +167,7 @@ def calibrate_lens(
             f"the pictures of the board determine the focal length to {100 * doubt:.3g} % only, "
             "3 % expected: tilt the board this way and that between them"
         )
-    lens = replace(lens, covariance=covariance)
-    notes = (
-        f"lens: the corners miss their places by {lens.rms:.2g} px rms; check that the board is "
-        "flat and printed at its true size, and that the pictures are sharp",
-    )
-    return lens, notes if lens.rms > _MISSES else ()
+    return replace(lens, covariance=covariance)
 
 
 def _covariance(
@@ -265,7 +259,7 @@ def load_lens(
     for _, _, grey in read_series(list_pictures(path), notes):
         size = (grey.shape[1], grey.shape[0])
         corners.append(board.find(grey))
-    lens, doubts = calibrate_lens(corners, board, size)
+    lens = calibrate_lens(corners, board, size)
     notes.append(
         f"lens of {len(corners)} pictures: focal length {lens.focal[0]:.1f} px, corners miss their "
         f"places by {lens.rms:.2f} px rms"
@@ -273,4 +267,4 @@ def load_lens(
     if output is not None:
         lens.save(output)
         notes.append(f"lens written to {os.fspath(output)}")
-    return lens, (*notes, *doubts)
+    return lens, tuple(notes)

@@ -89,7 +89,7 @@ class HandEye:
     square: Square
     # its text, and its corners as fitted, in its frame [m]
     board: dict[str, object]
-    # rms and median of pictures predicted by others [px]
+    # rms of pictures predicted by others [px]
     held_out: dict[str, float]
     left_out: tuple[str, ...]  # names of pictures
     cameras: tuple[CameraPlace, ...]

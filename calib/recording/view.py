@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +25,6 @@ class View:
     in_hand: bool  # whether the camera is in the hand
     given: Lens | None  # by the user
     lens: Lens  # where the fit begins
-    doubts: Sequence[str]
     poses: Array  # (p, 4, 4), of the board before the camera, by each picture alone [m]
 
     @property
@@ -60,6 +58,6 @@ def view_of(
                 *given.size, *shots.size
             )
         )
-    lens, doubts = shots.lens(given)
+    lens = given or shots.lens()
     poses = matrices(shots.poses(lens))
-    return View(name, shots, in_hand, given, lens, doubts, poses)
+    return View(name, shots, in_hand, given, lens, poses)
