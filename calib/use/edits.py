@@ -86,7 +86,10 @@ def _urdf_edits(root: ET.Element, origins: Mapping[str, Array]) -> Edits:
 def _mjcf_edits(root: ET.Element, origins: Mapping[str, Array]) -> Edits:
     """Return what places bodies and sites so that joints have these origins."""
     places = read_mjcf(root).places
-    nodes = list(root.iter())
+    elements = {
+        (node.tag, node.get("name")): (number, node)
+        for number, node in enumerate(root.iter())
+    }
     edits: Edits = {}
     for name, origin in origins.items():
         place = places.get(name)
@@ -95,13 +98,12 @@ def _mjcf_edits(root: ET.Element, origins: Mapping[str, Array]) -> Edits:
                 f"joint {quoted(name)} shares its body with another joint: give it a body of its "
                 "own, whose place can be corrected"
             )
-        before = np.linalg.inv(place.before)
-        frame = before @ origin @ np.linalg.inv(place.after)
-        attributes = dict(nodes[place.element].attrib)
+        frame = origin @ np.linalg.inv(place.after)
+        number, node = elements[place.tag, place.name]
+        attributes = dict(node.attrib)
         for key in _PLACING:
             attributes.pop(key, None)
-        attributes |= pose_of(frame)
-        edits[place.element] = (attributes, "")
+        edits[number] = (attributes | pose_of(frame), "")
     return edits
 
 
