@@ -27,9 +27,14 @@ from ..samples.samples import Samples
 from .causes import Cause, as_built, as_drawn
 from .evidence import BoundTest, Evidence, bound_test
 from .explain import explain
-from .frame import Reference, carried_offset, reference_of
+from .frame import (
+    Reference,
+    carried_offset,
+    reference_of,
+    turned_tool,
+)
 from .rows import LogRows, rows_of
-from .settings import BEYOND, OUTLIER
+from .settings import BEYOND, MARGIN, OUTLIER
 from .significance import (
     FreeNoise,
     Tested,
@@ -167,6 +172,8 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
             systems, cause, temper=temper, calm=False, turned=(_TOOL,)
         )
         evidence = replace(evidence, explanations=explanations)
+    elif evidence.score > 1.0 and not evidence.attributed:
+        evidence = _by_orientations(evidence)
 
     # The winner fitted to the rows, and held-out rows as they are and as explained.
     better = None
@@ -248,6 +255,24 @@ def _is_turned_otherwise(evidence: Evidence) -> bool:
         return False
     moved = _TOOL in evidence.explanations[0].groups
     return not moved and evidence.tool.score > 1.0
+
+
+def _by_orientations(evidence: Evidence) -> Evidence:
+    """The evidence where orientations tell a change from none, which positions alone do not.
+
+    An offset of the last joint turns the tool, and hardly moves it.
+    """
+    if evidence.tool.score <= 1.0:
+        return evidence
+    structure = evidence.reference.structure
+    changes = [some for some in evidence.explanations if some.causes]
+    least = evidence.explanations[0].evidence - MARGIN
+    for best in changes:
+        tool = turned_tool(evidence.rows, structure, best.beta, best.deviation)
+        if best.evidence > least and tool.score <= 1.0:
+            others = [some for some in changes if some is not best]
+            return replace(evidence, explanations=(best, *others))
+    return evidence
 
 
 def check_choice(name: str, value: str | None, choices: Sequence[str]) -> None:

@@ -10,8 +10,7 @@ import numpy as np
 
 from ..arm.description import parse_robot
 from ..arm.rotations import quaternion_of
-from ..body.corners import held_of
-from ..body.sensor_pose import SensorPose
+from ..body.sensor_pose import SensorPose, held_of
 from ..body.views import is_camera
 from ..common.parallel import one_blas_thread
 from ..common.wording import one_line

@@ -16,7 +16,7 @@ from test_lerobot import REST, write_dataset
 import calib
 from calib import LogError, handeye
 from calib.arm.rotations import exponential, logarithm, matrix_of
-from calib.body.corners import held_of
+from calib.body.sensor_pose import held_of
 from calib.recording.board_pictures import find_board
 from calib.recording.joint_table import JointTable
 
@@ -268,6 +268,7 @@ def watching():
 ALIKE = {
     "the camera turned": ({"tool.rotation": (0, 0.006)}, {"tool": 0.344}),
     "wrist_3": ({"offset": (-1, 0.05)}, {"offset:wrist_3": 2.86}),
+    "wrist_3, little": ({"offset": (-1, 0.02)}, {"offset:wrist_3": 1.146}),
     "elbow, the camera": (
         {"offset": (2, 0.01), "tool.rotation": (0, 0.006)},
         {"offset:elbow": 0.573, "tool": 0.344},
