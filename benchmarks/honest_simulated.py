@@ -1,4 +1,4 @@
-"""Honesty where the truth is known: paths, cameras, clocks."""
+"""Honesty where the truth is known: paths, clocks."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -6,15 +6,12 @@ from typing import Any
 
 import numpy as np
 from honest_worlds import (
-    LENGTHS,
     Row,
     distance,
-    image,
     nearly_nominal,
     route,
     row,
     samples,
-    tip,
 )
 
 import calib
@@ -66,102 +63,6 @@ def paths(quick: bool) -> Iterator[Row]:
             most=0.4 if kind == "2" else 0.1,
             more=f"worst seed {max(values):.3g}",
         )
-
-
-def _camera_truth(dof: int, seed: int) -> tuple[Array, Array, Any]:
-    """Limits of the logged joints and where the tip is in the image."""
-    rng = np.random.default_rng(seed)
-    lower, upper = np.full(dof, -1.2), np.full(dof, 1.2)
-    lower[0], upper[0] = 0.0, 1.5
-    sense, offset = np.ones(dof), np.zeros(dof)
-    turned_joint = int(rng.integers(1, dof))
-    sense[turned_joint] = -1.0
-    offset[turned_joint] = np.radians(7.0)
-    bent = np.zeros(dof)
-    bent[1] = 1.3
-
-    def truth(q: Array) -> Array:
-        return image(tip(sense * (q + offset) + bent, LENGTHS[dof]))
-
-    return lower, upper, truth
-
-
-def _own_least_squares(q: Array, x: Array, dof: int, truth: Any, asked: Array) -> float:
-    """Mean miss [px] of the same class, fitted by SciPy from a start beside the truth."""
-    from scipy.optimize import least_squares
-
-    best = np.inf
-    error = np.nan
-    for senses in np.array(np.meshgrid(*([[1.0, -1.0]] * (dof - 1)))).T.reshape(-1, dof - 1):
-        sense = np.concatenate([[1.0], senses])
-
-        def chain(theta: Array, joints: Array, sense: Array = sense) -> Array:
-            lengths = np.concatenate([[0.3], theta[: dof - 1]])
-            p = tip(sense * joints + np.concatenate([[0.0], theta[dof - 1 : 2 * dof - 2]]), lengths)
-            h = theta[2 * dof - 2 :]
-            w = 1.0 + p @ h[6:]
-            return (p @ h[:4].reshape(2, 2).T + h[4:6]) / w[:, None]
-
-        for first in (1.3, -1.3, 0.5):
-            start = np.concatenate(
-                [LENGTHS[dof][1:], [first], np.zeros(dof - 2), [750, 0, 0, -700, 530, 500, 0, 0]]
-            )
-            fit = least_squares(
-                lambda t: (chain(t, q) - x).ravel(), start, x_scale=np.maximum(np.abs(start), 0.1)
-            )
-            if fit.cost < best:
-                best = fit.cost
-                error = float(distance(chain(fit.x, asked), truth(asked)).mean())
-    return error
-
-
-def camera(quick: bool) -> Iterator[Row]:
-    """Few rows of a tilted camera, commanded in whole degrees, one servo reversed."""
-    shares, signs = [], []
-    for dof in (2, 3):
-        for n in (20, 40, 100):
-            ours, theirs = [], []
-            for seed in range(2 if quick else 10):
-                lower, upper, truth = _camera_truth(dof, 40 + seed)
-                rng = np.random.default_rng(80 + seed)
-                q = np.radians(np.round(np.degrees(rng.uniform(lower, upper, (n, dof)))))
-                x = truth(q) + rng.standard_normal((n, 2))
-                asked = rng.uniform(lower, upper, (600, dof))
-                model = calib.train(samples(q, x, lower, upper, unit="px"))
-                miss, bound = distance(model.forward(asked), truth(asked)), model.model_error(asked)
-                known = np.isfinite(miss) & np.isfinite(bound)
-                shares.append(float(np.mean(miss[known] <= bound[known])) if known.any() else 1.0)
-                ours.append(float(miss[known].mean()) if known.any() else np.nan)
-                theirs.append(_own_least_squares(q, x, dof, truth, asked))
-                signs.append(_sign_right(model, dof, 40 + seed))
-            yield row(
-                f"camera, {dof} joints, {n} rows: error / own least squares",
-                float(np.mean(ours) / np.mean(theirs)),
-                most=1.2,
-                more=f"{np.mean(ours):.3g} and {np.mean(theirs):.3g} px",
-            )
-    yield row(
-        "camera: coverage of the true position",
-        100 * float(np.mean(shares)),
-        "%",
-        least=93,
-        more=f"least {100 * min(shares):.0f}",
-    )
-    yield row(
-        f"camera: reversed servo found, of {len(signs)}",
-        100 * float(np.mean(signs)),
-        "%",
-        least=100,
-    )
-
-
-def _sign_right(model: calib.Model, dof: int, seed: int) -> bool:
-    """Whether the body turns the joints as they turn, up to a mirror of all of them."""
-    rng = np.random.default_rng(seed)
-    sense = np.ones(dof)
-    sense[int(rng.integers(1, dof))] = -1.0
-    found = np.asarray(model.body.structure.signs, dtype=float)
-    return bool(np.array_equal(found * found[0], sense))
 
 
 LATE = (0.0, 0.005, 0.02, -0.02)  # [s]

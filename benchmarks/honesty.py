@@ -5,7 +5,7 @@
 FOLDER holds the laser-tracker logs series_a.csv, series_c.csv, full_a.csv and full_c.csv of a UR10
 (docs/accuracy.md names their source); without it the parts on real rows are left out, aloud.
 PART is one of coverage, gaps, adapt, adapt-space, check, rows, few, urdf, sessions, real-streams
-(real rows) and paths, places, power, camera, change, clocks, noisier, encoders, encoders-space,
+(real rows) and paths, places, power, change, clocks, noisier, encoders, encoders-space,
 repeats, few-rows, approach, streams (own generators, see honest_worlds.py).
 ``--quick`` takes fewer splits and seeds: each part then ends within about a minute.
 """
@@ -44,7 +44,6 @@ OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
     "places": honest_change.places,
     "power": honest_check.power,
     "change": honest_change.changed,
-    "camera": honest_simulated.camera,
     "clocks": honest_simulated.clocks,
     "noisier": honest_check.noisier,
     "encoders": honest_check.encoders,

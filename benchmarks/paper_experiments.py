@@ -12,7 +12,7 @@ from tables import table
 
 from calib.maps.density import READINGS
 from calib.paper.setting import Setting
-from calib.paper.tables import FACTORS, unit_of
+from calib.paper.tables import FACTORS, UNITS
 from calib.paper.trial import (
     SAME_SCHEDULE,
     NetworkTrial,
@@ -89,7 +89,7 @@ def cells(columns: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     for name, error in columns.items():
         if name.endswith("distance"):
             continue
-        unit = unit_of(name)
+        unit = UNITS[name]
         found |= {f"{name} {k} [{unit}]": error[k] * FACTORS[unit] for k in ("mean", "max")}
     return found
 

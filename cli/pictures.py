@@ -130,7 +130,8 @@ def record_tag(
         path = paths[log.pictures[len(log) // 2]]
     say(log.notes)
     folder = Path(output).resolve().parent
-    if output != "-" and path.resolve().is_relative_to(folder):
+    is_beside = output != "-" and path.resolve().is_relative_to(folder)
+    if is_beside and log.unit == "px":
         # named in the log, so that train can draw the map over it
         name = path.resolve().relative_to(folder).as_posix()
         log = replace(log, source={**log.source, "photo": name})
@@ -178,9 +179,8 @@ def record_board(
     if isinstance(lens, str):
         lens, notes = load_lens(lens, shots.board)
         say(notes)
-    lens, doubts = shots.lens(lens)
-    log = shots.log(lens, eye == "hand")
-    say([*log.notes, *doubts])
+    log = shots.log(lens or shots.lens(), eye == "hand")
+    say(log.notes)
     return log
 
 
@@ -264,7 +264,7 @@ def load_drawn(
 
 
 def with_photo(model: Model, path: str, log: Samples | None) -> Model:
-    """Return a model with a photo; for metres `log` says where its camera was."""
+    """Return a model with a photo, by the camera of the log."""
     from calib.recording.photo import take_photo
 
     source = None if log is None else log.source

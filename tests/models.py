@@ -69,11 +69,17 @@ def turning():
     return calib.train(samples, size=15)
 
 
+def log_of(arm, q: np.ndarray, x: np.ndarray, **facts) -> calib.Samples:
+    """Return rows of an arm as a sensor measured them."""
+    limits = arm.lower, arm.upper, arm.revolute
+    return calib.Samples(q, x, arm.joint_names, *limits, arm=arm, **facts)
+
+
 def log(n: int, noise: float = 0.0, seed: int = 0) -> calib.Samples:
     """Return a log of two_link, without what only a simulation knows."""
     arm = calib.load_arm("two_link")
     s = calib.babble(arm, n, seed=seed, noise=noise)
-    return calib.Samples(s.q, s.x, s.joint_names, s.lower, s.upper, s.revolute, arm=arm)
+    return log_of(arm, s.q, s.x)
 
 
 def babbled(*changes: str, n: int = 60, noise: float = 0.0, seed: int = 1) -> calib.Samples:
@@ -141,10 +147,7 @@ def in_space(n: int = 240):
     arm, structure, beta, rng = built(curves=True)
     q = rng.uniform(arm.lower, arm.upper, (n, 3))
     x = structure.predict(q, beta) + rng.normal(0, 2e-5, (n, 3))
-    samples = calib.Samples(
-        q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, unit="m"
-    )
-    return calib.train(samples, size=5)
+    return calib.train(log_of(arm, q, x, unit="m"), size=5)
 
 
 @cache
@@ -160,13 +163,7 @@ def in_pixels(n: int = 60, robot: str = "spatial_three"):
     rng = np.random.default_rng(0)
     q = rng.uniform(arm.lower, arm.upper, (n, arm.dof))
     x = structure.predict(q, beta) + rng.normal(0, 0.3, (n, 2))
-    return calib.train(
-        calib.Samples(
-            q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, unit="px",
-            camera=Camera((1280, 720), lens),
-        ),
-        size=5,
-    )  # fmt: skip
+    return calib.train(log_of(arm, q, x, unit="px", camera=Camera((1280, 720), lens)), size=5)
 
 
 @cache
@@ -174,10 +171,7 @@ def six():
     """Return a six-joint arm in space, every parameter of which is off."""
     arm = calib.load_arm("six_axis")
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (30, 6))
-    samples = calib.Samples(
-        q, arm.forward(q), arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm
-    )
-    drawn = calib.train(samples, size=3)
+    drawn = calib.train(log_of(arm, q, arm.forward(q)), size=3)
     structure = drawn.body.structure
     rng, beta = np.random.default_rng(1), drawn.body.beta.copy()
     groups = ("tool.rotation", "placement", "offset", "elastic", "payload", "gravity", "coupling")

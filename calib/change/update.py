@@ -67,8 +67,7 @@ def update(evidence: Evidence) -> Update:
     changed = evidence.score > 1.0
     explanation = _to_update_by(evidence)
     body, residual = _updated(explanation, evidence.data.some(UPDATING.rows))
-    rows = np.flatnonzero(evidence.sound)
-    rows = rows[thinned(len(rows), UPDATING.rows)]
+    rows = thinned(len(evidence.rows), UPDATING.rows)
     before = evidence.rows.missed[rows]
     gain = before - np.linalg.norm(residual, axis=1)
     gains = np.array(

@@ -209,7 +209,7 @@ class Association:
 
     @cached_property
     def _weighted(self) -> Array:
-        return np.asarray(self.links @ self.sensory.units)
+        return self.links @ self.sensory.units
 
     @cached_property
     def _strongest_partner(self) -> Index:

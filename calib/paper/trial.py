@@ -1,7 +1,5 @@
 """Trials: one network, one schedule, several seeds, and the errors of each readout."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

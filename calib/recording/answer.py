@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,8 +9,7 @@ import numpy as np
 
 from ..arm.rotations import cross_matrix, quaternion_of
 from ..body.belief import Body
-from ..body.corners import held_of
-from ..body.sensor_pose import SensorPose
+from ..body.sensor_pose import SensorPose, held_of
 from ..common.arrays import Array, Index, Mask
 from ..samples.samples import Samples
 from .agreement import agreed, held_out
@@ -20,9 +18,8 @@ from .fit import Fit
 from .joint_motions import JointMotions
 from .lens import Lens
 from .notes import limit_of, notes_of
-from .pictures import opencv
 from .problem import Problem
-from .rig import CameraPlace, HandEye, LensFacts, Photo, Place
+from .rig import CameraPlace, HandEye, LensFacts, Place
 from .rigid import inverse
 
 
@@ -35,8 +32,7 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
     solved = Solved(problem, fit, agreeing)
     bundle = problem.bundle
     layout = bundle.layout
-    pixels = held_out(problem, fit, agreeing)
-    misses = bundle.misses(pixels)
+    misses = bundle.misses(held_out(problem, fit, agreeing))
     off = np.linalg.norm(bundle.pixels - problem.predict(fit), axis=1)
     off = off[agreeing[bundle.motion]]
     names = problem.names
@@ -66,10 +62,7 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
             "interval": [measured - half, measured + half],
         },
         board={"text": first.board.text, "points": solved.board().tolist()},
-        held_out={
-            "rms": float(np.sqrt(np.mean(misses[agreeing] ** 2))),
-            "median": float(np.median(misses[agreeing])),
-        },
+        held_out={"rms": float(np.sqrt(np.mean(misses[agreeing] ** 2)))},
         left_out=tuple(names[k] for k in np.flatnonzero(~agreeing)),
         cameras=tuple(map(solved.camera, range(len(problem.views)))),
         convention=None if choice is None else choice.convention,
@@ -78,11 +71,13 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
         flange=bundle.motions.poses(fit.unknowns.values[layout.arm]),
         misses=misses,
         covariance=fit.covariance[np.ix_(places, places)],
-        photo=solved.photo(pixels),
         body=solved.body(0),
     )
-    rig = replace(rig, limited_by=limit_of(problem, rig, agreeing))
-    rig = replace(rig, notes=notes_of(problem, fit, rig, agreeing))
+    rig = replace(
+        rig,
+        limited_by=limit_of(problem, rig, agreeing),
+        notes=notes_of(problem, fit, rig, agreeing),
+    )
     return replace(rig, poses=solved.log(rig))
 
 
@@ -229,23 +224,6 @@ class Solved:
         shape = self.fit.unknowns.values[self.problem.bundle.layout.shapes[0]]
         bent = points + bending(points, points) @ shape[:-1]
         return np.asarray(np.exp(shape[-1]) * bent)
-
-    def photo(self, predicted: Array) -> Photo | None:
-        """The first camera's picture with most corners; `predicted` (N, 2) are held out."""
-        view = self.problem.views[0]
-        if view.shots.largest is None:
-            return None
-        number, grey = view.shots.largest
-        bundle = self.problem.bundle
-        motion = np.searchsorted(self.problem.rows, view.rows[number])
-        rows = (bundle.camera == 0) & (bundle.motion == motion)
-        jpeg = opencv().imencode(".jpg", grey)[1].tobytes()
-        return {
-            "name": view.shots.names[number],
-            "jpeg": base64.b64encode(jpeg).decode(),
-            "corners": bundle.pixels[rows].tolist(),
-            "predicted": predicted[rows].tolist(),
-        }
 
     def log(self, rig: HandEye) -> Samples | None:
         """The first camera's pictures as a log of poses that knows the rig; None without joints."""

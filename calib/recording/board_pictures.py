@@ -54,7 +54,6 @@ class BoardPictures:
     episodes: Index | None = None  # (p,), the series that each is of
     # (p,), the row of joints or poses that each is of
     rows: Index | None = None
-    largest: tuple[int, Picture] | None = None  # the picture with most corners
 
     @property
     def points(self) -> list[Array]:
@@ -78,10 +77,8 @@ class BoardPictures:
         pairs = zip(self.points, places, strict=True)
         return [find_pose(lens, points, pixels) for points, pixels in pairs]
 
-    def lens(self, known: Lens | None) -> tuple[Lens, tuple[str, ...]]:
-        """The camera's lens, calibrated by the same pictures where it is not known; and doubts."""
-        if known is not None:
-            return known, ()
+    def lens(self) -> Lens:
+        """The camera's lens, calibrated by the same pictures."""
         return calibrate_lens(self.corners, self.board, self.size)
 
     def log(self, lens: Lens, in_hand: bool) -> Samples:
@@ -192,7 +189,6 @@ def find_board(
     copies: list[str] = []
     contents: set[bytes] = set()
     looked: list[Picture] = []
-    largest = None
     grey = np.zeros((0, 0), np.uint8)
     for number, name, grey in frames:
         content = grey.tobytes()
@@ -203,8 +199,6 @@ def find_board(
             without[name] = len(marks)
             looked.append(grey)
         else:
-            if len(marks) > max(map(len, corners), default=0):
-                largest = (len(shown), grey)
             shown[rows[number]] = name
             corners.append(marks)
         contents.add(content)
@@ -238,7 +232,6 @@ def find_board(
         notes=tuple(notes),
         episodes=None if episodes is None else episodes[places],
         rows=places,
-        largest=largest,
     )
 
 

@@ -142,8 +142,9 @@ def choose(
             f"rotation {rotation!r} is none of the poses: expected one of {', '.join(ROTATIONS)} "
             "that has as many numbers"
         )
-    seen = (view.poses, view.board, view.in_hand, unit)
-    starts = [find_start(reading.flange[view.rows], *seen) for reading in some]
+    starts = [
+        find_start(reading.flange[view.rows], view, unit) for reading in some
+    ]
     order = sorted(range(len(some)), key=lambda k: starts[k].rank)
     least = starts[order[0]].rank
     tied = [k for k in order if starts[k].rank < TIED * least]

@@ -1,9 +1,10 @@
-"""A camera's lens: calibrated once from a few pictures of a board, kept in a JSON file."""
+"""Lens: of a file of calib, ROS or OpenCV, of a model, or calibrated by pictures of a board."""
 
 from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -18,16 +19,37 @@ from ..common.atomic import atomic_write
 from ..errors import LogError, OptionError
 from ..samples.camera import bent
 from .board import LEAST_CORNERS, Pattern
-from .lens_files import read_lens
 from .pictures import list_pictures, opencv, read_series
 
 if TYPE_CHECKING:
     from ..model.model import Model
 
+MATRIX = "camera_matrix|cameraMatrix|CameraMatrix|intrinsic_matrix|mtx|K|k"
+DISTORTION = (
+    "distortion_coefficients|distCoeffs|dist_coeffs|distortion|dist|D|d"
+)
+WIDTH = "image_width|imageWidth|width"
+HEIGHT = "image_height|imageHeight|height"
+"""Keys in YAML or JSON."""
+
+_NUMBER = (
+    r"(?i:[-+]?(?:\.?nan|\.?inf|\d+\.?\d*(?:e[-+]?\d+)?|\.\d+(?:e[-+]?\d+)?))"
+)
+# what stands between a key and its numbers: a type, and the sizes of a matrix
+_ABOUT = (
+    r"[\s{]*(?:!!\S+\s+)?"
+    r"(?:[\"']?(?:rows|cols|dt|type_id)[\"']?:[^\n,]*[\n,]\s*)*"
+    r"(?:[\"']?data[\"']?:)?"
+)
+_FISHEYE = ("equidistant", "fisheye", "kannala")
+_TERMS = 5  # k1, k2, p1, p2, k3
+
+UNSTATED = (0, 0)
+"""Size of pictures where a file says none."""
+
 _LEAST_PICTURES = 4  # of a board that a calibration needs
 _DOUBT = 0.03  # share of the focal length that its sd may be
 _TANGENTIAL = 10  # pictures from which a lens that sits askew can be told
-_MISSES = 1.0  # [px] rms, beyond which a calibration is doubtful
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +138,8 @@ def calibrate_lens(
     corners: Sequence[Mapping[int, Array]],
     board: Pattern,
     size: tuple[int, int],
-) -> tuple[Lens, tuple[str, ...]]:
-    """Fit a lens to pictures of a board held at different angles; notes say what makes it doubtful.
+) -> Lens:
+    """Fit a lens to pictures of a board held at different angles.
 
     Of lenses of one, two and four terms the one by Schwarz's criterion: what the pictures do not
     need is free near the border, where no board was.
@@ -168,12 +190,7 @@ def calibrate_lens(
             f"the pictures of the board determine the focal length to {100 * doubt:.3g} % only, "
             "3 % expected: tilt the board this way and that between them"
         )
-    lens = replace(lens, covariance=covariance)
-    notes = (
-        f"lens: the corners miss their places by {lens.rms:.2g} px rms; check that the board is "
-        "flat and printed at its true size, and that the pictures are sharp",
-    )
-    return lens, notes if lens.rms > _MISSES else ()
+    return replace(lens, covariance=covariance)
 
 
 def _covariance(
@@ -265,7 +282,7 @@ def load_lens(
     for _, _, grey in read_series(list_pictures(path), notes):
         size = (grey.shape[1], grey.shape[0])
         corners.append(board.find(grey))
-    lens, doubts = calibrate_lens(corners, board, size)
+    lens = calibrate_lens(corners, board, size)
     notes.append(
         f"lens of {len(corners)} pictures: focal length {lens.focal[0]:.1f} px, corners miss their "
         f"places by {lens.rms:.2f} px rms"
@@ -273,4 +290,49 @@ def load_lens(
     if output is not None:
         lens.save(output)
         notes.append(f"lens written to {os.fspath(output)}")
-    return lens, (*notes, *doubts)
+    return lens, tuple(notes)
+
+
+def read_lens(text: str, label: str) -> tuple[tuple[int, int], Array, Array]:
+    """Size of the pictures, camera matrix (3, 3) and distortion (5,) of a YAML or JSON text.
+
+    Raises LogError in one line where it has none, where numbers are not finite, or where the lens
+    is of another kind.
+    """
+    matrix = _numbers(text, MATRIX)
+    bent = _numbers(text, DISTORTION)
+    if len(matrix) != 9:
+        raise LogError(
+            f"{label} is no lens: expected calib's lens.json, ROS's camera_info, or OpenCV's "
+            "cameraMatrix and distCoeffs, in YAML or JSON, or pictures of the board"
+        )
+    if not np.isfinite([*matrix, *bent]).all() or min(matrix[[0, 4]]) <= 0.0:
+        raise LogError(
+            f"{label}: focal lengths {matrix[0]:g} and {matrix[4]:g}, distortion "
+            f"{bent.tolist()}: expected finite numbers and focal lengths above zero"
+        )
+    if any(word in text.lower() for word in _FISHEYE) or bent[_TERMS:].any():
+        raise LogError(
+            f"{label} is a fisheye or rational lens ({len(bent)} terms): expected up to five, k1, "
+            "k2, p1, p2, k3; leave the lens out to have it fitted"
+        )
+    distortion = np.append(bent, np.zeros(_TERMS))[:_TERMS]
+    sides = np.append(_numbers(text, WIDTH), _numbers(text, HEIGHT))
+    size = (int(sides[0]), int(sides[1])) if len(sides) == 2 else UNSTATED
+    return size, matrix.reshape(3, 3), distortion
+
+
+def _numbers(text: str, keys: str) -> Array:
+    """The numbers under the first of some keys, in order; none where no key is there."""
+    for key in keys.split("|"):
+        block = re.search(
+            rf"(?<!\w)[\"']?{key}[\"']?\s*:{_ABOUT}((?:{_NUMBER}|[\s\[\],.]|-\s)*)",
+            text,
+        )
+        if block is not None:
+            words = re.findall(_NUMBER, block[1].lower())
+            # YAML writes .nan and .inf
+            return np.array(
+                [w.replace(".n", "n").replace(".i", "i") for w in words], float
+            )
+    return np.zeros(0)

@@ -65,7 +65,7 @@ def notes_of(
     """All that has to be known."""
     notes: list[str] = []
     for view in problem.views:
-        notes += [*view.shots.notes, *view.doubts]
+        notes += view.shots.notes
     choice = problem.choice
     if choice is not None:
         convention = choice.convention

@@ -151,7 +151,7 @@ def _problem(
     boards: dict[bool, Start] = {}
     for view in views:
         there = flange[np.searchsorted(rows, view.rows)]
-        start = find_start(there, view.poses, view.board, view.in_hand, "m")
+        start = find_start(there, view, "m")
         board = boards.setdefault(view.in_hand, start)
         start = _from_same_end(start, board, view.board.half_turn)
         starts.append(start)

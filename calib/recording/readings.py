@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from ..body.spatial import SpatialStructure
-from ..common.arrays import Array, Index
+from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
 from ..samples.diagnosis import Finding, readings
@@ -32,22 +33,23 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     neutral = structure.neutral()
     q = view.shots.q
 
-    def start(values: Array, rows: Index, in_hand: bool) -> Start:
-        places, turns = base.pose(values[rows], neutral)
-        flange = rigid(turns, places)
-        return find_start(flange, view.poses[rows], view.board, in_hand, "m")
+    def start(values: Array, seen: View) -> Start:
+        places, turns = base.pose(values, neutral)
+        return find_start(rigid(turns, places), seen, "m")
 
-    usual = start(q, np.arange(len(q)), view.in_hand)
+    usual = start(q, view)
     is_board = abs(np.expm1(usual.size)) < _MISSAID
     if usual.misfit < _FAR and is_board:
         return
     some = thinned(len(q), _TRIED)
+    few = replace(view, poses=view.poses[some])
+    other_eye = replace(few, in_hand=not view.in_hand)
     best = usual.misfit
     words = ""
     hint = ""
     for values, finding in _others(structure, view):
-        in_hand = view.in_hand != (finding.kind == "eye")
-        there = start(values, some, in_hand).misfit
+        seen = other_eye if finding.kind == "eye" else few
+        there = start(values[some], seen).misfit
         if there < _CLEAR * best:
             best = there
             words = finding.words

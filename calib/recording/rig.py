@@ -27,7 +27,7 @@ from .rigid import rigid
 KIND = "rig"
 UNWRITTEN = ("poses", "body")
 ARRAYS = ("flange", "misses", "covariance")
-FILED = (*ARRAYS, "names", "frames", "photo")
+FILED = (*ARRAYS, "names", "frames")
 """What files hold, and JSON for people does not."""
 
 Place = dict[str, list[float]]
@@ -65,15 +65,6 @@ class CameraPlace(TypedDict, total=False):
     from_first: Place  # in the frame of the first camera of its eye
 
 
-class Photo(TypedDict):
-    """A picture that the fit did not see, with its corners [px]."""
-
-    name: str
-    jpeg: str  # in base 64
-    corners: list[list[float]]  # (m, 2), as they are
-    predicted: list[list[float]]  # (m, 2)
-
-
 @dataclass(frozen=True, eq=False)
 class HandEye:
     """Where cameras and a board are.
@@ -98,7 +89,7 @@ class HandEye:
     square: Square
     # its text, and its corners as fitted, in its frame [m]
     board: dict[str, object]
-    # rms and median of pictures predicted by others [px]
+    # rms of pictures predicted by others [px]
     held_out: dict[str, float]
     left_out: tuple[str, ...]  # names of pictures
     cameras: tuple[CameraPlace, ...]
@@ -109,7 +100,6 @@ class HandEye:
     misses: Array  # (n,) [px], rms of the corners at each motion, by a fit without it
     # (12, 12), of turn and shift of the hand's and the base's frame
     covariance: Array
-    photo: Photo | None = None
     # of joints: the pictures as `calib log --eye` writes
     poses: Samples | None = None
     body: Body | None = None
@@ -202,6 +192,7 @@ def rig_of(document: Mapping[str, Any]) -> HandEye:
     Raises KeyError, TypeError, ValueError if it is none.
     """
     values = dict(document)
+    values.pop("photo", None)  # of files of older programs
     for name in ARRAYS:
         values[name] = np.array(document[name], float)
     for name in ("notes", "left_out", "names", "frames", "cameras"):

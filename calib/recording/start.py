@@ -12,8 +12,8 @@ import numpy as np
 from ..arm.rotations import nearest_rotation
 from ..common.arrays import Array, Mask
 from ..common.scale import METRES
-from .board import Pattern
 from .rigid import inverse, rigid
+from .view import View
 
 MISSAID = 0.3
 """Log of a board's size over the stated one, that is none."""
@@ -50,28 +50,19 @@ class Start:
         return self.misfit if self.is_sized else 10.0 * self.misfit
 
 
-def find_start(
-    flange: Array,
-    poses: Array,
-    board: Pattern,
-    in_hand: bool,
-    unit: str | None = None,
-) -> Start:
+def find_start(flange: Array, view: View, unit: str | None = None) -> Start:
     """Solve for camera and board; where the motions tell no lengths, with the board as stated.
 
     A flange that turns on the spot fits in any unit: then it is as far from its base as usual.
 
     flange : (n, 4, 4), in the base
-    poses : (n, 4, 4), of the board before the camera, by each picture alone [m]
-    in_hand : whether the camera is in the hand
     unit : of the flange's lengths; by default the one in which the board is nearest to its stated
         size
     """
-    problem = (inverse(flange) if in_hand else flange, poses, board, unit)
-    start = _solved(*problem, None)
+    start = _solved(flange, view, unit, None)
     distance = float(np.median(np.linalg.norm(flange[:, :3, 3], axis=1)))
     name = unit or _nearest(max(distance, 1e-9) / USUAL)
-    sized = _solved(*problem, METRES[name])
+    sized = _solved(flange, view, unit, METRES[name])
     most = max(1.3 * start.misfit, np.radians(0.2))
     if start.is_sized:  # by chance, where a length of noise fits badly
         most = 0.5 * start.misfit
@@ -84,20 +75,18 @@ def _nearest(length: float) -> str:
 
 
 def _solved(
-    motions: Array,
-    poses: Array,
-    board: Pattern,
-    unit: str | None,
-    length: float | None,
+    flange: Array, view: View, unit: str | None, length: float | None
 ) -> Start:
     """Camera and board; `length` is that of a metre in the flange's unit, where boards tell it."""
+    motions = inverse(flange) if view.in_hand else flange
+    poses = view.poses
     weights = np.ones(len(motions))
-    half_turn = board.half_turn
+    half_turn = view.board.half_turn
     turned = np.zeros(len(motions), bool)
     if half_turn is not None:
         turned = _half_turned(motions, poses, half_turn)
         poses = np.where(turned[:, None, None], poses @ half_turn, poses)
-    points = board.points()
+    points = view.board.points()
     points = points[:: max(len(points) // 8, 1)]
     for _ in range(ROUNDS):
         x, y, scale = _closed_form(motions, poses, weights, length)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,8 +11,7 @@ from ..common.choices import Eye
 from ..errors import LogError
 from .board import Pattern
 from .board_pictures import BoardPictures
-from .lens import Lens
-from .lens_files import UNSTATED
+from .lens import UNSTATED, Lens
 from .reference import matrices
 
 
@@ -26,7 +24,6 @@ class View:
     in_hand: bool  # whether the camera is in the hand
     given: Lens | None  # by the user
     lens: Lens  # where the fit begins
-    doubts: Sequence[str]
     poses: Array  # (p, 4, 4), of the board before the camera, by each picture alone [m]
 
     @property
@@ -60,6 +57,6 @@ def view_of(
                 *given.size, *shots.size
             )
         )
-    lens, doubts = shots.lens(given)
+    lens = given or shots.lens()
     poses = matrices(shots.poses(lens))
-    return View(name, shots, in_hand, given, lens, doubts, poses)
+    return View(name, shots, in_hand, given, lens, poses)

@@ -1,7 +1,5 @@
 """What a model knows, in the files of others: C, ROS, Universal Robots, MuJoCo, LeRobot."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -11,9 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..arm.description import parse_robot
-from ..arm.rotations import quaternion_of
-from ..body.corners import held_of
-from ..body.sensor_pose import SensorPose
+from ..body.sensor_pose import SensorPose, held_of
 from ..body.views import is_camera
 from ..common.parallel import one_blas_thread
 from ..common.wording import one_line
@@ -22,10 +18,10 @@ from ..model.header import Header
 from ..model.model import Model
 from ..model_file.storage import to_bytes
 from .correct import usual_limit
+from .edits import numbers, pose_of
 from .geometry import Quantity
 from .geometry_fit import fit_geometry
 from .urdf import corrected_urdf
-from .xml_text import numbers
 
 
 def c_header(
@@ -104,23 +100,23 @@ def camera_info(model: Model) -> str:
         )
     camera = np.diag([*focal, 1.0])
     camera[:2, 2] = centre
-    matrices = {
+    document: dict[str, object] = {
+        "image_width": width,
+        "image_height": height,
+        "camera_name": "camera",
+        "distortion_model": "plumb_bob",
+    }
+    for name, matrix in {
         "camera_matrix": camera,
         "distortion_coefficients": np.array([distortion]),
         "rectification_matrix": np.eye(3),
         "projection_matrix": np.column_stack([camera, np.zeros(3)]),
-    }
-    lines = [
-        f"image_width: {width}",
-        f"image_height: {height}",
-        "camera_name: camera",
-    ]
-    lines.append("distortion_model: plumb_bob")
-    for name, matrix in matrices.items():
+    }.items():
         rows, columns = matrix.shape
-        lines += [f"{name}:", f"  rows: {rows}", f"  cols: {columns}"]
-        lines.append(f"  data: {matrix.ravel().tolist()!r}")
-    return "\n".join(lines) + "\n"
+        numbers = matrix.ravel().tolist()
+        document[name] = {"rows": rows, "cols": columns, "data": numbers}
+    # JSON is YAML, too
+    return json.dumps(document, indent=2) + "\n"
 
 
 def static_transform(model: Model) -> str:
@@ -192,13 +188,8 @@ def mjcf_text(urdf: str, tip: str) -> str:
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     body = ElementTree.SubElement(root, "worldbody")
     for joint in parse_robot(urdf).path(tip):
-        x, y, z, w = quaternion_of(joint.origin[:3, :3]).tolist()
-        place = {
-            "pos": numbers(joint.origin[:3, 3]),
-            "quat": numbers([w, x, y, z]),
-        }
         body = ElementTree.SubElement(
-            body, "body", {"name": joint.child, **place}
+            body, "body", {"name": joint.child, **pose_of(joint.origin)}
         )
         # a body that moves needs a mass; the true ones belong to the arm's own file
         ElementTree.SubElement(

@@ -1,7 +1,5 @@
 """LeRobot: a motors' calibration file with the arm's corrected zeros."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -5,9 +5,6 @@ Only the origins that change are rewritten; comments, other elements and the lay
 
 from __future__ import annotations
 
-import warnings
-import xml.etree.ElementTree as ET
-from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,18 +14,16 @@ import numpy as np
 from ..arm.arm import PlanarArm
 from ..arm.description import parse_robot
 from ..arm.posture import posture_of
-from ..arm.robot_text import MJCF, parse_xml
 from ..arm.spatial_chain import move
-from ..arm.urdf import Joint, Urdf
+from ..arm.urdf import Urdf
 from ..common.arrays import Array
-from ..common.wording import for_people, listed, quoted
+from ..common.wording import for_people
 from ..errors import OptionError, RobotError
-from .mjcf import mjcf_edits
+from ..recording.rigid import rigid
+from .edits import with_origins
 from .settings import FITTING
-from .xml_text import Attributes, edited, numbers, start_of_tag
 
 if TYPE_CHECKING:
-    from ..model.model import Model
     from .geometry import Geometry
 
 MOST_UNEXPLAINED = 0.01
@@ -56,53 +51,12 @@ def corrected_urdf(geometry: Geometry) -> str:
         )
     text = geometry.arm.urdf
     tree = parse_robot(text)
-    origins = _origins(geometry, tree)
-    moved = {
-        name: origin
-        for name, origin in origins.items()
-        if np.abs(_joint(tree, name).origin - origin).max() > FITTING.tiny
-    }
-    root = parse_xml(text)
-    corrected = edited(
-        text,
-        mjcf_edits(root, moved)
-        if root.tag == MJCF
-        else _urdf_edits(root, tree, moved),
-    )
-    tree = parse_robot(corrected)
-    for name, origin in origins.items():
-        error = np.abs(_joint(tree, name).origin - origin).max()
-        if error > FITTING.same * max(1.0, np.abs(origin).max()):
-            raise RobotError(
-                f"joint {quoted(name)} reads back with another origin than was written"
-            )
-    return corrected
-
-
-def _joint(tree: Urdf, name: str) -> Joint:
-    joint = tree.joint(name)
-    assert joint is not None  # noqa: S101 - it is on the path to the tip
-    return joint
-
-
-def _urdf_edits(
-    root: ET.Element, tree: Urdf, moved: Mapping[str, Array]
-) -> dict[int, tuple[Attributes, str]]:
-    """Return what gives joints other origins (4, 4)."""
-    index = {node: number for number, node in enumerate(root.iter())}
-    edits: dict[int, tuple[Attributes, str]] = {}
-    for joint in root.findall("joint"):
-        name = joint.get("name", "")
-        if name not in moved:
-            continue
-        change = _changed(_joint(tree, name), moved[name])
-        origin = joint.find("origin")
-        if origin is None:
-            behind = start_of_tag("origin", change) + "/>"
-            edits[index[joint]] = (joint.attrib, behind)
-        else:
-            edits[index[origin]] = ({**origin.attrib, **change}, "")
-    return edits
+    drawn = {joint.name: joint.origin for joint in tree.joints}
+    moved = {}
+    for name, origin in _origins(geometry, tree).items():
+        if np.abs(drawn[name] - origin).max() > FITTING.tiny:
+            moved[name] = origin
+    return with_origins(text, moved)
 
 
 def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
@@ -131,15 +85,13 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
     for joint in path:
         if joint.name in geometry.places:
             k = geometry.places.index(joint.name)
-            carried = _placed(
-                motion.places[k, :, 0], motion.frames[k + 1, :, :, 0]
+            carried = rigid(
+                motion.frames[k + 1, :, :, 0], motion.places[k, :, 0]
             )
-            carried = carried @ _placed(-structure.chain.points[k], np.eye(3))
+            carried = carried @ rigid(np.eye(3), -structure.chain.points[k])
         fitted[joint.child] = carried @ drawn[joint.child]
     if planar:  # in space the sensed point is a probe or a tag, not the tip
-        fitted[arm.tip] = _placed(
-            motion.position[:, 0], motion.rotation[:, :, 0]
-        )
+        fitted[arm.tip] = rigid(motion.rotation[:, :, 0], motion.position[:, 0])
     origins = {}
     for joint in path:  # a locked joint's own motion stays behind its origin
         lock = np.linalg.solve(
@@ -150,71 +102,15 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
     return origins
 
 
-def _changed(joint: Joint, moved: Array) -> dict[str, str]:
-    """Return the attributes of a joint's origin that differ from `moved` (4, 4)."""
-    change: dict[str, str] = {}
-    drawn = joint.origin
-    if np.abs(moved[:3, 3] - drawn[:3, 3]).max() > FITTING.tiny:
-        change["xyz"] = numbers(moved[:3, 3])
-    if np.abs(moved[:3, :3] - drawn[:3, :3]).max() > FITTING.tiny:
-        from scipy.spatial.transform import Rotation
-
-        # at a pitch of 90 deg SciPy sets one of the others to zero
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)
-            change["rpy"] = numbers(
-                Rotation.from_matrix(moved[:3, :3]).as_euler("xyz")
-            )
-    return change
-
-
-def _placed(shift: Array, turn: Array) -> Array:
-    frame = np.eye(4)
-    frame[:3, :3] = turn
-    frame[:3, 3] = shift
-    return frame
-
-
-def what_no_urdf_holds(model: Model) -> tuple[str, ...]:
-    """Return what the model knows of the arm that origins of joints cannot say, in a note."""
-    body = model.body
-    if body is None or body.simulated:
-        return ()
-    groups = body.structure.groups
-    curves = tuple(name for name in groups if name.startswith("curve"))
-    kinds = {
-        "bends under gravity": tuple(body.structure.loads),
-        "error curves of joints": curves,
-        "gears": ("gain",),
-        "joints that move with a neighbour's motor": ("coupling",),
-    }
-    away = (body.beta - body.structure.neutral())[body.active]
-    deviation = np.sqrt((body.root**2).sum(axis=1))
-    moved = body.active[np.abs(away) > FITTING.clearly * deviation]
-    names = []
-    for name, blocks in kinds.items():
-        indices = [groups[block] for block in blocks if block in groups]
-        if indices and np.isin(np.concatenate(indices), moved).any():
-            names.append(name)
-    if not names:
-        return ()
-    return (
-        f"a URDF cannot hold {listed(names)}: what they do is left over; correcting joints has it",
-    )
-
-
 def check_output(path: str, nominal: str) -> None:
     """Refuse to write over the URDF that the model was made with.
 
     Raises OptionError if the file at `path` is that URDF.
     """
-    same = False
+    old = ""
     with suppress(OSError, UnicodeDecodeError):
-        same = (
-            Path(path).read_text(encoding="utf-8-sig").strip()
-            == nominal.strip()
-        )
-    if same:
+        old = Path(path).read_text(encoding="utf-8-sig").strip()
+    if old and old == nominal.strip():
         raise OptionError(
             f"{path} is the URDF that the model was made with, which is never overwritten",
             hint="write the corrected one into another file",

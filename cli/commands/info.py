@@ -1,7 +1,5 @@
 """Show what a model is and how it was made; exit code 3 if its own rows contradict its bound."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from calib.common.wording import printable

@@ -32,14 +32,14 @@ def lerobot(
     calibration: Annotated[
         str,
         opt.value(
-            "--calibration", "FILE", "LeRobot's calibration.json of this arm."
+            "--calibration FILE", "LeRobot's calibration.json of this arm."
         ),
     ],
     board: Annotated[
-        str, opt.value("--board", "BOARD", "Such as 7x5:24mm:18mm:5x5_100.")
+        str, opt.value("--board BOARD", "Such as 7x5:24mm:18mm:5x5_100.")
     ],
     output: Annotated[
-        str, opt.value("--output -o", "NEW.json", "The corrected calibration.")
+        str, opt.value("--output -o NEW.json", "The corrected calibration.")
     ],
     eye: Annotated[
         Eye,
@@ -50,11 +50,11 @@ def lerobot(
     ] = "hand",
     robot: Annotated[
         str | None,
-        opt.value("--robot", "ROBOT", "Default: the kind of the data set."),
+        opt.value("--robot ROBOT", "Default: the kind of the data set."),
     ] = None,
     camera: opt.DatasetCamera = None,
     model: Annotated[
-        str | None, opt.value("--model", "MODEL", "Keep what was learned, too.")
+        str | None, opt.value("--model MODEL", "Keep what was learned, too.")
     ] = None,
 ) -> Outcome:
     import calib

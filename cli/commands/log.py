@@ -36,29 +36,29 @@ def log(
         ),
     ],
     output: Annotated[
-        str, opt.value("--output -o", "LOG", "The log: CSV or Parquet.")
+        str, opt.value("--output -o LOG", "The log: CSV or Parquet.")
     ],
     joints_topic: Annotated[
         str | None,
-        opt.value("--joints-topic", "TOPIC", "JointState, if several."),
+        opt.value("--joints-topic TOPIC", "JointState, if several."),
     ] = None,
     tip_topic: Annotated[
         str | None,
-        opt.value("--tip-topic", "TOPIC", "Points, poses, tf if several."),
+        opt.value("--tip-topic TOPIC", "Points, poses, tf if several."),
     ] = None,
     frames: Annotated[
         Sequence[str] | None,
-        opt.value("--frames", "SENSOR,TIP", "Of tf, if many.", parsing.names),
+        opt.value("--frames SENSOR,TIP", "Of tf, if many.", parsing.names),
     ] = None,
     joints: opt.JointNames = None,
     max_gap: Annotated[
         float,
-        opt.value("--max-gap", "S", "Between joint states [s].", above_zero),
+        opt.value("--max-gap S", "Between joint states [s].", above_zero),
     ] = 0.1,
     still: Annotated[
         float | None,
         opt.value(
-            "--still", "V", "Drop rows that move faster [rad/s].", above_zero
+            "--still V", "Drop rows that move faster [rad/s].", above_zero
         ),
     ] = None,
     time_offset: opt.TimeOffset = None,

@@ -33,7 +33,7 @@ def plan(
     output: opt.NewPoses,
     poses: Annotated[
         int,
-        opt.value("--poses -n", "N", "How many poses.", parsing.whole(1, 1000)),
+        opt.value("--poses -n N", "How many poses.", parsing.whole(1, 1000)),
     ] = 60,
     joints: opt.JointNames = None,
     tip: opt.Tip = None,
@@ -43,27 +43,24 @@ def plan(
     degrees: opt.Degrees = False,
     margin: Annotated[
         float | None,
-        opt.value(
-            "--margin", "M", "From limits (1 deg).", parsing.not_negative
-        ),
+        opt.value("--margin M", "From limits (1 deg).", parsing.not_negative),
     ] = None,
     start: Annotated[
         parsing.Numbers | None,
         opt.value(
-            "--from", "Q1,Q2", "Joints before the first pose.", parsing.reals
+            "--from Q1,Q2", "Joints before the first pose.", parsing.reals
         ),
     ] = None,
     touch: Annotated[
         parsing.Numbers | None,
         opt.value(
-            "--touch", "X,Y,Z", "A point of the base frame [m].", parsing.reals
+            "--touch X,Y,Z", "A point of the base frame [m].", parsing.reals
         ),
     ] = None,
     above: Annotated[
         float | None,
         opt.value(
-            "--above",
-            "Z",
+            "--above Z",
             "Stay above this height of the base [m].",
             parsing.number,
         ),

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from drifting import arm, log, model
-from models import trained
+from models import log_of, trained
 
 import calib
 from calib import OptionError
@@ -156,8 +156,7 @@ def posed(n=150, seed=0):
     q = rng.uniform(robot.lower, robot.upper, (n, 3))
     x, turns = robot.pose(q)
     x = x + rng.normal(0.0, 1e-4, x.shape)
-    known = (robot.joint_names, robot.lower, robot.upper, robot.revolute)
-    return calib.Samples(q, x, *known, arm=robot, orientation=turns)
+    return log_of(robot, q, x, orientation=turns)
 
 
 def test_quaternions_that_begin_with_w_are_refused_by_adapt():

@@ -44,7 +44,7 @@ def test_later_commands_need_no_option(camera, run):
         ["inverse", "camera.calib", "0.3", "0.3"],
     ):
         typed = ["query", *words, *(["--near", "30,60"] if words[0] == "inverse" else [])]
-        assert "as degrees it fits: give --degrees" in run(*typed).err
+        assert "is outside of the learned range" in run(*typed).err
         assert run(*typed, "--degrees").code == 0
     plain = calib.babble(calib.load_arm("two_link"), 60, seed=4, noise=1e-4)
     calib.write_log(plain, "plain.csv")  # other names, and rad: what the log has goes first

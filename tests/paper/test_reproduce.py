@@ -2,13 +2,11 @@
 
 import csv
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import calib
-from calib import OptionError
 from calib.paper.setting import Setting
 from calib.paper.trial import SeedErrors, best_schedule, joined
 
@@ -81,13 +79,6 @@ def test_a_quick_run_writes_tables_and_one_json_document(run, tmp_path):
     assert len(rows) == 2 * 3 * 4
     row = next(r for r in rows if r["network"] == "VDSOM 12x12" and r["readout"] == "activity")
     assert float(row["mean"]) == pytest.approx(1e3 * cell["mean"])
-
-
-def test_another_arm_has_no_printed_figures():
-    setting = Setting.of(quick=True, robot="two_link_full")
-    assert not replace(setting, quick=False).printed
-    with pytest.raises(OptionError, match="need two that turn in a plane"):
-        Setting.of(robot="three_link")
 
 
 def test_figures_and_curves_of_the_adaptation_are_drawn(run, tmp_path):

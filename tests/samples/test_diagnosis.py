@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import calib
@@ -104,7 +104,7 @@ def test_a_joint_in_space_that_counts_the_other_way_is_named(read, joint):
         read(SIX, turned, x)
 
 
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40)
 @given(
     turn=st.floats(-3.1, 3.1),
     shift=st.floats(-5, 5),

@@ -120,16 +120,6 @@ def test_babbling_stays_within_and_covers_the_range(arm):
     np.testing.assert_allclose(log.x, arm.forward(log.q), atol=1e-15)
 
 
-def test_ranges_narrow_the_babbling_and_the_samples_say_so(arm):
-    log = babble(arm, 500, ranges={"elbow": (1.0, 1.5)})
-    assert log.lower.tolist() == [0.0, 1.0]
-    assert log.upper.tolist() == [arm.upper[0], 1.5]
-    assert (log.q[:, 1] >= 1.0).all()
-    assert (log.q[:, 1] <= 1.5).all()
-    assert log.simulation.draw(100, np.random.default_rng(0))[:, 1].max() <= 1.5
-    assert log.arm.lower.tolist() == [0.0, 1.0]
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from models import built
+from models import built, log_of
 
 import calib
 from calib import LogError
@@ -13,7 +13,7 @@ from calib import LogError
 NOISE = 1e-4  # [m]
 
 
-def log_of(sensor, rows, seed, shift):
+def seen_from(sensor, rows, seed, shift):
     """What a tracker that stands at `shift` [m] reads of the arm, and the arm's truth for it."""
     arm, structure, beta, _ = built()
     rng = np.random.default_rng(seed)
@@ -21,14 +21,13 @@ def log_of(sensor, rows, seed, shift):
     beta[structure.groups["view.shift"]] += shift
     q = rng.uniform(arm.lower, arm.upper, (rows, arm.dof))
     x = structure.predict(q, beta) + NOISE * rng.standard_normal((rows, 3))
-    limits = arm.lower, arm.upper
-    log = calib.Samples(q, x, arm.joint_names, *limits, arm.revolute, arm=arm, sensor=sensor)
+    log = log_of(arm, q, x, sensor=sensor)
     return log, lambda joints: structure.predict(joints, beta)
 
 
 @pytest.fixture(scope="module")
 def logs():
-    return [log_of("left", 40, 1, 0.0), log_of("right", 60, 2, 0.5)]
+    return [seen_from("left", 40, 1, 0.0), seen_from("right", 60, 2, 0.5)]
 
 
 def test_files_and_a_column_make_the_same_model_of_two_sensors(logs, run, tmp_path):
@@ -50,7 +49,7 @@ def test_files_and_a_column_make_the_same_model_of_two_sensors(logs, run, tmp_pa
     assert (tmp_path / "two.calib").read_bytes() == (tmp_path / "one.calib").read_bytes()
     learned = run("evaluate", tmp_path / "two.calib", "--data", tmp_path / "right.csv", "--json")
     assert learned.document["learned"] == 60
-    fresh, _ = log_of("right", 30, 3, 0.5)
+    fresh, _ = seen_from("right", 30, 3, 0.5)
     calib.write_log(fresh, tmp_path / "right.csv")
     done = run("evaluate", tmp_path / "two.calib", "--data", tmp_path / "right.csv", "--json")
     assert done.document["learned"] == 0
@@ -76,8 +75,7 @@ def test_two_sensors_see_a_planar_arm_from_both_sides():
     for name, mirror in (("front", 1.0), ("back", -1.0)):
         q = rng.uniform(arm.lower, arm.upper, (40, 2))
         z = arm.forward(q) * (1.0, mirror) + (0.1, mirror) + rng.normal(0.0, NOISE / 2, (40, 2))
-        limits = arm.lower, arm.upper, arm.revolute
-        rows.append(calib.Samples(q, z, arm.joint_names, *limits, arm=arm, sensor=name))
+        rows.append(log_of(arm, q, z, sensor=name))
     both = calib.train(rows, size=3)
     fresh = rng.uniform(arm.lower, arm.upper, (100, 2))
     for name, mirror in (("front", 1.0), ("back", -1.0)):

@@ -5,21 +5,18 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from models import log_of
 from touching import World, touching
 
 import calib
-from calib import LogError, OptionError, Samples
+from calib import LogError, OptionError
 from calib.samples.sockets import Touches
 
 
 def samples(world, q, number):
     """Touches as a log holds them."""
     touch = Touches(number, tuple(("", "ABCD"[k]) for k in range(number.max() + 1)))
-    arm = world.arm
-    return Samples(
-        q, np.zeros((len(q), 3)), arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm,
-        touch=touch,
-    )  # fmt: skip
+    return log_of(world.arm, q, np.zeros((len(q), 3)), touch=touch)
 
 
 def rows(world, q, **more):

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from conftest import run_in_process
-from models import in_pixels, in_plane, in_space, six
+from models import in_pixels, in_plane, in_space, log_of, six
 
 import calib
 from calib.arm.rotations import logarithm
@@ -76,7 +76,7 @@ def model(kind):
     x = arm.forward(bent) @ [[0.0, 1.0], [-1.0, 0.0]] + rng.normal(scale=5e-5, size=(500, 2))
     if kind == "local":
         x = x + 4e-3 * np.sin(5 * q[:, :1] * q[:, 1:])
-    samples = calib.Samples(q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm)
+    samples = log_of(arm, q, x)
     trained = calib.train(samples, size=8)
     return partly_silent(trained) if kind == "local" else trained
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from chains import FOLLOWED, MIXED
 from drifting import arm, log, model
-from models import in_pixels, in_space
+from models import in_pixels, in_space, log_of
 from scipy.spatial.transform import Rotation
 from test_arm import pinocchio_pose
 
@@ -162,8 +162,7 @@ def test_poses_turn_the_wrist_too():
     noise = Rotation.from_rotvec(rng.normal(0.0, 2e-4, (200, 3)))
     seen = turn.apply(position) + rng.normal(0.0, 5e-5, position.shape)
     turned = (turn * Rotation.from_quat(quaternion) * mount * noise).as_quat()
-    known = arm.joint_names, arm.lower, arm.upper
-    log = calib.Samples(q[:80], seen[:80], *known, arm=arm, orientation=turned[:80])
+    log = log_of(arm, q[:80], seen[:80], orientation=turned[:80])
     corrected = arm_from_urdf(corrected_urdf(fit_geometry(calib.train(log, size=3))))
     truth = Rotation.from_quat(quaternion)
     fitted = Rotation.from_quat(corrected.pose(q)[1])

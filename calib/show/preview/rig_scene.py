@@ -1,7 +1,5 @@
 """Rig scene: a flange that goes through its poses, with cameras and board around it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...recording.rig import HandEye
@@ -33,6 +31,5 @@ def data_of_rig(rig: HandEye) -> dict[str, object]:
         title=f"Hand-eye: {rig.carried} in the hand",
         bound="corners off, rms of pictures that the fit did not see",
         links=None,
-        step=15,
         notes=[],
     )
