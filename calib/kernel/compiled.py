@@ -108,6 +108,7 @@ class Compiled:
             "model_bounds": ((), ()),
             "pose": ((), (7,)),
             "inverse": (place, (dof,)),
+            "inverse_long": (place, (dof,)),
             "inverse_all": (place, (MOST.branches, dof)),
             # and the free axis, or -1, and how many starts there are
             "poses": ((3, 4, 1, 1), (dof,)),
@@ -204,7 +205,8 @@ class Compiled:
         questions = np.ascontiguousarray(questions)
         answers = np.empty((n, *self._shapes[name][1]))
         flags = np.zeros(n, dtype=np.int8)
-        call = getattr(self._library, f"calib_{name}_many")
+        call = self._library.calib_many
+        row = getattr(self._library, f"calib_{name}_row")
         passed = (
             ctypes.c_void_p(questions.ctypes.data),
             questions.shape[1],
@@ -214,7 +216,7 @@ class Compiled:
         )
 
         def answer(first: int, last: int) -> None:
-            call(ctypes.c_long(first), ctypes.c_long(last), *passed)
+            call(row, ctypes.c_long(first), ctypes.c_long(last), *passed)
 
         if n < SHARED_ROWS or os.cpu_count() == 1:
             answer(0, n)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.spatial_chain import Deviations
 from ..body.covariance import NORMAL_95
 from ..body.curves import HARMONICS
 from ..body.views import LEAST_DEPTH
@@ -19,7 +20,7 @@ from ..errors import CalibError, OptionError
 from ..inverse.settings import SEARCH
 from ..kernel.arm import KernelArm
 from ..kernel.compiled import MOST, Compiled, compile_source
-from ..kernel.posterior import CompactPosterior
+from ..kernel.posterior import COMPACT, CompactPosterior
 from ..kernel.source import braces, c_number, c_source, source, table
 from ..maps.local_models import blend_size, exponents
 from ..maps.settings import LOCAL
@@ -35,9 +36,7 @@ _FILES = (
     *("task", "newton", "search", "many"),
 )
 _NO_LIMIT = 3e38  # of corrections
-# tables of beliefs, in single precision always
-_FLOATS = ("ways", "waved", "alone")
-_BENDS = ("curve_cos", "gravity", "neighbour", "way", "local_terms")
+_BENDS = ("curve", "gravity", "neighbour", "local_terms")
 
 Tables = dict[str, NDArray[np.generic]]
 
@@ -103,7 +102,7 @@ class Header:
             for name, (arm, bends) in self._arms.items()
         )
         tables += "".join(
-            table(f"calib_{name}", values, single, name in _FLOATS)
+            table(f"calib_{name}", values, single)
             for name, values in self._tables.items()
         )
         head, *rest = source("head").partition("static inline")
@@ -147,6 +146,9 @@ class Header:
             placed = KernelArm.of(body.structure, body.beta)
             if placed.chain.joints == self.arm.chain.joints:
                 arms["placed"] = (placed, self._space.measured)
+        if self.arm.sag is not None:
+            drawn = Deviations.none(self.arm.chain.joints)
+            arms["drawn"] = (replace(self.arm, moved=drawn), False)
         return arms
 
     def _words(self, single: bool) -> dict[str, object]:
@@ -157,7 +159,7 @@ class Header:
         sag = arm.sag
         links = np.vstack([arm.links.strides[1:-1, :, 0], arm.links.tip[0]])
         length = float(np.linalg.norm(links, axis=1).sum())
-        sizes = tables.get("ways", np.zeros((1, 1)))
+        together = tables.get("by_view", np.zeros((1, 1))).shape[1]
         settings = asdict(SEARCH) | asdict(MOST)
         if "grid" not in tables:
             settings["tries"] = SEARCH.spare_tries
@@ -172,10 +174,9 @@ class Header:
                 "near": min(blend_size(dof), self.model.motor.size - 1),
                 "starts": len(tables["start_q"]),
                 "harmonics": HARMONICS,
-                "points": 1 if sag is None else len(sag.loads.links),
+                "knots": COMPACT.knots,
                 "loads": 0 if sag is None else len(sag.elastic),
-                "geometry": len(sizes),
-                "together": sizes.shape[1],
+                "together": together,
                 "beliefs": len(tables.get("belief_scale", [0])),
                 "bent": int(any(name in tables for name in _BENDS)),
                 "nearest": LEAST_DEPTH,
@@ -318,28 +319,24 @@ def _local_tables(model: Parts) -> Tables:
 
 
 def _belief_tables(posterior: CompactPosterior, *, noise: bool) -> Tables:
-    """The posterior's arrays; cosine and sine of each order stand next to each other."""
-    variance = np.zeros((2, 3))
+    """The posterior's arrays: rows of directions of each part, and variances."""
+    more = np.zeros(3)
+    less = np.zeros(3)
     size = len(posterior.residual)
-    variance[:, :size] = posterior.residual
-    variance[0, :size] += noise * posterior.noise
-    dof, waves = posterior.curves.shape[:2]
-    order = np.arange(waves).reshape(2, -1).T.ravel()
-    cosines, sines = np.split(posterior.alone[:, :, 1:], 2, axis=2)
-    variances = np.stack([cosines, sines], axis=3).reshape(
-        *cosines.shape[:2], -1
-    )
-    alone = np.concatenate([posterior.alone[:, :, :1], variances], axis=2)
+    less[:size] = posterior.residual
+    more[:size] = posterior.residual + noise * posterior.noise
     tables: Tables = {
-        "ways": posterior.geometry.reshape(len(posterior.geometry), -1),
-        "gains": posterior.gains.ravel().astype(int),
         "belief_scale": posterior.scale,
-        "more": variance[0],
-        "less": variance[1],
+        "more": more,
+        "less": less,
     }
+    for name, part in posterior.geometry.items():
+        tables[f"by_{name}"] = part.reshape(len(part), -1)
     if posterior.curves.any():
-        tables["waved"] = posterior.curves[:, order].reshape(dof, waves, -1)
-        tables["alone"] = np.swapaxes(alone, 1, 2)
+        waves = posterior.curves.reshape(len(posterior.curves), 2, HARMONICS, -1)
+        tables["by_cos"] = waves[:, 0]
+        tables["by_sin"] = waves[:, 1]
+        tables["alone"] = posterior.alone
     return tables
 
 
@@ -350,8 +347,11 @@ def _arm_tables(arm: KernelArm) -> Tables:
         tables["lens"] = arm.lens
     if len(arm.curves):
         waves = arm.curves.reshape(-1, 2, HARMONICS)
-        tables["curve_cos"] = waves[:, 0].T
-        tables["curve_sin"] = waves[:, 1].T
+        order = np.arange(1.0, HARMONICS + 1)
+        cosines = waves[:, 0]
+        sines = waves[:, 1]
+        series = [cosines, sines, order * sines, -order * cosines]
+        tables["curve"] = np.vstack(series).T
     if arm.flex is not None:
         tables["way"] = arm.way
         tables["flex_cos"] = arm.flex[0]
@@ -361,14 +361,10 @@ def _arm_tables(arm: KernelArm) -> Tables:
     if arm.sag is not None:
         loads = arm.sag.loads
         tables |= {
-            "drawn": arm.chain.still.strides[:-1, :, 0],
-            "carrier": loads.links,
-            "point": loads.points - arm.chain.points[loads.links],
             "gravity": arm.sag.gravity,
             "bending": arm.sag.bending,
             "loaded": loads.joints,
-            "weight": loads.weights,
-            "elastic": arm.sag.elastic,
+            "load": arm.sag.on_links,
             "tilt": arm.sag.tilts,
         }
     return tables
@@ -382,10 +378,8 @@ def _arm(name: str, arm: KernelArm, single: bool, *, bends: bool) -> str:
         arm.gain,
         arm.offset,
         arm.chain.axes,
-        links.strides[:-1, :, 0],
-        links.turns.reshape(-1, 9),
-        place,
-        turn.ravel(),
+        np.vstack([links.strides[:-1, :, 0], place]),
+        np.concatenate([links.turns, turn[None]]).reshape(-1, 9),
     )
     words = [braces(np.asarray(part, dtype=float), single) for part in parts]
     listed = ",\n".join([*words, str(int(bends))])

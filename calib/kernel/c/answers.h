@@ -68,16 +68,15 @@ static inline int calib_model_error(const calib_real q[CALIB_DOF], calib_real *b
 
 /* Position, and the tip's orientation in the sensor's frame: a matrix, row by row. */
 static inline int calib_pose(const calib_real q[CALIB_DOF], calib_real *x, calib_real R[9]) {
-  calib_real inside[CALIB_DOF], p[3], turn[9];
-  int i;
+  calib_real inside[CALIB_DOF], p[3], turn[9], G[6 * CALIB_DOF];
   if (!calib_position(q, x, 0)) {
+    int i;
     for (i = 0; i < 9; ++i) R[i] = calib_not_a_number();
     return 0;
   }
   calib_wrapped(q, inside);
-  calib_chain(&calib_placed, 0, inside, p, turn, 0, 0);
-  for (i = 0; i < 9; ++i) R[i] = calib_aim[i];
-  calib_times(R, turn);
+  calib_chain(&calib_placed, 0, inside, p, turn, G);
+  calib_product(3, calib_aim, 3, turn, R);
   return 1;
 }
 

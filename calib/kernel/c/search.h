@@ -76,49 +76,48 @@ typedef struct {
   calib_real apart;    /* starts closer to a known way lead to it */
 } calib_starts;
 
-/* A search: from where, and of all ways so far that do the task the nearest, or what comes closest. */
-typedef struct {
-  const calib_task *task;
-  calib_real from[CALIB_DOF]; /* joints that the answer should be near to */
-  int met, budget;            /* whether there is a way; steps that are left */
-  calib_real q[CALIB_DOF], away;
-  calib_real nearest[CALIB_DOF], left;
-} calib_search;
-
-/* Replaces a way by what a start leads to, or what lies across a fold beside that, if it is nearer. */
-static inline void calib_try(calib_search *search, const calib_real start[CALIB_DOF]) {
-  calib_real trial[CALIB_DOF], way[CALIB_DOF], left, away;
-  int fold;
+/* Adds the way that a start leads to, and what lies across a fold beside it, or replaces a way that
+ * is further; returns whether it did. */
+static inline int calib_try(calib_search *search, const calib_real start[CALIB_DOF]) {
+  calib_real trial[CALIB_DOF], way[CALIB_DOF];
+  calib_gap gap;
+  int fold, new = 0;
   calib_copy(start, trial);
   for (fold = 0; fold < 2; ++fold) {
-    if (!calib_reach(search->task, search->from, search->q, fold ? 0 : search->met, !fold,
-                     &search->budget, trial, &left)) {
-      if (search->met || search->left <= left || !(left - left == 0)) return;
-      search->left = left;
+    const int one = search->most == 1;
+    calib_real away;
+    if (!calib_reach(search, !fold, fold ? 0 : search->count, trial, &gap)) {
+      if (search->count || search->left <= gap.left || !(gap.left - gap.left == 0)) return new;
+      search->left = gap.left;
       calib_copy(trial, search->nearest);
-      return;
+      return new;
     }
+    if (!one && calib_beside(trial, search->way, search->count, @same@)) return new;
     away = calib_apart(trial, search->from, 0);
-    calib_copy(trial, way);
-    if (!search->met || away < search->away) {
-      search->met = 1;
+    if (!one || !search->count || away < search->away) {
+      if (one) search->count = 0;
+      calib_copy(trial, search->way + CALIB_DOF * search->count++);
       search->away = away;
-      calib_copy(way, search->q);
+      new = 1;
     }
-    if (CALIB_DOF > calib_rows(search->task) || away <= @beside@ ||
-        !calib_twin(search->task, way, trial))
-      return;
+    calib_copy(trial, way);
+    if (CALIB_DOF > calib_rows(search->task) || (one && away <= @beside@)) return new;
+    if (search->count == search->most && !one) return new;
+    if (!calib_twin(search->task, way, &gap, trial)) return new;
   }
+  return new;
 }
 
-/* Begins a search near joints; 0 where they are none.  1 where no other way can be nearer than what
- * they lead to, or what lies across a fold beside it; else 2. */
+/* Begins a search for the way to a task that is nearest to joints; 0 where they are none.  1 where no
+ * other way can be nearer than what they lead to, or what lies across a fold beside it; else 2. */
 static inline int calib_try_near(calib_search *search, const calib_task *task,
-                                 const calib_real near[CALIB_DOF]) {
+                                 const calib_real near[CALIB_DOF], calib_real way[CALIB_DOF]) {
   const int spare = CALIB_DOF > calib_rows(task);
   int k;
   search->task = task;
-  search->met = 0;
+  search->way = way;
+  search->count = 0;
+  search->most = 1;
   search->budget = CALIB_BUDGET;
   search->left = calib_not_a_number();
   for (k = 0; k < CALIB_DOF; ++k) {
@@ -128,55 +127,47 @@ static inline int calib_try_near(calib_search *search, const calib_task *task,
   calib_copy(near, search->from);
   calib_clipped(search->from);
   calib_try(search, search->from);
-  return search->met && search->away <= (spare || task->kind ? @surely@ : @beside@) ? 1 : 2;
+  return search->count && search->away <= (spare || task->kind ? @surely@ : @beside@) ? 1 : 2;
 }
 
-/* The same of starts, but for those that can lead to no nearer one. */
+/* The same of starts, but for those that can lead to no new or nearer way. */
 static inline void calib_try_starts(calib_search *search, const calib_starts *starts) {
   int n, runs = 0;
   for (n = 0; n < starts->count && runs < starts->runs; ++n) {
     const calib_real *start = starts->q + (starts->row ? starts->row[n] : n) * CALIB_DOF;
-    if (n >= starts->likely && search->met) return;
+    if (search->count && (n >= starts->likely || (search->count == search->most && search->most > 1)))
+      return;
     if (!(start[0] - start[0] == 0)) continue;
-    if (search->met && (calib_apart(start, search->from, 0) > search->away + @margin@ ||
-                        calib_apart(start, search->q, 0) < starts->apart))
+    if (calib_beside(start, search->way, search->count, starts->apart)) continue;
+    if (search->most == 1 && search->count &&
+        calib_apart(start, search->from, 0) > search->away + @margin@)
       continue;
-    ++runs;
-    calib_try(search, start);
+    runs = calib_try(search, start) ? 0 : runs + 1;
   }
 }
 
-/* Writes what was found, on the turn nearest to `near`; `sure` where it is certain, 0 without a way. */
-static inline int calib_answered(const calib_search *search, const calib_real near[CALIB_DOF],
-                                 int sure, calib_real q[CALIB_DOF]) {
-  int k;
-  for (k = 0; k < CALIB_DOF; ++k) q[k] = search->met ? search->q[k] : calib_not_a_number();
-  if (search->met) calib_on_turn(near, q);
-  return search->met ? sure : 0;
-}
-
-/* All ways to a task that starts lead to, and what lies across folds beside them, at most `most`;
- * returns how many. */
+/* All ways to a task that starts lead to, at most `most`; returns how many. */
 static inline int calib_every(const calib_task *task, const calib_starts *starts, int most,
-                              calib_real q[][CALIB_DOF]) {
-  int n, fold, runs = 0, count = 0;
-  for (n = 0; n < starts->count && runs < starts->runs && count < most; ++n) {
-    const calib_real *start = starts->q + (starts->row ? starts->row[n] : n) * CALIB_DOF;
-    const int first = count;
-    if (n >= starts->likely && count) break;
-    if (!(start[0] - start[0] == 0) || calib_beside(start, q[0], count, starts->apart)) continue;
-    for (fold = 0; fold < 2 && count < most && fold == count - first; ++fold) {
-      calib_real trial[CALIB_DOF], left;
-      int budget = CALIB_BUDGET;
-      calib_copy(start, trial);
-      if (fold && (CALIB_DOF > calib_rows(task) || !calib_twin(task, q[first], trial))) break;
-      if (!calib_reach(task, start, q[0], fold ? 0 : count, !fold, &budget, trial, &left)) break;
-      if (calib_beside(trial, q[0], count, @same@)) break;
-      calib_copy(trial, q[count++]);
-    }
-    runs = count > first ? 0 : runs + 1;
-  }
-  return count;
+                              calib_real *q) {
+  calib_search search;
+  search.task = task;
+  search.way = q;
+  search.count = 0;
+  search.most = most;
+  search.budget = CALIB_BUDGET * starts->count;
+  search.left = calib_not_a_number();
+  calib_copy(starts->q, search.from);
+  calib_try_starts(&search, starts);
+  return search.count;
+}
+
+/* Puts the way that was found on the turn nearest to `near`; returns `sure`, or without a way 0 or 3. */
+static inline int calib_answered(const calib_search *search, const calib_real near[CALIB_DOF],
+                                 int sure) {
+  int k;
+  if (search->count) calib_on_turn(near, search->way);
+  for (k = 0; k < CALIB_DOF && !search->count; ++k) search->way[k] = calib_not_a_number();
+  return search->count || sure == 3 ? sure : 0;
 }
 
 static inline void calib_position_task(const calib_real x[CALIB_OUT], calib_task *task) {
@@ -204,20 +195,20 @@ static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
   calib_starts starts = calib_position_starts(x, calib_start_q[0], row);
   starts.apart = @margin@;
   calib_position_task(x, &task);
-  return calib_every(&task, &starts, most, q);
+  return calib_every(&task, &starts, most, q[0]);
 }
 
-/* Joints that bring the tip to a position: of several ways the one nearest to `near`, in shares of
- * the joints' ranges.  1, or 2 where another way might be nearer; 0 where none was found, 3 where
- * nothing reaches the position. */
-static inline int calib_inverse(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
-                                calib_real q[CALIB_DOF]) {
+/* As calib_inverse, with a budget of steps. */
+static inline int calib_inverse_within(const calib_real x[CALIB_OUT],
+                                       const calib_real near[CALIB_DOF], int budget,
+                                       calib_real q[CALIB_DOF]) {
   calib_task task;
   calib_search search;
   calib_real bound, most = @sure@ * @extent@;
   int sure;
   calib_position_task(x, &task);
-  sure = calib_try_near(&search, &task, near);
+  sure = calib_try_near(&search, &task, near, q);
+  search.budget += budget - CALIB_BUDGET;
   if (sure == 2) {
     short row[CALIB_TRIES];
     calib_starts starts = calib_position_starts(x, search.from, row);
@@ -225,11 +216,22 @@ static inline int calib_inverse(const calib_real x[CALIB_OUT], const calib_real 
     else sure = 1;
     calib_try_starts(&search, &starts);
   }
-  sure = calib_answered(&search, near, sure, q);
-  if (sure || !(search.left - search.left == 0)) return sure;
-  /* within the expected error it may still count as reached */
-  if (calib_expected_error(search.nearest, &bound) && bound < most) most = bound;
-  return search.budget > 0 && search.left > 2 * most ? 3 : 0;
+  if (!search.count && search.left - search.left == 0) {
+    /* within the expected error it may still count as reached */
+    calib_starts starts = {calib_start_q[0], 0, CALIB_STARTS, 0, CALIB_STARTS, 0};
+    if (calib_expected_error(search.nearest, &bound) && bound < most) most = bound;
+    if (search.budget > 0 && search.left > 2 * most) return calib_answered(&search, near, 3);
+    if (budget > CALIB_BUDGET) calib_try_starts(&search, &starts);
+  }
+  return calib_answered(&search, near, sure);
+}
+
+/* Joints that bring the tip to a position: of several ways the one nearest to `near`, in shares of
+ * the joints' ranges.  1, or 2 where another way might be nearer; 0 where none was found, 3 where
+ * nothing reaches the position. */
+static inline int calib_inverse(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
+                                calib_real q[CALIB_DOF]) {
+  return calib_inverse_within(x, near, CALIB_BUDGET, q);
 }
 #if @placed@
 
@@ -259,8 +261,8 @@ static inline int calib_inverse_pose(const calib_real x[3], const calib_real R[9
   calib_search search;
   int sure;
   calib_pose_task(x, R, axis, &task);
-  sure = calib_try_near(&search, &task, near);
-  return calib_answered(&search, near, sure, q);
+  sure = calib_try_near(&search, &task, near, q);
+  return calib_answered(&search, near, sure);
 }
 #endif
 
@@ -287,23 +289,26 @@ static inline void calib_wanted(const calib_real q[CALIB_DOF], calib_real x[CALI
 /* Joints that bring the real tip to where the nominal arm would be with q, near q; with six joints
  * or more also its orientation.  0 where none do, or a joint would change by more than usual. */
 static inline int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
-  calib_real start[CALIB_DOF], left;
-  calib_task task;
-  int k, good = calib_in_range(q), budget = CALIB_BUDGET;
+  calib_real start[CALIB_DOF], G[6 * CALIB_DOF];
+  calib_task task = {@correcting@, -1, &calib_body, {0}, {0}};
+  calib_search search;
+  calib_gap gap;
+  int k, good = calib_in_range(q);
   if (good) {
     calib_wrapped(q, start);
     calib_copy(start, out);
-    task.kind = @correcting@;
-    task.axis = -1;
-    task.arm = &calib_body;
+    calib_copy(start, search.from);
+    search.task = &task;
+    search.count = search.most = 0;
+    search.budget = CALIB_BUDGET;
     if (task.kind == CALIB_POSITION) calib_wanted(start, task.x);
-    else calib_chain(&calib_nominal, 0, start, task.x, task.R, 0, 0);
-    good = calib_reach(&task, start, 0, 0, 0, &budget, out, &left);
+    else calib_chain(&calib_nominal, 0, start, task.x, task.R, G);
+    good = calib_reach(&search, 0, 0, out, &gap);
 #if @local_terms@
     if (good && task.kind != CALIB_POSITION) { /* what local models move is met as a position */
       task.kind = CALIB_POSITION;
       calib_wanted(start, task.x);
-      good = calib_reach(&task, out, 0, 0, 0, &budget, out, &left);
+      good = calib_reach(&search, 0, 0, out, &gap);
     }
 #endif
     for (k = 0; k < CALIB_DOF; ++k) {
