@@ -262,6 +262,10 @@ class Header:
         if posterior is not None:
             reads = model.about.bound_of == "sensor reading"
             tables |= _belief_tables(posterior, noise=reads)
+        if arm.flex is not None and (arm.flex.any() or posterior is not None):
+            tables["way"] = arm.way
+            tables["flex_cos"] = arm.flex[0]
+            tables["flex_sin"] = arm.flex[1]
         return tables
 
 
@@ -352,10 +356,6 @@ def _arm_tables(arm: KernelArm) -> Tables:
         sines = waves[:, 1]
         series = [cosines, sines, order * sines, -order * cosines]
         tables["curve"] = np.vstack(series).T
-    if arm.flex is not None:
-        tables["way"] = arm.way
-        tables["flex_cos"] = arm.flex[0]
-        tables["flex_sin"] = arm.flex[1]
     if len(arm.coupling):
         tables["neighbour"] = np.concatenate([[0.0], arm.coupling])
     if arm.sag is not None:

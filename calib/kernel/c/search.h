@@ -104,6 +104,7 @@ static inline int calib_try(calib_search *search, const calib_real start[CALIB_D
     if (CALIB_DOF > calib_rows(search->task) || (one && away <= @beside@)) return new;
     if (search->count == search->most && !one) return new;
     if (!calib_twin(search->task, way, &gap, trial)) return new;
+    if (one && calib_apart(trial, search->from, 0) > search->away + @margin@) return new;
   }
   return new;
 }
