@@ -15,7 +15,7 @@ static inline void calib_frames(const calib_arm *arm, const calib_real value[CAL
   for (i = 0; i <= CALIB_CHAIN; ++i) {
     calib_add(at[i].before, arm->stride[i], p);
     calib_product(3, at[i].before, 3, arm->turned[i], at[i].after);
-    for (k = 0; k < 3; ++k) at[i].origin[k] = p[k];
+    for (k = 0; k < 3; ++k) at[i].origin[k] = at[i].place[k] = p[k];
     if (i == CALIB_CHAIN) break;
     for (k = 0; k < 3; ++k) at[i].axis[k] = calib_dot(at[i].after + 3 * k, arm->axis[i]);
     if (calib_bends[i]) {
