@@ -60,7 +60,7 @@ class Sag:
         moments = np.column_stack([np.ones(len(arms)), arms])
         link = np.arange(loads.chain.joints)[:, None] == loads.links
         beyond = loads.weights * (loads.links >= loads.joints[:, None])
-        return np.einsum("ep,mp,pk->emk", beyond, link, moments)
+        return np.asarray(np.einsum("ep,mp,pk->emk", beyond, link, moments))
 
     @property
     def bending(self) -> Array:
@@ -133,7 +133,7 @@ class KernelArm:
         return np.asarray(self.structure.joint_values(q, self.beta))
 
     def derivatives(self, q: Array) -> tuple[dict[str, Array], Array]:
-        """How positions move with each part that may be off (k, m, n), and with joints (dof, m, n)."""
+        """How positions move with each part of it (k, m, n), and with joints (dof, m, n)."""
         motion = move(self.links, self.joints(q))
         eye = np.eye(3)
         linear = eye[:, None, :, None] * motion.position[:, None]
@@ -165,7 +165,9 @@ class KernelArm:
             name: part.reshape(-1, 3, len(q)) for name, part in parts.items()
         }
         if self.lens is None:
-            seen = {name: part[:, : self.outputs] for name, part in parts.items()}
+            seen = {
+                name: part[:, : self.outputs] for name, part in parts.items()
+            }
             return seen, joints[:, : self.outputs]
         point = self.view @ motion.position + self.shift[:, None]
         sight = pixels(self.lens, point)

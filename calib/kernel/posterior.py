@@ -1,8 +1,7 @@
 """The posterior of an arm of more than three joints, small enough to be asked one row at a time.
 
 It holds the directions in which parameters move positions most, and what they leave over of the
-variance of each joint's curve (one function of the joint's value).  Parameters are described by what
-they move (`KernelArm.derivatives`), so that any body has the same form.
+variance of each joint's curve, a function of its value.  Parameters are described by what they move (`KernelArm.derivatives`), so that any body has the same form.
 """
 
 from __future__ import annotations
@@ -96,9 +95,9 @@ class CompactPosterior:
                 "the body has a parameter that the C source does not know"
             )
         here = structure.predict(q, body.beta)
-        shape = structure.dof, 2 * HARMONICS, len(beliefs), COMPACT.ways + 1
-        curves = np.zeros(shape)
-        geometry = np.zeros((len(through), *shape[2:]))
+        size = len(beliefs), COMPACT.ways + 1
+        curves = np.zeros((structure.dof, 2 * HARMONICS, *size))
+        geometry = np.zeros((len(through), *size))
         alone = []
         for b, belief in enumerate(beliefs):
             directions = np.zeros((structure.size, belief.root.shape[1]))

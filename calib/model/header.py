@@ -32,7 +32,7 @@ from .space import Space
 from .turns import joint_limits
 
 _FILES = (
-    *("chain", "nodes", "bound", "local", "answers"),
+    *("head", "chain", "nodes", "bound", "local", "answers"),
     *("task", "newton", "search", "many"),
 )
 _NO_LIMIT = 3e38  # of corrections
@@ -105,8 +105,7 @@ class Header:
             table(f"calib_{name}", values, single)
             for name, values in self._tables.items()
         )
-        head, *rest = source("head").partition("static inline")
-        whole = head + tables + "\n" + "".join(rest) + source(*_FILES)
+        whole = source(*_FILES).replace("@tables@", tables)
         words: dict[str, object] = dict.fromkeys(self._tables, True)
         words |= dict.fromkeys(("title", "checksum", "facts", "bound_of"), "")
         words |= {"unit": "the sensor's unit", "guard": "CALIB_MODEL_H"}
@@ -206,9 +205,6 @@ class Header:
         elif self._posterior is not None:
             ways["bound"] = "calib_posterior(inside, calib_more)"
             ways["model_bound"] = "calib_posterior(inside, calib_less)"
-        if "play" in self._tables:
-            for name in ways:
-                ways[name] += " + calib_play_reach(inside)"
         most = c_number(self.model.most_bound, single)
         refused = f" || !(calib_blended(calib_position_bound, q) <= {most})"
         return {
@@ -337,7 +333,9 @@ def _belief_tables(posterior: CompactPosterior, *, noise: bool) -> Tables:
     for name, part in posterior.geometry.items():
         tables[f"by_{name}"] = part.reshape(len(part), -1)
     if posterior.curves.any():
-        waves = posterior.curves.reshape(len(posterior.curves), 2, HARMONICS, -1)
+        waves = posterior.curves.reshape(
+            len(posterior.curves), 2, HARMONICS, -1
+        )
         tables["by_cos"] = waves[:, 0]
         tables["by_sin"] = waves[:, 1]
         tables["alone"] = posterior.alone

@@ -36,33 +36,34 @@ static inline int calib_position(const calib_real q[CALIB_DOF], calib_real *x, c
   return 1;
 }
 
-static inline int calib_forward(const calib_real q[CALIB_DOF], calib_real x[CALIB_OUT]) {
+CALIB_API int calib_forward(const calib_real *q, calib_real *x) {
   return calib_position(q, x, 0);
 }
 
-static inline int calib_jacobian(const calib_real *q, calib_real J[CALIB_OUT * CALIB_DOF]) {
+CALIB_API int calib_jacobian(const calib_real *q, calib_real *J) {
   calib_real x[CALIB_OUT];
   return calib_position(q, x, J);
 }
 
-/* 95 % bound on the @bound_of@. */
-static inline int calib_expected_error(const calib_real q[CALIB_DOF], calib_real *bound) {
+/* 95 % bound on the @bound_of@, or without `noise`, that of a single reading, on the true position. */
+static inline int calib_bound_of(const calib_real q[CALIB_DOF], int noise, calib_real *bound) {
   calib_real inside[CALIB_DOF];
   *bound = calib_not_a_number();
   if (!calib_in_range(q)@trusted@) return 0;
   calib_wrapped(q, inside);
-  *bound = @bound@;
+  *bound = noise ? @bound@ : @model_bound@;
+#if @play@
+  *bound += calib_play_reach(inside);
+#endif
   return @bounded@;
 }
 
-/* 95 % bound on the true position: without the noise of a single reading. */
-static inline int calib_model_error(const calib_real q[CALIB_DOF], calib_real *bound) {
-  calib_real inside[CALIB_DOF];
-  *bound = calib_not_a_number();
-  if (!calib_in_range(q)@trusted@) return 0;
-  calib_wrapped(q, inside);
-  *bound = @model_bound@;
-  return @bounded@;
+CALIB_API int calib_expected_error(const calib_real *q, calib_real *bound) {
+  return calib_bound_of(q, 1, bound);
+}
+
+CALIB_API int calib_model_error(const calib_real *q, calib_real *bound) {
+  return calib_bound_of(q, 0, bound);
 }
 #if @placed@
 

@@ -14,14 +14,18 @@
 
 #include <math.h>
 
+#ifndef CALIB_API
+#define CALIB_API static inline
+#endif
+
 typedef @real@ calib_real;
 
 enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_NODES = @nodes@, CALIB_NEAR = @near@,
-  CALIB_HARMONICS = @harmonics@, CALIB_KNOTS = @knots@, CALIB_CHAIN = @chain@, CALIB_STARTS = @starts@,
-  CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_BUDGET = @budget@, CALIB_TRIES = @tries@, CALIB_POSTURES = @postures@,
-  CALIB_SCANNED = @scanned@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@,
-  CALIB_LOADS = @loads@, CALIB_BELIEFS = @beliefs@,
+  CALIB_HARMONICS = @harmonics@, CALIB_KNOTS = @knots@, CALIB_CHAIN = @chain@,
+  CALIB_STARTS = @starts@, CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_BUDGET = @budget@,
+  CALIB_TRIES = @tries@, CALIB_POSTURES = @postures@, CALIB_SCANNED = @scanned@,
+  CALIB_RUNS = @runs@, CALIB_PULL = @pull@, CALIB_LOADS = @loads@, CALIB_BELIEFS = @beliefs@,
   CALIB_TOGETHER = @together@
 };
 
@@ -32,7 +36,7 @@ typedef struct {
   calib_real stride[CALIB_CHAIN + 1][3], turned[CALIB_CHAIN + 1][9]; /* the last to the tip */
   int own; /* whether it has curves and bends */
 } calib_arm;
-
+@tables@
 static inline calib_real calib_not_a_number(void) { return (calib_real)NAN; }
 
 /* Whether joint values are within the range that the model was learned for. */

@@ -3,9 +3,6 @@
  * flag.  A question has joints, or those that an answer should be near to, and from 16 on a position
  * (4), a quaternion x, y, z, w, an axis of the tip that is free or -1, and how many starts follow: -1
  * to begin near the joints alone, 0 for the table's. */
-#ifndef CALIB_API
-#define CALIB_API static inline
-#endif
 typedef int (*calib_row)(const calib_real *question, calib_real *answer);
 
 /* Answers rows from `first` up to `last`, questions and answers so many numbers apart. */
@@ -13,22 +10,6 @@ CALIB_API void calib_many(calib_row row, long first, long last, const calib_real
                           int width, calib_real *answer, int size, signed char *flag) {
   for (; first < last; ++first)
     flag[first] = (signed char)row(question + first * width, answer + first * size);
-}
-
-CALIB_API int calib_forward_row(const calib_real *b, calib_real *out) {
-  return calib_forward(b, out);
-}
-
-CALIB_API int calib_jacobian_row(const calib_real *b, calib_real *out) {
-  return calib_jacobian(b, out);
-}
-
-CALIB_API int calib_bounds_row(const calib_real *b, calib_real *out) {
-  return calib_expected_error(b, out);
-}
-
-CALIB_API int calib_model_bounds_row(const calib_real *b, calib_real *out) {
-  return calib_model_error(b, out);
 }
 
 CALIB_API int calib_inverse_row(const calib_real *b, calib_real *out) {
@@ -42,12 +23,6 @@ CALIB_API int calib_inverse_long_row(const calib_real *b, calib_real *out) {
 CALIB_API int calib_inverse_all_row(const calib_real *b, calib_real *out) {
   return calib_inverse_all(b + 16, @branches@, (calib_real(*)[CALIB_DOF])out);
 }
-#if @limit@
-
-CALIB_API int calib_correct_row(const calib_real *b, calib_real *out) {
-  return calib_correct(b, out);
-}
-#endif
 #if @placed@
 
 /* Postures all over the joints' ranges, and the poses of their tips in arm's lengths. */

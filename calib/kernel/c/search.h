@@ -289,7 +289,7 @@ static inline void calib_wanted(const calib_real q[CALIB_DOF], calib_real x[CALI
 
 /* Joints that bring the real tip to where the nominal arm would be with q, near q; with six joints
  * or more also its orientation.  0 where none do, or a joint would change by more than usual. */
-static inline int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
+CALIB_API int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
   calib_real start[CALIB_DOF], G[6 * CALIB_DOF];
   calib_task task = {@correcting@, -1, &calib_body, {0}, {0}};
   calib_search search;
