@@ -1,7 +1,8 @@
 """The posterior of an arm of more than three joints, small enough to be asked one row at a time.
 
 It holds the directions in which parameters move positions most, and what they leave over of the
-variance of each joint's curve, a function of its value.  Parameters are described by what they move (`KernelArm.derivatives`), so that any body has the same form.
+variance of each joint's curve, a function of its value.  Parameters are described by what they
+move (`KernelArm.derivatives`), so that any body has the same form.
 """
 
 from __future__ import annotations
