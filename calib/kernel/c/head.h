@@ -39,24 +39,17 @@ typedef struct {
 @tables@
 static inline calib_real calib_not_a_number(void) { return (calib_real)NAN; }
 
-/* Whether joint values are within the range that the model was learned for. */
-static inline int calib_in_range(const calib_real q[CALIB_DOF]) {
-  int i;
+/* Joints with those of full turns moved into their range; 0 where they are outside of what the model
+ * was learned for. */
+static inline int calib_inside(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
+  int i, inside = 1;
   for (i = 0; i < CALIB_DOF; ++i) {
     const calib_real u = (q[i] - calib_lower[i]) / calib_span[i];
-    if (!calib_periodic[i] && !(u >= @slack@ && u <= 1 - @slack@)) return 0;
-    if (!(u >= @slack@ - 1 && u <= 2 - @slack@)) return 0; /* more than a turn beyond */
-  }
-  return 1;
-}
-
-/* Joint values with those of full turns moved into their range. */
-static inline void calib_wrapped(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
-  int i;
-  for (i = 0; i < CALIB_DOF; ++i) {
-    const calib_real u = (q[i] - calib_lower[i]) / calib_span[i];
+    const calib_real more = calib_periodic[i] ? 1 : 0; /* at most a turn beyond */
+    if (!(u >= @slack@ - more && u <= 1 - @slack@ + more)) inside = 0;
     out[i] = calib_periodic[i] ? calib_lower[i] + (u - floor(u)) * calib_span[i] : q[i];
   }
+  return inside;
 }
 
 static inline void calib_cross(const calib_real a[3], const calib_real b[3], calib_real out[3]) {

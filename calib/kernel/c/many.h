@@ -67,11 +67,9 @@ CALIB_API void calib_prepare(calib_postures *table) {
  * order of their distance; `row` is room for it. */
 static inline calib_starts calib_pose_starts(const calib_task *task, const calib_real *given,
                                              int count, short row[CALIB_POSTURES]) {
-  enum { BINS = 256 };
   calib_starts starts = {given, 0, count, count, count, @same@};
-  float wanted[12], weight[12];
-  unsigned char bin[CALIB_POSTURES];
-  int begin[BINS + 1] = {0}, n, i;
+  float wanted[12], weight[12], far[CALIB_POSTURES] = {0};
+  int n, i;
   if (count || !calib_table) return starts;
   starts.q = calib_table->q[0];
   starts.row = row;
@@ -81,18 +79,12 @@ static inline calib_starts calib_pose_starts(const calib_task *task, const calib
   calib_pose_of(task->x, task->R, wanted);
   for (i = 0; i < 12; ++i)
     weight[i] = i < 3 || task->kind == CALIB_POSE || (i - 3) % 3 == task->axis ? 1.0f : 0.0f;
-  for (n = 0; n < CALIB_POSTURES; ++n) {
-    float far = 0;
+  for (n = 0; n < CALIB_POSTURES; ++n)
     for (i = 0; i < 12; ++i) {
       const float gap = calib_table->pose[n][i] - wanted[i];
-      far += weight[i] * gap * gap;
+      far[n] += weight[i] * gap * gap;
     }
-    far *= BINS / 4;
-    bin[n] = (unsigned char)(far < BINS - 1 ? far : BINS - 1);
-    ++begin[bin[n] + 1];
-  }
-  for (i = 0; i < BINS; ++i) begin[i + 1] += begin[i];
-  for (n = 0; n < CALIB_POSTURES; ++n) row[begin[bin[n]]++] = (short)n;
+  calib_order(CALIB_POSTURES, far, row);
   return starts;
 }
 

@@ -1,11 +1,35 @@
 
-/* Rows of the table of starts that may lead to a position: those of its cell and, after them, of
- * the cells beside; without cells those that are near to it and to joints.  Returns how many;
- * those from `likely` on, all over the table, are for what the first lead to nowhere. */
-static inline int calib_starting(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
-                                 short row[CALIB_TRIES], int *likely) {
+/* Starts of a search: rows of a table of joints, in an order. */
+typedef struct {
+  const calib_real *q; /* joints, one after another; no numbers are no start */
+  const short *row;    /* the order; 0 where it is that of the table */
+  int count, likely;   /* those after the likely ones are for what these lead to nowhere */
+  int runs;            /* so many runs without a new way end a search */
+  calib_real apart;    /* starts closer to a known way lead to it */
+} calib_starts;
+
+/* Puts rows into the order of their distances, which are told apart up to 4. */
+static inline void calib_order(int count, const float *far, short *row) {
+  enum { BINS = 256 };
+  int begin[BINS + 1] = {0}, bin, n;
+  for (n = 0; n < count; ++n) {
+    bin = far[n] < 4 ? (int)(far[n] * (BINS / 4)) : BINS - 1;
+    ++begin[bin + 1];
+  }
+  for (n = 0; n < BINS; ++n) begin[n + 1] += begin[n];
+  for (n = 0; n < count; ++n) {
+    bin = far[n] < 4 ? (int)(far[n] * (BINS / 4)) : BINS - 1;
+    row[begin[bin]++] = (short)n;
+  }
+}
 #if @grid@
-  int cell[CALIB_OUT], found = 0, around = 1, i, n, ring;
+
+/* Starts of a position: those of its cell and, after them, of the cells beside. */
+static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
+                                                 const calib_real near[CALIB_DOF],
+                                                 short row[CALIB_STARTS + 1]) {
+  calib_starts starts = {calib_start_q[0], row, 0, 0, CALIB_TRIES, @margin@ / 2};
+  int cell[CALIB_OUT], around = 1, i, n, ring;
   (void)near;
   for (i = 0; i < CALIB_OUT; ++i) {
     const calib_real u = floor((x[i] - calib_grid_lower[i]) / calib_grid_step[i]);
@@ -22,37 +46,36 @@ static inline int calib_starting(const calib_real x[CALIB_OUT], const calib_real
         place = place * calib_grid[i] + at;
       }
       if (outside || beside != ring) continue;
-      for (i = calib_cell[place]; i < calib_cell[place + 1] && found < CALIB_TRIES; ++i)
-        row[found++] = (short)i;
+      for (i = calib_cell[place]; i < calib_cell[place + 1] && starts.count < CALIB_TRIES; ++i)
+        row[starts.count++] = (short)i;
     }
-  *likely = found;
-  for (i = 0; i < CALIB_STARTS && found < CALIB_TRIES; i += 1 + CALIB_STARTS / CALIB_TRIES)
-    row[found++] = (short)i;
-  return found;
+  starts.likely = starts.count;
+  for (i = 0; i < CALIB_STARTS && starts.count < CALIB_TRIES; i += 1 + CALIB_STARTS / CALIB_TRIES)
+    row[starts.count++] = (short)i;
+  return starts;
+}
 #else
-  calib_real far[CALIB_TRIES];
-  int found = 0, i, k, n;
+
+/* Starts of a position: those that are near to it and to joints. */
+static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
+                                                 const calib_real near[CALIB_DOF],
+                                                 short row[CALIB_STARTS + 1]) {
+  const int count = CALIB_TRIES < CALIB_STARTS ? CALIB_TRIES : CALIB_STARTS;
+  calib_starts starts = {calib_start_q[0], row, count, count / 3, CALIB_TRIES, @margin@ / 2};
+  float far[CALIB_STARTS + 1];
+  int i, n;
   for (n = 0; n < CALIB_STARTS; ++n) {
-    calib_real d = calib_apart(calib_start_q[n], near, 0);
-    calib_real squared = 0;
+    const calib_real away = calib_apart(calib_start_q[n], near, 0);
+    far[n] = (float)(away * away);
     for (i = 0; i < CALIB_OUT; ++i) {
       const calib_real gap = (x[i] - calib_start_x[n][i]) / @extent@;
-      squared += gap * gap;
+      far[n] += (float)(CALIB_PULL * gap * gap);
     }
-    d = d * d + squared * CALIB_PULL;
-    if (found == CALIB_TRIES && !(d < far[CALIB_TRIES - 1])) continue;
-    k = found < CALIB_TRIES ? found++ : CALIB_TRIES - 1;
-    for (; k > 0 && far[k - 1] > d; --k) {
-      far[k] = far[k - 1];
-      row[k] = row[k - 1];
-    }
-    far[k] = d;
-    row[k] = (short)n;
   }
-  *likely = found < CALIB_TRIES / 3 ? found : CALIB_TRIES / 3;
-  return found;
-#endif
+  calib_order(CALIB_STARTS, far, row);
+  return starts;
 }
+#endif
 
 /* Joints by whole turns as near to others as their limits allow. */
 static inline void calib_on_turn(const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF]) {
@@ -66,15 +89,6 @@ static inline void calib_on_turn(const calib_real near[CALIB_DOF], calib_real q[
     if (q[k] < calib_least[k]) q[k] = calib_least[k];
   }
 }
-
-/* Starts of a search: rows of a table of joints, in an order. */
-typedef struct {
-  const calib_real *q; /* joints, one after another; no numbers are no start */
-  const short *row;    /* the order; 0 where it is that of the table */
-  int count, likely;   /* those after the likely ones are for what these lead to nowhere */
-  int runs;            /* so many runs without a new way end a search */
-  calib_real apart;    /* starts closer to a known way lead to it */
-} calib_starts;
 
 /* Adds the way that a start leads to, and what lies across a fold beside it, or replaces a way that
  * is further; returns whether it did. */
@@ -179,20 +193,11 @@ static inline void calib_position_task(const calib_real x[CALIB_OUT], calib_task
   for (i = 0; i < CALIB_OUT; ++i) task->x[i] = x[i];
 }
 
-/* Starts of a position near joints, from the table; `row` is room for their order. */
-static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
-                                                 const calib_real near[CALIB_DOF],
-                                                 short row[CALIB_TRIES]) {
-  calib_starts starts = {calib_start_q[0], row, 0, 0, CALIB_TRIES, @margin@ / 2};
-  starts.count = calib_starting(x, near, row, &starts.likely);
-  return starts;
-}
-
 /* All ways to a position that the table of starts leads to, at most `most`; returns how many. */
 static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
                                     calib_real q[][CALIB_DOF]) {
   calib_task task;
-  short row[CALIB_TRIES];
+  short row[CALIB_STARTS + 1];
   calib_starts starts = calib_position_starts(x, calib_start_q[0], row);
   starts.apart = @margin@;
   calib_position_task(x, &task);
@@ -211,7 +216,7 @@ static inline int calib_inverse_within(const calib_real x[CALIB_OUT],
   sure = calib_try_near(&search, &task, near, q);
   search.budget += budget - CALIB_BUDGET;
   if (sure == 2) {
-    short row[CALIB_TRIES];
+    short row[CALIB_STARTS + 1];
     calib_starts starts = calib_position_starts(x, search.from, row);
     if (CALIB_DOF > CALIB_OUT) starts.count = starts.likely;
     else sure = 1;
@@ -294,9 +299,8 @@ CALIB_API int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CALIB_
   calib_task task = {@correcting@, -1, &calib_body, {0}, {0}};
   calib_search search;
   calib_gap gap;
-  int k, good = calib_in_range(q);
+  int k, good = calib_inside(q, start);
   if (good) {
-    calib_wrapped(q, start);
     calib_copy(start, out);
     calib_copy(start, search.from);
     search.task = &task;
