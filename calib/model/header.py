@@ -235,8 +235,9 @@ class Header:
             **_arm_tables(arm),
         }
         if self.small:
-            tables["start_q"] = np.zeros((0, len(self.limit)))
-            tables["start_x"] = np.zeros((0, len(model.axes)))
+            middle = np.full((1, len(self.limit)), 0.5)
+            tables["start_q"] = model.motor.scale.from_unit(middle)
+            tables["start_x"] = model.predictor.value(middle)
         else:
             tables |= _starts(model)
         if not self._trusted:

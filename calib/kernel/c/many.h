@@ -100,11 +100,9 @@ static inline int calib_asked(const calib_real *b, calib_task *task) {
 
 CALIB_API int calib_poses_row(const calib_real *b, calib_real *q) {
   calib_task task;
-  calib_search search;
+  calib_search search = calib_begin(&task, b, 1, 0, q);
   int sure = 0;
-  search.way = q;
-  search.count = 0;
-  if (calib_asked(b, &task)) sure = calib_try_near(&search, &task, b, q);
+  if (calib_asked(b, &task)) sure = calib_try_near(&search, &task, b, CALIB_BUDGET, q);
   if (sure == 2 && b[25] >= 0) { /* all that starts lead to is looked at */
     short row[CALIB_POSTURES];
     const calib_starts starts = calib_pose_starts(&task, b + 26, (int)b[25], row);

@@ -95,51 +95,55 @@ static inline void calib_on_turn(const calib_real near[CALIB_DOF], calib_real q[
 static inline int calib_try(calib_search *search, const calib_real start[CALIB_DOF]) {
   calib_real trial[CALIB_DOF], way[CALIB_DOF];
   calib_gap gap;
-  int fold, new = 0;
+  int fold, gain = 0;
   calib_copy(start, trial);
   for (fold = 0; fold < 2; ++fold) {
     const int one = search->most == 1;
     calib_real away;
     if (!calib_reach(search, !fold, fold ? 0 : search->count, trial, &gap)) {
-      if (search->count || search->left <= gap.left || !(gap.left - gap.left == 0)) return new;
+      if (search->count || search->left <= gap.left || !(gap.left - gap.left == 0)) return gain;
       search->left = gap.left;
       calib_copy(trial, search->nearest);
-      return new;
+      return gain;
     }
-    if (!one && calib_beside(trial, search->way, search->count, @same@)) return new;
+    if (!one && calib_beside(trial, search->way, search->count, @same@)) return gain;
     away = calib_apart(trial, search->from, 0);
     if (!one || !search->count || away < search->away) {
       if (one) search->count = 0;
       calib_copy(trial, search->way + CALIB_DOF * search->count++);
       search->away = away;
-      new = 1;
+      gain = 1;
     }
     calib_copy(trial, way);
-    if (CALIB_DOF > calib_rows(search->task) || (one && away <= @beside@)) return new;
-    if (search->count == search->most && !one) return new;
-    if (!calib_twin(search->task, way, &gap, trial)) return new;
-    if (one && calib_apart(trial, search->from, 0) > search->away + @margin@) return new;
+    if (CALIB_DOF > calib_rows(search->task) || (one && away <= @beside@)) return gain;
+    if (search->count == search->most && !one) return gain;
+    if (!calib_twin(search->task, way, &gap, trial)) return gain;
+    if (one && calib_apart(trial, search->from, 0) > search->away + @margin@) return gain;
   }
-  return new;
+  return gain;
+}
+
+/* A search for ways to a task from joints on, with room for `most`. */
+static inline calib_search calib_begin(const calib_task *task, const calib_real from[CALIB_DOF],
+                                       int most, int budget, calib_real *way) {
+  calib_search search = {task, {0}, way, 0, most, budget, 0, {0}, 0};
+  search.left = calib_not_a_number();
+  calib_copy(from, search.from);
+  return search;
 }
 
 /* Begins a search for the way to a task that is nearest to joints; 0 where they are none.  1 where no
  * other way can be nearer than what they lead to, or what lies across a fold beside it; else 2. */
 static inline int calib_try_near(calib_search *search, const calib_task *task,
-                                 const calib_real near[CALIB_DOF], calib_real way[CALIB_DOF]) {
+                                 const calib_real near[CALIB_DOF], int budget,
+                                 calib_real way[CALIB_DOF]) {
   const int spare = CALIB_DOF > calib_rows(task);
   int k;
-  search->task = task;
-  search->way = way;
-  search->count = 0;
-  search->most = 1;
-  search->budget = CALIB_BUDGET;
-  search->left = calib_not_a_number();
+  *search = calib_begin(task, near, 1, budget, way);
   for (k = 0; k < CALIB_DOF; ++k) {
     const calib_real u = (near[k] - calib_lower[k]) / calib_span[k];
     if (!(u - u == 0) || (!calib_periodic[k] && !(u >= -1 && u <= 2))) return 0;
   }
-  calib_copy(near, search->from);
   calib_clipped(search->from);
   calib_try(search, search->from);
   return search->count && search->away <= (spare || task->kind ? @surely@ : @beside@) ? 1 : 2;
@@ -164,14 +168,7 @@ static inline void calib_try_starts(calib_search *search, const calib_starts *st
 /* All ways to a task that starts lead to, at most `most`; returns how many. */
 static inline int calib_every(const calib_task *task, const calib_starts *starts, int most,
                               calib_real *q) {
-  calib_search search;
-  search.task = task;
-  search.way = q;
-  search.count = 0;
-  search.most = most;
-  search.budget = CALIB_BUDGET * starts->count;
-  search.left = calib_not_a_number();
-  calib_copy(starts->q, search.from);
+  calib_search search = calib_begin(task, starts->q, most, CALIB_BUDGET * starts->count, q);
   calib_try_starts(&search, starts);
   return search.count;
 }
@@ -213,8 +210,7 @@ static inline int calib_inverse_within(const calib_real x[CALIB_OUT],
   calib_real bound, most = @sure@ * @extent@;
   int sure;
   calib_position_task(x, &task);
-  sure = calib_try_near(&search, &task, near, q);
-  search.budget += budget - CALIB_BUDGET;
+  sure = calib_try_near(&search, &task, near, budget, q);
   if (sure == 2) {
     short row[CALIB_STARTS + 1];
     calib_starts starts = calib_position_starts(x, search.from, row);
@@ -267,7 +263,7 @@ static inline int calib_inverse_pose(const calib_real x[3], const calib_real R[9
   calib_search search;
   int sure;
   calib_pose_task(x, R, axis, &task);
-  sure = calib_try_near(&search, &task, near, q);
+  sure = calib_try_near(&search, &task, near, CALIB_BUDGET, q);
   return calib_answered(&search, near, sure);
 }
 #endif
@@ -287,11 +283,6 @@ static inline calib_real calib_newton_step(const calib_real target[CALIB_OUT], c
 }
 #if @limit@
 
-/* Where the nominal arm would be with q, as the sensor sees it. */
-static inline void calib_wanted(const calib_real q[CALIB_DOF], calib_real x[CALIB_OUT]) {
-  calib_seen(&calib_nominal, 0, q, x, 0);
-}
-
 /* Joints that bring the real tip to where the nominal arm would be with q, near q; with six joints
  * or more also its orientation.  0 where none do, or a joint would change by more than usual. */
 CALIB_API int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
@@ -302,17 +293,14 @@ CALIB_API int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CALIB_
   int k, good = calib_inside(q, start);
   if (good) {
     calib_copy(start, out);
-    calib_copy(start, search.from);
-    search.task = &task;
-    search.count = search.most = 0;
-    search.budget = CALIB_BUDGET;
-    if (task.kind == CALIB_POSITION) calib_wanted(start, task.x);
+    search = calib_begin(&task, start, 0, CALIB_BUDGET, 0);
+    if (task.kind == CALIB_POSITION) calib_seen(&calib_nominal, 0, start, task.x, 0);
     else calib_chain(&calib_nominal, 0, start, task.x, task.R, G);
     good = calib_reach(&search, 0, 0, out, &gap);
 #if @local_terms@
     if (good && task.kind != CALIB_POSITION) { /* what local models move is met as a position */
       task.kind = CALIB_POSITION;
-      calib_wanted(start, task.x);
+      calib_seen(&calib_nominal, 0, start, task.x, 0);
       good = calib_reach(&search, 0, 0, out, &gap);
     }
 #endif
