@@ -13,8 +13,6 @@ Array = Any
 Defect = tuple[Callable[[Array], Array], Callable[[Array], Array]]
 """Positions (n, 2) of joints (n, 2), and which of these lie in the defect."""
 
-NOISE = {"exact": 0.0, "noise": 1e-3}  # standard deviation per axis [m], of all others 2e-4
-DWELL, CORNER = 0.7, 0.15  # share of an uneven log's rows that lie in so much of each joint's range
 STREAM = 91  # of the points on which errors are measured
 
 
@@ -28,7 +26,6 @@ class Case:
     q: Array
     x: Array
     defect: Array  # (n,), which of them lie in a defect
-    arm: Any  # the arm whose branches are counted, None where the truth is not known
 
 
 def bump(arm: Any) -> Defect:
@@ -62,8 +59,7 @@ def ripple(arm: Any) -> Defect:
 def simulated(name: str, n: int, tested: int, seed: int) -> Case:
     """One of the simulated cases, `n` rows to learn from and `tested` ones to test on.
 
-    name : {"exact", "noise", "bump", "ripple", "uneven"}, an exact sensor, one with a noise of 1
-        mm, the two defects with 0.2 mm, and a log that dwells in a corner of the joints' range
+    name : {"exact", "bump", "ripple"}, an exact sensor, and the two defects with 0.2 mm of noise
     """
     shape = {"bump": bump, "ripple": ripple}.get(name)
     # an elbow that bends both ways gives most targets two branches
@@ -72,14 +68,11 @@ def simulated(name: str, n: int, tested: int, seed: int) -> Case:
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM,)))
     span = arm.upper - arm.lower
     q = arm.lower + span * rng.random((n, 2))
-    if name == "uneven":
-        stays = rng.random(n) < DWELL
-        q[stays] = arm.lower + span * (0.1 + CORNER * rng.random((np.count_nonzero(stays), 2)))
     fresh = arm.lower + span * rng.random((tested, 2))
-    x = truth(q) + NOISE.get(name, 2e-4) * rng.standard_normal((n, 2))
+    x = truth(q) + (2e-4 if shape else 0.0) * rng.standard_normal((n, 2))
     known = arm.joint_names, arm.lower, arm.upper, arm.revolute
     samples = calib.Samples(q, x, *known, arm=arm, plane=arm.plane)
-    return Case(name, samples, fresh, truth(fresh), inside(fresh), None if shape else arm)
+    return Case(name, samples, fresh, truth(fresh), inside(fresh))
 
 
 def measured(folder: Path, series: str, block: int, blocks: int) -> Case:
@@ -88,4 +81,4 @@ def measured(folder: Path, series: str, block: int, blocks: int) -> Case:
     samples = calib.read_log(path, joints=["shoulder_lift_joint", "elbow_joint"])
     held = np.array_split(np.arange(len(samples)), blocks)[block]
     some, rest = samples.take(np.setdiff1d(np.arange(len(samples)), held)), samples.take(held)
-    return Case(f"UR10 {series}", some, rest.q, rest.x, np.zeros(len(held), dtype=bool), None)
+    return Case(f"UR10 {series}", some, rest.q, rest.x, np.zeros(len(held), dtype=bool))

@@ -3,8 +3,7 @@
     python benchmarks/camera.py [--pictures 58] [--video 30] [--folder KEPT]
 
 Everything is rendered by tests/rendering.py, 1280x720, and read by `calib log` as users do.
-First how well tips are found and placed, by the renderer's own projection, and the time; then
-a calibrated arm: errors are distances to its true position at postures that no picture shows.
+Errors of the calibrated arm are distances to its true position at postures that no picture shows.
 """
 
 import argparse
@@ -25,11 +24,9 @@ from rendering import Camera, Desk, board, board_shots, tag, write_video
 import calib
 from calib.recording.board import Board
 from calib.recording.joint_table import read_joints
-from calib.recording.lens import calibrate_lens, load_lens
-from calib.recording.reference import PlaneReference, find_pose
+from calib.recording.lens import load_lens
 from calib.recording.setting import Setup
 from calib.recording.tag_logs import log_pictures, log_video
-from calib.recording.tags import TagFinder
 
 BOARD = Board.parse("7x5:24mm:18mm:5x5_100")
 LYING = board(7, 5, 0.024, 0.018, (0.36, -0.06, 0.0, 0.1))
@@ -116,69 +113,6 @@ def on_board(desk: Desk, q: np.ndarray) -> np.ndarray:
     return ((world - at) @ turn)[:, :2] + np.array(BOARD.size) / 2
 
 
-def rms(miss: np.ndarray) -> float:
-    """Root mean square distance."""
-    return float(np.sqrt(np.square(miss).sum(-1).mean()))
-
-
-def pixels(name: str, desk: Desk, count: int) -> None:
-    """Print how well tips are found."""
-    finder, rng = TagFinder(wanted=[desk.tip_tag]), np.random.default_rng(1)
-    miss, found, wrong, spent = [], 0, 0, 0.0
-    for q in postures(desk, count, rng):
-        p, picture = desk.tip_pixels(q)[0], desk.picture(q, rng)
-        start = time.process_time()
-        tags = finder.find(picture)
-        spent += time.process_time() - start
-        found += len(tags) == 1
-        wrong += any(np.linalg.norm(t.centre - p) > 2 for t in tags)
-        miss += [t.centre - p for t in tags if t.sharp][:1]
-    print(
-        f"{name:34s} rms {rms(np.array(miss)):.3f} px, found {found} of {count}, wrong {wrong}, "
-        f"{1e3 * spent / count:.0f} ms a picture"
-    )
-
-
-def metres(height: float, count: int, seed: int) -> None:
-    """Print how well they are placed on a board."""
-    rng = np.random.default_rng(seed)
-    desk = Desk(still=(LYING,), height=height, seed=seed)
-    finder, tags = BOARD, TagFinder(wanted=[7])
-    shots, _ = board_shots(desk, LYING, 10, rng)
-    lens, _ = calibrate_lens([finder.find(s) for s in shots], BOARD, desk.camera.size)
-    seen, asked, corners = [], [], []
-    for q in postures(desk, count, rng):
-        picture = desk.picture(q, rng)
-        corners.append(finder.find(picture))
-        seen += [t.centre for t in tags.find(picture)]
-        asked.append(q)
-    numbers = sorted(set().union(*corners))
-    middle = np.array([np.median([c[n] for c in corners if n in c], axis=0) for n in numbers])
-    pose = find_pose(lens, BOARD.corners()[numbers], middle)
-    x = PlaneReference(lens, pose, height).positions(np.array(seen))
-    truth = on_board(desk, np.array(asked))
-    print(
-        f"metres, tag {1e3 * height:2.0f} mm up, seed {seed}: rms {1e3 * rms(x - truth):.3f} mm, "
-        f"lens rms {lens.rms:.3f} px of 10 shots, pose rms {pose.rms:.3f} px"
-    )
-
-
-def finding(count: int) -> None:
-    """Print how well tips are found and placed in rendered pictures."""
-    still = (
-        tag(3, 0.03, (0.0, 0.25, 0, 0.3)),
-        board(7, 5, 0.024, 0.018, (0.38, -0.08, 0, 0.1)),
-        tag(12, 0.05, (0.45, 0.2, 0, 1.0)),
-    )
-    print(f"OpenCV {cv2.__version__}, one core, process time")
-    pixels("sharp, decoys", Desk(still=still), count)
-    pixels("blur 1.2, noise 4, JPEG 80", Desk(still=still, blur=1.2, noise=4, quality=80), count)
-    pixels("a tag of 20 mm", Desk(still=still, tip_size=0.02), count)
-    pixels("640x480", Desk(still=still, camera=Camera(size=(640, 480), focal=600.0)), count)
-    for seed, height in enumerate((0.0, 0.025, 0.0)):
-        metres(height, min(count, 20), seed)
-
-
 def judge(model: calib.Model, desk: Desk) -> str:
     """Return mean and largest error over the learned range, where the camera sees the tag."""
     q = postures(desk, 800, np.random.default_rng(99))
@@ -225,7 +159,6 @@ def main() -> None:
     parser.add_argument("--folder", type=Path)
     typed = parser.parse_args()
     cv2.setNumThreads(1)
-    finding(min(typed.pictures, 40))
     with tempfile.TemporaryDirectory() as made:
         run(typed.folder or Path(made), typed.pictures, typed.video)
 

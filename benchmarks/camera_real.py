@@ -1,4 +1,4 @@
-"""What a real camera brings: rolling shutter, autofocus, tilted tags, hidden and clipped boards.
+"""What a real camera brings: rolling shutter, autofocus, tilted tags, clipped boards.
 
     python benchmarks/camera_real.py [--only NAME] [--pictures 24]
 
@@ -29,8 +29,6 @@ from calib.recording.setting import Setup
 from calib.recording.tag_logs import log_pictures, log_video
 from calib.samples.samples import Samples
 
-Change = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
-
 
 def lens_of(camera: Camera, stretch: float = 1.0) -> Lens:
     """Return the true lens, its focal length stretched."""
@@ -42,13 +40,8 @@ METRES = Setup(7, board=BOARD, lens=lens_of(DESK.camera))
 PIXELS = Setup(7)
 
 
-def same(picture: np.ndarray, _k: int, _rng: np.random.Generator) -> np.ndarray:
-    """Leave a picture as it is."""
-    return picture
-
-
 def shots(
-    desk: Desk, count: int, change: Change = same, cameras: Callable[[int], Camera] | None = None
+    desk: Desk, count: int, cameras: Callable[[int], Camera] | None = None
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return postures and their pictures; each may have a camera of its own."""
     rng = np.random.default_rng(4)
@@ -56,7 +49,7 @@ def shots(
     pictures = []
     for k, row in enumerate(q):
         seen = desk if cameras is None else replace(desk, camera=cameras(k))
-        pictures.append(change(seen.picture(row, rng), k, rng))
+        pictures.append(seen.picture(row, rng))
     return q, pictures
 
 
@@ -118,43 +111,6 @@ class _Placed:
         world = np.c_[self.desk.tip(q), np.full(len(q), self.height)]
         turn0, at0 = LYING.frame
         return (((world - at) @ turn) @ turn0.T + at0)[:, :2]
-
-
-def hand(count: int) -> None:
-    """A hand over the board: in some pictures, in all at one place, over nearly all of it."""
-    u, v = DESK.camera.project(LYING.outline()).mean(0)
-
-    def covered(which: Callable[[int], bool], size: float, wander: float) -> Change:
-        def change(picture: np.ndarray, k: int, rng: np.random.Generator) -> np.ndarray:
-            if which(k):
-                x, y = np.array([u, v]) + wander * rng.normal(size=2)
-                for finger in range(4):
-                    a = int(x + finger * 0.4 * size - size), int(y - size)
-                    b = int(x + finger * 0.3 * size - size), int(y + 2.5 * size)
-                    cv2.line(picture, a, b, 170 + 10 * finger, int(0.3 * size), cv2.LINE_AA)
-            return picture
-
-        return change
-
-    for name, change in (
-        ("hand in a third of the pictures", covered(lambda k: k % 3 == 0, 60, 30)),
-        ("hand in all pictures, at one place", covered(lambda _: True, 60, 0)),
-        ("hand over nearly all of it, in all", covered(lambda _: True, 130, 0)),
-    ):
-        q, pictures = shots(DESK, count, change)
-        told(name, DESK, lambda q=q, p=pictures: logged(q, p, METRES))
-
-
-def resolution(count: int) -> None:
-    """A picture of another resolution in the series, or all of another than the lens."""
-
-    def smaller(picture: np.ndarray, k: int, _rng: np.random.Generator) -> np.ndarray:
-        return cv2.resize(picture, None, fx=0.5, fy=0.5) if k == 7 else picture
-
-    q, pictures = shots(DESK, min(count, 12), smaller)
-    told("one picture of another resolution", DESK, lambda: logged(q, pictures, PIXELS))
-    halves = [cv2.resize(p, (640, 360)) for p in pictures]
-    told("all of another than the lens", DESK, lambda: logged(q, halves, METRES))
 
 
 def tilted(count: int) -> None:
@@ -231,7 +187,7 @@ def shutter(_count: int) -> None:
                 told(f"{name} shutter, {what}", DESK, made)
 
 
-CASES = {f.__name__: f for f in (clipped, hand, resolution, tilted, focus, shutter)}
+CASES = {f.__name__: f for f in (clipped, tilted, focus, shutter)}
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """Hand-eye calibration of arms that are off: how near, whether intervals hold, and the guard.
 
-    python benchmarks/handeye.py [--worlds 60] [--so101 so101.urdf] [--guard] [--planned]
+    python benchmarks/handeye.py [--worlds 60] [--so101 so101.urdf] [--guard]
 
 Corners of a board are projected by an arm of a known truth (joints off by up to 0.2 deg, origins by
 up to 0.3 mm) with 0.1 px of noise, 24 pictures a world; the camera in the hand or before the board,
@@ -22,7 +22,7 @@ import numpy as np
 
 import calib
 from calib.arm.rotations import logarithm
-from calib.body.corners import held_of
+from calib.body.sensor_pose import held_of
 from calib.recording.board import Board
 from calib.recording.board_pictures import BoardPictures, held_poses
 from calib.recording.lens import Lens
@@ -36,63 +36,13 @@ BUMP = 3.0  # px
 SERIES = 20  # pictures
 
 
-def planned(worlds: int) -> None:
-    """How well planned pictures tell where the camera or board in the hand is, beside random ones.
-
-    Planned on the drawing, for a camera that looks along the tip's axis: it truly is some 9 deg and
-    70 mm off.  Pictures that do not show half of the corners are lost.
-    """
-    print("| camera | pictures | seen | hand [mm] | [deg] |")
-    print("|---|---|---|---|---|")
-    for in_hand in (True, False):
-        for count, plan in ((40, False), (12, False), (12, True), (20, True)):
-            off, turned, seen = [], [], []
-            for seed in range(worlds):
-                rig = Rig(in_hand, seed=seed, pictures=count, half_turn=not in_hand)
-                rng = np.random.default_rng(seed)
-                if plan:
-                    eye, spec = "hand" if in_hand else "base", "7x5:24mm:18mm:5x5_100"
-                    poses = calib.plan(
-                        rig.arm, count, handeye=spec, eye=eye, start=rig.start[0], seed=seed
-                    )
-                    rig.look(poses.q, rng)
-                inside = ((rig.seen > 0) & (rig.seen < (1280, 720))).all(axis=1)
-                shown = (
-                    np.bincount(rig.rows, inside, len(rig.q)) >= len(rig.corners) / len(rig.q) / 2
-                )
-                numbers = np.flatnonzero(shown)
-                shots = pictures(rig, rig.seen, 0, len(rig.q))
-                shots = replace(
-                    shots,
-                    names=tuple(shots.names[k] for k in numbers),
-                    corners=tuple(dict(enumerate(shots.corners[k].values())) for k in numbers),
-                    q=rig.q[numbers],
-                )
-                body = calib.handeye(rig.arm, shots, eye=eye_of(rig), lens=lens_of(rig)).body
-                found, true = held_of(body), held_of(replace(body, beta=rig.beta))
-                off.append(np.linalg.norm(found.position - true.position))
-                turn = logarithm((found.rotation @ true.rotation.T)[None])
-                turned.append(np.linalg.norm(turn))
-                seen.append(shown.sum())
-            print(
-                f"| {'in the hand' if in_hand else 'before the board'} | "
-                f"{count} {'planned' if plan else 'random'} | {np.mean(seen):.0f} | "
-                f"{1e3 * np.mean(off):.2f} | {np.degrees(np.mean(turned)):.3f} |",
-                flush=True,
-            )
-
-
 def main() -> None:
     """Print a row for each kind of rig."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--worlds", type=int, default=60)
     parser.add_argument("--so101", metavar="URDF")
     parser.add_argument("--guard", action="store_true")
-    parser.add_argument("--planned", action="store_true")
     asked = parser.parse_args()
-    if asked.planned:
-        planned(asked.worlds)
-        return
     if asked.guard:
         guard(asked.worlds)
         return
@@ -113,8 +63,8 @@ def one(in_hand: bool, known: bool, worlds: int, more: dict) -> None:
         rig = Rig(in_hand, seed=seed, known=known, last=True, **more)
         began = process_time()
         shots = pictures(rig, rig.seen, 0, len(rig.q))
-        lens = lens_of(rig) if known else None
-        answer = calib.handeye(rig.arm, shots, eye=eye_of(rig), lens=lens)
+        lens = rig.glass if known else None
+        answer = calib.handeye(rig.arm, shots, eye=rig.eye, lens=lens)
         seconds = process_time() - began
         found, true = held_of(answer.body), held_of(replace(answer.body, beta=rig.beta))
         # the drawn tip's frame, with whatever the last joint is off by
@@ -157,25 +107,15 @@ def pictures(rig: Rig, seen: np.ndarray, first: int, last: int) -> BoardPictures
     return BoardPictures(board, rig.arm.joint_names, names, q, found, SIZE, len(names), ())
 
 
-def eye_of(rig: Rig) -> str:
-    """Where its camera is."""
-    return "hand" if rig.in_hand else "base"
-
-
-def lens_of(rig: Rig) -> Lens:
-    """The true lens."""
-    f, u, v, k1 = rig.lens
-    return Lens(SIZE, np.array([f, f]), np.array([u, v]), np.array([k1, 0, 0, 0, 0]))
-
-
 def opencv(rig: Rig, true: object) -> dict[str, tuple[float, float]]:
     """How far OpenCV's solvers are off [m, rad], which take the arm as it is drawn."""
     if not hasattr(cv2, "calibrateHandEye"):
         return {}
     base, neutral = rig.structure.with_view("base"), rig.structure.neutral()
     p, turn = base.pose(rig.q, neutral)
-    seen = pictures(rig, rig.seen, 0, len(rig.q)).poses(lens_of(rig))
-    boards, shifts = held_poses(seen, in_hand=False)
+    seen = pictures(rig, rig.seen, 0, len(rig.q)).poses(rig.glass)
+    there = held_poses(seen, in_hand=False)
+    boards, shifts = there[:, :3, :3], there[:, :3, 3]
     out = {}
     kinds = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
     if not rig.in_hand:  # the base in the hand's frame takes the place of the hand in the base's
@@ -208,8 +148,8 @@ def guard(worlds: int) -> None:
     alarms, found, series = 0, 0, 0
     for seed in range(worlds):
         rig = Rig(seed % 2 == 0, seed=seed, pictures=24 + 2 * SERIES)
-        lens = lens_of(rig) if seed % 4 < 2 else None
-        eye = "hand" if rig.in_hand else "base"
+        lens = rig.glass if seed % 4 < 2 else None
+        eye = rig.eye
         own = calib.handeye(rig.arm, pictures(rig, rig.seen, 0, 24), None, None, eye, lens=lens)
         model, glass = calib.train(own.poses), Lens.from_json(own.poses.source["lens"])
         late = rig.beta.copy()

@@ -1,4 +1,4 @@
-"""Honesty where the truth is known: paths, cameras, exact worlds, noise, clocks."""
+"""Honesty where the truth is known: paths, clocks."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -6,27 +6,17 @@ from typing import Any
 
 import numpy as np
 from honest_worlds import (
-    FOUR_LINKS,
-    LENGTHS,
     Row,
     distance,
-    image,
     nearly_nominal,
     route,
     row,
     samples,
-    tip,
-    turned,
-    world,
 )
 
 import calib
-from calib.arm.loading import arm_from_urdf
 
 Array = Any
-
-BEFORE = {"lens": 6.4e-7, "ripple": 8.4e-4, "bump": 1.8e-4, "latent": 3.2e-6}
-"""Mean error of exact worlds without the body [mm], by this script on release 0.1."""
 
 
 @cache
@@ -73,160 +63,6 @@ def paths(quick: bool) -> Iterator[Row]:
             most=0.4 if kind == "2" else 0.1,
             more=f"worst seed {max(values):.3g}",
         )
-
-
-def _camera_truth(dof: int, seed: int) -> tuple[Array, Array, Any]:
-    """Limits of the logged joints and where the tip is in the image."""
-    rng = np.random.default_rng(seed)
-    lower, upper = np.full(dof, -1.2), np.full(dof, 1.2)
-    lower[0], upper[0] = 0.0, 1.5
-    sense, offset = np.ones(dof), np.zeros(dof)
-    turned_joint = int(rng.integers(1, dof))
-    sense[turned_joint] = -1.0
-    offset[turned_joint] = np.radians(7.0)
-    bent = np.zeros(dof)
-    bent[1] = 1.3
-
-    def truth(q: Array) -> Array:
-        return image(tip(sense * (q + offset) + bent, LENGTHS[dof]))
-
-    return lower, upper, truth
-
-
-def _own_least_squares(q: Array, x: Array, dof: int, truth: Any, asked: Array) -> float:
-    """Mean miss [px] of the same class, fitted by SciPy from a start beside the truth."""
-    from scipy.optimize import least_squares
-
-    best = np.inf
-    error = np.nan
-    for senses in np.array(np.meshgrid(*([[1.0, -1.0]] * (dof - 1)))).T.reshape(-1, dof - 1):
-        sense = np.concatenate([[1.0], senses])
-
-        def chain(theta: Array, joints: Array, sense: Array = sense) -> Array:
-            lengths = np.concatenate([[0.3], theta[: dof - 1]])
-            p = tip(sense * joints + np.concatenate([[0.0], theta[dof - 1 : 2 * dof - 2]]), lengths)
-            h = theta[2 * dof - 2 :]
-            w = 1.0 + p @ h[6:]
-            return (p @ h[:4].reshape(2, 2).T + h[4:6]) / w[:, None]
-
-        for first in (1.3, -1.3, 0.5):
-            start = np.concatenate(
-                [LENGTHS[dof][1:], [first], np.zeros(dof - 2), [750, 0, 0, -700, 530, 500, 0, 0]]
-            )
-            fit = least_squares(
-                lambda t: (chain(t, q) - x).ravel(), start, x_scale=np.maximum(np.abs(start), 0.1)
-            )
-            if fit.cost < best:
-                best = fit.cost
-                error = float(distance(chain(fit.x, asked), truth(asked)).mean())
-    return error
-
-
-def camera(quick: bool) -> Iterator[Row]:
-    """Few rows of a tilted camera, commanded in whole degrees, one servo reversed."""
-    shares, signs = [], []
-    for dof in (2, 3):
-        for n in (20, 40, 100):
-            ours, theirs = [], []
-            for seed in range(2 if quick else 10):
-                lower, upper, truth = _camera_truth(dof, 40 + seed)
-                rng = np.random.default_rng(80 + seed)
-                q = np.radians(np.round(np.degrees(rng.uniform(lower, upper, (n, dof)))))
-                x = truth(q) + rng.standard_normal((n, 2))
-                asked = rng.uniform(lower, upper, (600, dof))
-                model = calib.train(samples(q, x, lower, upper, unit="px"))
-                miss, bound = distance(model.forward(asked), truth(asked)), model.model_error(asked)
-                known = np.isfinite(miss) & np.isfinite(bound)
-                shares.append(float(np.mean(miss[known] <= bound[known])) if known.any() else 1.0)
-                ours.append(float(miss[known].mean()) if known.any() else np.nan)
-                theirs.append(_own_least_squares(q, x, dof, truth, asked))
-                signs.append(_sign_right(model, dof, 40 + seed))
-            yield row(
-                f"camera, {dof} joints, {n} rows: error / own least squares",
-                float(np.mean(ours) / np.mean(theirs)),
-                most=1.2,
-                more=f"{np.mean(ours):.3g} and {np.mean(theirs):.3g} px",
-            )
-    yield row(
-        "camera: coverage of the true position",
-        100 * float(np.mean(shares)),
-        "%",
-        least=93,
-        more=f"least {100 * min(shares):.0f}",
-    )
-    yield row(
-        f"camera: reversed servo found, of {len(signs)}",
-        100 * float(np.mean(signs)),
-        "%",
-        least=100,
-    )
-
-
-def _sign_right(model: calib.Model, dof: int, seed: int) -> bool:
-    """Whether the body turns the joints as they turn, up to a mirror of all of them."""
-    rng = np.random.default_rng(seed)
-    sense = np.ones(dof)
-    sense[int(rng.integers(1, dof))] = -1.0
-    found = np.asarray(model.body.structure.signs, dtype=float)
-    return bool(np.array_equal(found * found[0], sense))
-
-
-def noise(quick: bool) -> Iterator[Row]:
-    """1 mm of noise on 20,000 rows of two_link."""
-    arm, n = _two_link(), 4000 if quick else 20_000
-    model = calib.train(calib.babble(arm, n, seed=0, noise=1e-3), size=30 if quick else 70)
-    yield row(
-        f"two_link, {n} rows at 1 mm",
-        1e3 * model.about.errors["local"]["forward"]["distance"]["mean"],
-        "mm",
-        most=0.026 * (20_000 / n) ** 0.5,
-    )
-
-
-def exact(quick: bool) -> Iterator[Row]:
-    """Exact simulated arms of two to four joints."""
-    arms = [calib.load_arm(name) for name in ("two_link", "scara", "three_link")]
-    for arm in (*arms, arm_from_urdf(FOUR_LINKS, ["j0", "j1", "j2", "j3"], "tip")):
-        n = 4000 if quick else 20_000
-        model = calib.train(calib.babble(arm, n, seed=0), size=30 if arm.dof == 2 else None)
-        error = 1e3 * model.about.errors["local"]["forward"]["distance"]["mean"]
-        yield row(f"exact {arm.name}, {arm.dof} joints", error, "mm", most=1e-6)
-
-
-def worlds(quick: bool) -> Iterator[Row]:
-    """Exact maps that are no chain: nothing may be lost there."""
-    arm = _two_link()
-    rng = np.random.default_rng(1)
-    n = 2000 if quick else 10_000
-    q, asked = (rng.uniform(arm.lower, arm.upper, (m, 2)) for m in (n, 2000))
-    for name, most in BEFORE.items():
-        truth = world(name)
-        model = calib.train(samples(q, truth(q), arm.lower, arm.upper), size=30)
-        miss = distance(model.forward(asked), truth(asked))
-        yield row(
-            f"exact world without a chain: {name}, {n} rows",
-            1e3 * float(np.nanmean(miss)),
-            "mm",
-            most=None if quick else most,
-            more=f"answered {100 * np.isfinite(miss).mean():.0f} %",
-        )
-
-
-def three(quick: bool) -> Iterator[Row]:
-    """Three joints, 58 rows at 0.15 mm, no URDF."""
-    means, largest = [], []
-    lower, upper = np.radians([0.0, 15.0, -90.0]), np.radians([90.0, 150.0, 90.0])
-    for seed in range(2 if quick else 8):
-        rng = np.random.default_rng(seed)
-        angle, shift = rng.uniform(-3, 3), rng.uniform(-0.2, 0.2, 2)
-        q, asked = (rng.uniform(lower, upper, (m, 3)) for m in (58, 1500))
-        x = turned(tip(q, LENGTHS[3]), angle, shift) + 1.5e-4 * rng.standard_normal((58, 2))
-        model = calib.train(samples(q, x, lower, upper))
-        miss = distance(model.forward(asked), turned(tip(asked, LENGTHS[3]), angle, shift))
-        means.append(1e3 * float(np.nanmean(miss)))
-        largest.append(1e3 * float(np.nanmax(miss)))
-    yield row("three joints, 58 rows at 0.15 mm, no URDF", float(np.mean(means)), "mm", most=0.5)
-    yield row("the same, largest of all", float(np.max(largest)), "mm", most=3.0)
 
 
 LATE = (0.0, 0.005, 0.02, -0.02)  # [s]

@@ -18,28 +18,6 @@ Truth = Callable[[Array], Array]
 LENGTHS = {2: (0.30, 0.25), 3: (0.30, 0.25, 0.15)}
 """Links of the bundled `two_link` and `three_link` [m]."""
 
-FOUR_LINKS = "".join(
-    [
-        '<robot name="four"><link name="base"/>',
-        *(
-            f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent link="{parent}"/>'
-            f'<child link="l{k}"/><origin xyz="{at} 0 0"/><axis xyz="0 0 1"/>'
-            f'<limit lower="{low}" upper="{high}" effort="1" velocity="1"/></joint>'
-            for k, (parent, at, low, high) in enumerate(
-                [
-                    ("base", 0.0, 0.0, 1.5),
-                    ("l0", 0.3, 0.3, 2.0),
-                    ("l1", 0.25, -1.2, 1.2),
-                    ("l2", 0.2, -1.0, 1.0),
-                ]
-            )
-        ),
-        '<link name="tip"/><joint name="end" type="fixed"><parent link="l3"/>'
-        '<child link="tip"/><origin xyz="0.15 0 0"/></joint></robot>',
-    ]
-)
-"""URDF of a planar arm of four joints."""
-
 
 def tip(q: Array, lengths: Sequence[float]) -> Array:
     """Tip (n, 2) of a planar chain by the textbook, joints (n, dof)."""
@@ -111,31 +89,6 @@ def route(kind: str, n: int, rng: np.random.Generator) -> Array:
     poses = rng.uniform(lower, upper, (int(kind), 2))
     at = np.linspace(0, len(poses) - 1, n)
     return np.stack([np.interp(at, np.arange(len(poses)), p) for p in poses.T], axis=1)
-
-
-def world(name: str) -> Truth:
-    """Exact maps of `two_link`'s joints that no chain, curve or camera describes."""
-
-    def bump(q: Array) -> Array:
-        away = (q - np.array([0.8, 1.4])) / 0.25
-        size = 0.01 * np.exp(-0.5 * np.sum(away**2, axis=1, keepdims=True))
-        return tip(q, LENGTHS[2]) + size * np.array([1.0, -0.5])
-
-    def ripple(q: Array) -> Array:
-        wave = np.sin(9 * q[:, :1] + 7 * q[:, 1:]) * np.array([1.0, 0.6])
-        return tip(q, LENGTHS[2]) + 0.002 * wave
-
-    def high(q: Array) -> Array:
-        away = tip(q, LENGTHS[2]) - np.array([0.2, 0.25])
-        r2 = np.sum(away**2, axis=1, keepdims=True)
-        return away * (1.0 + 0.8 * r2 - 2.5 * r2**2 + 4.0 * r2**3)
-
-    def latent(q: Array) -> Array:
-        a, b = q.T
-        first = np.tanh(a - 0.5 * b) + 0.3 * a * b
-        return np.stack([first, np.exp(-0.5 * a) * np.cos(b) + 0.2 * b], axis=1)
-
-    return {"bump": bump, "ripple": ripple, "lens": high, "latent": latent}[name]
 
 
 def samples(q: Array, x: Array, lower: Array, upper: Array, **more: Any) -> calib.Samples:

@@ -5,9 +5,8 @@
 FOLDER holds the laser-tracker logs series_a.csv, series_c.csv, full_a.csv and full_c.csv of a UR10
 (docs/accuracy.md names their source); without it the parts on real rows are left out, aloud.
 PART is one of coverage, gaps, adapt, adapt-space, check, rows, few, urdf, sessions, real-streams
-(real rows)
-and paths, places, power, camera, change, noise, exact, worlds, three, clocks, noisier, encoders,
-encoders-space, repeats, few-rows, approach, streams (own generators, see honest_worlds.py).
+(real rows) and paths, places, power, change, clocks, noisier, encoders, encoders-space,
+repeats, few-rows, approach, streams (own generators, see honest_worlds.py).
 ``--quick`` takes fewer splits and seeds: each part then ends within about a minute.
 """
 
@@ -45,11 +44,6 @@ OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
     "places": honest_change.places,
     "power": honest_check.power,
     "change": honest_change.changed,
-    "camera": honest_simulated.camera,
-    "noise": honest_simulated.noise,
-    "exact": honest_simulated.exact,
-    "worlds": honest_simulated.worlds,
-    "three": honest_simulated.three,
     "clocks": honest_simulated.clocks,
     "noisier": honest_check.noisier,
     "encoders": honest_check.encoders,

@@ -1,35 +1,29 @@
-"""Experiments beside the paper's tables: networks, resampling, perturbed commands, directions.
+"""Experiments beside the paper's tables: networks, resampling.
 
-python benchmarks/paper_experiments.py [networks resampling perturbation directions] [--quick]
+python benchmarks/paper_experiments.py [networks resampling] [--quick]
 """
 
 import argparse
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from tables import table
 
-from calib.maps.association import Association
 from calib.maps.density import READINGS
-from calib.maps.links import WIRINGS
 from calib.paper.setting import Setting
-from calib.paper.tables import FACTORS, unit_of
+from calib.paper.tables import FACTORS, UNITS
 from calib.paper.trial import (
     SAME_SCHEDULE,
     NetworkTrial,
     Row,
     Schedule,
-    activity_errors,
-    association,
     joined,
 )
 from calib.samples.samples import Samples
 
 _ROWS = 20_000  # of each seed: enough to tell these apart
 _BORDER = 0.05  # share of a joint's range that counts as its border
-_TREMBLE = (0.0, 0.5, 1.0, 2.0, 5.0)  # deg
 
 
 def networks(setting: Setting) -> None:
@@ -89,77 +83,13 @@ def crowded(samples: Samples, times: float, seed: int) -> Samples:
     return replace(samples, q=samples.q[rows], x=samples.x[rows])
 
 
-def perturbation(setting: Setting) -> None:
-    """Motor commands that are perturbed while learning, where Schillaci et al. degraded.
-
-    The joints go where they were sent plus a random error; tested without it.
-    """
-    n = min(setting.samples, _ROWS)
-    seeds = setting.seeds[:2]
-    rows: dict[str, Row] = {}
-    for degrees in _TREMBLE[:: 4 if setting.quick else 1]:
-        setting.report(degrees / max(_TREMBLE), f"commands off by {degrees:g} deg")
-        tremble = np.radians(degrees)
-        changes = [f"{joint}.noise={tremble:.9g}" for joint in setting.joints]
-        found = []
-        for seed in seeds:
-            samples = setting.babble(seed, n, changes=changes if degrees else ())
-            found.append(NetworkTrial("vdsom", Schedule(), setting.side).errors(samples, seed))
-        rows[f"{degrees:g} deg"] = joined(found)
-    title = f"commands perturbed while learning (standard deviation), {n:,} samples, "
-    title += f"{len(seeds)} seeds, tested on the arm at rest"
-    show(title, rows, ("winner", "activity", "linear"))
-
-
-def directions(setting: Setting) -> None:
-    """One set of links for both directions, against one set learned for each.
-
-    Buessler et al. needed a module for each direction.  Links that are normalised by the
-    side which they lead to are Oja's rule (eq. 5) of that direction.
-    """
-    seed = setting.seeds[0]
-    samples = setting.babble(seed, min(setting.samples, _ROWS))
-    q, x = setting.validation(samples, seed)
-    data: dict[str, Any] = {}
-    one = association(samples, "vdsom", Schedule(), setting.side, seed)
-    ahead, back = _one_sided(one, samples)
-    found = {
-        "one reciprocal set": (one, one),
-        "one set, eq. 5 from motor to sensory": (ahead, ahead),
-        "a set for each direction": (ahead, back),
-    }
-    columns = ("x", "y", *setting.joints)
-    spans = np.concatenate([one.sensory.scale.span, one.motor.scale.span])
-    for name, (forward, inverse) in found.items():
-        first, second = (activity_errors(pair, q, x) for pair in (forward, inverse))
-        errors = np.concatenate([first[:, :2], second[:, 2:]], axis=1) * spans
-        sizes = zip(columns, errors.T, strict=True)
-        data[name] = {c: {"mean": float(e.mean()), "max": float(e.max())} for c, e in sizes}
-    rows = [{"links": name, **cells(each)} for name, each in data.items()]
-    table("both directions from one set of links, readout activity, one seed", rows)
-
-
-def _one_sided(pair: Association, samples: Samples) -> tuple[Association, Association]:
-    """The same maps with links of eq. 5 for each direction."""
-    wiring = WIRINGS["local"]
-    motor, sensory = pair.motor, pair.sensory
-    a = wiring.activity(motor, motor.scale.to_unit(samples.q))
-    b = wiring.activity(sensory, sensory.scale.to_unit(samples.x))
-    mine, theirs = (np.asarray(part.multiply(part).sum(axis=0)).ravel() for part in (a, b))
-    back = wiring.link((b.T @ a).tocsr(), theirs, mine).transposed()
-    return (
-        Association(motor, sensory, wiring.link((a.T @ b).tocsr(), mine, theirs), wiring),
-        Association(motor, sensory, back, wiring),
-    )
-
-
 def cells(columns: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     """Mean and largest error of each column, in the units of the paper's tables."""
     found = {}
     for name, error in columns.items():
         if name.endswith("distance"):
             continue
-        unit = unit_of(name)
+        unit = UNITS[name]
         found |= {f"{name} {k} [{unit}]": error[k] * FACTORS[unit] for k in ("mean", "max")}
     return found
 
@@ -172,7 +102,7 @@ def show(title: str, rows: dict[str, Row], readouts: tuple[str, ...] = ("activit
 
 def main() -> None:
     """Print the tables."""
-    runs = {run.__name__: run for run in (networks, resampling, perturbation, directions)}
+    runs = {run.__name__: run for run in (networks, resampling)}
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", nargs="*", choices=[*runs, []], default=[])
     parser.add_argument("--quick", action="store_true")

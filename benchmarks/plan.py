@@ -16,8 +16,7 @@ from scipy.stats import qmc
 from tables import table
 
 import calib
-from calib.samples.changes import parse_changes
-from calib.samples.simulation import Simulation
+from calib.samples.simulation import Simulation, parse_changes
 
 Array = NDArray[np.float64]
 Design = Callable[[calib.PlanarArm, int, int], Array]
@@ -37,13 +36,6 @@ def sobol(arm: calib.PlanarArm, n: int, seed: int) -> Array:
     return arm.lower + (arm.upper - arm.lower) * u
 
 
-def halton(arm: calib.PlanarArm, n: int, seed: int) -> Array:
-    """Halton's sequence, crowded towards the limits as Chebyshev's nodes are."""
-    points = qmc.Halton(arm.dof, scramble=False).random(n)
-    u = (points + np.random.default_rng(seed).random(arm.dof)) % 1.0
-    return arm.lower + (arm.upper - arm.lower) * (0.5 - 0.5 * np.cos(np.pi * u))
-
-
 def planned(arm: calib.PlanarArm, n: int, seed: int) -> Array:
     """What `calib plan` writes."""
     return calib.plan(arm, n, seed=seed).q
@@ -52,7 +44,6 @@ def planned(arm: calib.PlanarArm, n: int, seed: int) -> Array:
 DESIGNS: dict[str, Design] = {
     "random": uniform,
     "Sobol": sobol,
-    "Halton, crowded": halton,
     "calib plan": planned,
 }
 

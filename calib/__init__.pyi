@@ -5,11 +5,9 @@ from .arm.loading import load_arm as load_arm
 from .arm.robots import list_robots as list_robots
 from .change.adapt import adapt as adapt
 from .change.adaptation import Adaptation as Adaptation
-from .change.check import Recognition as Recognition
-from .change.check import check as check
-from .change.check import recognise as recognise
-from .change.judge import Verdict as Verdict
+from .change.judge import check as check
 from .change.judge import judge as judge
+from .change.verdict import Verdict as Verdict
 from .errors import CalibError as CalibError
 from .errors import LogError as LogError
 from .errors import ModelError as ModelError
@@ -37,15 +35,17 @@ from .show.preview.server import preview as preview
 from .show.report.page import figures as figures
 from .show.report.page import report as report
 from .stream.follow import follow as follow
-from .stream.monitor import Monitor as Monitor
-from .stream.monitor import monitor as monitor
-from .training.evaluate import Evaluation as Evaluation
-from .training.evaluate import evaluate as evaluate
 from .training.learn import TrainingOptions as TrainingOptions
 from .training.train import train as train
 from .use.correct import Corrected as Corrected
 from .use.correct import correct as correct
+from .use.evaluate import Evaluation as Evaluation
+from .use.evaluate import evaluate as evaluate
+from .use.monitor import Monitor as Monitor
+from .use.monitor import monitor as monitor
 from .use.plan import Plan as Plan
 from .use.plan import plan as plan
+from .use.recognise import Recognition as Recognition
+from .use.recognise import recognise as recognise
 
 __version__: str

@@ -1,7 +1,5 @@
 """Command line of calib, installed as the command `calib`."""
 
-from __future__ import annotations
-
 import io
 import os
 import signal

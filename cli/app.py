@@ -4,8 +4,6 @@ Exit codes: 0 done, 1 an error, 2 wrong usage, 3 a result that a script should a
 interrupted.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -21,7 +19,7 @@ import typer
 from . import commands
 from . import options as opt
 from .errors import INTERRUPTED, TRACEBACK, report_error
-from .output import SPEECH, Outcome, end_progress, note, silence
+from .output import SPEECH, Outcome, note, silence
 from .parsing import BadOption
 
 FLAGS = ("--json", "--verbose", "-v", "--quiet", "-q")
@@ -52,7 +50,6 @@ def run(arguments: Sequence[str]) -> int:
     except Exception as error:
         if os.environ.get(TRACEBACK):
             raise
-        end_progress()
         return report_error(error, as_json="--json" in arguments)
     if code == INTERRUPTED:
         note("error: interrupted")

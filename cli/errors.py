@@ -1,7 +1,5 @@
 """Errors: the one place where what ended a command becomes a line, a document and an exit code."""
 
-from __future__ import annotations
-
 import sys
 
 import typer

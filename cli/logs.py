@@ -87,7 +87,7 @@ def babbled(
     """Babble in simulation, and say what was assumed."""
     import calib
     from calib.errors import OptionError
-    from calib.samples.changes import parse_changes
+    from calib.samples.simulation import parse_changes
 
     arm = selection.load(robot)
     say(arm.notes)
@@ -221,7 +221,7 @@ def log_for(model: Model, path: str, reading: Reading) -> Samples:
     if sensor:
         log = replace(log, sensor=sensor)
     if "board" in about.options:
-        from calib.recording.board_log import with_lens_of
+        from calib.recording.board_pictures import with_lens_of
 
         log = with_lens_of(model, log)
     say(log.notes)
@@ -242,7 +242,7 @@ def _sensor_of_log(model: Model, source: Source) -> str:
     It is the first one's where neither says another.
     """
     from calib.errors import LogError
-    from calib.samples.sensors import names_of_sensors
+    from calib.samples.tables import names_of_sensors
 
     if len(model.sensors) == 1:
         return ""

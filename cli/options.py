@@ -3,8 +3,6 @@
 Each is an annotation of Typer; a parser of `parsing` reads what is typed in a form of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Annotated, TypeVar
 
@@ -18,13 +16,11 @@ _T = TypeVar("_T")
 
 
 def value(
-    flags: str,
-    form: str,
-    help_text: str,
-    parser: parsing.Parser[_T] | None = None,
+    form: str, help_text: str, parser: parsing.Parser[_T] | None = None
 ) -> object:
-    """Return an option with a value of that form, by flags such as `--output -o`."""
-    return Option(*flags.split(), metavar=form, parser=parser, help=help_text)
+    """Return an option with a value, by its form such as `--output -o FILE`."""
+    *flags, metavar = form.split()
+    return Option(*flags, metavar=metavar, parser=parser, help=help_text)
 
 
 def option(flags: str, help_text: str) -> object:
@@ -51,49 +47,44 @@ RobotFile = Annotated[
     str, Argument(metavar="ROBOT", help="A URDF file or a bundled robot.")
 ]
 _LOG = "CSV or Parquet with the joints' columns and x, y"
-Data = Annotated[str | None, value("--data", "LOG", f"A measured log: {_LOG}.")]
+Data = Annotated[str | None, value("--data LOG", f"A measured log: {_LOG}.")]
 DataOfSensors = Annotated[
     list[str] | None,
     value(
-        "--data",
-        "LOG",
+        "--data LOG",
         f"A measured log: {_LOG}; several, or a column `sensor`, of several sensors.",
     ),
 ]
-NewLog = Annotated[str, value("--data", "LOG", f"New samples: {_LOG}.")]
+NewLog = Annotated[str, value("--data LOG", f"New samples: {_LOG}.")]
 JointsFile = Annotated[
     str | None,
-    value("--joints-file", "FILE", "A row of joints for each picture."),
+    value("--joints-file FILE", "A row of joints for each picture."),
 ]
 DatasetCamera = Annotated[
-    str | None, value("--camera", "NAME", "Of a dataset with several.")
+    str | None, value("--camera NAME", "Of a dataset with several.")
 ]
 _TABLE = "CSV, or Parquet by its name (- stdout)."
-NewTable = Annotated[str, value("--output -o", "LOG", _TABLE)]
-NewPoses = Annotated[str, value("--output -o", "FILE", _TABLE)]
+NewTable = Annotated[str, value("--output -o LOG", _TABLE)]
+NewPoses = Annotated[str, value("--output -o FILE", _TABLE)]
 
 # what is babbled or sensed
 JointNames = Annotated[
     Sequence[str] | None,
-    value(
-        "--joints", "A,B", "Active joints (default: the arm's).", parsing.names
-    ),
+    value("--joints A,B", "Active joints (default: the arm's).", parsing.names),
 ]
 Tip = Annotated[
-    str | None, value("--tip", "FRAME", "The frame whose position is sensed.")
+    str | None, value("--tip FRAME", "The frame whose position is sensed.")
 ]
 Planar = Annotated[
     bool, option("--planar", "Take the planar part of a robot in space: x, y.")
 ]
 Lock = Annotated[
     list[parsing.OfJoint] | None,
-    value(
-        "--lock", "JOINT=VALUE", "Hold it there [rad, m].", parsing.joint_value
-    ),
+    value("--lock JOINT=VALUE", "Hold it there [rad, m].", parsing.joint_value),
 ]
 Ranges = Annotated[
     list[parsing.OfJoint] | None,
-    value("--range", "JOINT=LO:HI", "Part of its range.", parsing.joint_range),
+    value("--range JOINT=LO:HI", "Part of its range.", parsing.joint_range),
 ]
 Degrees = Annotated[
     bool,
@@ -102,8 +93,7 @@ Degrees = Annotated[
 Gravity = Annotated[
     parsing.Numbers | None,
     value(
-        "--gravity",
-        "X,Y,Z",
+        "--gravity X,Y,Z",
         "Where gravity points in the root's frame (default 0,0,-1).",
         parsing.direction,
     ),
@@ -113,8 +103,7 @@ Gravity = Annotated[
 Number = Annotated[
     int | None,
     value(
-        "--samples -n",
-        "N",
+        "--samples -n N",
         "How many samples to babble (default 20000).",
         parsing.count,
     ),
@@ -122,8 +111,7 @@ Number = Annotated[
 Noise = Annotated[
     float | None,
     value(
-        "--noise",
-        "S",
+        "--noise S",
         "Noise of the simulated sensor along each axis, standard deviation [m] (default 0).",
         parsing.not_negative,
     ),
@@ -131,13 +119,12 @@ Noise = Annotated[
 Changes = Annotated[
     list[str] | None,
     value(
-        "--change",
-        "JOINT.WHAT=VALUE",
+        "--change JOINT.WHAT=VALUE",
         "Such as elbow.length=+20%, sensor.rotate=0.14.",
     ),
 ]
 Seed = Annotated[
-    int, value("--seed", "K", "Seed of the random numbers.", parsing.whole(0))
+    int, value("--seed K", "Seed of the random numbers.", parsing.whole(0))
 ]
 
 # training
@@ -149,27 +136,25 @@ _SIZE = parsing.lattice_size
 MapSize = Annotated[
     str | None,
     value(
-        "--size",
-        "N|NxN|NxNxN",
+        "--size N|NxN|NxNxN",
         "Nodes of both maps (default 70; for three joints 17x17x17; a log chooses its own).",
         _SIZE,
     ),
 ]
 MotorSize = Annotated[
-    str | None, value("--motor-size", "N|NxN", "Of the motor map.", _SIZE)
+    str | None, value("--motor-size N|NxN", "Of the motor map.", _SIZE)
 ]
 SensorySize = Annotated[
-    str | None, value("--sensory-size", "N|NxN", "Of the sensory map.", _SIZE)
+    str | None, value("--sensory-size N|NxN", "Of the sensory map.", _SIZE)
 ]
 MapName = Annotated[
-    str | None, value("--map", "NAME", MAP, parsing.one_of(choices.MAPS))
+    str | None, value("--map NAME", MAP, parsing.one_of(choices.MAPS))
 ]
 TrainingRule = Annotated[choices.RuleWord, option("--rule", "Training rule.")]
 Epochs = Annotated[
     int | None,
     value(
-        "--epochs",
-        "N",
+        "--epochs N",
         "Passes over the samples; the full lattice alone is trained then.",
         parsing.count,
     ),
@@ -177,8 +162,7 @@ Epochs = Annotated[
 Sigma = Annotated[
     parsing.RadiusSchedule | None,
     value(
-        "--sigma",
-        "START:END",
+        "--sigma START:END",
         "Neighbourhood radius, start and end [nodes]; the full lattice alone is trained then.",
         parsing.sigma,
     ),
@@ -199,21 +183,19 @@ SensorView = Annotated[
 # logs
 TimeOffset = Annotated[
     float | None,
-    value("--time-offset", "auto|S", "Of positions [s].", parsing.seconds),
+    value("--time-offset auto|S", "Of positions [s].", parsing.seconds),
 ]
 Columns = Annotated[
     Mapping[str, str] | None,
-    value(
-        "--columns", "x=U,y=V", "Columns of other names.", parsing.column_names
-    ),
+    value("--columns x=U,y=V", "Columns of other names.", parsing.column_names),
 ]
 Unit = Annotated[
     str | None,
-    value("--unit", "m|mm|px|..", "Of the log (default m, or the model's)."),
+    value("--unit m|mm|px|..", "Of the log (default m, or the model's)."),
 ]
 Prismatic = Annotated[
     Sequence[str] | None,
-    value("--prismatic", "A,B", "Joints that slide.", parsing.names),
+    value("--prismatic A,B", "Joints that slide.", parsing.names),
 ]
 LogDegrees = Annotated[
     bool | None,
@@ -221,16 +203,16 @@ LogDegrees = Annotated[
 ]
 PhotoFile = Annotated[
     str | None,
-    value("--photo", "FILE", "Of the log's camera, to draw the map over."),
+    value("--photo FILE", "Of the log's camera, to draw the map over."),
 ]
 NoPhoto = Annotated[
     bool, option("--no-photo", "Keep no photo in the model and draw none.")
 ]
 Distances = Annotated[
-    list[str] | None, value("--distance", "A,B=50mm", "Of touched points.")
+    list[str] | None, value("--distance A,B=50mm", "Of touched points.")
 ]
 Planes = Annotated[
-    list[str] | None, value("--plane", "A,B,C,D", "Touched points in a plane.")
+    list[str] | None, value("--plane A,B,C,D", "Touched points in a plane.")
 ]
 
 # queries and what else asks a model
@@ -240,26 +222,26 @@ ReadoutKind = Annotated[
 ]
 StartJoints = Annotated[
     parsing.Numbers | None,
-    value("--from", "Q1,Q2", "Start near these joints.", parsing.reals),
+    value("--from Q1,Q2", "Start near these joints.", parsing.reals),
 ]
 InFrame = Annotated[
     str,
-    value("--in", "SENSOR|base", "Whose frame positions are in (the first's)."),
+    value("--in SENSOR|base", "Whose frame positions are in (the first's)."),
 ]
 OfSensor = Annotated[
-    str, value("--in", "SENSOR", "Which sensor's frame counts (the first's).")
+    str, value("--in SENSOR", "Which sensor's frame counts (the first's).")
 ]
 PositionUnit = Annotated[
     str | None,
-    value("--unit", "m|mm|..", "Of positions (default the model's)."),
+    value("--unit m|mm|..", "Of positions (default the model's)."),
 ]
 Input = Annotated[
     str | None,
-    value("--input", "FILE", "Answer every row of a CSV (- standard input)."),
+    value("--input FILE", "Answer every row of a CSV (- standard input)."),
 ]
 Output = Annotated[
     str | None,
-    value("--output", "FILE", "CSV or Parquet (default standard output)."),
+    value("--output FILE", "CSV or Parquet (default standard output)."),
 ]
 WhatChanged = Annotated[
     choices.CauseWord | None,
@@ -278,32 +260,32 @@ _EYE = "hand: the camera is on the arm; base: it stands still."
 Eye = Annotated[choices.Eye | None, option("--eye", _EYE)]
 OneEye = Annotated[choices.Eye, option("--eye", _EYE)]
 Dictionary = Annotated[
-    str, value("--dictionary", "NAME", "Dictionary of the tags.")
+    str, value("--dictionary NAME", "Dictionary of the tags.")
 ]
 BOARD = (
     "A chessboard's squares: 10x7:22mm; ChArUco: 7x5:24mm:18mm:5x5_100; AprilTags: "
     "grid:6x6:88mm:26.4mm:t36h11."
 )
-BoardSpec = Annotated[str | None, value("--board", "BOARD", BOARD)]
+BoardSpec = Annotated[str | None, value("--board BOARD", BOARD)]
 LensFile = Annotated[
     str | None,
-    value("--lens", "SHOTS|lens.json", "Pictures of a board, or a model."),
+    value("--lens SHOTS|lens.json", "Pictures of a board, or a model."),
 ]
 TagNumber = Annotated[
-    int | None, value("--tag", "ID", "The tip's tag.", parsing.whole(0))
+    int | None, value("--tag ID", "The tip's tag.", parsing.whole(0))
 ]
 TagTable = Annotated[
-    str | None, value("--tags-at", "FILE", "Table of desk tags: tag, x, y [m].")
+    str | None, value("--tags-at FILE", "Table of desk tags: tag, x, y [m].")
 ]
 TagSize = Annotated[
-    str | None, value("--tag-size", "40mm", "Of the tip's tag, for --pose.")
+    str | None, value("--tag-size 40mm", "Of the tip's tag, for --pose.")
 ]
 TagHeight = Annotated[
-    str | None, value("--tag-height", "25mm", "Of the tip's, above the desk.")
+    str | None, value("--tag-height 25mm", "Of the tip's, above the desk.")
 ]
 WholePose = Annotated[
     bool, option("--pose", "z and the quaternion too, in space.")
 ]
 SeenPicture = Annotated[
-    str | None, value("--picture", "seen.png", "Draw what was seen on a photo.")
+    str | None, value("--picture seen.png", "Draw what was seen on a photo.")
 ]

@@ -14,20 +14,17 @@ import sys
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from time import monotonic
+from dataclasses import dataclass, field, is_dataclass
 from typing import TYPE_CHECKING, TextIO
 
 from calib.common.wording import for_people, one_line, printable
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
-    from rich.progress import Progress
 
 NO = 3  # exit code of a result that a script should act on; each command says which
 _WIDTH = 100  # of lines of words and of tables
 _ROUNDING = 1e-6  # below a nanometre or a millionth of a degree
-_PATIENCE = 2.0  # [s] before a bar of progress is shown
 
 Document = Mapping[str, object] | Sequence[object]
 
@@ -170,8 +167,7 @@ class Speech:
     verbose: bool = False  # what the answer rests on, too
     quiet: bool = False  # nothing but errors and what a batch leaves unanswered
     notes: set[str] = field(default_factory=set)  # that were said already
-    began: float = 0.0  # [s]
-    bar: Progress | None = None  # on a terminal, while a command works
+    in_progress: bool = False  # whether a share of the work is shown
 
     def start(self, as_json: bool, verbose: bool, quiet: bool) -> None:
         """Begin a command, which has said nothing yet."""
@@ -179,34 +175,23 @@ class Speech:
         self.verbose = verbose
         self.quiet = quiet
         self.notes.clear()
-        self.began = monotonic()
 
 
 SPEECH = Speech()
 
 
 def progress(share: float, *_: object) -> None:
-    """Show the share of the work that is done, on a terminal, of what takes long."""
-    waited = monotonic() - SPEECH.began
-    if SPEECH.quiet or waited < _PATIENCE or not sys.stderr.isatty():
-        return
-    if SPEECH.bar is None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TimeElapsedColumn
-
-        columns = (BarColumn(), TimeElapsedColumn())
-        bar = Progress(*columns, console=Console(stderr=True), transient=True)
-        bar.add_task("", total=1.0)
-        bar.start()
-        SPEECH.bar = bar
-    SPEECH.bar.update(SPEECH.bar.task_ids[0], completed=share)
+    """Show the share of the work that is done, on a terminal."""
+    if sys.stderr.isatty() and not SPEECH.quiet:
+        print(f"\r{share:4.0%} ", end="", file=sys.stderr, flush=True)
+        SPEECH.in_progress = True
 
 
 def end_progress() -> None:
-    """Take the bar of progress away."""
-    if SPEECH.bar is not None:
-        SPEECH.bar.stop()
-        SPEECH.bar = None
+    """Take the share of the work away."""
+    if SPEECH.in_progress:
+        print("\r     \r", end="", file=sys.stderr)
+        SPEECH.in_progress = False
 
 
 def say(notes: Iterable[str]) -> None:
@@ -219,6 +204,7 @@ def say(notes: Iterable[str]) -> None:
 
 def note(text: str) -> None:
     """Say something on standard error, in one line."""
+    end_progress()
     try:
         print(
             one_line(" ".join(as_typed(text).split())),
@@ -244,7 +230,7 @@ def print_json(document: Document) -> None:
 
 
 def plain(value: object) -> object:
-    """Return plain data: no arrays, of which Polars and NumPy need not be imported, no NaN."""
+    """Return plain data: no dataclasses, no arrays of Polars or NumPy, no NaN."""
     text = json.dumps(value, default=_listed)
     return json.loads(text, parse_constant=lambda _: None)
 
@@ -252,6 +238,8 @@ def plain(value: object) -> object:
 def _listed(value: object) -> object:
     if isinstance(value, Mapping):
         return dict(value)
+    if is_dataclass(value):
+        return vars(value)
     method = "tolist" if hasattr(value, "tolist") else "to_list"
     return getattr(value, method)()
 

@@ -1,7 +1,5 @@
 """Parsing: texts that Typer has no type for become values, and wrong usage becomes one line."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

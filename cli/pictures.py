@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.common.choices import DICTIONARY, PICTURES, VIDEOS, Eye
+from calib.common.choices import PICTURES, VIDEOS
 
 from .logs import Reading, log_of
 from .output import say
@@ -21,135 +21,123 @@ if TYPE_CHECKING:
     from calib.samples.samples import Samples
 
 
-@dataclass(frozen=True, kw_only=True)
-class Shooting:
-    """Pictures or a video, and what is in them, as typed."""
+def is_of_camera(name: str) -> bool:
+    """Whether a name is of pictures or a video."""
+    is_pattern = bool(set("*?[") & set(name))
+    return is_pattern or name.lower().endswith(VIDEOS + PICTURES)
 
-    joints_file: str | None = None
-    tag: int | None = None
-    dictionary: str = DICTIONARY
-    board: str | None = None
-    tags_at: str | None = None
-    lens: str | None = None
-    tag_size: str | None = None
-    tag_height: str | None = None
-    pose: bool = False
-    picture: str | None = None
-    camera: str | None = None
-    eye: Eye | None = None
 
-    def is_meant(self, names: Sequence[str]) -> bool:
-        """Whether names are of pictures or a video, or what only these have was typed."""
-        if self != Shooting():
-            return True
-        return any(
-            name.lower().endswith(VIDEOS + PICTURES) or set("*?[") & set(name)
-            for name in names
+def is_film(names: Sequence[str]) -> bool:
+    """Whether the first of some names is a video."""
+    first = Path(names[0])
+    return first.is_file() and first.suffix.lower() not in PICTURES
+
+
+@dataclass(frozen=True)
+class JointReading:
+    """How the joints beside pictures are read."""
+
+    path: str | None
+    names: Sequence[str] | None
+    degrees: bool
+    prismatic: Sequence[str]
+
+
+def setup(
+    output: str,
+    tag: int | None,
+    dictionary: str,
+    board: str | None,
+    tags_at: str | None,
+    lens: str | None,
+    tag_size: str | None,
+    tag_height: str | None,
+    pose: bool,
+) -> Setup:
+    """What is in pictures of a tag; a lens that is calibrated is written beside the log."""
+    from calib.recording.board import Board, parse_length
+    from calib.recording.lens import load_lens
+    from calib.recording.reference import MarkLayout
+    from calib.recording.setting import Setup
+
+    if tag is None:
+        raise BadOption(
+            "--tag ID is missing: pictures and videos need it and --joints-file"
         )
+    pattern = None if board is None else Board.parse(board)
+    marks = None if tags_at is None else MarkLayout.read(tags_at)
+    glass = None
+    if lens is not None:
+        folder = Path() if output == "-" else Path(output).parent
+        glass, notes = load_lens(lens, pattern, folder / "lens.json")
+        say(notes)
+        if marks is not None:
+            pattern = None  # it served the lens alone
+    return Setup(
+        tag,
+        dictionary,
+        pattern,
+        marks,
+        glass,
+        None if tag_size is None else parse_length(tag_size, "`tag_size`"),
+        parse_length(tag_height or "0mm", "`tag_height`", signed=True),
+        pose,
+    )
 
-    def setting(self, output: str) -> Setup:
-        """Make the setting; a lens that is calibrated is written beside the log."""
-        from calib.recording.board import Board, parse_length
-        from calib.recording.lens import load_lens
-        from calib.recording.reference import MarkLayout
-        from calib.recording.setting import Setup
 
-        if self.tag is None or self.joints_file is None:
-            missing = "--tag ID" if self.tag is None else "--joints-file FILE"
-            raise BadOption(
-                f"{missing} is missing: pictures and videos need both"
-            )
-        board = None if self.board is None else Board.parse(self.board)
-        lens = None
-        if self.lens is not None:
-            folder = Path() if output == "-" else Path(output).parent
-            lens, notes = load_lens(self.lens, board, folder / "lens.json")
-            say(notes)
-        size = self.tag_size
-        height = self.tag_height or "0mm"
-        marks = None if self.tags_at is None else MarkLayout.read(self.tags_at)
-        if lens is not None and marks is not None:
-            board = None  # it served the lens alone
-        return Setup(
-            tag=self.tag,
-            dictionary=self.dictionary,
-            board=board,
-            tags_at=marks,
-            lens=lens,
-            tag_size=None if size is None else parse_length(size, "`tag_size`"),
-            tag_height=parse_length(height, "`tag_height`", signed=True),
-            pose=self.pose,
+def record_tag(
+    sources: Sequence[str],
+    output: str,
+    setting: Setup,
+    joints: JointReading,
+    picture: str | None,
+    *,
+    max_gap: float,
+    still: float | None,
+    time_offset: float | None,
+) -> Samples:
+    """Make a log of pictures or a video, and draw what was seen if that is wanted."""
+    from calib.recording.joint_table import read_joints
+    from calib.recording.photo import read_photo, write_seen
+    from calib.recording.pictures import list_pictures
+    from calib.recording.tag_logs import log_pictures, log_video
+
+    if joints.path is None:
+        raise BadOption(
+            "--joints-file FILE is missing: pictures and videos need it"
         )
-
-    def record(
-        self,
-        sources: Sequence[str],
-        output: str,
-        joints: Sequence[str] | None,
-        *,
-        degrees: bool,
-        prismatic: Sequence[str],
-        max_gap: float,
-        still: float | None,
-        time_offset: float | None,
-    ) -> Samples:
-        """Make a log of pictures or a video, and draw what was seen if that is wanted."""
-        first = Path(sources[0])
-        source = sources[0] if len(sources) == 1 else sources
-        film = first.is_file() and first.suffix.lower() not in PICTURES
-        if len(sources) > 1 and (film or self.eye is not None):
-            raise BadOption(
-                f"{len(sources)} names: expected one video or dataset, or pictures"
-            )
-        if not film and (still is not None or time_offset is not None):
-            raise BadOption(
-                "--still and --time-offset are for videos and bags, not pictures"
-            )
-        if self.eye is not None:
-            return record_board(
-                sources[0],
-                self.board,
-                self.eye,
-                self.lens,
-                self.joints_file,
-                self.camera,
-                joints,
-                degrees=degrees,
-                prismatic=prismatic,
-            )
-        from calib.recording.joint_table import read_joints
-        from calib.recording.photo import read_photo, write_seen
-        from calib.recording.pictures import list_pictures
-        from calib.recording.tag_logs import log_pictures, log_video
-
-        setting = self.setting(output)
-        table = read_joints(
-            str(self.joints_file), joints, degrees=degrees, prismatic=prismatic
+    table = read_joints(
+        joints.path,
+        joints.names,
+        degrees=joints.degrees,
+        prismatic=joints.prismatic,
+    )
+    path = Path(sources[0])
+    if is_film(sources):
+        log = log_video(
+            path,
+            table,
+            setting,
+            revolute=[name not in joints.prismatic for name in table.names],
+            max_gap=max_gap,
+            still=still,
+            time_offset=time_offset,
         )
-        path = first
-        if film:
-            log = log_video(
-                first,
-                table,
-                setting,
-                revolute=[name not in prismatic for name in table.names],
-                max_gap=max_gap,
-                still=still,
-                time_offset=time_offset,
-            )
-        else:
-            log = log_pictures(source, table, setting)
-            paths = {picture.name: picture for picture in list_pictures(source)}
-            path = paths[log.pictures[len(log) // 2]]
-        say(log.notes)
-        folder = Path(output).resolve().parent
-        if output != "-" and path.resolve().is_relative_to(folder):
-            # named in the log, so that train can draw the map over it
-            name = path.resolve().relative_to(folder).as_posix()
-            log = replace(log, source={**log.source, "photo": name})
-        if self.picture is not None and log.pixels is not None:
-            write_seen(self.picture, read_photo(path), setting, log.pixels)
-        return log
+    else:
+        log = log_pictures(sources, table, setting)
+        paths = {path.name: path for path in list_pictures(sources)}
+        assert log.pictures is not None  # noqa: S101 - of pictures
+        path = paths[log.pictures[len(log) // 2]]
+    say(log.notes)
+    folder = Path(output).resolve().parent
+    is_beside = output != "-" and path.resolve().is_relative_to(folder)
+    if is_beside and log.unit == "px":
+        # named in the log, so that train can draw the map over it
+        name = path.resolve().relative_to(folder).as_posix()
+        log = replace(log, source={**log.source, "photo": name})
+    if picture is not None and log.pixels is not None:
+        write_seen(picture, read_photo(path), setting, log.pixels)
+    return log
 
 
 def need_joints(source: str, joints_file: str | None) -> None:
@@ -167,12 +155,8 @@ def record_board(
     board: str | None,
     eye: str,
     lens: Lens | str | None,
-    joints_file: str | None,
+    joints: JointReading,
     camera: str | None,
-    joints: Sequence[str] | None,
-    *,
-    degrees: bool,
-    prismatic: Sequence[str],
 ) -> Samples:
     """Make a log of pictures of a board; `lens` is a lens, its file or its pictures, or None."""
     from calib.recording.board_pictures import find_board
@@ -182,22 +166,21 @@ def record_board(
         raise BadOption(
             "--eye needs --board COLSxROWS:SQUARE:MARKER:DICT, which is seen"
         )
-    need_joints(source, joints_file)
+    need_joints(source, joints.path)
     shots = find_board(
         source,
-        joints_file,
+        joints.path,
         board,
         camera=camera,
-        names=joints,
-        degrees=degrees,
-        prismatic=prismatic,
+        names=joints.names,
+        degrees=joints.degrees,
+        prismatic=joints.prismatic,
     )
     if isinstance(lens, str):
         lens, notes = load_lens(lens, shots.board)
         say(notes)
-    lens, doubts = shots.lens(lens)
-    log = shots.log(lens, eye == "hand")
-    say([*log.notes, *doubts])
+    log = shots.log(lens or shots.lens(), eye == "hand")
+    say(log.notes)
     return log
 
 
@@ -218,16 +201,15 @@ def log_of_pictures(
             "the model was not made of pictures: expected --data of a log, and no --joints-file"
         )
     joints = zip(about.joint_names, about.revolute, strict=True)
-    return record_board(
-        source,
-        board["board"],
-        board["eye"],
-        lens_of_model(model),
+    reading = JointReading(
         joints_file,
-        camera,
         about.joint_names,
-        degrees=about.degrees if degrees is None else degrees,
-        prismatic=[name for name, turns in joints if not turns],
+        about.degrees if degrees is None else degrees,
+        [name for name, turns in joints if not turns],
+    )
+    lens = lens_of_model(model)
+    return record_board(
+        source, board["board"], board["eye"], lens, reading, camera
     )
 
 
@@ -264,7 +246,7 @@ def load_drawn(
 ) -> tuple[Model | HandEye, Samples | None]:
     """Load a model or a rig as it is to be drawn, and a log of its own arm where one is given."""
     import calib
-    from calib.recording.rig_file import is_rig, load_rig
+    from calib.recording.rig import is_rig, load_rig
 
     if is_rig(path):
         if data is not None or photo is not None:
@@ -282,7 +264,7 @@ def load_drawn(
 
 
 def with_photo(model: Model, path: str, log: Samples | None) -> Model:
-    """Return a model with a photo; for metres `log` says where its camera was."""
+    """Return a model with a photo, by the camera of the log."""
     from calib.recording.photo import take_photo
 
     source = None if log is None else log.source

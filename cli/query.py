@@ -3,8 +3,6 @@
 It needs NumPy: commands import it when they run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -15,7 +13,7 @@ import calib
 from calib.common.arrays import Array, Mask
 from calib.common.choices import FRAMES
 from calib.common.scale import METRES
-from calib.common.wording import for_people
+from calib.common.wording import for_people, listed
 from calib.samples.tables import Batch, read_batch, write_table
 
 from .output import NO, Outcome, TextTable, fixed, note, say
@@ -24,12 +22,9 @@ from .summary import contradicted
 from .units import JointFormat, units_of
 
 BOUNDS = ("expected_error", "model_error")
-UP_TO_SCALE = "expected_error_up_to_scale"
-"""Key and column of a bound in a camera's base frame that leaves out the arm's size."""
 TURN = ("qx", "qy", "qz", "qw")
 # columns in the unit of the positions
-_LENGTHS = ("x", "y", "z", "distance", *BOUNDS, UP_TO_SCALE)
-_MOST = 10  # row numbers in a message
+_LENGTHS = ("x", "y", "z", "distance", *BOUNDS)
 
 Columns = Mapping[str, ArrayLike]
 
@@ -71,68 +66,62 @@ class Query:
             )
         check_file(output, TABLES, stream=True)
         self.model = model_in(path, frame)
-        frame = "base" if frame == "base" else "sensor"
-        self.frame = frame
-        self.unit = "m" if frame == "base" else self.model.about.unit
+        self.input = input_
+        self.degrees = degrees
+        self._columns = columns
+        self._output = None if output == "-" else output
+        about = self.model.about
+        self.joints = JointFormat(about, degrees)
+        self.frame = "sensor"
+        self.axes = self.model.axes
+        self.unit = about.unit
+        # what the numbers of an answer mean, for JSON
+        self.meaning: dict[str, object] = {}
+        # of a simulation, and in the base frame, both bounds are the same: one is printed
+        self.bounds = BOUNDS if about.source == "log" else BOUNDS[:1]
+        bound_of = about.bound_of
+        if frame == "base":
+            self.frame = frame
+            self.axes = ("x", "y", "z")
+            self.unit = "m"
+            self.meaning["frame"] = frame
+            self.bounds = BOUNDS[:1]
+            bound_of = "true position"
+        elif about.sensor:
+            self.meaning["sensor"] = about.sensor
+        self.meaning["unit"] = self.unit
+        self.meaning["bound_of"] = bound_of
+        self.meaning["units"] = units_of(about, self.unit)
         self.factor, self.shown = for_people(self.unit)
         self.typed = 1.0
         """Factor from the model's unit to what is typed, and written to tables of answers."""
         if unit is not None:
-            fitting = METRES if self.unit in METRES else {self.unit: 1.0}
-            if unit not in fitting:
-                units = ", ".join(fitting)
+            factors = METRES if self.unit in METRES else {self.unit: 1.0}
+            if unit not in factors:
+                units = ", ".join(factors)
                 expected = f"a unit that positions in {self.unit} have: {units}"
                 raise bad_value(unit, expected, "--unit")
-            self.typed = fitting[unit] / fitting[self.unit]
+            self.typed = factors[unit] / factors[self.unit]
             self.factor = self.typed
             self.shown = unit
-        self.input = input_
-        self.degrees = degrees
-        self._columns = columns or {}
-        self._output = output
-        about = self.model.about
-        base = frame == "base"
-        self.joints = JointFormat(about, degrees)
-        self.axes = ("x", "y", "z") if base else self.model.axes
-        # what the numbers of an answer mean, for JSON
-        self.meaning: dict[str, object] = {
-            **({"frame": frame} if base else {}),
-            **({"sensor": about.sensor} if about.sensor and not base else {}),
-            "unit": self.unit,
-            "bound_of": "true position" if base else about.bound_of,
-            "units": units_of(about, self.unit),
-        }
-        # of a simulation, and in the base frame, both bounds are the same: one is printed
-        self.bounds = (
-            BOUNDS if about.source == "log" and not base else BOUNDS[:1]
-        )
 
     def words(self, length: float) -> str:
         """Return a length [the model's unit] in words."""
         return f"{length * self.factor:.4g} {self.shown}"
 
     def table(
-        self,
-        q: Array,
-        position: Array,
-        quantities: Mapping[str, Array],
-        title: str = "",
+        self, q: Array, quantities: Columns, title: str = ""
     ) -> TextTable:
-        """Return answers (n, ...), a line each, an angle in deg, lengths in the positions' unit."""
+        """Return answers (n, dof), a line each, an angle in deg, lengths in the positions' unit."""
         header = self.joints.header
-        columns = []
-        axes = dict(zip(self.axes, position.T, strict=True))
-        for name, values in {**axes, **quantities}.items():
+        rows = [self.joints.cells(joints) for joints in q.tolist()]
+        for name, values in quantities.items():
             factor, unit = self.factor, self.shown
             if name == "turned":
                 factor, unit = for_people("rad")
             header.append(f"{name.replace('_', ' ')} [{unit}]")
-            columns.append(factor * np.asarray(values))
-        cells = np.transpose(columns)
-        rows = [
-            [*self.joints.cells(joints), *(fixed(value, 4) for value in row)]
-            for joints, row in zip(q.tolist(), cells.tolist(), strict=True)
-        ]
+            for row, value in zip(rows, np.asarray(values), strict=True):
+                row.append(fixed(factor * float(value), 4))
         return TextTable(header, rows, title, left=0)
 
     def read(
@@ -143,7 +132,7 @@ class Query:
             raise BadOption(
                 "--input FILE is missing: expected a table of queries"
             )
-        batch = read_batch(self.input, names, more, self._columns)
+        batch = read_batch(self.input, names, more, self._columns or {})
         lengths = [
             n in _LENGTHS and n not in self.joints.names for n in batch.names
         ]
@@ -170,30 +159,27 @@ class Query:
         """
         n = len(batch.values)
         _note_rows(batch.invalid, n, "not all values are numbers, no answer")
-        n = n if count is None else count
-        for rows, why in failures.values():
-            _note_rows(rows, n, why)
-        failed = {name: list(rows) for name, (rows, _) in failures.items()}
-        code = NO if any(failed.values()) else 0
+        code = 0
+        document: dict[str, object] = {
+            "output": None if columns is None else self._output,
+            "rows": n if count is None else count,
+            "invalid": batch.invalid,
+        }
+        for name, (rows, why) in failures.items():
+            _note_rows(rows, count or n, why)
+            document[name] = list(rows)
+            if rows:
+                code = NO
+        document |= {**(facts or {}), **self.meaning}
         if batch.invalid:
             code = 1
-        to_file = self._output is not None and self._output != "-"
-        document: dict[str, object] = {
-            "output": self._output if to_file and columns is not None else None,
-            "rows": n,
-            "invalid": batch.invalid,
-            **failed,
-            **(facts or {}),
-            **self.meaning,
-        }
         if columns is None:
             return Outcome(document, lines, code=code)
         written = dict(columns)
-        if self.typed != 1.0:
-            for name in written.keys() & set(_LENGTHS):
-                written[name] = np.asarray(written[name], float) * self.typed
-        if to_file:
-            write_table(str(self._output), written)
+        for name in written.keys() & set(_LENGTHS):
+            written[name] = np.asarray(written[name], float) * self.typed
+        if self._output is not None:
+            write_table(self._output, written)
             return Outcome(document, lines, code=code)
         in_si = dict(columns)
         for name, typed in zip(
@@ -216,28 +202,6 @@ def beside(batch: Batch, valid: Mask, added: Columns) -> Columns:
 
 def _note_rows(numbers: Sequence[int], count: int, what: str) -> None:
     """Say what is the matter with some rows, the first of which are named, if there are any."""
-    if not numbers:
-        return
-    rows = " " if len(numbers) == 1 else "s "
-    rows += ", ".join(map(str, numbers[:_MOST]))
-    if len(numbers) > _MOST:
-        rows += f" and {len(numbers) - _MOST} more"
-    note(f"row{rows} of {count}: {what}")
-
-
-def up_to_scale(model: calib.Model, q: ArrayLike) -> dict[str, Array]:
-    """The bound (n,) in the base frame of a camera [m], but for the arm's size; else nothing."""
-    from calib.model.space import Space
-
-    space = Space.of(model)
-    return {UP_TO_SCALE: space.bound(q, size=False)} if space.camera else {}
-
-
-def note_size(bounds: Mapping[str, Array]) -> None:
-    """Say what of a bound in the base frame of a camera is the arm's size."""
-    bound = bounds.get(UP_TO_SCALE)
-    if bound is not None and np.isfinite(bound[0]):
-        note(
-            "one camera cannot tell the size of the arm: but for it, the expected error is "
-            f"{1e3 * bound[0]:.2g} mm"
-        )
+    if numbers:
+        rows = "row" if len(numbers) == 1 else "rows"
+        note(f"{rows} {listed(map(str, numbers))} of {count}: {what}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from calib.common.choices import READOUTS
 from calib.common.wording import printable
-from calib.model.facts import STATISTICS, Errors, shown_errors
+from calib.model.about import STATISTICS, Errors, shown_errors
 
 from .output import NO, TextTable, number, sized
 from .units import units_of
@@ -224,21 +224,18 @@ def advice(model: Model, errors: Errors) -> str:
 
     rng = np.random.default_rng(0)
     q = rng.uniform(about.lower, about.upper, (_POINTS, len(about.lower)))
-    # where there is no answer, the bound is infinite
-    bound = np.nan_to_num(model.expected_error(q), nan=np.inf)
-    low, middle, high = np.quantile(
-        bound, (0.1, 0.5, 0.9), method="lower"
-    ).tolist()
+    limits = np.nan_to_num(model.expected_error(q), nan=np.inf)
+    low, middle, high = np.quantile(limits, (0.1, 0.5, 0.9)).tolist()
     if not high <= _UNEVEN * low:
         return (
-            f"limited by few rows in parts of the range (bound {sized(low, unit)} to "
-            f"{sized(high, unit)}); calib plan MODEL lists where more rows help most"
+            "limited by few rows in parts of the range; calib plan MODEL lists where more rows "
+            "help most"
         )
-    own_bound = float(np.nanmedian(model.model_error(q)))
-    if own_bound < _NOISY * middle:
+    of_model = float(np.nanmedian(model.model_error(q)))
+    if of_model < _NOISY * middle:
         return (
             f"limited by noise of the readings: the model itself is within "
-            f"{sized(own_bound, unit)}; rows at rest (--still) help most"
+            f"{sized(of_model, unit)}; rows at rest (--still) help most"
         )
     return (
         f"limited by what rows leave unexplained ({sized(mean, unit)}), noise of the readings or "

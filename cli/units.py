@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from calib.common.wording import for_people, unit_of_joint
-from calib.model.facts import learned_range
+from calib.model.about import learned_range
 
 from .output import fixed, sized
 from .parsing import BadOption, OfJoint, bad_value
@@ -76,22 +76,11 @@ class JointFormat:
         """Say which joint of q (dof,) [rad or m] is outside of its learned range, None if none."""
         import numpy as np
 
-        rows = np.array([q])
-        inside = model.in_range(rows)[0]
-        if inside.all():
-            return None
-        k = int(np.argmin(inside))
-        ends = learned_range(model.about, k, degrees=self._degrees)
-        value = f"{q[k] * self.typed[k]:.6g} {self._units[k]}"
-        words = (
-            f"{self.names[k]} = {value} is outside of the learned range {ends}"
-        )
-        # below one turn a value may as well be a slip in rad: nothing is suggested
-        in_degrees = np.where(model.about.revolute, np.radians(rows), rows)
-        fits = model.in_range(in_degrees)[0, k] and abs(q[k]) > 2.0 * math.pi
-        if fits and not self._degrees:
-            words += "; as degrees it fits: give --degrees"
-        return words
+        for k in np.flatnonzero(~model.in_range(np.array([q]))[0]).tolist():
+            ends = learned_range(model.about, k, degrees=self._degrees)
+            value = f"{q[k] * self.typed[k]:.6g} {self._units[k]}"
+            return f"{self.names[k]} = {value} is outside of the learned range {ends}"
+        return None
 
     def change(self, k: int, value: float) -> str:
         """Return a change of joint `k` [rad or m] in words, in deg or mm."""

@@ -8,9 +8,15 @@ import calib
 from calib.arm.rotations import exponential, logarithm
 from calib.body.corners import Corners
 from calib.body.spatial import structure_of
+from calib.recording.board import parse_board
+from calib.recording.board_pictures import BoardPictures
+from calib.recording.lens import Lens
 
 BOARD = np.array([[0.024 * i, 0.024 * j, 0.0] for j in range(1, 5) for i in range(1, 7)])
 """Inner corners of a board of 7x5 squares of 24 mm [m]."""
+
+SPEC = "7x5:24mm:18mm:5x5_100"
+SIZE = (1280, 720)
 
 
 @dataclass
@@ -102,3 +108,43 @@ class Rig:
         (p,), (turn,) = s.pose(q, beta)
         (p0,), (turn0,) = s.pose(q, bare)
         return turn0.T @ (p - p0), turn0.T @ turn
+
+    @property
+    def eye(self):
+        return "hand" if self.in_hand else "base"
+
+    @property
+    def glass(self):
+        """The true lens."""
+        f, u, v, k1 = self.lens
+        return Lens(SIZE, np.array([f, f]), np.array([u, v]), np.array([k1, 0, 0, 0, 0]))
+
+    def shots(self, seen=None, q=None, board=SPEC):
+        """The corners as if they were found in pictures, at other pixels, joints or squares."""
+        seen, q = self.seen if seen is None else seen, self.q if q is None else q
+        found = tuple(dict(enumerate(seen[self.rows == k])) for k in range(len(self.q)))
+        names = tuple(f"{k:02d}.png" for k in range(len(self.q)))
+        joints = self.arm.joint_names
+        return BoardPictures(parse_board(board), joints, names, q, found, SIZE, len(names), ())
+
+    def solve(self, eye=None, lens=None, arm=None, **changes):
+        """Hand-eye calibration of these pictures; a lens that is not known is fitted."""
+        lens = self.glass if lens is None and self.known else lens
+        shots = self.shots(**changes)
+        return calib.handeye(arm or self.arm, shots, eye=eye or self.eye, lens=lens)
+
+    def changed(self, **steps):
+        """Parameters after steps of some of a group's, each (place, size)."""
+        late = self.beta.copy()
+        for group, (place, size) in steps.items():
+            late[self.structure.groups[group][place]] += size
+        return late
+
+    def as_seen(self, beta):
+        """Exact pixels of all corners under these parameters."""
+        return self.truth.predict(np.column_stack([self.q[self.rows], self.corners]), beta)
+
+    def miss(self, found):
+        """How far what is in the hand is off (3,) [m], and the same over its interval."""
+        off = np.abs(np.subtract(found.hand["position"], self.hand(self.beta)[0]))
+        return off, off / np.array(found.hand["position_95"])

@@ -17,6 +17,13 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"
 NOISE = ("GL Driver Message",)  # Chromium's remarks on its own software rendering
 
 
+OPTIONS = """--headless --disable-gpu --disable-quic --no-first-run --disable-extensions
+    --disable-background-networking --disable-component-update --disable-sync --hide-scrollbars
+    --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --enable-logging=stderr
+    --force-prefers-reduced-motion --force-device-scale-factor=1
+    --proxy-server=http://127.0.0.1:9 --proxy-bypass-list=127.0.0.1"""
+
+
 @dataclass(frozen=True)
 class Sight:
     """What a page looked like: its pixels (height, width, 3), console and document."""
@@ -33,28 +40,11 @@ def chromium() -> str:
     return found
 
 
-def command(folder: Path, *, dark: bool = False, size: tuple[int, int] = (900, 700)) -> list[str]:
+def command(folder: Path, size: tuple[int, int]) -> list[str]:
     """Command line of a Chromium that reaches nothing but this computer."""
-    options = [
-        "--headless",
-        "--disable-gpu",
-        "--disable-quic",
-        "--no-first-run",
-        "--disable-background-networking",
-        "--disable-component-update",
-        "--disable-sync",
-        "--disable-extensions",
-        "--hide-scrollbars",
-        "--use-gl=angle",
-        "--use-angle=swiftshader",
-        "--enable-unsafe-swiftshader",
-        "--force-prefers-reduced-motion",
-        "--force-device-scale-factor=1",
+    options = OPTIONS.split()
+    options += [
         "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
-        "--proxy-server=http://127.0.0.1:9",
-        "--proxy-bypass-list=127.0.0.1",
-        "--enable-logging=stderr",
-        f"--blink-settings=preferredColorScheme={0 if dark else 1}",
         f"--user-data-dir={folder / 'profile'}",
         f"--window-size={size[0]},{size[1]}",
     ]
@@ -63,35 +53,22 @@ def command(folder: Path, *, dark: bool = False, size: tuple[int, int] = (900, 7
     return [chromium(), *options]
 
 
-def look(
-    url: str | Path, folder: Path, *, dark: bool = False, size: tuple[int, int] = (900, 700)
-) -> Sight:
+def look(page: Path, folder: Path, size: tuple[int, int]) -> Sight:
     """Open a page, wait until it has drawn, and return what is seen."""
     from PIL import Image
 
-    address = url.resolve().as_uri() if isinstance(url, Path) else url
     picture = folder / "seen.png"
-    picture.unlink(missing_ok=True)
-    done = subprocess.run(
-        [
-            *command(folder, dark=dark, size=size),
-            "--virtual-time-budget=6000",
-            f"--screenshot={picture}",
-            address,
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=180,
-    )
+    words = ["--virtual-time-budget=6000", f"--screenshot={picture}", page.resolve().as_uri()]
+    done = finished([*command(folder, size), *words])
     assert picture.exists(), done.stderr[-2000:]
     pixels = np.asarray(Image.open(io.BytesIO(picture.read_bytes())).convert("RGB"))
-    return Sight(pixels.astype(int), _console(done.stderr))
+    lines = re.findall(r":CONSOLE(?::\d+|\(\d+\))?\]\s*(.*)", done.stderr)
+    console = [line for line in lines if not any(word in line for word in NOISE)]
+    return Sight(pixels.astype(int), console)
 
 
-def _console(log: str) -> list[str]:
-    lines = re.findall(r":CONSOLE(?::\d+|\(\d+\))?\]\s*(.*)", log)
-    return [line for line in lines if not any(word in line for word in NOISE)]
+def finished(words: list[str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(words, capture_output=True, text=True, check=False, timeout=180)
 
 
 MEASURE = """
@@ -154,14 +131,8 @@ def measured_pages(
             frames.append(f'<iframe name="{label}" src="{inner.name}" style="{style}"></iframe>')
     outer = folder / "outer.html"
     outer.write_text(OUTER % "".join(frames), encoding="utf-8")
-    browser = command(folder, size=(1400, 1000))
-    done = subprocess.run(
-        [*browser, "--virtual-time-budget=8000", "--dump-dom", outer.resolve().as_uri()],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=180,
-    )
+    words = ["--virtual-time-budget=8000", "--dump-dom", outer.resolve().as_uri()]
+    done = finished([*command(folder, (1400, 1000)), *words])
     measures = {}
     for line in re.findall(r"<pre>(\{.*?\})</pre>", done.stdout, re.DOTALL):
         measure = json.loads(html.unescape(line))

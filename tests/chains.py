@@ -28,6 +28,17 @@ def turning(axis="0 0 1", xyz="0.3 0 0", lower="-1", upper="1", more="") -> str:
 SLIDE, ENDLESS = "<!--slide-->", "<!--endless-->"
 
 
+def planar_chain(joints: int, slide: int | None = None, reach: float = 0.6) -> str:
+    """A planar chain of equal links; one joint may slide."""
+    length = reach / joints
+    parts = [
+        turning(xyz=f"{length * (k > 0)} 0 0", lower="-1.4", upper="1.4") for k in range(joints)
+    ]
+    if slide is not None:
+        parts[slide] = turning("1 0 0", f"{length * (slide > 0)} 0 0", "0", "0.1") + SLIDE
+    return chain_urdf(*parts, tip=f"{length} 0 0")
+
+
 NO_TIP = chain_urdf(turning(), turning(), tip="0 0 0")
 
 

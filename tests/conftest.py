@@ -2,8 +2,6 @@
 
 import io
 import json
-import os
-import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
@@ -11,13 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from threadpoolctl import threadpool_limits
 
 import calib
 
 # a deadline would test how busy the machine is
-settings.register_profile("calib", deadline=None)
+settings.register_profile(
+    "calib", deadline=None, derandomize=True, suppress_health_check=HealthCheck
+)
 settings.load_profile("calib")
 
 
@@ -49,20 +49,6 @@ def run_in_process(*args: object, stdin: str = "") -> Outcome:
     return Outcome(code, out.getvalue(), err.getvalue())
 
 
-def run_process(*args: object, stdin: str = "", env: dict[str, str] | None = None) -> Outcome:
-    """Run a command line as a process of its own."""
-    done = subprocess.run(
-        [sys.executable, "-m", "calib_cli", *map(str, args)],
-        input=stdin,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        env={**os.environ, **(env or {})},
-    )
-    return Outcome(done.returncode, done.stdout, done.stderr)
-
-
 @pytest.fixture
 def one_blas_thread():
     """Small matrices in one thread: several would wait for each other."""
@@ -79,11 +65,6 @@ def arm() -> calib.PlanarArm:
 @pytest.fixture(scope="session")
 def run() -> Callable[..., Outcome]:
     return run_in_process
-
-
-@pytest.fixture(scope="session")
-def run_real() -> Callable[..., Outcome]:
-    return run_process
 
 
 @pytest.fixture(scope="session")

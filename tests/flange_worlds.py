@@ -37,6 +37,7 @@ class World:
     spread: float = 25.0  # of the turns [deg]
     axes: tuple[float, float, float] = (1.0, 1.0, 1.0)
     second: bool = False  # whether another camera sees the same
+    turning: bool = False  # whether the flange turns on the spot
 
     def __post_init__(self):
         rng = np.random.default_rng(self.seed)
@@ -62,7 +63,10 @@ class World:
             place = rng.uniform([-0.12, -0.07, 0.3], [0.12, 0.07, 0.6])
             seen = motion(turn, place - turn.apply(points.mean(axis=0)))
             moved = self.camera @ seen @ np.linalg.inv(self.placed)
-            self.take_picture(np.linalg.inv(moved) if self.in_hand else moved)
+            flange = np.linalg.inv(moved) if self.in_hand else moved
+            if self.turning:
+                flange[:3, 3] = self.flange[0, :3, 3] if self.count else flange[:3, 3]
+            self.take_picture(flange)
 
     def take_picture(self, flange):
         """See the board at a flange pose (4, 4), if it is in view of all cameras."""

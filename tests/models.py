@@ -4,10 +4,12 @@ import pickle
 import shutil
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from planar import chain_urdf
+from chains import planar_chain
 
 import calib
 from calib.arm.loading import arm_from_urdf
@@ -67,11 +69,17 @@ def turning():
     return calib.train(samples, size=15)
 
 
+def log_of(arm, q: np.ndarray, x: np.ndarray, **facts) -> calib.Samples:
+    """Return rows of an arm as a sensor measured them."""
+    limits = arm.lower, arm.upper, arm.revolute
+    return calib.Samples(q, x, arm.joint_names, *limits, arm=arm, **facts)
+
+
 def log(n: int, noise: float = 0.0, seed: int = 0) -> calib.Samples:
     """Return a log of two_link, without what only a simulation knows."""
     arm = calib.load_arm("two_link")
     s = calib.babble(arm, n, seed=seed, noise=noise)
-    return calib.Samples(s.q, s.x, s.joint_names, s.lower, s.upper, s.revolute, arm=arm)
+    return log_of(arm, s.q, s.x)
 
 
 def babbled(*changes: str, n: int = 60, noise: float = 0.0, seed: int = 1) -> calib.Samples:
@@ -100,6 +108,14 @@ def two_link_inverse(x: np.ndarray, sign: float) -> np.ndarray:
     elbow = sign * np.arccos((square - L1**2 - L2**2) / (2 * L1 * L2))
     ahead = np.arctan2(L2 * np.sin(elbow), L1 + L2 * np.cos(elbow))
     return np.stack([np.arctan2(x[:, 1], x[:, 0]) - ahead, elbow], axis=1)
+
+
+def bytes_of(model: calib.Model) -> bytes:
+    """Return the content of a model's file."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "m.calib"
+        model.save(path)
+        return path.read_bytes()
 
 
 def draw(model: calib.Model, n: int, seed: int = 0, margin: float = 0.0) -> np.ndarray:
@@ -131,10 +147,7 @@ def in_space(n: int = 240):
     arm, structure, beta, rng = built(curves=True)
     q = rng.uniform(arm.lower, arm.upper, (n, 3))
     x = structure.predict(q, beta) + rng.normal(0, 2e-5, (n, 3))
-    samples = calib.Samples(
-        q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, unit="m"
-    )
-    return calib.train(samples, size=5)
+    return calib.train(log_of(arm, q, x, unit="m"), size=5)
 
 
 @cache
@@ -150,13 +163,7 @@ def in_pixels(n: int = 60, robot: str = "spatial_three"):
     rng = np.random.default_rng(0)
     q = rng.uniform(arm.lower, arm.upper, (n, arm.dof))
     x = structure.predict(q, beta) + rng.normal(0, 0.3, (n, 2))
-    return calib.train(
-        calib.Samples(
-            q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, unit="px",
-            camera=Camera((1280, 720), lens),
-        ),
-        size=5,
-    )  # fmt: skip
+    return calib.train(log_of(arm, q, x, unit="px", camera=Camera((1280, 720), lens)), size=5)
 
 
 @cache
@@ -164,10 +171,7 @@ def six():
     """Return a six-joint arm in space, every parameter of which is off."""
     arm = calib.load_arm("six_axis")
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (30, 6))
-    samples = calib.Samples(
-        q, arm.forward(q), arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm
-    )
-    drawn = calib.train(samples, size=3)
+    drawn = calib.train(log_of(arm, q, arm.forward(q)), size=3)
     structure = drawn.body.structure
     rng, beta = np.random.default_rng(1), drawn.body.beta.copy()
     groups = ("tool.rotation", "placement", "offset", "elastic", "payload", "gravity", "coupling")
@@ -183,7 +187,7 @@ def six():
 @cache
 def in_plane():
     """Return a planar arm of four joints, one a slide, behind a bent lens; all is uncertain."""
-    arm = arm_from_urdf(chain_urdf(4, slide=2), [f"joint_{k + 1}" for k in range(4)])
+    arm = arm_from_urdf(planar_chain(4, slide=2), [f"j{k + 1}" for k in range(4)])
     drawn = calib.train(calib.babble(arm, 60, seed=0), size=3)
     structure = drawn.body.structure.with_sensor(view="homography")
     rng, beta = np.random.default_rng(1), drawn.body.beta.copy()

@@ -8,10 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 import calib
-from calib.arm.arm import Arm
 
 
-def pinocchio_forward(arm: Arm, q: np.ndarray) -> np.ndarray:
+def pinocchio_forward(arm, q: np.ndarray) -> np.ndarray:
     """Tip positions by `framesForwardKinematics`, one sample at a time: (n, dof) -> (n, 2 or 3)."""
     model = pin.buildModelFromXML(arm.urdf)
     data = model.createData()
@@ -29,7 +28,7 @@ def pinocchio_forward(arm: Arm, q: np.ndarray) -> np.ndarray:
     return arm.plane.project(out) if arm.outputs == 2 else out
 
 
-def random_joints(arm: Arm, n: int, seed: int = 0) -> np.ndarray:
+def random_joints(arm, n: int, seed: int = 0) -> np.ndarray:
     """Joint values drawn uniformly from the arm's range: (n, dof)."""
     return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (n, arm.dof))
 

@@ -27,11 +27,12 @@ from .adaptation import (
     rebuilt,
     shown,
 )
-from .causes import FRAME, GROUPS, check_choice
+from .causes import FRAME, GROUPS
 from .evidence import Evidence
-from .judge import Verdict, judge, plain_numbers
+from .judge import check_choice, judge, plain_numbers
 from .settings import LEAST_OWN
 from .update import Update
+from .verdict import Verdict
 from .words import frame_between
 
 
@@ -116,17 +117,19 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     fresh = rebuilt(rows.model, rows.body, learned.body, rows.u)
     if not learned.improved:
         # noise alone is no error of the model: rows miss evenly
-        missed = rows.missed[verdict.sound]
-        uneven = np.quantile(missed, 0.95) > ADAPTING.tail * np.median(missed)
-        beyond = np.mean(missed > rows.bound[verdict.sound])
+        missed = rows.missed
+        usual = float(np.median(missed))
+        uneven = float(np.quantile(missed, 0.95)) > ADAPTING.tail * usual
+        beyond = float(np.mean(missed > rows.bound))
         if verdict.changed or (uneven and beyond > 0.5):
             return _wider(verdict, old, fresh)
         return old
-    if not np.isfinite(fresh.expected_error(rows.logged)).any():
+    if not np.isfinite(fresh.expected_error(rows.log.q)).any():
         why = "the new bound is a tenth of the reach or more at every row: measure more"
         return old.noted(why)
     # the equations are linear and the model is not: what is written has to keep the promise
-    error = np.linalg.norm(rows.x - predict(fresh, rows.motion).value, axis=1)
+    predicted = predict(fresh, rows.log).value
+    error = np.linalg.norm(rows.x - predicted, axis=1)
     error = error[learned.rows]
     rounding = LEAST_OWN * float(evidence.reference.structure.extents[0])
     promise = ADAPTING.consistent * after.mean() + rounding
@@ -148,7 +151,7 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
         frame = frame_between(evidence, learned.body.beta)
     report(1.0, "done", made.after["mean"])
     residual = learned.residual
-    judged = rows.logged[learned.rows]
+    judged = rows.log.q[learned.rows]
     return finished(verdict, made, fresh, judged, residual, "few-shot", frame)
 
 
@@ -182,7 +185,7 @@ def _wider(verdict: Verdict, old: Adaptation, fresh: Model) -> Adaptation:
     model = rows.model
     u = np.clip(model.motor.units, 0.0, 1.0)
     apart = fresh.predictor.value(u) - model.predictor.value(u)
-    missed = float(np.quantile(rows.missed[verdict.sound], 0.95))
+    missed = float(np.quantile(rows.missed, 0.95))
     bound = np.linalg.norm(apart, axis=1) + fresh.model_bounds
     bound = np.maximum(bound, missed)
     # bounds at more than three joints are the body's own
@@ -205,12 +208,12 @@ def _wider(verdict: Verdict, old: Adaptation, fresh: Model) -> Adaptation:
 def _online(verdict: Verdict, report: Progress) -> Adaptation:
     """Show a log to the online rule, again and again where it is short."""
     rows = verdict.rows
-    sound = verdict.sound
-    u = rows.u[sound]
-    q = rows.q[sound]
-    x = rows.x[sound]
+    u = rows.u
+    q = rows.q
+    x = rows.x
     # every tenth block is kept apart to judge by
-    apart = np.concatenate(blocks(len(u), max(10, len(u) // BLOCK))[4::10])
+    count = max(10, len(u) // BLOCK)
+    apart = np.concatenate(blocks(len(u), count)[4::10])
     shown = np.setdiff1d(np.arange(len(u)), apart)
     adapter = OnlineAdapter(rows.model, max(HORIZON, len(shown)), force=True)
     times = -(-HORIZON // len(shown))  # a short stream is shown again
@@ -220,7 +223,7 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
         report(0.9 * share, "online", step.error)
     fresh = adapter.model()
     residual = x[apart] - fresh.predictor.value(u[apart])
-    before = rows.missed[sound][apart]
+    before = rows.missed[apart]
     after = np.linalg.norm(residual, axis=1)
     correction = "maps and Hebbian links trained online"
     old = replace(old_model(verdict, before, after, correction), kept=())

@@ -20,6 +20,7 @@ from ..model.about import MeasuredRows
 from ..model.alignment import Alignment
 from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
+from ..samples.motion import Motion
 from ..training.residuals import (
     ErrorTable,
     error_sizes,
@@ -28,8 +29,8 @@ from ..training.residuals import (
 )
 from .causes import Cause
 from .frame import carried_offset
-from .judge import Verdict
 from .rows import LogRows
+from .verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class AdaptationSettings:
     # promised more.  Exact rows after a lens: 1e-5 mm promised, 20 mm before.
     clearly_better: float = 0.01
     # 95 % quantile over median of the distances that is no noise (in the plane that of noise is
-    # 2.1): a bump of 5 mm that 3 of 30 rows saw, as in tests/change/test_drawing.py
+    # 2.1): a bump of 5 mm that 3 of 30 rows saw
     tail: float = 3.0
     # least spread of rows in any direction, over that of the learned range
     wide: float = 0.5
@@ -136,7 +137,8 @@ def old_model(
     """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
     rows = verdict.rows
     # rows of uniform joints have a variance of 1 / 12 in every direction
-    least = float(np.linalg.eigvalsh(np.atleast_2d(np.cov(rows.u.T)))[0])
+    spread = np.atleast_2d(np.cov(rows.u.T))
+    least = float(np.linalg.eigvalsh(spread)[0])
     changed = [cause for cause in verdict.causes if cause.group != "noise"]
     if verdict.evidence is not None and verdict.evidence.explained:
         # what nobody may miss: another unit, a mirror, a joint that turns round
@@ -145,7 +147,7 @@ def old_model(
     return Adaptation(
         model=rows.model,
         improved=False,
-        samples=len(rows) - verdict.outliers + rows.wrong,
+        samples=len(rows),
         outliers=verdict.outliers,
         before=error_sizes(before),
         after=error_sizes(after),
@@ -225,7 +227,7 @@ def finished(
     baseline = learn_baseline(
         fresh.association, points, fresh.predictor.value(points), after
     )
-    learned = MeasuredRows.of(rows.logged[verdict.sound], rows.x[verdict.sound])
+    learned = MeasuredRows.of(rows.log.q, rows.x)
     if len(residual) == len(learned):  # of all rows that are kept
         learned = replace(learned, held_out=residual)
     if fresh.body is None:  # maps that followed these rows know no others
@@ -249,7 +251,8 @@ def _errors(fresh: Model, rows: LogRows, residual: Array) -> ErrorTable:
     """Errors of all readouts; held-out residuals (k, m) tell those of the default one."""
     readout = fresh.default_readout
     some = thinned(len(rows), ADAPTING.evaluated)
-    errors = summarise(evaluate_residuals(fresh, rows.q[some], rows.x[some]))
+    motion = Motion(rows.q[some])
+    errors = summarise(evaluate_residuals(fresh, motion, rows.x[some]))
     if readout != "body":
         errors.pop("body", None)
     forward = errors[readout]["forward"]

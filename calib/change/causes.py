@@ -5,7 +5,7 @@ They know an arm only by the groups of its structure's parameters: one table ser
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
@@ -18,7 +18,6 @@ from ..body.settings import LOG_FLOOR, SHIFT, TURN
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..common.arrays import Array
-from ..errors import OptionError
 from .settings import ANYWHERE, BUILT_CURVE, CREEP
 
 FRAME = ("view.rotation", "view.shift")
@@ -41,21 +40,17 @@ class Cause:
     interval: tuple[float, float] | None = None  # 95 % interval of the value
     unit: str = ""  # unit of the value
 
-    @staticmethod
-    def measured(
-        name: str, group: str, words: str, value: float, half: float, unit: str
-    ) -> Cause:
-        """A cause with half the width of its 95 % interval."""
-        return Cause(
-            name, group, words, value, (value - half, value + half), unit
-        )
+    def within(self, half: float) -> Cause:
+        """The same with half the width of its 95 % interval."""
+        middle = self.value or 0.0
+        return replace(self, interval=(middle - half, middle + half))
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
-        return {
-            k: list(v) if isinstance(v, tuple) else v
-            for k, v in asdict(self).items()
-        }
+        document = asdict(self)
+        if self.interval is not None:
+            document["interval"] = list(self.interval)
+        return document
 
 
 class Group(NamedTuple):
@@ -77,21 +72,25 @@ GROUPS = {
     "view.shift": Group(0.05),
     "view.scale": Group(
         0.3,
-        0,
-        0,
-        "the sensor's scale",
-        "the sensor's scale changed by {value:+.3g} %",
-        True,
+        kept="the sensor's scale",
+        changed="the sensor's scale changed by {value:+.3g} %",
+        whole=True,
     ),
     "view.shear": Group(
         0.1, changed="the sensor's axes are stretched or sheared", whole=True
     ),
     # over the chain's length
     "view.tilt": Group(
-        0.3, 0, 0, "the camera's tilt", "the camera is tilted", True
+        0.3,
+        kept="the camera's tilt",
+        changed="the camera is tilted",
+        whole=True,
     ),
     "lens": Group(
-        0.2, 0, 0, "the lens", "the sensor's frame is bent, as by a lens", True
+        0.2,
+        kept="the lens",
+        changed="the sensor's frame is bent, as by a lens",
+        whole=True,
     ),
     # of the mean length; as built [m]
     "length": Group(
@@ -142,10 +141,6 @@ GROUPS = {
     ),
 }
 
-_NEVER = Group(
-    0.0
-)  # of a group that is as it was, such as the coupling of joints
-
 TESTED = ("offset", "length", "gain", "placement", "tool", "elastic", "payload")
 """Groups that are tested joint by joint."""
 
@@ -160,7 +155,7 @@ _SENSORS = {
 }
 """Groups of each cause of the sensor, its own first."""
 
-_SETS = (
+SETS = (
     ("offset",),
     ("length",),
     ("gain",),
@@ -175,17 +170,6 @@ _SETS = (
 """Groups of which all parameters may have changed together."""
 
 
-def check_choice(name: str, value: str | None, choices: Sequence[str]) -> None:
-    """Refuse what cannot be chosen."""
-    if value is not None and value not in choices:
-        raise OptionError(
-            f"{name} {value!r} is unknown",
-            hint=f"choose one of {', '.join(choices)}",
-            parameter=name,
-            value=value,
-        )
-
-
 def single_causes(
     structure: Structure, cause: str | None = None
 ) -> dict[str, Indices]:
@@ -194,43 +178,30 @@ def single_causes(
     cause : {"sensor", "joints", "offsets"}, if it is known that only these may have changed;
         "offsets" are the joints' zeros and the frame
     """
-    sensors = _SENSORS
     groups: tuple[str, ...] = TESTED
+    sensors: Iterable[str] = _SENSORS
     if cause == "offsets":
-        sensors = {"sensor": FRAME}
         groups = ("offset",)
+        sensors = ("sensor",)
     elif cause == "joints":
-        sensors = {}
+        sensors = ()
     elif cause == "sensor":
         groups = ()
     causes: dict[str, Indices] = {}
-    for name, moved in sensors.items():
-        if len(indices_of(structure, moved[:1])):
-            causes[name] = indices_of(structure, moved)
-    for group in groups:
-        for index in indices_of(structure, (group,)).tolist():
-            joint = structure.labels[index].joint
-            first = joint == structure.joint_names[0]
-            if group == "placement" and first and cause != "joints":
-                continue  # the first origin's place is the sensor's frame
-            name = f"{group}:{joint}"
-            if joint is None or group in ("elastic", "payload"):
-                name = group  # a payload bends all joints at once
-            indices = causes.get(name, np.zeros(0, np.intp))
-            causes[name] = np.append(indices, index)
+    for name in sensors:
+        if len(indices_of(structure, _SENSORS[name][:1])):
+            causes[name] = indices_of(structure, _SENSORS[name])
+    for index in indices_of(structure, groups).tolist():
+        label = structure.labels[index]
+        first = label.joint == structure.joint_names[0]
+        if label.group == "placement" and first and cause != "joints":
+            continue  # the first origin's place is the sensor's frame
+        name = f"{label.group}:{label.joint}"
+        if label.joint is None or label.group in ("elastic", "payload"):
+            name = label.group  # a payload bends all joints at once
+        others = causes.get(name, np.zeros(0, np.intp))
+        causes[name] = np.append(others, index)
     return causes
-
-
-def rich_sets(
-    structure: Structure, singles: dict[str, Indices]
-) -> dict[str, Indices]:
-    """Return the parameters of single causes that may have changed together."""
-    allowed = np.concatenate([*singles.values()])
-    sets = {}
-    for groups in _SETS:
-        indices = indices_of(structure, groups)
-        sets["+".join(groups)] = indices[np.isin(indices, allowed)]
-    return sets
 
 
 def is_sensors(group: str) -> bool:
@@ -245,17 +216,17 @@ def changeable(structure: Structure) -> tuple[str, ...]:
 
 def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
     """Parameters (k,) of some groups; those that the structure does not have are left out."""
-    parts: list[Array | Indices] = [np.zeros(0)]
+    parts = [np.zeros(0, np.intp)]
     for group in groups:
         for name, indices in structure.groups.items():
-            if group == name or group == "curve" == name.split(".")[0]:
+            if name == group or (group == "curve" and name.startswith(group)):
                 parts.append(indices)
-    return np.concatenate(parts).astype(np.intp)
+    return np.concatenate(parts)
 
 
 def freedom(
     body: Body,
-    groups: tuple[str, ...],
+    groups: Iterable[str],
     cause: str | None = None,
     forgotten: Indices | None = None,
 ) -> Array:
@@ -264,11 +235,10 @@ def freedom(
     forgotten : parameters of a frame that was fitted to the log: a narrow prior would count rows
         twice
     """
-    sd = _deviations(body, groups, "freed", BUILT_CURVE, cause=cause)
-    if FRAME[1] in groups and forgotten is not None:
-        sd[np.intersect1d(indices_of(body.structure, FRAME), forgotten)] *= (
-            ANYWHERE
-        )
+    sd = _deviations(body, groups, "freed", BUILT_CURVE, cause)
+    if forgotten is not None:
+        frame = indices_of(body.structure, FRAME)
+        sd[np.intersect1d(frame, forgotten)] *= ANYWHERE
     return sd
 
 
@@ -279,47 +249,45 @@ def creep(body: Body, waves: float = CREEP) -> Array:
         belief leaves out
     """
     sd = _deviations(body, _arms(body), "creep", waves)
-    known = body.active
+    creeping = body.active
     if waves > CREEP:
-        known = np.union1d(known, indices_of(body.structure, ("curve",)))
-    return np.where(np.isin(np.arange(len(sd)), known), sd, 0.0)
+        curves = indices_of(body.structure, ("curve",))
+        creeping = np.union1d(creeping, curves)
+    crept = np.zeros_like(sd)
+    crept[creeping] = sd[creeping]
+    return crept
 
 
 def as_built(body: Body) -> Body:
     """The belief that a changed arm starts from: of a simulation, that of an arm as it is built."""
     structure: Any = body.structure
-    body = replace(
-        body,
-        tau=np.maximum(body.tau, LOG_FLOOR * np.asarray(structure.extents)),
-    )
+    floor = LOG_FLOOR * np.asarray(structure.extents)
+    body = replace(body, tau=np.maximum(body.tau, floor))
     if not body.simulated:
         return body
-    sd = _deviations(body, _arms(body), "built", BUILT_CURVE, 1.0)
+    sd = _deviations(body, _arms(body), "built", BUILT_CURVE)
     # the first origin's place is the frame's own
     if isinstance(structure, SpatialStructure):
-        sd[np.concatenate([structure.shifts[0], structure.turns[0]])] = 0.0
+        sd[structure.shifts[0]] = 0.0
+        sd[structure.turns[0]] = 0.0
     # What the samples left open stays correlated: along the gauge of a chain without a drawing,
     # deviations alone, of radians, would say that nothing was learned.
     active = np.union1d(np.flatnonzero(sd), body.active)
     covariance = np.diag(sd[active] ** 2)
-    covariance[np.ix_(*2 * (np.searchsorted(active, body.active),))] += (
-        body.covariance
-    )
+    place = np.searchsorted(active, body.active)
+    covariance[np.ix_(place, place)] += body.covariance
     return replace(body, active=active, root=root_of(covariance), second=None)
 
 
 def as_drawn(body: Body) -> Body:
     """The belief that all but the joints' zeros and the sensor's frame is as the model has it."""
     body = as_built(body)
-    structure = body.structure
-    own = [
-        name
-        for name in structure.groups
-        if name == "offset" or is_sensors(name)
+    groups = [
+        g for g in body.structure.groups if g == "offset" or is_sensors(g)
     ]
-    open_ = np.flatnonzero(np.isin(body.active, indices_of(structure, own)))
-    root = root_of(body.covariance[np.ix_(open_, open_)])
-    return replace(body, active=body.active[open_], root=root, second=None)
+    loose = np.isin(body.active, indices_of(body.structure, groups))
+    root = root_of(body.covariance[np.ix_(loose, loose)])
+    return replace(body, active=body.active[loose], root=root, second=None)
 
 
 def _arms(body: Body) -> tuple[str, ...]:
@@ -328,49 +296,42 @@ def _arms(body: Body) -> tuple[str, ...]:
 
 def _deviations(
     body: Body,
-    groups: tuple[str, ...],
+    groups: Iterable[str],
     kind: str,
     curve: float,
-    metre: float = 0.0,
     cause: str | None = None,
 ) -> Array:
     """Standard deviation (d,) of the parameters of some groups by a column of `GROUPS`, else 0.
 
     curve : that of the joints' curves, over their prior's
-    metre : what lengths are told in; their mean where not given
     """
     structure: Any = body.structure
-    sd = np.zeros(structure.size)
     extent = float(structure.extents[0])
-    offset, lengths = (
-        indices_of(structure, (g,)) for g in ("offset", "length")
-    )
-    links = np.abs(body.beta[lengths]) if len(lengths) else np.ones(1)
+    lengths = indices_of(structure, ("length",))
+    links = np.abs(body.beta[lengths])
     # what is tilted is the chain, in its own unit: a log may be in another
-    chain = float(links.sum()) if links.any() and len(lengths) else extent
-    times = {
-        "view.shift": extent,
-        "view.tilt": 1.0 / chain,
-        "length": metre or links.mean(),
-    }
+    chain = float(links.sum()) or extent
+    times = {"view.shift": extent, "view.tilt": 1.0 / chain}
+    if kind != "built" and len(links):
+        times["length"] = links.mean()
+    sd = np.zeros(structure.size)
     for name in groups:
-        ix = indices_of(structure, (name,))
+        indices = indices_of(structure, (name,))
         if name.startswith("curve"):
-            sd[ix] = curve * structure.prior((name,)).sd[ix]
-            continue
-        group = GROUPS.get(name, _NEVER)
-        sd[ix] = getattr(group, kind) * times.get(name, 1.0)
+            sd[indices] = curve * structure.prior((name,)).sd[indices]
+        elif name in GROUPS:
+            sd[indices] = getattr(GROUPS[name], kind) * times.get(name, 1.0)
         if name == "placement":
             # A chain without a drawing has flat priors of its joint origins.  What was learned has
             # taken their place: shares of them let origins creep by a tenth of the reach.
-            least = np.where(np.isin(ix, structure.turns), TURN, SHIFT)
-            sd[ix] *= np.minimum(structure.prior((name,)).sd[ix], least)
+            most = np.where(np.isin(indices, structure.turns), TURN, SHIFT)
+            prior = structure.prior((name,)).sd[indices]
+            sd[indices] *= np.minimum(prior, most)
     # what a free frame already says: the first joint's offset, the first length
-    if len(offset) and offset[0] not in body.active and cause != "joints":
-        sd[offset[0]] = 0.0
-    if (
-        np.isin(lengths[1:], body.active).any()
-        and lengths[0] not in body.active
-    ):
+    offsets = indices_of(structure, ("offset",))[:1]
+    if cause != "joints":
+        sd[offsets[~np.isin(offsets, body.active)]] = 0.0
+    loose = np.isin(lengths, body.active)
+    if loose[1:].any() and not loose[0]:
         sd[lengths[0]] = 0.0
     return sd

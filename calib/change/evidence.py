@@ -1,35 +1,25 @@
-"""Evidence: the workings of a verdict: what tests, the bound, orientations and causes say."""
+"""Evidence: the workings of a verdict: tests, the bound, causes, orientations."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from ..arm.rotations import exponential, logarithm, matrix_of
-from ..body.belief import Body, knows_orientation
-from ..body.covariance import autocorrelation_time, root_of
-from ..body.fit import Fit
-from ..body.parameters import Indices, Prior
-from ..body.rows import Rows
-from ..body.settings import FREE, STUDENT
-from ..common.arrays import Array, Mask
+from ..body.belief import Body
+from ..body.covariance import autocorrelation_time
+from ..common.arrays import Array
 from ..samples.diagnosis import rows_behind
-from .causes import Cause
-from .explain import Explanation, is_changed
-from .frame import Reference
+from .explain import Explanation
+from .frame import Reference, TurnedTool, turned_tool
 from .rows import LogRows
-from .settings import (
-    BEYOND,
-    FALSE_ALARM,
-    FEW_WRONG,
-    UNEXPLAINED,
-)
-from .significance import SIGNIFICANCE, GroupTest, Tested
+from .settings import BEYOND, FALSE_ALARM, FEW_WRONG, MARGIN, UNEXPLAINED
+from .significance import GroupTest, Tested
 from .system import Log
+
+_LASTING = 10  # rows over which noise may last
 
 
 @dataclass(frozen=True)
@@ -55,24 +45,18 @@ class BoundTest:
 
 
 def bound_test(
-    rows: LogRows,
-    sound: Mask,
-    limit: Array,
-    shared: Array | float,
-    tests: Tested,
+    rows: LogRows, limit: Array, shared: Array | float, tests: Tested
 ) -> BoundTest:
     """Count the rows beyond the 95 % bound, beside what a noisier sensor or encoder would do.
 
-    sound : (n,), rows that do not contradict all others; k of them
+    rows : n of them that do not contradict all others
     limit : (n,), the bound of each row [unit]
-    shared : (k,), variance of what all rows share [unit^2]
+    shared : (n,), variance of what all rows share [unit^2]
     """
     from scipy.special import bdtrc, chdtri
 
-    index = np.flatnonzero(sound)
-    away = (rows.x - rows.predicted)[index]
-    bound = limit[index]
-    usual = float(np.median(bound))
+    away = rows.x - rows.predicted
+    usual = float(np.median(limit))
     square = (away**2).sum(axis=1)
     outputs = away.shape[1]
     # squared, of 95 % of a Gaussian, in deviations
@@ -80,14 +64,14 @@ def bound_test(
     # half of the rows of a noisier sensor are nearer than its median
     median = float(np.median(square)) / float(chdtri(outputs, 0.5))
     noise = max(tests.noise**2, median) - tests.usual**2
-    if noise > 0.0 and alike(index, rows.u[index], away) * radius > usual**2:
+    if noise > 0.0 and variance_of_places(rows, away) * radius > usual**2:
         noise = 0.0
     variance = np.full(len(away), max(noise, 0.0))
     if tests.noisy is not None:
         joint, sd = tests.noisy
-        slope = rows.body.structure.slope(rows.q[sound], rows.body.beta)
+        slope = rows.body.structure.slope(rows.q, rows.body.beta)
         variance += sd**2 * (slope[..., joint] ** 2).sum(axis=1)
-    over = square > bound**2 + radius * (shared + variance)
+    over = square > limit**2 + radius * (shared + variance)
     # rows that err together count once
     time = 1.0
     if over.any():
@@ -95,115 +79,32 @@ def bound_test(
     count = int(over.sum() / time)
     independent = math.ceil(len(over) / time)
     chance = float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
-    beyond = float(np.mean(square > bound**2 + radius * shared))
+    beyond = float(np.mean(square > limit**2 + radius * shared))
     return BoundTest(beyond, usual, GroupTest("bound", chance))
 
 
-def alike(rows: Indices, u: Array, residual: Array) -> float:
+def variance_of_places(rows: LogRows, residual: Array) -> float:
     """Variance of an axis by which rows of like joints err alike, 0 where that may be chance."""
     from scipy.spatial import cKDTree
     from scipy.special import ndtri
 
     # of so many rows at least one is no neighbour in time: noise may last over some rows
-    lasting = SIGNIFICANCE.lasting
-    near = cKDTree(u).query(u, min(2 * lasting + 2, len(u)))[1]
-    near = np.asarray(near)
-    later = np.abs(rows[near] - rows[:, None]) > lasting
+    lasting = _LASTING
+    count = min(2 * lasting + 2, len(rows))
+    _, neighbours = cKDTree(rows.u).query(rows.u, count)
+    near = np.asarray(neighbours)
+    index = np.arange(len(rows))
+    later = np.abs(near - index[:, None]) > lasting
     row = np.flatnonzero(later.any(axis=1))
     if not len(row):
         return 0.0
-    pairs = np.stack([row, near[row, later[row].argmax(axis=1)]], axis=1)
-    first, second = np.unique(np.sort(pairs, axis=1), axis=0).T
+    other = near[row, later[row].argmax(axis=1)]
+    pairs = np.sort(np.stack([row, other], axis=1), axis=1)
+    first, second = np.unique(pairs, axis=0).T
     product = (residual[first] * residual[second]).sum(axis=1)
     # whatever its size, noise makes either sign as likely
     sure = product.sum() > -ndtri(FALSE_ALARM) * np.linalg.norm(product)
     return float(product.mean()) / residual.shape[1] if sure else 0.0
-
-
-@dataclass(frozen=True)
-class TurnedTool:
-    """How the tool of a log is turned, beside what a belief says."""
-
-    # statistic over its threshold; 0 where nothing can be compared
-    score: float = 0.0
-    turn: Array = field(
-        default_factory=lambda: np.zeros(3)
-    )  # [rad], in the tool's own axes
-    covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
-
-    @property
-    def cause(self) -> Cause:
-        """A tool that is turned about its own tip."""
-        angle = float(np.linalg.norm(self.turn))
-        half = (
-            1.96
-            * float(np.sqrt(self.turn @ self.covariance @ self.turn))
-            / angle
-        )
-        size = f"{np.degrees(angle):.3g} deg"
-        words = f"the tool is turned by {size} (its orientation, not its place)"
-        return Cause.measured(
-            "tool", "tool.rotation", words, angle, half, "rad"
-        )
-
-    def of(self, body: Body) -> Body:
-        """A belief with the tool turned."""
-        tool = body.structure.groups["tool.rotation"]
-        delta = np.zeros(body.structure.size)
-        delta[tool] = self.turn
-        place = np.searchsorted(body.active, tool)
-        covariance = body.covariance.copy()
-        covariance[place] = 0.0
-        covariance[:, place] = 0.0
-        covariance[np.ix_(place, place)] = self.covariance / body.kappa**2
-        beta = body.structure.retract(body.beta, delta)
-        return replace(body, beta=beta, root=root_of(covariance))
-
-
-def turned_tool(
-    rows: LogRows, structure: Any, beta: Array, deviation: Array | None = None
-) -> TurnedTool:
-    """Compare orientations with those that parameters (d,) predict.
-
-    deviation : (d,), standard deviations of the parameters, which may turn the tool, too; the
-        sensor may be turned then: positions tell that less well
-    """
-    from scipy.special import chdtri
-
-    old = rows.body
-    if rows.orientation is None or not knows_orientation(old):
-        return TurnedTool()
-    tool = structure.groups["tool.rotation"]
-    sd = np.zeros(len(beta))
-    if deviation is not None:
-        sd = deviation.copy()
-        sd[structure.groups["view.rotation"]] = FREE
-    sd[tool] = FREE
-    poses = np.hstack([rows.x, logarithm(matrix_of(rows.orientation))])
-    # of positions nothing is asked
-    floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
-    fit = Fit(
-        structure.with_view("pose"),
-        [Rows(rows.q, poses, floor=floor)],
-        beta,
-        Prior(beta, sd),
-        nu=STUDENT,
-    ).maximise()
-    before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
-    turn = logarithm(before.T @ after)
-    place = np.searchsorted(fit.active, tool)
-    covariance = fit.covariance[np.ix_(place, place)]
-    place = np.searchsorted(old.active, tool)
-    # the model knows its own tool as well as it does
-    both = covariance + old.kappa**2 * old.covariance[np.ix_(place, place)]
-    square = float(turn @ np.linalg.solve(both, turn))
-    # what the chain leaves over differs between regions of the workspace by about its scatter
-    scatter = np.sqrt(3) * fit.noise[-1]
-    score = min(
-        square / float(chdtri(3, FALSE_ALARM)),
-        float(np.linalg.norm(turn) / scatter),
-    )
-    return TurnedTool(score, turn, covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,8 +116,7 @@ class Evidence:
     cause: str | None
     prior: Body  # the belief that a changed arm starts from
     reference: Reference  # the same in the frame of the log
-    sound: Mask  # (n,), rows that do not contradict all others
-    data: Log  # these
+    data: Log
     tests: Tested
     bound: BoundTest
     explanations: tuple[Explanation, ...]  # the best first
@@ -228,13 +128,13 @@ class Evidence:
         same = self.reference.scale == 1.0 or unit != self.rows.model.about.unit
         return unit if same else "sensor"
 
-    @cached_property
+    @property
     def distance(self) -> float:
         """Typical distance of the rows from the best explanation [unit]."""
         residual = self.explanations[0].residual
         return float(np.median(np.linalg.norm(residual, axis=1)))
 
-    @cached_property
+    @property
     def misfit(self) -> float:
         """The same as a share of the typical distance of the positions from their middle."""
         away = self.rows.x - np.median(self.rows.x, axis=0)
@@ -247,14 +147,17 @@ class Evidence:
         if self.misfit < UNEXPLAINED:
             return True
         # rows that lag or whose joints are exchanged come near too, but for those at each jump
-        wrong = self.rows.wrong + int(np.count_nonzero(~self.sound))
-        few = wrong <= FEW_WRONG * len(self.rows)
+        few = self.rows.wrong <= FEW_WRONG * (len(self.rows) + self.rows.wrong)
         return few and self.distance < self.bound.usual < np.inf
 
     @cached_property
     def better(self) -> bool:
-        """Whether a change explains the rows, and clearly better than none."""
-        changed = self.reference.new or is_changed(self.explanations)
+        """Whether a change explains the rows, and by the margin better than none."""
+        best = self.explanations[0].evidence - MARGIN
+        nothing = [
+            some.evidence for some in self.explanations if some.unchanged
+        ]
+        changed = self.reference.new or best > max(nothing, default=-np.inf)
         return self.explained and changed
 
     @cached_property
@@ -291,12 +194,10 @@ class Evidence:
     def why_not(self) -> str:
         """One line on a log that nothing explains."""
         reference = self.reference
-        z = self.rows.x.copy()
-        z[self.sound] = self.data.z
         lag = rows_behind(
             lambda q: reference.structure.predict(q, reference.beta),
             self.rows.q,
-            z,
+            self.data.z,
         )
         check = "check that joints and positions of a row belong together and are of this arm"
         if lag:

@@ -9,20 +9,33 @@ far the system is set up again there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
+from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 
-from ..body.covariance import autocorrelation_time
 from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..body.settings import NATS
 from ..common.arrays import Array
-from .causes import FRAME, freedom, indices_of, rich_sets, single_causes
+from .causes import (
+    FRAME,
+    SETS,
+    changeable,
+    freedom,
+    indices_of,
+    single_causes,
+)
 from .frame import Reference
-from .settings import CREEP, MARGIN, OWN, Level
-from .system import Information, System
+from .settings import (
+    CREEP,
+    MARGIN,
+    OWN,
+    Level,
+)
+from .system import System
 
 
 @dataclass(frozen=True)
@@ -37,8 +50,12 @@ class SearchSettings:
     better: float = 1.0
     # in which the system is set up at the best explanation
     rounds: int = 3
-    # explanations of a round that are fitted to convergence at most
+    # explanations of a round that are fitted to convergence at most, and nats from the best within
+    # which they are
     fitted: int = 8
+    near: float = 10.0
+    # one in so many sizes of the noise is compared: sets share it nearly
+    coarser: int = 3
     # Gauss-Newton steps at most, and what is left of one that does not better the fit
     steps: int = 12
     shorter: float = 0.3
@@ -51,7 +68,7 @@ SEARCH = SearchSettings()
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """A set of causes that accounts for a log, as the linear system has it or fitted."""
+    """A set of causes that accounts for a log, fitted to it."""
 
     causes: tuple[str, ...]
     level: Level
@@ -61,7 +78,7 @@ class Explanation:
     sd: Array  # (d,), standard deviations by which they were free to change
     evidence: float  # logarithm of the tempered evidence [nats]
     temper: float  # rows that count for one
-    # of a fit: (d,), posterior standard deviations of those that are free, zero elsewhere
+    # (d,), posterior standard deviations of those that are free, zero elsewhere
     deviation: Array
     noise: float  # noise of the log, in `Reference.sizes`
     # (n, m) [unit], measured less predicted outputs of the rows compared
@@ -94,145 +111,187 @@ class Explanation:
         return ", ".join(names) or shape
 
 
+class Candidate(NamedTuple):
+    """A set of causes in the linear system."""
+
+    causes: tuple[str, ...]
+    level: Level
+    indices: Indices  # parameters that are free
+    evidence: float  # [nats]
+    step: Array  # of the parameters, in the standard deviations by which they are free
+
+
+_evidence = attrgetter("evidence")
+
+
+class Information(NamedTuple):
+    """What rows tell at one level, for s sizes of the noise; rows that are alike count once."""
+
+    likelihood: Array  # (s,) [nats]
+    # (s, k, k), information on the parameters that may be free, each in its standard deviation
+    power: Array
+    pull: Array  # (s, k), its moments
+
+    def evidence(self, places: Indices) -> tuple[Array, Array]:
+        """Evidence (s,) of freeing some parameters (p,) [nats], and their best step (p,)."""
+        power = self.power[:, places[:, None], places] + np.eye(len(places))
+        pull = self.pull[:, places]
+        root = np.linalg.cholesky(power)
+        half = np.linalg.solve(root, pull[..., None])[..., 0]
+        sizes = np.diagonal(root, axis1=1, axis2=2)
+        gain = 0.5 * (half**2).sum(axis=1)
+        evidence = self.likelihood + gain - np.log(sizes).sum(axis=1)
+        best = int(np.argmax(evidence))
+        return evidence, np.linalg.solve(power[best], pull[best])
+
+
 class Search:
     """Sets of causes of a log beside a reference.
 
     always : groups that are free in every set: a frame that no posterior tells of, a turned tool
+    temper : rows that count for one
     """
 
     def __init__(
-        self, system: System, cause: str | None, always: Sequence[str]
+        self,
+        system: System,
+        cause: str | None,
+        always: Sequence[str],
+        temper: float,
     ) -> None:
         reference = system.reference
         structure = reference.structure
         self.system = system
-        self.temper = max(reference.body.kappa, 1.0) ** 2
-        labels = [structure.labels[k].group for k in system.indices.tolist()]
-        groups = tuple(dict.fromkeys(labels))
+        self.temper = temper
+        groups = changeable(structure)
         self.sd = freedom(reference.body, groups, cause, reference.forgotten)
         self.start = np.sort(indices_of(structure, always))
         singles = single_causes(structure, cause)
-        self.singles = self._free(singles)
-        self.sets = self._free(rich_sets(structure, singles))
-        self.cost = float(np.log(max(len(self.singles) + len(self.sets), 1)))
+        allowed = np.concatenate([*singles.values()])
+        together = {}
+        for some in SETS:
+            indices = indices_of(structure, some)
+            together["+".join(some)] = indices[np.isin(indices, allowed)]
+        self.sets = {}
+        for name, indices in (singles | together).items():
+            free = indices[self.sd[indices] > 0.0]
+            if not np.isin(free, self.start).all():
+                self.sets[name] = free
+        self.singles = [name for name in singles if name in self.sets]
+        self.cost = float(np.log(max(len(self.sets), 1)))
+        self.free = np.union1d(self.start, allowed).astype(np.intp)
         self.informations: dict[Level, Information] = {}
 
-    def _free(self, sets: dict[str, Indices]) -> dict[str, Indices]:
-        """Return the parameters of each that can be free; sets that free no more are left out."""
-        free = {
-            name: indices[self.sd[indices] > 0.0]
-            for name, indices in sets.items()
-        }
-        return {
-            name: indices
-            for name, indices in free.items()
-            if not np.isin(indices, self.start).all()
-        }
+    def information(self, level: Level) -> Information:
+        """What rows tell at a level of all that may be free."""
+        if level in self.informations:
+            return self.informations[level]
+        x = self.system.x[:, self.free] * self.sd[self.free]
+        unknown = self.system.unknown(level)
+        products = unknown.products(self.system.y, x)
+        noises, likelihood = products.noises()
+        rows = [
+            products.information(float(noise))
+            for noise in noises[:: SEARCH.coarser]
+        ]
+        information = Information(
+            likelihood[:: SEARCH.coarser] / self.temper,
+            np.stack([power for power, _ in rows]) / self.temper,
+            np.stack([pull for _, pull in rows]) / self.temper,
+        )
+        # the noise of any set lies between those of all that may be free and of nothing
+        most = int(np.argmax(information.likelihood))
+        every = np.arange(len(self.free))
+        evidence, _ = information.evidence(every)
+        least = min(int(np.argmax(evidence)), most)
+        between = slice(max(least - 1, 0), most + 2)
+        information = Information(*(part[between] for part in information))
+        self.informations[level] = information
+        return information
 
-    def candidates(self) -> list[Explanation]:
+    def by_level(self, causes: tuple[str, ...]) -> list[Candidate]:
+        """Return a set of causes at each level, the best first."""
+        parts = [self.sets[cause] for cause in causes]
+        indices = np.unique(np.concatenate([self.start, *parts]))
+        places = np.searchsorted(self.free, indices)
+        cost = self.cost * len(causes)
+        candidates = []
+        for level in OWN:
+            evidence, step = self.information(level).evidence(places)
+            value = float(evidence.max()) - cost
+            candidates.append(Candidate(causes, level, indices, value, step))
+        return sorted(candidates, key=_evidence, reverse=True)
+
+    def candidates(self) -> list[Candidate]:
         """Return nothing, sets that belong together, and causes added one by one, best first."""
-        candidates: dict[tuple[str, ...], list[Explanation]] = {}
-        candidates[()] = self.by_level(())
+        nothing = self.by_level(())
+        tried: dict[tuple[str, ...], list[Candidate]] = {}
         for name in self.sets:
-            candidates[(name,)] = self.by_level((name,))
+            tried[(name,)] = self.by_level((name,))
+        best = nothing[0].evidence
         beam: list[tuple[str, ...]] = [()]
-        best = candidates[()][0].evidence
         for _ in range(SEARCH.causes):
-            longer: dict[tuple[str, ...], list[Explanation]] = {}
+            longer = {}
             for causes in beam:
                 for name in self.singles:
                     key = tuple(sorted({*causes, name}))
                     if len(key) > len(causes) and key not in longer:
-                        longer[key] = self.by_level(key)
+                        longer[key] = tried.get(key) or self.by_level(key)
+            tried |= longer
             beam = sorted(longer, key=lambda key: -longer[key][0].evidence)
             beam = beam[: SEARCH.beam]
-            candidates.update(longer)
             if not beam or longer[beam[0]][0].evidence < best + SEARCH.better:
                 break
             best = longer[beam[0]][0].evidence
-        return _best_first([*chain.from_iterable(candidates.values())])
+        every = chain(nothing, *tried.values())
+        return sorted(every, key=_evidence, reverse=True)
 
-    def by_level(
-        self, causes: tuple[str, ...], levels: Sequence[Level] = OWN
-    ) -> list[Explanation]:
-        """Return a set of causes in the linear system at each level, the best first."""
+    def fitted(self, candidate: Candidate) -> Explanation:
+        """Fit a set by damped Gauss-Newton steps: its noise by likelihood, its evidence."""
         system = self.system
         reference = system.reference
-        parameters = {**self.singles, **self.sets}
-        parts = [parameters[cause] for cause in causes]
-        indices = np.unique(np.concatenate([self.start, *parts]))
-        indices = indices.astype(np.intp)
-        places = np.searchsorted(system.indices, indices)
-        sd = np.zeros(len(self.sd))
-        sd[indices] = self.sd[indices]
-        explanations = []
-        for level in levels:
-            if level not in self.informations:
-                self.informations[level] = Information(
-                    system, level, self.sd[system.indices]
-                )
-            information = self.informations[level]
-            value, step = information.evidence(places, self.temper)
-            full = np.zeros(len(sd))
-            full[indices] = step * sd[indices]
-            explanations.append(
-                Explanation(
-                    causes=causes,
-                    level=level,
-                    reference=reference,
-                    indices=indices,
-                    beta=full,
-                    sd=sd,
-                    evidence=value - self.cost * len(causes),
-                    temper=self.temper,
-                    deviation=sd,
-                    noise=1.0,
-                    residual=system.residual,
-                )
-            )
-        return _best_first(explanations)
-
-    def fitted(self, candidate: Explanation) -> Explanation:
-        """Fit a set by damped Gauss-Newton steps: its noise by likelihood, its evidence."""
-        reference = candidate.reference
         structure = reference.structure
-        log = self.system.log
-        unknown = self.system.unknown(candidate.level)
+        unknown = system.unknown(candidate.level)
         free = candidate.indices
-        sd = candidate.sd[free]
+        sd = np.zeros(structure.size)
+        sd[free] = self.sd[free]
         cost = self.cost * len(candidate.causes)
-        best = candidate
+        best = None
         best_fit = -np.inf
         moved = np.zeros(len(free))  # in standard deviations
-        step = candidate.beta[free] / sd
+        step = candidate.step
         for _ in range(SEARCH.steps):
             full = np.zeros(structure.size)
-            full[free] = sd * (moved + step)
+            full[free] = sd[free] * (moved + step)
             beta = structure.retract(reference.beta, full)
-            with np.errstate(all="ignore"):
-                predicted, columns = structure.linearise(log.q, beta, free)
-                residual = structure.residual(log.z, predicted)
+            residual, columns = system.residual(beta, free)
             fit = -np.inf
             if np.isfinite(residual).all():
-                y = unknown.whiten(residual)
-                noise = unknown.most_likely_noise(y)
-                fit = float(unknown.likelihood(y, noise)[0]) / self.temper
+                y = system.whiten(residual)
+                products = unknown.products(y, columns * sd[free])
+                noise = products.most_likely_noise()
+                fit = float(products.likelihood(noise)[0]) / self.temper
                 fit -= 0.5 * float(((moved + step) ** 2).sum())
             if not fit > best_fit:
                 step = SEARCH.shorter * step
                 continue
             moved = moved + step
-            x = unknown.whiten(columns * sd)
-            power, pull = unknown.information(y, x, noise)
-            factor = Factor(power / self.temper + np.eye(len(free)))
-            deviation = np.zeros(structure.size)
-            deviation[free] = sd * np.sqrt(np.diag(factor.inverse()))
             best_fit = fit
-            best = replace(
-                candidate,
+            power, pull = products.information(noise)
+            factor = Factor(power / self.temper + np.eye(len(free)))
+            variance = np.diag(factor.inverse())
+            deviation = np.zeros(structure.size)
+            deviation[free] = sd[free] * np.sqrt(variance)
+            best = Explanation(
+                causes=candidate.causes,
+                level=candidate.level,
+                reference=reference,
+                indices=free,
                 beta=beta,
-                deviation=deviation,
+                sd=sd,
                 evidence=fit - 0.5 * factor.log_determinant() - cost,
+                temper=self.temper,
+                deviation=deviation,
                 noise=noise,
                 residual=residual,
             )
@@ -240,20 +299,26 @@ class Search:
             step = factor.solve(lead)
             if float(lead @ step) < SEARCH.nothing_left:
                 break
+        if best is None:
+            raise np.linalg.LinAlgError("no prediction is a number")
         return best
 
-    def explanations(self) -> list[Explanation]:
-        """Fit the best sets; set the system up again where that leads far."""
+    def explanations(self, *, calm: bool) -> list[Explanation]:
+        """Fit the best sets; set the system up again where that leads far.
+
+        calm : whether only the sizes of the log's own residual are compared
+        """
         fits = [self.fitted(candidate) for candidate in self.by_level(())]
         causes: tuple[str, ...] | None = None
-        for _ in range(SEARCH.rounds):
+        for _ in range(0 if calm else SEARCH.rounds):
             candidates = self.candidates()
-            fits += [self.fitted(some) for some in candidates[: SEARCH.fitted]]
-            fits = _best_first(fits)
             promise = candidates[0].evidence
-            if abs(fits[0].evidence - promise) < MARGIN:
-                break
-            if causes == fits[0].causes:
+            for candidate in candidates[: SEARCH.fitted]:
+                if candidate.evidence > promise - SEARCH.near:
+                    fits.append(self.fitted(candidate))
+            fits.sort(key=_evidence, reverse=True)
+            near = abs(fits[0].evidence - promise) < MARGIN
+            if near or causes == fits[0].causes:
                 break
             causes = fits[0].causes
             self.system = self.system.again(fits[0].beta)
@@ -262,14 +327,11 @@ class Search:
         return list(alone.values())
 
 
-def _best_first(explanations: list[Explanation]) -> list[Explanation]:
-    return sorted(explanations, key=lambda explanation: -explanation.evidence)
-
-
 def explain(
     systems: Sequence[System],
     cause: str | None,
     *,
+    temper: float,
     calm: bool,
     turned: Sequence[str] = (),
 ) -> tuple[Explanation, ...]:
@@ -277,35 +339,19 @@ def explain(
 
     systems : the log beside the belief as it was, and in the frame that fits the log best where
         that is far
-    calm : whether nothing changed: only the sizes of the log's own residual are then compared
+    temper : rows that count for one
+    calm : whether nothing changed
     turned : groups that changed for sure, as orientations show: the tool that is turned has moved
     """
     explanations: list[Explanation] = []
-    temper = 1.0
-    for system in reversed(systems):
-        last = system is systems[-1]
-        framed = system.reference.new or (last and len(systems) > 1)
-        search = Search(system, cause, (*FRAME, *turned) if framed else turned)
-        if last:  # rows that err together count once
-            (rich,) = search.by_level(tuple(search.singles), OWN[:1])
-            rich = search.fitted(rich)
-            unknown = system.unknown(OWN[0])
-            rest = unknown.rest(unknown.whiten(rich.residual), rich.noise)
-            temper = autocorrelation_time(rest)
-        search.temper = max(search.temper, temper)
-        if calm:
-            explanations += [
-                search.fitted(some) for some in search.by_level(())
-            ]
-        else:
-            explanations += search.explanations()
-    return tuple(_best_first(explanations))
-
-
-def is_changed(explanations: Sequence[Explanation]) -> bool:
-    """Whether something else than nothing explains the log, by the margin."""
-    nothing = [some.evidence for some in explanations if some.unchanged]
-    return not nothing or explanations[0].evidence > max(nothing) + MARGIN
+    for system in systems:
+        reference = system.reference
+        always = turned
+        if len(reference.forgotten):
+            always = (*FRAME, *turned)
+        search = Search(system, cause, always, temper)
+        explanations += search.explanations(calm=calm)
+    return tuple(sorted(explanations, key=_evidence, reverse=True))
 
 
 def least_residual(explanations: Sequence[Explanation]) -> Explanation:

@@ -1,4 +1,4 @@
-"""The frame: an old belief brought into the frame of a new log.
+"""The frame: an old belief brought into the frame of a new log; the tool, by orientations.
 
 A camera that was hung elsewhere, mirrored or read in other units moves every position by far
 more than anything else; so the frame comes first, and small changes after it.
@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arm.rotations import logarithm, similarity
-from ..body.belief import Body
+from ..arm.rotations import exponential, logarithm, matrix_of, similarity
+from ..body.belief import Body, knows_orientation
+from ..body.covariance import root_of
+from ..body.fit import Fit
 from ..body.parameters import Indices, Prior
+from ..body.rows import Rows
+from ..body.settings import FREE, STUDENT
 from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
@@ -22,7 +26,8 @@ from ..common.rows import thinned
 from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
 from .causes import FRAME, Cause, indices_of, is_sensors
-from .settings import LEAST_OWN
+from .rows import LogRows
+from .settings import FALSE_ALARM, LEAST_OWN
 
 
 @dataclass(frozen=True)
@@ -88,38 +93,6 @@ class Reference:
         return np.maximum(self.body.tau, least)
 
 
-@dataclass(frozen=True)
-class _Sense:
-    """A body with another sense of axes or joints, or a joint held, as it fits a log best."""
-
-    structure: Structure
-    beta: Array  # (d,)
-    causes: tuple[Cause, ...] = ()  # one a freedom
-    unit_is_open: bool = True  # whether positions may be in another unit
-    misfit: float = np.inf
-    turn: Array = field(default_factory=lambda: np.eye(2))
-    ratio: float = 1.0  # of the sizes
-
-    @property
-    def rescaled(self) -> bool:
-        """Whether positions are in another unit."""
-        low, high = PLACING.scales
-        return not low < self.ratio < high
-
-    def fitted(self, p: Array, z: Array) -> _Sense:
-        """Turn it from predictions (n, p) to positions; rows that contradict most are left out."""
-        sound = np.ones(len(p), dtype=bool)
-        for _ in range(3):
-            turn, shift, ratio = similarity(p[sound], z[sound])
-            if not self.unit_is_open:
-                ratio = 1.0
-                shift = (z[sound] - p[sound] @ turn.T).mean(axis=0)
-            distance = np.linalg.norm(z - shift - ratio * p @ turn.T, axis=1)
-            sound = distance <= max(3.0 * float(np.median(distance)), 1e-12)
-        misfit = float(np.median(distance)) / ratio
-        return replace(self, misfit=misfit, turn=turn, ratio=ratio)
-
-
 def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     """Bring the old belief into the frame of a log of rows (n, dof), (n, m)."""
     old = body.structure
@@ -135,13 +108,11 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     if is_camera(old.view):
         beta = _placed(old, q, z, _camera_anew(body, q, z), FRAME)
         return Reference(body, beta, forgotten=indices_of(old, FRAME))
-    fits = []
-    for sense in (*_senses(old, body.beta), *_held(old, body.beta)):
-        p = sense.structure.predict(q, sense.beta)
-        fits.append(sense.fitted(p[:, places], z[:, places]))
-    best = min(fits, key=lambda fit: _judged_misfit(fit, extent))
-    structure = best.structure
-    causes = list(best.causes)
+    senses = [*_senses(old, body.beta), *_stuck(old, body.beta)]
+    fits = [_Placement.of(sense, q, z[:, places]) for sense in senses]
+    best = min(fits, key=lambda fit: fit.cost(extent))
+    structure = best.sense.structure
+    causes = list(best.sense.causes)
     factor = 1.0
     groups: tuple[str, ...] = FRAME
     if best.rescaled:  # in the log's own unit
@@ -189,17 +160,51 @@ def carried_offset(
     return np.asarray(np.einsum("nmd,nd->nm", after, joints))
 
 
-def _camera_anew(body: Body, q: Array, z: Array) -> Array:
-    """Parameters of a camera that stands anywhere, its lens and the arm as they were."""
-    from ..body.starts import frame  # brings SciPy's linear algebra
+class _Sense(NamedTuple):
+    """A structure with another sense of axes or joints, or with a joint that is stuck."""
 
-    structure: Any = body.structure
-    lens = tuple(body.beta[structure.groups["lens"]].tolist())
-    known = structure.with_sensor(lens=lens, lens_sd=(0.0, 0.0, 0.0, 0.0))
-    beta = body.beta.copy()
-    free = indices_of(structure, FRAME)
-    beta[free] = frame(known, q, z, body.beta)[free]
-    return beta
+    structure: Structure
+    beta: Array  # (d,)
+    causes: tuple[Cause, ...] = ()  # one a freedom
+    unit_is_open: bool = True  # whether positions may be in another unit
+
+
+class _Placement(NamedTuple):
+    """The turn and the ratio of sizes by which a sense comes nearest to a log."""
+
+    sense: _Sense
+    misfit: float
+    turn: Array
+    ratio: float
+
+    @staticmethod
+    def of(sense: _Sense, q: Array, z: Array) -> _Placement:
+        """Turn predictions to positions (n, m); rows that contradict most are left out."""
+        predicted = sense.structure.predict(q, sense.beta)
+        p = predicted[:, : z.shape[1]]
+        sound = np.ones(len(p), dtype=bool)
+        for _ in range(3):
+            turn, shift, ratio = similarity(p[sound], z[sound])
+            if not sense.unit_is_open:
+                ratio = 1.0
+                shift = (z[sound] - p[sound] @ turn.T).mean(axis=0)
+            distance = np.linalg.norm(z - shift - ratio * p @ turn.T, axis=1)
+            sound = distance <= max(3.0 * float(np.median(distance)), 1e-12)
+        return _Placement(
+            sense, float(np.median(distance)) / ratio, turn, ratio
+        )
+
+    @property
+    def rescaled(self) -> bool:
+        """Whether positions are in another unit."""
+        low, high = PLACING.scales
+        return not low < self.ratio < high
+
+    def cost(self, extent: float) -> float:
+        """The misfit beside that of others: each further freedom must halve what is left."""
+        freedom = len(self.sense.causes) + int(self.rescaled)
+        misfit = max(self.misfit, PLACING.exact * extent)
+        return float(misfit / PLACING.better**freedom)
 
 
 def _senses(structure: Structure, beta: Array) -> Iterator[_Sense]:
@@ -223,26 +228,33 @@ def _senses(structure: Structure, beta: Array) -> Iterator[_Sense]:
             yield _Sense(turned, beta, (*sense.causes, cause))
 
 
-def _held(structure: Structure, beta: Array) -> Iterator[_Sense]:
-    """Each joint but the first held, at angles around the turn."""
-    for k in np.flatnonzero(structure.revolute).tolist():
-        if k == 0 or "gain" not in structure.groups:
+def _stuck(structure: Structure, beta: Array) -> Iterator[_Sense]:
+    """Each joint but the first stuck, at angles around the turn."""
+    gains = structure.groups.get("gain", np.zeros(0, np.intp))
+    for k in range(1, len(gains)):
+        if not structure.revolute[k]:
             continue
-        words = f"{structure.joint_names[k]} no longer moves the tip"
-        cause = f"lost:{structure.joint_names[k]}"
+        name = structure.joint_names[k]
+        words = f"{name} no longer moves the tip"
+        lost = Cause(f"lost:{name}", "gain", words, 0.0, None, "1")
         for angle in np.arange(-np.pi, np.pi, PLACING.angle):
             stuck = beta.copy()
-            stuck[structure.groups["gain"][k]] = 0.0
+            stuck[gains[k]] = 0.0
             stuck[structure.groups["offset"][k]] += angle
-            lost = Cause(cause, "gain", words, 0.0, None, "1")
             yield _Sense(structure, stuck, (lost,), unit_is_open=False)
 
 
-def _judged_misfit(sense: _Sense, extent: float) -> float:
-    """A misfit beside those of others: each further freedom must halve what is left."""
-    freedom = len(sense.causes) + int(sense.rescaled)
-    misfit = max(sense.misfit, PLACING.exact * extent)
-    return float(misfit / PLACING.better**freedom)
+def _camera_anew(body: Body, q: Array, z: Array) -> Array:
+    """Parameters of a camera that stands anywhere, its lens and the arm as they were."""
+    from ..body.starts import frame  # brings SciPy's linear algebra
+
+    structure: Any = body.structure
+    lens = tuple(body.beta[structure.groups["lens"]].tolist())
+    fixed = structure.with_sensor(lens=lens, lens_sd=(0.0, 0.0, 0.0, 0.0))
+    beta = body.beta.copy()
+    free = indices_of(structure, FRAME)
+    beta[free] = frame(fixed, q, z, body.beta)[free]
+    return beta
 
 
 def _with_fields(structure: Structure, **change: Any) -> Structure:
@@ -252,17 +264,17 @@ def _with_fields(structure: Structure, **change: Any) -> Structure:
     return structure.with_sensor(**sensor)
 
 
-def _turned(structure: Structure, sense: _Sense, factor: float) -> Array:
+def _turned(structure: Structure, best: _Placement, factor: float) -> Array:
     """Parameters (d,) with the frame turned and scaled as it fits best."""
     about = structure.groups["view.rotation"]
-    turn = sense.turn
+    turn = best.turn
     step = np.zeros(structure.size)
     step[indices_of(structure, ("view.scale",))] = np.log(factor)
     if len(about) > 1:
         step[about] = logarithm(turn)
     else:
         step[about] = np.arctan2(turn[1, 0], turn[0, 0])
-    return structure.retract(sense.beta, step)
+    return structure.retract(best.sense.beta, step)
 
 
 def _placed(
@@ -279,3 +291,86 @@ def _placed(
     anywhere = 1e3 * max(1.0, float(structure.extents[0]))
     sd[indices_of(structure, groups)] = anywhere
     return Start(structure, start).run(q, z, Prior(start, sd), 30).beta
+
+
+@dataclass(frozen=True)
+class TurnedTool:
+    """How the tool of a log is turned, beside what a belief says."""
+
+    # statistic over its threshold; 0 where nothing can be compared
+    score: float = 0.0
+    turn: Array = field(
+        default_factory=lambda: np.zeros(3)
+    )  # [rad], in the tool's own axes
+    covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
+
+    @property
+    def cause(self) -> Cause:
+        """A tool that is turned about its own tip."""
+        angle = float(np.linalg.norm(self.turn))
+        deviation = np.sqrt(self.turn @ self.covariance @ self.turn) / angle
+        size = f"{np.degrees(angle):.3g} deg"
+        words = f"the tool is turned by {size} (its orientation, not its place)"
+        cause = Cause("tool", "tool.rotation", words, angle, unit="rad")
+        return cause.within(1.96 * float(deviation))
+
+    def of(self, body: Body) -> Body:
+        """A belief with the tool turned."""
+        tool = body.structure.groups["tool.rotation"]
+        delta = np.zeros(body.structure.size)
+        delta[tool] = self.turn
+        place = np.searchsorted(body.active, tool)
+        covariance = body.covariance.copy()
+        covariance[place] = 0.0
+        covariance[:, place] = 0.0
+        covariance[np.ix_(place, place)] = self.covariance / body.kappa**2
+        beta = body.structure.retract(body.beta, delta)
+        return replace(body, beta=beta, root=root_of(covariance))
+
+
+def turned_tool(
+    rows: LogRows, structure: Any, beta: Array, deviation: Array | None = None
+) -> TurnedTool:
+    """Compare orientations with those that parameters (d,) predict.
+
+    deviation : (d,), standard deviations of the parameters, which may turn the tool, too; the
+        sensor may be turned then: positions tell that less well
+    """
+    from scipy.special import chdtri
+
+    old = rows.body
+    if rows.log.orientation is None or not knows_orientation(old):
+        return TurnedTool()
+    tool = structure.groups["tool.rotation"]
+    sd = np.zeros(len(beta))
+    if deviation is not None:
+        sd = deviation.copy()
+        sd[structure.groups["view.rotation"]] = FREE
+    sd[tool] = FREE
+    turns = logarithm(matrix_of(rows.log.orientation))
+    poses = np.hstack([rows.x, turns])
+    # of positions nothing is asked
+    floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
+    fit = Fit(
+        structure.with_view("pose"),
+        [Rows(rows.q, poses, floor=floor)],
+        beta,
+        Prior(beta, sd),
+        nu=STUDENT,
+    ).maximise()
+    turns = np.stack([beta[tool], fit.beta[tool]])
+    before, after = exponential(turns)
+    turn = logarithm(before.T @ after)
+    place = np.searchsorted(fit.active, tool)
+    covariance = fit.covariance[np.ix_(place, place)]
+    place = np.searchsorted(old.active, tool)
+    # the model knows its own tool as well as it does
+    both = covariance + old.kappa**2 * old.covariance[np.ix_(place, place)]
+    square = float(turn @ np.linalg.solve(both, turn))
+    # what the chain leaves over differs between regions of the workspace by about its scatter
+    scatter = np.sqrt(3) * fit.noise[-1]
+    score = min(
+        square / float(chdtri(3, FALSE_ALARM)),
+        float(np.linalg.norm(turn) / scatter),
+    )
+    return TurnedTool(score, turn, covariance)

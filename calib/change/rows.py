@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from ..body.belief import Body, knows_orientation
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from ..errors import LogError, ModelError
 from ..maps.map import Map, search_tree
 from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.diagnosis import diagnose, readings, refuse_mistakes
-from ..samples.motion import Motion
+from ..samples.motion import OfRows
 from ..samples.samples import Samples
 from ..training.sound_rows import sound_log
 from ..training.touched import as_positions
@@ -24,31 +24,30 @@ from ..training.touched import as_positions
 # fewest different rows that a judgement or a correction can rest on
 _LEAST_ROWS = 10
 _MISREAD = ("exchanged", "turns")
+# share of the positions' spread: rows that are missed by less are not read wrongly
+_NEAR = 0.1
 _CORNER = 0.5  # share of a joint's range below which it is said how little was covered
 # joints all over the learned range at which predictions are compared
 _PROBES = 120
+_MOST = 1000  # rows that distortions are measured on
 
 
 @dataclass(frozen=True, eq=False)
-class LogRows:
+class LogRows(OfRows):
     """Rows of a log beside a model; repeated rows count once."""
 
     model: Model
-    cause: (
-        str | None
-    )  # {"sensor", "joints"} or None, what is known about the change
-    logged: Array  # (n, dof), joints as the log has them [rad or m]
+    log: Samples  # their joints and positions, as they were logged
     q: Array  # (n, dof), where they stand: with the play that the model knows taken up [rad or m]
-    side: Array  # (n, dof), sign of each joint's last motion
-    x: Array  # (n, m) [unit]
-    orientation: Array | None  # (n, 4), qx, qy, qz, qw, where the log has them
     unit: str  # unit of the log's positions
     shared: float  # standard deviation that all positions share [unit]
     predicted: Array  # (n, m), positions that the model predicts [unit]
     bound: Array  # (n,), 95 % bound on each row as the model tells it, infinite for none [unit]
-    wrong: int  # rows that contradict their neighbours and were left out
+    wrong: int  # rows that contradict the others and were left out
     lost: int  # these, and rows outside of what the model has learned
     notes: tuple[str, ...]
+    # {"joints"} or None, what is known about the change
+    cause: str | None = None
 
     def __len__(self) -> int:
         return len(self.q)
@@ -60,9 +59,15 @@ class LogRows:
         return self.model.body
 
     @property
-    def motion(self) -> Motion:
-        """Their motion, as the log has it."""
-        return Motion(self.logged, self.side)
+    def x(self) -> Array:
+        """Positions (n, m) [unit]."""
+        return self.log.x
+
+    @property
+    def side(self) -> Array:
+        """Sign of each joint's last motion, (n, dof), 0 where it is not known."""
+        assert self.log.side is not None  # noqa: S101 - of samples it is known
+        return self.log.side
 
     @property
     def u(self) -> Array:
@@ -86,6 +91,19 @@ class LogRows:
         u = np.random.default_rng(0).random((_PROBES, len(about.joint_names)))
         return np.asarray(about.lower + u * (about.upper - about.lower))
 
+    def sound(self, sound: Mask) -> LogRows:
+        """Return the rows that do not contradict all others, and say how many do."""
+        strays = int(np.count_nonzero(~sound))
+        if not strays:
+            return self
+        note = f"rows that contradict all others are left out: {strays}"
+        return replace(
+            self.take(sound),
+            wrong=self.wrong + strays,
+            lost=self.lost + strays,
+            notes=(*self.notes, note),
+        )
+
 
 def rows_of(model: Model, log: Samples) -> LogRows:
     """Put a log of at least ten different rows of the same arm beside a model.
@@ -103,18 +121,17 @@ def rows_of(model: Model, log: Samples) -> LogRows:
         cause = "joints"
         log, notes = as_positions(model, log, log.touch)
     rows_in_file = log.left_out + len(log)
-    left_out_before = log.left_out
+    left_out = log.left_out
     unit = log.unit
     shared = log.shared
     _refuse_degrees(model, log)
-    log, told = sound_log(model, log)
-    notes = [*notes, *told]
-    motion = log.motion
-    first = np.sort(
-        np.unique(np.hstack([log.q, log.x]), axis=0, return_index=True)[1]
-    )
+    log, more = sound_log(model, log)
+    notes = [*notes, *more]
+    values = np.hstack([log.q, log.x])
+    _, index = np.unique(values, axis=0, return_index=True)
+    first = np.sort(index)
     repeated = len(log) - len(first)
-    prediction = predict(model, motion.take(first))
+    prediction = predict(model, log.take(first))
     answered = np.isfinite(prediction.bound)
     if answered.sum() < _LEAST_ROWS:
         why = "measure more poses, spread over the joints' ranges"
@@ -126,61 +143,45 @@ def rows_of(model: Model, log: Samples) -> LogRows:
         )
     if repeated:
         notes.append(f"{repeated} repeated rows count once")
-    if not answered.all():
-        outside = np.count_nonzero(~answered)
+    outside = np.count_nonzero(~answered)
+    if outside:
         notes.append(
             f"{outside} rows outside of what the model has learned are left out"
         )
-    rows = first[answered]
-    q = log.q[rows]
-    x = log.x[rows]
-    turns = None if log.orientation is None else log.orientation[rows]
-    notes += _misreadings(model, q, x, turns)
     scale = model.motor.scale
-    stands = scale.from_unit(scale.to_unit(prediction.joints[answered]))
-    predicted = prediction.value[answered]
-    assert motion.side is not None  # noqa: S101 - of a log they are known
-    return LogRows(
+    rows = LogRows(
         model=model,
-        cause=cause,
-        logged=q,
-        q=stands,
-        side=motion.side[rows],
-        x=x,
-        orientation=turns,
+        log=log.take(first),
+        q=scale.from_unit(scale.to_unit(prediction.joints)),
         unit=unit,
         shared=shared,
-        predicted=predicted,
-        bound=np.nan_to_num(prediction.bound[answered], nan=np.inf),
-        wrong=log.left_out - left_out_before,
-        lost=rows_in_file - repeated - len(rows),
-        notes=tuple(notes),
-    )
+        predicted=prediction.value,
+        bound=np.nan_to_num(prediction.bound, nan=np.inf),
+        wrong=log.left_out - left_out,
+        lost=rows_in_file - repeated - int(answered.sum()),
+        notes=(),
+        cause=cause,
+    ).take(answered)
+    return replace(rows, notes=(*notes, *_misreadings(rows)))
 
 
-def _misreadings(
-    model: Model, q: Array, x: Array, turns: Array | None
-) -> list[str]:
+def _misreadings(rows: LogRows) -> list[str]:
     """Notes on rows that were read wrongly, and on joints that cover little of their range.
 
     Units, mirrors, signs and clocks are causes that the judgement itself tells.
     """
+    model = rows.model
+    log = replace(rows.log, unit=model.about.unit)
+    notes: list[str] = []
+    middle = np.median(log.x, axis=0)
+    spread = np.median(np.abs(log.x - middle))
+    if log.orientation is not None or np.median(rows.missed) > _NEAR * spread:
+        pose = model.pose if knows_orientation(model.body) else None
+        findings = diagnose(log, model.forward, pose)
+        notes = refuse_mistakes([f for f in findings if f.kind in _MISREAD])
+    widths = np.ptp(model.motor.scale.to_unit(log.q), axis=0)
     names = model.about.joint_names
-    findings = diagnose(
-        model.forward,
-        q,
-        x,
-        names,
-        model.about.revolute,
-        unit=model.about.unit,
-        turns=turns,
-        pose=model.pose if knows_orientation(model.body) else None,
-    )
-    notes = refuse_mistakes(
-        [finding for finding in findings if finding.kind in _MISREAD]
-    )
-    widths = np.ptp(model.motor.scale.to_unit(q), axis=0).tolist()
-    for name, width in zip(names, widths, strict=True):
+    for name, width in zip(names, widths.tolist(), strict=True):
         if width < _CORNER:
             notes.append(
                 f"the log covers {100 * width:.0f} % of the learned range of {name}: the result "
@@ -191,21 +192,16 @@ def _misreadings(
 
 def _refuse_degrees(model: Model, log: Samples) -> None:
     """Refuse a log of joints in another unit, most of which the model has not learned."""
-    q = model.about.joints_of(log)
     about = model.about
-    if np.isfinite(model.expected_error(q)).mean() > 0.5 or not any(
-        about.revolute
-    ):
+    q = about.joints_of(log)
+    if np.isfinite(model.expected_error(q)).mean() > 0.5:
         return
     units, *_ = readings(q, about.joint_names, about.revolute, any_order=False)
-    for q, other in units:
+    for q, other in units if any(about.revolute) else ():
         if np.isfinite(model.expected_error(q)).mean() > 0.9:
             raise LogError(
                 f"the log fits the model only if {other.words}", hint=other.hint
             )
-
-
-_MOST = 1000  # rows that distortions are measured on
 
 
 class Signal(NamedTuple):
@@ -221,22 +217,22 @@ def distortions(rows: LogRows) -> dict[str, Signal]:
     "reverse" is the mean squared distance of the nodes predicted for the joints to those that the
     positions visit, in the unit box; "links" the root mean square of the residuals [unit].
     """
+    rows = rows.take(thinned(len(rows), _MOST))
     model = rows.model
     baseline = model.baseline
     assert baseline is not None  # noqa: S101 - checked where the rows are read
-    some = thinned(len(rows), _MOST)
     sensory = model.sensory
-    measured = sensory.scale.to_unit(rows.x[some])
-    predicted = sensory.scale.to_unit(rows.predicted[some])
+    measured = sensory.scale.to_unit(rows.x)
+    predicted = sensory.scale.to_unit(rows.predicted)
     nodes = sensory.units[sensory.nearest(measured)[1][:, 0]]
     nodes_predicted = sensory.units[sensory.nearest(predicted)[1][:, 0]]
     tree = search_tree(np.unique(nodes, axis=0), sensory.scale)
     away = np.asarray(tree.query(nodes_predicted)[0])
-    bound = rows.bound[some]
-    usual = np.where(np.isfinite(bound), bound, 0.0)
-    links = np.sqrt(np.mean([rows.missed[some] ** 2, usual**2], axis=1))
+    usual = np.where(np.isfinite(rows.bound), rows.bound, 0.0)
+    squares = np.mean([rows.missed**2, usual**2], axis=1)
+    links = np.sqrt(squares)
     return {
-        "motor": _zeta(model.motor, rows.u[some], baseline.motor),
+        "motor": _zeta(model.motor, rows.u, baseline.motor),
         "sensory": _zeta(sensory, measured, baseline.sensory),
         "reverse": Signal(float(np.mean(away**2)), sensory.spacing**2),
         "links": Signal(*links.tolist()),

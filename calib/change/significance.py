@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +19,16 @@ from ..body.structure import Structure
 from ..common.arrays import Array
 from ..common.rows import thinned
 from .causes import FRAME, changeable, freedom, indices_of, single_causes
+from .frame import Reference
 from .settings import CREPT, FALSE_ALARM, LARGE, NOISIER, OWN
-from .system import NoisyJoint, System, Unknown, own_columns
+from .system import (
+    SYSTEM,
+    NoisyJoint,
+    Products,
+    System,
+    Unknown,
+    own_columns,
+)
 
 
 @dataclass(frozen=True)
@@ -32,8 +41,6 @@ class SignificanceSettings:
     power: float = 0.9
     # statistic beyond which no size of a change is computed
     largest: float = 1e8
-    # rows over which noise may last
-    lasting: int = 10
     # of a joint's rows that come from either side, or nothing tells its play
     least_share: float = 0.1
     # of the squared residuals: what explains less does not pay in `calib.body.approach` either
@@ -41,14 +48,18 @@ class SignificanceSettings:
 
 
 SIGNIFICANCE = SignificanceSettings()
-
-
 SHOWN = {"scale": "sensor scale", "tilt": "sensor tilt"}
 """Groups whose names alone do not say that they are the sensor's."""
-
-
 DRIFT = "drift"
 """Name of the hypotheses that a smooth residual or waves are larger than the model told."""
+
+
+class Change(NamedTuple):
+    """Parameters of a group, how each changed, and the standard deviation of that, (p,) each."""
+
+    indices: Indices
+    sizes: Array
+    deviations: Array
 
 
 @dataclass(frozen=True)
@@ -60,8 +71,7 @@ class GroupTest:
     p_value: float
     statistic: float = 0.0  # twice the gain in log likelihood
     freedom: int = 1  # directions that the rows tell apart
-    # (p,), its parameters, how each changed, and the standard deviation of that
-    change: tuple[Indices, Array, Array] | None = None
+    change: Change | None = None
     # [unit], root mean square displacement, over the learned range, of the smallest change of the
     # parameter that these rows show best which they would show nine times in ten
     smallest: float = 0.0
@@ -69,7 +79,8 @@ class GroupTest:
     @property
     def score(self) -> float:
         """Logarithm of the p-value over that of `FALSE_ALARM`: above 1 it fired."""
-        return abs(math.log(max(self.p_value, 1e-300)) / math.log(FALSE_ALARM))
+        chance = max(self.p_value, 1e-300)
+        return abs(math.log(chance) / math.log(FALSE_ALARM))
 
 
 @dataclass(frozen=True)
@@ -88,7 +99,7 @@ class Tested:
     @property
     def score(self) -> float:
         """Largest score of a group."""
-        return max((g.score for g in self.groups), default=0.0)
+        return max((group.score for group in self.groups), default=0.0)
 
     @property
     def _sizes(self) -> list[float]:
@@ -104,16 +115,6 @@ class Tested:
     def smallest(self) -> float:
         """Displacement [unit] that any single cause would have shown."""
         return max(self._sizes, default=np.inf)
-
-
-@dataclass(frozen=True)
-class Play:
-    """A joint that has more play than the model knows."""
-
-    joint: int
-    half: Array  # (dof,), half of its play, the other joints' zero [rad or m]
-    deviation: float  # standard deviation of that
-    score: float  # above 1 it is no chance
 
 
 def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
@@ -138,42 +139,21 @@ def groups_of(structure: Structure) -> dict[str, Indices]:
 
 
 class FreeNoise:
-    """The noise that is most likely where everything may have changed, of one shape."""
+    """The noise that is most likely where everything may have changed."""
 
-    def __init__(self, system: System, noisy: NoisyJoint | None = None) -> None:
+    def __init__(self, system: System) -> None:
         reference = system.reference
-        # the unit weights of a payload would leave few rows no freedom
-        groups = set(changeable(reference.structure)) - {"payload"}
-        sd = freedom(
-            reference.body,
-            tuple(sorted(groups)),
-            forgotten=reference.forgotten,
-        )
-        unknown = Unknown(
-            reference, system.log, OWN[0], crept=CREPT, freed=sd, noisy=noisy
-        )
-        y = unknown.whiten(system.residual)
-        self.y = y
-        self.unknown = unknown
+        self.system = system
+        self.unknown = Unknown(system, OWN[0], CREPT, everything(reference))
+        nothing = system.x[:, :0]
+        self.products = self.unknown.products(system.y, nothing)
+        self.usual = usual_noise(reference)
         # in `Reference.sizes`
-        self.size = unknown.most_likely_noise(y, unknown.usual)
-        self.likelihood = float(unknown.likelihood(y, self.size)[0])
-        self.shape = noisy
-        self.rest = unknown.rest(y, self.size)
+        self.size = self.products.most_likely_noise(self.usual)
+        self.likelihood = float(self.products.likelihood(self.size)[0])
+        self.rest = self.unknown.rest(system.y, self.size)
         # rows that err together count once
         self.temper = autocorrelation_time(self.rest)
-        # directions of the rows that tell the noise
-        noise_share = self.size**2 / (self.size**2 + unknown.values)
-        self.left = (len(y) - float((1.0 - noise_share**2).sum())) / self.temper
-
-    @property
-    def larger(self) -> bool:
-        """Whether it is larger than usual, and that is no chance."""
-        usual = self.unknown.usual
-        if self.size <= NOISIER * usual:
-            return False
-        likelihood = float(self.unknown.likelihood(self.y, usual)[0])
-        return self.chance_beside(likelihood) < FALSE_ALARM
 
     def chance_beside(self, likelihood: float) -> float:
         """The chance of so much more likelihood by one more number."""
@@ -182,11 +162,17 @@ class FreeNoise:
         gain = 2.0 * (self.likelihood - likelihood) / self.temper
         return float(chdtrc(1, max(gain, 0.0)))
 
-    def of_one_joint(self, system: System) -> FreeNoise:
+    @property
+    def larger(self) -> bool:
+        """Whether it is larger than usual, and that is no chance."""
+        likelihood = float(self.products.likelihood(self.usual)[0])
+        chance = self.chance_beside(likelihood)
+        return self.size > NOISIER * self.usual and chance < FALSE_ALARM
+
+    def of_one_joint(self) -> FreeNoise:
         """The same where the encoder of one joint alone makes it larger."""
-        reference = system.reference
-        slope = reference.structure.slope(system.log.q, reference.beta)
-        slope = slope / reference.sizes[:, None]
+        system = self.system
+        slope = system.slope / system.reference.sizes[:, None]
         square = (self.rest**2).sum(axis=1)[:, None]
         along = np.einsum("nmd,nm->nd", slope, self.rest) ** 2
         length = (slope**2).sum(axis=1)
@@ -200,37 +186,66 @@ class FreeNoise:
             gain = self.rest.size * np.log(square.mean() / variance)
             gains.append(gain - np.log(value).sum(axis=0))
         joint = int(np.argmax(np.max(gains, axis=0)))
-        shaped = [
-            FreeNoise(system, (joint, times / float(typical[joint])))
-            for times in SIGNIFICANCE.joint_noises
-        ]
-        best = max(shaped, key=lambda noise: noise.likelihood)
+        noises = []
+        for times in SIGNIFICANCE.joint_noises:
+            noisy = joint, times / float(typical[joint])
+            other = System(system.reference, system.log, noisy)
+            noises.append(FreeNoise(other))
+        best = max(noises, key=lambda noise: noise.likelihood)
         chance = best.chance_beside(self.likelihood) * (1 + len(typical))
         return best if chance < FALSE_ALARM else self
 
+    def tests(self, products: Products, count: int) -> FTests:
+        """F tests of columns by their products, beside this noise; `count` of them."""
+        freedom = self.products.freedom(self.size) / self.temper
+        return FTests(products, self.size, freedom, self.temper, count)
 
+
+def everything(reference: Reference) -> Array:
+    """Standard deviation (d,) by which the parameters may have changed, all together."""
+    # the unit weights of a payload would leave few rows no freedom
+    groups = set(changeable(reference.structure)) - {"payload"}
+    return freedom(reference.body, groups, forgotten=reference.forgotten)
+
+
+def usual_noise(reference: Reference) -> float:
+    """The noise that a belief expects, in `Reference.sizes`."""
+    usual = float(np.min(reference.body.noise / reference.sizes))
+    return max(usual, SYSTEM.exact)
+
+
+@dataclass(frozen=True)
 class FTests:
     """F tests of columns, each beside what an unchanged arm may show."""
 
-    def __init__(self, system: System, noise: FreeNoise, count: int) -> None:
-        self.noise = noise
-        self.count = count  # of tests, of which one may fire by chance
-        self.unknown = Unknown(
-            system.reference, system.log, OWN[0], crept=CREPT, noisy=noise.shape
-        )
-        self.y = self.unknown.whiten(system.residual)
+    products: Products
+    noise: float
+    left: float  # directions of the rows that tell the noise
+    temper: float  # rows that count for one
+    count: int  # tests, of which one may fire by chance
 
-    def information(self, columns: Array) -> tuple[Array, Array]:
-        """Return what the rows tell of columns (n, m, k): (k, k) and (k,)."""
-        return self.unknown.information(
-            self.y, self.unknown.whiten(columns), self.noise.size
-        )
+    def of_groups(
+        self, groups: dict[str, Indices], moves: Array
+    ) -> list[GroupTest]:
+        """Test groups of columns (k,), whose displacements (rms) are those by one of each [unit].
+
+        What the rows tell nothing of is left out.
+        """
+        power, pull = self.products.information(self.noise)
+        tests = []
+        for name, at in groups.items():
+            if np.diag(power)[at].max() > 0.0:  # a tracker has no lens
+                block = power[np.ix_(at, at)]
+                tests.append(
+                    self.of_change(name, at, block, pull[at], moves[at])
+                )
+        return tests
 
     def chance(self, statistic: float, freedom: float) -> float:
         """Return the chance of a statistic, after Bonferroni."""
         from scipy.special import fdtrc
 
-        chance = fdtrc(freedom, self.noise.left, statistic / freedom)
+        chance = fdtrc(freedom, max(self.left, 1e-3), statistic / freedom)
         return min(1.0, self.count * float(chance))
 
     def of_change(
@@ -240,16 +255,14 @@ class FTests:
         power: Array,
         pull: Array,
         moves: Array,
-    ) -> GroupTest | None:
-        """Test parameters (k,) by their information; None where the rows tell nothing of them.
+    ) -> GroupTest:
+        """Test parameters (k,) by their information.
 
         moves : (k,), root mean square displacement by one of each [unit]
         """
         from scipy.special import chndtrinc, fdtri
 
         precision = np.diag(power)
-        if not precision.max() > 0.0:  # a tracker has no lens
-            return None
         size = np.sqrt(np.maximum(precision, 1e-300))
         values, vectors = np.linalg.eigh(power / size[:, None] / size)
         clear = values > 1e-9 * values[-1]
@@ -257,74 +270,75 @@ class FTests:
         vectors = vectors[:, clear] / size[:, None]
         turned = vectors.T @ pull
         freedom = len(values)
-        temper = self.noise.temper
-        statistic = float((turned**2 / values).sum()) / temper
-        deviation = np.sqrt((vectors**2 / values).sum(axis=1) * temper)
+        statistic = float((turned**2 / values).sum()) / self.temper
+        deviation = np.sqrt((vectors**2 / values).sum(axis=1) * self.temper)
         threshold = 1.0 - FALSE_ALARM / self.count
-        needed = freedom * float(fdtri(freedom, self.noise.left, threshold))
+        needed = freedom * float(fdtri(freedom, self.left, threshold))
         # with hardly a row left for the noise no change is large enough
         smallest = math.inf
         if needed < SIGNIFICANCE.largest:
             shown = chndtrinc(needed, freedom, 1.0 - SIGNIFICANCE.power)
             least = moves[precision > 0.0] / size[precision > 0.0]
-            smallest = float(np.sqrt(shown * temper) * least.min())
+            smallest = float(np.sqrt(shown * self.temper) * least.min())
         return GroupTest(
             name=SHOWN.get(name, name),
             p_value=self.chance(statistic, freedom),
             statistic=statistic,
             freedom=freedom,
-            change=(indices, vectors @ (turned / values), deviation),
+            change=Change(indices, vectors @ (turned / values), deviation),
             smallest=smallest,
         )
 
-    def of_variance(self, columns: Array) -> GroupTest | None:
-        """Test whether columns (n, m, k) of standard normals are larger (Satterthwaite 1946)."""
-        power, pull = self.information(columns)
+    def of_variance(self) -> GroupTest:
+        """Test whether all columns, of standard normals, are larger (Satterthwaite 1946)."""
+        power, pull = self.products.information(self.noise)
         mean = float(np.trace(power))
-        if not mean > 0.0:
-            return None
         spread = mean**2 / float((power**2).sum())
-        statistic = spread * float(pull @ pull) / mean / self.noise.temper
+        statistic = spread * float(pull @ pull) / mean / self.temper
         chance = self.chance(statistic, spread)
         return GroupTest(DRIFT, chance, statistic, round(spread))
 
 
-def group_tests(system: System, probes: Array) -> Tested:
+def moves_of(reference: Reference, probes: Array) -> Array:
+    """Displacement (d,) of joints (p, dof) by one of each parameter, root mean square [unit]."""
+    structure = reference.structure
+    moves = structure.linearise(probes, reference.beta)[1]
+    moves = moves[:, : structure.blocks[0]]
+    square = (moves**2).sum(axis=1)
+    return np.asarray(np.sqrt(square.mean(axis=0)))
+
+
+def group_tests(noise: FreeNoise, probes: Array) -> Tested:
     """Test every group against the belief as the model knows it.
 
+    noise : of the log beside this
     probes : (p, dof), joints all over the learned range
     """
-    reference = system.reference
+    reference = noise.system.reference
     structure = reference.structure
     groups = groups_of(structure)
-    noise = FreeNoise(system)
     noisier = not len(reference.forgotten) and noise.larger
     if noisier:
-        noise = noise.of_one_joint(system)
+        noise = noise.of_one_joint()
         noisier = noise.larger
-    noisy = noise.shape
-    tests = FTests(system, noise, len(groups) + 2)
-    power, pull = tests.information(system.columns)
-    moves = structure.linearise(probes, system.at, system.indices)[1]
-    moves = moves[:, : structure.blocks[0]]
-    moves = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
-    tested: list[GroupTest | None] = []
-    for name, indices in groups.items():
-        at = np.searchsorted(system.indices, indices)
-        tested.append(
-            tests.of_change(
-                name, indices, power[np.ix_(at, at)], pull[at], moves[at]
-            )
-        )
-    tested.append(tests.of_variance(own_columns(reference, system.log, 1.0)))
+    system = noise.system
+    noisy = system.noisy
+    unknown = Unknown(system, OWN[0], CREPT)
+    count = len(groups) + 2
+    tests = noise.tests(unknown.products(system.y, system.x), count)
+    results = tests.of_groups(groups, moves_of(reference, probes))
+    drifts = [system.whiten(own_columns(reference, system.log, 1.0))]
     # waves of the joints that are finer than the rows look like a noisy encoder
     if reference.body.rows and noisy is None:
         curves = indices_of(structure, ("curve",))
-        waves = structure.linearise(system.log.q, system.at, curves)[1]
-        waves *= structure.prior(("curve",)).sd[curves]
-        tested.append(tests.of_variance(waves))
+        sd = structure.prior(("curve",)).sd[curves]
+        drifts.append(system.x[:, curves] * sd)
+    for columns in drifts:
+        if columns.any():
+            products = unknown.products(system.y, columns)
+            results.append(noise.tests(products, count).of_variance())
     return Tested(
-        groups=tuple(test for test in tested if test is not None),
+        groups=tuple(results),
         noise=noise.size * float(reference.sizes[0]),
         usual=float(reference.body.noise[0]),
         noisy=None if noisy is None else (noisy[0], noisy[1] * noise.size),
@@ -332,7 +346,17 @@ def group_tests(system: System, probes: Array) -> Tested:
     )
 
 
-def find_play(system: System, side: Array) -> Play | None:
+@dataclass(frozen=True)
+class Play:
+    """A joint that has more play than the model knows."""
+
+    joint: int
+    half: Array  # (dof,), half of its play, the other joints' zero [rad or m]
+    deviation: float  # standard deviation of that
+    score: float  # above 1 it is no chance
+
+
+def find_play(noise: FreeNoise, side: Array) -> Play | None:
     """Find the joint whose play explains most beside all that may have changed; None for chance.
 
     A joint stands by half its play from where it stands coming from the other side: one more
@@ -340,32 +364,30 @@ def find_play(system: System, side: Array) -> Play | None:
 
     side : (n, dof), sign of each joint's last motion
     """
-    from scipy.special import fdtrc
-
+    system = noise.system
     side = side[thinned(len(side), len(system.log.q))]
-    noise = FreeNoise(system)
-    unknown = noise.unknown
-    reference = system.reference
-    slope = reference.structure.slope(system.log.q, reference.beta)
-    columns = unknown.whiten(-slope * side[:, None])
-    power, pull = unknown.information(noise.y, columns, noise.size)
+    columns = system.whiten(-system.slope * side[:, None])
+    products = noise.unknown.products(system.y, columns)
+    power, pull = products.information(noise.size)
+    tests = noise.tests(products, side.shape[1])
     precision = np.maximum(np.diag(power), 1e-300)
     half = pull / precision
-    moved = unknown.rest(columns, noise.size)
+    moved = noise.unknown.rest(columns, noise.size)
     by_row = np.einsum("nmd,nm->nd", moved, noise.rest)
     square = by_row.sum(axis=0) ** 2
-    most = (moved**2).sum(axis=(0, 1)) * (noise.rest**2).sum()
+    whole = (noise.rest**2).sum()
+    most = whole * (moved**2).sum(axis=(0, 1))
     # an encoder that is noisy moves the tip along the same slope, to either side
     by_chance = square / (len(by_row) * by_row.var(axis=0) + 1e-300)
     statistic = np.minimum(half * pull / noise.temper, by_chance)
-    shares = np.minimum((side > 0).mean(axis=0), (side < 0).mean(axis=0))
-    may_play = (shares > SIGNIFICANCE.least_share) & (half > 0.0)
+    above = (side > 0).mean(axis=0)
+    below = (side < 0).mean(axis=0)
+    may_play = np.minimum(above, below) > SIGNIFICANCE.least_share
+    may_play &= half > 0.0
     may_play &= square > SIGNIFICANCE.least_explained * most
     statistic *= may_play
     best = int(np.argmax(statistic))
-    freedom = max(noise.left - 1.0, 1e-3)
-    chance = len(half) * float(fdtrc(1.0, freedom, statistic[best]))
-    test = GroupTest("backlash", min(1.0, chance))
+    test = GroupTest("backlash", tests.chance(float(statistic[best]), 1.0))
     if test.score <= 1.0:
         return None
     half *= np.arange(len(half)) == best

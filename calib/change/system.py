@@ -8,7 +8,9 @@ of this log, what all rows share.  Tests and evidences are sub-blocks of the nor
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,10 +19,9 @@ from ..body.fit import Fit
 from ..body.information import lengths_of, matern
 from ..body.parameters import Indices, Prior
 from ..body.rows import Rows
-from ..body.settings import SIMULATED_FLOOR, STUDENT
+from ..body.settings import STUDENT
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
-from ..stream.monitor import affine_columns
 from .causes import changeable, creep, freedom
 from .frame import Reference
 from .settings import OUTLIER, PSEUDO, Level
@@ -34,10 +35,10 @@ class SystemSettings:
     rows: int = 300
     # of the log's own residual; more did not change a verdict on A and C
     nodes: int = 40
-    # sizes of the noise that are compared
+    # sizes of the noise that are compared, from where on, and that of an exact model
     noises: int = 64
-    # where many sets are compared: they share the noise nearly
-    coarser: int = 3
+    least: float = 1e-2
+    exact: float = 1e-3
     # variance of an axis, of that of the noise, which no test tells
     nothing: float = 1e-10
     # 12 took exact rows of a longer link for outliers
@@ -88,199 +89,202 @@ def sound_rows(
     return np.asarray(square <= OUTLIER**2 * outputs * noise)
 
 
+class System:
+    """Rows of a log beside a reference, in noises: N numbers, of n rows and m outputs.
+
+    noisy : a joint whose encoder is noisy, and its noise over that of the sensor [rad or m / size]
+    """
+
+    def __init__(
+        self, reference: Reference, log: Log, noisy: NoisyJoint | None = None
+    ) -> None:
+        structure = reference.structure
+        self.reference = reference
+        self.log = log.some(SYSTEM.rows)
+        self.noisy = noisy
+        q = self.log.q
+        self.slope = structure.slope(q, reference.beta)
+        self.predicted, columns = structure.linearise(q, reference.beta)
+        rest = structure.residual(self.log.z, self.predicted)
+        # (N, d), columns of all parameters; those of the reference stay where the system is set
+        # up again elsewhere, and with them what is unknown
+        self.first = self.whiten(columns)
+        self.x = self.first
+        self.y = self.whiten(rest)
+        self._unknown: dict[Level, Unknown] = {}
+
+    @cached_property
+    def _white(self) -> tuple[Array, float]:
+        """Roots (n, m, m) of the precision of each row, and the logarithm of their covariance."""
+        sizes = self.reference.sizes
+        rows = len(self.log.q)
+        white = np.tile(np.diag(1.0 / sizes), (rows, 1, 1))
+        if self.noisy is None:
+            return white, 0.0
+        # noise of a joint, too: I + ratio^2 g g' of a row has one eigenvalue beside 1
+        joint, ratio = self.noisy
+        g = self.slope[..., joint] / sizes
+        square = (g**2).sum(axis=1)
+        value = 1.0 + ratio**2 * square
+        g /= np.sqrt(np.maximum(square, 1e-300))[:, None]
+        less = (1.0 - 1.0 / np.sqrt(value))[:, None, None]
+        white -= less * g[:, :, None] * (g[:, None] @ white)
+        return white, float(np.log(value).sum())
+
+    @property
+    def log_determinant(self) -> float:
+        """That of the rows' noise, over the usual one."""
+        return self._white[1]
+
+    def whiten(self, x: Array) -> Array:
+        """Return residuals (n, m) or columns (n, m, k) [unit] in noises: (N,) or (N, k)."""
+        n, m = x.shape[:2]
+        flat = self._white[0] @ x.reshape(n, m, -1)
+        return np.asarray(flat.reshape(n * m, *x.shape[2:]))
+
+    def residual(self, beta: Array, free: Indices) -> tuple[Array, Array]:
+        """Residuals (n, m) [unit] at parameters (d,), and columns (N, k) of some of these."""
+        structure = self.reference.structure
+        with np.errstate(all="ignore"):
+            predicted, columns = structure.linearise(self.log.q, beta, free)
+            residual = structure.residual(self.log.z, predicted)
+        return residual, self.whiten(columns)
+
+    def again(self, at: Array) -> System:
+        """Return the same rows, linearised elsewhere; changes are told from the reference's."""
+        system = copy(self)
+        residual, system.x = self.residual(at, np.arange(len(at)))
+        system.y = self.whiten(residual)
+        system.y = system.y + system.x @ (at - self.reference.beta)
+        return system
+
+    def unknown(self, level: Level) -> Unknown:
+        """What is not known at a level of the log's own residual."""
+        if level not in self._unknown:
+            self._unknown[level] = Unknown(self, level)
+        return self._unknown[level]
+
+
+@dataclass(frozen=True)
+class Products:
+    """What tests ask of rows in noises: products of residuals y (N,) and columns x (N, k).
+
+    So much is the same whether rows are at hand or were forgotten one by one.
+    """
+
+    count: float  # N
+    square: float  # y'y
+    pull: Array  # (k,), x'y
+    power: Array  # (k, k), x'x
+    values: Array  # (r,), variances of what is unknown
+    axes_y: Array  # (r,), the residuals along its axes
+    axes_x: Array  # (r, k), the columns along them
+    log_determinant: float = 0.0  # of the rows' noise, over the usual one
+
+    @staticmethod
+    def of_gram(count: float, gram: Array, unknown: int) -> Products:
+        """Products of the gram (r + k + 1)^2 of unknown columns (r), columns and residuals."""
+        values, turns = np.linalg.eigh(gram[:unknown, :unknown])
+        some = values > SYSTEM.nothing
+        along = turns[:, some].T @ gram[:unknown, unknown:]
+        along /= np.sqrt(values[some])[:, None]
+        rest = gram[unknown:, unknown:]
+        return Products(
+            count,
+            float(rest[-1, -1]),
+            rest[:-1, -1],
+            rest[:-1, :-1],
+            values[some],
+            along[:, -1],
+            along[:, :-1],
+        )
+
+    def likelihood(self, noise: Array | float) -> Array:
+        """Log likelihood (s,) [nats] of the residuals under sizes (s,) of the noise."""
+        square = np.atleast_1d(noise)[:, None] ** 2
+        share = self.values / (square + self.values)
+        size = np.log1p(self.values / square).sum(axis=1)
+        size += self.count * np.log(square[:, 0])
+        rest = (self.square - share @ self.axes_y**2) / square[:, 0]
+        return np.asarray(-0.5 * (size + rest + self.log_determinant))
+
+    def information(self, noise: float) -> tuple[Array, Array]:
+        """Information (k, k) on the columns, whatever else is unknown, and its moments (k,)."""
+        less = self.axes_x.T * (self.values / (noise**2 + self.values))
+        power = (self.power - less @ self.axes_x) / noise**2
+        return power, (self.pull - less @ self.axes_y) / noise**2
+
+    def noises(self, least: float | None = None) -> tuple[Array, Array]:
+        """Sizes (s,) of the noise, and their log likelihood.
+
+        They are `least` at least; where that is not given the old noise counts for some rows.
+        """
+        usual = float(np.sqrt(self.square / self.count))
+        high = 2.0 * max(usual, least or 1.0)
+        sizes = np.geomspace(least or SYSTEM.least, high, SYSTEM.noises)
+        likelihood = self.likelihood(sizes)
+        if least is None:
+            likelihood -= PSEUDO * (np.log(sizes) + 0.5 / sizes**2)
+        return sizes, likelihood
+
+    def most_likely_noise(self, least: float | None = None) -> float:
+        """Size of the noise of the greatest likelihood."""
+        sizes, likelihood = self.noises(least)
+        return float(sizes[int(np.argmax(likelihood))])
+
+    def freedom(self, noise: float) -> float:
+        """Directions of the rows that tell the noise, whatever else is unknown."""
+        share = self.values / (noise**2 + self.values)
+        return self.count - float((share * (2.0 - share)).sum())
+
+
 class Unknown:
     """What no change tells of a log: principal axes (N, r) and variances (r,) in noises.
 
     crept : times the usual creep of the parameters
     freed : (d,), standard deviation by which parameters may have changed
-    noisy : a joint whose encoder is noisy, and its noise over that of the sensor [rad or m / size]
     """
 
     def __init__(
         self,
-        reference: Reference,
-        log: Log,
+        system: System,
         level: Level,
-        *,
         crept: float = 1.0,
         freed: Array | None = None,
-        noisy: NoisyJoint | None = None,
     ) -> None:
-        structure = reference.structure
-        sizes = reference.sizes
-        self.white = np.tile(np.diag(1.0 / sizes), (len(log.q), 1, 1))
-        self.log_determinant = 0.0
-        if noisy is not None:
-            self._shield(
-                structure.slope(log.q, reference.beta)[..., noisy[0]],
-                noisy[1],
-                sizes,
-            )
+        reference = system.reference
         active, root = prior_columns(reference, level.waves, crept, freed)
-        predicted, x = structure.linearise(log.q, reference.beta, active)
-        smooth = own_columns(
-            reference, log, level.residual * reference.body.kappa
+        factor = level.residual * reference.body.kappa
+        smooth = own_columns(reference, system.log, factor)
+        shared = shared_columns(reference, system.log, system.predicted)
+        parts = [
+            system.whiten(smooth),
+            system.first[:, active] @ root,
+            system.whiten(shared),
+        ]
+        self.system = system
+        self.axes, self.values = principal_axes(np.concatenate(parts, axis=1))
+
+    def products(self, y: Array, x: Array) -> Products:
+        """Products of residuals (N,) and columns (N, k)."""
+        return Products(
+            count=len(y),
+            square=float(y @ y),
+            pull=x.T @ y,
+            power=x.T @ x,
+            values=self.values,
+            axes_y=self.axes.T @ y,
+            axes_x=self.axes.T @ x,
+            log_determinant=self.system.log_determinant,
         )
-        parts = [smooth, x @ root, shared_columns(reference, log, predicted)]
-        columns = self.whiten(np.concatenate(parts, axis=2))
-        self.axes, self.values = principal_axes(columns)
-        extents = np.asarray(structure.extents)
-        self.floor = float(np.min(SIMULATED_FLOOR * extents / sizes))
-        self.usual = max(
-            float(np.min(reference.body.noise / sizes)), self.floor
-        )
-
-    def _shield(self, slope: Array, ratio: float, sizes: Array) -> None:
-        """Whiten noise of a joint, too: I + ratio^2 g g' of a row has one eigenvalue beside 1."""
-        g = slope / sizes
-        square = (g**2).sum(axis=1)
-        value = 1.0 + ratio**2 * square
-        g = g / np.sqrt(np.maximum(square, 1e-300))[:, None]
-        less = (1.0 - 1.0 / np.sqrt(value))[:, None, None]
-        self.white = self.white - less * g[:, :, None] * (
-            g[:, None] @ self.white
-        )
-        self.log_determinant = float(np.log(value).sum())
-
-    def whiten(self, x: Array) -> Array:
-        """Return residuals (n, m) or columns (n, m, k) [unit], by rows, in the noise's size."""
-        flat = self.white @ x.reshape(*x.shape[:2], -1)
-        flat = flat.reshape(flat.shape[0] * flat.shape[1], -1)
-        return np.asarray(flat[:, 0] if x.ndim == 2 else flat)
-
-    def likelihood(self, y: Array, noise: Array | float) -> Array:
-        """Log likelihood (s,) [nats] of whitened residuals (N,) under sizes (s,) of the noise."""
-        square = np.atleast_1d(noise) ** 2
-        turned = self.axes.T @ y
-        share = self.values / (square[:, None] + self.values)
-        size = len(y) * np.log(square) + np.log1p(
-            self.values / square[:, None]
-        ).sum(axis=1)
-        rest = (float(y @ y) - share @ turned**2) / square
-        return np.asarray(-0.5 * (size + rest + self.log_determinant))
-
-    def information(
-        self, y: Array, x: Array, noise: float
-    ) -> tuple[Array, Array]:
-        """Return what rows tell of columns (N, k), whatever else is unknown.
-
-        Returns the information (k, k) and its moments (k,).
-        """
-        turned = self.axes.T @ x
-        less = turned.T * (self.values / (noise**2 + self.values))
-        power = (x.T @ x - less @ turned) / noise**2
-        return power, (x.T @ y - less @ (self.axes.T @ y)) / noise**2
-
-    def noises(
-        self, y: Array, least: float | None = None
-    ) -> tuple[Array, Array]:
-        """Return sizes (s,) of the noise, and the log likelihood (s,) of residuals (N,).
-
-        They are `least` at least; where that is not given the old noise counts for some rows.
-        """
-        high = 2.0 * max(float(np.sqrt(np.mean(y**2))), least or 1.0)
-        sizes = np.geomspace(
-            least or max(self.floor, 1e-2), high, SYSTEM.noises
-        )
-        likelihood = self.likelihood(y, sizes)
-        if least is None:
-            likelihood -= PSEUDO * (np.log(sizes) + 0.5 / sizes**2)
-        return sizes, likelihood
-
-    def most_likely_noise(self, y: Array, least: float | None = None) -> float:
-        """Size of the noise of the greatest likelihood."""
-        sizes, likelihood = self.noises(y, least)
-        return float(sizes[int(np.argmax(likelihood))])
 
     def rest(self, x: Array, noise: float) -> Array:
         """Return what the unknown does not follow of residuals or columns, by rows, in noises."""
         share = self.values / (noise**2 + self.values)
-        rest = x - self.axes @ ((self.axes.T @ x).T * share).T
-        shape = (len(self.white), -1, *x.shape[1:])
-        return np.asarray(rest.reshape(shape) / noise)
-
-
-class System:
-    """Rows of a log, linearised at parameters `at`; changes are told from `reference`'s.
-
-    indices : (k,), parameters that may have changed
-    """
-
-    def __init__(
-        self,
-        reference: Reference,
-        log: Log,
-        indices: Indices,
-        *,
-        at: Array | None = None,
-        unknown: dict[Level, Unknown] | None = None,
-    ) -> None:
-        self.reference = reference
-        self.log = log.some(SYSTEM.rows)
-        self.indices = indices
-        structure = reference.structure
-        self.at = reference.beta if at is None else at
-        predicted, self.columns = structure.linearise(
-            self.log.q, self.at, indices
-        )
-        self.residual = structure.residual(self.log.z, predicted)
-        self.residual += self.columns @ (self.at - reference.beta)[indices]
-        # by level: where only the columns are linearised elsewhere they stay as they are
-        self._unknown = {} if unknown is None else unknown
-
-    def unknown(self, level: Level) -> Unknown:
-        """What is not known at a level of the log's own residual."""
-        if level not in self._unknown:
-            self._unknown[level] = Unknown(self.reference, self.log, level)
-        return self._unknown[level]
-
-    def again(self, at: Array) -> System:
-        """Return the same rows, linearised elsewhere."""
-        return System(
-            self.reference, self.log, self.indices, at=at, unknown=self._unknown
-        )
-
-
-class Information:
-    """What rows tell at one level: the evidence of any freed parameters is a sub-block.
-
-    sd : (k,), standard deviations by which the system's parameters may have changed
-    """
-
-    def __init__(self, system: System, level: Level, sd: Array) -> None:
-        unknown = system.unknown(level)
-        y = unknown.whiten(system.residual)
-        x = unknown.whiten(system.columns) * sd
-        noises, self.likelihood = (
-            part[:: SYSTEM.coarser] for part in unknown.noises(y)
-        )
-        turned = unknown.axes.T @ x
-        turned_y = unknown.axes.T @ y
-        shares = unknown.values / (noises[:, None] ** 2 + unknown.values)
-        less = np.stack([(turned.T * share) @ turned for share in shares])
-        self.power = (x.T @ x - less) / noises[:, None, None] ** 2
-        self.pull = (x.T @ y - (shares * turned_y) @ turned) / noises[
-            :, None
-        ] ** 2
-
-    def evidence(self, places: Indices, temper: float) -> tuple[float, Array]:
-        """Return the evidence of freeing parameters at places (p,) [nats], and their steps (p,).
-
-        temper : rows that count for one
-        """
-        power = self.power[:, places][:, :, places] / temper + np.eye(
-            len(places)
-        )
-        pull = self.pull[:, places] / temper
-        root = np.linalg.cholesky(power)
-        half = np.linalg.solve(root, pull[..., None])[..., 0]
-        volume = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-        evidence = (
-            self.likelihood / temper + 0.5 * (half**2).sum(axis=1) - volume
-        )
-        best = int(np.argmax(evidence))
-        step = np.linalg.solve(power[best], pull[best])
-        return float(evidence[best]), step
+        along = (self.axes.T @ x).T * share
+        rest = (x - self.axes @ along.T) / noise
+        rows = len(self.system.log.q)
+        return np.asarray(rest.reshape(rows, -1, *x.shape[1:]))
 
 
 def principal_axes(columns: Array) -> tuple[Array, Array]:
@@ -298,18 +302,27 @@ def principal_axes(columns: Array) -> tuple[Array, Array]:
 
 
 def own_columns(reference: Reference, log: Log, factor: float) -> Array:
-    """A smooth residual of one log (a Gaussian process): (n, m, p m) by its values at p rows."""
-    lengths = lengths_of(reference.body, log.q)
+    """Outputs (n, m, p m) by a smooth residual of one log, by its values at p of its rows."""
     nodes = log.q[thinned(len(log.q), SYSTEM.nodes)]
+    return smooth_columns(reference, log.q, nodes, factor)
+
+
+def smooth_columns(
+    reference: Reference, q: Array, nodes: Array, factor: float
+) -> Array:
+    """A smooth residual (a Gaussian process): (n, m, p m) by its values at joints (p, dof).
+
+    factor : its size over the usual one
+    """
+    lengths = lengths_of(reference.body, nodes)
     alike = matern(nodes, nodes, lengths)
     alike[np.diag_indices(len(alike))] += 1e-6
     features = np.linalg.solve(
-        np.linalg.cholesky(alike), matern(nodes, log.q, lengths)
+        np.linalg.cholesky(alike), matern(nodes, q, lengths)
     )
     sd = np.diag(factor * reference.own_sd)
-    return np.asarray(
-        np.einsum("kn,ij->nikj", features, sd).reshape(*log.z.shape, -1)
-    )
+    columns = np.einsum("kn,ij->nikj", features, sd)
+    return np.asarray(columns.reshape(len(q), len(sd), -1))
 
 
 def prior_columns(
@@ -329,10 +342,11 @@ def prior_columns(
         sd = np.hypot(sd, freed)
         lost = np.intersect1d(lost, np.flatnonzero(freed))
     active = np.union1d(body.active, np.flatnonzero(sd)).astype(np.intp)
-    kept = np.where(np.isin(body.active, lost)[:, None], 0.0, body.root)
+    old = body.root.copy()
+    old[np.isin(body.active, lost)] = 0.0
     covariance = np.diag(sd[active] ** 2)
     place = np.searchsorted(active, body.active)
-    covariance[np.ix_(place, place)] += body.kappa**2 * kept @ kept.T
+    covariance[np.ix_(place, place)] += body.kappa**2 * old @ old.T
     return active, root_of(covariance)
 
 
@@ -347,7 +361,9 @@ def shared_columns(reference: Reference, log: Log, predicted: Array) -> Array:
     )
 
 
-def shared_variance(reference: Reference, log: Log) -> Array:
-    """Variance (n,) of an axis [unit^2] of what all rows share: two frames, bent and shifted."""
-    columns = shared_columns(reference, log, log.z)
-    return np.asarray((columns**2).sum(axis=(1, 2)) / log.z.shape[1])
+def affine_columns(x: Array, outputs: int) -> Array:
+    """Displacements (n, m, (1 + p) m) of positions (n, p) by an affine map of their frame."""
+    n = len(x)
+    bent = np.concatenate([np.ones((n, 1)), x], axis=1)
+    moves = np.einsum("nk,ij->nikj", bent, np.eye(outputs))
+    return np.asarray(moves.reshape(n, outputs, -1))

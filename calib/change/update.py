@@ -32,16 +32,13 @@ class UpdateSettings:
     rows: int = 600
     # contiguous ones that are held out in turn, each of which tells a gain
     blocks: int = 5
-    # at most, from where the explanation ended: along the ways in which an arm without a drawing
-    # may be put together 12 ended on the way
+    # linearisations at most
     steps: int = 60
-    # nats by which a step must promise to better the fit
-    nothing_left: float = 1e-3
-    # what is left of one that does not better the fit
-    shorter: float = 0.3
-    # noises: no step goes along ways by which all rows together move less.  An arm without a
-    # drawing may be put together in many ways that look alike, along which no step is small
-    telling: float = 0.3
+    # nats (twice) that one has to gain.  Along the ways in which an arm without a drawing may be
+    # put together the fit betters by little for long, and predictions no more
+    nothing_left: float = 1.0
+    # of ever more damped steps, the share of the rows' information of each parameter that is added
+    dampings: tuple[float, ...] = (0.0, *(1e-4 * 8.0**k for k in range(8)))
 
 
 UPDATING = UpdateSettings()
@@ -70,8 +67,7 @@ def update(evidence: Evidence) -> Update:
     changed = evidence.score > 1.0
     explanation = _to_update_by(evidence)
     body, residual = _updated(explanation, evidence.data.some(UPDATING.rows))
-    rows = np.flatnonzero(evidence.sound)
-    rows = rows[thinned(len(rows), UPDATING.rows)]
+    rows = thinned(len(evidence.rows), UPDATING.rows)
     before = evidence.rows.missed[rows]
     gain = before - np.linalg.norm(residual, axis=1)
     gains = np.array(
@@ -138,19 +134,18 @@ def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
             kappa=1.0,
         )
         there = replace(reference, body=wide, beta=reference.beta + apart)
-        wider, _ = _posterior(
-            replace(
-                explanation, reference=there, beta=explanation.beta + apart
-            ),
-            log,
+        beyond = replace(
+            explanation, reference=there, beta=explanation.beta + apart
         )
+        wider = _fitted(beyond, log).posterior
         second = Second(
             wider.beta,
             wider.active,
             wider.root,
             np.maximum(noise, second.noise),
         )
-    posterior, residual = _posterior(explanation, log)
+    fit = _fitted(explanation, log)
+    posterior = fit.posterior
     body = replace(
         old,
         beta=posterior.beta,
@@ -164,7 +159,7 @@ def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
         ),
         second=second,
     )
-    return body, residual
+    return body, fit.held_out()
 
 
 class _Posterior(NamedTuple):
@@ -175,72 +170,155 @@ class _Posterior(NamedTuple):
     root: Array
 
 
-def _posterior(explanation: Explanation, log: Log) -> tuple[_Posterior, Array]:
-    """All parameters after a log, and residuals (n, m) of held-out blocks of its rows [unit].
+def _fitted(explanation: Explanation, log: Log) -> _Fit:
+    """All parameters at the maximum of their posterior under an explanation."""
+    fit = _Fit(explanation, log)
+    fit.maximise()
+    return fit
 
-    Parameters and the log's own residual are standard normals times columns.  Without the rows of
-    a block the information is a difference: no fit is needed.
+
+class _Fit:
+    """All parameters fitted to the rows of a log, beside a smooth residual of the log's own.
+
+    Parameters and the log's own residual are standard normals times columns.
     """
-    reference = explanation.reference
-    structure = reference.structure
-    level = explanation.level
-    active, prior = prior_columns(reference, level.waves, freed=explanation.sd)
-    smooth = own_columns(reference, log, level.residual)
-    size = prior.shape[1]
-    scale = np.sqrt(explanation.temper) * explanation.noise * reference.sizes
-    beta = explanation.beta
-    moved = (beta - reference.beta)[active]
-    normals = np.linalg.lstsq(prior, moved, rcond=1e-12)[0]
-    step = np.zeros(size)
-    least = np.inf
-    n, outputs = log.z.shape
-    weight = np.ones(n * outputs)  # root of that of each number
-    for _ in range(UPDATING.steps):
-        full = np.zeros(structure.size)
-        full[active] = prior @ step
-        there = structure.retract(beta, full)
-        predicted, x = structure.linearise(log.q, there, active)
-        shared = shared_columns(reference, log, predicted)
-        all_columns = np.concatenate([x @ prior, smooth, shared], axis=2)
-        all_columns = (all_columns / scale[:, None]).reshape(n * outputs, -1)
-        away = structure.residual(log.z, predicted) / scale
-        # what the log's own residual does not follow is Student's
-        own = all_columns[:, size:] * weight[:, None]
-        follows = Factor(own.T @ own + np.eye(own.shape[1]))
-        followed = follows.solve(own.T @ (weight * away.ravel()))
-        rest = away.ravel() - all_columns[:, size:] @ followed
-        square = explanation.temper * (rest.reshape(n, -1) ** 2).sum(axis=1)
+
+    def __init__(self, explanation: Explanation, log: Log) -> None:
+        reference = explanation.reference
+        level = explanation.level
+        self.reference = reference
+        self.structure = reference.structure
+        self.log = log
+        self.temper = explanation.temper
+        # [unit], of one number of each output
+        self.scale = np.sqrt(self.temper) * explanation.noise * reference.sizes
+        self.active, self.prior = prior_columns(
+            reference, level.waves, freed=explanation.sd
+        )
+        self.smooth = own_columns(reference, log, level.residual)
+        self.beta = explanation.beta
+        moved = (self.beta - reference.beta)[self.active]
+        self.normals = np.linalg.lstsq(self.prior, moved, rcond=1e-12)[0]
+        # root of that of each number (n m,), for Student noise
+        self.weight = np.ones(log.z.size)
+
+    def maximise(self) -> None:
+        """Go to the maximum of the posterior, by damped steps (Levenberg 1944, Marquardt 1963).
+
+        Attributes of its end are the weighted columns (n m, k) of all normals, the residuals
+        (n m,), the information (k, k) and the gradient (k,).
+        """
+        size = self.prior.shape[1]
+        gain = np.inf
+        for _ in range(UPDATING.steps):
+            predicted, moved = self.structure.linearise(
+                self.log.q, self.beta, self.active
+            )
+            away = self._away(predicted)
+            shared = shared_columns(self.reference, self.log, predicted)
+            own = self._flat(np.concatenate([self.smooth, shared], axis=2))
+            cost = self._learn_weights(away, own)
+            moved = self._flat(moved) * self.weight[:, None]
+            own_weighted = own * self.weight[:, None]
+            self.columns = np.hstack([moved @ self.prior, own_weighted])
+            self.residual = away * self.weight
+            self.information = self.columns.T @ self.columns
+            self.gradient = self.columns.T @ self.residual
+            # the log's own part is followed anew
+            self.gradient[:size] -= self.normals
+            if gain < UPDATING.nothing_left:
+                break
+            by_parameter = (moved**2).sum(axis=0)[:, None] * self.prior
+            stiffness = self.prior.T @ by_parameter
+            gain = self._descend(cost, own, stiffness)
+
+    def held_out(self) -> Array:
+        """Residuals (n, m) of blocks of rows that the fit leaves out in turn [unit].
+
+        Without the rows of a block the information is a difference: no fit is needed.
+        """
+        n, outputs = self.log.z.shape
+        size = self.prior.shape[1]
+        all_rows = _with_ones(self.information)
+        residual = np.empty_like(self.residual)
+        for block in np.array_split(np.arange(n), UPDATING.blocks):
+            first = block[0] * outputs
+            end = (block[-1] + 1) * outputs
+            rows = slice(first, end)
+            x = self.columns[rows]
+            y = self.residual[rows]
+            others = Factor(all_rows - x.T @ x)
+            delta = others.solve(self.gradient - x.T @ y)
+            by_parameters = x[:, :size] @ delta[:size]
+            residual[rows] = y - by_parameters
+        unit = (residual / self.weight).reshape(n, -1) * self.scale
+        return np.asarray(unit)
+
+    @property
+    def posterior(self) -> _Posterior:
+        """The belief at the maximum."""
+        size = self.prior.shape[1]
+        inverse = Factor(_with_ones(self.information)).inverse()[:size, :size]
+        root = root_of(self.prior @ inverse @ self.prior.T)
+        return _Posterior(self.beta, self.active, root)
+
+    def _descend(self, cost: float, own: Array, stiffness: Array) -> float:
+        """Move by the first of ever more damped steps that gains, and return the gain."""
+        size = len(stiffness)
+        weight = self.weight
+        normals = self.normals
+        for damping in UPDATING.dampings:
+            damped = _with_ones(self.information)
+            damped[:size, :size] += damping * stiffness
+            step = Factor(damped).solve(self.gradient)[:size]
+            self.normals = normals + step
+            full = np.zeros(self.structure.size)
+            full[self.active] = self.prior @ step
+            beta = self.structure.retract(self.beta, full)
+            with np.errstate(all="ignore"):
+                predicted = self.structure.predict(self.log.q, beta)
+                away = self._away(predicted)
+                gain = cost - self._learn_weights(away, own)
+            if gain > 0.0:
+                self.beta = beta
+                return gain
+            self.weight = weight
+        self.normals = normals
+        return 0.0
+
+    def _learn_weights(self, away: Array, own: Array) -> float:
+        """Set the weights of Student noise, and return twice the negative log posterior.
+
+        What the log's own residual does not follow is Student's.
+        """
+        n, outputs = self.log.z.shape
+        weighted = own * self.weight[:, None]
+        follows = Factor(_with_ones(weighted.T @ weighted))
+        followed = follows.solve(weighted.T @ (self.weight * away))
+        rest = (away - own @ followed).reshape(n, outputs)
+        square = self.temper * (rest**2).sum(axis=1)
         energy = (STUDENT + outputs) * np.log1p(square / STUDENT).sum()
-        cost = float(energy) / explanation.temper + float(followed @ followed)
-        cost += float(((normals + step) ** 2).sum())
-        if not cost < least:
-            step = UPDATING.shorter * step
-            continue
-        beta = there
-        normals = normals + step
-        least = cost
-        root = np.sqrt((STUDENT + outputs) / (STUDENT + square))
-        weight = np.repeat(root, outputs)
-        columns = all_columns * weight[:, None]
-        y = away.ravel() * weight
-        gram = columns.T @ columns
-        pull = columns.T @ y
-        pull[:size] -= normals  # the log's own part is followed anew
-        values, axes = np.linalg.eigh(gram)
-        telling = values > UPDATING.telling**2
-        along = axes[:, telling].T @ pull / (values[telling] + 1.0)
-        step = (axes[:, telling] @ along)[:size]
-        if float(pull[:size] @ step) < UPDATING.nothing_left:
-            break
-    gram[np.diag_indices(len(gram))] += 1.0
-    inverse = Factor(gram).inverse()[:size, :size]
-    covariance = prior @ inverse @ prior.T
-    residual = np.empty_like(y)
-    for block in np.array_split(np.arange(n), UPDATING.blocks):
-        rows = slice(block[0] * outputs, (block[-1] + 1) * outputs)
-        x = columns[rows]
-        others = Factor(gram - x.T @ x)
-        delta = others.solve(pull - x.T @ y[rows])
-        residual[rows] = y[rows] - x[:, :size] @ delta[:size]
-    posterior = _Posterior(beta, active, root_of(covariance))
-    return posterior, (residual / weight).reshape(n, -1) * scale
+        weights = (STUDENT + outputs) / (STUDENT + square)
+        roots = np.sqrt(weights)
+        self.weight = np.repeat(roots, outputs)
+        of_rows = float(energy) / self.temper
+        of_own = float(followed @ followed)
+        of_parameters = float(self.normals @ self.normals)
+        return of_rows + of_own + of_parameters
+
+    def _away(self, predicted: Array) -> Array:
+        """Residuals (n m,) of the log's rows [scales]."""
+        residual = self.structure.residual(self.log.z, predicted)
+        return np.asarray((residual / self.scale).ravel())
+
+    def _flat(self, columns: Array) -> Array:
+        """Columns (n m, k) of columns (n, m, k) [unit], in scales."""
+        scaled = columns / self.scale[:, None]
+        return np.asarray(scaled.reshape(self.log.z.size, -1))
+
+
+def _with_ones(information: Array) -> Array:
+    """Precision (k, k) of standard normals of which rows tell so much."""
+    precision = information.copy()
+    precision[np.diag_indices(len(precision))] += 1.0
+    return precision

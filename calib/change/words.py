@@ -16,7 +16,6 @@ from ..body.settings import NATS
 from ..common.arrays import Array
 from ..common.wording import for_people
 from ..model.alignment import Alignment
-from ..model.model import Model
 from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, single_causes
 from .evidence import Evidence
 from .explain import Explanation, simplest
@@ -44,30 +43,31 @@ WORDS = WordSettings()
 _WHICH = "are the same to this log: give `cause='joints'` or `cause='sensor'` if you know which"
 
 
-def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
+def causes_of(
+    evidence: Evidence, play: Play | None
+) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """Return the causes of a log, the largest first, and notes on what it cannot tell apart.
 
-    Where nothing changed, more noise is the only cause there may be.
+    Where nothing changed, more noise and a play are the only causes there may be.
     """
     drifted = evidence.score > 1.0
     if drifted and not evidence.explained:
         return (Cause("unknown", "", evidence.why_not()),), ()
     causes: list[Cause] = []
     notes: list[str] = []
+    if play is not None:
+        causes.append(_play(evidence, play))
     if drifted:
-        causes = [*evidence.reference.causes, *_of_change(evidence)]
+        changes = [*evidence.reference.causes, *_of_change(evidence)]
         if evidence.cause is None:
-            notes = _twins(evidence, causes)
-        if not causes:
+            notes = _twins(evidence, changes)
+        if not changes:
             words = (
                 "no single change of the sensor, a joint or a link explains it"
             )
-            causes.append(Cause("unknown", "", words))
-    elif evidence.tests.noisy is not None:
-        causes.append(_noisy_joint(evidence))
-    scatter = _scatter(evidence)
-    if scatter is not None:
-        causes.append(scatter)
+            changes.append(Cause("unknown", "", words))
+        causes += changes
+    causes += _noises(evidence, drifted=drifted)
     if evidence.tool.score > 1.0:
         causes.append(evidence.tool.cause)
     board = evidence.rows.model.about.options.get("board")
@@ -77,54 +77,53 @@ def causes_of(evidence: Evidence) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     return tuple(causes), tuple(notes)
 
 
-def play_cause(play: Play, model: Model) -> Cause:
+def _joint(evidence: Evidence, joint: int) -> tuple[str, str, float, str]:
+    """Name of a joint, its unit, and the factor and name of the unit that people read."""
+    about = evidence.rows.model.about
+    unit = "rad" if about.revolute[joint] else "m"
+    return about.joint_names[joint], unit, *for_people(unit)
+
+
+def _play(evidence: Evidence, play: Play) -> Cause:
     """A joint that has more play than the model knows, by all of it."""
-    name, unit, factor, shown = _joint(model, play.joint)
+    name, unit, factor, shown = _joint(evidence, play.joint)
     whole = 2.0 * float(play.half[play.joint])
     half = 2.0 * 1.96 * play.deviation
     words = (
         f"{name} has {factor * whole:.2g} ± {factor * half:.2g} {shown} of play that the model "
         "does not know: `calib train` learns it from a log that goes both ways"
     )
-    return Cause.measured(
-        f"backlash:{name}", "backlash", words, whole, half, unit
-    )
+    cause = Cause(f"backlash:{name}", "backlash", words, whole, unit=unit)
+    return cause.within(half)
 
 
-def _joint(model: Model, joint: int) -> tuple[str, str, float, str]:
-    """Name of a joint, its unit, and the factor and name of the unit that people read."""
-    unit = "rad" if model.about.revolute[joint] else "m"
-    return model.about.joint_names[joint], unit, *for_people(unit)
-
-
-def _noisy_joint(evidence: Evidence) -> Cause:
-    """A joint whose encoder, or what it drives, is noisy."""
-    assert evidence.tests.noisy is not None  # noqa: S101 - the caller looked
-    joint, sd = evidence.tests.noisy
-    name, unit, factor, shown = _joint(evidence.rows.model, joint)
-    words = (
-        f"{name} is noisy, by {factor * sd:.2g} {shown}: its encoder, or play; no calibration "
-        "mends that"
-    )
-    return Cause(f"noise:{name}", "noise", words, sd, None, unit)
-
-
-def _scatter(evidence: Evidence) -> Cause | None:
-    """A scatter that is larger than usual, where that is no chance."""
+def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
+    """A joint whose encoder is noisy, and a scatter that is larger than usual."""
     tests = evidence.tests
+    causes = []
+    if tests.noisy is not None and not drifted:
+        name, unit, factor, shown = _joint(evidence, tests.noisy[0])
+        sd = tests.noisy[1]
+        words = (
+            f"{name} is noisy, by {factor * sd:.2g} {shown}: its encoder, or play; no calibration "
+            "mends that"
+        )
+        causes.append(Cause(f"noise:{name}", "noise", words, sd, None, unit))
     noise = tests.noise
     if evidence.attributed:
         # a large change is not linear: what the best one leaves
         size = float(evidence.reference.sizes[0])
         noise = min(noise, evidence.explanations[0].noise * size)
     times = noise / tests.usual
-    if not tests.noisier or times <= NOISIER:
-        return None
-    factor, unit = for_people(evidence.unit)
-    words = f"the scatter is {factor * noise:.3g} {unit} per axis"
-    if times < WORDS.exact:
-        words += f", {times:.2g} times the usual"
-    return Cause("noise", "noise", words, noise, None, evidence.unit)
+    if tests.noisier and times > NOISIER:
+        factor, unit = for_people(evidence.unit)
+        words = f"the scatter is {factor * noise:.3g} {unit} per axis"
+        if times < WORDS.exact:
+            words += f", {times:.2g} times the usual"
+        causes.append(
+            Cause("noise", "noise", words, noise, None, evidence.unit)
+        )
+    return causes
 
 
 def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
@@ -161,25 +160,28 @@ def _of_change(evidence: Evidence) -> list[Cause]:
     probes = evidence.rows.probes
     moves = structure.linearise(probes, best.beta, best.indices)[1]
     effect = np.zeros(len(change))
-    effect[best.indices] = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
+    square = (moves**2).sum(axis=1)
+    effect[best.indices] = np.sqrt(square.mean(axis=0))
     effect *= np.abs(change)
     loud = {cause.cause for cause in evidence.reference.causes}
     causes: list[tuple[float, Cause]] = []
     for group in best.groups:
-        if group in FRAME or (group == "view.scale" and "scale" in loud):
-            continue
         indices = indices_of(structure, (group,))
         telling = indices[clear[indices]]
-        for k in telling[np.argsort(-effect[telling])].tolist():
-            part = indices if GROUPS[group].whole else np.array([k])
-            cause = _of_parameter(evidence, best, k, part)
-            causes.append((float(np.linalg.norm(effect[part])), cause))
-            if GROUPS[group].whole:  # by its largest one
-                break
+        if group in FRAME or (group == "view.scale" and "scale" in loud):
+            continue
+        if GROUPS[group].whole and len(telling):  # by its largest one
+            k = telling[np.argmax(effect[telling])]
+            moved = float(np.linalg.norm(effect[indices]))
+            causes.append((moved, _of_parameter(evidence, best, k, indices)))
+            continue
+        for k in telling:
+            cause = _of_parameter(evidence, best, k, np.array([k]))
+            causes.append((float(effect[k]), cause))
     if FRAME[0] in best.groups:
         frame = indices_of(structure, FRAME)
         moved = float(np.linalg.norm(effect[frame]))
-        if not loud.isdisjoint(("mirror", "scale")):
+        if loud & {"mirror", "scale"}:
             moved = math.inf
         if math.isinf(moved) or clear[frame].any():
             causes.append((moved, _moved_sensor(evidence, best)))
@@ -193,19 +195,20 @@ def _by_test(evidence: Evidence) -> Explanation:
     """What the most telling test says, where no explanation is clearly better than none."""
     best = evidence.explanations[0]
     structure = evidence.rows.body.structure
-    allowed = np.concatenate(
-        [*single_causes(structure, evidence.cause).values()]
-    )
+    singles = single_causes(structure, evidence.cause)
+    allowed = np.concatenate([*singles.values()])
     for test in fired(evidence.tests.groups):
-        if test.change is None or not np.isin(test.change[0], allowed).all():
+        change = test.change
+        if change is None or not np.isin(change.indices, allowed).all():
             continue
-        indices, sizes, deviations = test.change
         step = np.zeros(structure.size)
-        step[indices] = sizes
+        step[change.indices] = change.sizes
         deviation = np.zeros(structure.size)
-        deviation[indices] = deviations
+        deviation[change.indices] = change.deviations
         beta = structure.retract(evidence.prior.beta, step)
-        return replace(best, indices=indices, beta=beta, deviation=deviation)
+        return replace(
+            best, indices=change.indices, beta=beta, deviation=deviation
+        )
     return best
 
 
@@ -254,7 +257,8 @@ def _of_parameter(
     )
     kind = label.group.removeprefix("view.")
     name = f"{kind}:{label.joint}" if label.joint else kind
-    return Cause.measured(name, label.group, words, change, half, label.unit)
+    cause = Cause(name, label.group, words, change, unit=label.unit)
+    return cause.within(half)
 
 
 def _moved_sensor(evidence: Evidence, best: Explanation) -> Cause:
@@ -269,7 +273,8 @@ def _moved_sensor(evidence: Evidence, best: Explanation) -> Cause:
     words = f"the sensor's frame moved: {moved.words(evidence.unit)}"
     if half > WORDS.vague:
         words += f" (the turn to ± {math.degrees(half):.2g} deg)"
-    return Cause.measured("sensor", "view.rotation", words, value, half, "rad")
+    cause = Cause("sensor", "view.rotation", words, value, unit="rad")
+    return cause.within(half)
 
 
 def frame_between(evidence: Evidence, beta: Array) -> Alignment:
@@ -292,22 +297,23 @@ def _twins(evidence: Evidence, causes: list[Cause]) -> list[str]:
     by_name = {cause.cause: cause for cause in causes}
     offset = by_name.get(f"offset:{first}")
     sensor = by_name.get("sensor")
+    twin = None
+    if not about.revolute[0] or "mirror" in by_name:
+        offset = None
+    elif offset is not None and sensor is None:
+        turn = math.degrees(offset.value or 0.0)
+        words = f"or the sensor turned by {turn:.3g} deg about {first}"
+        twin = replace(
+            offset, cause="sensor", group="view.rotation", words=words
+        )
+    elif offset is None and sensor is not None:
+        offset = twin = _as_offset(evidence, sensor, first)
+    if twin is not None:
+        causes.append(twin)
     notes: list[str] = []
-    if about.revolute[0] and "mirror" not in by_name:
-        if offset is not None and sensor is None:
-            turn = math.degrees(offset.value or 0.0)
-            words = f"or the sensor turned by {turn:.3g} deg about {first}"
-            twin = replace(
-                offset, cause="sensor", group="view.rotation", words=words
-            )
-            causes.append(twin)
-        elif offset is None and sensor is not None:
-            offset = _as_offset(evidence, sensor, first)
-            if offset is not None:
-                causes.append(offset)
-        if offset is not None:
-            turned = "an offset of the first joint and a turn of the sensor about its axis"
-            notes.append(f"{turned} {_WHICH}")
+    if offset is not None:
+        turned = "an offset of the first joint and a turn of the sensor about its axis"
+        notes.append(f"{turned} {_WHICH}")
     lengths = {f"length:{name}" for name in about.joint_names}
     scale = by_name.get("scale")
     scaled = scale is not None and scale.interval is not None
@@ -342,5 +348,5 @@ def _as_offset(evidence: Evidence, sensor: Cause, first: str) -> Cause | None:
         return None
     words = f"or {first} is off by {math.degrees(value):.3g} deg"
     half = float(np.ptp(sensor.interval or (0.0,))) / 2
-    name = f"offset:{first}"
-    return Cause.measured(name, "offset", words, value, half, "rad")
+    cause = Cause(f"offset:{first}", "offset", words, value, unit="rad")
+    return cause.within(half)

@@ -1,7 +1,5 @@
 """Arrays: types that signatures name, shapes that files check, and views that refuse a change."""
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 import numpy as np

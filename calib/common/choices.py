@@ -3,8 +3,6 @@
 Plain texts without any import, so that `calib --help` loads nothing that is heavy.
 """
 
-from __future__ import annotations
-
 from typing import Literal, get_args
 
 # networks: `calib.maps.density.gain_of` has the gain that each trains with

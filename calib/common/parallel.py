@@ -1,7 +1,5 @@
 """Two tasks, on two cores or in turn, and matrices on one."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future

@@ -1,7 +1,5 @@
 """Robust regression: linear least squares that a few wrong detections cannot move."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .arrays import Array
@@ -15,7 +13,7 @@ def solve_least_squares(features: Array, x: Array) -> Array:
     size = np.linalg.norm(features, axis=0)
     size = np.where(size > 0, size, 1.0)
     coefficients = np.linalg.lstsq(features / size, x, rcond=1e-9)[0]
-    return np.asarray(coefficients / size[:, None])
+    return coefficients / size[:, None]
 
 
 def robust_solve(

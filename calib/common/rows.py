@@ -4,8 +4,6 @@ Use it wherever a function takes joint values or positions: a table whose column
 another order would otherwise be read in the wrong order without a word.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Wording: names, choices and units as people read them, messages of one short line, pages."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable

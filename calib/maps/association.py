@@ -78,7 +78,7 @@ class Association:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write both maps and their links into one file, which `calib.load_maps` reads."""
-        from ..model_file.maps_file import save_maps
+        from ..model_file.container import save_maps
 
         save_maps(self, path)
 
@@ -209,7 +209,7 @@ class Association:
 
     @cached_property
     def _weighted(self) -> Array:
-        return np.asarray(self.links @ self.sensory.units)
+        return self.links @ self.sensory.units
 
     @cached_property
     def _strongest_partner(self) -> Index:

@@ -4,8 +4,6 @@ g is 1 at the start, so that the map orders itself.  The batch rule goes to the 
 eq. 2 with it, where each node is the mean of all samples weighted by g h.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -105,7 +103,7 @@ def error(visit: Visit) -> Array:
     mean = float(square.mean())
     if mean == 0.0:
         return np.ones(len(square))
-    return np.asarray((square / mean + 1e-6) ** visit.progress)
+    return (square / mean + 1e-6) ** visit.progress
 
 
 def rho(visit: Visit) -> Array:
@@ -139,7 +137,7 @@ def residual(visit: Visit) -> Array:
         DENSITY.least_residual,
         DENSITY.most_residual,
     )
-    return np.asarray(gain * share ** min(1.0, visit.progress / DENSITY.full))
+    return gain * share ** min(1.0, visit.progress / DENSITY.full)
 
 
 def checked_gain(gain: Gain) -> Gain:

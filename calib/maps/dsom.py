@@ -1,7 +1,5 @@
 """Dynamic map (DSOM): Rougier and Boniface, Neurocomputing 74, 2011."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -4,8 +4,6 @@ With blocks of one sample :func:`present_gng` is the source's algorithm to the l
 longer block, of at most a tenth of the nodes, the winners are those at its start.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 

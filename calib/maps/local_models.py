@@ -1,7 +1,5 @@
 """Local models: motor nodes keep a polynomial of what the smooth part leaves over."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 from functools import lru_cache
@@ -191,9 +189,8 @@ def contributions(models: LocalModels, index: Index, gap: Array) -> Array:
     """What the models of the nodes `index` (n, m) say at the offsets `gap` (n, m, d), (n, m, o)."""
     z = gap / models.radius[index][..., None]
     products = monomials(z, exponents(gap.shape[-1], models.degree))
-    return np.asarray(
-        np.einsum("nmt,nmto->nmo", products, models.coefficients[index])
-    )
+    coefficients = models.coefficients[index]
+    return np.asarray(np.einsum("nmt,nmto->nmo", products, coefficients))
 
 
 def predict(

@@ -56,7 +56,7 @@ class Map:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the map into a file, which `calib.load_maps` reads."""
-        from ..model_file.maps_file import save_maps
+        from ..model_file.container import save_maps
 
         save_maps(self, path)
 

@@ -3,8 +3,6 @@
 Folds are contiguous: neighbouring rows of a real log can be near-repeats.  Figures: docs/maps.md.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import comb
 

@@ -1,7 +1,5 @@
 """Expected error: a bound that holds for 95 % of the queries, learned from held-out errors."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """The predictor: a smooth part of all joints plus local models on the motor map's nodes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

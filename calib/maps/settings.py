@@ -1,7 +1,5 @@
 """Settings of the maps: every number that was tuned, with its unit and its reason."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 
@@ -103,7 +101,6 @@ class GrowingSettings:
 class LocalSettings:
     """Local models of the motor nodes (`local_models.py`)."""
 
-    most_degree: int = 5  # of a local model
     # share of the weight at which speaking nodes are not heard
     silent: float = 0.3
     full: float = 0.5  # share of the weight at which they are heard in full

@@ -1,7 +1,5 @@
 """Networks that are still to be trained: one entry for all kinds and both rules."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 

@@ -238,7 +238,7 @@ class VDSOM:
             if self.wiring.local
             else np.array([network.spacing])
         )
-        return np.asarray((self.wiring.bandwidth * spacing) ** 2)
+        return (self.wiring.bandwidth * spacing) ** 2
 
 
 def _no_links(motor_nodes: int, sensory_nodes: int) -> NDArray[np.float32]:

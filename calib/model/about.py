@@ -1,19 +1,31 @@
-"""About a model: what it is a model of, how it was made, and what it keeps of its log."""
+"""About a model: what it is a model of, how it was made, what it keeps of its log; in words."""
 
 from __future__ import annotations
 
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array, ReadOnly, Shape
+from ..common.choices import READOUTS
+from ..common.wording import for_people, sized, unit_of_joint, vector
 from ..errors import ModelError
 from ..samples.samples import Samples
+from ..samples.tables import Document
+
+if TYPE_CHECKING:
+    from ..arm.arm import Arm
+
+STATISTICS = ("mean", "p99", "max")
+Errors = Mapping[str, Mapping[str, Mapping[str, Document]]]
+"""Statistics by readout, direction and quantity, as a model keeps them."""
+_ErrorRow = dict[str, dict[str, float]]
+"""Statistics of one quantity, by readout."""
 
 # bytes of a photo, and the first of a JPEG
 _LARGEST = 3_000_000
@@ -45,15 +57,11 @@ class About(ReadOnly):
     source: str  # "simulation" or "log"
     samples: int  # number of training samples
     seed: int
-    options: Mapping[
-        str, Any
-    ]  # "map", "rule", "epochs", "sigma" of the training
-    simulation: (
-        Mapping[str, Any] | None
-    )  # noise and changes of the simulated arm
+    options: Document  # "map", "rule", "epochs", "sigma" of the training
+    simulation: Document | None  # noise and changes of the simulated arm
     urdf: str  # the URDF's own text ("" without one)
     # errors per readout as ``calib evaluate --json`` prints them
-    errors: Mapping[str, Any] = field(default_factory=dict)
+    errors: Document = field(default_factory=dict)
     # "p95" and "covered" of the answers' distances, see `calib.Evaluation.within`
     within: Mapping[str, float] = field(default_factory=dict)
     tested: int = 0  # samples behind those errors
@@ -162,3 +170,90 @@ class MeasuredRows(ReadOnly):
         every = -(-len(q) // MOST_ROWS)
         errors = None if held_out is None else held_out[::every].copy()
         return MeasuredRows(q[::every].copy(), x[::every].copy(), errors)
+
+
+def facts(
+    about: About, size_in_words: str, *, degrees: bool = True
+) -> dict[str, str]:
+    """Return names and values; ranges of joints that turn in degrees or in rad."""
+    options = about.options
+    words = {"robot": about.robot or "none, learned from a log alone"}
+    for k, name in enumerate(about.joint_names):
+        words[f"joint {name}"] = learned_range(about, k, degrees=degrees)
+    if about.tip:
+        words["tip"] = about.tip
+    if about.locked:
+        places = [f"{name}={value:.6g}" for name, value in about.locked.items()]
+        words["locked"] = ", ".join(places)
+    if about.plane:
+        axes = [
+            f"{name} {vector(about.plane[name])}"
+            for name in ("origin", "x", "y")
+        ]
+        words["plane"] = ", ".join(axes)
+    words |= {
+        "positions in": about.unit,
+        "learned from": _source(about),
+        "maps": f"{options['map']}, {options['rule']} rule, {size_in_words}",
+        "expected error": f"95 % bound on the distance to the {about.bound_of}",
+        "model error": (
+            "95 % bound on the distance to the true position in the sensor's frame"
+        ),
+    }
+    if about.source == "log":
+        words["bounds hold"] = (
+            "in the session of the log: see an evaluation with `frame='free'`"
+        )
+    return words
+
+
+def learned_range(about: About | Arm, k: int, *, degrees: bool) -> str:
+    """Return the learned range of joint `k` in words."""
+    factor, unit = unit_of_joint(about.revolute[k], degrees)
+    return (
+        f"{about.lower[k] * factor:.6g} to {about.upper[k] * factor:.6g} {unit}"
+    )
+
+
+def shown_errors(
+    about: About, errors: Errors
+) -> Iterator[tuple[str, str, str, _ErrorRow]]:
+    """Yield direction, name and unit of each error with its statistics in that unit, by readout.
+
+    The best readout comes first; NaN stands for what could not be measured.
+    """
+    readouts = [readout for readout in READOUTS if readout in errors]
+    joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
+    for direction, units in (
+        ("forward", {"orientation": "rad"}),
+        ("inverse", joints),
+    ):
+        for name in errors[readouts[0]][direction]:
+            factor, unit = for_people(units.get(name, about.unit))
+            statistics: _ErrorRow = {}
+            for readout in readouts:
+                error = errors[readout][direction].get(name)
+                if error is not None:
+                    statistics[readout] = _in_unit(error, factor)
+            yield direction, name, unit, statistics
+
+
+def _in_unit(error: Document, factor: float) -> dict[str, float]:
+    """Return statistics in another unit, NaN for what could not be measured."""
+    return {
+        name: math.nan if error[name] is None else factor * error[name]
+        for name in STATISTICS
+    }
+
+
+def _source(about: About) -> str:
+    kind = "simulated samples" if about.simulation else "rows of a log"
+    words = [f"{about.samples} {kind}", f"seed {about.seed}"]
+    if about.simulation:
+        noise = about.simulation.get("noise") or 0.0
+        if noise:
+            words.append(f"sensor noise {sized(noise, about.unit)}")
+        else:
+            words.append("no noise")
+        words += map(str, about.simulation.get("changes", ()))
+    return ", ".join(words)

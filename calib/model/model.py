@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, ClassVar, NoReturn
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..common.rows import checked_rows, number_rows
-from ..errors import OptionError
-from ..kernel.compiled import NOTHING, Compiled
+from ..kernel.compiled import CERTAIN, NOTHING
 from ..samples.motion import Motion
 from . import answers, batches
 from .answers import Answer, Path
-from .header import compiled_of
-from .parts import MOST_SHARE, BoundName, Parts
+from .compilable import Compilable
+from .parts import MOST_SHARE, BoundName, with_arm_of
 from .prediction import predict
-from .sensors import with_arm_of
 
 if TYPE_CHECKING:
     import os
@@ -39,18 +36,13 @@ FUNCTIONS = [
 ]
 """What is done with a model, rather than asked of it, is a function of the package."""
 
-_UNSURE = "the bound on the position may be too wide here: ask without strict"
-_UNREACHED = "no joints were found from `near` on within a bounded search"
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Model(Parts):
+class Model(Compilable):
     """A calibrated arm: its parts, see :class:`calib.model.parts.Parts`, and what it answers.
 
     Queries take single vectors as well as batches, with one row each.
     """
-
-    strict: ClassVar[bool] = False  # as of `warm_up`
 
     if not TYPE_CHECKING:  # which would take every attribute for one
 
@@ -79,89 +71,27 @@ class Model(Parts):
         if isinstance(parts, Model):
             return parts
         if sensor not in self.remembered:
-            values = {
-                field.name: getattr(parts, field.name)
-                for field in fields(Parts)
-            }
-            self.remembered[sensor] = Model(**values)
+            self.remembered[sensor] = Model(**parts.values())
         model: Model = self.remembered[sensor]
         return model
 
     def with_sensor(self, adapted: Model) -> Model:
         """Return the model with one of its sensors adapted, and that one's arm as all see it."""
-        several = [
+        first, *others = (
             with_arm_of(parts, adapted) for parts in (self, *self.others)
-        ]
-        first = {
-            field.name: getattr(several[0], field.name)
-            for field in fields(Parts)
-        }
-        return Model(**{**first, "others": tuple(several[1:])})
-
-    def warm_up(self, *, strict: bool = False) -> str:
-        """Make queries fast: compile the model's own C, where a C compiler is found.
-
-        Returns a sentence that says what queries are answered by from now on: by compiled C, or by
-        the batch in NumPy, and why.  Answers are the same.  Nothing but large batches is compiled
-        without this, and nothing with the environment variable ``CALIB_NO_CC=1``.
-
-        strict : for control loops: a single query that the compiled C cannot answer is NaN within
-            a millisecond, and `unanswered` says why, instead of a search by NumPy.  Raises
-            OptionError where nothing can be compiled.
-        """
-        kernel, sentence = compiled_of(self)
-        if strict and kernel is None:
-            raise OptionError(f"strict=True: {sentence}", parameter="strict")
-        object.__setattr__(self, "kernel", kernel)
-        object.__setattr__(self, "strict", strict)
-        if kernel is None:  # what NumPy makes once
-            self.solve(self.sensory.weights[:1])
-        return sentence
-
-    @property
-    def warm(self) -> bool:
-        """Whether compiled C answers; a model that was pickled has to warm up again."""
-        return self.kernel is not None
-
-    @property
-    def unanswered(self) -> str | None:
-        """Why this thread's last single query of a strict model was NaN, None if it was not."""
-        return None if self.kernel is None else self.kernel.reason
-
-    def __setstate__(self, state: Mapping[str, object]) -> None:
-        """Unpickle; a strict model warms up again, others have to be told to."""
-        for name, value in state.items():
-            object.__setattr__(self, name, value)
-        if self.strict:
-            self.warm_up(strict=True)
-
-    def _joints(self, q: ArrayLike) -> tuple[Array, bool]:
-        return number_rows(q, self.about.joint_names, "joint values")
+        )
+        return Model(**{**first.values(), "others": tuple(others)})
 
     def _motion(
         self, q: ArrayLike, approach: ArrayLike | None = None
     ) -> tuple[Motion, bool]:
         """The motion that is asked for, and whether it is a single row."""
-        rows, single = self._joints(q)
+        names = self.about.joint_names
+        rows, single = number_rows(q, names, "joint values")
         if approach is None:
             return Motion(rows), single
-        names = self.about.joint_names
         side = np.sign(answers.rows_for(approach, names, "approach", len(rows)))
-        return Motion(rows, side), single
-
-    def _single(
-        self, kind: str, joints: ArrayLike, *others: ArrayLike
-    ) -> Array | None:
-        """What the compiled C answers to one row; None where the batch has to."""
-        if self.kernel is None:
-            return None
-        answer = self.kernel.ask(kind, joints, *others)
-        if answer is None:
-            return None
-        value, sure = answer
-        if sure or self.everywhere:
-            return value
-        return self.kernel.refused(value, _UNSURE) if self.strict else None
+        return Motion(rows, side=side), single
 
     def forward(
         self,
@@ -193,12 +123,8 @@ class Model(Parts):
         """
         if sensor:
             return self.by(sensor).forward(q, readout, approach=approach)
-        if (
-            self.kernel is not None
-            and readout in (None, "local")
-            and approach is None
-        ):
-            quick = self._single("forward", q)
+        if readout in (None, "local") and approach is None:
+            quick = self._single_at("forward", q)
             if quick is not None:
                 return quick
         readout = self._readout(readout)
@@ -226,12 +152,12 @@ class Model(Parts):
         readout : {"local", "body", "linear", "activity", "winner"}, the model's default if None
         nearest : whether the nearest reachable point answers a target out of reach instead of NaN
         """
-        if (
-            self.kernel is not None
-            and readout in (None, "local")
-            and near is not None
-        ):
-            quick = self._single_inverse(self.kernel, x, near, nearest=nearest)
+        wish = near
+        if near is None and self.strict and np.ndim(x) == 1:
+            wish = self._middle
+        if readout in (None, "local") and wish is not None:
+            unsure = (0, NOTHING) if nearest else (0,)
+            quick = self._single("inverse", wish, x, unsure=unsure)
             if quick is not None:
                 return quick
         readout = self._readout(readout)
@@ -246,18 +172,10 @@ class Model(Parts):
             q = np.where(answer.reachable[:, None], q, np.nan)
         return q[0] if np.ndim(x) == 1 else q
 
-    def _single_inverse(
-        self, kernel: Compiled, x: ArrayLike, near: ArrayLike, *, nearest: bool
-    ) -> Array | None:
-        answer = kernel.ask("inverse", near, x)
-        if answer is None:
-            return None
-        q, sure = answer
-        if nearest and sure == NOTHING:
-            sure = 0
-        if sure:
-            return q
-        return kernel.refused(q, _UNREACHED) if self.strict else None
+    @property
+    def _middle(self) -> Array:
+        """The middle of the joints' ranges, (dof,)."""
+        return 0.5 * (self.about.lower + self.about.upper)
 
     def solve(
         self,
@@ -284,9 +202,10 @@ class Model(Parts):
         A target out of reach has one answer, the nearest attainable point.
         """
         rows, _ = checked_rows(x, self.axes, "positions")
-        target, u, _ = self.solver.solve_all(answers.in_sight(self, rows))
-        every = answers.answer(self, u, rows[target])
-        edges = np.searchsorted(target, np.arange(len(rows) + 1)).tolist()
+        ways = self.solver.solve_all(answers.in_sight(self, rows))
+        every = answers.answer(self, ways.u, rows[ways.target])
+        numbers = np.arange(len(rows) + 1)
+        edges = np.searchsorted(ways.target, numbers).tolist()
         return [
             Answer._make(part[a:b] for part in every)
             for a, b in itertools.pairwise(edges)
@@ -333,7 +252,7 @@ class Model(Parts):
     ) -> Array:
         """Bound (n,) or a number, by what answers fastest."""
         if approach is None:
-            quick = self._single(which, q)
+            quick = self._single_at(which, q)
             if quick is not None:
                 return quick
         motion, single = self._motion(q, approach)
@@ -346,7 +265,7 @@ class Model(Parts):
 
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
-        rows, _ = self._joints(q)
+        rows = self._motion(q)[0].q
         about = self.about
         if bool(self.covers(rows)[0]):
             return None
@@ -398,7 +317,7 @@ class Model(Parts):
         """
         from .poses import solve_poses
 
-        if self.kernel is not None and quaternion is not None:
+        if self.kernel is not None and np.ndim(position) == 1:
             quick = self._single_pose(position, quaternion, near, frame, free)
             if quick is not None:
                 return quick
@@ -417,7 +336,7 @@ class Model(Parts):
     def _single_pose(
         self,
         position: ArrayLike,
-        quaternion: ArrayLike,
+        quaternion: ArrayLike | None,
         near: ArrayLike | None,
         frame: str,
         free: str | None,
@@ -426,30 +345,36 @@ class Model(Parts):
         from .poses import free_axis, pose_in_sensor
 
         kernel = self.kernel
-        if kernel is None or not kernel.poses or np.ndim(position) != 1:
+        if kernel is None or not kernel.poses:
             return None
+        turn = (0.0, 0.0, 0.0, 1.0) if quaternion is None else quaternion
         if frame == "base":
-            position, quaternion = pose_in_sensor(self, position, quaternion)
+            position, turn = pose_in_sensor(self, position, turn)
         if near is None:
-            near = 0.5 * (self.about.lower + self.about.upper)
+            near = self._middle
+        if quaternion is None:
+            if not self.strict:
+                return None
+            return self._single("inverse", near, position)
         axis = free_axis(free)
         open_axis = [-1 if axis is None else axis]
-        answer = kernel.ask(
-            "poses", near, position, quaternion, open_axis, [-1]
+        others = {0, 1, 2, 3} - {CERTAIN}
+        return self._single(
+            "poses",
+            near,
+            position,
+            turn,
+            open_axis,
+            [-1],
+            unsure=(0,) if self.strict else others,
         )
-        if answer is None:
-            return None
-        q, sure = answer
-        if sure == 1 or (sure and self.strict):
-            return q
-        return kernel.refused(q, _UNREACHED) if self.strict else None
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivative (n, m, dof), (m, dof) of :meth:`forward` by the joint values [unit/rad].
 
         NaN where there is no position.
         """
-        quick = self._single("jacobian", q)
+        quick = self._single_at("jacobian", q)
         if quick is not None:
             return quick
         motion, single = self._motion(q)
@@ -466,7 +391,7 @@ class Model(Parts):
         from .space import Space
 
         if self.kernel is not None and self.kernel.poses:
-            quick = self._single("pose", q)
+            quick = self._single_at("pose", q)
             if quick is not None:
                 return quick[:3], quick[3:]
         motion, single = self._motion(q)

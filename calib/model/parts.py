@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -25,6 +24,7 @@ from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map
 from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import BodyInBox, Predictor
+from ..samples.tables import Document
 from .about import About, MeasuredRows, Photo
 from .baseline import Baseline, Seen
 
@@ -67,7 +67,7 @@ class Parts:
     # measured rows that are kept with the model of a log
     rows: MeasuredRows | None = None
     # earlier states of this model: trained, adapted, with their errors
-    history: tuple[Mapping[str, Any], ...] = ()
+    history: tuple[Document, ...] = ()
     # what an undisturbed arm's distortions look like
     baseline: Baseline | None = None
     # how long the steps of its training took
@@ -91,6 +91,10 @@ class Parts:
         ):  # one answer is enough
             object.__setattr__(self, "model_bounds", self.bounds)
 
+    def values(self) -> dict[str, Any]:
+        """What each field holds, by name."""
+        return {part.name: getattr(self, part.name) for part in fields(Parts)}
+
     def __getstate__(self) -> dict[str, object]:
         """What was compiled for single queries stays behind when a model is pickled."""
         left_behind = ("kernel", "remembered")
@@ -101,19 +105,12 @@ class Parts:
         }
 
     def __repr__(self) -> str:
-        """Say in three lines what it is a model of, what it has learned and how well."""
+        """Say in a line what it is a model of and what it has learned."""
         about = self.about
-        errors = about.errors.get(self.default_readout, {}).get("forward", {})
-        mean = errors.get("distance", {}).get("mean")
-        error = "unknown" if mean is None else f"{mean:.3g} {about.unit}"
         title = (
             f"Model of {about.robot or 'a log'}: {', '.join(about.joint_names)}"
         )
-        return (
-            f"{one_line(title)}\n"
-            f"  {about.samples:,} samples ({about.source}), maps: {self.size_in_words}\n"
-            f"  mean error {error}, {len(self.history)} earlier states"
-        )
+        return f"{one_line(title)}; {about.samples:,} samples, {self.size_in_words}"
 
     @property
     def size_in_words(self) -> str:
@@ -336,3 +333,46 @@ class Parts:
         if name is None or name == self.default_readout:
             return "local"
         return name
+
+
+def with_arm_of(parts: Parts, adapted: Parts) -> Parts:
+    """Return one sensor's parts with the arm of another one's adapted model.
+
+    The parts of the sensor that was adapted are the adapted model's.
+    """
+    if parts.about.sensor == adapted.about.sensor:
+        return replace(adapted, others=())
+    alone = replace(parts, others=())
+    before = parts.body
+    after = adapted.body
+    if before is None or after is None or not _same_layout(before, after):
+        return alone
+    second = after.second
+    if second is not None:
+        noise = before.noise if before.second is None else before.second.noise
+        second = replace(second, noise=noise)
+    body = replace(
+        before,
+        beta=after.beta,
+        active=after.active,
+        root=after.root,
+        scales=after.scales,
+        second=second,
+    )
+    nodes = parts.motor.scale.from_unit(np.clip(parts.motor.units, 0.0, 1.0))
+    return replace(
+        alone,
+        body=body,
+        bounds=np.maximum(parts.bounds, body.bound(nodes)),
+        model_bounds=np.maximum(
+            parts.model_bounds, body.bound(nodes, noise=False)
+        ),
+        history=adapted.history,
+        approach=adapted.approach,
+    )
+
+
+def _same_layout(body: Body, other: Body) -> bool:
+    """Whether two bodies have the same parameters in the same order."""
+    names = [label.name for label in body.structure.labels]
+    return names == [label.name for label in other.structure.labels]

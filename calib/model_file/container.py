@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 
+from ..common.atomic import atomic_write
 from ..errors import ModelError
-from .fields import Tensors
+from .fields import Tensors, write
 
+MAPS_VERSION = 1  # of files of maps
 _KEY = "calib"
 
 
@@ -72,3 +75,13 @@ def _checksum(tensors: Tensors, header: Mapping[str, object]) -> str:
     # a text may hold a lone surrogate, which UTF-8 alone refuses
     digest.update(_canonical(rest).encode("utf-8", "surrogatepass"))
     return digest.hexdigest()
+
+
+def save_maps(maps: object, path: str | os.PathLike[str]) -> None:
+    """Write a map or an association into one file, whole or not at all."""
+    header, tensors = write(maps, type(maps), {})
+    kind = type(maps).__name__.lower()
+    atomic_write(
+        path,
+        pack({"maps": header, "kind": kind, "format": MAPS_VERSION}, tensors),
+    )

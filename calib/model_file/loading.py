@@ -6,14 +6,13 @@ import os
 import stat
 from pathlib import Path
 
-from ..errors import CalibError, ModelError
+from ..errors import ModelError
 from ..maps.association import Association
 from ..maps.map import Map
 from ..model.model import Model
-from .container import check_sum, unpack
+from .container import MAPS_VERSION, check_sum, unpack
 from .fields import read
-from .maps_file import MAPS_VERSION
-from .storage import parts_of
+from .storage import NONSENSE, parts_of
 
 _LARGEST = 2_000_000_000  # bytes
 
@@ -64,13 +63,7 @@ def load_maps(path: str | os.PathLike[str]) -> Map | Association:
     check_sum(header, tensors, name)
     try:
         maps: Map | Association = read(kind, header["maps"], tensors, {})
-    except (
-        CalibError,
-        ArithmeticError,
-        LookupError,
-        TypeError,
-        ValueError,
-    ) as error:
+    except NONSENSE as error:
         reason = " ".join(str(error).split())[:120]
         raise ModelError(f"{name}: not complete ({reason})") from error
     return maps

@@ -22,7 +22,7 @@ from .fields import Kinds, Tensors, read, write
 VERSION = 8  # of the format, as ``docs/format.md`` describes it
 KINDS: Kinds = {Structure: (PlanarStructure, SpatialStructure)}
 # what building a model from a description without sense raises
-_NONSENSE = (
+NONSENSE = (
     CalibError,
     ArithmeticError,
     AttributeError,
@@ -106,7 +106,7 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
         _check(model)
         for other in model.others:
             _check(other)
-    except _NONSENSE as error:
+    except NONSENSE as error:
         reason = " ".join(str(error).split())[:120]
         raise ModelError(
             f"{name}: not a complete model ({reason}), train it again"

@@ -105,10 +105,7 @@ def _error(model: Model, q: Array, x: Array, readout: str) -> dict[str, float]:
 @lru_cache(maxsize=2)
 def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
     """Both changes: figures, and the curves along the stream."""
-    changes = {
-        name: f"{setting.joints[1]}.length={by}"
-        for name, by in _CHANGES.items()
-    }
+    changes = {name: f"elbow.length={by}" for name, by in _CHANGES.items()}
     episodes = {
         name: _episode(setting, change) for name, change in changes.items()
     }
@@ -133,15 +130,11 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
             summary.append(cells)
         for s in e.steps:
             threshold = s.threshold if np.isfinite(s.threshold) else None
-            told = (
-                s.samples,
-                s.zeta_motor,
-                s.zeta_sensory,
-                threshold,
-                1e3 * s.error,
-            )
             curves.append(
-                [name, *told, s.sigma, s.eta, s.beta, float(s.adapting)]
+                [
+                    *(name, s.samples, s.zeta_motor, s.zeta_sensory, threshold),
+                    *(1e3 * s.error, s.sigma, s.eta, s.beta, float(s.adapting)),
+                ]
             )
     header = ["change", "state", "zeta"]
     header += [

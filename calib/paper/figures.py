@@ -39,7 +39,6 @@ def lattice_figure(setting: Setting, path: Path) -> None:
     count = 5_000 if setting.quick else 60_000
     q = simulation.draw(count, np.random.default_rng(seed + 5))
     x = simulation.exact(q)
-    first, second = setting.joints
     tops: list[float] = []
     for k, network in enumerate(NETWORKS):
         setting.report(0.5 * k, f"lattices of the {network}")
@@ -70,8 +69,8 @@ def lattice_figure(setting: Setting, path: Path) -> None:
             "forward error [mm]",
         )
         ax.set(
-            xlabel=f"{first} [deg]",
-            ylabel=f"{second} [deg]",
+            xlabel="shoulder [deg]",
+            ylabel="elbow [deg]",
         )
         ax.set_title(f"{network.upper()}, motor map")
         ax = figure.add_subplot(

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from ..arm.arm import PlanarArm
+from ..arm.arm import Arm
 from ..arm.loading import load_arm
 from ..common.arrays import Array
-from ..errors import OptionError
 from ..samples.samples import Samples, babble
 
 _Report = Callable[[float, str], None]
@@ -43,66 +42,21 @@ class Setting:
     # small lattices and few samples, to see that everything runs
     quick: bool = False
     report: _Report = _no_report
-    robot: str = ROBOT  # a bundled robot or a URDF with two joints that turn
-    # which two of its joints, where it has more
-    named: tuple[str, ...] | None = None
 
     @staticmethod
     def of(
-        seed: int = 0,
-        *,
-        quick: bool = False,
-        robot: str = ROBOT,
-        named: Sequence[str] | None = None,
-        report: _Report = _no_report,
+        seed: int = 0, *, quick: bool = False, report: _Report = _no_report
     ) -> Setting:
-        """The paper's setting, or a small one; the seeds start at `seed`.
-
-        Raises OptionError if the robot has not two joints that turn in a plane.
-        """
-        setting = Setting(
-            seeds=tuple(range(seed, seed + 5)),
-            report=report,
-            robot=robot,
-            named=None if named is None else tuple(named),
-        )
+        """The paper's setting, or a small one; the seeds start at `seed`."""
+        seeds = tuple(range(seed, seed + 5))
         if quick:
-            setting = replace(
-                setting,
-                side=12,
-                sides=(8, 12),
-                samples=1500,
-                seeds=(seed, seed + 1),
-                quick=True,
-            )
-        _ = setting.joints  # an arm that does not fit is told here
-        return setting
-
-    @property
-    def printed(self) -> bool:
-        """Whether the paper's figures stand beside these: for its arm and its lattices."""
-        return not self.quick and self.robot == ROBOT
+            return Setting(12, (8, 12), 1500, seeds[:2], quick, report)
+        return Setting(seeds=seeds, report=report)
 
     @cached_property
-    def arm(self) -> PlanarArm:
+    def arm(self) -> Arm:
         """The arm."""
-        arm = load_arm(self.robot, joints=self.named)
-        if (
-            not isinstance(arm, PlanarArm)
-            or len(arm.joint_names) != 2
-            or not all(arm.revolute)
-        ):
-            raise OptionError(
-                f"robot {self.robot!r} has the joints {', '.join(arm.joint_names)}: the paper's "
-                "experiments need two that turn in a plane"
-            )
-        return arm
-
-    @property
-    def joints(self) -> tuple[str, str]:
-        """Names of theta_1 and theta_2."""
-        first, second = self.arm.joint_names
-        return first, second
+        return load_arm(ROBOT)
 
     def babble(
         self,
@@ -113,13 +67,9 @@ class Setting:
         changes: Iterable[str] = (),
     ) -> Samples:
         """Babbled samples of one seed."""
-        return babble(
-            self.arm,
-            n or self.samples,
-            seed=seed,
-            noise=noise,
-            changes=tuple(changes),
-        )
+        count = n or self.samples
+        changed = tuple(changes)
+        return babble(self.arm, count, seed=seed, noise=noise, changes=changed)
 
     def validation(
         self, samples: Samples, seed: int, n: int | None = None

@@ -1,7 +1,5 @@
 """Table 1 and Table 2 of the paper, ours beside the paper's."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools
@@ -122,8 +120,8 @@ def table1(setting: Setting) -> Result:
         **_size_of(setting),
     }
     size = f"{setting.side}x{setting.side}"
-    # another arm or small lattices are not the paper's
-    beside = TABLE1 if setting.printed else dict.fromkeys(TABLE1)
+    # small lattices are not the paper's
+    beside = dict.fromkeys(TABLE1) if setting.quick else TABLE1
     lines = {
         f"{n.upper()}, best: {schedules[n]}": (best[n], beside[n])
         for n in NETWORKS
@@ -161,7 +159,7 @@ def table2(setting: Setting) -> Result:
         setting.report(k / len(setting.sides), f"{side}x{side}")
         row = NetworkTrial("vdsom", trial.schedule, side).row(setting)
         data[f"{side}x{side}"] = row
-        paper = TABLE2.get(side) if setting.printed else None
+        paper = None if setting.quick else TABLE2.get(side)
         lines[f"VDSOM {side}x{side}"] = (row, paper)
     data |= {
         "paper": _printed(
@@ -185,9 +183,9 @@ def _comparison(
     for (label, (row, paper)), readout in itertools.product(
         lines.items(), _READOUTS
     ):
-        for column in columns_of(row):
+        for column in COLUMNS:
             cell = row[readout][column]
-            unit = unit_of(column)
+            unit = UNITS[column]
             keys = ("mean", "mean_spread", "max", "max_spread")
             values: Cells = [cell[k] * FACTORS[unit] for k in keys]
             values += [100 * cell["mean_of_range"], 100 * cell["max_of_range"]]
@@ -199,20 +197,9 @@ def _comparison(
 def _ratios(columns: _Columns, others: _Columns) -> dict[str, dict[str, float]]:
     """Errors of `others` over those of `columns`, per column."""
     return {
-        c: {k: others[c][k] / cell[k] for k in ("mean", "max")}
-        for c, cell in columns.items()
-        if not c.endswith("_distance")
+        c: {k: others[c][k] / columns[c][k] for k in ("mean", "max")}
+        for c in COLUMNS
     }
-
-
-def columns_of(row: Row) -> list[str]:
-    """Columns of a row: x, y and the joints by their names."""
-    return [c for c in next(iter(row.values())) if not c.endswith("_distance")]
-
-
-def unit_of(column: str) -> str:
-    """Unit in which a column is printed."""
-    return UNITS.get(column, "deg")
 
 
 def _ratio_table(
@@ -225,9 +212,8 @@ def _ratio_table(
         "default_linear": "default (vdsom:residual) against the best SOM, readout linear",
         "paper": "the paper",
     }
-    names = list(found["best"])
     header = ["VDSOM over SOM, readout activity"]
-    header += [f"{c} {k}" for c in names for k in ("mean", "max")]
+    header += [f"{c} {k}" for c in COLUMNS for k in ("mean", "max")]
     rows: list[Cells] = []
     for name, columns in found.items():
         cells = [cell[k] for cell in columns.values() for k in ("mean", "max")]

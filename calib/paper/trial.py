@@ -1,7 +1,5 @@
 """Trials: one network, one schedule, several seeds, and the errors of each readout."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +12,8 @@ from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
 from ..maps.association import Association
 from ..maps.density import Gain
-from ..model.facts import Errors
+from ..model.about import Errors
+from ..samples.motion import Motion
 from ..samples.samples import Samples
 from ..training.learn import TrainingOptions, associate, unit_box
 from ..training.residuals import Residuals, fresh_points, summarise
@@ -85,7 +84,7 @@ class NetworkTrial:
         q, x = fresh_points(simulation, seed)
         scale = pair.motor.scale
         residuals = Residuals(
-            q,
+            Motion(q),
             x,
             {},
             {},

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Mask
 from ..errors import LogError
-from .bundle import Bundle, rms_by_motion
-from .fit import STEPS, Fit, Prior, solve
+from .fit import Fit
+from .problem import Problem
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,6 @@ class Settings:
     better: float = 0.15
     share: float = 0.4  # of the pictures that must agree
     folds: int = 5
-    steps: int = 5  # of a fit to the other folds, which begins at that to all
     # noise that no camera and no arm has [px, rad, m]
     corner: float = 5.0
     turn: float = float(np.radians(3.0))
@@ -37,47 +36,13 @@ class Settings:
 SETTINGS = Settings()
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """All pictures, what is known before them, and where their fit begins."""
-
-    bundle: Bundle
-    prior: Prior
-    start: Fit
-
-    @property
-    def count(self) -> int:
-        """Number n of motions."""
-        return len(self.bundle.motions.rows)
-
-    def solve(
-        self, rows: Index, start: Fit, steps: int = STEPS, *, learn: bool = True
-    ) -> Fit:
-        """The fit to the pictures of some motions."""
-        begin = replace(
-            start, unknowns=start.unknowns.without_errors(len(rows))
-        )
-        return solve(
-            self.bundle.take(rows), self.prior, begin, steps, learn=learn
-        )
-
-    def predict(self, fit: Fit) -> list[Array]:
-        """Pixels (N, 2) of each camera's corners where the motions alone put them."""
-        unknowns = fit.unknowns.without_errors(self.count)
-        return [sight.pixels for sight in self.bundle.sights(unknowns)]
-
-    def misses(self, fit: Fit) -> Array:
-        """Rms distance (n,) [px] of each motion's corners from where it puts them."""
-        return rms_by_motion(self.bundle.cameras, self.predict(fit))
-
-
 def agreed(problem: Problem) -> tuple[Fit, Mask]:
     """The fit of the pictures that agree, and which these are (n,).
 
     Raises LogError if too few do.
     """
-    number = np.arange(problem.count)
-    half = problem.count // 2
+    number = np.arange(len(problem.rows))
+    half = len(number) // 2
     fits = _grown(problem, number >= 0)
     is_doubtful = not fits
     if fits and half >= SETTINGS.half:
@@ -94,16 +59,15 @@ def agreed(problem: Problem) -> tuple[Fit, Mask]:
         )
     scores = []
     for fit, agreeing in fits:
-        square = np.mean(problem.misses(fit)[agreeing] ** 2)
-        scores.append(np.sqrt(square) / agreeing.mean())
+        misses = problem.bundle.misses(problem.predict(fit))[agreeing]
+        scores.append(np.sqrt(np.mean(misses**2)) / agreeing.mean())
     # one half by itself has to fit far better, since few pictures always fit well
     best = int(np.argmin(scores))
     return fits[best if scores[best] < SETTINGS.better * scores[0] else 0]
 
 
-def _grown(problem: Problem, start: Mask) -> list[tuple[Fit, Mask]]:
+def _grown(problem: Problem, agreeing: Mask) -> list[tuple[Fit, Mask]]:
     """The fit of all that agree with those that it begins with; none where it fails."""
-    agreeing = start
     for _ in range(SETTINGS.rounds):
         if agreeing.sum() < SETTINGS.least:
             return []
@@ -111,7 +75,7 @@ def _grown(problem: Problem, start: Mask) -> list[tuple[Fit, Mask]]:
             fit = problem.solve(np.flatnonzero(agreeing), problem.start)
         except np.linalg.LinAlgError:
             return []
-        misses = problem.misses(fit)
+        misses = problem.bundle.misses(problem.predict(fit))
         usual = max(np.median(misses[agreeing]), fit.noise.corner.max())
         before = agreeing
         agreeing = misses < SETTINGS.far * usual
@@ -125,21 +89,16 @@ def _grown(problem: Problem, start: Mask) -> list[tuple[Fit, Mask]]:
     return []
 
 
-def held_out(problem: Problem, fit: Fit, agreeing: Mask) -> list[Array]:
-    """Pixels (N, 2) of each camera's corners by fits that did not use their motions.
+def held_out(problem: Problem, fit: Fit, agreeing: Mask) -> Array:
+    """Pixels (N, 2) of all corners by fits that did not use their motions.
 
     Motions that do not agree are predicted by the fit itself.
     """
     rows = np.flatnonzero(agreeing)
     pixels = problem.predict(fit)
     folds = np.arange(len(rows)) % min(SETTINGS.folds, len(rows))
-    for fold in range(folds.max() + 1):
-        others = problem.solve(
-            rows[folds != fold], fit, SETTINGS.steps, learn=False
-        )
-        out = rows[folds == fold]
-        predicted = problem.predict(others)
-        for number, camera in enumerate(problem.bundle.cameras):
-            is_out = np.isin(camera.motion, out)
-            pixels[number][is_out] = predicted[number][is_out]
+    for fold in np.unique(folds):
+        others = problem.solve(rows[folds != fold], fit, learn=False)
+        out = np.isin(problem.bundle.motion, rows[folds == fold])
+        pixels[out] = problem.predict(others)[out]
     return pixels

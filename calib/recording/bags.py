@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
 from ..common.wording import INSTALL, listed
 from ..errors import LogError
-from ..samples.joint_times import (
+from ..samples.motion import (
     MAX_GAP,
     check_limits,
     covered,
@@ -54,7 +53,7 @@ def read_bag(
     still : [rad/s or m/s], positions taken while a joint moved faster are left out
     time_offset : [s], added to the times of the positions: the sensor's clock or latency; found
         where not given, and left at 0 where the stamps fit
-    frames : of tf: the sensor's frame and the tip's, or what is fixed to it
+    frames : of tf: the sensor's frame and the tip's, its child
     Raises LogError if rosbags is missing, the file is no recording, or a topic is not in it.
     """
     check_limits(max_gap, still)
@@ -63,19 +62,16 @@ def read_bag(
         source = _topic(topics, joints_topic, _JOINTS, "joints_topic")
         names, times, values = _joint_states(reader, source, joints)
         tips = sorted(topic for topic, kind in topics.items() if kind == _TF)
-        others = tip_topic or any(
-            kind in _POSITIONS for kind in topics.values()
-        )
-        if not tips or (frames is None and tip_topic not in tips and others):
+        is_other = tip_topic is not None or {*_POSITIONS} & {*topics.values()}
+        if not tips or (frames is None and tip_topic not in tips and is_other):
             tips = [_topic(topics, tip_topic, (*_POSITIONS, _TF), "tip_topic")]
-        poses, frame = _poses(reader, tips, frames)
+        frame, poses = _poses(reader, tips, frames)
     poses = poses[np.argsort(poses[:, 0], kind="stable")]
     stamps = poses[:, 0]
     x = poses[:, 1:4]
-    dropped = dict[str, int]()
-    notes = list[str]()
+    notes: list[str] = []
     if time_offset is None:
-        time_offset, notes = _found_offset(stamps, x, times, values)
+        time_offset, notes = _offset(stamps, x, times, values)
     stamps = stamps + time_offset
     doubts = covered(stamps, times, max_gap) | {
         "not finite": ~np.isfinite(x).all(axis=1)
@@ -85,23 +81,23 @@ def read_bag(
         doubts[f"a joint moved faster than {still:g}"] = fast
     usable = np.ones(len(stamps), dtype=bool)
     for why, wrong in doubts.items():
-        dropped[why] = int((usable & wrong).sum())
-        usable &= ~wrong
-    notes += [
-        f"{count} positions left out: {why}"
-        for why, count in dropped.items()
-        if count
-    ]
+        count = np.count_nonzero(usable & wrong)
+        if count:
+            notes.append(f"{count} positions left out: {why}")
+        usable = usable & ~wrong
     if not usable.any():
         hint = "change `max_gap`, `still` or `time_offset`"
         raise LogError(f"no position is left ({'; '.join(notes)})", hint=hint)
     stamps = stamps[usable]
+    about = {"source": "bag"}
+    if frame:
+        about["frame"] = frame
     turned = _turns(poses[:, 4:])  # drivers may leave orientations unset
     return Samples(
         joints_at(stamps, times, values),
         x[usable],
         names,
-        source={"source": "bag", **({"frame": frame} if frame else {})},
+        source=about,
         orientation=poses[usable, 4:] if turned else None,
         time=stamps - stamps[0],
         notes=tuple(notes),
@@ -172,13 +168,10 @@ def _messages(
 
 
 def _seconds(message: Any, received: float) -> float:
-    header = getattr(message, "header", None)
-    seconds = (
-        0.0
-        if header is None
-        else header.stamp.sec + 1e-9 * header.stamp.nanosec
-    )
-    return seconds if seconds > 0 else received
+    if not hasattr(message, "header"):
+        return received
+    stamp = message.header.stamp
+    return float(stamp.sec + 1e-9 * stamp.nanosec) or received
 
 
 def _joint_states(
@@ -189,18 +182,13 @@ def _joint_states(
     rows: dict[float, list[float]] = {}
     recorded: set[str] = set()
     for _, time, message in _messages(reader, [topic]):
-        there = dict(
-            zip(
-                message.name,
-                np.asarray(message.position).tolist(),
-                strict=False,
-            )
-        )
-        recorded |= set(message.name)
+        state = dict(zip(message.name, message.position, strict=False))
+        recorded |= {*state}
         names = names or tuple(message.name)
+        row = [float(state.get(name, np.nan)) for name in names]
         # others are messages of another controller on the same topic
-        if all(np.isfinite(there.get(name, np.nan)) for name in names):
-            rows.setdefault(time, [there[name] for name in names])
+        if np.isfinite(row).all():
+            rows.setdefault(time, row)
     if len(rows) < 2:
         raise LogError(
             f"topic {topic!r} has {len(rows)} joint states of {listed(names)}, 2 expected; its "
@@ -210,19 +198,19 @@ def _joint_states(
     return names, times, np.array([rows[time] for time in times.tolist()])
 
 
-def _found_offset(
+def _offset(
     stamps: Array, x: Array, times: Array, values: Array
 ) -> tuple[float, list[str]]:
     """What has to be added to the stamps of positions [s], and what the user should be told."""
     apart = float(times[0] - stamps[0])
-    common = min(times[-1], stamps[-1]) - max(times[0], stamps[0])
+    is_common = min(times[-1], stamps[-1]) > max(times[0], stamps[0])
     track = np.where(np.isfinite(x).all(axis=1, keepdims=True), 1e3 * x, np.nan)
     try:
         clocks = align_clocks(
             stamps - stamps[0], track, times - times[0], values, unit="mm"
         )
     except ClockError as error:
-        if common > 0:
+        if is_common:
             return 0.0, []  # the stamps are all that is known
         raise LogError(
             f"the clocks of joints and positions are {abs(apart):.10g} s apart: the joints start "
@@ -230,7 +218,7 @@ def _found_offset(
             parameter="time_offset",
         ) from None
     offset = clocks.offset + apart
-    if common > 0 and abs(offset) < max(_IN_TIME, 3.0 * clocks.doubt):
+    if is_common and abs(offset) < max(_IN_TIME, 3.0 * clocks.doubt):
         return 0.0, []
     interval = f"{offset:+.4f} +- {2.0 * max(clocks.doubt, SURE):.2g} s"
     return offset, [
@@ -240,77 +228,44 @@ def _found_offset(
 
 def _poses(
     reader: Any, topics: Sequence[str], frames: Sequence[str] | None
-) -> tuple[Array, str]:
-    """Times, places and quaternions (n, 8) of the one transform that moves, and their frame."""
-    parents: dict[str, str] = {}
-    moves: dict[str, list[tuple[float, ...]]] = {}  # rows by child
+) -> tuple[str, Array]:
+    """The frame, and times, places and quaternions (n, 8) in it, of the one thing that moves.
+
+    frames : of a transform of tf, its parent and its child
+    """
+    moves: dict[tuple[str, str], list[list[float]]] = {}
     for topic, received, message in _messages(reader, topics):
-        tf = getattr(message, "transforms", None)
-        for child, stamped in (
-            [(topic, message)]
-            if tf is None
-            else [(t.child_frame_id, t) for t in tf]
-        ):
-            if (
-                parents.setdefault(child, stamped.header.frame_id)
-                == stamped.header.frame_id
-            ):
-                moves.setdefault(child, []).append(_row(stamped, received))
-    edges = {child: np.array(rows) for child, rows in moves.items()}
-    if frames is None and list(edges) == list(topics):
-        return edges[topics[0]], parents[topics[0]]
-    moving = [
-        child
-        for child, rows in edges.items()
-        if np.ptp(rows[:, 1:4], axis=0).max() >= _SAME or _turns(rows[:, 4:])
-    ]
-    shown = listed(f"{parents[child]},{child}" for child in sorted(moving))
-    if frames is None and len(moving) == 1:
-        frames = parents[moving[0]], moving[0]
-    path, (parent, at) = list[str](), frames or ("", "")
-    while at != parent and at in edges and at not in path:
-        path.append(at)
-        at = parents[at]
-    measured = (
-        [child for child in moving if child in path and at == parent]
-        if frames
-        else moving
-    )
-    if len(measured) != 1:
-        what = f" between {frames[0]!r} and {frames[1]!r}" if frames else ""
+        for stamped in getattr(message, "transforms", [message]):
+            child = getattr(stamped, "child_frame_id", topic)
+            pair = (stamped.header.frame_id, child)
+            moves.setdefault(pair, []).append(_row(stamped, received))
+    moving: dict[tuple[str, str], Array] = {}
+    for pair, numbers in moves.items():
+        rows = np.array(numbers)
+        if np.ptp(rows[:, 1:4], axis=0).max() >= _SAME or _turns(rows[:, 4:]):
+            moving[pair] = rows
+    pairs = [*moving] if frames is None else [(frames[0], frames[1])]
+    if len(pairs) != 1 or pairs[0] not in moving:
+        shown = listed(",".join(pair) for pair in sorted(moving))
         raise LogError(
-            f"{len(measured)} transforms of tf move{what}, expected one; moving: {shown}",
-            hint="name the sensor's frame and the tip's as `frames`",
+            f"{len(moving)} transforms or topics move, expected one: {shown}",
+            hint="name one, the sensor's frame and the tip's, as `frames`",
         )
-    place = np.zeros((1, 3))
-    turn = np.eye(3)[None]
-    for frame in path:  # from the child up: x_parent = R x + t
-        rows = edges[frame][: None if frame in measured else 1]
-        matrices = matrix_of(rows[:, 4:])
-        place = (matrices @ place[:, :, None])[:, :, 0] + rows[:, 1:4]
-        turn = matrices @ turn
-    return np.hstack(
-        [edges[measured[0]][:, :1], place, quaternion_of(turn)]
-    ), parent
+    return pairs[0][0], moving[pairs[0]]
 
 
-def _row(stamped: Any, received: float) -> tuple[float, ...]:
+def _row(stamped: Any, received: float) -> list[float]:
     """Time, place and quaternion of a message of a position, a pose or a transform."""
-    if hasattr(stamped, "transform"):
-        place = stamped.transform.translation
-        turn = stamped.transform.rotation
-    elif hasattr(stamped, "pose"):
-        place = stamped.pose.position
-        turn = stamped.pose.orientation
-    else:
+    quaternion = [0.0, 0.0, 0.0, 1.0]
+    if hasattr(stamped, "point"):
         place = stamped.point
-        turn = None
-    turned = (
-        (0.0, 0.0, 0.0, 1.0)
-        if turn is None
-        else (turn.x, turn.y, turn.z, turn.w)
-    )
-    return _seconds(stamped, received), place.x, place.y, place.z, *turned
+    else:
+        place = getattr(stamped, "pose", None) or stamped.transform
+        turn = getattr(place, "orientation", None) or place.rotation
+        quaternion = [turn.x, turn.y, turn.z, turn.w]
+        place = getattr(place, "position", None) or place.translation
+    time = _seconds(stamped, received)
+    return [time, place.x, place.y, place.z, *quaternion]
 
 
 def _turns(rows: Array) -> bool:

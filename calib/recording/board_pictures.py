@@ -9,17 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arm.arm import SpatialArm
-from ..arm.rotations import cross_matrix, quaternion_of
+from ..arm.rotations import cross_matrix, matrix_of, quaternion_of
 from ..common.arrays import Array, Index, Mask
 from ..common.wording import listed
 from ..errors import LogError, OptionError
+from ..model.model import Model
 from ..samples.samples import Samples
 from .board import LEAST_CORNERS, Chessboard, Pattern, parse_board
 from .joint_table import JointTable, read_joints, read_shots
-from .lens import Lens, calibrate_lens
+from .lens import Lens, calibrate_lens, lens_of_model
 from .lerobot import is_dataset, read_dataset
 from .pictures import Picture
-from .reference import Pose, find_pose, turns_and_shifts
+from .reference import Pose, find_pose, matrices
+from .rigid import inverse, rigid
 
 LEAST = 4
 """Pictures of the board that tell where it is, and in which another one is looked for."""
@@ -28,6 +30,9 @@ AHEAD = 2.0
 """Diagonals of the board to the point that a log tells; a picture tells where the camera looks ten
 times better than where it is: of 24 rendered pictures .2 mm instead of .5, of which tilt and place
 are one."""
+
+# share by which the focal length of a camera that was not touched may differ
+_REFOCUSED = 0.02
 
 Path_ = str | os.PathLike[str]
 Source = Path_ | Sequence[Picture]
@@ -49,7 +54,6 @@ class BoardPictures:
     episodes: Index | None = None  # (p,), the series that each is of
     # (p,), the row of joints or poses that each is of
     rows: Index | None = None
-    largest: tuple[int, Picture] | None = None  # the picture with most corners
 
     @property
     def points(self) -> list[Array]:
@@ -73,10 +77,8 @@ class BoardPictures:
         pairs = zip(self.points, places, strict=True)
         return [find_pose(lens, points, pixels) for points, pixels in pairs]
 
-    def lens(self, known: Lens | None) -> tuple[Lens, tuple[str, ...]]:
-        """The camera's lens, calibrated by the same pictures where it is not known; and doubts."""
-        if known is not None:
-            return known, ()
+    def lens(self) -> Lens:
+        """The camera's lens, calibrated by the same pictures."""
         return calibrate_lens(self.corners, self.board, self.size)
 
     def log(self, lens: Lens, in_hand: bool) -> Samples:
@@ -85,7 +87,8 @@ class BoardPictures:
         The point that it tells is ahead of the camera, or in the middle of the board.
         """
         poses = self.poses(lens)
-        turns, shifts = held_poses(poses, in_hand)
+        hand = held_poses(poses, in_hand)
+        turns = hand[:, :3, :3]
         # a small turn and a shift of the board, in the camera's axes, move and turn what is told
         if in_hand:
             at = AHEAD * float(np.hypot(*self.board.size)) * np.eye(3)[2]
@@ -115,26 +118,23 @@ class BoardPictures:
         }
         return Samples(
             self.q,
-            turns @ at + shifts,
+            turns @ at + hand[:, :3, 3],
             self.joint_names,
             source=source,
             notes=self.notes,
             orientation=quaternion_of(turns),
             covariance=covariance,
-            pictures=self.names,
+            pictures=np.array(self.names),
             episode=None
             if self.episodes is None
             else self.episodes.astype(float),
         )
 
 
-def held_poses(poses: Sequence[Pose], in_hand: bool) -> tuple[Array, Array]:
-    """Turns (p, 3, 3) and shifts (p, 3) [m] of what is in the hand, seen from what stands still."""
-    turns, shifts = turns_and_shifts(poses)
-    if not in_hand:
-        return turns, shifts
-    back = np.swapaxes(turns, 1, 2)
-    return back, -np.einsum("pij,pj->pi", back, shifts)
+def held_poses(poses: Sequence[Pose], in_hand: bool) -> Array:
+    """What is in the hand (p, 4, 4) [m], seen from what stands still."""
+    boards = matrices(poses)
+    return inverse(boards) if in_hand else boards
 
 
 def find_board(
@@ -183,59 +183,64 @@ def find_board(
         raise LogError(
             f"{len(pictures)} pictures and {len(rows)} rows of joints: expected as many"
         )
-    shown: list[str] = []
-    places: list[int] = []
+    shown: dict[int, str] = {}  # names by row
     corners: list[dict[int, Array]] = []
     without: dict[str, int] = {}
+    copies: list[str] = []
+    contents: set[bytes] = set()
     looked: list[Picture] = []
-    size = (0, 0)
-    largest: tuple[int, Picture] | None = None
+    grey = np.zeros((0, 0), np.uint8)
     for number, name, grey in frames:
+        content = grey.tobytes()
         marks = board.find(grey)
-        size = (grey.shape[1], grey.shape[0])
-        if len(marks) < LEAST_CORNERS:
+        if content in contents:
+            copies.append(name)
+        elif len(marks) < LEAST_CORNERS:
             without[name] = len(marks)
-            looked += [grey] * (len(looked) < LEAST)
-            continue
-        if largest is None or len(marks) > len(corners[largest[0]]):
-            largest = (len(shown), grey)
-        shown.append(name)
-        places.append(rows[number])
-        corners.append(marks)
-    count = len(shown) + len(without)
+            looked.append(grey)
+        else:
+            shown[rows[number]] = name
+            corners.append(marks)
+        contents.add(content)
+    count = len(shown) + len(without) + len(copies)
     if len(shown) < LEAST:
         most = max([*without.values(), *map(len, corners)], default=0)
         raise LogError(
             f"the board is in {len(shown)} of {count} pictures, expected {LEAST} with "
-            f"{LEAST_CORNERS} corners or more (at most {most} found): {_instead(looked, board)}"
+            f"{LEAST_CORNERS} corners or more (at most {most} found): "
+            f"{_instead(looked[:LEAST], board)}"
         )
-    if without:
-        notes.append(
-            f"no board, or fewer than {LEAST_CORNERS} corners of it, in {len(without)} pictures, "
-            f"left out: {listed(without)}"
-        )
+    reasons = {
+        f"no board, or fewer than {LEAST_CORNERS} corners of it": without,
+        "copies of others": copies,
+    }
+    for reason, left in reasons.items():
+        if left:
+            notes.append(
+                f"{reason}, in {len(left)} pictures, left out: {listed(left)}"
+            )
+    places = np.array([*shown])
     episodes = table.episodes
     return BoardPictures(
         board=board,
         joint_names=table.names,
-        names=tuple(shown),
+        names=tuple(shown.values()),
         q=table.q[places],
         corners=tuple(corners),
-        size=size,
+        size=(grey.shape[1], grey.shape[0]),
         count=count,
         notes=tuple(notes),
         episodes=None if episodes is None else episodes[places],
-        rows=np.array(places),
-        largest=largest,
+        rows=places,
     )
 
 
 def _instead(looked: Sequence[Picture], board: Pattern) -> str:
     """What pictures without the board show."""
-    mirrored = [np.ascontiguousarray(grey[:, ::-1]) for grey in looked]
     columns = board.columns
     rows = board.rows
     turned = replace(board, columns=rows, rows=columns)
+    mirrored = [np.ascontiguousarray(grey[:, ::-1]) for grey in looked]
     ways = [
         (turned, looked, f"they show a board of {rows}x{columns} squares"),
         (
@@ -255,3 +260,54 @@ def _instead(looked: Sequence[Picture], board: Pattern) -> str:
         if any(len(other.find(grey)) >= LEAST_CORNERS for grey in pictures):
             return words
     return "check the board's columns and rows of squares, its dictionary, that it is in focus"
+
+
+def with_lens_of(model: Model, log: Samples) -> Samples:
+    """Return a log of the model's board as its camera's lens would have told it.
+
+    A pose is as good as the lens that it was found with: pictures whose lens was calibrated anew
+    stand elsewhere by millimetres, although nothing has moved.
+    Other logs stay as they are, and so do those of a camera that was refocused.
+    """
+    made = model.about.options.get("board")
+    source = log.source
+    if not made or "lens" not in source or source.get("board") != made["board"]:
+        return log
+    lens = lens_of_model(model)
+    log_lens = Lens.from_json(source["lens"])
+    if (
+        log_lens.parameters == lens.parameters
+    ).all() or log.orientation is None:
+        return log
+    growth = float(log_lens.focal.mean() / lens.focal.mean()) - 1.0
+    if log_lens.size != lens.size or abs(growth) > _REFOCUSED:
+        note = (
+            f"the log's camera is another than the model's, or refocused: its focal length "
+            f"differs by {growth:+.1%}"
+        )
+        return replace(log, notes=(*log.notes, note))
+    in_hand = source["eye"] == "hand"
+    point = np.array(source["point"])
+    turns = matrix_of(log.orientation)
+    boards = rigid(turns, log.x - turns @ point)
+    if in_hand:  # the pose is the camera's, in the board's frame
+        boards = inverse(boards)
+    board = parse_board(source["board"]).points()
+    poses = []
+    for pose in boards:
+        points_ahead = board @ pose[:3, :3].T + pose[:3, 3]
+        pixels = log_lens.distort(points_ahead[:, :2] / points_ahead[:, 2:])
+        poses.append(find_pose(lens, board, pixels))
+    hand = held_poses(poses, in_hand)
+    turns = hand[:, :3, :3]
+    note = (
+        f"poses are told with the model's lens: of these pictures alone the focal length was "
+        f"{growth:+.2%} off it"
+    )
+    return replace(
+        log,
+        x=turns @ point + hand[:, :3, 3],
+        orientation=quaternion_of(turns),
+        source={**source, "lens": lens.to_json()},
+        notes=(*log.notes, note),
+    )

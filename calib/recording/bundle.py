@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -29,8 +28,8 @@ BENDS = [(i, k - i) for k in (2, 3, 4) for i in range(k + 1)]
 SHAPE = len(BENDS) + 3
 """Numbers of a board: heights, stretch and shear [half diagonals], log of its size as printed."""
 
-SCENE = 6
-"""Numbers of a scene's motion before a camera: turn [rad] and shift [m]."""
+POSE = 6
+"""Numbers of a small motion: turn [rad] and shift [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,188 +49,170 @@ class Motions:
 
     def slopes(self, arm: Array) -> Array:  # noqa: ARG002
         """Turn in the flange's axes and shift in the base's, (n, 6, k), by the parameters."""
-        return np.zeros((len(self.rows), SCENE, 0))
+        return np.zeros((len(self.rows), POSE, 0))
 
     def take(self, rows: Index) -> Motions:
         """Some of the motions."""
         return replace(self, rows=self.rows[rows])
 
 
-@dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the unknowns stand: frames, lenses, boards' shapes, the arm."""
+    """Where the unknowns stand: frames, lenses, shapes of boards, the arm; then a motion's errors.
 
-    boards: tuple[bool, ...]  # whether it is that of the cameras in the hand
-    frames: Index  # (f, 6), turn and shift of the cameras, then of the boards
-    lenses: Index  # (c, LENS)
-    shapes: Index  # (b, SHAPE), the last is the log of a board's size
-    arm: Index  # (k,), the arm's own parameters
+    frames : (cameras + boards, 6);  lenses : (cameras, 9);  shapes : (boards, SHAPE);  arm : (k,)
+    size : number s of unknowns;  errors : number e of errors of each motion, its turn, its shift
+        and the focal length of each camera
+    """
 
-    @staticmethod
-    def of(in_hand: Sequence[bool], arm: int) -> Layout:
-        """The layout of cameras, in the hand or not, and so many parameters of the arm."""
-        boards = tuple(dict.fromkeys(in_hand))
-        cameras = len(in_hand)
-        counts = [
-            6 * (cameras + len(boards)),
-            LENS * cameras,
-            SHAPE * len(boards),
-            arm,
-        ]
-        parts = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
-        return Layout(
-            boards,
-            frames=parts[0].reshape(-1, 6),
-            lenses=parts[1].reshape(-1, LENS),
-            shapes=parts[2].reshape(-1, SHAPE),
-            arm=parts[3],
-        )
+    def __init__(self, cameras: int, boards: int, arm: int) -> None:
+        self.size = 0
+        self.errors = POSE + cameras
+        self.frames = self._places(cameras + boards, POSE)
+        self.lenses = self._places(cameras, LENS)
+        self.shapes = self._places(boards, SHAPE)
+        self.arm = self._places(1, arm)[0]
 
-    @property
-    def size(self) -> int:
-        """Number s of unknowns."""
-        arrays = (self.frames, self.lenses, self.shapes, self.arm)
-        return sum(array.size for array in arrays)
-
-    @property
-    def errors(self) -> int:
-        """Number e of errors of each motion: turn, shift, the focal length of each camera."""
-        return SCENE + len(self.lenses)
+    def _places(self, count: int, width: int) -> Index:
+        first = self.size
+        self.size += count * width
+        return np.arange(first, self.size).reshape(count, width)
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
     """What is fitted."""
 
-    frames: Array  # (f, 4, 4) [m]
+    frames: Array  # (f, 4, 4), of cameras, then of boards [m]
     values: Array  # (s,), those of the frames are not used
     # (n, e), turn [rad], shift [m] and log of focal lengths at each motion
     errors: Array
 
     def moved(self, step: Array, errors: Array) -> Unknowns:
         """The unknowns after a step (s,) and one of the errors (n, e)."""
-        turns = step[: 6 * len(self.frames)].reshape(-1, 6)
+        turns = step[: POSE * len(self.frames)].reshape(-1, POSE)
         frames = self.frames.copy()
         frames[:, :3, :3] = frames[:, :3, :3] @ exponential(turns[:, :3])
         frames[:, :3, 3] += turns[:, 3:]
         return Unknowns(frames, self.values + step, self.errors + errors)
 
-    def without_errors(self, count: int) -> Unknowns:
+    def exact(self, count: int) -> Unknowns:
         """The unknowns with exact motions, so many."""
         return replace(self, errors=np.zeros((count, self.errors.shape[1])))
 
 
 @dataclass(frozen=True, eq=False)
-class Corners:
-    """Corners that one camera sees, in the order of the motions."""
-
-    points: Array  # (N, 3), in the board's frame, as printed [m]
-    pixels: Array  # (N, 2)
-    motion: Index  # (N,), the motion of each
-    in_hand: bool  # whether the camera is in the hand
-    outline: Array  # (k, 3), all points of the board [m]
-
-    def take(self, motions: Index) -> Corners:
-        """The corners at some motions, which are numbered anew."""
-        rows = np.isin(self.motion, motions)
-        return replace(
-            self,
-            points=self.points[rows],
-            pixels=self.pixels[rows],
-            motion=np.searchsorted(motions, self.motion[rows]),
-        )
-
-    @cached_property
-    def bending(self) -> Array:
-        """How the points follow the board's shape (N, 3, SHAPE - 1)."""
-        return bending(self.points, self.outline)
-
-    def parts(self, count: int) -> list[slice]:
-        """The corners of each of `count` motions."""
-        ends = np.searchsorted(self.motion, np.arange(count + 1))
-        return [slice(*pair) for pair in pairwise(ends)]
-
-
-@dataclass(frozen=True, eq=False)
 class Sight:
-    """What a camera sees at all motions, and how that follows the unknowns."""
+    """What cameras see of all corners, and how that follows the unknowns."""
 
     pixels: Array  # (N, 2)
-    by_scene: Array  # (N, 2, SCENE), slopes by turn and shift of what is before the camera
+    by_scene: Array  # (N, 2, 6), slopes by turn and shift of what is before the camera
     slopes: Array  # (N, 2, s + e), by the unknowns and the errors of the corner's motion
 
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """Corners that cameras see at the motions of an arm."""
+    """Corners that cameras see at the motions of an arm, by camera and motion."""
 
-    cameras: tuple[Corners, ...]
     motions: Motions
+    in_hand: Sequence[bool]  # (c,), which cameras are in the hand
+    points: Array  # (N, 3), in the board's frame, as printed [m]
+    bends: Array  # (N, 3, SHAPE - 1), how they follow the board's shape
+    pixels: Array  # (N, 2)
+    camera: Index  # (N,), that sees the corner
+    motion: Index  # (N,), at which it is seen
+
+    @cached_property
+    def boards(self) -> list[int]:
+        """The board that each camera sees: one is seen by cameras in the hand, one by others."""
+        first = self.in_hand[0]
+        return [int(in_hand != first) for in_hand in self.in_hand]
 
     @cached_property
     def layout(self) -> Layout:
         """Where the unknowns stand."""
-        in_hand = [camera.in_hand for camera in self.cameras]
-        return Layout.of(in_hand, self.motions.size)
+        cameras = len(self.in_hand)
+        return Layout(cameras, max(self.boards) + 1, self.motions.size)
 
-    def take(self, rows: Index) -> Bundle:
-        """What was seen at some motions."""
-        cameras = tuple(camera.take(rows) for camera in self.cameras)
-        return Bundle(cameras, self.motions.take(rows))
+    @cached_property
+    def pictures(self) -> list[Index]:
+        """The corners of each picture."""
+        steps = np.diff(self.camera) + np.diff(self.motion)
+        ends = np.flatnonzero(steps) + 1
+        return np.split(np.arange(len(self.pixels)), ends)
 
-    def sights(self, unknowns: Unknowns) -> list[Sight]:
-        """What each camera sees."""
+    def take(self, motions: Index) -> Bundle:
+        """What was seen at some motions, which are numbered anew."""
+        rows = np.isin(self.motion, motions)
+        return replace(
+            self,
+            motions=self.motions.take(motions),
+            points=self.points[rows],
+            bends=self.bends[rows],
+            pixels=self.pixels[rows],
+            camera=self.camera[rows],
+            motion=np.searchsorted(motions, self.motion[rows]),
+        )
+
+    def misses(self, pixels: Array) -> Array:
+        """Rms distance (n,) [px] of the corners at each motion from predicted pixels (N, 2)."""
+        squares = ((self.pixels - pixels) ** 2).sum(axis=1)
+        total = np.bincount(self.motion, squares)
+        return np.asarray(np.sqrt(total / np.bincount(self.motion)))
+
+    def look(self, unknowns: Unknowns) -> Sight:
+        """What the cameras see."""
         arm = unknowns.values[self.layout.arm]
         errors = unknowns.errors
         flange = self.motions.poses(arm).copy()
         flange[:, :3, :3] = flange[:, :3, :3] @ exponential(errors[:, :3])
-        flange[:, :3, 3] += errors[:, 3:6]
-        slopes = self.motions.slopes(arm)
-        numbers = range(len(self.cameras))
-        return [self._sight(k, unknowns, flange, slopes) for k in numbers]
+        flange[:, :3, 3] += errors[:, 3:POSE]
+        by_arm = self.motions.slopes(arm)
+        cameras = range(len(self.in_hand))
+        sights = [self._look(k, unknowns, flange, by_arm) for k in cameras]
+        return Sight(*map(np.concatenate, zip(*sights, strict=True)))
 
-    def _sight(
+    def _look(
         self, number: int, unknowns: Unknowns, flange: Array, by_arm: Array
-    ) -> Sight:
-        corners = self.cameras[number]
+    ) -> tuple[Array, Array, Array]:
+        """Pixels, their slopes by the scene, and by the unknowns, of one camera."""
         layout = self.layout
-        board = layout.boards.index(corners.in_hand)
-        board_frame = len(self.cameras) + board
+        rows = self.camera == number
+        motion = self.motion[rows]
+        bends = self.bends[rows]
+        in_hand = self.in_hand[number]
+        board = self.boards[number]
+        board_frame = board - max(self.boards) - 1
         x = unknowns.frames[number]
         y = unknowns.frames[board_frame]
         shape = unknowns.values[layout.shapes[board]]
         lens = unknowns.values[layout.lenses[number]]
-        motion = inverse(flange) if corners.in_hand else flange
         # what is beyond the motion, before the camera
-        arm_side = inverse(x) @ motion
-        scene = (arm_side @ y)[corners.motion]
+        arm_side = inverse(x) @ (inverse(flange) if in_hand else flange)
+        scene = (arm_side @ y)[motion]
         scale = np.exp(shape[-1])
-        points = scale * (corners.points + corners.bending @ shape[:-1])
+        points = scale * (self.points[rows] + bends @ shape[:-1])
         turns = scene[:, :3, :3]
         places = np.einsum("nij,nj->ni", turns, points) + scene[:, :3, 3]
-        focus = np.exp(unknowns.errors[corners.motion, SCENE + number])
+        focus = np.exp(unknowns.errors[motion, POSE + number])
         pixels, by_point, by_lens = project(lens, focus, places)
         by_turn = np.cross(places[:, None], by_point)
         by_scene = np.concatenate([by_turn, by_point], axis=2)
         inward = by_point @ turns
-        by_camera = follow(np.eye(4), x, inverted=True)
-        by_board = follow(arm_side, y)[corners.motion]
-        by_flange = follow(inverse(x), flange, corners.in_hand)[corners.motion]
+        by_flange = follow(inverse(x), flange, in_hand)[motion]
         by_errors = by_scene @ by_flange
+        by_camera = by_scene @ follow(np.eye(4), x, inverted=True)
+        by_board = by_scene @ follow(arm_side, y)[motion]
         slopes = np.zeros((len(points), 2, layout.size + layout.errors))
-        slopes[:, :, layout.frames[number]] = by_scene @ by_camera
-        slopes[:, :, layout.frames[board_frame]] = by_scene @ by_board
+        slopes[:, :, layout.frames[number]] = by_camera
+        slopes[:, :, layout.frames[board_frame]] = by_board
         slopes[:, :, layout.lenses[number]] = by_lens
-        slopes[:, :, layout.shapes[board, :-1]] = (
-            scale * inward @ corners.bending
-        )
+        slopes[:, :, layout.shapes[board, :-1]] = scale * inward @ bends
         slopes[:, :, layout.shapes[board, -1:]] = inward @ points[:, :, None]
-        slopes[:, :, layout.arm] = by_errors @ by_arm[corners.motion]
-        slopes[:, :, layout.size : layout.size + SCENE] = by_errors
-        slopes[:, :, layout.size + SCENE + number] = (
-            by_lens[:, :, :2] @ lens[:2]
-        )
-        return Sight(pixels, by_scene, slopes)
+        slopes[:, :, layout.arm] = by_errors @ by_arm[motion]
+        slopes[:, :, layout.size : layout.size + POSE] = by_errors
+        focal = layout.size + POSE + number
+        slopes[:, :, focal] = by_lens[:, :, :2] @ lens[:2]
+        return pixels, by_scene, slopes
 
 
 def follow(before: Array, frame: Array, inverted: bool = False) -> Array:
@@ -240,18 +221,14 @@ def follow(before: Array, frame: Array, inverted: bool = False) -> Array:
     The frame turns about its own axes and shifts along its parent's; where `inverted`, the scene
     is ``before @ inverse(frame) @ ..``.
     """
-    axes = before[..., :3, :3]
+    through = before if inverted else before @ frame
+    turn = through[..., :3, :3]
+    along = before[..., :3, :3]
     if inverted:
-        through = before
-        turn = -axes
+        turn = -turn
         along = turn @ np.swapaxes(frame[..., :3, :3], -1, -2)
-    else:
-        through = before @ frame
-        turn = through[..., :3, :3]
-        along = axes
-    slopes = np.zeros(
-        (*np.broadcast_shapes(turn.shape, along.shape)[:-2], 6, 6)
-    )
+    slopes = np.zeros(np.broadcast_shapes(turn.shape, along.shape))
+    slopes = np.tile(slopes, (2, 2))
     slopes[..., :3, :3] = turn
     slopes[..., 3:, :3] = cross_matrix(through[..., :3, 3]) @ turn
     slopes[..., 3:, 3:] = along
@@ -264,21 +241,16 @@ def bending(points: Array, outline: Array) -> Array:
     high = outline.max(axis=0)
     half = float(np.linalg.norm(high - low)) / 2
 
-    def plane(places: Array) -> Array:
-        flat: Array = (places - (low + high) / 2) / half
-        flat[:, 2] = 1.0
-        return flat
+    def terms(places: Array) -> tuple[Array, Array]:
+        flat = (places[:, :2] - (low + high)[:2] / 2) / half
+        heights = [flat[:, 0] ** i * flat[:, 1] ** k for i, k in BENDS]
+        return np.insert(flat, 2, 1.0, axis=1), np.column_stack(heights)
 
-    def heights(flat: Array) -> Array:
-        u, v, _ = flat.T
-        return np.column_stack([u**i * v**k for i, k in BENDS])
-
-    whole = plane(outline)
     # a plane is the board's place
-    level = np.linalg.lstsq(whole, heights(whole), rcond=None)[0]
-    flat = plane(points)
+    level = np.linalg.lstsq(*terms(outline), rcond=None)[0]
+    flat, heights = terms(points)
     out = np.zeros((len(points), 3, SHAPE - 1))
-    out[:, 2, :-2] = half * (heights(flat) - flat @ level)
+    out[:, 2, :-2] = half * (heights - flat @ level)
     out[:, :2, -2] = half * flat[:, :2] * (1.0, -1.0)
     out[:, :2, -1] = half * flat[:, 1::-1]
     return out
@@ -301,12 +273,3 @@ def project(
     slopes[:, :, 8:10] /= focus[:, None, None]  # by the centre
     pixels = lens[2:4] + focus[:, None] * (pixels.reshape(-1, 2) - lens[2:4])
     return pixels, slopes[:, :, 3:6], slopes[:, :, 6:15]
-
-
-def rms_by_motion(cameras: Sequence[Corners], pixels: Sequence[Array]) -> Array:
-    """Rms distance (n,) [px] of the corners at each motion from predicted pixels."""
-    pairs = zip(cameras, pixels, strict=True)
-    away = np.concatenate([camera.pixels - seen for camera, seen in pairs])
-    motion = np.concatenate([camera.motion for camera in cameras])
-    squares = np.bincount(motion, (away**2).sum(axis=1))
-    return np.asarray(np.sqrt(squares / np.maximum(np.bincount(motion), 1)))

@@ -18,8 +18,8 @@ from ..common.parallel import one_blas_thread
 from ..common.rows import thinned
 from ..errors import CalibError, LogError
 from ..samples.delays import estimate_delay
-from ..samples.joint_times import joints_at
-from .track import SOFT, Judge, jumps
+from ..samples.motion import joints_at
+from .track import Judge, jumps
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,6 @@ class ClockSettings:
     judged: tuple[int, int] = (120, 4)
     # and that refine the best
     refined: tuple[int, int] = (300, 12)
-    # ridges of what predicts a track without a chain
-    softs: tuple[float, float, float] = (1e-2 * SOFT, SOFT, 1e2 * SOFT)
     # over which a velocity is taken [s]
     step: float = 0.01
     # [s]: far from the solution the velocity is a poor guide
@@ -102,21 +100,11 @@ class Clocks:
 class _Waves:
     """What joints predict without a chain: blocks of rows by the others'."""
 
-    def __init__(
-        self, q: Array | None = None, track: Array | None = None
-    ) -> None:
-        self._soft = SOFT
-        if q is not None and track is not None:  # the ridge that predicts best
-            self._soft = min(
-                CLOCK.softs,
-                key=lambda soft: _median(Judge(q, soft).miss(track)),
-            )
-
     def look(
         self, q: Array, ahead: Array, behind: Array, track: Array, since: Array
     ) -> Any:
         """What `estimate_delay` takes, with the clocks' rate last."""
-        judge = Judge(q, self._soft)
+        judge = Judge(q)
         none = np.empty(0)
         speed = (judge.predict(ahead, track) - judge.predict(behind, track)) / (
             2.0 * CLOCK.step
@@ -234,11 +222,7 @@ class _Pair:
         when, track = self.some(start, CLOCK.refined[0])
         try:
             there = self.joints(when)
-            model = (
-                _Chain(there, track, revolute)
-                if revolute
-                else _Waves(there, track)
-            )
+            model = _Chain(there, track, revolute) if revolute else _Waves()
             plain = self.fitted(model, start, CLOCK.refined)
             free = self.fitted(model, plain, CLOCK.refined, rate=True)
         except (CalibError, np.linalg.LinAlgError):

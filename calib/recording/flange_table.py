@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array
 from ..common.wording import listed
 from ..errors import LogError
-from ..samples.tables import Source, open_source
-from .joint_table import JointTable, picture_names
+from ..samples.tables import open_source
+from .joint_table import JointTable, finite_rows, picture_column
 
 TURNS = {
     "xyzw": ("qx", "qy", "qz", "qw"),
@@ -34,7 +35,9 @@ EXPECTED = (
 
 _LENGTHS = (6, 7, 12, 16)  # numbers of a row without a header
 _TOLERANCE = 0.02  # of the length of a quaternion, or of a matrix's rows
-IGNORED = {"picture", "time", "timestamp", "episode"}
+_IGNORED = {"picture", "time", "timestamp", "episode", *map(str.lower, MATRIX)}
+# "[mm]", "(deg)", "_mm": the fit finds units
+_UNIT = r"\s*[\[(].*[\])]$|_(?:m|cm|mm|in|rad|deg|grad)$"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +46,7 @@ class FlangeTable:
 
     label: str
     numbers: Array  # (n, 3 + k): x, y, z and 3, 4 or 9 numbers of a turn
-    pictures: tuple[str, ...] | None  # names of the rows' pictures
+    pictures: Sequence[str] | None  # names of the rows' pictures
     named: str = ""  # the rotation that the columns' names say
     dropped: int = 0  # rows with a missing value
 
@@ -58,44 +61,60 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
     """Read a table of flange poses.
 
     Its columns are x, y, z and one of qx, qy, qz, qw; rx, ry, rz; roll, pitch, yaw; A, B, C;
-    w, p, r; r11 .. r33; or m00 .. m33 alone; without a header six, seven, twelve or sixteen
+    w, p, r; r11 .. r33; or m00 .. m33 alone, with a unit in brackets or behind "_" or without; a
+    column of names of pictures may have any name; without a header six, seven, twelve or sixteen
     numbers.
     Raises LogError, which lists these, where it is none.
     """
     source = open_source(path)
-    header = {name.lower(): name for name in source.header}
-    pictures = None
-    named = ""
+    label = source.label
     cells = [name.partition("_duplicated_")[0] for name in source.header]
+    named = ""
+    pictures = None
+    dropped = 0
     if re.fullmatch(r"[-+\d.eE\s]+", " ".join(cells)):
-        values = _without_header(path, source.label)
+        numbers = _without_header(Path(path), label)
     else:
-        named, columns = _columns(set(header))
-        expected = {name.lower() for name in (*columns, *MATRIX)} | IGNORED
-        if not columns or header.keys() - expected:
+        shown = picture_column(source)
+        names = {
+            re.sub(_UNIT, "", name.lower()): name
+            for name in source.header
+            if name != shown
+        }
+        named, columns = _columns(set(names))
+        if not columns or names.keys() - {*columns, *_IGNORED}:
             raise LogError(
-                f"{source.label} has the columns {listed(source.header)}: expected {EXPECTED}"
+                f"{label} has the columns {listed(source.header)}: expected {EXPECTED}"
             )
-        values = source.numbers([header[name.lower()] for name in columns])[0]
-    if values.shape[1] >= 12 and named != "matrix":
-        rows = values[:, :12].reshape(-1, 3, 4)
-        values = np.column_stack([rows[:, :, 3], rows[:, :, :3].reshape(-1, 9)])
-    good: Mask = np.asarray(np.isfinite(values).all(axis=1))
-    if "picture" in header:
-        pictures = picture_names(source, header["picture"], good)
-    values = values[good]
-    if len(values) and values.shape[1] > 6:
-        lengths = np.linalg.norm(values[:, 3:], axis=1)
-        length = 1.0 if values.shape[1] == 7 else np.sqrt(3.0)
-        wrong = np.flatnonzero(np.abs(lengths / length - 1.0) > _TOLERANCE)
-        if len(wrong):
-            what = "quaternion" if values.shape[1] == 7 else "rotation matrix"
-            raise LogError(
-                f"{source.label}, row {wrong[0] + 1}: a {what} of length {lengths[wrong[0]]:.4g}, "
-                f"expected {length:.4g}"
-            )
-    dropped = int((~good).sum())
-    return FlangeTable(source.label, values, pictures, named, dropped)
+        rows = finite_rows(source, [names[column] for column in columns])
+        numbers = rows.numbers
+        pictures = rows.pictures
+        dropped = rows.dropped
+    if not len(numbers):
+        raise LogError(
+            f"{label} has no row with numbers alone: expected decimals with a point"
+        )
+    if numbers.shape[1] >= 12 and named != "matrix":
+        lines = numbers[:, :12].reshape(-1, 3, 4)
+        turns = lines[:, :, :3].reshape(-1, 9)
+        numbers = np.column_stack([lines[:, :, 3], turns])
+    _refuse_lengths(numbers, label)
+    return FlangeTable(label, numbers, pictures, named, dropped)
+
+
+def _refuse_lengths(numbers: Array, label: str) -> None:
+    """Refuse quaternions and matrices that are none."""
+    what = {7: "quaternion", 12: "rotation matrix"}.get(numbers.shape[1])
+    if what is None:
+        return
+    length = 1.0 if what == "quaternion" else np.sqrt(3.0)
+    lengths = np.linalg.norm(numbers[:, 3:], axis=1)
+    wrong = np.flatnonzero(np.abs(lengths / length - 1.0) > _TOLERANCE)
+    if len(wrong):
+        raise LogError(
+            f"{label}, row {wrong[0] + 1}: a {what} of length {lengths[wrong[0]]:.4g}, "
+            f"expected {length:.4g}"
+        )
 
 
 def _columns(header: set[str]) -> tuple[str, list[str]]:
@@ -103,26 +122,23 @@ def _columns(header: set[str]) -> tuple[str, list[str]]:
     if header.issuperset(MATRIX[:12]):
         return "", list(MATRIX[:12])
     for kind, names in TURNS.items():
-        columns = ["x", "y", "z", *names]
-        if header.issuperset(name.lower() for name in columns):
+        columns = ["x", "y", "z", *map(str.lower, names)]
+        if header.issuperset(columns):
             return "rpy" if kind == "fanuc" else kind, columns
     return "", []
 
 
-def _without_header(path: str | os.PathLike[str] | Source, label: str) -> Array:
+def _without_header(path: Path, label: str) -> Array:
     """Numbers (n, 6, 7, 12 or 16) of a file."""
-    count = 0
-    if not isinstance(path, Source) and os.fspath(path) != "-":
-        text = Path(path).read_text(encoding="utf-8-sig")
-        lines = re.sub(r"[;,\t]", " ", text).splitlines()
-        try:
-            values = np.array([line.split() for line in lines if line.strip()])
-            values = values.astype(float)
-            count = values.shape[1]
-        except (ValueError, IndexError):
-            count = 0
-    if count not in _LENGTHS:
+    text = re.sub(r"[;,\t]", " ", path.read_text(encoding="utf-8-sig"))
+    rows = [line.split() for line in text.splitlines() if line.strip()]
+    counts = {len(row) for row in rows}
+    if len(counts) > 1 or not counts & {*_LENGTHS}:
         raise LogError(
-            f"{label} has no header and {count} numbers a row: expected {EXPECTED}"
+            f"{label} has no header and {listed(map(str, counts))} numbers a row: expected "
+            f"{EXPECTED}"
         )
-    return values
+    try:
+        return np.array(rows, float)
+    except ValueError as error:
+        raise LogError(f"{label}: {error}") from None

@@ -114,8 +114,8 @@ def handeye(
                 view_of(name, shots, eyes[name] == "hand", lenses.get(name))
             )
         if table is not None:
-            setting = of_poses(table, views, unit, rotation, degrees)
-            return answer(setting, ("base", "flange"))
+            problem = of_poses(table, views, unit, rotation, degrees)
+            return answer(problem, ("base", "flange"))
         assert arm is not None  # noqa: S101 - refused above
         return answer(
             of_joints(arm, views), (parse_robot(arm.urdf).root, arm.tip)

@@ -70,33 +70,29 @@ class JointMotions(Motions):
         name = self.structure.chain_names[worst]
         return name, float(shifts[worst]), float(turns[worst])
 
-    def scales(self, layout: Layout) -> list[Scale]:
-        """Prior scales that the evidence finds; that of the size stays."""
+    def scales(self, places: Index) -> list[Scale]:
+        """Prior scales that the evidence finds, of parameters at places; that of the size stays."""
         prior = self.structure.prior(FREE)
-        scales = [Scale(layout.arm[-1:], SIZE_SD, SIZE_SD, SIZE_SD)]
+        scales = [Scale(places[-1:], SIZE_SD, SIZE_SD, SIZE_SD)]
         for hyper in prior.hypers:
-            places = layout.arm[np.searchsorted(self.active, hyper.indices)]
+            some = places[np.searchsorted(self.active, hyper.indices)]
             is_placement = hyper.name.startswith("placement")
             within = FINER if is_placement else hyper.within
             lowest, highest = hyper.scale * np.array(within)
-            scales.append(Scale(places, hyper.scale, lowest, highest))
+            scales.append(Scale(some, hyper.scale, lowest, highest))
         return scales
 
     def body(
-        self, fit: Fit, layout: Layout, camera: int, in_hand: bool
+        self, fit: Fit, layout: Layout, carried: int, standing: int
     ) -> Body:
         """What the pictures tell, as a belief of readings of poses of what is in the hand."""
         structure = self.structure
         groups = structure.groups
-        hand = camera
-        standing = len(layout.lenses) + layout.boards.index(in_hand)
-        if not in_hand:
-            hand, standing = standing, hand
-        carried = fit.unknowns.frames[hand]
+        hand = fit.unknowns.frames[carried]
         view = inverse(fit.unknowns.frames[standing])
         beta = self.beta(fit.unknowns.values[layout.arm])
-        beta[groups["tool"]] = carried[:3, 3]
-        beta[groups["tool.rotation"]] = logarithm(carried[None, :3, :3])[0]
+        beta[groups["tool"]] = hand[:3, 3]
+        beta[groups["tool.rotation"]] = logarithm(hand[None, :3, :3])[0]
         beta[groups["view.shift"]] = view[:3, 3]
         beta[groups["view.rotation"]] = logarithm(view[None, :3, :3])[0]
         # a step of the standing frame, in its own axes and the base's, as one of its inverse
@@ -106,7 +102,7 @@ class JointMotions(Motions):
         tool = [*groups["tool.rotation"], *groups["tool"]]
         slope = np.zeros((structure.size, layout.size))
         slope[np.ix_(scene, layout.frames[standing])] = back
-        slope[np.ix_(tool, layout.frames[hand])] = np.eye(6)
+        slope[np.ix_(tool, layout.frames[carried])] = np.eye(6)
         slope[self.active, layout.arm[:-1]] = 1.0
         covariance = slope @ fit.covariance @ slope.T
         active = np.flatnonzero(np.diag(covariance) > 0.0)

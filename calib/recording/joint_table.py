@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Index
+from ..common.choices import PICTURES
 from ..common.wording import listed
 from ..errors import LogError
 from ..samples.tables import Source, open_source
@@ -36,7 +36,7 @@ class JointTable:
     names: tuple[str, ...]
     q: Array  # (n, joints) [rad or m]
     time: Array | None  # times of the rows, by the joints' clock (n,) [s]
-    pictures: tuple[str, ...] | None  # names of the rows' pictures
+    pictures: Sequence[str] | None  # names of the rows' pictures
     dropped: int = 0
     episodes: Index | None = None  # (n,), the series that each row is of
 
@@ -48,31 +48,25 @@ def read_joints(
     degrees: bool = False,
     prismatic: Sequence[str] = (),
 ) -> JointTable:
-    """Read a table of joints; a column `time` [s] or `picture` says what a row is of.
+    """Read a table of joints; a column `time` [s], or one of pictures, says what a row is of.
 
     joints : the joints' columns; all columns of numbers but those if not given
     degrees, prismatic : whether joints that turn are in degrees, and which slide [m]
     Raises LogError if there are no joints, or they look like degrees and are not said to be.
     """
     source = open_source(path)
-    beside = [name for name in ("time", "episode") if name in source.header]
-    names = list(joint_columns(source.header) if joints is None else joints)
-    values = source.numbers([*names, *beside])[0]
-    about = values[:, len(names) :]
-    values = values[:, : len(names)]
+    names = tuple(joint_columns(source.header) if joints is None else joints)
     if joints is None:
-        numbers = np.isfinite(values).any(axis=0)
-        names = [names[k] for k in np.flatnonzero(numbers)]
-        values = values[:, numbers]
-    good: Mask = np.asarray(
-        np.isfinite(np.column_stack([values, about])).all(axis=1)
-    )
-    if not names or not good.any():
+        is_number = np.isfinite(source.numbers(names)[0]).any(axis=0)
+        names = tuple(np.array(names, object)[is_number])
+    beside = [name for name in ("time", "episode") if name in source.header]
+    rows = finite_rows(source, [*names, *beside])
+    if not names or not len(rows.numbers):
         raise LogError(
             f"{source.label} has no row with numbers for {listed(names)}: expected a column for "
-            f"each joint; columns: {listed(source.header)}"
+            f"each joint, decimals with a point; columns: {listed(source.header)}"
         )
-    q = values[good]
+    q, about = np.split(rows.numbers, [len(names)], axis=1)
     turning = [k for k, name in enumerate(names) if name not in prismatic]
     most = float(np.abs(q[:, turning]).max(initial=0.0))
     if degrees:
@@ -82,30 +76,51 @@ def read_joints(
             f"{source.label}: a joint goes to {most:.4g} rad, more than two turns: are these "
             "degrees? expected rad, or `degrees=True`"
         )
-    columns = dict(zip(beside, about[good].T, strict=True))
-    pictures = None
-    if "picture" in source.header:
-        pictures = picture_names(source, "picture", good)
+    columns = dict(zip(beside, about.T, strict=True))
     episodes = columns.get("episode")
     return JointTable(
         source.label,
-        tuple(names),
+        names,
         q,
         columns.get("time"),
-        pictures,
-        dropped=int((~good).sum()),
-        episodes=None if episodes is None else episodes.astype(np.intp),
+        rows.pictures,
+        rows.dropped,
+        None if episodes is None else episodes.astype(np.intp),
     )
 
 
-def picture_names(source: Source, column: str, good: Mask) -> tuple[str, ...]:
-    """Names of some rows' pictures, without their folders, of this system or another."""
-    cells = source.read([column])[column].to_list()
-    names = [
-        str(cell or "").strip().replace("\\", "/").rpartition("/")[2]
-        for cell in cells
-    ]
-    return tuple(names[k] for k in np.flatnonzero(good))
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of a table without a missing value, and the names of their pictures, if it has them."""
+
+    numbers: Array  # (n, columns)
+    pictures: list[str] | None
+    dropped: int
+
+
+def finite_rows(source: Source, columns: Sequence[str]) -> Rows:
+    """Read columns of numbers; rows in which one is missing are counted."""
+    numbers = source.numbers(columns)[0]
+    good = np.flatnonzero(np.isfinite(numbers).all(axis=1))
+    pictures = None
+    column = picture_column(source)
+    if column is not None:
+        cells = source.read([column])[column].to_list()
+        # without their folders, of this system or another
+        paths = [str(cell or "").replace("\\", "/").strip() for cell in cells]
+        pictures = [paths[k].rpartition("/")[2] for k in good]
+    return Rows(numbers[good], pictures, len(numbers) - len(good))
+
+
+def picture_column(source: Source) -> str | None:
+    """The column `picture`, or else the first whose cells end as names of pictures do."""
+    for name in source.header:
+        if name.lower() == "picture":
+            return name
+    for name, cells in source.read(source.header).to_dict().items():
+        if any(str(cell).lower().endswith(PICTURES) for cell in cells):
+            return name
+    return None
 
 
 def read_shots(
@@ -116,36 +131,31 @@ def read_shots(
     Notes of damaged pictures come as these are read.
     Raises LogError if names of pictures do not fit, or without names their counts.
     """
-    pictures = list_pictures(source)
-    count = len(table.q) + table.dropped
-    notes: list[str] = []
+    paths = list_pictures(source)
+    total = len(paths)
     rows = list(range(len(table.q)))
-    paths = pictures
+    notes: list[str] = []
+    words = ""
+    is_fitting = len(rows) == total and not table.dropped
     if table.pictures is not None:
-        by_name: dict[str, Path] = {}
-        for path in reversed(pictures):
-            by_name |= {path.stem: path, path.name: path}
-        rows = [
-            row for row, name in enumerate(table.pictures) if name in by_name
-        ]
-        paths = [by_name[table.pictures[row]] for row in rows]
+        by_name = {path.stem: path for path in reversed(paths)}
+        by_name |= {path.name: path for path in paths}
+        names = table.pictures
+        rows = [row for row, name in enumerate(names) if name in by_name]
+        paths = [by_name[names[row]] for row in rows]
+        words = f", which name {listed(names, 3)}"
+        is_fitting = bool(rows) and len(set(paths)) == len(rows)
         lonely = {
-            "rows of joints, without a picture": len(table.pictures),
-            "pictures, without joints": len(pictures),
+            "rows of joints, without a picture": len(names) - len(rows),
+            "pictures, without joints": total - len(rows),
         }
         for what, number in lonely.items():
-            if number > len(rows):
-                notes.append(f"{number - len(rows)} {what}, are left out")
-    is_by_order = table.pictures is None and count != len(pictures)
-    if not rows or len(set(paths)) != len(rows) or is_by_order:
-        named = (
-            f", which name {listed(table.pictures, 3)}"
-            if table.pictures
-            else ""
-        )
+            if number > 0:
+                notes.append(f"{number} {what}, are left out")
+    if not is_fitting:
         raise LogError(
-            f"{len(pictures)} pictures and {count} rows of joints in "
-            f"{table.label} ({table.dropped} with a missing value){named}: expected one row for "
-            "each picture, in the order of names or by a column 'picture'"
+            f"{total} pictures and {len(table.q) + table.dropped} rows of joints in {table.label} "
+            f"({table.dropped} with a missing value){words}: expected one row for each picture, in "
+            "the order of names or by a column 'picture'"
         )
     return rows, read_series(paths, notes), notes

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 _LEAST_PICTURES = 4  # of a board that a calibration needs
 _DOUBT = 0.03  # share of the focal length that its sd may be
 _TANGENTIAL = 10  # pictures from which a lens that sits askew can be told
-_MISSES = 1.0  # [px] rms, beyond which a calibration is doubtful
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,35 +78,31 @@ class Lens:
 
     def to_json(self) -> dict[str, Any]:
         """Return it as plain values."""
-        fields = {
-            name: np.asarray(value).tolist()
-            for name, value in vars(self).items()
-        }
-        return {"kind": "calib lens", **fields}
+        values = {key: np.asarray(v).tolist() for key, v in vars(self).items()}
+        return {"kind": "calib lens", **values}
 
     @classmethod
-    def from_json(cls, told: Mapping[str, Any]) -> Lens:
+    def from_json(cls, document: Mapping[str, Any]) -> Lens:
         """Return the lens that `to_json` told.
 
         Raises KeyError, TypeError, ValueError if it is none.
         """
-        width, height = (int(side) for side in told["size"])
-        shapes = {
-            "focal": 2,
-            "centre": 2,
-            "distortion": 5,
-            "covariance": (9, 9),
-        }
-        known = {"covariance": np.zeros((9, 9)), **told}
-        values = {
-            name: np.array(known[name], float).reshape(n)
-            for name, n in shapes.items()
-        }
-        if not min(width, height, *values["focal"]) > 0:
+        width, height = map(int, document["size"])
+        lens = cls(
+            (width, height),
+            np.array(document["focal"], float).reshape(2),
+            np.array(document["centre"], float).reshape(2),
+            np.array(document["distortion"], float).reshape(5),
+            float(document.get("rms", 0.0)),
+        )
+        if not min(width, height, *lens.focal) > 0:
             raise ValueError(
-                f"size {width}x{height}, focal lengths {values['focal'].tolist()}"
+                f"size {width}x{height}, focal lengths {lens.focal.tolist()}"
             )
-        return cls((width, height), **values, rms=float(told.get("rms", 0.0)))
+        covariance = document.get("covariance", lens.covariance)
+        return replace(
+            lens, covariance=np.array(covariance, float).reshape(9, 9)
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as JSON."""
@@ -120,8 +115,8 @@ def calibrate_lens(
     corners: Sequence[Mapping[int, Array]],
     board: Pattern,
     size: tuple[int, int],
-) -> tuple[Lens, tuple[str, ...]]:
-    """Fit a lens to pictures of a board held at different angles; notes say what makes it doubtful.
+) -> Lens:
+    """Fit a lens to pictures of a board held at different angles.
 
     Of lenses of one, two and four terms the one by Schwarz's criterion: what the pictures do not
     need is free near the border, where no board was.
@@ -131,7 +126,7 @@ def calibrate_lens(
     Raises LogError if too few pictures show the board, or it was never tilted.
     """
     cv2 = opencv()
-    usable = [c for c in corners if len(c) >= LEAST_CORNERS]
+    usable = [shown for shown in corners if len(shown) >= LEAST_CORNERS]
     if len(usable) < _LEAST_PICTURES:
         raise LogError(
             f"the board is in {len(usable)} of {len(corners)} pictures of the lens (at most "
@@ -140,16 +135,16 @@ def calibrate_lens(
             "board's numbers"
         )
     world = board.corners().astype(np.float32)
-    objects = [world[list(c)] for c in usable]
-    images = [
-        np.array([*c.values()], np.float32).reshape(-1, 1, 2) for c in usable
-    ]
+    objects = [world[list(shown)] for shown in usable]
+    images = [np.array([*shown.values()], np.float32) for shown in usable]
     one = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2
-    choices = [(one, 1), (one & ~cv2.CALIB_FIX_K2, 2), (cv2.CALIB_FIX_K3, 4)]
+    kinds = {1: one, 2: one & ~cv2.CALIB_FIX_K2}
+    if len(images) >= _TANGENTIAL:
+        kinds[4] = cv2.CALIB_FIX_K3
     count = 2 * sum(map(len, images))
     least = np.inf
     doubt = np.inf
-    for flags, terms in choices[: 3 if len(images) >= _TANGENTIAL else 2]:
+    for terms, flags in kinds.items():
         with suppress(cv2.error):
             rms, matrix, bends, *poses = cv2.calibrateCamera(
                 objects, images, size, None, None, flags=flags
@@ -158,23 +153,21 @@ def calibrate_lens(
             score = count * np.log(max(rms, 1e-3) ** 2) + terms * np.log(count)
             if score < least:
                 least = score
-                focal = np.diag(matrix)[:2].copy()
-                distortion = np.resize(np.append(bends, np.zeros(5)), 5)
-                centre = matrix[:2, 2].copy()
-                lens = Lens(size, focal, centre, distortion, float(rms))
+                lens = Lens(
+                    size,
+                    np.diag(matrix)[:2].copy(),
+                    matrix[:2, 2].copy(),
+                    np.ravel(bends)[:5].copy(),
+                    float(rms),
+                )
                 covariance = _covariance(objects, lens, terms, *poses)
-                doubt = float(np.sqrt(covariance[0, 0]) / focal[0])
+                doubt = float(np.sqrt(covariance[0, 0]) / lens.focal[0])
     if not doubt <= _DOUBT or not lens.focal.max() <= 50 * max(size):
         raise LogError(
             f"the pictures of the board determine the focal length to {100 * doubt:.3g} % only, "
             "3 % expected: tilt the board this way and that between them"
         )
-    lens = replace(lens, covariance=covariance)
-    notes = (
-        f"lens: the corners miss their places by {lens.rms:.2g} px rms; check that the board is "
-        "flat and printed at its true size, and that the pictures are sharp",
-    )
-    return lens, notes if lens.rms > _MISSES else ()
+    return replace(lens, covariance=covariance)
 
 
 def _covariance(
@@ -192,19 +185,15 @@ def _covariance(
         slopes = opencv().projectPoints(
             points, *pose, lens.matrix, lens.distortion
         )[1]
-        by_pose = slopes[:, :6]
-        by_lens = slopes[:, 6 : 6 + free]
-        by_lens = (
-            by_lens - by_pose @ np.linalg.lstsq(by_pose, by_lens, rcond=None)[0]
-        )
+        by_pose, by_lens = np.split(slopes[:, : 6 + free], [6], axis=1)
+        along = np.linalg.lstsq(by_pose, by_lens, rcond=None)[0]
+        by_lens = by_lens - by_pose @ along
         precision += by_lens.T @ by_lens
     # rms is of distances: half of its square along each axis
-    variance = (
-        0.5 * lens.rms**2 * count / max(count - 6 * len(objects) - free, 1)
-    )
+    share = count / max(count - 6 * len(objects) - free, 1)
     covariance = np.zeros((9, 9))
-    covariance[:free, :free] = np.linalg.pinv(precision) * variance
-    return covariance
+    covariance[:free, :free] = np.linalg.pinv(precision)
+    return 0.5 * lens.rms**2 * share * covariance
 
 
 def _file(path: Path) -> Lens:
@@ -219,24 +208,19 @@ def _file(path: Path) -> Lens:
         raise LogError(
             f"{path} is no lens ({error}): expected a file of one"
         ) from None
+    if '"calib lens"' not in text:
+        size, matrix, distortion = read_lens(text, str(path))
+        focal = np.diag(matrix)[:2].copy()
+        return Lens(size, focal, matrix[:2, 2].copy(), distortion)
     try:
-        document = json.loads(text)
-    except ValueError:
-        document = None
-    if isinstance(document, dict) and document.get("kind") == "calib lens":
-        try:
-            lens = Lens.from_json(document)
-        except (ValueError, KeyError, TypeError) as error:
-            raise LogError(f"{path} is no lens: {error}") from None
-        if not np.isfinite(lens.parameters).all():
-            raise LogError(
-                f"{path}: expected finite numbers, not {lens.parameters.tolist()}"
-            )
-        return lens
-    size, matrix, distortion = read_lens(text, str(path))
-    return Lens(
-        size, np.diag(matrix)[:2].copy(), matrix[:2, 2].copy(), distortion
-    )
+        lens = Lens.from_json(json.loads(text))
+    except (ValueError, KeyError, TypeError) as error:
+        raise LogError(f"{path} is no lens: {error}") from None
+    if not np.isfinite(lens.parameters).all():
+        raise LogError(
+            f"{path}: expected finite numbers, not {lens.parameters.tolist()}"
+        )
+    return lens
 
 
 def lens_of_model(model: Model) -> Lens:
@@ -275,7 +259,7 @@ def load_lens(
     for _, _, grey in read_series(list_pictures(path), notes):
         size = (grey.shape[1], grey.shape[0])
         corners.append(board.find(grey))
-    lens, doubts = calibrate_lens(corners, board, size)
+    lens = calibrate_lens(corners, board, size)
     notes.append(
         f"lens of {len(corners)} pictures: focal length {lens.focal[0]:.1f} px, corners miss their "
         f"places by {lens.rms:.2f} px rms"
@@ -283,4 +267,4 @@ def load_lens(
     if output is not None:
         lens.save(output)
         notes.append(f"lens written to {os.fspath(output)}")
-    return lens, (*notes, *doubts)
+    return lens, tuple(notes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 
 import numpy as np
@@ -10,29 +9,22 @@ import numpy as np
 from ..common.arrays import Array
 from ..errors import LogError
 
-MATRIX = (
-    "camera_matrix",
-    "cameraMatrix",
-    "CameraMatrix",
-    "intrinsic_matrix",
-    "mtx",
-    "K",
-    "k",
-)
+MATRIX = "camera_matrix|cameraMatrix|CameraMatrix|intrinsic_matrix|mtx|K|k"
 DISTORTION = (
-    "distortion_coefficients",
-    "distCoeffs",
-    "dist_coeffs",
-    "distortion",
-    "dist",
-    "D",
-    "d",
+    "distortion_coefficients|distCoeffs|dist_coeffs|distortion|dist|D|d"
 )
-WIDTH = ("image_width", "imageWidth", "width")
-HEIGHT = ("image_height", "imageHeight", "height")
+WIDTH = "image_width|imageWidth|width"
+HEIGHT = "image_height|imageHeight|height"
+"""Keys in YAML or JSON."""
 
-_NUMBER = re.compile(
-    r"[-+]?(?:\.?nan|\.?inf|\d+\.?\d*(?:e[-+]?\d+)?|\.\d+(?:e[-+]?\d+)?)", re.I
+_NUMBER = (
+    r"(?i:[-+]?(?:\.?nan|\.?inf|\d+\.?\d*(?:e[-+]?\d+)?|\.\d+(?:e[-+]?\d+)?))"
+)
+# what stands between a key and its numbers: a type, and the sizes of a matrix
+_ABOUT = (
+    r"[\s{]*(?:!!\S+\s+)?"
+    r"(?:[\"']?(?:rows|cols|dt|type_id)[\"']?:[^\n,]*[\n,]\s*)*"
+    r"(?:[\"']?data[\"']?:)?"
 )
 _FISHEYE = ("equidistant", "fisheye", "kannala")
 _TERMS = 5  # k1, k2, p1, p2, k3
@@ -47,72 +39,40 @@ def read_lens(text: str, label: str) -> tuple[tuple[int, int], Array, Array]:
     Raises LogError in one line where it has none, where numbers are not finite, or where the lens
     is of another kind.
     """
-    matrix = _values(text, MATRIX)
+    matrix = _numbers(text, MATRIX)
+    bent = _numbers(text, DISTORTION)
     if len(matrix) != 9:
         raise LogError(
             f"{label} is no lens: expected calib's lens.json, ROS's camera_info, or OpenCV's "
             "cameraMatrix and distCoeffs, in YAML or JSON, or pictures of the board"
         )
-    bent = _values(text, DISTORTION)
-    camera = np.reshape(matrix, (3, 3))
-    whole = np.isfinite(camera).all() and np.isfinite(bent).all()
-    if not whole or min(camera[0, 0], camera[1, 1]) <= 0.0:
+    if not np.isfinite([*matrix, *bent]).all() or min(matrix[[0, 4]]) <= 0.0:
         raise LogError(
-            f"{label}: focal lengths {camera[0, 0]:g} and {camera[1, 1]:g}, distortion "
+            f"{label}: focal lengths {matrix[0]:g} and {matrix[4]:g}, distortion "
             f"{bent.tolist()}: expected finite numbers and focal lengths above zero"
         )
-    if any(word in text.lower() for word in _FISHEYE) or np.any(bent[_TERMS:]):
+    if any(word in text.lower() for word in _FISHEYE) or bent[_TERMS:].any():
         raise LogError(
             f"{label} is a fisheye or rational lens ({len(bent)} terms): expected up to five, k1, "
             "k2, p1, p2, k3; leave the lens out to have it fitted"
         )
-    distortion = np.zeros(_TERMS)
-    distortion[: len(bent[:_TERMS])] = bent[:_TERMS]
-    width = _values(text, WIDTH)
-    height = _values(text, HEIGHT)
-    size = UNSTATED
-    if len(width) == 1 and len(height) == 1:
-        size = (int(width[0]), int(height[0]))
-    return size, camera, distortion
+    distortion = np.append(bent, np.zeros(_TERMS))[:_TERMS]
+    sides = np.append(_numbers(text, WIDTH), _numbers(text, HEIGHT))
+    size = (int(sides[0]), int(sides[1])) if len(sides) == 2 else UNSTATED
+    return size, matrix.reshape(3, 3), distortion
 
 
-def _values(text: str, names: tuple[str, ...]) -> Array:
+def _numbers(text: str, keys: str) -> Array:
     """The numbers under the first of some keys, in order; none where no key is there."""
-    try:
-        document = json.loads(text)
-    except ValueError:
-        document = None
-    for name in names:
-        if isinstance(document, dict):
-            if name in document:
-                return _flat(document[name])
-            continue
-        # a key at the start of a line, and all below it up to the next one
+    for key in keys.split("|"):
         block = re.search(
-            rf"^\s*[\"']?{name}[\"']?\s*:(.*?)(?=^[^\s\-\[\]]|\Z)",
+            rf"(?<!\w)[\"']?{key}[\"']?\s*:{_ABOUT}((?:{_NUMBER}|[\s\[\],.]|-\s)*)",
             text,
-            re.MULTILINE | re.DOTALL,
         )
-        if block is None:
-            continue
-        part = block[1]
-        if "data" in part:
-            part = part.partition("data")[2]
-        elif "\n" in part.strip() and "[" not in part and "-" not in part:
-            part = part.strip().splitlines()[0]
-        return np.array([_number(word) for word in _NUMBER.findall(part)])
+        if block is not None:
+            words = re.findall(_NUMBER, block[1].lower())
+            # YAML writes .nan and .inf
+            return np.array(
+                [w.replace(".n", "n").replace(".i", "i") for w in words], float
+            )
     return np.zeros(0)
-
-
-def _flat(value: object) -> Array:
-    """Numbers of a JSON value: lists of lists, or a mapping with `data`."""
-    if isinstance(value, dict):
-        value = value.get("data", [])
-    try:
-        return np.ravel(np.array(value, float))
-    except (TypeError, ValueError):
-        return np.zeros(0)
-
-
-def _number(word: str) -> float:
-    return float(word.replace(".nan", "nan").replace(".inf", "inf"))

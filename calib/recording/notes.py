@@ -10,10 +10,10 @@ import numpy as np
 from ..arm.arm import SpatialArm
 from ..common.arrays import Mask
 from ..common.wording import listed, two_digits
-from .bundle import SCENE
+from .bundle import POSE
 from .fit import Fit
 from .joint_motions import JointMotions
-from .problem import Setting, turning
+from .problem import Problem, turning
 from .rig import HandEye
 
 
@@ -37,12 +37,12 @@ class Limits:
 LIMITS = Limits()
 
 
-def limit_of(setting: Setting, rig: HandEye, agreeing: Mask) -> str:
+def limit_of(problem: Problem, rig: HandEye, agreeing: Mask) -> str:
     """What limits the accuracy, and what would help most."""
     turns, _ = turning(rig.flange[agreeing])
     wrist = "the hand"
-    if setting.arm is not None:
-        wrist = listed(setting.arm.joint_names[-2:])
+    if problem.arm is not None:
+        wrist = listed(problem.arm.joint_names[-2:])
     add = f"add pictures with {wrist} turned by 30 deg and more, each way"
     if turns[1] < LIMITS.turn:
         return f"few turns of the wrist (by {np.degrees(turns[1]):.1f} deg about one axis); {add}"
@@ -60,26 +60,30 @@ def limit_of(setting: Setting, rig: HandEye, agreeing: Mask) -> str:
 
 
 def notes_of(
-    setting: Setting, fit: Fit, rig: HandEye, agreeing: Mask
+    problem: Problem, fit: Fit, rig: HandEye, agreeing: Mask
 ) -> tuple[str, ...]:
     """All that has to be known."""
     notes: list[str] = []
-    for view in setting.views:
-        notes += [*view.shots.notes, *view.doubts]
-    choice = setting.choice
+    for view in problem.views:
+        notes += view.shots.notes
+    choice = problem.choice
     if choice is not None:
-        notes.append(
-            f"poses are read as {choice.reading.words}, lengths in {choice.convention['unit']}; "
-            f"the next reading fits {choice.convention['ratio']:.3g} times worse"
-        )
+        convention = choice.convention
+        words = f"the next reading fits {convention['ratio']:.3g} times worse"
         if choice.ties:
-            notes.append(f"not told apart from it: {'; '.join(choice.ties)}")
+            words = (
+                f"not told apart from it: {', or '.join(choice.ties)}; give `rotation`, or add "
+                "pictures with the hand at other places"
+            )
+        notes.append(
+            f"poses are read as {choice.reading.words}, lengths in {convention['unit']}; {words}"
+        )
     notes += _contradicting(rig, agreeing)
     notes += _open(rig, agreeing)
     notes += _size(rig)
-    notes += _lenses(setting, fit)
-    arm = setting.arm
-    notes += _nearness(rig) if arm is None else _arm(setting, arm, fit, rig)
+    notes += _lenses(problem, fit)
+    arm = problem.arm
+    notes += _nearness(rig) if arm is None else _arm(problem, arm, fit, rig)
     return tuple(notes)
 
 
@@ -127,10 +131,10 @@ def _size(rig: HandEye) -> Iterator[str]:
         )
 
 
-def _lenses(setting: Setting, fit: Fit) -> Iterator[str]:
-    lenses = setting.problem.bundle.layout.lenses
-    for number, view in enumerate(setting.views):
-        focus = float(fit.noise.error[SCENE + number])
+def _lenses(problem: Problem, fit: Fit) -> Iterator[str]:
+    lenses = problem.bundle.layout.lenses
+    for number, view in enumerate(problem.views):
+        focus = float(fit.noise.error[POSE + number])
         if focus > LIMITS.focus:
             yield (
                 f"{view.name}: the focal length changes by {two_digits(100 * focus)} % from "
@@ -164,10 +168,10 @@ def _nearness(rig: HandEye) -> Iterator[str]:
 
 
 def _arm(
-    setting: Setting, arm: SpatialArm, fit: Fit, rig: HandEye
+    problem: Problem, arm: SpatialArm, fit: Fit, rig: HandEye
 ) -> Iterator[str]:
     """How good the arm is, whether it is this one, and what no picture tells of joints."""
-    bundle = setting.problem.bundle
+    bundle = problem.bundle
     most_shift, most_turn = LIMITS.repeats
     is_loose = rig.repeatability["rotation"] > most_turn
     if is_loose or rig.repeatability["position"] > most_shift:

@@ -1,4 +1,4 @@
-"""Photos: one kept in a model, scaled or seen from straight above; one with what was seen in it."""
+"""Photos: one kept in a model, scaled; one with what was seen in it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from ..common.choices import PICTURES
 from ..errors import LogError
 from ..model.about import Photo
 from .pictures import Picture, Video, opencv, read_picture
-from .reference import PlaneReference
 from .setting import Setup
 from .tags import TagFinder
 
@@ -41,8 +40,8 @@ def take_photo(
     """Read a photo so that positions can be drawn over it.
 
     path : a picture or a video, whose first frame is taken, by the camera that made the log
-    x : (n, 2), positions that should be in it, in "px" or "m"
-    about : what the log tells of its source (`Source.about`): for metres where its camera was
+    x : (n, 2), positions that should be in it [px]
+    about : what the log tells of its source (`Source.about`)
     Raises LogError if it cannot be read, is of another camera, or shows none of the positions.
     """
     about = about or {}
@@ -54,49 +53,19 @@ def take_photo(
             f"{name} is {width}x{height}, the log's pictures were {about['size']!r:.40}: expected "
             "one by the same camera"
         )
-    if x.shape[1] != 2 or unit not in ("px", "m"):
+    if x.shape[1] != 2 or unit != "px":
         raise LogError(
             f"positions in {unit}, {x.shape[1]} coordinates, are not drawn over a photo: expected "
-            "x and y in px, or in m with a board"
+            "x and y in px"
         )
-    reference = None if unit == "px" else PlaneReference.of(about)
-    pixels = x if reference is None else reference.pixels(x)
-    inside = ((pixels > -0.5) & (pixels < np.array([width, height]) - 0.5)).all(
-        axis=1
-    )
+    inside = ((x > -0.5) & (x < np.array([width, height]) - 0.5)).all(axis=1)
     if inside.mean() < 0.25:
         raise LogError(
             f"{name} shows {100 * inside.mean():.0f} % of the positions only: expected a picture "
             "by the camera that made the log"
         )
-    if reference is None:
-        return Photo(_packed(picture), (-0.5, width - 0.5, height - 0.5, -0.5))
-    # the plane of the positions as a camera straight above would see it, and some of it beyond
-    low = x[inside].min(axis=0)
-    high = x[inside].max(axis=0)
-    margin = 0.12 * (high - low).max()
-    low = low - margin
-    high = high + margin
-    step = (high - low).max() / WIDEST
-    along, up = (
-        np.arange(low[k] + 0.5 * step, high[k], step) for k in range(2)
-    )
-    plane = np.stack(np.meshgrid(along, up[::-1]), axis=-1)
-    at = reference.pixels(plane.reshape(-1, 2)).reshape(plane.shape)
-    cv2 = opencv()
-    above = cv2.remap(
-        picture,
-        at.astype(np.float32),
-        None,
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=(255, 255, 255),
-    )
-    west, bottom = low
-    right, top = low + step * np.array([len(along), len(up)])
-    return Photo(
-        _packed(np.asarray(above, np.uint8)), (west, right, bottom, top)
-    )
+    box = (-0.5, width - 0.5, height - 0.5, -0.5)
+    return Photo(_packed(picture), box)
 
 
 def read_photo(path: Path) -> Picture:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,10 +13,9 @@ from ..body.spatial import structure_of
 from ..common.arrays import Array, Index
 from ..common.scale import METRES
 from ..errors import LogError
-from .agreement import Problem
-from .bundle import Bundle, Motions, Unknowns
+from .bundle import Bundle, Motions, Unknowns, bending
 from .conventions import Choice, choose
-from .fit import Fit, Noise, Prior, Scale
+from .fit import Fit, Noise, Prior, Scale, solve
 from .flange_table import FlangeTable
 from .joint_motions import JointMotions
 from .readings import refuse_readings
@@ -48,37 +47,45 @@ PRIORS = Priors()
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
-    """What is fitted, and what its motions mean."""
+class Problem:
+    """All pictures, what is known before them, and where their fit begins."""
 
-    views: tuple[View, ...]  # with the boards numbered alike
+    views: Sequence[View]  # with the boards numbered alike
     rows: Index  # (n,), of joints or poses that some camera has a picture of
-    problem: Problem
+    bundle: Bundle
+    prior: Prior
+    start: Fit
     arm: SpatialArm | None = None
-    choice: Choice | None = None  # of poses
+    choice: Choice | None = None  # what poses mean
 
     @property
-    def names(self) -> list[str]:
+    def names(self) -> tuple[str, ...]:
         """What the motions' pictures are called."""
         names: dict[int, str] = {}
         for view in reversed(self.views):
-            pictures = zip(view.rows.tolist(), view.shots.names, strict=True)
-            names |= dict(pictures)
-        return [names[row] for row in self.rows.tolist()]
+            names |= zip(view.rows.tolist(), view.shots.names, strict=True)
+        return tuple(names[row] for row in self.rows.tolist())
+
+    def solve(self, motions: Index, start: Fit, *, learn: bool = True) -> Fit:
+        """The fit to the pictures of some motions."""
+        exact = start.unknowns.exact(len(motions))
+        start = replace(start, unknowns=exact)
+        return solve(self.bundle.take(motions), self.prior, start, learn=learn)
+
+    def predict(self, fit: Fit) -> Array:
+        """Pixels (N, 2) of all corners where the motions alone put them."""
+        return self.bundle.look(fit.unknowns.exact(len(self.rows))).pixels
 
 
-def of_joints(arm: SpatialArm, views: Sequence[View]) -> Setting:
+def of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
     """The problem of joints and a drawn arm."""
     rows = _rows(views)
     q = np.zeros((len(rows), arm.dof))
     for view in views:
         q[np.searchsorted(rows, view.rows)] = view.shots.q
     motions = JointMotions(q, structure_of(arm, "pose"))
-    first = views[0]
-    refuse_readings(
-        motions.structure, first.shots.q, first.boards, first.shots.board
-    )
-    return replace(_setting(views, rows, motions, PRIORS.joints), arm=arm)
+    refuse_readings(motions.structure, views[0])
+    return replace(_problem(views, rows, motions, PRIORS.joints), arm=arm)
 
 
 def of_poses(
@@ -87,13 +94,13 @@ def of_poses(
     unit: str | None,
     rotation: str | None,
     degrees: bool | None,
-) -> Setting:
+) -> Problem:
     """The problem of flange poses, whose convention is found.
 
     Raises LogError where they turn about one axis alone, or are not of the pictures.
     """
     most = max(views, key=lambda view: len(view.rows))
-    choice = choose(table, most.rows, most.boards, unit, rotation, degrees)
+    choice = choose(table, most, unit, rotation, degrees)
     flange = choice.reading.flange.copy()
     sizes = np.degrees(turning(flange[most.rows])[0])
     if sizes[1] < PRIORS.turn:
@@ -114,10 +121,8 @@ def of_poses(
         )
     flange[:, :3, 3] /= METRES[choice.convention["unit"]]
     rows = _rows(views)
-    motions = Motions(flange[rows])
-    return replace(
-        _setting(views, rows, motions, PRIORS.controller), choice=choice
-    )
+    problem = _problem(views, rows, Motions(flange[rows]), PRIORS.controller)
+    return replace(problem, choice=choice)
 
 
 def _rows(views: Sequence[View]) -> Index:
@@ -128,18 +133,17 @@ def turning(poses: Array) -> tuple[Array, Array]:
     """Rms turns (3,) [rad] of poses (n, 4, 4) about three axes (3, 3) of theirs, largest first."""
     turns = poses[:, :3, :3]
     vectors = logarithm(nearest_rotation(turns.sum(axis=0)).T @ turns)
-    _, sizes, axes = np.linalg.svd(
-        vectors - vectors.mean(axis=0), full_matrices=False
-    )
+    vectors -= vectors.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(vectors, full_matrices=False)
     return np.asarray(sizes / np.sqrt(len(vectors))), axes
 
 
-def _setting(
+def _problem(
     views: Sequence[View],
     rows: Index,
     motions: Motions,
     errors: tuple[float, float],
-) -> Setting:
+) -> Problem:
     """The problem, which begins at a closed form of each camera; `errors` are the motions'."""
     flange = motions.poses(np.zeros(motions.size))
     starts: list[Start] = []
@@ -147,13 +151,13 @@ def _setting(
     boards: dict[bool, Start] = {}
     for view in views:
         there = flange[np.searchsorted(rows, view.rows)]
-        start = find_start(there, view.boards, "m")
+        start = find_start(there, view, "m")
         board = boards.setdefault(view.in_hand, start)
-        start = _from_same_end(start, board, view.boards.half_turn)
+        start = _from_same_end(start, board, view.board.half_turn)
         starts.append(start)
         shots = view.shots.turned(start.turned)
         numbered.append(replace(view, shots=shots))
-    bundle = Bundle(tuple(view.corners(rows) for view in numbered), motions)
+    bundle = _bundle(numbered, rows, motions)
     layout = bundle.layout
     mean = np.zeros(layout.size)
     begin = np.zeros(layout.size)
@@ -164,29 +168,32 @@ def _setting(
         if view.given is None:
             mean[lens[4:]] = 0.0
         scales += _lens_scales(view, lens)
-    for in_hand, shape in zip(layout.boards, layout.shapes, strict=True):
-        size = float(np.clip(boards[in_hand].size, -MISSAID, MISSAID))
+    for start, shape in zip(boards.values(), layout.shapes, strict=True):
+        size = float(np.clip(start.size, -MISSAID, MISSAID))
         if not motions.size:
             begin[shape[-1]] = size
         printed = max(abs(size), PRIORS.printed[0])
-        scales.append(Scale(shape[:-3], *PRIORS.bent))
-        scales.append(Scale(shape[-3:-1], *PRIORS.stretched))
-        scales.append(Scale(shape[-1:], printed, *PRIORS.printed))
+        scales += [
+            Scale(shape[:-3], *PRIORS.bent),
+            Scale(shape[-3:-1], *PRIORS.stretched),
+            Scale(shape[-1:], printed, *PRIORS.printed),
+        ]
     if isinstance(motions, JointMotions):
-        scales += motions.scales(layout)
-    prior = Prior(mean, tuple(scales))
+        scales += motions.scales(layout.arm)
     frames = [start.camera for start in starts]
-    frames += [boards[in_hand].board for in_hand in layout.boards]
-    turn, shift = errors
-    focus = [PRIORS.focus] * len(views)
+    frames += [start.board for start in boards.values()]
+    sizes = np.full(layout.size, np.inf)
+    for scale in scales:
+        sizes[scale.indices] = scale.start
     noise = Noise(
         corner=np.full(len(views), PRIORS.corner),
-        error=np.array([turn, turn, turn, shift, shift, shift, *focus]),
-        prior=prior.sd,
+        error=np.repeat([*errors, PRIORS.focus], [3, 3, len(views)]),
+        prior=sizes,
     )
     exact = np.zeros((len(rows), layout.errors))
-    begins = Fit(Unknowns(np.array(frames), begin, exact), noise)
-    return Setting(tuple(numbered), rows, Problem(bundle, prior, begins))
+    unknowns = Unknowns(np.array(frames), begin, exact)
+    fit = Fit(unknowns, noise, np.zeros((0, 0)))
+    return Problem(numbered, rows, bundle, Prior(mean, scales), fit)
 
 
 def _from_same_end(
@@ -204,7 +211,35 @@ def _from_same_end(
     return start
 
 
-def _lens_scales(view: View, places: Index) -> list[Scale]:
+def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
+    """The corners of all pictures."""
+    points: list[Array] = []
+    bends: list[Array] = []
+    pixels: list[Array] = []
+    labels: list[tuple[int, int]] = []
+    for number, view in enumerate(views):
+        outline = view.board.points()
+        bent = bending(outline, outline)
+        motion = np.searchsorted(rows, view.rows)
+        for k in np.argsort(motion, kind="stable"):
+            shown = list(view.shots.corners[k])
+            points.append(outline[shown])
+            bends.append(bent[shown])
+            pixels.append(np.array([*view.shots.corners[k].values()]))
+            labels += [(number, motion[k])] * len(shown)
+    camera, motion = np.array(labels).T
+    return Bundle(
+        motions,
+        [view.in_hand for view in views],
+        np.concatenate(points),
+        np.concatenate(bends),
+        np.concatenate(pixels),
+        camera,
+        motion,
+    )
+
+
+def _lens_scales(view: View, places: Index) -> Iterator[Scale]:
     """Priors of a lens; the pictures alone tell focal length and centre of one that is fitted."""
     focal = float(view.lens.focal.mean())
     # tangent of the angle at which the corners of the picture appear
@@ -217,7 +252,6 @@ def _lens_scales(view: View, places: Index) -> list[Scale]:
         (slice(6, 8), 0.05 / edge),
         (slice(8, 9), edge**-6),
     )
-    scales = []
     for part, highest in groups:
         lowest = 1e-6 * highest
         start = 0.3 * highest
@@ -228,5 +262,4 @@ def _lens_scales(view: View, places: Index) -> list[Scale]:
         elif part.stop <= 4:
             start = highest
             lowest = highest
-        scales.append(Scale(places[part], start, lowest, highest))
-    return scales
+        yield Scale(places[part], start, lowest, highest)

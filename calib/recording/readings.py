@@ -13,9 +13,9 @@ from ..common.rows import thinned
 from ..errors import LogError
 from ..samples.diagnosis import Finding, readings
 from ..samples.settings import DIAGNOSIS
-from .board import Pattern
 from .rigid import rigid
-from .start import BoardPoses, find_start
+from .start import Start, find_start
+from .view import View
 
 # of the misfit: another reading of the joints explains the pictures better
 _CLEAR = 0.4
@@ -24,36 +24,32 @@ _TRIED = 10  # pictures that these are tried on
 _MISSAID = 0.05  # of a board's size, that no print is off by
 
 
-def refuse_readings(
-    structure: SpatialStructure, q: Array, seen: BoardPoses, board: Pattern
-) -> None:
+def refuse_readings(structure: SpatialStructure, view: View) -> None:
     """Refuse joints, an eye or a board of which another reading explains the pictures far better.
 
-    q : (p, dof), joint values of the pictures [rad or m]
+    structure : of the arm as it is drawn
     """
     base = structure.with_view("base")
     neutral = structure.neutral()
+    q = view.shots.q
 
-    def misfit(values: Array, sight: BoardPoses) -> tuple[float, float]:
+    def start(values: Array, seen: View) -> Start:
         places, turns = base.pose(values, neutral)
-        start = find_start(rigid(turns, places), sight, "m")
-        return start.misfit, start.size
+        return find_start(rigid(turns, places), seen, "m")
 
-    own, size = misfit(q, seen)
-    if own < _FAR and abs(np.expm1(size)) < _MISSAID:
+    usual = start(q, view)
+    is_board = abs(np.expm1(usual.size)) < _MISSAID
+    if usual.misfit < _FAR and is_board:
         return
     some = thinned(len(q), _TRIED)
-    few = seen.take(some)
-    best = own
+    few = replace(view, poses=view.poses[some])
+    other_eye = replace(few, in_hand=not view.in_hand)
+    best = usual.misfit
     words = ""
     hint = ""
-    for values, finding in _others(structure, q, seen):
-        sight = (
-            replace(few, in_hand=not few.in_hand)
-            if finding.kind == "eye"
-            else few
-        )
-        there, _ = misfit(values[some], sight)
+    for values, finding in _others(structure, view):
+        seen = other_eye if finding.kind == "eye" else few
+        there = start(values[some], seen).misfit
         if there < _CLEAR * best:
             best = there
             words = finding.words
@@ -64,8 +60,8 @@ def refuse_readings(
         raise LogError(
             f"the pictures fit the joints only if {words}", hint=hint
         )
-    if abs(np.expm1(size)) > _MISSAID and len(structure.joint_names) > 2:
-        side = f"{1e3 * board.points().max():.4g} mm"
+    if not is_board and len(structure.joint_names) > 2:
+        side = f"{1e3 * view.board.points().max():.4g} mm"
         raise LogError(
             "by the arm's motions the board's squares measure otherwise than said, by more than "
             f"any print is off (corners span {side} as said)",
@@ -76,13 +72,16 @@ def refuse_readings(
 
 
 def _others(
-    structure: SpatialStructure, q: Array, seen: BoardPoses
+    structure: SpatialStructure, view: View
 ) -> Iterator[tuple[Array, Finding]]:
     """Other readings of the joints, the simplest first."""
+    q = view.shots.q
     names = structure.joint_names
-    eye, where = (
-        ("base", "stands still") if seen.in_hand else ("hand", "is in the hand")
-    )
+    eye = "hand"
+    where = "is in the hand"
+    if view.in_hand:
+        eye = "base"
+        where = "stands still"
     yield q, Finding("eye", f"the camera {where}", f"give `eye={eye!r}`")
     late = Finding(
         "late",

@@ -17,6 +17,7 @@ from ..samples.tables import open_source
 from .board import LEAST_CORNERS, Board
 from .lens import Lens
 from .pictures import opencv
+from .rigid import rigid
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,10 @@ class Pose:
         return -self.rotation.T @ self.shift
 
 
-def turns_and_shifts(poses: Sequence[Pose]) -> tuple[Array, Array]:
-    """Rotations (n, 3, 3) and shifts (n, 3) [m] of poses."""
-    return np.array([p.rotation for p in poses]), np.array(
-        [p.shift for p in poses]
-    )
+def matrices(poses: Sequence[Pose]) -> Array:
+    """Poses as matrices (n, 4, 4)."""
+    turns = np.array([pose.rotation for pose in poses])
+    return rigid(turns, np.array([pose.shift for pose in poses]))
 
 
 def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
@@ -115,13 +115,6 @@ class PlaneReference:
                 np.where(far > 0.0, camera[:2] + far * rays[:, :2], np.nan)
             )
 
-    def pixels(self, positions: Array) -> Array:
-        """Return where points (n, 2) [m] of the plane appear."""
-        points = np.c_[positions, np.full(len(positions), self.height)]
-        points_ahead = points @ self.pose.rotation.T + self.pose.shift
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            return self.lens.distort(points_ahead[:, :2] / points_ahead[:, 2:])
-
     def noise(self, pixels: Array) -> tuple[Array, Array]:
         """Return the scale of a pixel (n,), and the sd (n,) that pose and lens make for all [m]."""
         base = self.positions(pixels)
@@ -150,27 +143,6 @@ class PlaneReference:
             "camera": camera,
             "height": self.height,
         }
-
-    @classmethod
-    def of(cls, about: Mapping[str, Any]) -> PlaneReference:
-        """Return the reference that a log tells of itself, without its doubt; see `to_json`.
-
-        Raises LogError if it tells none.
-        """
-        try:
-            document = about["reference"]
-            lens = Lens.from_json(about["lens"])
-            rotation = np.array(document["rotation"], float).reshape(3, 3)
-            shift = -rotation @ np.array(document["camera"], float).reshape(3)
-            return cls(
-                lens,
-                Pose(rotation, shift, np.zeros((15, 15))),
-                float(document["height"]),
-            )
-        except (KeyError, TypeError, ValueError):
-            raise LogError(
-                "the log does not say where its camera was: expected one that calib log made"
-            ) from None
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,26 +1,33 @@
-"""Rig: where cameras and boards are, with intervals, as JSON and as lines for people."""
+"""Rig: where cameras and boards are, with intervals, as JSON, lines for people, and files."""
 
 from __future__ import annotations
 
-import base64
+import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any, TypedDict
 
 import numpy as np
 
+from ..arm.rotations import logarithm, matrix_of
 from ..body.belief import Body
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
+from ..common.choices import Eye
 from ..common.wording import two_digits
-from ..model_file.container import pack
+from ..errors import ModelError
+from ..model.model import Model
+from ..model_file.container import check_sum, pack, unpack
 from ..samples.samples import Samples
 from .conventions import Convention
+from .rigid import rigid
 
 KIND = "rig"
 UNWRITTEN = ("poses", "body")
-FILED = ("flange", "misses", "covariance", "names", "frames", "photo")
+ARRAYS = ("flange", "misses", "covariance")
+FILED = (*ARRAYS, "names", "frames")
 """What files hold, and JSON for people does not."""
 
 Place = dict[str, list[float]]
@@ -47,62 +54,15 @@ class Square(TypedDict):
     interval: list[float]
 
 
-@dataclass(frozen=True, eq=False)
-class CameraPlace:
-    """One of several cameras."""
+class CameraPlace(TypedDict, total=False):
+    """One of several cameras as JSON: its place under "hand" or "base", by its eye."""
 
     name: str
-    eye: str
-    place: Place  # in the hand, or in the base
+    eye: Eye
+    hand: Place
+    base: Place
     lens: LensFacts
-    # in the frame of the first camera of its eye
-    from_first: Place | None = None
-
-    def to_json(self) -> dict[str, object]:
-        """What `calib handeye --json` prints of it."""
-        document: dict[str, object] = {"name": self.name, "eye": self.eye}
-        document |= {self.eye: self.place, "lens": self.lens}
-        if self.from_first is not None:
-            document["from_first"] = self.from_first
-        return document
-
-    @classmethod
-    def of(cls, document: Mapping[str, Any]) -> CameraPlace:
-        """The camera that `to_json` told."""
-        eye = document["eye"]
-        first = document.get("from_first")
-        return cls(
-            document["name"], eye, document[eye], document["lens"], first
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Photo:
-    """A picture that the fit did not see, with its corners [px]."""
-
-    name: str
-    jpeg: bytes
-    corners: Array  # (m, 2), as they are
-    predicted: Array  # (m, 2)
-
-    def to_json(self) -> dict[str, object]:
-        """As plain values."""
-        return {
-            "name": self.name,
-            "jpeg": base64.b64encode(self.jpeg).decode(),
-            "corners": self.corners.tolist(),
-            "predicted": self.predicted.tolist(),
-        }
-
-    @classmethod
-    def of(cls, document: Mapping[str, Any]) -> Photo:
-        """The photo that `to_json` told."""
-        return cls(
-            document["name"],
-            base64.b64decode(document["jpeg"]),
-            corners=np.array(document["corners"], float).reshape(-1, 2),
-            predicted=np.array(document["predicted"], float).reshape(-1, 2),
-        )
+    from_first: Place  # in the frame of the first camera of its eye
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +89,7 @@ class HandEye:
     square: Square
     # its text, and its corners as fitted, in its frame [m]
     board: dict[str, object]
-    # rms and median of pictures predicted by others [px]
+    # rms of pictures predicted by others [px]
     held_out: dict[str, float]
     left_out: tuple[str, ...]  # names of pictures
     cameras: tuple[CameraPlace, ...]
@@ -140,7 +100,6 @@ class HandEye:
     misses: Array  # (n,) [px], rms of the corners at each motion, by a fit without it
     # (12, 12), of turn and shift of the hand's and the base's frame
     covariance: Array
-    photo: Photo | None = None
     # of joints: the pictures as `calib log --eye` writes
     poses: Samples | None = None
     body: Body | None = None
@@ -165,11 +124,12 @@ class HandEye:
     def document(self) -> dict[str, Any]:
         """All but the log and the body, as plain values."""
         names = [field.name for field in fields(self)]
-        return {
-            name: _plain(getattr(self, name))
-            for name in names
-            if name not in UNWRITTEN
-        }
+        document = {name: getattr(self, name) for name in names}
+        for name in UNWRITTEN:
+            del document[name]
+        for name in ARRAYS:
+            document[name] = document[name].tolist()
+        return document
 
     def to_json(self) -> dict[str, object]:
         """What `calib handeye --json` prints."""
@@ -193,13 +153,13 @@ class HandEye:
             _line(f"{self.standing} in the frame of {base}", self.base),
         ]
         for camera in self.cameras[1:]:
-            parent = tip if camera.eye == "hand" else base
-            lines.append(
-                _line(f"{camera.name} in the frame of {parent}", camera.place)
-            )
-            if camera.from_first is not None:
-                words = f"{camera.name} in the first camera's frame"
-                lines.append(_line(words, camera.from_first))
+            name = camera["name"]
+            eye = camera["eye"]
+            parent = tip if eye == "hand" else base
+            lines.append(_line(f"{name} in the frame of {parent}", camera[eye]))
+            if "from_first" in camera:
+                words = f"{name} in the first camera's frame"
+                lines.append(_line(words, camera["from_first"]))
         mean, largest = map(two_digits, self.reprojection.values())
         return [
             *lines,
@@ -210,17 +170,6 @@ class HandEye:
             f"lens: focal length {self.lens['focal']:.1f} ± {two_digits(self.lens['focal_95'])} px",
             f"limited by {self.limited_by}",
         ]
-
-
-def _plain(value: object) -> object:
-    """A value without arrays and classes."""
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, tuple):
-        return [_plain(part) for part in value]
-    if isinstance(value, CameraPlace | Photo):
-        return value.to_json()
-    return value
 
 
 def _line(what: str, place: Place) -> str:
@@ -235,3 +184,107 @@ def _line(what: str, place: Place) -> str:
     return (
         f"{what}: ({at}) mm, quaternion ({quaternion}) ± {two_digits(turn)} deg"
     )
+
+
+def rig_of(document: Mapping[str, Any]) -> HandEye:
+    """The rig that `HandEye.document` told.
+
+    Raises KeyError, TypeError, ValueError if it is none.
+    """
+    values = dict(document)
+    values.pop("photo", None)  # of files of older programs
+    for name in ARRAYS:
+        values[name] = np.array(document[name], float)
+    for name in ("notes", "left_out", "names", "frames", "cameras"):
+        values[name] = tuple(document[name])
+    return HandEye(**values)
+
+
+def is_rig(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a rig."""
+    try:
+        header, _ = unpack(Path(path).read_bytes(), str(path))
+    except (OSError, ModelError):
+        return False
+    return header.get("kind") == KIND
+
+
+def load_rig(path: str | os.PathLike[str]) -> HandEye:
+    """Read a rig from its file.
+
+    Raises ModelError if the file is missing, damaged, edited or no rig.
+    """
+    name = str(path)
+    try:
+        header, tensors = unpack(Path(path).read_bytes(), name)
+        check_sum(header, tensors, name)
+        document: Any = header[KIND]
+        return rig_of(document)
+    except (OSError, LookupError, TypeError, ValueError) as error:
+        raise ModelError(
+            f"{name}: no rig: expected what calib handeye -o writes ({error})"
+        ) from error
+
+
+def rig_of_model(model: Model) -> HandEye | None:
+    """The rig that a model was learned from; None of others."""
+    board: Any = model.about.options.get("board")
+    try:
+        return rig_of(board[KIND])
+    except (LookupError, TypeError, ValueError):
+        return None
+
+
+def transform_files(
+    rig: HandEye, path: str | os.PathLike[str]
+) -> dict[Path, str]:
+    """The text of each file: transforms in JSON, and beside it lines and matrices for people."""
+    base, tip = rig.frames
+    places = {f"{rig.carried}_frame": (tip, rig.hand)}
+    places[f"{rig.standing}_frame"] = (base, rig.base)
+    if len(rig.cameras) > 1:
+        del places["camera_frame"]
+        for camera in rig.cameras:
+            eye = camera["eye"]
+            parent = tip if eye == "hand" else base
+            places[f"{camera['name']}_frame"] = (parent, camera[eye])
+    # geometry_msgs/TransformStamped
+    stamped = []
+    lines: list[str] = []
+    for child, (parent, place) in places.items():
+        transform = {
+            "translation": dict(zip("xyz", place["position"], strict=True)),
+            "rotation": dict(zip("xyzw", place["quaternion"], strict=True)),
+        }
+        stamped.append(
+            {
+                "header": {"frame_id": parent},
+                "child_frame_id": child,
+                "transform": transform,
+            }
+        )
+        lines += _lines(parent, child, place)
+    return {
+        Path(path): json.dumps(stamped, indent=2) + "\n",
+        Path(path).with_suffix(".txt"): "\n".join(lines) + "\n",
+    }
+
+
+def _lines(parent: str, child: str, place: Place) -> list[str]:
+    turn = matrix_of(place["quaternion"])
+    numbers = zip(
+        ("x", "y", "z", "qx", "qy", "qz", "qw"),
+        place["position"] + place["quaternion"],
+        strict=True,
+    )
+    options = " ".join(f"--{name} {value!r}" for name, value in numbers)
+    rows = rigid(turn, place["position"])
+    return [
+        f"# {child} in {parent}",
+        f"ros2 run tf2_ros static_transform_publisher {options} --frame-id {parent} "
+        f"--child-frame-id {child}",
+        *(" ".join(f"{cell: .9f}" for cell in row) for row in rows),
+        f"rvec {logarithm(turn).tolist()}",
+        f"tvec {place['position']}",
+        "",
+    ]

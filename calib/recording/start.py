@@ -5,14 +5,15 @@ Half turns of a chessboard that looks the same from both ends follow from the mo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..arm.rotations import nearest_rotation
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Mask
 from ..common.scale import METRES
 from .rigid import inverse, rigid
+from .view import View
 
 MISSAID = 0.3
 """Log of a board's size over the stated one, that is none."""
@@ -22,20 +23,8 @@ ROUNDS = 4
 
 UNITS = ("m", "cm", "mm", "in")
 
-
-@dataclass(frozen=True, eq=False)
-class BoardPoses:
-    """A board before a camera, by each picture alone."""
-
-    poses: Array  # (n, 4, 4) [m]
-    ends: Array  # (k, 3), corners of the board [m]
-    # (4, 4) [m], of a board that looks the same from its ends
-    half_turn: Array | None
-    in_hand: bool  # whether the camera is in the hand
-
-    def take(self, rows: Index) -> BoardPoses:
-        """Some of the pictures."""
-        return replace(self, poses=self.poses[rows])
+USUAL = 0.6
+"""How far a flange is from its base, about [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,68 +40,69 @@ class Start:
     turned: Mask  # (n,), pictures numbered from the board's other end
 
     @property
+    def is_sized(self) -> bool:
+        """Whether the board is of a size that may be meant."""
+        return abs(self.size) < MISSAID
+
+    @property
     def rank(self) -> float:
         """The misfit, ten times where the board is of no size that may be meant."""
-        return self.misfit if abs(self.size) < MISSAID else 10.0 * self.misfit
+        return self.misfit if self.is_sized else 10.0 * self.misfit
 
 
-def find_start(
-    flange: Array, boards: BoardPoses, unit: str | None = None
-) -> Start:
+def find_start(flange: Array, view: View, unit: str | None = None) -> Start:
     """Solve for camera and board; where the motions tell no lengths, with the board as stated.
 
-    A flange that turns on the spot fits in any unit: then it is some 0.6 m from the base.
+    A flange that turns on the spot fits in any unit: then it is as far from its base as usual.
 
     flange : (n, 4, 4), in the base
-    unit : of its lengths; by default the one in which the board is nearest to its stated size
+    unit : of the flange's lengths; by default the one in which the board is nearest to its stated
+        size
     """
-    start = _solved(flange, boards, unit)
-    if abs(start.size) < MISSAID:
-        return start
-    distances = np.linalg.norm(flange[:, :3, 3], axis=1)
-    distance = max(float(np.median(distances)), 1e-9)
-    usual = sorted(
-        UNITS, key=lambda name: abs(np.log(distance / METRES[name] / 0.6))
-    )
-    for name in [unit] if unit else usual:
-        sized = _solved(flange, boards, name, METRES[name])
-        if sized.misfit < max(1.3 * start.misfit, np.radians(0.2)):
-            return sized
-    return start
+    start = _solved(flange, view, unit, None)
+    distance = float(np.median(np.linalg.norm(flange[:, :3, 3], axis=1)))
+    name = unit or _nearest(max(distance, 1e-9) / USUAL)
+    sized = _solved(flange, view, unit, METRES[name])
+    most = max(1.3 * start.misfit, np.radians(0.2))
+    if start.is_sized:  # by chance, where a length of noise fits badly
+        most = 0.5 * start.misfit
+    return sized if sized.misfit < most else start
+
+
+def _nearest(length: float) -> str:
+    """The unit of which a metre is nearest to a length."""
+    return min(UNITS, key=lambda name: abs(np.log(length / METRES[name])))
 
 
 def _solved(
-    flange: Array,
-    boards: BoardPoses,
-    unit: str | None,
-    length: float | None = None,
+    flange: Array, view: View, unit: str | None, length: float | None
 ) -> Start:
     """Camera and board; `length` is that of a metre in the flange's unit, where boards tell it."""
-    motions = inverse(flange) if boards.in_hand else flange
+    motions = inverse(flange) if view.in_hand else flange
+    poses = view.poses
     weights = np.ones(len(motions))
-    turn = boards.half_turn
+    half_turn = view.board.half_turn
     turned = np.zeros(len(motions), bool)
-    poses = boards.poses
-    if turn is not None:
-        turned = _half_turned(motions, poses, turn)
-        poses = np.where(turned[:, None, None], poses @ turn, poses)
+    if half_turn is not None:
+        turned = _half_turned(motions, poses, half_turn)
+        poses = np.where(turned[:, None, None], poses @ half_turn, poses)
+    points = view.board.points()
+    points = points[:: max(len(points) // 8, 1)]
     for _ in range(ROUNDS):
         x, y, scale = _closed_form(motions, poses, weights, length)
         predicted = inverse(x) @ motions @ y
         predicted[:, :3, 3] /= scale if abs(scale) > 1e-12 else 1e-12
-        misses = _gaps(predicted, poses, boards.ends)
+        misses = _gaps(predicted, poses, points)
         misfit = float(np.median(misses))
         weights = 1.0 / (1.0 + (misses / (3.0 * misfit + 1e-9)) ** 2) ** 2
-    if turn is not None and turned[0]:
+    if half_turn is not None and turned[0]:
         # from which end is free: the first picture's
-        half = turn.copy()
+        half = half_turn.copy()
         half[:3, 3] *= scale
         y = y @ half
         turned = ~turned
     lengths = max(scale, 1e-9)
-    unit = unit or min(
-        UNITS, key=lambda name: abs(np.log(lengths / METRES[name]))
-    )
+    unit = unit or _nearest(lengths)
     x[:3, 3] /= METRES[unit]
     y[:3, 3] /= METRES[unit]
     size = float(np.log(lengths / METRES[unit])) if scale > 0.0 else -np.inf
@@ -120,26 +110,25 @@ def _solved(
 
 
 def _closed_form(
-    motions: Array, boards: Array, weights: Array, size: float | None
+    motions: Array, poses: Array, weights: Array, size: float | None
 ) -> tuple[Array, Array, float]:
     """X, Y (4, 4) and the motions' lengths in one of the boards', of X B = M Y.
 
-    motions M, boards B : (n, 4, 4);  weights : (n,)
+    motions M, poses B : (n, 4, 4);  weights : (n,)
     size : the motions' lengths in one of the boards', where that is known
     """
     turns = motions[:, :3, :3]
-    share = weights / weights.sum()
-    pairs = np.einsum("i,iba,idc->acbd", share, turns, boards[:, :3, :3])
+    pairs = np.einsum("i,iba,idc->acbd", weights, turns, poses[:, :3, :3])
     # M' X B = Y: the pair of the largest singular value, which is 1 without noise
     left, _, right = np.linalg.svd(pairs.reshape(9, 9))
     sign = np.sign(np.linalg.det(right[0].reshape(3, 3)))
     x = nearest_rotation(sign * right[0].reshape(3, 3))
     y = nearest_rotation(sign * left[:, 0].reshape(3, 3))
-    places = boards[:, :3, 3] @ x.T
+    places = poses[:, :3, 3] @ x.T
     same = np.broadcast_to(np.eye(3), turns.shape)
-    root = np.sqrt(weights)[:, None]
     rows = np.concatenate([same, -turns, places[:, :, None]], axis=2)
-    rows = (rows * root[:, None]).reshape(-1, 7)
+    root = np.sqrt(weights)[:, None]
+    rows = (rows * root[:, :, None]).reshape(-1, 7)
     target = (motions[:, :3, 3] * root).ravel()
     if size is None:
         shift = np.linalg.lstsq(rows, target, rcond=1e-10)[0]
@@ -150,28 +139,26 @@ def _closed_form(
     return rigid(x, shift[:3]), rigid(y, shift[3:6]), float(shift[6])
 
 
-def _half_turned(motions: Array, boards: Array, turn: Array) -> Mask:
+def _half_turned(motions: Array, poses: Array, half_turn: Array) -> Mask:
     """Which boards (n,) are numbered from their other end.
 
     Turns between two pictures are as large as the flange's, wherever camera and board are: the
     leading eigenvector of how much better a pair fits turned.
     """
     flat = motions[:, :3, :3].reshape(-1, 9)
-    plain = boards[:, :3, :3].reshape(-1, 9)
-    other = (boards @ turn)[:, :3, :3].reshape(-1, 9)
+    plain = poses[:, :3, :3].reshape(-1, 9)
+    other = (poses @ half_turn)[:, :3, :3].reshape(-1, 9)
     traces = flat @ flat.T
     alike = np.abs(traces - other @ plain.T) - np.abs(traces - plain @ plain.T)
     vector = np.linalg.eigh(alike)[1][:, -1]
     return np.asarray(vector * vector[np.abs(vector).argmax()] < 0)
 
 
-def _gaps(predicted: Array, boards: Array, ends: Array) -> Array:
-    """Angle [rad] between ends of a board as predicted and as they are, rms of each picture."""
-    places = []
-    for poses in (predicted, boards):
-        turns = np.swapaxes(poses[:, :3, :3], 1, 2)
-        places.append(ends @ turns + poses[:, None, :3, 3])
-    away, there = places
+def _gaps(predicted: Array, poses: Array, points: Array) -> Array:
+    """Angle (n,) [rad] between points of a board as predicted and as they are, rms."""
+    away = points @ np.swapaxes(predicted[:, :3, :3], 1, 2)
+    away += predicted[:, None, :3, 3]
+    there = points @ np.swapaxes(poses[:, :3, :3], 1, 2) + poses[:, None, :3, 3]
     depth = np.maximum(away[:, :, 2:], 0.05 * there[:, :, 2:])
     gap = away[:, :, :2] / depth - there[:, :, :2] / there[:, :, 2:]
     rms = np.sqrt((gap**2).sum(axis=2).mean(axis=1))

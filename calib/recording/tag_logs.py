@@ -13,7 +13,7 @@ from ..arm.rotations import quaternion_of
 from ..common.arrays import Array, Index, Mask
 from ..common.parallel import one_blas_thread
 from ..errors import LogError
-from ..samples.joint_times import (
+from ..samples.motion import (
     MAX_GAP,
     SETTLE,
     check_limits,
@@ -25,7 +25,7 @@ from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
 from .joint_table import JointTable, read_shots
 from .pictures import Frame, Video
-from .reference import find_pose, turns_and_shifts
+from .reference import find_pose, matrices
 from .setting import LOOKS, Setup, Sightings, sight
 from .tags import LEAST_NOISE, Tag
 from .track import jumps, row_shift
@@ -90,7 +90,7 @@ def log_pictures(
         {"source": "pictures"},
         joint_names=joints.names,
         q=q[steady],
-        pictures=tuple(sightings.names[k] for k in steady),
+        pictures=np.array(sightings.names)[steady],
     )
 
 
@@ -276,9 +276,9 @@ def _assembled(
         # the tag's frame: origin in the middle, x to the right, y up, z out of the paper
         corners = [[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]
         square = 0.5 * size * np.array(corners)
-        turns, x = turns_and_shifts(
-            [find_pose(lens, square, tag.corners) for tag in tags]
-        )
+        places = matrices([find_pose(lens, square, t.corners) for t in tags])
+        turns = places[:, :3, :3]
+        x = places[:, :3, 3]
         if reference is None:
             scale = x[:, 2] / lens.focal.mean()
         else:

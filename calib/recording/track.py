@@ -49,9 +49,9 @@ class Judge:
     Joints `q` (n, joints) are in the order of time; neighbouring rows are left out together.
     """
 
-    def __init__(self, q: Array, soft: float = SOFT) -> None:
+    def __init__(self, q: Array) -> None:
         self.q = q
-        self._inverse = np.linalg.inv(_harmonics(q, q) + soft * np.eye(len(q)))
+        self._inverse = np.linalg.inv(_harmonics(q, q) + SOFT * np.eye(len(q)))
 
     def miss(self, x: Array) -> Array:
         """Return what the other blocks' fit leaves of values (n, d): linear in them."""

@@ -7,9 +7,7 @@ direction n = (x/z, y/z).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +15,7 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array
 from ..common.rows import numbers
 from ..errors import LogError
+from .tables import Document
 
 # widths and heights [px] that a camera's pictures usually have
 _SIZES = (
@@ -47,7 +46,7 @@ class Camera:
     note: str = ""  # what was assumed
 
 
-def camera_of(about: Mapping[str, Any], pixels: ArrayLike) -> Camera:
+def camera_of(about: Document, pixels: ArrayLike) -> Camera:
     """Return the camera of pixels (n, 2), from what their log says of it or from their extent.
 
     about : may hold "lens", as `calib.recording.lens.Lens.to_json` writes it, or "size" of pictures
@@ -88,7 +87,7 @@ def _uncalibrated(size: object, furthest: Array) -> Camera:
     )
 
 
-def _calibrated(lens: Mapping[str, Any]) -> Camera:
+def _calibrated(lens: Document) -> Camera:
     """A camera with a calibrated lens; a prior where k1 alone, or one focal length, is wrong."""
     try:
         width, height = (int(side) for side in lens["size"])
@@ -105,14 +104,11 @@ def _calibrated(lens: Mapping[str, Any]) -> Camera:
     places = np.meshgrid([0, 0.25, 0.5, 0.75, 1], [0, 0.5, 1])
     grid = np.stack(places, axis=-1).reshape(-1, 2)
     n = (grid * (width, height) - centre) / (fx, fy) * 0.9
-    pixels = (bent(n, distortion) * (fx, fy)).ravel()
-    # f n + f k1 n |n|^2 is linear in f and f k1
-    cubic = n * (n**2).sum(axis=1)[:, None]
-    columns = np.stack([n.ravel(), cubic.ravel()], axis=1)
-    (f, fk), *_ = np.linalg.lstsq(columns, pixels, rcond=None)
-    wrong = float(np.abs(columns @ (f, fk) - pixels).max())
-    f = float(f)
-    simple = (f, float(centre[0]), float(centre[1]), float(fk) / f)
+    f = float(fx + fy) / 2.0
+    k1 = float(distortion[0])
+    off = f * bent(n, (k1, 0, 0, 0, 0)) - bent(n, distortion) * (fx, fy)
+    wrong = float(np.abs(off).max())
+    simple = (f, float(centre[0]), float(centre[1]), k1)
     if wrong <= _BENT:
         return Camera((width, height), simple)
     note = f"the lens bends by up to {wrong:.2g} px otherwise than k1 says: it is fitted again"

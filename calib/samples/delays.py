@@ -59,28 +59,20 @@ class Trajectory:
         """The motion of a log's rows; None where they are poses, or known to be in time."""
         if samples.in_time or len(samples) < CLOCK.fewest_rows:
             return None
+        motion = Trajectory(samples.rows.astype(float), samples.q, "rows")
         if samples.time is not None:
             motion = Trajectory(samples.time, samples.q, "s")
-        else:
-            rows = samples.rows
-            rows = np.arange(len(samples)) if rows is None else rows
-            motion = Trajectory(rows.astype(float), samples.q, "rows")
         joined = motion.joined
         moves = joined.mean() >= 0.5 and is_path(samples.q, joined)
         return motion if moves else None
 
     @property
-    def step(self) -> float:
-        """The usual time from row to row [unit]."""
-        step = np.diff(self.time)
-        return float(np.median(step[step > 0])) if (step > 0).any() else 0.0
-
-    @property
     def joined(self) -> Mask:
         """Whether each row but the last goes on to the next one without a pause (n - 1,)."""
         step = np.diff(self.time)
-        longest = CLOCK.longest_pause * self.step
-        return np.asarray((step > 0) & (step <= longest))
+        later = step > 0
+        usual = np.median(step[later]) if later.any() else 0.0
+        return later & (step <= CLOCK.longest_pause * usual)
 
     def before(self, delay: float) -> tuple[Array, Array]:
         """Joints (n, dof) at the rows' times less `delay`, and their velocity [../unit].
@@ -135,9 +127,9 @@ def with_offset(samples: Samples, offset: float) -> Samples:
 def estimate_delay(
     residual: Array,
     velocity: Array,
-    columns: Array | None = None,
-    precision: ArrayLike = (),
-    pull: ArrayLike = (),
+    columns: Array,
+    precision: ArrayLike,
+    pull: ArrayLike,
     *,
     play: Array | None = None,
     unit: str = "s",
@@ -155,8 +147,7 @@ def estimate_delay(
     play : (n, m, j), what else could explain the residual: the better explanation counts
     Returns the delay and how the parameters change with it (k,), None where nothing moves.
     """
-    finite = finite_rows(np.hstack([velocity, residual]))
-    rows = np.flatnonzero(finite)
+    rows = np.flatnonzero(finite_rows(np.hstack([velocity, residual])))
     n = len(rows)
     m = residual.shape[1]
     late = -velocity[rows].reshape(-1, 1)
@@ -165,34 +156,35 @@ def estimate_delay(
     size = row_lengths(residual[rows])
     noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * np.abs(late).max()
     weight = (CLOCK.student + m) / (CLOCK.student + (size / noise) ** 2)
-    root = np.repeat(np.sqrt(weight) / noise, m)[:, None]
-    precision = np.asarray(precision, dtype=float)
-    beside = np.empty((n * m, 0))
-    if columns is not None:
-        beside = columns[rows].reshape(n * m, -1)
-    # weighted least squares, with a row for what the prior says of each parameter
-    X = np.vstack([root * beside, np.diag(np.sqrt(precision))])
-    pulled = np.sqrt(precision) * np.asarray(pull, dtype=float)
-    r = np.append(root * residual[rows].reshape(-1, 1), pulled)
-    late_column = np.append(root * late, np.zeros(len(precision)))
-    Q, R = np.linalg.qr(X)
-    left_over = r - Q @ (Q.T @ r)
-    alone = late_column - Q @ (Q.T @ late_column)
-    information = float(alone @ alone)
-    if not information > 0:
-        return None
-    value = float(alone @ left_over) / information
-    score = (alone * (left_over - alone * value))[: n * m]
-    blocks = np.array_split(score.reshape(n, m).sum(axis=1), CLOCK.blocks)
-    sd = float(np.linalg.norm([block.sum() for block in blocks])) / information
-    squares = float((left_over[: n * m] ** 2).sum())
-    share = information * value**2 / squares
+    root = np.repeat(np.sqrt(weight) / noise, m)
+    beside = columns[rows].reshape(n * m, -1)
+    # a row for what the prior says of each parameter
+    prior = np.sqrt(np.asarray(precision, dtype=float))
+    target = np.append(root * residual[rows].ravel(), prior * np.asarray(pull))
+
+    def fitted(cause: Array) -> tuple[Array, Array, Array]:
+        """The inverse (j + k, rows) of a cause (n * m, j) beside the others, values and rest."""
+        of_prior = np.zeros((len(prior), cause.shape[1]))
+        features = np.block(
+            [
+                [root[:, None] * cause, root[:, None] * beside],
+                [of_prior, np.diag(prior)],
+            ]
+        )
+        scale = np.linalg.norm(features, axis=0) + 1e-300
+        inverse = np.linalg.pinv(features / scale) / scale[:, None]
+        values = inverse @ target
+        return inverse, values, target - features @ values
+
+    inverse, values, rest = fitted(late)
+    score = (inverse[0] * rest)[: n * m].reshape(n, m).sum(axis=1)
+    blocks = np.array_split(score, CLOCK.blocks)
+    sd = float(np.linalg.norm([block.sum() for block in blocks]))
+    gain = values[0] ** 2 / (inverse[0] @ inverse[0])
+    squares = rest @ rest
+    share = float(gain / (squares + gain))
     if play is not None:
-        other = root * play[rows].reshape(n * m, -1)
-        other = np.vstack([other, np.zeros((len(precision), other.shape[1]))])
-        other -= Q @ (Q.T @ other)
-        fitted = other @ np.linalg.lstsq(other, left_over)[0]
-        if fitted @ fitted >= share * squares:
+        played = fitted(play[rows].reshape(n * m, -1))[2]
+        if played @ played <= squares:
             share = 0.0
-    change = np.linalg.lstsq(R, Q.T @ (r - late_column * value))[0]
-    return Delay(value, sd, unit, share), change
+    return Delay(float(values[0]), sd, unit, share), values[1:]

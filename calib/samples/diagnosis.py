@@ -19,6 +19,7 @@ from ..common.rows import finite_rows, median_length, row_lengths, thinned
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import LogError
+from .samples import Samples
 from .settings import DIAGNOSIS
 
 Predict = Callable[[Array], Array]
@@ -47,62 +48,46 @@ _Reading = tuple[Array, Finding]
 
 
 def diagnose(
-    predict: Predict | None,
-    q: Array,
-    x: Array,
-    names: Sequence[str],
-    revolute: Sequence[bool],
-    *,
-    unit: str = "m",
-    turns: Array | None = None,
-    pose: PosePredict | None = None,
-    left_handed: bool = False,
-) -> tuple[Finding, ...]:
+    samples: Samples, predict: Predict, pose: PosePredict | None = None
+) -> list[Finding]:
     """Find what is wrong with a log, the gravest first; empty where it fits as it is.
 
-    predict : positions of an arm that may differ from the log's by some percent; without it what
-        never moves, or is a copy, is told
-    q, x : (n, dof), (n, m), joint values [rad or m] and positions [unit], in the order of the log
-    names, revolute : of the joints: their names, and which of them turn
-    unit : of the positions; a scale is doubted in metres alone
-    turns : (n, 4), the log's orientations as qx, qy, qz, qw
+    predict : positions of an arm that may differ from the log's by some percent
     pose : where known, positions and orientations of the arm; a tool of unknown size may hide a
         wrist joint that is reversed from positions alone
-    left_handed : whether axes that are mirrored need no word
 
     Examples
     --------
     >>> import calib
+    >>> from dataclasses import replace
     >>> arm = calib.load_arm("two_link")
     >>> log = calib.babble(arm, 100, seed=0)
-    >>> for finding in diagnose(arm.forward, log.q[:, ::-1], log.x, arm.joint_names, (True, True)):
+    >>> for finding in diagnose(replace(log, q=log.q[:, ::-1]), arm.forward):
     ...     print(finding.kind, finding.value)
     exchanged ['shoulder', 'elbow']
     """
-    if predict is None:
-        return _unmoved(q, x, names)
-    some = thinned(len(q), DIAGNOSIS.rows)
-    q = q[some]
-    x = x[some]
+    rows = samples.take(thinned(len(samples), DIAGNOSIS.rows))
+    q = rows.q
+    x = rows.x
     predicted = predict(q)
     answered = finite_rows(predicted)
     places = len(np.unique(x, axis=0))  # of touches few, which fit anything
     few = places < DIAGNOSIS.fewest_rows or answered.mean() <= 0.5
     if few or not np.ptp(predicted[answered], axis=0).any():
-        return ()
-    affine = unit == "px" or predicted.shape[1] != x.shape[1]
-    if unit == "m":
+        return []
+    affine = rows.unit == "px" or predicted.shape[1] != x.shape[1]
+    if rows.unit == "m":
         ratio = spread(x) / max(spread(predicted), 1e-300)
         low, high = DIAGNOSIS.usual_size
         hint = unit_hint(ratio)
         if hint and not low < ratio < high:
             words = f"the positions extend over {ratio:.4g} times what the robot's links allow"
             hint = hint.removeprefix("; ")
-            return (Finding("unit", f"{words}, in m", hint, "unit", "m"),)
-    if turns is not None and pose is not None:
-        wrong = _turned(*pose(q), x, turns[some])
+            return [Finding("unit", f"{words}, in m", hint, "unit", "m")]
+    if rows.orientation is not None and pose is not None:
+        wrong = _turned(*pose(q), x, rows.orientation)
         if wrong:
-            return (wrong,)
+            return [wrong]
 
     def missed(q: Array, *, tool: bool = True) -> float:
         """Median distance that is left of rows read otherwise; `tool`: one of unknown size."""
@@ -116,49 +101,50 @@ def diagnose(
         moved = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
         return misfit(moved[answered], x[answered], affine=True)
 
-    wrong = _other_reading(missed, q, spread(x), names, revolute)
-    if wrong and wrong.kind == "reversed" and x.shape[1] == 2:
-        wrong = replace(wrong, hint="", mistake=False)  # it may be learned
-    findings = (wrong,) if wrong else ()
-    if left_handed or affine or (wrong and wrong.mistake):
+    findings = []
+    wrong = _other_reading(missed, rows)
+    if wrong:
+        if wrong.kind == "reversed" and x.shape[1] == 2:
+            wrong = replace(wrong, hint="", mistake=False)  # it may be learned
+        findings.append(wrong)
+    if rows.plane is not None or affine or (wrong and wrong.mistake):
         return findings
-    mirror = np.ones(x.shape[1])
-    mirror[0] = -1.0
+    mirrored = x * np.where(np.arange(x.shape[1]) == 0, -1.0, 1.0)
     as_it_is = misfit(predicted[answered], x[answered])
-    mirrored = misfit(predicted[answered], x[answered] * mirror)
-    if mirrored < DIAGNOSIS.far_better * as_it_is:
+    if (
+        misfit(predicted[answered], mirrored[answered])
+        < DIAGNOSIS.far_better * as_it_is
+    ):
         words = (
             "the positions are mirrored, compared with the robot: the sensor's axes are "
             "left-handed, or one of them is reversed"
         )
-        findings = (*findings, Finding("mirrored", words, mistake=False))
+        findings.append(Finding("mirrored", words, mistake=False))
     return findings
 
 
 def _other_reading(
-    missed: Callable[..., float],
-    q: Array,
-    size: float,
-    names: Sequence[str],
-    revolute: Sequence[bool],
+    missed: Callable[..., float], rows: Samples
 ) -> Finding | None:
-    """The simplest other reading of joints (n, dof) that is missed by far less than this one."""
-    as_it_is = missed(q)
+    """The simplest other reading of joints that is missed by far less than this one."""
+    size = spread(rows.x)
+    as_it_is = missed(rows.q)
     if as_it_is <= DIAGNOSIS.small * size:
         return None
+    names = rows.joint_names
     any_order = (
         as_it_is > DIAGNOSIS.good * size
         and len(names) <= DIAGNOSIS.most_ordered
     )
-    for others in readings(q, names, revolute, any_order=any_order):
-        far_better = [
-            (missed(other, tool=False), finding)
+    for others in readings(rows.q, names, rows.revolute, any_order=any_order):
+        # a tool of unknown size explains what a mirror does: by the place alone
+        far_better = {
+            missed(other, tool=False): finding
             for other, finding in others
             if missed(other) < DIAGNOSIS.far_better * as_it_is
-        ]
+        }
         if far_better:
-            # a tool of unknown size explains what a mirror does: by the place alone
-            _, best = min(far_better, key=lambda pair: pair[0])
+            best = far_better[min(far_better)]
             words = f"the log fits the robot only if {best.words}"
             return replace(best, words=words)
     return None
@@ -255,7 +241,7 @@ def spread(x: Array) -> float:
     return median_length(x - np.median(x, axis=0))
 
 
-def _unmoved(q: Array, x: Array, names: Sequence[str]) -> tuple[Finding, ...]:
+def unmoved(q: Array, x: Array, names: Sequence[str]) -> list[Finding]:
     """What never moves, and joints that are copies; in space a sensor may see a plane's points."""
     findings = []
     if len(q) < 2:
@@ -273,7 +259,7 @@ def _unmoved(q: Array, x: Array, names: Sequence[str]) -> tuple[Finding, ...]:
         if np.array_equal(columns[one], columns[other]):
             words = f"joints {one!r} and {other!r} have the same values: a copy"
             findings.append(Finding("copied", words))
-    return tuple(findings)
+    return findings
 
 
 def _turned(

@@ -208,8 +208,7 @@ def locked_from_log(
     notes: list[str] = []
     if not column_of:
         return values, notes
-    some, _ = source.drawn(READING.most_rows, 0)
-    table, rows = some.numbers(list(column_of.values()))
+    table, rows = source.numbers(list(column_of.values()))
     for name, column in zip(column_of, table.T, strict=True):
         turns = name not in prismatic
         if not np.isfinite(column).any():

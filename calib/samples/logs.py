@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -14,27 +13,26 @@ from ..arm.plane import Plane, fit_plane
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index
 from ..common.rows import whole
+from ..common.scale import METRES
 from ..common.wording import listed, vector
 from ..errors import LogError, OptionError
 from .camera import Camera, camera_of
 from .delays import with_offset
-from .diagnosis import diagnose, refuse_mistakes
+from .diagnosis import diagnose, refuse_mistakes, unmoved
 from .joint_values import JointColumn, check_ranges
 from .motion import directions
 from .roles import (
     FURTHER,
-    PIXELS,
-    QUATERNION,
+    SOCKET,
     find_roles,
-    from_angles,
     log_columns,
-    unit_quaternions,
+    quaternions,
 )
-from .samples import POSITION, Samples
+from .samples import Samples
 from .settings import READING
+from .sockets import Touches
 from .sound_values import sound_rows
-from .tables import Source, open_source, write_table
-from .touches import read_touches
+from .tables import Document, Source, open_source, write_table
 
 
 def read_log(
@@ -51,7 +49,7 @@ def read_log(
     seed: int = 0,
     usual: Mapping[str, str] | None = None,
     outputs: int | None = None,
-    lens: Mapping[str, Any] | None = None,
+    lens: Document | None = None,
     time_offset: float | None = None,
 ) -> Samples:
     """Read a measured log: one column for each joint, and x, y or x, y, z.
@@ -60,7 +58,9 @@ def read_log(
     are left out, counted in `Samples.dropped` and described in `Samples.notes`. Positions may be
     in the sensor's own unit and axes; of x, y, z the plane is fitted. A log may be of any length:
     of one with more than `most` rows so many are drawn at random. Rows stay in the order of the
-    file.
+    file.  A column `point`, and optionally `setup`, says which socket the tip touched: x, y, z
+    are known coordinates of it in its fixture's frame, and in a row without a point what a sensor
+    measured.
 
     path : CSV or Parquet; `-` reads CSV from standard input
     arm : gives the joints' names and limits; its kinematics tell other units, exchanged columns and
@@ -92,42 +92,38 @@ def read_log(
     most = whole("most", most, 2, 2**31)
     source = open_source(path)
     label = source.label
-    column_of = {
-        name: column
-        for name, column in (usual or {}).items()
-        if column in source.header
-    }
-    column_of |= columns or {}
-    there = {*source.header, *column_of}
-    others = there - {*(arm.joint_names if arm else joints or ())}
-    if not {*POSITION} & there and {*PIXELS.values()} <= others:
-        column_of |= PIXELS
-        there |= {*PIXELS}
-        unit = unit or "px"
-    unit = _unit(source, unit)
-    if "point" in there:
-        return read_touches(
-            source, arm, joints, column_of, degrees=degrees, unit=unit
-        )
-    roles = find_roles(source, arm, joints, column_of)
-    if arm is not None and outputs is None:
-        outputs = arm.outputs
-    _check_positions(there, label, roles.axes, unit, outputs)
+    usual = {k: v for k, v in (usual or {}).items() if v in source.header}
+    roles = find_roles(source, arm, joints, {**usual, **(columns or {})})
+    unit = _unit(source, "px" if roles.pixels and not unit else unit)
     names = roles.joints
     ranges = ranges or {}
-    limits = dict(ranges)
     if arm is not None:
         revolute = tuple(arm.revolute)
         bounds = zip(arm.lower, arm.upper, strict=True)
-        limits = dict(zip(names, bounds, strict=True)) | limits
+        limits = dict(zip(names, bounds, strict=True)) | {**ranges}
+        outputs = outputs or arm.outputs
     else:
-        _check_prismatic(prismatic, names)
         revolute = tuple(name not in prismatic for name in names)
+        limits = {**ranges}
+        if not {*prismatic} <= {*names}:
+            raise OptionError(
+                f"{listed(prismatic)} named as sliding: expected some of the joints "
+                f"{listed(names)}",
+                parameter="prismatic",
+            )
     turning = dict(zip(names, revolute, strict=True))
     check_ranges(ranges, turning)
+    if roles.touched:
+        _check_touches(label, unit if roles.axes else "m", outputs)
+    elif len(roles.axes) < (outputs or 2) and unit != "px":  # a camera sees two
+        raise LogError(
+            f"{label} has x and y alone, expected x, y and z of an arm in space",
+            hint="for a planar part of the arm name its joints, or give `planar=True`",
+            parameter="planar",
+        )
 
     drawn, total = source.drawn(most, seed)
-    read = [column_of.get(name, name) for name in roles.names]
+    read = roles.columns(roles.names)
     further = [
         name for name in FURTHER if name in source.header and name not in read
     ]
@@ -144,54 +140,53 @@ def read_log(
             f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
         )
         side = np.zeros(q.shape)  # nobody knows where joints were before
-    chosen = {
-        name: (ranges[name], turns)
-        for name, turns in turning.items()
-        if name in ranges
-    }
-    rows = sound_rows(label, values, numbers, roles, chosen)
+    points = np.full((len(q), 2), "", dtype=object)
+    if roles.touched:
+        for k, column in enumerate(roles.columns(SOCKET)):
+            if column in source.header:
+                points[:, k] = drawn.texts(column)
+    touched = points[:, 1] != ""
+    rows = sound_rows(label, values, numbers, roles, ranges, turning, touched)
+    sound = rows.sound
     notes += rows.notes
-    numbers = numbers[rows.sound]
-    q, x, turns = roles.split(values[rows.sound])
+    numbers = numbers[sound]
+    q, x, turns = roles.split(values[sound])
     lower, upper = np.empty((2, len(names)))
     for k, name in enumerate(names):
-        joint = JointColumn(label, name, revolute[k], limits.get(name), degrees)
+        limit = limits.get(name)
+        if limit and roles.touched:  # wherever a hand has moved the arm
+            limit = (min(limit[0], q[:, k].min()), max(limit[1], q[:, k].max()))
+        joint = JointColumn(label, name, revolute[k], limit, degrees)
         q[:, k], (lower[k], upper[k]), words = joint.settle(q[:, k], numbers)
         notes += words
-    x, plane, words = _in_plane(label, x, numbers, unit, arm, outputs)
-    notes += words
-    camera = _camera(source, arm, x if len(roles.axes) == 2 else None, lens)
-    if camera is not None and camera.note:
-        notes.append(camera.note)
-    size = float(np.ptp(x, axis=0).max())
-    if arm is None and unit == "m" and size > READING.largest_arm:
-        notes.append(
-            f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
-        )
+    touch = None
+    plane = None
+    camera = None
     orientation = None
-    if roles.turns == QUATERNION and plane is None:
-        orientation = unit_quaternions(turns)
-    elif roles.turns and plane is None:
-        orientation = from_angles(np.deg2rad(turns) if degrees else turns)
-    # what can be nothing but a mistake is refused, what may be intended told
-    refuse_mistakes(diagnose(None, q, x, names, revolute), label)
-    if arm is not None:
-        findings = diagnose(
-            arm.forward,
-            q,
-            x,
-            names,
-            revolute,
-            unit=unit,
-            turns=orientation,
-            pose=arm.pose if isinstance(arm, SpatialArm) else None,
-            left_handed=plane is not None,
-        )
-        notes += refuse_mistakes(findings, label)
-        arm = replace(arm, lower=lower, upper=upper)
+    if roles.touched:
+        x = x / METRES[unit] if roles.axes else np.full((len(q), 3), np.nan)
+        touch = Touches.of(points[sound], x)
+        drawn_x = np.zeros_like(x) if arm is None else arm.forward(q)
+        x = touch.placed(x, touch.means(drawn_x))
+        unit = "m"
+    else:
+        x, plane, words = _in_plane(label, x, numbers, unit, arm, outputs)
+        notes += words
+        camera = _camera(source, arm, x, lens)
+        if camera is not None and camera.note:
+            notes.append(camera.note)
+        if roles.turns and plane is None:
+            orientation = quaternions(turns, degrees=degrees)
+        size = float(np.ptp(x, axis=0).max())
+        if arm is None and unit == "m" and size > READING.largest_arm:
+            notes.append(
+                f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
+            )
+        # what can be nothing but a mistake is refused, what may be intended told
+        refuse_mistakes(unmoved(q, x, names), label)
     whole_facts = {
         name: fact
-        for name, fact in zip(further, facts[rows.sound].T, strict=True)
+        for name, fact in zip(further, facts[sound].T, strict=True)
         if np.isfinite(fact).all()
     }
     samples = Samples(
@@ -201,21 +196,27 @@ def read_log(
         lower,
         upper,
         revolute,
-        unit,
-        arm=arm,
-        side=None if side is None else side[rows.sound],
+        unit=unit,
+        arm=arm and replace(arm, lower=lower, upper=upper),
+        side=None if side is None else side[sound],
+        time=whole_facts.get("time"),
+        episode=whole_facts.get("episode"),
         plane=plane,
         camera=camera,
         orientation=orientation,
+        touch=touch,
         rows=numbers,
-        columns=column_of,
+        columns=roles.column_of,
         degrees=degrees and any(revolute),
         source=source.about,
         dropped=rows.dropped,
         left_out=rows.left_out,
-        notes=tuple(notes),
-        **whole_facts,
     )
+    if arm is not None and touch is None:
+        pose = arm.pose if isinstance(arm, SpatialArm) else None
+        findings = diagnose(samples, arm.forward, pose)
+        notes += refuse_mistakes(findings, label)
+    samples = replace(samples, notes=tuple(notes))
     return samples if time_offset is None else with_offset(samples, time_offset)
 
 
@@ -252,48 +253,28 @@ def _unit(source: Source, unit: str | None) -> str:
     return unit or source.unit or "m"
 
 
-def _check_positions(
-    there: set[str],
-    label: str,
-    axes: tuple[str, ...],
-    unit: str,
-    outputs: int | None,
-) -> None:
-    """Raise LogError for a log without positions, or with too few coordinates."""
-    if not there & {*POSITION}:
+def _check_touches(label: str, unit: str, outputs: int | None) -> None:
+    """Raise LogError for touches of an arm that moves in a plane, or in no length."""
+    if outputs == 2:
         raise LogError(
-            f"{label} has no positions: expected columns x, y and z [m] of a tracker, "
-            "u and v of a camera, or point of sockets that the tip touched",
-            hint="if they have other names, give `columns={'x': 'OTHER', 'y': ..}`",
-            parameter="columns",
+            f"{label} holds touches: expected a robot that moves in space"
         )
-    if len(axes) < (outputs or 2) and unit != "px":  # a camera sees two
+    if unit not in METRES:
         raise LogError(
-            f"{label} has x and y alone, expected x, y and z of an arm in space",
-            hint="for a planar part of the arm name its joints, or give `planar=True`",
-            parameter="planar",
+            f"{label}: x, y, z of touches in {unit}, expected {listed(METRES)}"
         )
-
-
-def _check_prismatic(prismatic: Sequence[str], names: Sequence[str]) -> None:
-    """Raise OptionError for a sliding joint that is none."""
-    if not {*prismatic} <= {*names}:
-        words = (
-            f"{listed(prismatic)} named as sliding: expected some of the joints"
-        )
-        raise OptionError(f"{words} {listed(names)}", parameter="prismatic")
 
 
 def _camera(
     source: Source,
     arm: Arm | None,
-    pixels: Array | None,
-    lens: Mapping[str, Any] | None,
+    x: Array,
+    lens: Document | None,
 ) -> Camera | None:
     """Return the camera of pixels (n, 2) of an arm in space; None of other readings."""
-    if arm is not None and arm.outputs == 3 and pixels is not None:
+    if arm is not None and arm.outputs == 3 and x.shape[1] == 2:
         about = source.about if lens is None else {"lens": lens}
-        return camera_of(about, pixels)
+        return camera_of(about, x)
     if lens is not None:
         raise OptionError(
             "`lens` is for pixels of an arm in space: expected columns u and v"

@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import row_lengths
 from ..errors import LogError
 from .poses import means_of, visits_of
 from .samples import Samples
@@ -129,37 +130,31 @@ def _deviation(squares: float, freedom: int) -> Array:
 def at_poses(samples: Samples) -> Samples:
     """Return a row for each pose, in the order in which the log shows them.
 
-    Its joints and its position are medians of the readings there, along each axis; what else is
-    known of the row is that of the first one.  A log without repeats stays as it is.
+    Its joints and readings are means of those there; what else is known of the row is that of the
+    first one.  A log without repeats stays as it is.
     """
     index = samples.pose_index
     if samples.poses == len(samples):
         return samples
-    order = np.argsort(index, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(index[order])) + 1)
-    q = np.array([np.median(samples.q[rows], axis=0) for rows in groups])
-    x = np.array([np.median(samples.x[rows], axis=0) for rows in groups])
-    orientation = samples.orientation
-    if orientation is not None:
-        orientation = np.array(
-            [_mean_turn(orientation[rows]) for rows in groups]
-        )
-    first = np.array([rows[0] for rows in groups])
-    return replace(samples.take(first), q=q, x=x, orientation=orientation)
-
-
-def _mean_turn(turns: Array) -> Array:
-    """Mean (4,) of unit quaternions (k, 4) that are near each other."""
-    same_side = np.where(turns @ turns[0] < 0, -1.0, 1.0)
-    mean = same_side @ turns
-    return np.asarray(mean / np.linalg.norm(mean))
+    first = np.unique(index, return_index=True)[1]
+    turns = samples.orientation
+    if turns is not None:
+        same_side = np.sign((turns * turns[first][index]).sum(axis=1))
+        turns = means_of(index, same_side[:, None] * turns)
+        turns = turns / row_lengths(turns)[:, None]
+    return replace(
+        samples.take(first),
+        q=means_of(index, samples.q),
+        x=means_of(index, samples.x),
+        orientation=turns,
+    )
 
 
 def noise_beside_poses(samples: Samples) -> tuple[float, float]:
     """Return how far single readings are from those that `at_poses` takes for a pose.
 
     Returns noise : sd of readings of one pose along an axis [unit], 0 without repeats
-    Returns hidden : the part of it that the medians do not show any more [unit]
+    Returns hidden : the part of it that the means do not show any more [unit]
     """
     if samples.poses == len(samples):
         return 0.0, 0.0

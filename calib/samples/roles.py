@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arm.rotations import exponential, quaternion_of
 from ..common.arrays import Array
@@ -19,11 +20,16 @@ from .tables import Source
 if TYPE_CHECKING:
     from ..arm.arm import Arm
 
+_T = TypeVar("_T", bound=np.generic)
+
 PIXELS = {"x": "u", "y": "v"}
 """Columns of pixels, where a log has no x, y or z."""
 
 QUATERNION = ("qx", "qy", "qz", "qw")
 ANGLES = ("roll", "pitch", "yaw")
+SOCKET = ("setup", "point")
+"""Columns that name the socket that the tip touched; the first may be missing."""
+
 _POSE = (*POSITION, "rx", "ry", "rz")
 COVARIANCE = tuple(
     f"cov_{a}_{b}" for k, a in enumerate(_POSE) for b in _POSE[k:]
@@ -43,15 +49,26 @@ class Roles:
     """What a log is read for, by the usual names of columns."""
 
     joints: tuple[str, ...]  # base to tip
-    axes: tuple[str, ...]  # `("x", "y")` or `("x", "y", "z")`
-    turns: tuple[str, ...] = ()  # `QUATERNION`, `ANGLES`, or nothing
+    axes: tuple[
+        str, ...
+    ]  # `("x", "y")` or `("x", "y", "z")`; none in a log of touches alone
+    turns: tuple[str, ...]  # `QUATERNION`, `ANGLES`, or nothing
+    column_of: Mapping[
+        str, str
+    ]  # names that columns have in the file where they differ
+    pixels: bool  # whether x and y are columns u and v
+    touched: bool  # whether rows tell which socket the tip was in
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All in their order."""
+        """All numbers in their order."""
         return (*self.joints, *self.axes, *self.turns)
 
-    def split(self, values: Array) -> list[Array]:
+    def columns(self, names: Sequence[str]) -> list[str]:
+        """Return what names are called in the file."""
+        return [self.column_of.get(name, name) for name in names]
+
+    def split(self, values: NDArray[_T]) -> list[NDArray[_T]]:
         """Columns (n, names) of values, as joints, positions and orientations."""
         counts = (len(self.joints), len(self.axes))
         return np.split(values, np.cumsum(counts), axis=1)
@@ -61,40 +78,54 @@ def find_roles(
     source: Source,
     arm: Arm | None,
     joints: Sequence[str] | None,
-    column_of: Mapping[str, str],
+    columns: Mapping[str, str],
 ) -> Roles:
     """Decide what to read; or say which choices there are.
 
-    The joints are those of the arm, or else `joints`; `column_of` are other names of columns. z is
+    The joints are those of the arm, or else `joints`; `columns` are other names of columns. z is
     among the axes where the log has one.
     """
     names = joint_names(source, arm, joints)
     # locked joints are named for `locked_from_log`
     choices = (*POSITION, *names, *(arm.locked if arm is not None else ()))
-    for name, column in column_of.items():
-        if name not in (*choices, *QUATERNION, *ANGLES):
+    for name, column in columns.items():
+        if name not in (*choices, *QUATERNION, *ANGLES, *SOCKET):
             raise OptionError(
                 f"columns {name}={column}: {name!r} is neither a position nor a joint; "
                 f"choices: {', '.join(choices)}",
                 parameter="columns",
                 value=name,
             )
-    there = {*source.header, *column_of} - {*names}
-    axes = POSITION if "z" in there else POSITION[:2]
+    there = {*source.header, *columns} - {*names}
+    touched = "point" in there
+    pixels = not {*POSITION} & there and {*PIXELS.values()} <= there
+    if pixels:
+        columns = {**columns, **PIXELS}
+        there |= {*PIXELS}
+    if not {*POSITION} & there and not touched:
+        raise LogError(
+            f"{source.label} has no positions: expected columns x, y and z [m] of a tracker, "
+            "u and v of a camera, or point of sockets that the tip touched",
+            hint="if they have other names, give `columns={'x': 'OTHER', 'y': ..}`",
+            parameter="columns",
+        )
+    axes: tuple[str, ...] = POSITION if "z" in there else POSITION[:2]
+    if touched and not {*POSITION} <= there:
+        axes = ()
     turns: tuple[str, ...] = ()
-    if "z" in there and (arm is None or arm.outputs == 3):
+    if "z" in there and not touched and (arm is None or arm.outputs == 3):
         for parts in (ANGLES, QUATERNION):
             # of one that is named in part the rest is missed
-            if there.issuperset(parts) or {*parts} & {*column_of}:
+            if there.issuperset(parts) or {*parts} & {*columns}:
                 turns = parts
-    roles = Roles(names, axes, turns)
-    columns = [column_of.get(name, name) for name in roles.names]
-    if len({*columns}) < len(columns):
+    roles = Roles(names, axes, turns, columns, pixels, touched)
+    read = roles.columns(roles.names)
+    if len({*read}) < len(read):
         raise OptionError(
-            f"columns {listed(columns)}: one is taken twice; each joint and position needs "
+            f"columns {listed(read)}: one is taken twice; each joint and position needs "
             "a column and a name of its own",
             parameter="columns",
-            value=columns,
+            value=read,
         )
     return roles
 
@@ -174,7 +205,12 @@ def from_angles(angles: Array) -> Array:
     return quaternion_of(z @ y @ x)
 
 
-def unit_quaternions(turns: Array) -> Array:
-    """Quaternions (n, 4) of length 1 whose qw is not negative."""
+def quaternions(turns: Array, *, degrees: bool) -> Array:
+    """Unit quaternions (n, 4) with qw not negative, of such as a file rounds them, or of angles.
+
+    turns : (n, 4), qx, qy, qz, qw; or (n, 3), roll, pitch and yaw [rad, or degrees]
+    """
+    if turns.shape[1] == len(ANGLES):
+        return from_angles(np.deg2rad(turns) if degrees else turns)
     unit = turns / row_lengths(turns)[:, None]
     return np.asarray(np.where(unit[:, 3:] < 0, -unit, unit))

@@ -3,43 +3,83 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arm.arm import Arm
 from ..arm.plane import Plane
-from ..common.arrays import Array, Index, Mask, frozen
+from ..common.arrays import Array, Index, frozen
 from ..common.rows import LARGEST, column_names, number_rows, whole
 from ..errors import LogError, OptionError
 from .camera import Camera
-from .changes import Change, parse_changes
-from .motion import Motion, directions
+from .motion import Motion, OfRows, directions
 from .poses import pose_index
-from .simulation import Simulation
+from .simulation import Change, Simulation, parse_changes
 from .sockets import Touches
+from .tables import Document
 
 POSITION = ("x", "y", "z")
 
-_OF_ROWS = (
-    "q",
-    "x",
-    "side",
-    "time",
-    "episode",
-    "orientation",
-    "covariance",
-    "pixels",
-    "rows",
-)
-"""Fields with an entry for each row."""
-
 
 @dataclass(frozen=True, eq=False)
-class Samples:
-    """Joint values and the tip positions measured with them.
+class Readings(OfRows):
+    """What a sensor read of the tip, row by row."""
+
+    x: Array  # (n, 2) or (n, 3), tip positions in the sensor's plane, or in space [unit]
+    _: KW_ONLY
+    unit: str = "m"  # of the positions: "m", "sensor", or what the user stated
+    sensor: str = ""  # its name where there are several
+    plane: Plane | None = None  # that was fitted to x, y and z
+    camera: Camera | None = None  # of pixels of an arm in space
+    orientation: Array | None = None  # (n, 4), qx, qy, qz, qw
+    # (n, 6, 6), of position [unit] and a small turn [rad] about the sensor's axes
+    covariance: Array | None = None
+    touch: Touches | None = None  # sockets, where no sensor measured a position
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of a position's coordinates: x and y, and z in space."""
+        return POSITION[: self.x.shape[1]]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LogFile(OfRows):
+    """What a file, or the pictures that rows were made of, say beside the rows."""
+
+    # (n,), numbers of the rows, counted below the header from 1
+    # (n,), numbers of the rows, counted below the header from 1, which stand where it is empty
+    rows: Index = field(default_factory=lambda: np.empty(0, np.intp))
+    # columns that have other names than what they hold
+    columns: Mapping[str, str] = field(default_factory=dict)
+    degrees: bool = False  # whether turning joints are in degrees there
+    source: Document = field(default_factory=dict)  # what it says of itself
+    in_time: bool = False  # whether the user said how late positions are
+    # (n,), names of what each row was made of
+    pictures: NDArray[np.str_] | None = None
+    pixels: Array | None = None  # (n, 2), of a tag in them [px]
+    dropped: int = 0  # rows that missed a value
+    # rows without what a sensor saw: zeros, or no orientation
+    left_out: int = 0
+    notes: tuple[str, ...] = ()  # what the user should be told, one line each
+
+    @property
+    def shared(self) -> float:
+        """Standard deviation along each axis that all rows share [unit].
+
+        Where a camera sees a board, that is how well the board was found.
+        """
+        noise = self.source.get("noise_of_reference", 0.0)
+        is_noise = isinstance(noise, (int, float)) and 0.0 <= noise < LARGEST
+        return float(noise) if is_noise else 0.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples(LogFile, Readings, Motion):
+    """Joint values and the tip positions measured with them: a motion, its readings, their file.
 
     The arrays are checked when made, C-contiguous copies and read-only.
 
@@ -55,55 +95,19 @@ class Samples:
     (2, 1, [[0.0, 1.0]])
     """
 
-    q: Array  # (n, dof), joint values, columns from base to tip [rad or m]
-    x: Array  # (n, 2) or (n, 3), tip positions in the sensor's plane, or in space [unit]
-    # joints: names; (dof,), range that was babbled (the arm's limits or narrower), or for a log
-    # without a robot the extremes of its data, which stand where it is empty [rad or m]; whether
-    # each turns (rad) or slides (m), all if empty
     joint_names: tuple[str, ...]
+    # (dof,), range that was babbled (the arm's limits or narrower), or for a log without a robot
+    # the extremes of its data, which stand where it is empty [rad or m]
     lower: Array = field(default_factory=lambda: np.empty(0))
     upper: Array = field(default_factory=lambda: np.empty(0))
-    revolute: tuple[bool, ...] = ()
-    unit: str = "m"  # of the positions: "m", "sensor", or what the user stated
-    arm: Arm | None = field(
-        default=None, repr=False
-    )  # with these joints and ranges
-    # of simulated samples what is needed to draw fresh exact ones
-    simulation: Simulation | None = field(default=None, repr=False)
+    revolute: tuple[
+        bool, ...
+    ] = ()  # whether each turns (rad) or slides (m), all if empty
+    _: KW_ONLY
+    arm: Arm | None = None  # with these joints and ranges
+    simulation: Simulation | None = None  # draws fresh exact samples
 
-    # the motion: (n, dof), from which side each joint came, 1, -1 or 0 if unknown (by the order of
-    # the rows where it is not given); (n,), times [s]; (n,), the series each row is of
-    side: Array | None = field(default=None, repr=False)
-    time: Array | None = field(default=None, repr=False)
-    episode: Array | None = field(default=None, repr=False)
-    in_time: bool = False  # whether the user said how late positions are
-
-    # the sensor: its name where there are several; of x, y, z the plane that was fitted; of pixels
-    # of an arm in space what is known of the camera
-    sensor: str = ""
-    plane: Plane | None = field(default=None, repr=False)
-    camera: Camera | None = field(default=None, repr=False)
-    # further readings: (n, 4), orientations as qx, qy, qz, qw; (n, 6, 6), covariances of position
-    # [unit] and a small turn [rad] about the sensor's axes; touched sockets, where no sensor
-    # measured a position; (n, 2), pixels of a tag in pictures [px]
-    orientation: Array | None = field(default=None, repr=False)
-    covariance: Array | None = field(default=None, repr=False)
-    touch: Touches | None = field(default=None, repr=False)
-    pixels: Array | None = field(default=None, repr=False)
-
-    # the file: numbers of its rows (n,), counted below its header from 1; columns that have other
-    # names than what they hold; whether turning joints are in degrees there; what it says of itself
-    rows: Index | None = field(default=None, repr=False)
-    columns: Mapping[str, str] = field(default_factory=dict, repr=False)
-    degrees: bool = False
-    source: Mapping[str, Any] = field(default_factory=dict, repr=False)
-    pictures: tuple[str, ...] = field(
-        default=(), repr=False
-    )  # that rows were made of
-    dropped: int = 0  # rows that missed a value
-    # rows without what a sensor saw: zeros, or no orientation
-    left_out: int = 0
-    notes: tuple[str, ...] = ()  # what the user should be told, one line each
+    of_joints: ClassVar[tuple[str, ...]] = ("lower", "upper")
 
     def __post_init__(self) -> None:
         names = tuple(self.joint_names)
@@ -113,50 +117,38 @@ class Samples:
                 f"samples need one or more joints of different names, not {names}, each of which "
                 f"turns or slides: {turns}"
             )
-        axes = POSITION if _in_space(self.x) else POSITION[:2]
-        q, _ = number_rows(self.q, names, "q", LogError)
-        x, _ = number_rows(self.x, axes, "x", LogError)
-        if len(q) == 0:
-            raise LogError("no rows: samples need at least one")
-        for name, numbers in (("q", q), ("x", x)):
-            sound = (np.abs(numbers) < LARGEST).all(axis=1)
-            if not sound.all():
-                row = int(np.argmin(sound))
-                raise LogError(
-                    f"{name} of row {row + 1} is {numbers[row].tolist()}: leave out rows whose "
-                    f"values are missing, not finite or beyond {LARGEST:g}"
-                )
-        lower = self.lower
-        upper = self.upper
-        if not np.size(lower):
-            lower = q.min(axis=0) - 1e-9
-            upper = q.max(axis=0) + 1e-9
-        side = directions(q) if self.side is None else self.side
+        q = _sound("q", self.q, names)
+        x = _sound("x", self.x, POSITION if _in_space(self.x) else POSITION[:2])
+        lower = self.lower if np.size(self.lower) else q.min(axis=0) - 1e-9
+        upper = self.upper if np.size(self.upper) else q.max(axis=0) + 1e-9
         n = len(q)
-        arrays: dict[str, tuple[Array | None, tuple[int, ...]]] = {
+        arrays = {
             "q": (q, q.shape),
-            "x": (x, (n, len(axes))),
+            "x": (x, (n, x.shape[1])),
             "lower": (lower, (len(names),)),
             "upper": (upper, (len(names),)),
-            "side": (side, q.shape),
+            "side": (
+                directions(q) if self.side is None else self.side,
+                q.shape,
+            ),
             "orientation": (self.orientation, (n, 4)),
-            "covariance": (self.covariance, (n, 6, 6)),
         }
-        fields: dict[str, object] = {
+        values: dict[str, object] = {
             "joint_names": names,
             "revolute": turns,
             "notes": tuple(self.notes),
         }
-        for name, (values, shape) in arrays.items():
-            if values is None:
+        if not len(self.rows):
+            values["rows"] = np.arange(1, n + 1)
+        for name, (array, shape) in arrays.items():
+            if array is None:
                 continue
-            array = np.array(values, dtype=float)
-            if array.shape != shape:
+            if np.shape(array) != shape:
                 raise LogError(
-                    f"{name} has shape {array.shape}, expected {shape}"
+                    f"{name} has shape {np.shape(array)}, expected {shape}"
                 )
-            fields[name] = frozen(array)
-        for name, value in fields.items():
+            values[name] = frozen(np.array(array, dtype=float))
+        for name, value in values.items():
             object.__setattr__(self, name, value)
         for joint, low, high in zip(names, self.lower, self.upper, strict=True):
             if not -np.inf < low < high < np.inf:
@@ -164,18 +156,13 @@ class Samples:
                     f"joint {joint!r} has the range {low:g}:{high:g}, expected low:high"
                 )
 
-    def __len__(self) -> int:
-        return len(self.q)
+    def __repr__(self) -> str:
+        return f"Samples({len(self)} rows of {', '.join(self.joint_names)})"
 
     @property
     def dof(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
-
-    @property
-    def motion(self) -> Motion:
-        """What the joints did, row by row."""
-        return Motion(self.q, self.side, self.time)
 
     @cached_property
     def pose_index(self) -> Index:
@@ -186,21 +173,6 @@ class Samples:
     def poses(self) -> int:
         """Number of poses: repeated rows count once."""
         return int(self.pose_index.max()) + 1
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names of a position's coordinates: x and y, and z in space."""
-        return POSITION[: self.x.shape[1]]
-
-    @property
-    def shared(self) -> float:
-        """Standard deviation along each axis that all rows share [unit].
-
-        Where a camera sees a board, that is how well the board was found.
-        """
-        noise = self.source.get("noise_of_reference", 0.0)
-        is_noise = isinstance(noise, (int, float)) and 0.0 <= noise < LARGEST
-        return float(noise) if is_noise else 0.0
 
     def reordered(self, names: Sequence[str]) -> Samples:
         """Return the samples with the joints in another order.
@@ -213,29 +185,31 @@ class Samples:
                 f"{', '.join(names)}: give a log of the same arm"
             )
         order = [self.joint_names.index(name) for name in names]
+        assert self.side is not None  # noqa: S101 - as it was made
         return replace(
             self,
             q=self.q[:, order],
-            side=None if self.side is None else self.side[:, order],
+            side=self.side[:, order],
             joint_names=tuple(names),
             lower=self.lower[order],
             upper=self.upper[order],
             revolute=tuple(self.revolute[k] for k in order),
         )
 
-    def take(self, index: Index | Mask | Sequence[int] | slice) -> Samples:
-        """Return the rows that `index` picks: a slice, row numbers in any order or a mask."""
-        picked = np.atleast_1d(np.arange(len(self))[index])
-        of_rows: dict[str, Any] = {}
-        for name in _OF_ROWS:
-            values = getattr(self, name)
-            if values is not None:
-                of_rows[name] = values[picked]
-        if self.pictures:
-            of_rows["pictures"] = tuple(self.pictures[row] for row in picked)
-        if self.touch is not None:
-            of_rows["touch"] = self.touch.take(picked)
-        return replace(self, **of_rows)
+
+def _sound(name: str, values: object, columns: Sequence[str]) -> Array:
+    """Return the finite rows of numbers that samples need; LogError where they are none."""
+    rows, _ = number_rows(values, columns, name, LogError)
+    if len(rows) == 0:
+        raise LogError("no rows: samples need at least one")
+    sound = (np.abs(rows) < LARGEST).all(axis=1)
+    if not sound.all():
+        row = int(np.argmin(sound))
+        raise LogError(
+            f"{name} of row {row + 1} is {rows[row].tolist()}: leave out rows whose values are "
+            f"missing, not finite or beyond {LARGEST:g}"
+        )
+    return rows
 
 
 def _in_space(x: Any) -> bool:

@@ -94,11 +94,8 @@ class WrongRows:
     apart: float = 10.0
     # share of the rows that can be wrong; beyond it the fit is
     most: float = 0.25
-    # rows that a robust fit of a rigid chain rests on, rows for each of its functions, and how
-    # many functions: those of five joints that turn
+    # rows that tell how far neighbours usually are
     fitted: int = 1500
-    rows_per_term: int = 5
-    terms: int = 243
 
 
 @dataclass(frozen=True)

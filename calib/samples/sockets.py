@@ -5,14 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..common.arrays import Array, Index, Mask
 from ..common.rows import row_lengths
 from ..common.scale import METRES
 from ..common.wording import listed
 from ..errors import OptionError
+from .motion import OfRows
 
 STRAY = 8.0
 """Times the touches' median distance from their socket.  Seven rows of a real Gen3 at 6.6 times it,
@@ -49,13 +52,33 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Touches:
+class Touches(OfRows):
     """Which socket each row touched, and what is known of the sockets."""
 
     # (n,), of the socket; -1 where a sensor measured the tip instead
     number: Index
     sockets: tuple[tuple[str, str], ...]  # setup and point of each number
     facts: tuple[Known, ...] = ()
+
+    @staticmethod
+    def of(points: NDArray[np.object_], x: Array) -> Touches:
+        """Touches of sockets that rows name by setup and point (n, 2).
+
+        x : (n, 3), known coordinates of the points in their fixtures [m], NaN where not known;
+            points of one setup are apart by so much
+        """
+        touched = points[:, 1] != ""
+        sockets = sorted({(setup, point) for setup, point in points[touched]})
+        place = {socket: number for number, socket in enumerate(sockets)}
+        number = [place.get((setup, point), -1) for setup, point in points]
+        touches = Touches(np.array(number, dtype=np.intp), tuple(sockets))
+        stated = touches.means(x, median=True)
+        facts = []
+        for i, j in combinations(range(len(sockets)), 2):
+            apart = float(np.linalg.norm(stated[i] - stated[j]))
+            if sockets[i][0] == sockets[j][0] and np.isfinite(apart):
+                facts.append(Known((i, j), apart))
+        return touches.with_facts(facts)
 
     @property
     def touched(self) -> Mask:
@@ -70,10 +93,6 @@ class Touches:
     def name(self, socket: int) -> str:
         """Setup and point of a socket in a message."""
         return " ".join(self.sockets[socket]).strip()
-
-    def take(self, rows: slice | Index | Mask) -> Touches:
-        """The touches of some rows; all sockets keep their numbers."""
-        return replace(self, number=self.number[rows])
 
     def with_facts(self, facts: Iterable[Known]) -> Touches:
         """The touches with further facts."""

@@ -47,30 +47,38 @@ def sound_rows(
     values: Array,
     numbers: Index,
     roles: Roles,
-    ranges: Mapping[str, tuple[Range, bool]],
+    ranges: Mapping[str, Range],
+    turning: Mapping[str, bool],
+    touched: Mask,
 ) -> SoundRows:
     """Return which rows of a log are sound.
 
     values : (n, names), of `roles`; wrong ones and those beyond a turn change
     numbers : (n,), of the rows in the file
-    ranges : limits of some joints [rad or m], and whether they turn; rows outside are left out
+    ranges : limits of some joints [rad or m]; rows outside are left out
+    turning : which joints turn
+    touched : (n,), rows without a measured position
     """
     rows = SoundRows(label, numbers, np.ones(len(values), dtype=bool))
     finite = np.abs(values) < LARGEST
+    _, has_position, _ = roles.split(finite)
+    has_position[touched] = True
+    if roles.touched and not roles.axes:
+        finite &= touched[:, None]
     columns = listed(np.array(roles.names)[~finite.all(axis=0)])
     words = f"miss a finite number (2.5, not 2,5) of {columns}"
     rows.dropped = rows.leave_out(np.asarray(~finite.all(axis=1)), words)
     values[~rows.sound] = 0.0
-    for name, ((low, high), is_revolute) in ranges.items():
+    for name, (low, high) in ranges.items():
         column = values[:, roles.joints.index(name)]
-        if is_revolute:
+        if turning[name]:
             column[:] = wrap(column, low, high)
         edge = READING.rounded * (high - low)
         away = (column < low - edge) | (column > high + edge)
         rows.leave_out(away, f"have {name} outside of the chosen range")
         np.clip(column, low, high, out=column)
     q, x, turns = roles.split(values)
-    zero = rows.sound & (x == 0.0).all(axis=1)
+    zero = rows.sound & (x == 0.0).all(axis=1) & ~touched
     # a single row, or one place of the joints, may be the origin of the sensor
     several = zero.sum() > 1 and np.ptp(q[zero], axis=0).any()
     if several and not zero[rows.sound].all():

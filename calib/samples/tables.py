@@ -1,4 +1,4 @@
-"""Tables: CSV and Parquet files, which Polars reads lazily, streaming; answers in one."""
+"""Tables: CSV and Parquet files; answers in one; the rows of several sensors apart."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import io
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,9 @@ from ..errors import LogError
 if TYPE_CHECKING:
     import polars as pl
 
+Document = Mapping[str, Any]
+"""What a file says of itself, as JSON."""
+
 PARQUET = (".parquet", ".pq")
 RECORDINGS = (".bag", ".db3", ".mcap")
 
@@ -34,32 +37,32 @@ COMMENT = "# calib "
 KEY = "calib"
 """Names the entry of a Parquet file's metadata that says the same."""
 
-ROW = "\0row"
-"""Column with the number of each row, counted below the header from 1."""
+SENSOR = "sensor"
+"""Column that says which sensor measured a row."""
 
+_ROW = "\0row"  # column with the number of each row, counted below the header from 1
+_HEAD = 1 << 16  # [bytes], of a file, in which its header is
+# LeRobot's, of joints' columns, which are read without
+_POSITION_SUFFIX = ".pos"
 _REMEDIES = {
     "utf-8": ": save it as UTF-8 CSV",
     "more fields": ": write decimals with a point, and quote text that holds a comma",
 }
 
-_HEAD = 1 << 16  # [bytes], of a file, in which its header is
-
-_POSITION_SUFFIX = ".pos"
-"""LeRobot ends the names of its joints' columns with it; they are read without."""
-
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A table that is ready to be read, as often as wanted; a file's rows are not in memory."""
+    """A table that is ready to be read, as often as wanted."""
 
     label: str  # what errors call it
-    header: tuple[str, ...]
-    rows: pl.LazyFrame  # with their numbers as `ROW`
-    about: Mapping[
-        str, Any
-    ]  # what the file says of all its rows; see `write_table`
-    # whether it is CSV, whose blank lines at the end are no rows
-    text: bool = False
+    table: pl.DataFrame  # text from CSV; with numbers of the rows
+    # what the file says of all its rows, see `write_table`
+    about: Document
+
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(name for name in self.table.columns if name != _ROW)
 
     @property
     def unit(self) -> str | None:
@@ -69,28 +72,39 @@ class Source:
 
     def drawn(self, most: int, seed: int) -> tuple[Source, int]:
         """The table with at most so many rows, drawn at random, and how many it has."""
-        import polars as pl
-
-        with _refusing(self.label):
-            total = int(
-                self.rows.select(pl.len()).collect(engine="streaming").item()
-            )
+        total = len(self.table)
         if total <= most:
             return self, total
         rng = np.random.default_rng(seed)
-        numbers = 1 + np.sort(rng.choice(total, most, replace=False))
-        # a join would hold the whole file: of 5 million rows of nine columns 1.0 GB, this .4
-        is_drawn = pl.col(ROW).is_in(
-            pl.Series(numbers.astype(np.uint32)).implode()
-        )
-        return replace(self, rows=self.rows.filter(is_drawn)), total
+        rows = np.sort(rng.choice(total, most, replace=False))
+        return replace(self, table=self.table[rows]), total
 
     def read(self, names: Sequence[str]) -> pl.DataFrame:
         """Read some columns as they are, text from CSV.
 
         Raises LogError if a column is missing or there twice.
         """
-        return self._collected([self._column(name) for name in names]).drop(ROW)
+        for name in names:
+            if name not in self.header:
+                near = get_close_matches(name, self.header, n=1)
+                meant = f"did you mean {quoted(near[0])}? " if near else ""
+                raise LogError(
+                    f"{self.label} has no column {quoted(name)}: {meant}columns: "
+                    f"{listed(map(repr, self.header))}",
+                    hint=f"map another name with `columns={{{clipped(name)!r}: 'OTHER'}}`",
+                    parameter="columns",
+                    value=name,
+                )
+            if f"{name}_duplicated_0" in self.header:  # as Polars names it
+                raise LogError(
+                    f"{self.label} has several columns {quoted(name)}: rename all but one"
+                )
+        return self.table.select(list(names))
+
+    def texts(self, name: str) -> list[str]:
+        """Read a column as text, "" where nothing stands."""
+        cells = self.read([name])[name].cast(str).fill_null("")
+        return cells.str.strip_chars().to_list()
 
     def numbers(self, names: Sequence[str]) -> tuple[Array, Index]:
         """Read some columns as numbers (n, names), and the numbers of their rows (n,).
@@ -100,69 +114,22 @@ class Source:
         """
         import polars as pl
 
-        columns = {name: self._column(name) for name in names}
-        for name, kind in self.rows.select(**columns).collect_schema().items():
-            if isinstance(kind, pl.String):
-                columns[name] = columns[name].str.strip_chars()
-            elif not (kind.is_numeric() or isinstance(kind, pl.Null)):
+        table = self.read(names)
+        values = np.empty((len(table), len(names)))
+        for k, name in enumerate(names):
+            column = table[name]
+            if column.dtype == pl.String:
+                column = column.str.strip_chars()
+            elif not (column.dtype.is_numeric() or column.dtype == pl.Null):
                 raise LogError(
-                    f"{self.label}, column {name!r} holds {kind}, expected numbers"
+                    f"{self.label}, column {name!r} holds {column.dtype}, expected numbers"
                 )
-        # not as text: Polars would hold the whole file for some cells of it
-        table = self._collected(
-            [
-                column.cast(pl.Float64, strict=False)
-                .fill_null(float("nan"))
-                .alias(name)
-                for name, column in columns.items()
-            ]
-        )
-        values = table.select(names).to_numpy(order="c").astype(np.float64)
-        return values.reshape(-1, len(names)), table[ROW].to_numpy().astype(
-            np.intp
-        )
-
-    def _collected(self, columns: Sequence[pl.Expr]) -> pl.DataFrame:
-        """Some columns and `ROW`, without blank lines at the end of a CSV file."""
-        import polars as pl
-
-        if not self.text:
-            with _refusing(self.label):
-                rows = self.rows.select(ROW, *columns)
-                return rows.collect(engine="streaming").sort(ROW)
-        filled = pl.any_horizontal(pl.exclude(ROW).is_not_null()).alias(
-            "\0filled"
-        )
-        with _refusing(self.label):
-            rows = self.rows.select(ROW, *columns, filled)
-            table = rows.collect(engine="streaming").sort(ROW)
-        numbers = table["\0filled"].arg_true()
-        return table.drop("\0filled").head(
-            numbers[-1] + 1 if len(numbers) else 0
-        )
-
-    def _column(self, name: str) -> pl.Expr:
-        import polars as pl
-
-        if name not in self.header:
-            near = get_close_matches(name, self.header, n=1)
-            meant = f"did you mean {quoted(near[0])}? " if near else ""
-            raise LogError(
-                f"{self.label} has no column {quoted(name)}: {meant}columns: "
-                f"{listed(map(repr, self.header))}",
-                hint=f"map another name with `columns={{{clipped(name)!r}: 'OTHER'}}`",
-                parameter="columns",
-                value=name,
-            )
-        if f"{name}_duplicated_0" in self.header:  # as Polars names it
-            raise LogError(
-                f"{self.label} has several columns {quoted(name)}: rename all but one"
-            )
-        return pl.col(name)
+            values[:, k] = column.cast(pl.Float64, strict=False).to_numpy()
+        return values, self.table[_ROW].to_numpy().astype(np.intp)
 
 
 def open_source(path: str | os.PathLike[str] | Source) -> Source:
-    """Find the header of a CSV or Parquet file.
+    """Read a CSV or Parquet file.
 
     `-` reads CSV from standard input.  A table that is open stays as it is, so that a pipe, which
     can be read only once, serves several readers.
@@ -183,55 +150,53 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
                 hint=f"of a bag, pictures or a video make a log: calib log {label} -o log.csv",
             )
         content = _content(file)
-        if isinstance(content, bytes):
-            head = content[:_HEAD]
-        else:
-            with content.open("rb") as stream:
-                head = stream.read(_HEAD)
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise LogError(f"cannot read {label!r}: {why}") from None
-    text = not head.startswith(b"PAR1")
-    with _refusing(label):
-        if text:
-            rows, about = _scanned_text(content, head, label)
+    try:
+        if content.startswith(b"PAR1"):
+            table = pl.read_parquet(content)
+            metadata = pl.read_parquet_metadata(io.BytesIO(content))
+            about = metadata.get(KEY, "")
         else:
-            rows = pl.scan_parquet(content, glob=False)
-            about = pl.read_parquet_metadata(content).get(KEY, "")
-        names = {
-            name: name.removesuffix(_POSITION_SUFFIX)
-            for name in rows.collect_schema()
-        }
-        rows = rows.rename(names)
-        header = tuple(rows.collect_schema())
+            table, about = _read_text(content, label)
+        table = table.rename(lambda name: name.removesuffix(_POSITION_SUFFIX))
+    except (
+        pl.exceptions.PolarsError,
+        pl.exceptions.PanicException,
+        OSError,
+    ) as error:
+        reason = (str(error).strip().splitlines() or ["unreadable"])[0][:100]
+        hints = [hint for part, hint in _REMEDIES.items() if part in reason]
+        raise LogError(
+            f"{label} cannot be read: {reason}{''.join(hints)}"
+        ) from None
     try:
         document = json.loads(about or "{}")
     except ValueError:
-        document = {}
+        document = None
     if not isinstance(document, dict):
         document = {}
-    return Source(label, header, rows.with_row_index(ROW, 1), document, text)
+    return Source(label, table.with_row_index(_ROW, 1), document)
 
 
-def _content(file: Path) -> Path | bytes:
-    """A file's path, or what a stream holds, which can be read only once."""
+def _content(file: Path) -> bytes:
+    """The bytes of a file, or of standard input."""
     if str(file) == "-":
         stream = getattr(sys.stdin, "buffer", sys.stdin)
         content = stream.read() if stream else b""
         return content.encode() if isinstance(content, str) else bytes(content)
     if file.is_block_device() or file.is_char_device():
         raise OSError("it is a device, expected a CSV or Parquet file")
-    return file.read_bytes() if file.is_fifo() else file
+    return file.read_bytes()
 
 
-def _scanned_text(
-    content: Path | bytes, head: bytes, label: str
-) -> tuple[pl.LazyFrame, str]:
+def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
     """The rows of a CSV file, and what it says above its header."""
     import polars as pl
 
-    lines = head.decode("utf-8-sig", errors="replace").splitlines()
-    lines = [line for line in lines if line.strip()]
+    head = content[:_HEAD].decode("utf-8-sig", errors="replace")
+    lines = [line for line in head.splitlines() if line.strip()]
     about = ""
     if lines and lines[0].startswith(COMMENT):
         about = lines.pop(0).removeprefix(COMMENT)
@@ -239,36 +204,54 @@ def _scanned_text(
         raise LogError(
             f"{label} is empty: expected a header with the names of the columns"
         )
-    rows = pl.scan_csv(
+    table = pl.read_csv(
         content,
         separator=max(",;\t", key=lines[0].count),
         comment_prefix=COMMENT,
         infer_schema=False,
-        glob=False,
-        with_column_names=lambda names: [
-            name.strip().replace('""', '"') for name in names
-        ],
     )
-    return rows, about
+    table = table.rename(lambda name: name.strip().replace('""', '"'))
+    # blank lines at the end are no rows
+    is_filled = table.select(pl.any_horizontal(pl.all().is_not_null()))
+    numbers = is_filled.to_series().arg_true()
+    return table.head(numbers[-1] + 1 if len(numbers) else 0), about
 
 
-@contextmanager
-def _refusing(label: str) -> Iterator[None]:
-    """Say in one line that Polars cannot read a file."""
-    import polars as pl
+def sources_by_sensor(
+    paths: Sequence[str | os.PathLike[str] | Source],
+) -> dict[str, Source]:
+    """Return a table for each sensor, by its name; rows keep their numbers.
 
-    try:
-        yield
-    except (
-        pl.exceptions.PolarsError,
-        pl.exceptions.PanicException,
-        OSError,
-    ) as error:
-        reason = (str(error).strip().splitlines() or ["unreadable"])[0][:100]
-        remedy = "".join(
-            hint for part, hint in _REMEDIES.items() if part in reason
-        )
-        raise LogError(f"{label} cannot be read: {reason}{remedy}") from None
+    A sensor is named by the column `sensor`; where there is none, by its file's name, or not at all
+    if it is the only one.
+    """
+    by_name: dict[str, Source] = {}
+    for path in paths:
+        source = open_source(path)
+        label = Path(source.label).stem if len(paths) > 1 else ""
+        tables = {label: source}
+        names = names_of_sensors(source)
+        if names:
+            measured = np.array(source.texts(SENSOR))
+            tables = {
+                name: replace(
+                    source, table=source.table.filter(measured == name)
+                )
+                for name in names
+            }
+        for name, table in tables.items():
+            numbered = (f"{name}-{number}" for number in count(2))
+            while name in by_name:
+                name = next(numbered)
+            by_name[name] = table
+    return by_name
+
+
+def names_of_sensors(source: Source) -> tuple[str, ...]:
+    """Names in a table's column `sensor`, in their order; none where it has no such column."""
+    if SENSOR not in source.header:
+        return ()
+    return tuple(filter(None, dict.fromkeys(source.texts(SENSOR))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,7 +321,7 @@ def write_table(
     path: str | os.PathLike[str],
     columns: Mapping[str, ArrayLike],
     *,
-    about: Mapping[str, Any] | None = None,
+    about: Document | None = None,
 ) -> None:
     """Write columns of numbers, in full, whole or not at all.
 

@@ -1,61 +1,18 @@
 """Wrong rows of a log: single ones that contradict their neighbours.
 
-One policy for whoever learns from a log or compares it: `screen` before anything is fitted,
-`contradictions` with what a fit or a model predicts.
+One policy for whoever learns from a log or compares it, with what a fit or a model predicts.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Mask
-from ..common.robust import robust_solve
+from ..common.arrays import Array, Mask
 from ..common.rows import row_lengths, thinned
 from ..common.scale import Scale
-from .diagnosis import aligned
 from .samples import Samples
 from .settings import WRONG
 from .sound_values import rows_in_words
-
-
-def screen(samples: Samples) -> tuple[Mask, list[str]]:
-    """Find the `contradictions` of positions that are grossly wrong, before anything is fitted.
-
-    They are compared with a robust fit of all that a chain of rigid links can do, the products of
-    1, cos, sin of the joints; where the rows are too few for that (45 of two joints, 135 of three),
-    with the robot's nominal kinematics.
-    """
-    n = len(samples)
-    turns = samples.revolute
-    terms = int(np.prod([3 if turning else 2 for turning in turns]))
-    fitted = min(n, WRONG.fitted)
-    rows = np.random.default_rng(0).choice(n, fitted, replace=False)
-    enough = WRONG.rows_per_term * terms <= min(samples.poses, fitted)
-    if enough and terms <= WRONG.terms:
-        features = _products(samples.q[rows], turns)
-        coefficients = robust_solve(features, samples.x[rows])
-        pieces = np.array_split(samples.q, 1 + n // 50_000)  # held at once
-        predicted = np.concatenate(
-            [_products(q, turns) @ coefficients for q in pieces]
-        )
-    elif samples.arm is not None:
-        nominal = samples.arm.forward(samples.q)
-        predicted = aligned(nominal, samples.x, affine=samples.unit == "px")
-    else:
-        return np.ones(n, dtype=bool), []
-    return contradictions(samples, samples.x - predicted)
-
-
-def _products(q: Array, turns: tuple[bool, ...]) -> Array:
-    """Products (n, terms) of 1, cos and sin of joints that turn, 1 and the value of others."""
-    products = np.ones((len(q), 1))
-    for values, turning in zip(q.T, turns, strict=True):
-        terms = [np.ones(len(q)), np.cos(values), np.sin(values)]
-        if not turning:
-            terms = [np.ones(len(q)), values]
-        pairs = products[:, :, None] * np.stack(terms, axis=1)[:, None]
-        products = pairs.reshape(len(q), -1)
-    return products
 
 
 def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
@@ -106,12 +63,5 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     sound[wrong] = False
     return sound, [
         f"left out, of learning and of the errors, {len(wrong):,} of {n:,} rows that "
-        f"contradict their neighbours: {row_numbers(samples, wrong)}"
+        f"contradict their neighbours: {rows_in_words(samples.rows[wrong])}"
     ]
-
-
-def row_numbers(samples: Samples, rows: Index) -> str:
-    """Name the first of some rows by their numbers in the log's file, counted below its header."""
-    if samples.rows is None:
-        return rows_in_words(rows + 1)
-    return rows_in_words(samples.rows[rows])

@@ -4,8 +4,6 @@ Motions of the tip that several parameters share are told once: a minimal set of
 the order of `_ORDER`, stands for all others (zeros before turned origins, lengths before shifts).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,12 +68,16 @@ def causes_of(model: Model) -> list[Cause]:
     structure = body.structure
     away = body.beta - drawn[1]
     columns = _motions_of_tip(model, body)
-    candidates = [k for name in _ORDER for k in structure.groups.get(name, ())]
-    of_arm = [k for k in candidates if k in body.active]
-    chosen = _independent(columns, of_arm)
-    others = [k for k in of_arm if k not in chosen]
-    share = _in_terms_of(columns[:, chosen], columns[:, others])
     sizes = np.linalg.norm(columns, axis=0)
+    candidates = [k for name in _ORDER for k in structure.groups.get(name, ())]
+    of_arm = np.array([k for k in candidates if k in body.active], np.intp)
+    # the part of each column that the ones before it do not have
+    new = np.abs(np.diag(np.linalg.qr(columns[:, of_arm], mode="r")))
+    rounding = 1e-9 * sizes[of_arm].max(initial=0.0)
+    independent = new > np.maximum(SETTINGS.same * sizes[of_arm], rounding)
+    chosen = of_arm[independent]
+    others = of_arm[~independent]
+    share = _in_terms_of(columns[:, chosen], columns[:, others])
     root = np.zeros((structure.size, body.root.shape[1]))
     root[body.active] = body.root
     values = away[chosen] + share @ away[others]
@@ -134,19 +136,6 @@ def _motions_of_tip(model: Model, body: Body) -> Array:
     columns = slope.reshape(-1, structure.size) / SETTINGS.postures**0.5
     frame = columns[:, frame_of(model)]
     return np.asarray(columns - frame @ _in_terms_of(frame, columns))
-
-
-def _independent(columns: Array, parameters: list[int]) -> list[int]:
-    """Parameters whose columns are independent, the first ones first."""
-    sizes = np.linalg.norm(columns, axis=0)
-    rounding = 1e-9 * sizes[parameters].max(initial=0.0)
-    chosen: list[int] = []
-    for k in parameters:
-        others = columns[:, chosen]
-        rest = columns[:, k] - others @ _in_terms_of(others, columns[:, k])
-        if np.linalg.norm(rest) > max(SETTINGS.same * sizes[k], rounding):
-            chosen.append(k)
-    return chosen
 
 
 def _in_terms_of(columns: Array, others: Array) -> Array:

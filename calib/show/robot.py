@@ -50,4 +50,4 @@ class Robot:
 
     def tips(self, q: Array) -> Array:
         """Position (n, 3) of the tip in the root's frame [m]."""
-        return np.asarray(self.poses(q)[self.links[-1]][:, :3, 3])
+        return self.poses(q)[self.links[-1]][:, :3, 3]

@@ -1,7 +1,5 @@
 """Settings: how much is drawn, and from when on something is said."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 Z95 = 1.96

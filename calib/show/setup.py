@@ -1,6 +1,4 @@
-"""Setup: what stands around an arm and what it carries: camera, board, sockets, sensor frame."""
-
-from __future__ import annotations
+"""Setup: what stands around an arm and what it carries: camera, board, sensor frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,8 +10,8 @@ from ..body.sensor_pose import SensorPose
 from ..body.views import is_camera
 from ..common.arrays import Array
 from ..model.model import Model
-from ..recording.rig import HandEye, Place
-from ..recording.rig_file import rig_of_model
+from ..recording.rig import HandEye, Place, rig_of_model
+from ..recording.rigid import rigid
 from .workspace import extent
 
 SENSOR = "sensor frame"
@@ -21,7 +19,6 @@ SENSOR = "sensor frame"
 
 _FRUSTUM = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1))
 _OUTLINE = ((0, 1), (1, 2), (2, 3), (3, 0))
-_CROSS = ((0, 3), (1, 4), (2, 5))
 _AXES = ((0, 1), (0, 2), (0, 3))
 _SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
@@ -47,7 +44,7 @@ class Thing:
     def placed(self, tip: Array) -> Array:
         """Points (n, 3) in the root link's frame, with the tip at a transform (4, 4)."""
         frame = tip @ self.frame if self.carried else self.frame
-        return np.asarray(self.points @ frame[:3, :3].T + frame[:3, 3])
+        return self.points @ frame[:3, :3].T + frame[:3, 3]
 
 
 def things_of(model: Model) -> list[Thing]:
@@ -59,7 +56,7 @@ def things_of(model: Model) -> list[Thing]:
     sensor = SensorPose.of(body)
     if body is None or sensor is None:
         return []
-    frame = transform(sensor.rotation, sensor.position)
+    frame = rigid(sensor.rotation, sensor.position)
     structure = body.structure
     name = model.about.sensor
     if is_camera(structure.view):
@@ -69,10 +66,9 @@ def things_of(model: Model) -> list[Thing]:
         return [
             camera_thing(f"camera {name}".strip(), picture, focal, depth, frame)
         ]
-    size = 0.1 * extent(model)
     if structure.view == "base":
-        return _sockets(model, 0.2 * size)
-    axes = np.vstack([np.zeros(3), size * np.eye(3)])
+        return []
+    axes = np.vstack([np.zeros(3), 0.1 * extent(model) * np.eye(3)])
     return [Thing(f"{SENSOR} {name}".strip(), axes, _AXES, frame)]
 
 
@@ -81,10 +77,13 @@ def things_of_rig(rig: HandEye) -> list[Thing]:
     depth = 0.3 * float(np.ptp(rig.flange[:, :3, 3], axis=0).max())
     things = []
     for camera in rig.cameras:
-        lens = camera.lens
-        frame = _frame_of(camera.place)
-        name = f"camera {camera.name}" if len(rig.cameras) > 1 else "camera"
-        carried = camera.eye == "hand"
+        lens = camera["lens"]
+        eye = camera["eye"]
+        frame = _frame_of(camera[eye])
+        name = "camera"
+        if len(rig.cameras) > 1:
+            name = f"camera {camera['name']}"
+        carried = eye == "hand"
         things.append(
             camera_thing(
                 name, lens["size"], lens["focal"], depth, frame, carried=carried
@@ -116,29 +115,5 @@ def camera_thing(
     return Thing(name, points, _FRUSTUM, frame, carried)
 
 
-def _sockets(model: Model, size: float, least: int = 3) -> list[Thing]:
-    """Sockets with at least so many touches each, as crosses; none where rows are positions."""
-    if model.rows is None:
-        return []
-    places = np.unique(model.rows.x, axis=0)
-    if least * len(places) > len(model.rows.x):
-        return []
-    cross = size * np.vstack([np.eye(3), -np.eye(3)])
-    return [
-        Thing(f"socket {k + 1}", cross, _CROSS, transform(np.eye(3), place))
-        for k, place in enumerate(places)
-    ]
-
-
-def transform(rotation: Array, position: Array) -> Array:
-    """Transform (4, 4) of a rotation and a position."""
-    frame = np.eye(4)
-    frame[:3, :3] = rotation
-    frame[:3, 3] = position
-    return frame
-
-
 def _frame_of(place: Place) -> Array:
-    return transform(
-        matrix_of(place["quaternion"]), np.array(place["position"])
-    )
+    return rigid(matrix_of(place["quaternion"]), place["position"])

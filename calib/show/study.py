@@ -8,12 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..change.judge import Verdict, judge
+from ..change.judge import judge
+from ..change.verdict import Verdict
 from ..common.arrays import Array
 from ..common.robust import solve_least_squares
 from ..model.model import Model
 from ..samples.samples import Samples
-from ..training.evaluate import learned_rows, simulation_of
+from ..use.evaluate import learned_rows, simulation_of
 from .causes import Cause, causes_of, drawing_behind, frame_of
 from .settings import SETTINGS
 
@@ -89,7 +90,7 @@ class Study:
         error = self.rows.x - predicted[:, :outputs]
         columns = slope[:, :outputs].reshape(error.size, -1)
         step = solve_least_squares(columns, error.reshape(-1, 1))
-        return np.asarray(error - (columns @ step).reshape(error.shape))
+        return error - (columns @ step).reshape(error.shape)
 
     @cached_property
     def bars(self) -> list[Bar]:
@@ -153,13 +154,12 @@ def _rows_of_log(model: Model, log: Samples) -> StudiedRows | None:
         return None
     verdict = judge(model, log.take(new), learn=False)
     rows = verdict.rows
-    sound = verdict.sound
-    counted = {row.tobytes() for row in rows.x[sound]}
+    counted = {row.tobytes() for row in rows.x}
     left_out = [row for row in log.x[new] if row.tobytes() not in counted]
     return StudiedRows(
-        q=rows.logged[sound],
-        x=rows.x[sound],
-        held_out=(rows.x - rows.predicted)[sound],
+        q=rows.log.q,
+        x=rows.x,
+        held_out=rows.x - rows.predicted,
         learned=None,
         source="rows of the log",
         left_out=np.array(left_out).reshape(-1, rows.x.shape[1]),

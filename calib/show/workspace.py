@@ -1,7 +1,5 @@
 """Workspace: where the tip can be, and the expected error over it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,1 +1,1 @@
-"""What follows a stream of samples: the monitor, and the maps of the paper."""
+"""What follows a stream of samples: the maps of the paper."""

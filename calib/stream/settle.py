@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,12 +19,22 @@ from ..maps.model_selection import blocks, select
 from ..maps.predictor import BodyInBox
 from ..model.about import MeasuredRows
 from ..model.model import Model
-from ..training.bounds import node_bounds
+from ..training.train import node_bounds
 
-# samples that links are learned from where the stream is short
-_IMAGINED = 20_000
-_ROWS = 3000  # rows that a body is refitted to: more would tell it hardly more
-_FEW_ROWS = 1000  # fewer have no links of their own
+
+@dataclass(frozen=True)
+class SettleSettings:
+    """What a settled model rests on."""
+
+    # samples that links are learned from where the stream is short
+    imagined: int = 20_000
+    # that a body is refitted to: more would tell it hardly more
+    rows: int = 3000
+    # fewer have no links of their own
+    few_rows: int = 1000
+
+
+SETTLED = SettleSettings()
 
 
 def settled_model(
@@ -49,7 +59,7 @@ def settled_model(
     first = np.sort(np.unique(np.hstack([q, x]), axis=0, return_index=True)[1])
     u = scale.to_unit(q[first])
     x = x[first]
-    some = slice(None, None, -(-len(u) // _ROWS))
+    some = slice(None, None, -(-len(u) // SETTLED.rows))
     if body is not None:
         with suppress(CalibError):  # too few rows, or too close to each other
             measured = [Measured(scale.from_unit(u[some]), x[some])]
@@ -69,9 +79,9 @@ def settled_model(
         )
         rows = np.arange(len(u))[some]
         errors = np.linalg.norm(remaining, axis=1)
-        if len(u) < _FEW_ROWS:
+        if len(u) < SETTLED.few_rows:
             drawn = np.random.default_rng(model.about.seed).random(
-                (_IMAGINED, u.shape[1])
+                (SETTLED.imagined, u.shape[1])
             )
             samples = drawn, predictor.value(drawn)
     association = (

@@ -201,25 +201,21 @@ def resolved(
 ) -> tuple[TrainingOptions, list[str]]:
     """The options with lattices and map for these samples, and what the user is told."""
     notes: list[str] = []
-    shapes = {
-        name: shape_of(size, name)
-        for name, size in vars(options).items()
-        if name.endswith("size") and size is not None
-    }
-    if not shapes and samples.simulation is None:
+    size = options.size
+    sizes = (size, options.motor_size, options.sensory_size)
+    is_free = all(part is None for part in sizes)
+    if samples.simulation is None and is_free:
         count = len(samples)
         least = LEARNING.least_side_of_body
         if options.body == "none":
             least = LEARNING.least_side
         side = max(least, round(math.sqrt(count / LEARNING.rows_per_node)))
-        side = min(LEARNING.side, side)
-        shapes["size"] = (side, side)
+        size = min(LEARNING.side, side)
         notes = [
-            f"lattices of {side}x{side} nodes for {count:,} rows, `size` chooses others"
+            f"lattices of {size}x{size} nodes for {count:,} rows, `size` chooses others"
         ]
-    square: tuple[int, ...] = (LEARNING.side, LEARNING.side)
-    motor = shapes.get("size", square)
-    sensory = motor if len(motor) == 2 else square
+    motor = shape_of(LEARNING.side if size is None else size)
+    sensory = motor if len(motor) == 2 else shape_of(LEARNING.side)
     dof = samples.dof
     width = samples.x.shape[1]
     # as many nodes in a lattice of the joints' dimension, and in one of the space
@@ -227,17 +223,23 @@ def resolved(
         motor = _of_dimension(dof, motor)
     if width == 3:
         sensory = _of_dimension(3, sensory)
-    lattices: dict[str, Any] = {"motor_size": motor, "sensory_size": sensory}
-    for name, most in (("motor_size", dof), ("sensory_size", width)):
-        shape = shapes.get(name, lattices[name])
-        lattices[name] = shape
+    if options.motor_size is not None:
+        motor = shape_of(options.motor_size, "motor_size")
+    if options.sensory_size is not None:
+        sensory = shape_of(options.sensory_size, "sensory_size")
+    for name, shape, most in (
+        ("motor", motor, dof),
+        ("sensory", sensory, width),
+    ):
         if len(shape) > most:
-            words = f"{name.replace('_', ' ')} {'x'.join(map(str, shape))}"
             raise OptionError(
-                f"{words}: expected at most {most} numbers, one for each axis",
-                parameter=name,
+                f"{name} size {'x'.join(map(str, shape))}: expected at most {most} numbers, one "
+                "for each axis",
+                parameter=f"{name}_size",
             )
-    return replace(options, map=options.map or LATTICE, **lattices), notes
+    network = options.map or LATTICE
+    made = replace(options, map=network, motor_size=motor, sensory_size=sensory)
+    return made, notes
 
 
 def _of_dimension(dim: int, nodes: tuple[int, ...]) -> tuple[int, ...]:

@@ -11,10 +11,9 @@ from ..common.arrays import Array
 from ..errors import LogError, OptionError
 from ..samples.repeatability import at_poses, noise_beside_poses
 from ..samples.samples import Samples
-from ..samples.wrong_rows import screen
 from .learn import TrainingOptions
 from .smooth import SmoothPart, find_smooth_part, find_smooth_parts
-from .sound_rows import fit_sound_rows, play_words, without_play
+from .sound_rows import fit_sound_rows, play_words, sound_beside, without_play
 from .touched import fit_sockets
 
 
@@ -38,67 +37,67 @@ class Prepared:
         return self.rows_given - len(used)
 
 
-def prepare(samples: Samples, options: TrainingOptions) -> Prepared:
+def _alone(samples: Samples, options: TrainingOptions) -> Prepared:
     """Leave wrong rows out, bring clocks together, and fit the body; a row a pose is left."""
     rows_given = len(samples) + samples.left_out
     if samples.touch is not None:
         samples, part, notes = fit_sockets(samples, samples.touch, options)
         return Prepared(samples, rows_given, (*notes, *part.fit.notes), part)
-    if options.body == "none":
-        notes = []
-        if samples.simulation is None:
-            sound, notes = screen(samples)
-            samples = samples.take(sound)
-        return Prepared(at_poses(samples), rows_given, tuple(notes))
 
     def fit(rows: Samples) -> SmoothPart:
         return find_smooth_part(at_poses(rows), options)
 
-    log = fit_sound_rows(samples, fit)
-    notes = log.notes
-    play = None
-    if log.play.any():
-        play = log.play
+    if options.body == "none":
+        notes = []
+        if samples.simulation is None:
+            sound, notes = sound_beside(samples, fit(samples))
+            samples = samples.take(sound)
+        return Prepared(at_poses(samples), rows_given, tuple(notes))
+    samples, part, play, notes = fit_sound_rows(samples, fit)
+    if play.any():
         notes.append(play_words(samples, play))
-    notes += log.part.fit.notes
-    samples = log.samples
-    part = _of_single_readings(log.part, samples)
     return Prepared(
-        at_poses(samples), rows_given, tuple(notes), part, play, samples
+        at_poses(samples),
+        rows_given,
+        (*notes, *part.fit.notes),
+        _of_single_readings(part, samples),
+        play if play.any() else None,
+        samples,
     )
 
 
-def prepare_several(
+def prepare(
     logs: Mapping[str, Samples], options: TrainingOptions
-) -> dict[str, Prepared]:
-    """Prepare the log of each sensor by itself, then fit one body to all of them."""
-    alone = {name: prepare(samples, options) for name, samples in logs.items()}
-    shown = {
-        name: np.zeros(logs[name].dof) if log.play is None else log.play
-        for name, log in alone.items()
-    }
+) -> list[Prepared]:
+    """Prepare the log of each sensor by itself, then fit one body to all of several."""
+    alone = [_alone(samples, options) for samples in logs.values()]
+    if len(alone) == 1:
+        return alone
     # the arm's, whichever sensors have shown it
-    plays = [play for play in shown.values() if play.any()]
+    plays = [log.play for log in alone if log.play is not None]
     play = np.mean(plays, axis=0) if plays else None
     readings: dict[str, Samples] = {}
-    for name, log in alone.items():
+    for name, log in zip(logs, alone, strict=True):
         samples = log.readings or log.samples
         if play is not None:
-            samples = without_play(samples, play - shown[name])
+            rest = play if log.play is None else play - log.play
+            samples = without_play(samples, rest)
         readings[name] = samples
     poses = {name: at_poses(samples) for name, samples in readings.items()}
     parts = find_smooth_parts(poses, options)
-    together: dict[str, Prepared] = {}
-    for name, log in alone.items():
+    together = []
+    for name, log in zip(logs, alone, strict=True):
         part = _of_single_readings(parts[name], readings[name])
         notes_of_fit = log.part.fit.notes if log.part else ()
         notes = [note for note in log.notes if note not in notes_of_fit]
-        together[name] = replace(
-            log,
-            samples=poses[name],
-            part=part,
-            play=play,
-            notes=(*notes, *part.fit.notes),
+        together.append(
+            replace(
+                log,
+                samples=poses[name],
+                part=part,
+                play=play,
+                notes=(*notes, *part.fit.notes),
+            )
         )
     return together
 
@@ -123,32 +122,31 @@ def _of_single_readings(part: SmoothPart, samples: Samples) -> SmoothPart:
 def logs_by_sensor(
     logs: Sequence[Samples], options: TrainingOptions
 ) -> dict[str, Samples]:
-    """Name the logs of several sensors by these; all get one range of the joints.
+    """Name logs by their sensors; those of several get one range of the joints.
 
     Raises LogError or OptionError if they are not of one arm that several sensors measured.
     """
+    if len(logs) == 1:
+        return {logs[0].sensor: logs[0]}
     if options.body == "none":
         raise OptionError(
             "several sensors share a body: expected `body='auto'`",
             parameter="body",
         )
+    if any(log.simulation or log.touch for log in logs):
+        raise LogError(
+            "one of several logs is of a simulation or of touches: expected measured "
+            "positions; touches beside positions stand in one log"
+        )
+    logs = [log.reordered(logs[0].joint_names) for log in logs]
+    lower = np.min([log.lower for log in logs], axis=0)
+    upper = np.max([log.upper for log in logs], axis=0)
     by_sensor: dict[str, Samples] = {}
     for number, log in enumerate(logs, start=1):
-        if log.simulation is not None or log.touch is not None:
-            raise LogError(
-                "one of several logs is of a simulation or of touches: expected measured "
-                "positions; touches beside positions stand in one log"
-            )
         name = log.sensor or f"sensor {number}"
         if name in by_sensor:
             raise LogError(
                 f"sensor {name} twice: expected a name of its own for each log"
             )
-        log = log.reordered(logs[0].joint_names)
-        by_sensor[name] = replace(log, sensor=name)
-    lower = np.min([log.lower for log in by_sensor.values()], axis=0)
-    upper = np.max([log.upper for log in by_sensor.values()], axis=0)
-    return {
-        name: replace(log, lower=lower, upper=upper)
-        for name, log in by_sensor.items()
-    }
+        by_sensor[name] = replace(log, sensor=name, lower=lower, upper=upper)
+    return by_sensor

@@ -34,7 +34,7 @@ ErrorTable = dict[str, dict[str, dict[str, Sizes]]]
 class Residuals:
     """What was predicted less what is true, row by row."""
 
-    q: Array  # (n, dof), joints that training never saw
+    motion: Motion  # (n, dof), joints that training never saw
     x: Array  # (n, m), positions there
     # of each readout: predicted less true positions (n, m) [unit], answered less true joints
     # (n, dof) [rad or m], distance (n,) [unit] from each target to where the answer really leads
@@ -44,8 +44,6 @@ class Residuals:
     joint_names: tuple[str, ...]
     left_out: int = 0  # rows that lie outside of what was learned
     turned: Array | None = None  # (n,) [rad], errors of the body's orientation
-    # (n, dof), from which side joints came, where that is known
-    side: Array | None = None
 
     @property
     def errors(self) -> dict[str, Array]:
@@ -58,7 +56,7 @@ class Residuals:
 
 def _residuals(
     model: Model,
-    q: Array,
+    motion: Motion,
     x: Array,
     forward: dict[str, Array],
     answers: dict[str, Array],
@@ -71,7 +69,7 @@ def _residuals(
     """
     scale = model.motor.scale
     value = model.predictor.value
-    u = scale.to_unit(q)
+    u = scale.to_unit(motion.q)
     targets = value(u) if truth is None else x
     inverse = {}
     distance = {}
@@ -79,24 +77,21 @@ def _residuals(
         inverse[readout] = scale.difference(answer, u) * scale.span
         reached = truth(scale.from_unit(answer)) if truth else value(answer)
         distance[readout] = row_lengths(reached - targets)
-    return Residuals(q, x, forward, inverse, distance, model.about.joint_names)
+    names = model.about.joint_names
+    return Residuals(motion, x, forward, inverse, distance, names)
 
 
 def evaluate_residuals(
     model: Model,
-    q: Array,
+    motion: Motion,
     x: Array,
     truth: Callable[[Array], Array] | None = None,
-    side: Array | None = None,
 ) -> Residuals:
-    """Residuals of all readouts in both directions, of the answer nearest to the true joints.
-
-    side : (n, dof), from which side the joints came, where that is known
-    """
-    answered = model.covers(q)
+    """Residuals of all readouts in both directions, of the answer nearest to the true joints."""
+    answered = model.covers(motion.q)
     if not answered.any():
         raise LogError(NOT_LEARNED)
-    motion = Motion(q, side).take(answered)
+    motion = motion.take(answered)
     x = x[answered]
     prediction = predict(model, motion)
     near = model.solver.newton.clip(model.motor.scale.to_unit(motion.q))
@@ -106,9 +101,8 @@ def evaluate_residuals(
         lambda: unit_joints(model, x, near, model.readouts),
     )
     forward = {readout: value - x for readout, value in predicted.items()}
-    residuals = _residuals(model, motion.q, x, forward, answers, truth)
-    left_out = int(np.count_nonzero(~answered))
-    return replace(residuals, left_out=left_out, side=motion.side)
+    residuals = _residuals(model, motion, x, forward, answers, truth)
+    return replace(residuals, left_out=int(np.count_nonzero(~answered)))
 
 
 def held_out_residuals(
@@ -160,7 +154,8 @@ def held_out_residuals(
             predicted = pair.predict(q[tested], readout)
             forward[readout][tested] = predicted - x[tested]
             answers[readout][tested] = clip(inverses[readout])
-    return replace(_residuals(model, q, x, forward, answers), turned=turned)
+    residuals = _residuals(model, Motion(q), x, forward, answers)
+    return replace(residuals, turned=turned)
 
 
 def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
@@ -172,7 +167,7 @@ def fresh_residuals(model: Model, simulation: Simulation) -> Residuals:
     if model.body is None and q.shape[1] > 3:
         q = q[: TESTING.fresh_of_maps]
         x = x[: TESTING.fresh_of_maps]
-    return evaluate_residuals(model, q, x, simulation.exact)
+    return evaluate_residuals(model, Motion(q), x, simulation.exact)
 
 
 def fresh_points(simulation: Simulation, seed: int) -> tuple[Array, Array]:
@@ -214,7 +209,7 @@ def error_sizes(error: Array) -> Sizes:
 def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
     """What 95 % of a model's answers are within [unit], and what share within its own bound."""
     errors = residuals.errors[model.default_readout]
-    bound = predict(model, Motion(residuals.q, residuals.side)).bound
+    bound = predict(model, residuals.motion).bound
     covered = np.mean(
         errors <= bound + 1e-12
     )  # of an exact arm both are rounding

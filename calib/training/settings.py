@@ -68,7 +68,6 @@ class Play:
 class LateClock:
     """The search for a delay."""
 
-    rounds: int = 3  # after which a delay is as sure as it gets
     steps: int = 8  # of a delay and the parameters beside it, from one fit
     rows: int = 4_000  # neighbouring rows that a delay rests on
     settled: float = 0.05  # sds that the last step moves at most

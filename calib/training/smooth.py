@@ -16,7 +16,6 @@ from ..body.drawing import PlanarDrawing
 from ..body.planar import planar_structure
 from ..body.row_notes import warnings_of
 from ..body.rows import Rows
-from ..body.sensor_pose import doubtful_depth
 from ..body.spatial import structure_of, unknown_structure
 from ..body.structure import Structure
 from ..body.views import is_camera
@@ -45,7 +44,6 @@ class Template:
     structure: Structure
     rows: Rows
     index: Index  # (k,), of these rows in the samples
-    notes: tuple[str, ...] = ()
 
     @staticmethod
     def of(samples: Samples, options: TrainingOptions) -> Template:
@@ -126,7 +124,6 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
     # root mean square distance of positions from their mean
     off = measured.z - measured.z.mean(axis=0)
     extent = float(np.sqrt((off**2).sum(axis=1).mean()))
-    notes: tuple[str, ...] = ()
     if not isinstance(arm, SpatialArm):
         simulated = simulation is not None
         structure = unknown_structure(
@@ -137,10 +134,7 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
             metre,
             simulated,
         )
-        if samples.orientation is not None:
-            words = "orientations are used together with the robot's URDF"
-            notes = (f"{words}: give `robot`",)
-        return Template(structure, measured, rows, notes)
+        return Template(structure, measured, rows)
     if samples.camera is not None and measured.z.shape[1] == 2:
         pinhole = structure_of(
             arm,
@@ -164,9 +158,7 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
         structure = structure.with_view(_POSED[view])
         turns = logarithm(matrix_of(samples.orientation[rows]))
         measured = replace(measured, z=np.hstack([measured.z, turns]))
-    elif samples.orientation is not None:
-        notes = (f"orientations are not used with the view {view!r}",)
-    return Template(structure, measured, rows, notes)
+    return Template(structure, measured, rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,20 +217,11 @@ def _smooth_part(
 ) -> SmoothPart:
     """The body of a fit, with notes on what its rows cannot tell."""
     q = template.rows.q
-    view = fit.body.structure.view
     travel = samples.upper - samples.lower
     notes = [
         *warnings_of(q, samples.joint_names, samples.revolute, travel),
         *fit.notes,
     ]
-    if is_camera(view):
-        notes += doubtful_depth(fit.body, q)
-    if view == "base target":
-        notes.append(
-            "the orientations are of a target that is turned against the tip: its turn cannot be "
-            f"told from the offset of {samples.joint_names[-1]}"
-        )
-    notes += template.notes
     if template.rows.z.shape[1] == 6:
         fit = fit.of_positions()
     part = SmoothPart.of(samples, fit, template.index)

@@ -2,83 +2,64 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ..body.approach import learn_play
-from ..common.arrays import Array
+from ..body.belief import Body
+from ..common.arrays import Array, Mask
 from ..common.rows import finite_rows, row_lengths
 from ..common.wording import unit_of_joint
 from ..model.model import Model
 from ..model.prediction import predict
-from ..samples.delays import Trajectory
-from ..samples.diagnosis import aligned, rows_behind
+from ..samples.delays import Delay, Trajectory, estimate_delay
+from ..samples.diagnosis import aligned
+from ..samples.motion import directions
 from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.settings import DIAGNOSIS
-from ..samples.wrong_rows import contradictions, screen
-from .late_clock import in_time
-from .settings import PLAY
+from ..samples.wrong_rows import contradictions
+from .settings import LATE_CLOCK, PLAY
 from .smooth import Fit, SmoothPart
 
 
-@dataclass(frozen=True, eq=False)
-class SoundLog:
-    """What is learned from: rows in time, and where their joints stood."""
-
-    samples: Samples
-    part: SmoothPart
-    play: Array  # (dof,), half the play of each joint, which the samples are freed of
-    notes: list[str] = field(default_factory=list)
-
-
-def fit_sound_rows(samples: Samples, fit: Fit) -> SoundLog:
+def fit_sound_rows(
+    samples: Samples, fit: Fit
+) -> tuple[Samples, SmoothPart, Array, list[str]]:
     """Fit samples; of a log without its delay and without the rows that contradict the others.
 
     Rows that came from the other side of a joint with play contradict the others, too: play is
     learned before.
+    Returns the samples as they are learned from, in time and with their joints where they stood,
+    their part, half the play of each joint (dof,) that they are freed of, and notes.
     """
+    part = fit(samples)
     if samples.simulation is not None:
-        return SoundLog(*freed_of_play(samples, fit(samples), fit))
+        return *freed_of_play(samples, part, fit), []
     play = np.zeros(samples.dof)
-    sound, notes = screen(samples)
-    # a lag looks like play
-    if not sound.all() and Trajectory.of(samples) is None:
-        freed, _, play = freed_of_play(samples, fit(samples), fit)
-        if play.any():
-            samples = freed
-            sound, notes = screen(samples)
-    samples = samples.take(sound)
-    trajectory = Trajectory.of(samples)
-    shift = 0
-    if samples.arm is not None and not samples.in_time:
-        shift = rows_behind(
-            samples.arm.forward, samples.q, samples.x, samples.unit
-        )
-    if trajectory is not None:
-        delay = shift * trajectory.step
-        part = fit(trajectory.moved(samples, delay) if delay else samples)
-        mended = in_time(samples, trajectory, part.fit.body, delay, fit)
-        samples = mended.samples
-        part = mended.part or part
-        notes += mended.notes
-    else:
-        if shift:  # poses beside the positions of others
-            rows = np.arange(max(shift, 0), len(samples) + min(shift, 0))
-            samples = replace(samples.take(rows), q=samples.q[rows - shift])
-            words = f"positions are moved by {-shift:+d} rows"
-            notes.append(f"{words} to those of their joints")
+    sound, notes = sound_beside(samples, part)
+    if not sound.all():
+        if Trajectory.of(samples) is None:  # a lag looks like play
+            samples, part, play = freed_of_play(samples, part, fit)
+            sound, notes = sound_beside(samples, part)
+        samples = samples.take(sound)
         part = fit(samples)
-    samples, part, more = freed_of_play(samples, part, fit)
+    samples, moved_part, clock_notes = in_time(samples, part.fit.body, fit)
+    samples, part, more = freed_of_play(samples, moved_part or part, fit)
     play = play + more
-    residual = samples.x - part.fit.body.predict(samples.q)
-    sound, wrong_notes = contradictions(samples, residual)
+    sound, wrong_notes = sound_beside(samples, part)
     if not sound.all():
         samples = samples.take(sound)
         samples, part, more = freed_of_play(samples, fit(samples), fit)
         play = play + more
-    return SoundLog(samples, part, play, [*notes, *wrong_notes])
+    return samples, part, play, [*notes, *clock_notes, *wrong_notes]
+
+
+def sound_beside(samples: Samples, part: SmoothPart) -> tuple[Mask, list[str]]:
+    """Which rows (n,) do not contradict the others beside a fit, and notes."""
+    residual = samples.x - part.fit.body.predict(samples.q)
+    return contradictions(samples, residual)
 
 
 def freed_of_play(
@@ -123,7 +104,8 @@ def _play_of(samples: Samples, part: SmoothPart) -> Array | None:
 
 def without_play(samples: Samples, play: Array) -> Samples:
     """Return the samples with the joints where they stood, rather than what they read."""
-    return replace(samples, q=samples.motion.stood(play))
+    assert samples.side is not None  # noqa: S101 - as samples are made
+    return replace(samples, q=samples.q - play * samples.side)
 
 
 def play_words(samples: Samples, play: Array) -> str:
@@ -154,12 +136,9 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
         revolute=about.revolute,
     )
     notes: list[str] = []
-    trajectory = Trajectory.of(samples)
-    if model.body is not None and trajectory is not None:
-        mended = in_time(samples, trajectory, model.body)
-        samples = mended.samples
-        notes = mended.notes
-    predicted = predict(model, samples.motion).value
+    if model.body is not None:
+        samples, _, notes = in_time(samples, model.body)
+    predicted = predict(model, samples).value
     residual = samples.x - predicted
     answered = finite_rows(predicted)
     if answered.sum() < DIAGNOSIS.fewest_rows:
@@ -173,3 +152,81 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
     sound, wrong_notes = contradictions(samples, residual)
     left_out = samples.left_out + int(np.count_nonzero(~sound))
     return replace(samples.take(sound), left_out=left_out), notes + wrong_notes
+
+
+def in_time(
+    samples: Samples, body: Body, fit: Fit | None = None
+) -> tuple[Samples, SmoothPart | None, list[str]]:
+    """Bring the clocks of a log along a path together where a delay is clear.
+
+    fit : fits the body anew to moved samples; without it the body is that of another log
+    Returns the samples with their joints at the times of their positions, the part of moved ones
+        where they were fitted, and notes.
+    """
+    trajectory = Trajectory.of(samples)
+    if trajectory is None:
+        return samples, None, []
+    delay = _delay(samples, trajectory, body, fresh=fit is not None)
+    if delay is None or not delay.clear:
+        return samples, None, []
+    moved = trajectory.moved(samples, delay.value)
+    # with curves that have not followed the delay
+    part = None if fit is None else fit(moved)
+    return moved, part, [delay.note()]
+
+
+def _delay(
+    samples: Samples,
+    trajectory: Trajectory,
+    body: Body,
+    *,
+    fresh: bool,
+) -> Delay | None:
+    """Estimate a delay together with the chain and its frame.
+
+    fresh : whether the body was fitted to these rows as they are: then its curves may have followed
+        the delay along a path, and are left out
+    """
+    structure = body.structure
+    if structure.outputs != samples.x.shape[1]:
+        return None
+    members = structure.members()
+    prior = structure.prior(dict(members).get("chain", members[0][1]))
+    active = prior.active
+    beta = body.beta.copy()
+    if fresh:
+        beta[prior.sd == 0] = prior.mean[prior.sd == 0]
+    middle = len(trajectory.time) // 2
+    half = LATE_CLOCK.rows // 2
+    some = slice(max(0, middle - half), middle + half)
+    total = 0.0
+    share = 0.0
+    for _ in range(LATE_CLOCK.steps):
+        q, speed = trajectory.before(total)
+        q = q[some]
+        inside = finite_rows(q)
+        if inside.mean() < 0.5:
+            return None
+        q = q[inside]
+        seen, slope = structure.predict_and_slope(q, beta)
+        step = estimate_delay(
+            structure.residual(samples.x[some][inside], seen),
+            np.einsum("nmk,nk->nm", slope, speed[some][inside]),
+            structure.linearise(q, beta, active)[1],
+            prior.sd[active] ** -2.0,
+            (prior.mean - beta)[active],
+            # joints with play err by their direction
+            play=slope * directions(q)[:, None],
+            unit=trajectory.unit,
+        )
+        if step is None:
+            return None
+        delay, change = step
+        share = share or delay.share
+        moved = np.zeros(len(beta))
+        moved[active] = change
+        beta = structure.retract(beta, moved)
+        total += delay.value
+        if abs(delay.value) < LATE_CLOCK.settled * delay.sd:
+            break
+    return Delay(total, delay.sd, delay.unit, share)

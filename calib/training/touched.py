@@ -22,7 +22,7 @@ from ..errors import LogError
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.sockets import Touches
-from ..samples.wrong_rows import row_numbers
+from ..samples.sound_values import rows_in_words
 from .learn import TrainingOptions
 from .settings import LEARNING, TOUCHING
 from .smooth import SmoothPart
@@ -50,11 +50,6 @@ class Sockets:
     used: Mask  # (n,), rows that are in theirs
     scatter: float  # [m], median distance of tips from their sockets
 
-    def of_doubtful_size(self, sd: float) -> Sockets:
-        """The fit of an arm whose size is known to a relative `sd` alone."""
-        body = with_size(self.fit.body, sd)
-        return replace(self, fit=replace(self.fit, body=body))
-
 
 def fit_sockets(
     samples: Samples, touch: Touches, options: TrainingOptions
@@ -71,23 +66,27 @@ def fit_sockets(
             "touches need the robot in space that made them: give its URDF"
         )
     _refuse_alike(samples, touch)
-    base_is_measured = not touch.touched.all()
-    structure = structure_of(arm, "rigid" if base_is_measured else "base")
+    touched_alone = bool(touch.touched.all())
+    structure = structure_of(arm, "base" if touched_alone else "rigid")
     structure = replace(structure, zeros_alone=options.free == "offsets")
     sockets = _fit_sound_touches(samples, touch, structure, options.seed)
     notes: list[str] = []
-    if touch.distances and not base_is_measured:
+    doubt = 0.0  # relative sd of the arm's size, beside what the rows tell
+    if touched_alone:
+        notes.append(_BASE)
+    if touched_alone and not touch.distances:
+        notes.append(_SIZE)
+        doubt = DRAWN_SIZE
+    elif touched_alone:
         planes = tuple(fact for fact in touch.facts if fact.value is None)
-        undistanced = replace(touch, facts=planes)
         drawn = _fit_sound_touches(
-            samples, undistanced, structure, options.seed
+            samples, replace(touch, facts=planes), structure, options.seed
         )
-        words, doubt = _size_words(touch, drawn)
+        words, apart = _size_words(touch, drawn)
         if words:
             notes.append(words)
             sockets = drawn
-            if doubt <= TOUCHING.most_doubt:
-                sockets = drawn.of_doubtful_size(doubt / 1.96)
+            doubt = apart / 1.96 if apart <= TOUCHING.most_doubt else 0.0
     if sockets.scatter > LEARNING.no_arm * arm.chain.reach:
         raise LogError(
             f"no arm explains the touches: the tips scatter by {1e3 * sockets.scatter:.3g} mm "
@@ -96,18 +95,16 @@ def fit_sockets(
         )
     strays = np.flatnonzero(~sockets.used)
     if len(strays):
-        words = "rows were in no socket of theirs and are left out"
-        numbers = row_numbers(samples, strays)
-        notes.append(f"{len(strays)} {words}: {numbers}")
-    if not base_is_measured:
-        notes.append(_BASE)
-        if not touch.distances:
-            notes.append(_SIZE)
-            sockets = sockets.of_doubtful_size(DRAWN_SIZE)
+        notes.append(
+            f"{len(strays)} rows were in no socket of theirs and are left out: "
+            f"{rows_in_words(samples.rows[strays])}"
+        )
+    fit = sockets.fit
+    if doubt:
+        fit = replace(fit, body=with_size(fit.body, doubt))
     placed = replace(samples, x=touch.placed(samples.x, sockets.places))
     samples = placed.take(sockets.used)
-    rows = np.arange(len(samples))
-    return samples, SmoothPart.of(samples, sockets.fit, rows), notes
+    return samples, SmoothPart.of(samples, fit, np.arange(len(samples))), notes
 
 
 def _fit_sound_touches(
@@ -145,32 +142,30 @@ def _size_words(touch: Touches, drawn: Sockets) -> tuple[str, float]:
 
     The words are empty where both may be true.
     """
-    ends = [drawn.places[list(fact.points)] for fact in touch.distances]
-    fitted = row_lengths(np.array([one - other for one, other in ends]))
+    points = np.array([fact.points for fact in touch.distances])
     stated = np.array([fact.value for fact in touch.distances], dtype=float)
     tolerance = np.array([fact.tolerance for fact in touch.distances])
-    known = np.isfinite(fitted) & (fitted > 0)
-    if not known.any():
+    fitted = row_lengths(
+        drawn.places[points[:, 0]] - drawn.places[points[:, 1]]
+    )
+    weight = np.nan_to_num(fitted / np.hypot(tolerance, drawn.scatter)) ** 2
+    if not weight.any():
         return "", 0.0
-    ratios = (stated / fitted)[known]
-    weights = (fitted / np.hypot(tolerance, drawn.scatter))[known] ** 2
-    ratio = float(ratios @ weights / weights.sum())
+    ratio = float(np.nansum(weight * stated / fitted) / weight.sum())
     apart = abs(ratio - 1.0)
-    doubt = float(np.hypot(weights.sum() ** -0.5, DRAWN_SIZE))
+    doubt = float(np.hypot(weight.sum() ** -0.5, DRAWN_SIZE))
     if apart <= TOUCHING.clearly * doubt:
         return "", 0.0
-    fact = touch.distances[0]
     size = 1e3 * stated[0] / ratio
     widened = "bounds contain both"
     if apart > TOUCHING.most_doubt:
         widened = "no drawing is so far off, so the distance is left out"
-    words = (
-        f"the size of the arm: {' and '.join(map(touch.name, fact.points))} are said to be "
+    return (
+        f"the size of the arm: {' and '.join(map(touch.name, points[0]))} are said to be "
         f"{1e3 * stated[0]:.4g} mm apart, by the drawing's size they are {size:.4g} +- "
         f"{1.96 * size * doubt:.2g} mm: one of the two is wrong by {100 * apart:.2g} %; the "
         f"drawing's is taken, and {widened}"
-    )
-    return words, apart
+    ), apart
 
 
 def _refuse_alike(samples: Samples, touch: Touches) -> None:
@@ -196,11 +191,11 @@ def in_sockets(
     """
     tip = model.forward(samples.q)
     rows = np.flatnonzero(finite_rows(tip))
-    answered = touch.take(rows)
-    rows = rows[~answered.strays(tip[rows])]
+    rows = rows[~touch.take(rows).strays(tip[rows])]
     touch = touch.take(rows)
+    touched = touch.touched
     tip = tip[rows]
-    if not touch.touched.any():
+    if not touched.any():
         raise LogError(NOT_LEARNED)
     means = touch.means(tip)
     samples = samples.take(rows)
@@ -208,7 +203,7 @@ def in_sockets(
     samples = replace(samples, x=placed, side=np.zeros_like(samples.q))
     off = row_lengths(tip - samples.x)
     points = []
-    for number in np.unique(touch.number[touch.touched]):
+    for number in np.unique(touch.number[touched]):
         setup, point = touch.sockets[number]
         scatter = off[touch.number == number]
         mean = float(scatter.mean())
@@ -223,8 +218,8 @@ def in_sockets(
             distances.append(
                 {"points": ends, "stated": fact.value, "predicted": predicted}
             )
-    bound = model.expected_error(samples.q[touch.touched])
-    off = off[touch.touched]
+    bound = model.expected_error(samples.q[touched])
+    off = off[touched]
     sizes = {
         "mean": float(off.mean()),
         "rms": float(np.sqrt((off**2).mean())),
@@ -273,17 +268,15 @@ def as_positions(
     belief = restated(body, seen)
     beta = belief.beta.copy()
     point = seen.groups["point"]
-    tip = structure.pose(q, body.beta)[0]
-    beta[point] = touch.means(tip)[sockets].ravel()
+    beta[point] = touch.means(structure.pose(q, body.beta)[0])[sockets].ravel()
     active = belief.active
     variance = np.zeros((seen.size, seen.size))
     known = body.kappa**2 * belief.covariance
-    variance[np.ix_(active, active)] = known + TOUCHING.gauge**2 * np.eye(
-        len(active)
-    )
+    gauge = TOUCHING.gauge**2 * np.eye(len(active))
+    variance[np.ix_(active, active)] = known + gauge
     variance[point, point] = structure.chain.reach**2
 
-    def fitted() -> Fit:
+    def fitted(variance: Array) -> Fit:
         """The fit with a prior of this variance around the parameters."""
         sd = np.sqrt(np.diag(variance))
         free = np.flatnonzero(sd)
@@ -291,21 +284,18 @@ def as_positions(
         prior = Prior(beta, sd, known=precision)
         return Fit(seen, rows, beta, prior, nu=STUDENT).maximise(steps=8)
 
-    same = fitted()
-    for group, sd in (
-        ("offset", TOUCHING.offset),
-        ("tool", TOUCHING.tool),
-        ("placement", TOUCHING.placement),
-    ):
-        indices = seen.groups[group]
-        variance[indices, indices] += sd**2
-    changed = fitted()
+    may_change = np.zeros(seen.size)
+    may_change[seen.groups["offset"]] = TOUCHING.offset**2
+    may_change[seen.groups["tool"]] = TOUCHING.tool**2
+    may_change[seen.groups["placement"]] = TOUCHING.placement**2
+    same = fitted(variance)
+    changed = fitted(variance + np.diag(may_change))
     gain = changed.evidence - same.evidence
     if gain > TOUCHING.nats * changed.autocorrelation:
         belief = restated(replace(belief, beta=changed.beta), structure)
         sensor = structure.sensor(belief.beta)
-        places = np.full((len(touch.sockets), 3), np.nan)
         points = changed.beta[point].reshape(-1, 3)
+        places = np.full((len(touch.sockets), 3), np.nan)
         places[sockets] = (
             sensor.scale * points @ sensor.rotation.T + sensor.shift
         )

@@ -6,6 +6,7 @@ the held-out errors and the bounds, the facts that travel with the model.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,20 +16,23 @@ import numpy as np
 
 from ..arm.arm import Arm
 from ..body.approach import Approach
+from ..body.covariance import RADIUS_95
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread, side_by_side
 from ..common.rows import row_lengths
 from ..common.scale import Scale
-from ..errors import LogError
+from ..errors import LogError, OptionError
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
+from ..maps.node_bounds import learn_bounds
 from ..model.about import About, MeasuredRows
 from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
+from ..samples.motion import directions
 from ..samples.samples import Samples
-from .bounds import node_bounds, simulated_bounds
-from .learn import Progress, TrainingOptions, resolved
-from .preparation import Prepared, logs_by_sensor, prepare, prepare_several
+from ..samples.simulation import Simulation
+from .learn import UNFOLD, Progress, TrainingOptions, resolved
+from .preparation import Prepared, logs_by_sensor, prepare
 from .residuals import (
     answered_within,
     fresh_residuals,
@@ -84,37 +88,17 @@ def train(
         raise LogError("no samples: expected those of one sensor or more")
     for log in logs:
         _refuse_few(log)
-    clock = _Clock(progress or (lambda *_: None))
+    started = time.perf_counter()
+    report = progress or (lambda *_: None)
     # a BLAS that splits sums over threads would change the last bits
     with one_blas_thread():
-        clock.begin(0.0, "body")
-        if len(logs) == 1:
-            return _learned(prepare(logs[0], options), options, clock)
-        several = prepare_several(logs_by_sensor(logs, options), options)
+        report(0.0, "body", math.nan)
         first, *others = (
-            _learned(prepared, options, clock) for prepared in several.values()
+            _learned(prepared, options, report)
+            for prepared in prepare(logs_by_sensor(logs, options), options)
         )
-        return replace(first, others=tuple(others))
-
-
-class _Clock:
-    """Times of the stages of a training, which tells how far it is."""
-
-    def __init__(self, progress: Progress) -> None:
-        self.progress = progress
-        self.seconds = {"total": 0.0}  # how long each stage took, and all
-        self.stage = ""
-        self.since = time.perf_counter()
-
-    def begin(self, share: float, stage: str) -> None:
-        """Begin a stage, with the share of the work that is done."""
-        now = time.perf_counter()
-        for name in filter(None, (self.stage, "total")):
-            before = self.seconds.get(name, 0.0)
-            self.seconds[name] = before + now - self.since
-        self.stage = stage
-        self.since = now
-        self.progress(share, stage, float("nan"))
+    seconds = {"total": time.perf_counter() - started}
+    return replace(first, others=tuple(others), seconds=seconds)
 
 
 def _refuse_few(samples: Samples) -> None:
@@ -135,7 +119,7 @@ def _refuse_few(samples: Samples) -> None:
 
 
 def _learned(
-    prepared: Prepared, options: TrainingOptions, clock: _Clock
+    prepared: Prepared, options: TrainingOptions, progress: Progress
 ) -> Model:
     """Learn maps, links and local models on a body, and measure the errors of them all."""
     samples = prepared.samples
@@ -144,14 +128,14 @@ def _learned(
     rows = slice(None) if part is None else part.rows
     options, size_notes = resolved(samples, options)
 
-    clock.begin(0.1, "maps")
+    progress(0.1, "maps", math.nan)
 
     def report(done: float, stage: str, error: float) -> None:
-        clock.progress(0.1 + 0.6 * done, stage, error)
+        progress(0.1 + 0.6 * done, stage, error)
 
     association = maps_of(samples, part, options, progress=report)
 
-    clock.begin(0.7, "local models")
+    progress(0.7, "local models", math.nan)
     motor = association.motor
     scale = motor.scale
     u = scale.to_unit(samples.q)
@@ -167,12 +151,12 @@ def _learned(
         )
         model = replace(model, local=predictor.models, body=part.fit.body)
 
-    clock.begin(0.8, "evaluation")
+    progress(0.8, "evaluation", math.nan)
     approach = None if prepared.play is None else Approach(prepared.play)
     measured = None
     if simulation is None:
         tested = held_out_residuals(model, samples, part, held_out, options)
-        shown_u = scale.to_unit(tested.q)
+        shown_u = scale.to_unit(tested.motion.q)
         shown_x = tested.x
         errors = tested.errors[model.default_readout]
         reading, position = node_bounds(model, shown_u, errors)
@@ -183,7 +167,7 @@ def _learned(
     else:
         seed = options.stream("bounds")
         (nodes, shown_u, shown_x), tested = side_by_side(
-            lambda: simulated_bounds(model, simulation, prepared.play, seed),
+            lambda: _simulated_bounds(model, simulation, prepared.play, seed),
             lambda: fresh_residuals(model, simulation),
         )
         model = replace(
@@ -194,7 +178,7 @@ def _learned(
         about,
         errors=summarise(tested),
         within=within,
-        tested=len(tested.q),
+        tested=len(tested.x),
         left_out=tested.left_out + prepared.left_out,
         notes=(*size_notes, *prepared.notes),
     )
@@ -204,13 +188,12 @@ def _learned(
     baseline = learn_baseline(association, shown_u, shown_x, missed)
     if part is None and simulation is None:
         baseline = replace(baseline, seen=Seen.of(scale, shown_u))
-    clock.begin(1.0, "done")
+    progress(1.0, "done", math.nan)
     return replace(
         model,
         about=about,
         baseline=baseline,
         rows=measured,
-        seconds=dict(clock.seconds),
     )
 
 
@@ -261,3 +244,60 @@ def _about(samples: Samples, options: TrainingOptions) -> About:
         sensor=samples.sensor,
         limits=None if arm is None else _limits(samples, arm),
     )
+
+
+def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
+    """Bounds (nodes,) of a log's model on what the sensor reads and on the true position.
+
+    A body's are its posterior's.  Without one, and in defects, they are learned from the errors
+    (k,) [unit] of rows that were held out, at `u` (k, dof) in the unit box.
+    """
+    motor = model.motor
+    body = model.body
+    if body is None:
+        learned = learn_bounds(motor, u, errors)
+        return (
+            learned,
+            learned,
+        )  # they hold beside the rows, see `calib.model.parts`
+    q = motor.scale.from_unit(np.clip(motor.units, 0.0, 1.0))
+    reading = body.bound(q)
+    position = body.bound(q, noise=False)
+    if model.predictor.models.degree >= 0:
+        # where held-out rows are further off than the body says, as in a local defect
+        learned = learn_bounds(motor, u, errors)
+        noise = RADIUS_95 * float(np.sqrt(np.mean(body.noise[:2] ** 2)))
+        defect = np.sqrt(np.maximum(learned**2 - noise**2, 0.0))
+        position = np.where(
+            learned > reading, np.maximum(position, defect), position
+        )
+        reading = np.maximum(reading, learned)
+    return reading, position
+
+
+def _simulated_bounds(
+    model: Model,
+    simulation: Simulation,
+    play: Array | None,
+    seed: np.random.SeedSequence,
+) -> tuple[Array, Array, Array]:
+    """Bounds (nodes,) [unit] by exact samples that are neither learned nor tested.
+
+    play : (dof,), half the play of each joint, where the direction of approach is known
+    Returns bounds, and joints (k, dof) in the unit box and positions (k, m) of these samples
+    """
+    rng = np.random.default_rng(seed)
+    q = simulation.draw(TESTING.drawn, rng)
+    x = simulation.true(q, rng)
+    if play is not None:
+        q = q - play * directions(q)
+    inside = model.covers(q)
+    if not inside.any():
+        raise OptionError(
+            "no test sample is near the motor map's nodes", hint=UNFOLD
+        )
+    u = model.motor.scale.to_unit(q[inside])
+    errors = row_lengths(model.predictor.value(u) - x[inside])
+    nodes = learn_bounds(model.motor, u, errors)
+    rounding = TESTING.rounding * model.solver.extent
+    return np.maximum(nodes, rounding), u, x[inside]

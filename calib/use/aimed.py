@@ -4,8 +4,6 @@ Random postures are led to where they are aimed by damped Newton steps; those th
 a plan chooses from.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
@@ -84,8 +82,8 @@ def _led(
     turning = np.zeros(structure.dof, dtype=bool)
     scale = Scale(space.lower, space.upper - space.lower, turning)
     newton = Newton(_Aim(structure, beta, scale, target.shape[1]), scale)
-    u, distance = newton.refine(scale.to_unit(q), target, 0.1 * AIMING.near)
-    return scale.from_unit(u), distance
+    stand = newton.refine(scale.to_unit(q), target, 0.1 * AIMING.near)
+    return scale.from_unit(stand.u), stand.miss
 
 
 def at_point(
@@ -101,15 +99,10 @@ def at_point(
     body = None if isinstance(source, Arm) else source.body
     if isinstance(source, SpatialArm):
         structure = structure_of(source, "base")
-        prior = structure.prior(("tool", "placement", "offset"))
         beta = structure.neutral()
-        active = prior.active
-        root = np.diag(np.minimum(prior.sd[active], PLANNING.widest))
     elif body is not None and isinstance(body.structure, SpatialStructure):
         structure = body.structure.with_view("base")
         beta = body.beta
-        active = body.active
-        root = body.root
     else:
         raise OptionError(
             "touch: expected a robot that moves in space, or a model of one"
@@ -127,9 +120,34 @@ def at_point(
             f"touch {', '.join(f'{value:g}' for value in target)}: no posture within the limits "
             "reaches this point of the base frame [m]; give another"
         )
-    tip = structure.linearise(q, beta, active)[1] @ root
-    place = np.broadcast_to(PLANNING.widest * np.eye(3), (len(q), 3, 3))
-    return Aimed(q, np.concatenate([tip, place], axis=2) / AIMING.play)
+    if body is None:
+        groups = ("tool", "placement", "offset")
+        tip = directions(structure, beta, q, groups, AIMING.play)
+    else:
+        slope = structure.linearise(q, beta, body.active)[1]
+        tip = slope @ body.root / AIMING.play
+    place = PLANNING.widest / AIMING.play * np.eye(3)
+    places = np.broadcast_to(place, (len(q), 3, 3))
+    return Aimed(q, np.concatenate([tip, places], axis=2))
+
+
+def directions(
+    structure: SpatialStructure,
+    beta: Array,
+    rows: Array,
+    groups: Sequence[str],
+    noise: float,
+) -> Array:
+    """Directions (n, m, k) in which readings of rows tell of groups of parameters.
+
+    They are in units of the noise [unit] and of the prior.
+    """
+    prior = structure.prior(groups)
+    sd = np.minimum(prior.sd, PLANNING.widest)
+    lens = structure.groups["lens"]
+    sd[lens] = prior.sd[lens]  # pixels of a lens have wide priors
+    slope = structure.linearise(rows, beta, prior.active)[1]
+    return slope * sd[prior.active] / noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,14 +216,13 @@ class Scene:
 
     def directions(self, q: Array) -> Array:
         """Directions (n, 8, k) in which pictures tell of camera, board and arm."""
-        camera = self.camera
-        free = ("view.rotation", "view.shift", "tool", "tool.rotation")
-        prior = camera.prior((*free, "lens", "placement", "offset"))
-        sd = np.minimum(prior.sd, PLANNING.widest)
-        lens = camera.groups["lens"]
-        sd[lens] = prior.sd[lens]  # pixels of a lens have wide priors
-        slope = camera.linearise(self.corners(q), self.beta, prior.active)[1]
-        return slope.reshape(len(q), 8, -1) * sd[prior.active] / AIMING.noise
+        groups = (
+            *("view.rotation", "view.shift", "tool", "tool.rotation"),
+            *("lens", "placement", "offset"),
+        )
+        rows = self.corners(q)
+        corners = directions(self.camera, self.beta, rows, groups, AIMING.noise)
+        return corners.reshape(len(q), 8, -1)
 
 
 def in_sight(

@@ -1,7 +1,5 @@
 """What a model knows, in the files of others: C, ROS, Universal Robots, MuJoCo, LeRobot."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -12,8 +10,7 @@ import numpy as np
 
 from ..arm.description import parse_robot
 from ..arm.rotations import quaternion_of
-from ..body.corners import held_of
-from ..body.sensor_pose import SensorPose
+from ..body.sensor_pose import SensorPose, held_of
 from ..body.views import is_camera
 from ..common.parallel import one_blas_thread
 from ..common.wording import one_line
@@ -104,23 +101,23 @@ def camera_info(model: Model) -> str:
         )
     camera = np.diag([*focal, 1.0])
     camera[:2, 2] = centre
-    matrices = {
+    document: dict[str, object] = {
+        "image_width": width,
+        "image_height": height,
+        "camera_name": "camera",
+        "distortion_model": "plumb_bob",
+    }
+    for name, matrix in {
         "camera_matrix": camera,
         "distortion_coefficients": np.array([distortion]),
         "rectification_matrix": np.eye(3),
         "projection_matrix": np.column_stack([camera, np.zeros(3)]),
-    }
-    lines = [
-        f"image_width: {width}",
-        f"image_height: {height}",
-        "camera_name: camera",
-    ]
-    lines.append("distortion_model: plumb_bob")
-    for name, matrix in matrices.items():
+    }.items():
         rows, columns = matrix.shape
-        lines += [f"{name}:", f"  rows: {rows}", f"  cols: {columns}"]
-        lines.append(f"  data: {matrix.ravel().tolist()!r}")
-    return "\n".join(lines) + "\n"
+        numbers = matrix.ravel().tolist()
+        document[name] = {"rows": rows, "cols": columns, "data": numbers}
+    # JSON is YAML, too
+    return json.dumps(document, indent=2) + "\n"
 
 
 def static_transform(model: Model) -> str:

@@ -1,7 +1,5 @@
 """Frames: how a sensor's lies to the robot's, and what is assumed where nothing says so."""
 
-from __future__ import annotations
-
 from ..model.alignment import Alignment
 from ..model.model import Model
 

@@ -1,8 +1,5 @@
 """The geometry of a chain that fits a model best: offsets, joint origins, the tip, the sensor."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,13 +18,6 @@ class Quantity:
 
     value: Array
     interval: Array
-
-    def to_json(self) -> dict[str, object]:
-        """Return plain data."""
-        return {
-            "value": self.value.tolist(),
-            "interval": self.interval.tolist(),
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +91,7 @@ class Geometry:
         What is an offset of the joint is left out.
         """
         structure = self.structure
+        groups = structure.groups
         origins = []
         for row, axis in enumerate(structure.chain.axes):
             across = np.eye(3) - np.outer(axis, axis)
@@ -110,17 +101,16 @@ class Geometry:
             else:
                 shift = across
             origins.append(
-                (
-                    self._quantity(self._parts(structure.shifts[row], shift)),
-                    self._quantity(self._parts(structure.turns[row], turn)),
-                )
+                (structure.shifts[row], shift, structure.turns[row], turn)
             )
-        groups = structure.groups
-        tip = (
-            self._quantity(self._parts(groups["tool"], np.eye(3))),
-            self._quantity(self._parts(groups["tool.rotation"], np.eye(3))),
-        )
-        return [*origins, tip]
+        tip = groups["tool"], np.eye(3), groups["tool.rotation"], np.eye(3)
+        return [
+            (
+                self._quantity(self._parts(shifts, shift)),
+                self._quantity(self._parts(turns, turn)),
+            )
+            for shifts, shift, turns, turn in [*origins, tip]
+        ]
 
     @property
     def frame(self) -> Alignment | None:
@@ -133,27 +123,21 @@ class Geometry:
         matrix = turned @ plane.basis[:2].T
         return Alignment(matrix[:2], (turned @ plane.origin + sensor.shift)[:2])
 
-    def to_json(self) -> dict[str, Any]:
-        """Return plain data; intervals are half widths of 95 %."""
-        document: dict[str, Any] = {"offsets": _plain(self.offsets())}
+    def document(self) -> dict[str, Any]:
+        """Return what `calib urdf --json` prints; intervals are half widths of 95 %."""
+        document: dict[str, Any] = {"offsets": self.offsets()}
         frame = self.frame
         if frame is None:
             *places, tip = (
-                {"shift": shift.to_json(), "turn": turn.to_json()}
-                for shift, turn in self.origins
+                {"shift": shift, "turn": turn} for shift, turn in self.origins
             )
             document["places"] = dict(zip(self.places, places, strict=True))
             document["tip"] = {**tip, "written": False}
         else:
-            base, *moved = self.ends
-            document["base"] = base.to_json()
-            document["moved"] = _plain(
-                dict(zip(self.arm.joint_names, moved, strict=True))
-            )
-            document["frame"] = {
-                "matrix": frame.matrix.tolist(),
-                "shift": frame.shift.tolist(),
-            }
+            document["base"], *moved = self.ends
+            names = self.arm.joint_names
+            document["moved"] = dict(zip(names, moved, strict=True))
+            document["frame"] = frame
         return document | {
             "frame_fitted": self.free,
             "residual": self.residual,
@@ -173,7 +157,3 @@ class Geometry:
         return Quantity(
             parts @ self.beta, 1.96 * np.sqrt(np.maximum(variance, 0.0))
         )
-
-
-def _plain(quantities: Mapping[str, Quantity]) -> dict[str, object]:
-    return {name: quantity.to_json() for name, quantity in quantities.items()}

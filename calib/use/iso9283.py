@@ -8,8 +8,6 @@ A controller that trusts the drawing commands where the drawing says that the jo
 delivered); one that corrects its joints by the model, where the model says so (as corrected).
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -35,21 +33,10 @@ class PoseTest:
 
     joints: Array  # (dof,) [rad or m], mean of its visits
     cycles: int  # visits
-    repeatability: float  # RP [unit]
-    delivered: (
-        float | None
-    )  # AP by the drawing [unit]; None where the model knows none
-    corrected: float  # AP by the model [unit]
-
-    def to_json(self) -> dict[str, object]:
-        """Return plain data."""
-        return {
-            "joints": self.joints.tolist(),
-            "cycles": self.cycles,
-            "RP": self.repeatability,
-            "as_delivered": self.delivered,
-            "as_corrected": self.corrected,
-        }
+    RP: float  # repeatability [unit]
+    # AP by the drawing [unit]; None where the model knows none
+    as_delivered: float | None
+    as_corrected: float  # AP by the model [unit]
 
 
 @dataclass(frozen=True)
@@ -68,7 +55,7 @@ class Iso9283:
     cycles: int  # visits of the pose with the fewest
     notes: tuple[str, ...]  # where the test falls short of the standard
 
-    def to_json(self) -> dict[str, object]:
+    def document(self) -> dict[str, object]:
         """Return what `calib evaluate --iso9283 --json` prints as `"iso9283"`."""
         return {
             "AP": self.corrected,
@@ -77,9 +64,9 @@ class Iso9283:
             "as_corrected": {"AP": self.corrected, "RP": self.repeatability},
             "poses": len(self.poses),
             "cycles": self.cycles,
-            "each": [pose.to_json() for pose in self.poses],
+            "each": self.poses,
             "unit": self.unit,
-            "notes": list(self.notes),
+            "notes": self.notes,
         }
 
 
@@ -119,9 +106,9 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
         test = PoseTest(
             joints=joints[members].mean(axis=0),
             cycles=int(counts[k]),
-            repeatability=float(distance.mean() + 3.0 * distance.std(ddof=1)),
-            delivered=by_drawing,
-            corrected=_apart(corrected[members], barycentre),
+            RP=float(distance.mean() + 3.0 * distance.std(ddof=1)),
+            as_delivered=by_drawing,
+            as_corrected=_apart(corrected[members], barycentre),
         )
         tests.append(test)
     cycles = min(test.cycles for test in tests)
@@ -138,10 +125,10 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
     return Iso9283(
         tuple(tests),
         samples.unit,
-        repeatability=max(test.repeatability for test in tests),
-        corrected=max(test.corrected for test in tests),
+        repeatability=max(test.RP for test in tests),
+        corrected=max(test.as_corrected for test in tests),
         delivered=max(
-            (t.delivered for t in tests if t.delivered), default=None
+            (t.as_delivered for t in tests if t.as_delivered), default=None
         ),
         cycles=cycles,
         notes=tuple(notes),
@@ -156,4 +143,4 @@ def _means(group: Index, values: Array) -> Array:
     """Return the mean (groups, k) of each group's rows (n, k)."""
     counts = np.bincount(group)
     sums = [np.bincount(group, column) for column in values.T]
-    return np.asarray(np.stack(sums, axis=1) / counts[:, None])
+    return np.stack(sums, axis=1) / counts[:, None]

@@ -1,7 +1,5 @@
 """LeRobot: a motors' calibration file with the arm's corrected zeros."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -10,7 +8,7 @@ from collections.abc import Mapping
 from ..common.wording import listed
 from ..errors import OptionError
 from ..model.model import Model
-from ..recording.motors import TICKS, Motors
+from ..recording.lerobot import TICKS, Motors
 from .geometry import Quantity
 from .geometry_fit import fit_geometry
 

@@ -1,7 +1,5 @@
 """Corrected MJCF: bodies and sites that stand where the arm really has them."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
@@ -26,7 +24,6 @@ def mjcf_edits(
     does not move alone.
     """
     places = read_mjcf(root).places
-    nodes = list(root.iter())
     edits: dict[int, tuple[Attributes, str]] = {}
     for name, origin in moved.items():
         place = places.get(name)
@@ -35,16 +32,16 @@ def mjcf_edits(
                 f"joint {quoted(name)} shares its body with another joint: give it a body of its "
                 "own, whose place can be corrected"
             )
-        frame = (
-            np.linalg.inv(place.before) @ origin @ np.linalg.inv(place.after)
-        )
+        frame = origin @ np.linalg.inv(place.after)
         x, y, z, w = quaternion_of(frame[:3, :3]).tolist()
-        attributes = {
-            key: value
-            for key, value in nodes[place.element].attrib.items()
-            if key not in _PLACING
-        }
-        attributes["pos"] = numbers(frame[:3, 3])
-        attributes["quat"] = numbers([w, x, y, z])
-        edits[place.element] = (attributes, "")
+        for element, node in enumerate(root.iter()):
+            if (node.tag, node.get("name")) == (place.tag, place.name):
+                attributes = {
+                    key: value
+                    for key, value in node.attrib.items()
+                    if key not in _PLACING
+                }
+                attributes["pos"] = numbers(frame[:3, 3])
+                attributes["quat"] = numbers([w, x, y, z])
+                edits[element] = (attributes, "")
     return edits

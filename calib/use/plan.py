@@ -22,7 +22,7 @@ from ..common.rows import whole
 from ..common.scale import Scale
 from ..errors import OptionError
 from ..samples.tables import write_table
-from .aimed import at_point, in_sight
+from .aimed import at_point, directions, in_sight
 from .pose_space import PoseSpace, space_of, usable_postures
 from .settings import PLANNING
 
@@ -228,8 +228,12 @@ def _chosen(
     """Return rows (n,) of postures (m, dof) that tell most, and why."""
     if isinstance(source, SpatialArm):
         # never measured: the prior says what is unknown
-        chosen = greedy(tells(source, q), n)
-        return chosen, "chosen to determine the arm best"
+        structure = structure_of(source, "rigid")
+        frame = ("view.rotation", "view.shift", "tool")
+        groups = (*frame, "placement", "offset", "elastic", "curve")
+        beta = structure.neutral()
+        by_pose = directions(structure, beta, q, groups, PLANNING.noise)
+        return greedy(by_pose, n), "chosen to determine the arm best"
     body = None if isinstance(source, Arm) else source.body
     if body is None or body.simulated:  # exact samples leave nothing to learn
         chosen = farthest(space.scale, q, n)
@@ -255,20 +259,6 @@ def farthest(scale: Scale, q: Array, n: int) -> Index:
         )
         away[row] = -1.0  # where points repeat, none is chosen twice
     return chosen
-
-
-def tells(arm: SpatialArm, q: Array) -> Array:
-    """Directions (m, p, k) in which poses tell of the body, in units of noise and of the prior.
-
-    q : (m, dof) [rad or m], poses to choose from
-    """
-    structure = structure_of(arm, "rigid")
-    frame = ("view.rotation", "view.shift", "tool")
-    prior = structure.prior((*frame, "placement", "offset", "elastic", "curve"))
-    active = prior.active
-    slope = structure.linearise(q, structure.neutral(), active)[1]
-    sd = np.minimum(prior.sd[active], PLANNING.widest)
-    return np.asarray(slope * (sd / PLANNING.noise))
 
 
 def shortest_tour(away: Array) -> Index:

@@ -1,8 +1,5 @@
 """The space of poses: which joint values an arm that is measured may take."""
 
-from __future__ import annotations
-
-import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,14 +7,12 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arm.arm import Arm, SpatialArm, checked_range
-from ..arm.description import parse_robot
-from ..arm.robot_text import MJCF
 from ..arm.urdf import Range
 from ..body.views import is_camera
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.rows import each_joint, number_rows
 from ..common.scale import Scale
 from ..common.wording import quoted, suggestion
@@ -97,18 +92,9 @@ def space_of(
     """
     about = source if isinstance(source, Arm) else source.about
     names = about.joint_names
-    low = about.lower
-    high = about.upper
-    scale = Scale.of_range(low, high, about.revolute)
-    limits = dict.fromkeys(names, (-math.inf, math.inf))
-    if isinstance(source, Arm):
-        limits = dict(zip(names, source.limits, strict=True))
-    elif source.about.urdf:
-        limits = {
-            j.name: j.travel for j in parse_robot(source.about.urdf, "").joints
-        }
-    lower = low.copy()
-    upper = high.copy()
+    scale = Scale.of_range(about.lower, about.upper, about.revolute)
+    lower = about.lower.copy()
+    upper = about.upper.copy()
     for name, chosen in (ranges or {}).items():
         if name not in names:
             raise OptionError(
@@ -118,85 +104,82 @@ def space_of(
                 value=name,
             )
         k = names.index(name)
-        whole = float(low[k]), float(high[k])
-        lower[k], upper[k] = checked_range(
-            name, chosen, whole, about.units_of_joints[k]
-        )
+        learned = float(about.lower[k]), float(about.upper[k])
+        unit = about.units_of_joints[k]
+        lower[k], upper[k] = checked_range(name, chosen, learned, unit)
     margins = np.minimum(PLANNING.margin, PLANNING.share * scale.span)
     if margin is not None:
         margins = each_joint("margin", margin, names)
-    for k, name in enumerate(names):
-        least, most = limits[name]
-        lower[k] = max(lower[k], least + margins[k])
-        upper[k] = min(upper[k], most - margins[k])
-        if not lower[k] < upper[k]:
-            raise OptionError(
-                f"margin {margins[k]:g}: no room is left in {name}'s range {low[k]:.6g} to "
-                f"{high[k]:.6g}; expected a smaller one"
-            )
+    arm = arm_of(source)
+    if arm is not None:
+        least, most = np.transpose(arm.limits)
+        lower = np.maximum(lower, least + margins)
+        upper = np.minimum(upper, most - margins)
+    for k in np.flatnonzero(lower >= upper).tolist():
+        raise OptionError(
+            f"margin {margins[k]:g}: no room is left in {names[k]}'s range "
+            f"{about.lower[k]:.6g} to {about.upper[k]:.6g}; expected a smaller one"
+        )
     return PoseSpace(names, lower, upper, scale)
+
+
+def arm_of(source: Arm | Model) -> Arm | None:
+    """Return an arm, or the nominal one of a model; None where it knows no URDF."""
+    if isinstance(source, Arm):
+        return source
+    return nominal_arm(source) if source.about.urdf else None
 
 
 def usable_postures(
     source: Arm | Model, q: Array, height: float | None
-) -> tuple[NDArray[np.bool_], list[str]]:
+) -> tuple[Mask, list[str]]:
     """Whether each posture (n, dof) can be measured, (n,), and notes for the user.
 
     The arm must not hit itself, a camera has to see its tip, and the arm stays above
     z = `height` [m] of its base frame: the tip and the joints' origins, not links and tools beyond.
     Raises OptionError if a height is given for an arm whose base frame is not known.
     """
-    about = source if isinstance(source, Arm) else source.about
     usable = np.ones(len(q), dtype=bool)
-    unchecked = "obstacles and self-collision are not"
-    left_out = "of the candidates were left out because"
     notes = []
-    arm = None
-    if isinstance(source, Arm):
-        arm = source
-    elif about.urdf:
-        arm = nominal_arm(source)
+
+    def leave_out(bad: Mask, why: str) -> None:
+        share = f"{bad[usable].mean():.1%} of the candidates were left out"
+        notes.append(f"{share} because {why}")
+        usable[bad] = False
+
+    arm = arm_of(source)
+    unchecked = "obstacles and self-collision"
     if isinstance(arm, SpatialArm):
-        hits = hits_itself(about.urdf, about.joint_names, about.locked, q)
+        hits = hits_itself(arm.urdf, arm.joint_names, arm.locked, q)
         if hits is not None:
-            usable = ~hits
-            unchecked = "meshes, obstacles and the moves between poses are not"
-            notes.append(f"{hits.mean():.1%} {left_out} the arm hits itself")
-    notes.append(f"{unchecked} checked: move slowly the first time")
+            unchecked = "meshes, obstacles and the moves between poses"
+            leave_out(hits, "the arm hits itself")
+        lowest = _lowest_points(arm, q)
+        if height is not None:
+            leave_out(
+                lowest <= height,
+                f"the tip or a joint is below z = {height:g} m there; what is mounted beyond the "
+                "tip needs room of its own",
+            )
+        elif lowest.min() < 0.0:
+            notes.append(
+                f"the arm goes down to z = {lowest.min():.3f} m of its base frame: if a table is "
+                "there, give its height with `above`"
+            )
+    elif height is not None:
+        raise OptionError(
+            "above: expected a robot that moves in space, or a model that knows its URDF",
+            parameter="above",
+            value=height,
+        )
     body = None if isinstance(source, Arm) else source.body
     if isinstance(source, Model) and body and is_camera(body.structure.view):
         chain = Space.of(source)
-        in_picture = chain.sees(chain.evaluate(q)[0])
-        hidden = 1.0 - in_picture[usable].mean()
-        usable &= in_picture
-        notes.append(
-            f"{hidden:.0%} {left_out} the tip is outside of the camera's picture there; that a "
-            "link hides it is not checked"
+        leave_out(
+            ~chain.sees(chain.evaluate(q)[0]),
+            "the tip is outside of the camera's picture there; that a link hides it is not checked",
         )
-    if not isinstance(arm, SpatialArm):
-        if height is not None:
-            raise OptionError(
-                "above: expected a robot that moves in space, or a model that knows its URDF",
-                parameter="above",
-                value=height,
-            )
-        return usable, notes
-    lowest = _lowest_points(arm, q)
-    least = lowest[usable].min()
-    if height is not None:
-        low = 1.0 - (lowest[usable] > height).mean()
-        usable &= lowest > height
-        notes.insert(
-            0,
-            f"{low:.0%} {left_out} the tip or a joint is below z = {height:g} m there; what is "
-            "mounted beyond the tip needs room of its own",
-        )
-    elif least < 0.0:
-        notes.insert(
-            0,
-            f"the arm goes down to z = {least:.3f} m of its base frame: if a table is there, give "
-            "its height with `above`",
-        )
+    notes.append(f"{unchecked} are not checked: move slowly the first time")
     return usable, notes
 
 
@@ -210,7 +193,7 @@ def _lowest_points(arm: SpatialArm, q: Array) -> Array:
 
 def hits_itself(
     urdf: str, joint_names: Sequence[str], locked: Mapping[str, float], q: Array
-) -> NDArray[np.bool_] | None:
+) -> Mask | None:
     """Whether each posture (n, dof) brings two links of the robot together, (n,).
 
     Links that are joined, and those that meet in nearly all postures, are built so and not
@@ -224,8 +207,6 @@ def hits_itself(
     except ImportError:  # it has no wheel for Windows
         return None
     root = ET.fromstring(urdf)  # noqa: S314 - a URDF was checked when it was read
-    if root.tag == MJCF:
-        return None
     for link in root.iter("link"):
         for body in link.findall("collision"):
             if body.find("geometry/mesh") is not None:

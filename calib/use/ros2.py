@@ -1,7 +1,5 @@
 """A ROS 2 package that runs a model: corrected trajectories, static transforms, diagnostics."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

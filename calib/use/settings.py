@@ -1,7 +1,5 @@
 """Numbers of the room that were chosen: each with its unit and its reason."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -64,7 +62,6 @@ class Correction:
     tried: int = 5  # rows by which the compiled kernel is compared
     same: float = 1e-6  # how close it has to be [rad or m]
     posed: int = 6  # joints from which on a tool's orientation can be kept
-    turned: float = 1e-4  # a turn of the frame that is worth a word [rad]
 
 
 @dataclass(frozen=True)
@@ -82,9 +79,7 @@ class Fitting:
     )  # prior sd of a planar arm's places, but for turns of a link [m]
     # prior sd of a planar sensor's angle and scale [rad or 1]
     flat: float = 100.0
-    clearly: float = 3.0  # sds by which a parameter has to be off to be told
     tiny: float = 1e-12  # a smaller change of an origin is rounding [m or rad]
-    same: float = 1e-9  # of an origin's numbers: what rounding of angles leaves
 
 
 PLANNING = Planning()

@@ -6,8 +6,6 @@ other origins along them, so that its `<origin>` elements cannot be copied: fram
 joints' axes here as that description lays them.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 
@@ -117,4 +115,4 @@ def _nearest(
     sine_squared = 1.0 - cosine**2
     if sine_squared > math.sin(_MOST_TILTED) ** 2:
         along = (along - cosine * (apart @ direction)) / sine_squared
-    return np.asarray(point + along * axis)
+    return point + along * axis

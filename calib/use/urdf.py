@@ -21,14 +21,14 @@ from ..arm.robot_text import MJCF, parse_xml
 from ..arm.spatial_chain import move
 from ..arm.urdf import Joint, Urdf
 from ..common.arrays import Array
-from ..common.wording import for_people, listed, quoted
+from ..common.wording import for_people
 from ..errors import OptionError, RobotError
+from ..recording.rigid import rigid
 from .mjcf import mjcf_edits
 from .settings import FITTING
 from .xml_text import Attributes, edited, numbers, start_of_tag
 
 if TYPE_CHECKING:
-    from ..model.model import Model
     from .geometry import Geometry
 
 MOST_UNEXPLAINED = 0.01
@@ -56,27 +56,14 @@ def corrected_urdf(geometry: Geometry) -> str:
         )
     text = geometry.arm.urdf
     tree = parse_robot(text)
-    origins = _origins(geometry, tree)
-    moved = {
-        name: origin
-        for name, origin in origins.items()
-        if np.abs(_joint(tree, name).origin - origin).max() > FITTING.tiny
-    }
+    moved = {}
+    for name, origin in _origins(geometry, tree).items():
+        if np.abs(_joint(tree, name).origin - origin).max() > FITTING.tiny:
+            moved[name] = origin
     root = parse_xml(text)
-    corrected = edited(
-        text,
-        mjcf_edits(root, moved)
-        if root.tag == MJCF
-        else _urdf_edits(root, tree, moved),
-    )
-    tree = parse_robot(corrected)
-    for name, origin in origins.items():
-        error = np.abs(_joint(tree, name).origin - origin).max()
-        if error > FITTING.same * max(1.0, np.abs(origin).max()):
-            raise RobotError(
-                f"joint {quoted(name)} reads back with another origin than was written"
-            )
-    return corrected
+    if root.tag == MJCF:
+        return edited(text, mjcf_edits(root, moved))
+    return edited(text, _urdf_edits(root, tree, moved))
 
 
 def _joint(tree: Urdf, name: str) -> Joint:
@@ -131,15 +118,13 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
     for joint in path:
         if joint.name in geometry.places:
             k = geometry.places.index(joint.name)
-            carried = _placed(
-                motion.places[k, :, 0], motion.frames[k + 1, :, :, 0]
+            carried = rigid(
+                motion.frames[k + 1, :, :, 0], motion.places[k, :, 0]
             )
-            carried = carried @ _placed(-structure.chain.points[k], np.eye(3))
+            carried = carried @ rigid(np.eye(3), -structure.chain.points[k])
         fitted[joint.child] = carried @ drawn[joint.child]
     if planar:  # in space the sensed point is a probe or a tag, not the tip
-        fitted[arm.tip] = _placed(
-            motion.position[:, 0], motion.rotation[:, :, 0]
-        )
+        fitted[arm.tip] = rigid(motion.rotation[:, :, 0], motion.position[:, 0])
     origins = {}
     for joint in path:  # a locked joint's own motion stays behind its origin
         lock = np.linalg.solve(
@@ -168,53 +153,15 @@ def _changed(joint: Joint, moved: Array) -> dict[str, str]:
     return change
 
 
-def _placed(shift: Array, turn: Array) -> Array:
-    frame = np.eye(4)
-    frame[:3, :3] = turn
-    frame[:3, 3] = shift
-    return frame
-
-
-def what_no_urdf_holds(model: Model) -> tuple[str, ...]:
-    """Return what the model knows of the arm that origins of joints cannot say, in a note."""
-    body = model.body
-    if body is None or body.simulated:
-        return ()
-    groups = body.structure.groups
-    curves = tuple(name for name in groups if name.startswith("curve"))
-    kinds = {
-        "bends under gravity": tuple(body.structure.loads),
-        "error curves of joints": curves,
-        "gears": ("gain",),
-        "joints that move with a neighbour's motor": ("coupling",),
-    }
-    away = (body.beta - body.structure.neutral())[body.active]
-    deviation = np.sqrt((body.root**2).sum(axis=1))
-    moved = body.active[np.abs(away) > FITTING.clearly * deviation]
-    names = []
-    for name, blocks in kinds.items():
-        indices = [groups[block] for block in blocks if block in groups]
-        if indices and np.isin(np.concatenate(indices), moved).any():
-            names.append(name)
-    if not names:
-        return ()
-    return (
-        f"a URDF cannot hold {listed(names)}: what they do is left over; correcting joints has it",
-    )
-
-
 def check_output(path: str, nominal: str) -> None:
     """Refuse to write over the URDF that the model was made with.
 
     Raises OptionError if the file at `path` is that URDF.
     """
-    same = False
+    old = ""
     with suppress(OSError, UnicodeDecodeError):
-        same = (
-            Path(path).read_text(encoding="utf-8-sig").strip()
-            == nominal.strip()
-        )
-    if same:
+        old = Path(path).read_text(encoding="utf-8-sig").strip()
+    if old and old == nominal.strip():
         raise OptionError(
             f"{path} is the URDF that the model was made with, which is never overwritten",
             hint="write the corrected one into another file",

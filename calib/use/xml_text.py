@@ -1,7 +1,5 @@
 """The text of an XML document with other attributes in some tags; all else stays as it was."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from xml.parsers import expat

@@ -35,7 +35,7 @@ def adapt(
     data: opt.NewLog,
     output: Annotated[
         str | None,
-        opt.value("--output -o", "MODEL", "Default MODEL.adapted.calib."),
+        opt.value("--output -o MODEL", "Default MODEL.adapted.calib."),
     ] = None,
     method: Annotated[
         MethodWord,

@@ -1,7 +1,5 @@
 """Write a log of simulated babbling [rad, m]."""
 
-from __future__ import annotations
-
 from .. import options as opt
 from ..logs import Selection, babbled
 from ..output import Outcome

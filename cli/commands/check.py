@@ -36,7 +36,7 @@ def check(
     cause: opt.WhatChanged = None,
     tolerance: Annotated[
         float | None,
-        opt.value("--tolerance", "S", "Exit 3 if unseen [m].", parsing.number),
+        opt.value("--tolerance S", "Exit 3 if unseen [m].", parsing.number),
     ] = None,
     columns: opt.Columns = None,
     unit: opt.Unit = None,

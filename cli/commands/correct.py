@@ -4,8 +4,6 @@ Exit code 3 if the real arm cannot reach one of these places, or if a joint woul
 more than the limit; the other rows are written.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from .. import options as opt
@@ -17,7 +15,7 @@ def correct(
     model: opt.ModelFile,
     limit: Annotated[
         float | None,
-        opt.value("--limit", "L", "Largest change (3 x usual).", above_zero),
+        opt.value("--limit L", "Largest change (3 x usual).", above_zero),
     ] = None,
     orientation: Annotated[
         Literal["keep", "free"],
@@ -54,41 +52,36 @@ def correct(
     if result.angle is not None:  # in space
         table["angle"] = result.angle
     rows = np.flatnonzero(valid) + 1
-    limits = ", ".join(
-        joints.change(k, most) for k, most in enumerate(result.limit)
-    )
-    beyond = (
-        f"a joint would change by more than the limit ({limits}), no answer; if the change is "
-        "right, give a larger --limit"
-    )
+    most = ", ".join(map(joints.change, range(len(joints.names)), result.limit))
     failures = {
         "out_of_reach": (
             rows[~result.reachable].tolist(),
             "out of reach for the real arm",
         ),
-        "beyond_limit": (rows[result.exceeded].tolist(), beyond),
+        "beyond_limit": (
+            rows[result.exceeded].tolist(),
+            f"a joint would change by more than the limit ({most}), no answer; if the change is "
+            "right, give a larger --limit",
+        ),
     }
-    about = query.model.about
-    size = np.abs(result.change[result.reachable])
     change = {}
     sizes = []
+    size = np.abs(result.change[result.reachable])
     if len(size):
-        for k, name in enumerate(joints.names):
-            mean = float(size[:, k].mean())
-            largest = float(size[:, k].max())
-            most = float(result.limit[k])
-            change[name] = {"mean": mean, "max": largest, "limit": most}
-            unit = about.units_of_joints[k]
-            sizes.append(
-                f"{name} {sized(mean, unit)} (largest {sized(largest, unit)})"
-            )
+        units = query.model.about.units_of_joints
+        for name, unit, column, bound in zip(
+            joints.names, units, size.T, result.limit.tolist(), strict=True
+        ):
+            mean = float(column.mean())
+            largest = float(column.max())
+            change[name] = {"mean": mean, "max": largest, "limit": bound}
+            words = f"{sized(mean, unit)} (largest {sized(largest, unit)})"
+            sizes.append(f"{name} {words}")
     lines = [f"mean change: {', '.join(sizes)}"] if sizes else []
-    answered = (
-        result.reachable & ~result.exceeded
-    ).any() or not result.exceeded.any()
+    refused = result.exceeded.any() and not np.isfinite(result.q).any()
     return query.answer(
         batch,
-        beside(batch, valid, table) if answered else None,
+        None if refused else beside(batch, valid, table),
         failures,
         lines=lines,
         facts={"change": change or None},

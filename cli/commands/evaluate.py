@@ -93,7 +93,7 @@ def evaluate(
                 "--iso9283 is of a log with repeated poses: expected --data LOG too"
             )
         standard = iso9283(loaded, log)
-        document["iso9283"] = standard.to_json()
+        document["iso9283"] = standard.document()
         say(standard.notes)
         lines.append(_standard_line(standard))
     table = error_table(loaded, result.errors, f"errors on {tested}")

@@ -37,12 +37,11 @@ def handeye(
             "pattern, a folder with a folder for each camera, or a LeRobotDataset.",
         ),
     ],
-    board: Annotated[str, opt.value("--board", "BOARD", opt.BOARD)],
+    board: Annotated[str, opt.value("--board BOARD", opt.BOARD)],
     eye: Annotated[
         str,
         opt.value(
-            "--eye",
-            "hand|base",
+            "--eye hand|base",
             "hand: the camera is on the arm; base: it stands still; of several cameras "
             "left=hand,right=base.",
         ),
@@ -51,8 +50,7 @@ def handeye(
     poses_file: Annotated[
         str | None,
         opt.value(
-            "--poses-file",
-            "FILE",
+            "--poses-file FILE",
             "Flange poses of a controller, as it has them.",
         ),
     ] = None,
@@ -63,8 +61,7 @@ def handeye(
     lens: Annotated[
         str | None,
         opt.value(
-            "--lens",
-            "SHOTS|FILE",
+            "--lens SHOTS|FILE",
             "Pictures of the board, a file of calib, ROS or OpenCV, or a model (default: "
             "fitted).",
         ),
@@ -72,23 +69,22 @@ def handeye(
     output: Annotated[
         str | None,
         opt.value(
-            "--output -o", "MODEL", "Keep the rig; with joints, learn a model."
+            "--output -o MODEL", "Keep the rig; with joints, learn a model."
         ),
     ] = None,
     transform: Annotated[
         str | None,
-        opt.value("--transform", "FILE", "All as static transforms."),
+        opt.value("--transform FILE", "All as static transforms."),
     ] = None,
     degrees: opt.Degrees = False,
     unit: Annotated[
         str | None,
-        opt.value("--unit", "m|mm|..", "Of the poses (default: found)."),
+        opt.value("--unit m|mm|..", "Of the poses (default: found)."),
     ] = None,
     rotation: Annotated[
         str | None,
         opt.value(
-            "--rotation",
-            "KIND",
+            "--rotation KIND",
             f"Of the poses: {', '.join(ROTATIONS)}, or axes such as ZYZ (default: found).",
         ),
     ] = None,
@@ -141,7 +137,7 @@ def handeye(
         warnings = contradicted(model.about)
     if transform is not None:
         from calib.common.atomic import atomic_write
-        from calib.recording.transforms import transform_files
+        from calib.recording.rig import transform_files
 
         for path, text in transform_files(rig, transform).items():
             atomic_write(path, text.encode())

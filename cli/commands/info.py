@@ -1,7 +1,5 @@
 """Show what a model is and how it was made; exit code 3 if its own rows contradict its bound."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from calib.common.wording import printable
@@ -24,7 +22,7 @@ def info(
     degrees: opt.Degrees = False,
 ) -> Outcome:
     import calib
-    from calib.model.facts import facts
+    from calib.model.about import facts
     from calib.use.geometry_fit import body_with_zeros
 
     loaded = calib.load(model)
@@ -55,7 +53,7 @@ def info(
     }
     words = {
         "model": f"{model} ({Path(model).stat().st_size / 1e6:.2f} MB)",
-        **facts(loaded, degrees=degrees),
+        **facts(about, loaded.size_in_words, degrees=degrees),
         **{f"note {k}": text for k, text in enumerate(about.notes, start=1)},
     }
     if play is not None:

@@ -32,14 +32,14 @@ def lerobot(
     calibration: Annotated[
         str,
         opt.value(
-            "--calibration", "FILE", "LeRobot's calibration.json of this arm."
+            "--calibration FILE", "LeRobot's calibration.json of this arm."
         ),
     ],
     board: Annotated[
-        str, opt.value("--board", "BOARD", "Such as 7x5:24mm:18mm:5x5_100.")
+        str, opt.value("--board BOARD", "Such as 7x5:24mm:18mm:5x5_100.")
     ],
     output: Annotated[
-        str, opt.value("--output -o", "NEW.json", "The corrected calibration.")
+        str, opt.value("--output -o NEW.json", "The corrected calibration.")
     ],
     eye: Annotated[
         Eye,
@@ -50,17 +50,16 @@ def lerobot(
     ] = "hand",
     robot: Annotated[
         str | None,
-        opt.value("--robot", "ROBOT", "Default: the kind of the data set."),
+        opt.value("--robot ROBOT", "Default: the kind of the data set."),
     ] = None,
     camera: opt.DatasetCamera = None,
     model: Annotated[
-        str | None, opt.value("--model", "MODEL", "Keep what was learned, too.")
+        str | None, opt.value("--model MODEL", "Keep what was learned, too.")
     ] = None,
 ) -> Outcome:
     import calib
     from calib.common.atomic import atomic_write
-    from calib.recording.lerobot import Dataset, read_dataset
-    from calib.recording.motors import Motors
+    from calib.recording.lerobot import Dataset, Motors, read_dataset
     from calib.use.lerobot import RANGES_MOVE, homed, zeros
 
     check_file(output, (".json",))

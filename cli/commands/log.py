@@ -17,7 +17,14 @@ from .. import options as opt
 from .. import parsing
 from ..output import Outcome, say
 from ..parsing import TABLES, BadOption, above_zero, check_file, refuse
-from ..pictures import Shooting
+from ..pictures import (
+    JointReading,
+    is_film,
+    is_of_camera,
+    record_board,
+    record_tag,
+    setup,
+)
 
 
 def log(
@@ -29,29 +36,29 @@ def log(
         ),
     ],
     output: Annotated[
-        str, opt.value("--output -o", "LOG", "The log: CSV or Parquet.")
+        str, opt.value("--output -o LOG", "The log: CSV or Parquet.")
     ],
     joints_topic: Annotated[
         str | None,
-        opt.value("--joints-topic", "TOPIC", "JointState, if several."),
+        opt.value("--joints-topic TOPIC", "JointState, if several."),
     ] = None,
     tip_topic: Annotated[
         str | None,
-        opt.value("--tip-topic", "TOPIC", "Points, poses, tf if several."),
+        opt.value("--tip-topic TOPIC", "Points, poses, tf if several."),
     ] = None,
     frames: Annotated[
         Sequence[str] | None,
-        opt.value("--frames", "SENSOR,TIP", "Of tf, if many.", parsing.names),
+        opt.value("--frames SENSOR,TIP", "Of tf, if many.", parsing.names),
     ] = None,
     joints: opt.JointNames = None,
     max_gap: Annotated[
         float,
-        opt.value("--max-gap", "S", "Between joint states [s].", above_zero),
+        opt.value("--max-gap S", "Between joint states [s].", above_zero),
     ] = 0.1,
     still: Annotated[
         float | None,
         opt.value(
-            "--still", "V", "Drop rows that move faster [rad/s].", above_zero
+            "--still V", "Drop rows that move faster [rad/s].", above_zero
         ),
     ] = None,
     time_offset: opt.TimeOffset = None,
@@ -75,67 +82,73 @@ def log(
 
     check_file(output, TABLES, stream=True)
     sliding = prismatic or ()
-    shooting = Shooting(
-        joints_file=joints_file,
-        tag=tag,
-        dictionary=dictionary,
-        board=board,
-        tags_at=tags_at,
-        lens=lens,
-        tag_size=tag_size,
-        tag_height=tag_height,
-        pose=pose,
-        picture=picture,
-        camera=camera,
-        eye=eye,
-    )
-    if shooting.is_meant(bag):
-        topics = {"joints_topic": joints_topic, "tip_topic": tip_topic}
-        refuse(
-            {**topics, "frames": frames},
-            "is for bags, not for pictures and videos",
-        )
-        rows = shooting.record(
-            bag,
-            output,
-            joints,
-            degrees=degrees,
-            prismatic=sliding,
-            max_gap=max_gap,
-            still=still,
-            time_offset=time_offset,
-        )
-        units = f"[rad, {rows.unit}]"
-        factor, shown = for_people(rows.unit)
-        noise = factor * float(rows.source["noise"])
-        if noise:
-            units += f", noise {noise:.2g} {shown}"
-    else:
+    units = "[rad, m, s]"
+    of_tag = (tag, tags_at, tag_size, tag_height, picture, pose or None)
+    typed = (*of_tag, joints_file, board, lens, camera, eye)
+    is_bag = set(typed) == {None} and not any(map(is_of_camera, bag))
+    if is_bag:
         from calib.recording.bags import read_bag
 
         if len(bag) > 1:
             raise BadOption(
                 f"{len(bag)} names are for pictures: expected one bag"
             )
-        pair = None
-        if frames is not None:
-            if len(frames) != 2:
-                raise BadOption(
-                    "--frames names two frames: expected SENSOR,TIP"
-                )
-            pair = (frames[0], frames[1])
+        if frames is not None and len(frames) != 2:
+            raise BadOption("--frames names two frames: expected SENSOR,TIP")
         rows = read_bag(
             bag[0],
             joints_topic=joints_topic,
             tip_topic=tip_topic,
-            frames=pair,
+            frames=frames,
             joints=joints,
             max_gap=max_gap,
             still=still,
             time_offset=time_offset,
         )
         say(rows.notes)
-        units = "[rad, m, s]"
+    else:
+        topics = {"joints_topic": joints_topic, "tip_topic": tip_topic}
+        refuse(
+            {**topics, "frames": frames},
+            "is for bags, not for pictures and videos",
+        )
+        if not is_film(bag):
+            moving = {"still": still, "time_offset": time_offset}
+            refuse(moving, "is for videos and bags, not pictures")
+        if len(bag) > 1 and (is_film(bag) or eye is not None):
+            raise BadOption(
+                f"{len(bag)} names: expected one video or dataset, or pictures"
+            )
+        reading = JointReading(joints_file, joints, degrees, sliding)
+        if eye is not None:
+            rows = record_board(bag[0], board, eye, lens, reading, camera)
+        else:
+            setting = setup(
+                output,
+                tag,
+                dictionary,
+                board,
+                tags_at,
+                lens,
+                tag_size,
+                tag_height,
+                pose,
+            )
+            rows = record_tag(
+                bag,
+                output,
+                setting,
+                reading,
+                picture,
+                max_gap=max_gap,
+                still=still,
+                time_offset=time_offset,
+            )
+        factor, shown = for_people(rows.unit)
+        noise = factor * float(rows.source["noise"])
+        units = f"[rad, {rows.unit}]"
+        if noise:
+            units = f"[rad, {rows.unit}], noise {noise:.2g} {shown}"
     write_log(rows, output)
     names = rows.joint_names
     document = {

@@ -4,8 +4,6 @@ They are told apart where poses were measured again: readings that follow each o
 arm stands are the sensor's, visits to one pose the arm's. No model is needed.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 
@@ -25,7 +23,7 @@ def noise(
         ),
     ],
     robot: Annotated[
-        str | None, opt.value("--robot", "ROBOT", "Whose joints they are.")
+        str | None, opt.value("--robot ROBOT", "Whose joints they are.")
     ] = None,
     joints: opt.JointNames = None,
     degrees: opt.Degrees = False,
@@ -46,35 +44,18 @@ def noise(
     selection = Selection(joints, degrees=degrees)
     reading = Reading(columns, unit, prismatic=prismatic)
     result = repeatability(measured(robot, selection, source, reading))
-    positions = result.unit
-    document = {
-        "log": log,
-        **result.to_json(),
-        "units": {"positions": positions},
-    }
+    unit = result.unit
+    document = {"log": log, **result.to_json(), "units": {"positions": unit}}
     lines = []
-    for what, deviation, interval, remedy in (
-        (
-            "the sensor reads to",
-            result.sensor,
-            result.sensor_interval,
-            "read each pose several times while the arm stands",
-        ),
-        (
-            "the arm returns to",
-            result.arm,
-            result.arm_interval,
-            "leave the poses and come back",
-        ),
+    for what, deviation, interval in (
+        ("the sensor reads to", result.sensor, result.sensor_interval),
+        ("the arm returns to", result.arm, result.arm_interval),
     ):
-        if math.isfinite(deviation):
-            low, high = (sized(end, positions) for end in interval)
-            size = sized(deviation, positions)
-            lines.append(f"{what} {size} along an axis ({low} to {high})")
-        else:
-            lines.append(f"{what}: not told by this log; {remedy}")
-    lines.append(
-        f"from {result.repeats} further readings and {result.returns} returns to {result.poses} "
-        "poses"
-    )
+        low, high = (sized(end, unit) for end in interval)
+        size = f"{sized(deviation, unit)} along an axis ({low} to {high})"
+        if not math.isfinite(deviation):
+            size = "not told by this log, which measured no pose again"
+        lines.append(f"{what}: {size}")
+    counts = f"{result.repeats} further readings and {result.returns} returns"
+    lines.append(f"from {counts} to {result.poses} poses")
     return Outcome(document, lines)

@@ -33,7 +33,7 @@ def plan(
     output: opt.NewPoses,
     poses: Annotated[
         int,
-        opt.value("--poses -n", "N", "How many poses.", parsing.whole(1, 1000)),
+        opt.value("--poses -n N", "How many poses.", parsing.whole(1, 1000)),
     ] = 60,
     joints: opt.JointNames = None,
     tip: opt.Tip = None,
@@ -43,27 +43,24 @@ def plan(
     degrees: opt.Degrees = False,
     margin: Annotated[
         float | None,
-        opt.value(
-            "--margin", "M", "From limits (1 deg).", parsing.not_negative
-        ),
+        opt.value("--margin M", "From limits (1 deg).", parsing.not_negative),
     ] = None,
     start: Annotated[
         parsing.Numbers | None,
         opt.value(
-            "--from", "Q1,Q2", "Joints before the first pose.", parsing.reals
+            "--from Q1,Q2", "Joints before the first pose.", parsing.reals
         ),
     ] = None,
     touch: Annotated[
         parsing.Numbers | None,
         opt.value(
-            "--touch", "X,Y,Z", "A point of the base frame [m].", parsing.reals
+            "--touch X,Y,Z", "A point of the base frame [m].", parsing.reals
         ),
     ] = None,
     above: Annotated[
         float | None,
         opt.value(
-            "--above",
-            "Z",
+            "--above Z",
             "Stay above this height of the base [m].",
             parsing.number,
         ),
@@ -90,7 +87,7 @@ def plan(
         )
     check_file(output, TABLES, stream=True)
     if handeye and is_model:
-        from calib.recording.rig_file import is_rig
+        from calib.recording.rig import is_rig
 
         if is_rig(robot):
             return _flange_poses(robot, output, poses, seed)
@@ -158,7 +155,7 @@ def _flange_poses(rig: str, output: str, count: int, seed: int) -> Outcome:
 
     from calib.arm.rotations import quaternion_of
     from calib.recording.next_poses import next_poses
-    from calib.recording.rig_file import load_rig
+    from calib.recording.rig import load_rig
     from calib.samples.tables import write_table
 
     flange, intervals = next_poses(load_rig(rig), count, seed)

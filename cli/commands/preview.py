@@ -1,14 +1,12 @@
 """Show the arm and its learned maps in a browser, with meshcat."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Annotated
 
 from .. import options as opt
 from ..logs import Reading
-from ..output import Outcome, end_progress, note
+from ..output import Outcome, note
 from ..parsing import check_file, whole
 from ..pictures import load_drawn, size_of_page
 
@@ -17,17 +15,13 @@ def preview(
     model: opt.ModelFile,
     html: Annotated[
         str | None,
-        opt.value("--html", "FILE", "Write the page for any browser."),
+        opt.value("--html FILE", "Write the page for any browser."),
     ] = None,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    time_offset: opt.TimeOffset = None,
-    degrees: opt.LogDegrees = None,
     data: opt.Data = None,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
     port: Annotated[
-        int, opt.value("--port", "N", "Of the page (0: any).", whole(0, 65535))
+        int, opt.value("--port N", "Of the page (0: any).", whole(0, 65535))
     ] = 0,
     no_open: Annotated[
         bool, opt.option("--no-open", "Print the address alone.")
@@ -36,14 +30,12 @@ def preview(
     import calib
 
     check_file(html, (".html", ".htm"), option="--html")
-    reading = Reading(columns, unit, time_offset, degrees)
-    loaded, log = load_drawn(model, data, photo, no_photo, reading)
+    loaded, log = load_drawn(model, data, photo, no_photo, Reading())
     browse = not no_open
     with calib.preview(loaded, html, log, port=port, browse=browse) as page:
         if html is not None:
             document = {"html": html, "bytes": Path(html).stat().st_size}
             return Outcome(document, [size_of_page(html)])
-        end_progress()
         try:
             print(page.url, flush=True)
             note("showing the preview; Ctrl-C ends it")

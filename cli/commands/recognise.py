@@ -1,7 +1,5 @@
 """Tell which of some models the arm is in. Exit code 3 if it is in none."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from typer import Argument
@@ -19,14 +17,9 @@ def recognise(
         list[str], Argument(metavar="MODEL..", help="One a state of the arm.")
     ],
     data: opt.NewLog,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    time_offset: opt.TimeOffset = None,
-    degrees: opt.LogDegrees = None,
 ) -> Outcome:
     loaded = [calib.load(path) for path in models]
-    reading = Reading(columns, unit, time_offset, degrees)
-    result = calib.recognise(loaded, log_for(loaded[0], data, reading))
+    result = calib.recognise(loaded, log_for(loaded[0], data, Reading()))
     name = None if result.index is None else models[result.index]
     factor, shown = for_people(loaded[0].about.unit)
     fits = []

@@ -3,8 +3,6 @@
 Exit code 3, with the page written, if the model's own rows contradict its bound.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 
@@ -21,18 +19,14 @@ from ..summary import code_of, contradicted
 def report(
     model: opt.ModelFile,
     output: Annotated[
-        str | None, opt.value("--output -o", "FILE.html", "One file.")
+        str | None, opt.value("--output -o FILE.html", "One file.")
     ] = None,
     png: Annotated[
-        str | None, opt.value("--png", "DIR", "Its figures as PNG.")
+        str | None, opt.value("--png DIR", "Its figures as PNG.")
     ] = None,
     figures: Annotated[
-        str | None, opt.value("--figures", "FOLDER", "Its figures as SVG.")
+        str | None, opt.value("--figures FOLDER", "Its figures as SVG.")
     ] = None,
-    columns: opt.Columns = None,
-    unit: opt.Unit = None,
-    time_offset: opt.TimeOffset = None,
-    degrees: opt.LogDegrees = None,
     data: opt.Data = None,
     photo: opt.PhotoFile = None,
     no_photo: opt.NoPhoto = False,
@@ -45,8 +39,7 @@ def report(
             "nothing to write: expected -o FILE.html, --figures FOLDER or --png DIR"
         )
     check_file(output, (".html", ".htm"))
-    reading = Reading(columns, unit, time_offset, degrees)
-    loaded, log = load_drawn(model, data, photo, no_photo, reading)
+    loaded, log = load_drawn(model, data, photo, no_photo, Reading())
     warnings = []
     if isinstance(loaded, calib.Model):
         warnings = contradicted(loaded.about)

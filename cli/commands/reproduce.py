@@ -31,28 +31,20 @@ def reproduce(
         Argument(help="What to repeat."),
     ] = "all",
     output: Annotated[
-        str, opt.value("--output -o", "DIR", "Folder of tables, figures.")
+        str, opt.value("--output -o DIR", "Folder of tables, figures.")
     ] = "reproduced",
     quick: Annotated[
         bool, opt.option("--quick", "Small lattices and few samples.")
     ] = False,
-    robot: Annotated[
-        str | None,
-        opt.value("--robot", "ROBOT", "Another arm, two revolute joints."),
-    ] = None,
-    joints: opt.JointNames = None,
     seed: opt.Seed = 0,
 ) -> Outcome:
     from calib.common.atomic import atomic_write
-    from calib.paper.setting import ROBOT, Setting
+    from calib.paper.setting import Setting
 
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
     started = time.perf_counter()
-    arm = robot or ROBOT
-    setting = Setting.of(
-        seed, quick=quick, report=progress, robot=arm, named=joints
-    )
+    setting = Setting.of(seed, quick=quick, report=progress)
     document: dict[str, object] = {}
     tables: list[TextTable] = []
     # the figures bring the adaptation along
@@ -89,15 +81,12 @@ def _result(name: str, setting: Setting, folder: Path) -> tuple[str, Result]:
 
 
 def _text(table: Table) -> TextTable:
-    rows = []
-    for row in table.rows:
-        cells = []
-        for cell in row:
-            if cell is None:
-                cell = ""
-            cells.append(cell if isinstance(cell, str) else number(cell))
-        rows.append(cells)
-    words = 0
-    while words < len(table.rows[0]) and isinstance(table.rows[0][words], str):
-        words += 1
+    rows = [[_cell(value) for value in row] for row in table.rows]
+    words = sum(isinstance(value, str) for value in table.rows[0])
     return TextTable(table.header, rows, table.title, words, foot=_TERMS)
+
+
+def _cell(value: str | float | None) -> str:
+    if isinstance(value, str):
+        return value
+    return "" if value is None else number(value)

@@ -1,7 +1,5 @@
 """List the bundled robots."""
 
-from __future__ import annotations
-
 import calib
 
 from ..output import Outcome, TextTable, fields

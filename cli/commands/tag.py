@@ -15,14 +15,14 @@ from ..parsing import BadOption, check_file, whole
 
 def tag(
     output: Annotated[
-        str, opt.value("--output -o", "FILE.svg", "The page to print.")
+        str, opt.value("--output -o FILE.svg", "The page to print.")
     ],
     number: Annotated[
         int | None,
         Argument(metavar="ID", parser=whole(0), help="Number of the tag."),
     ] = None,
     size: Annotated[
-        str, opt.value("--size", "40mm", "Side of the black square.")
+        str, opt.value("--size 40mm", "Side of the black square.")
     ] = "40mm",
     dictionary: opt.Dictionary = DICTIONARY,
     board: opt.BoardSpec = None,

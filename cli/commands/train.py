@@ -40,7 +40,7 @@ def train(
     data: opt.DataOfSensors = None,
     output: Annotated[
         str | None,
-        opt.value("--output -o", "MODEL", "Default ROBOT.calib, LOG.calib."),
+        opt.value("--output -o MODEL", "Default ROBOT.calib, LOG.calib."),
     ] = None,
     force: Annotated[
         bool, opt.option("--force", "Replace a model of another robot.")
@@ -74,7 +74,7 @@ def train(
     plane: opt.Planes = None,
     lens: Annotated[
         str | None,
-        opt.value("--lens", "lens.json", "Of a camera in space (fitted)."),
+        opt.value("--lens lens.json", "Of a camera in space (fitted)."),
     ] = None,
     no_rows: Annotated[
         bool, opt.option("--no-rows", "Keep no rows of the log.")
@@ -109,7 +109,7 @@ def train(
         )
     check_file(output, ())
     if data:
-        from calib.samples.sensors import sources_by_sensor
+        from calib.samples.tables import sources_by_sensor
 
         logs = []
         for sensor, source in sources_by_sensor(data).items():
@@ -186,13 +186,12 @@ def _check_same_origin(path: str, log: Samples) -> None:
         return
     with suppress(calib.CalibError):  # what cannot be read is no model of it
         old = calib.load(path)
-        same = old.about.urdf == (log.arm.urdf if log.arm else "")
-        same &= old.about.joint_names == log.joint_names
-        same &= (old.about.source == "simulation") == bool(log.simulation)
-        if old.rows is not None and len(old.rows):  # the first tells logs apart
-            same &= np.array_equal(old.rows.q[0], log.q[0])
-        if same:
-            return
+        origin = (log.arm.urdf if log.arm else "", bool(log.simulation))
+        if origin == (old.about.urdf, old.about.source == "simulation"):
+            # the first row tells logs apart
+            first = None if old.rows is None else old.rows.q[:1]
+            if first is None or np.array_equal(first, log.q[:1]):
+                return
     raise calib.OptionError(
         f"{path} is a model of another robot or log, or none that this program reads",
         hint="name another file with -o, or replace it with `force=True`",

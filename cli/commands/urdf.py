@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def urdf(
     model: opt.ModelFile,
     output: Annotated[
-        str, opt.value("--output -o", "URDF", "The corrected description.")
+        str, opt.value("--output -o URDF", "The corrected description.")
     ],
     free: opt.Free = "all",
 ) -> Outcome:
@@ -35,30 +35,25 @@ def urdf(
         MOST_UNEXPLAINED,
         check_output,
         corrected_urdf,
-        what_no_urdf_holds,
     )
 
     check_file(output, (".urdf", ".xml"))
     loaded = calib.load(model)
     say(contradicted(loaded.about))
     check_output(output, loaded.about.urdf)
-    geometry = fit_geometry(
-        loaded,
-        drawn=free == "offsets",
-    )
+    geometry = fit_geometry(loaded, drawn=free == "offsets")
     explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
     if explained:
         atomic_write(output, corrected_urdf(geometry).encode())
     unit = geometry.unit
     document = {
         "urdf": output if explained else None,
-        **geometry.to_json(),
+        **geometry.document(),
         "unit": unit,
         "units": units_of(loaded.about, unit),
     }
     if geometry.free:
         say([FRAME_IS_FITTED])
-    say(what_no_urdf_holds(loaded))
     share = 100.0 * geometry.residual / geometry.reach
     rms = f"{sized(geometry.residual, unit)} rms ({share:.3g} % of the reach)"
     if not explained:
@@ -75,7 +70,7 @@ def urdf(
 def _table(geometry: Geometry) -> TextTable:
     import numpy as np
 
-    parameters = geometry.to_json()
+    parameters = geometry.document()
     arm = geometry.arm
     changes = [
         (name, "offset", unit, parameters["offsets"][name])
@@ -94,8 +89,8 @@ def _table(geometry: Geometry) -> TextTable:
     rows = []
     for name, what, kind, change in changes:
         factor, unit = for_people(kind)
-        values = factor * np.ravel(change["value"])
-        intervals = factor * np.ravel(change["interval"])
+        values = factor * np.ravel(change.value)
+        intervals = factor * np.ravel(change.interval)
         for axis, value, interval in zip(
             "xyz", values, intervals, strict=False
         ):

@@ -18,22 +18,6 @@ pytestmark = pytest.mark.skipif(
     not FILES, reason="example-robot-data is not installed: pip install example-robot-data"
 )
 
-UR = "ur_description/urdf/"
-NAMED = {
-    "ur10": (UR + "ur10_robot.urdf", "shoulder_lift_joint,elbow_joint", "wrist_1_link"),
-    "ur5": (UR + "ur5_robot.urdf", "shoulder_lift_joint,elbow_joint,wrist_1_joint", "tool0"),
-    "panda": (
-        "panda_description/urdf/panda.urdf",
-        "panda_joint2,panda_joint4,panda_joint6",
-        "panda_hand_tcp",
-    ),
-    "tiago": (
-        "tiago_description/robots/tiago.urdf",
-        "torso_lift_joint,arm_2_joint,arm_4_joint",
-        "wrist_ft_tool_link",
-    ),
-}
-
 
 def size(arm):
     """Reach of an arm [m], at least 1: of a metre 1e-12 is a few units of rounding."""
@@ -41,8 +25,8 @@ def size(arm):
 
 
 def test_ur10_has_its_data_sheets_links_and_an_upright_plane():
-    file, joints, tip = NAMED["ur10"]
-    arm = load_arm(FOLDER / file, joints.split(","), tip)
+    joints = ["shoulder_lift_joint", "elbow_joint"]
+    arm = load_arm(FOLDER / "ur_description/urdf/ur10_robot.urdf", joints, "wrist_1_link")
     assert arm.link_lengths["shoulder_lift_joint"] == pytest.approx(0.612)
     assert arm.link_lengths["elbow_joint"] == pytest.approx(0.5723)
     np.testing.assert_allclose(arm.plane.x, [1, 0, 0], atol=1e-7)
@@ -54,8 +38,16 @@ def test_ur10_has_its_data_sheets_links_and_an_upright_plane():
 @pytest.mark.parametrize(
     ("file", "joints", "tip"),
     [
-        ("ur_description/urdf/ur5_robot.urdf", NAMED["ur5"][1], "tool0"),
-        ("panda_description/urdf/panda.urdf", NAMED["panda"][1], "panda_hand_tcp"),
+        (
+            "ur_description/urdf/ur5_robot.urdf",
+            "shoulder_lift_joint,elbow_joint,wrist_1_joint",
+            "tool0",
+        ),
+        (
+            "panda_description/urdf/panda.urdf",
+            "panda_joint2,panda_joint4,panda_joint6",
+            "panda_hand_tcp",
+        ),
         (
             "so_arm_description/urdf/so101.urdf",
             "shoulder_lift,elbow_flex,wrist_flex",

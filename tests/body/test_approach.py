@@ -42,7 +42,7 @@ def test_the_direction_pays_where_there_is_backlash():
     assert model.approach.play[0] == 0.0
     assert model.approach.play[1] == pytest.approx(PLAY / 2, rel=0.03)
     q, x = true_rows("elbow.backlash=0.01")
-    side = calib.Samples(q, x, arm().joint_names).motion.side
+    side = calib.Samples(q, x, arm().joint_names).side
     blind = np.linalg.norm(model.forward(q) - x, axis=1)
     told = np.linalg.norm(model.forward(q, approach=side) - x, axis=1)
     assert np.nanmean(told) < 0.1 * np.nanmean(blind)

@@ -1,26 +1,24 @@
 """Derivatives of every structure and measurement are differences of its predictions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from boards import Rig
+from scenes import seen_by_two
 
 import calib
-from calib.body.layout import joined
-from calib.body.planar import PlanarStructure
-from calib.body.sensors import InPlane
+from calib.body.planar import planar_structure
 from calib.body.spatial import structure_of
 
 STEP = 1e-6
 
 
-def planar(revolute=(True, True), view="rigid", signs=(1, 1), mirror=1) -> PlanarStructure:
+def in_plane(revolute=(True, True), view="rigid", signs=(1, 1), mirror=1):
     names = tuple(f"j{k}" for k in range(len(revolute)))
-    sensor = InPlane(view, extent=0.4, mirror=mirror, centre=(0.1, -0.2))
-    return PlanarStructure(names, revolute, signs, None, False, (sensor,))
-
-
-def in_plane(*case):
-    structure = planar(*case)
+    structure = planar_structure(np.eye(2), names, revolute, view=view)
+    sensor = {"extent": 0.4, "mirror": mirror, "centre": (0.1, -0.2)}
+    structure = replace(structure.with_sensor(**sensor), signs=signs)
     rng = np.random.default_rng(0)
     beta = structure.prior(structure.members()[-1][1]).mean + rng.normal(0, 0.02, structure.size)
     beta[structure.groups["length"]] = 0.3
@@ -33,8 +31,7 @@ def in_space(robot, view, sensors=1):
     arm = calib.load_arm(robot)
     structure = structure_of(arm, view)
     if sensors > 1:
-        structure = joined({"left": structure_of(arm, "rigid"), "right": structure})
-        structure = structure.as_seen_by("right")
+        structure = seen_by_two().by("left").body.structure
     rng, groups = np.random.default_rng(0), structure.groups
     beta = structure.neutral() + rng.normal(0, 1e-2, structure.size)
     beta[groups["lens"]] = (900.0, 640.0, 360.0, -0.1)
@@ -59,7 +56,7 @@ def of_corners(in_hand):
         (in_plane, ((False, True), "homography", (1, 1), -1)),
         *((in_space, ("spatial_three", view)) for view in ("base", "rigid", "similarity")),
         (in_space, ("spatial_three", "pinhole")),
-        (in_space, ("spatial_three", "pinhole", 2)),
+        (in_space, ("spatial_three", "rigid", 2)),
         (in_space, ("six_axis", "pose")),
         (of_corners, (True,)),
         (of_corners, (False,)),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from models import log_of
 from reference import random_joints
 
 import calib
@@ -32,8 +33,7 @@ def sagging(q, most, gravity=DOWN):
 
 def trained(arm, q, x, **options):
     """A model of rows (n, dof) and what a tracker saw."""
-    named = arm.joint_names, arm.lower, arm.upper, arm.revolute
-    return calib.train(calib.Samples(q, x, *named, arm=arm, unit="m"), size=3, **options)
+    return calib.train(log_of(arm, q, x, unit="m"), size=3, **options)
 
 
 @cache

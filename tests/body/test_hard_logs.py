@@ -2,17 +2,12 @@
 
 import numpy as np
 import pytest
+from models import log_of
 
 import calib
 from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of
 
 NOISE = 2e-5
-
-
-def log_of(arm, q, x, **options) -> calib.Samples:
-    return calib.Samples(
-        q, x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, unit="m", **options
-    )
 
 
 def covered(readings: int, waves: float, rng: np.random.Generator) -> tuple[float, float, float]:

@@ -105,19 +105,6 @@ def test_a_change_is_named_and_mended(case):
     assert np.nanmean(error) < case.adapted
 
 
-@pytest.mark.parametrize(("changes", "code"), [("", 0), (f"elbow.offset={DEGREE}", 3)])
-def test_the_command_line_says_the_same(tmp_path, run, changes, code):
-    _, model = world("two_link")
-    log, _ = log_of("two_link", changes.split(), 60)
-    model.save(tmp_path / "m.calib")
-    calib.write_log(log, tmp_path / "log.csv")
-    answer = run("check", tmp_path / "m.calib", "--data", tmp_path / "log.csv", "--json")
-    verdict = calib.check(calib.load(tmp_path / "m.calib"), log)
-    assert answer.code == code
-    assert answer.document["drifted"] is verdict.drifted
-    assert answer.document["causes"][:1] == [cause.to_json() for cause in verdict.causes[:1]]
-
-
 @pytest.mark.parametrize("times", [2, 5, 10])
 @pytest.mark.parametrize("n", [10, 20])
 def test_a_noisier_sensor_is_no_drift(times, n):

@@ -190,7 +190,7 @@ def test_no_message_of_the_library_names_an_option():
     import ast
 
     found = []
-    ros = "transforms.py"  # writes command lines of ROS
+    ros = "rig.py"  # writes command lines of ROS
     for path in (Path(__file__).parents[2] / "calib").rglob("*.py"):
         if path.name == ros:
             continue

@@ -24,8 +24,6 @@ def tracked(run, tmp_path_factory):
     names = [*truth.arm.joint_names, "x", "y", "z", "qx", "qy", "qz", "qw"]
     rows = np.c_[q, places, quaternions(turns)]
     table(folder / "log.csv", names, rows)
-    table(folder / "wxyz.csv", names, rows[:, [*range(9), 12, 9, 10, 11]])
-    table(folder / "inverted.csv", names, rows * np.r_[np.ones(9), -1, -1, -1, 1])
     angles = np.array([pin.rpy.matrixToRpy(turn) for turn in turns])
     table(folder / "degrees.csv", [*names[:9], "roll", "pitch", "yaw"],
           np.c_[rows[:, :9], np.degrees(angles)])  # fmt: skip
@@ -113,20 +111,12 @@ def test_a_table_of_poses_is_answered_row_by_row_in_either_frame(run, tracked):
     assert refused.code != 0
 
 
-@pytest.mark.parametrize(
-    ("log", "words"),
-    [
-        ("wxyz.csv", "--columns qx=qy,qy=qz,qz=qw,qw=qx"),
-        ("inverted.csv", "inverted"),
-        ("degrees.csv", "give --degrees"),
-    ],
-)
-def test_orientations_that_are_none_are_told_in_one_line(run, tracked, log, words):
+def test_angles_in_degrees_are_told_in_one_line(run, tracked):
     _, folder, _ = tracked
     out = folder / "no.calib"
-    done = run("train", "six_axis", "--data", folder / log, "--size", 4, "-o", out)
+    done = run("train", "six_axis", "--data", folder / "degrees.csv", "--size", 4, "-o", out)
     assert (done.code, out.exists()) == (1, False)
-    assert words in done.err.splitlines()[-1]
+    assert "give --degrees" in done.err.splitlines()[-1]
 
 
 def test_a_tool_turns_less_where_its_orientation_is_to_stay(run, tracked):

@@ -49,22 +49,6 @@ def test_light_commands_stay_light(model):
         assert imported(["query", way, str(model), "0.1", "0.4"], lean) == []
 
 
-def test_a_real_process_from_training_to_a_query(run_real, tmp_path):
-    path = tmp_path / "m.calib"
-    trained = run_real("train", "two_link", "--size", "10", "-n", "500", "-o", path, "--json")
-    assert (trained.code, trained.err) == (0, "")
-    assert trained.document["model"] == str(path)
-    answer = run_real("query", "inverse", path, "-0.1", "0.3", "--json")
-    assert (answer.code, answer.err) == (0, "")
-    assert answer.document["reachable"] is True
-    batch = run_real("query", "inverse", path, "--input", "-", stdin="x,y\n-0.1,0.3\n3,3\n")
-    assert batch.code == 3
-    assert batch.out.splitlines()[1].endswith(",1")
-    assert batch.err == "row 2 of 2: out of reach\n"
-    bad = run_real("query", "inverse", path, "-0.1", "--degrees", "up")
-    assert (bad.code, bad.out, bad.err.count("\n")) == (2, "", 1)
-
-
 def test_the_main_job_needs_no_pinocchio(run, tmp_path, monkeypatch):
     """It has no wheel for Windows: all but collisions works without."""
     monkeypatch.setitem(sys.modules, "pinocchio", None)

@@ -7,9 +7,6 @@ import pinocchio as pin
 import pytest
 from reference import Truth, read, table
 
-import calib
-from calib.model.space import Space
-
 EYE, FOCAL, CENTRE, K1 = np.array([0.35, -1.1, 0.55]), 880.0, np.array([633.0, 371.0]), -0.09
 MOVED = np.array([0.02, 0.03, -0.01])
 
@@ -77,28 +74,11 @@ def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, pictur
     miss = np.linalg.norm(np.c_[base["x"], base["y"], base["z"]] - places, axis=1)
     assert miss.mean() < 5e-4
     assert (miss <= base["expected_error"]).mean() >= 0.95
-    order = ["x", "y", "z", "qx", "qy", "qz", "qw", "expected_error_up_to_scale"]
-    assert list(base) == [*names, *order, "expected_error", "model_error"]
-    space = Space.of(calib.load(folder / "m.calib"))
-    whole, alike = space.bound(q), base["expected_error_up_to_scale"]
-    assert whole.mean() < 6e-3  # not the turn about the first axis, which is a convention
-    assert alike.mean() < 0.5 * whole.mean()
-    pan = truth.arm.chain.points[0]
-    found, true = np.c_[base["x"], base["y"], base["z"]] - pan, places - pan
-    left = true - np.vdot(true, found) / np.vdot(found, found) * found
-    assert (np.linalg.norm(left, axis=1) <= alike).mean() >= 0.95
-    words = run("query", "forward", folder / "m.calib", *q[0], "--in", "base").err
-    assert "one camera cannot tell the size of the arm" in words
+    answers = ["x", "y", "z", "qx", "qy", "qz", "qw", "expected_error", "model_error"]
+    assert list(base) == [*names, *answers]
     one = run("query", "forward", folder / "m.calib", *q[0], "--in", "base", "--json").document
     assert one["unit"] == one["units"]["positions"] == "m"
     assert one["position"] == pytest.approx([base[axis][0] for axis in "xyz"])
-    assert one["expected_error_up_to_scale"] == pytest.approx(alike[0])
-    table(folder / "x.csv", "xyz", places[:2])
-    back = ("query", "inverse", folder / "m.calib", "--in", "base")
-    many = read(run(*back, "--input", folder / "x.csv").out)
-    assert (many["expected_error_up_to_scale"] < many["expected_error"]).all()
-    document = run(*back, *places[0], "--json").document["solutions"][0]
-    assert document["expected_error_up_to_scale"] < document["expected_error"]
 
 
 def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, pictures):
@@ -127,9 +107,8 @@ def test_the_camera_goes_to_ros(run, pictures):
     files = {"--camera": folder / "camera.yaml", "--transform": folder / "camera.json"}
     done = run("export", folder / "m.calib", *(part for pair in files.items() for part in pair))
     assert done.code == 0, done.err
-    info = dict(line.split(": ", 1) for line in files["--camera"].read_text().splitlines()
-                if ": " in line and not line.startswith(" "))  # fmt: skip
-    assert (info["image_width"], info["distortion_model"]) == ("1280", "plumb_bob")
+    info = json.loads(files["--camera"].read_text())
+    assert (info["image_width"], info["distortion_model"]) == (1280, "plumb_bob")
     place = json.loads(files["--transform"].read_text())
     assert place["header"]["frame_id"] == "base"
     assert list(place["transform"]["translation"].values()) == pytest.approx(EYE, abs=3e-3)

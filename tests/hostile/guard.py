@@ -1,17 +1,17 @@
-"""Guard: what an input may open and say, and the seeds that inputs are made from."""
+"""Guard: what an input may open and say."""
 
 import os
 import sys
 import tempfile
 import unicodedata
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from random import Random
+
+from hypothesis import settings
 
 LENGTH = int(os.environ.get("CALIB_FUZZ", "1"))
-"""How many times the usual number of inputs."""
+"""How many times the usual number of inputs; more than once they are drawn anew."""
 
 LONGEST = 2_000
 """Characters of an error message."""
@@ -39,15 +39,9 @@ class Violation(AssertionError):  # noqa: N818
     """An input did what no input may do."""
 
 
-def each_seed(n: int, judge: Callable[[Random], str]) -> Counter[str]:
-    """Judge `n` inputs (times `CALIB_FUZZ`), and count what became of them."""
-    found: Counter[str] = Counter()
-    for seed in range(n * LENGTH):
-        try:
-            found[judge(Random(seed))] += 1
-        except Exception as error:
-            raise Violation(f"seed {seed}: {error!r}") from error
-    return found
+def inputs(n: int) -> settings:
+    """Judge `n` inputs, the same ones each time; times `CALIB_FUZZ`, then others each time."""
+    return settings(max_examples=n * LENGTH, derandomize=LENGTH == 1)
 
 
 class _Watch:

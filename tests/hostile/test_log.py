@@ -3,61 +3,52 @@
 import csv
 import io
 import math
-from random import Random
+from collections import Counter
 
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 
 import calib
-from hostile.damage import NAMES, NUMBERS, damaged
-from hostile.guard import each_seed, guarded, one_line
+from hostile.guard import guarded, inputs, one_line
+from hostile.strategies import NAMES, NUMBERS, damaged
 
 ARM = calib.load_arm("two_link")
 LARGEST = 1e15
 
 
-def table(rng: Random):
-    """Header, cells and separator of a table that is mostly right."""
-    n = rng.choice((0, 1, 2, 5, 20, 60, 60))
-    draws = np.random.default_rng(rng.getrandbits(32)).random((n, 2))
-    q = ARM.lower + (ARM.upper - ARM.lower) * draws
-    x = ARM.forward(q) if n else np.zeros((0, 2))
-    if rng.random() < 0.1:
+@st.composite
+def tables(draw) -> bytes:
+    """A table of joints and positions that is mostly right, in one of many forms of CSV."""
+    n = draw(st.sampled_from((0, 1, 2, 5, 20, 60)))
+    q = np.random.default_rng(n).uniform(ARM.lower, ARM.upper, (n, 2))
+    x = ARM.forward(q).reshape(n, 2)
+    if draw(st.integers(0, 9)) == 9:
         q = np.degrees(q)
     columns = {"shoulder": q[:, 0], "elbow": q[:, 1], "x": x[:, 0], "y": x[:, 1]}
     cells = {name: [repr(float(v)) for v in values] for name, values in columns.items()}
-    if rng.random() < 0.1:
-        cells["z"] = [rng.choice(("0", "0.1", "1e-3")) for _ in range(n)]
-    if rng.random() < 0.2:
-        cells["note"] = [rng.choice(("1", "a", "", "12:00")) for _ in range(n)]
-    if rng.random() < 0.1:
+    more = draw(st.sampled_from(("", "", "", "z", "note")))
+    if more:
+        cells[more] = draw(st.lists(st.sampled_from(("0", "0.1", "a", "")), min_size=n, max_size=n))
+    if draw(st.integers(0, 9)) == 9:
         cells["cam u"] = cells.pop("x")
-    for _ in range(rng.choice((0, 0, 1, 2)) if n else 0):
-        cells[rng.choice(list(cells))][rng.randrange(n)] = rng.choice(NUMBERS)
-    header = list(cells)
-    rng.shuffle(header)
+    for value in draw(st.lists(NUMBERS, max_size=2)) if n else ():
+        cells[draw(st.sampled_from(sorted(cells)))][draw(st.integers(0, n - 1))] = value
+    header = draw(st.permutations(list(cells)))
     rows = [[cells[name][k] for name in header] for k in range(n)]
-    if rng.random() < 0.1:
-        header[rng.randrange(len(header))] = rng.choice(NAMES)
-    for _ in range(rng.choice((0, 0, 0, 1, 2)) if rows else 0):
+    if draw(st.integers(0, 9)) == 9:
+        header[0] = draw(NAMES)
+    if rows and draw(st.integers(0, 4)) == 4:
         odd = ([], [""], rows[0][:-1], [*rows[0], "1"], [*rows[0], ""], [" "] * len(header))
-        rows.insert(rng.randrange(len(rows)), rng.choice(odd))
-    return header, rows, rng.choice((",", ",", ",", ";", "\t"))
-
-
-def as_csv(rng, header, rows, separator):
-    out, end = io.StringIO(), rng.choice(("\n", "\n", "\r\n", "\r"))
-    quoting = rng.choice((csv.QUOTE_MINIMAL, csv.QUOTE_MINIMAL, csv.QUOTE_ALL))
-    writer = csv.writer(out, delimiter=separator, quoting=quoting, lineterminator=end)
-    try:
-        writer.writerows([header, *rows])
-    except csv.Error:
-        return b""
-    text = out.getvalue()
-    if rng.random() < 0.1:
-        text = text.replace(separator, f" {separator} ")
-    if rng.random() < 0.1:
-        text = end * rng.randint(1, 3) + text
-    return text.encode(rng.choice(("utf-8", "utf-8", "utf-8-sig")), "replace")
+        rows.insert(draw(st.integers(0, n - 1)), draw(st.sampled_from(odd)))
+    text, end = io.StringIO(), draw(st.sampled_from(("\n", "\n", "\r\n", "\r")))
+    separator = draw(st.sampled_from((",", ",", ";", "\t")))
+    quoting = draw(st.sampled_from((csv.QUOTE_MINIMAL, csv.QUOTE_ALL)))
+    writer = csv.writer(text, delimiter=separator, quoting=quoting, lineterminator=end)
+    writer.writerows([header, *rows])
+    before = draw(st.sampled_from(("", "", "", end * 2)))
+    encoding = draw(st.sampled_from(("utf-8", "utf-8", "utf-8-sig")))
+    return (before + text.getvalue()).encode(encoding, "replace")
 
 
 def number(cell):
@@ -109,26 +100,34 @@ def stands_in_the_file(log, data, columns, degrees):
         place += 1
 
 
+OPTIONS = st.sampled_from((
+    {"arm": ARM},
+    {"arm": ARM, "degrees": True},
+    {"joints": ("shoulder", "elbow")},
+    {"joints": ("shoulder", "elbow"), "prismatic": ("elbow",)},
+))  # fmt: skip
+
+
 def test_damaged_and_odd_tables_are_read_as_they_are_or_refused(tmp_path):
-    def judge(rng):
-        header, rows, separator = table(rng)
-        data = as_csv(rng, header, rows, separator)
-        if rng.random() < 0.3:
-            data = damaged(rng, data, 2)
-        columns = {"x": "cam u"} if "cam u" in header else {}
-        if rng.random() < 0.05:
-            columns[rng.choice(("x", "elbow", "q"))] = rng.choice(NAMES)
-        path = tmp_path / f"log{rng.choice(('.csv', '.csv', '.txt', ''))}"
+    found = Counter()
+
+    @inputs(150)
+    @given(tables(), st.data(), OPTIONS, st.sampled_from((".csv", ".txt", "")))
+    def judge(data, drawn, options, suffix):
+        if drawn.draw(st.integers(0, 2)) == 0:
+            data = drawn.draw(damaged(data, 2))
+        columns = {"x": "cam u"} if b"cam u" in data else {}
+        if drawn.draw(st.integers(0, 19)) == 19:
+            columns[drawn.draw(st.sampled_from(("x", "elbow", "q")))] = drawn.draw(NAMES)
+        path = tmp_path / f"log{suffix}"
         path.write_bytes(data)
-        degrees, options = rng.random() < 0.15, {"arm": ARM}
-        if rng.random() < 0.3:
-            options = {"joints": ("shoulder", "elbow"), "prismatic": rng.choice(((), ("elbow",)))}
         try:
             with guarded(tmp_path):
-                log = calib.read_log(path, columns=columns, degrees=degrees, **options)
+                log = calib.read_log(path, columns=columns, **options)
         except calib.CalibError as error:
             one_line(str(error))
-            return "refused"
+            found["refused"] += 1
+            return
         for note in log.notes:
             one_line(note)
         assert len(log.q) == len(log.x) >= 2
@@ -139,8 +138,8 @@ def test_damaged_and_odd_tables_are_read_as_they_are_or_refused(tmp_path):
         assert ((log.q >= log.lower - slack) & (log.q <= log.upper + slack)).all()
         # of a plane in space the positions are coordinates that no cell holds
         if log.plane is None:
-            stands_in_the_file(log, data, columns, degrees)
-        return "read"
+            stands_in_the_file(log, data, columns, options.get("degrees", False))
+        found["read"] += 1
 
-    found = each_seed(120, judge)
+    judge()
     assert min(found["read"], found["refused"]) > 10

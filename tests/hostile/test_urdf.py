@@ -1,16 +1,19 @@
 """URDFs: random arms, which have to be right, and damaged ones, which may be refused."""
 
 import xml.etree.ElementTree as ET
+from collections import Counter
 from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
 import pinocchio
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import calib
-from hostile.damage import NAMES, NUMBERS, damaged
-from hostile.guard import each_seed, guarded, one_line
+from hostile.guard import guarded, inputs, one_line
+from hostile.strategies import NAMES, NUMBERS, damaged
 
 FAR = 1e4
 """Placements beyond this [m] are compared in parts of their size."""
@@ -72,67 +75,64 @@ def agrees_with_pinocchio(arm, text):
         assert np.abs(away).max() <= 1e-9 * size + 1e-3 * reach
 
 
-def _set(rng, _robot, node):
-    key = rng.choice([*node.attrib, "name", "xyz", "type"])
-    value = rng.choice(NAMES if key in ("name", "link", "joint") else NUMBERS)
-    if key in ("xyz", "rpy"):
-        parts = node.get(key, "0 0 1").split()
-        if parts and rng.random() < 0.8:
-            parts[rng.randrange(len(parts))] = value
-            value = " ".join(parts)
-    if key == "type":
-        value = rng.choice(("revolute", "continuous", "prismatic", "fixed", "floating", "x", ""))
-    # what XML cannot hold makes the whole text unreadable: seldom, so that more is tried
-    unreadable = any(ord(c) < 32 and c not in "\t\n\r" for c in value)
-    node.set(key, "x" if unreadable and rng.random() < 0.9 else value)
-
-
-def _remove(rng, robot, node):
-    for parent in robot.iter():
-        if node in list(parent):
-            parent.remove(node)
-            return
-
-
-def _double(rng, robot, node):
-    if node is not robot:
-        rng.choice([robot, *robot]).insert(0, deepcopy(node))
-
-
-EDITS = (_set, _set, _set, _remove, _double)
-
-
-def edited(rng, data):
-    """Change elements and attributes; the result is XML again."""
+@st.composite
+def edited(draw, data):
+    """A URDF of which elements and attributes were changed; the result is XML again."""
     robot = ET.fromstring(data)
-    for _ in range(rng.randint(1, 4)):
-        joints = robot.findall("joint")
-        nodes = list(rng.choice(joints).iter() if joints and rng.random() < 0.5 else robot.iter())
-        rng.choice(EDITS)(rng, robot, rng.choice(nodes))
+    for _ in range(draw(st.integers(1, 4))):
+        node = draw(st.sampled_from([*robot.iter(), *robot.findall(".//joint//")]))
+        parents = [parent for parent in robot.iter() if node in list(parent)]
+        way = draw(st.sampled_from(("set", "set", "set", "remove", "double")))
+        if way == "set":
+            node.set(*draw(attributes(node)))
+        elif parents and way == "remove":
+            parents[0].remove(node)
+        elif parents:
+            draw(st.sampled_from([robot, *robot])).insert(0, deepcopy(node))
     return ET.tostring(robot, encoding="utf-8")
 
 
-def hostile(rng, data, secret):
-    """Add what makes careless readers fetch, grow or fall."""
-    outside = rng.choice((f"file://{secret}", str(secret), "package://../secret.stl",
-                          "http://127.0.0.1:9/a.stl", "//127.0.0.1:9/a",
-                          "..%2fsecret.stl"))  # fmt: skip
-    text = data.decode("utf-8", "replace")
+@st.composite
+def attributes(draw, node):
+    """An attribute of an element, and what may be written there."""
+    key = draw(st.sampled_from([*node.attrib, "name", "xyz", "type"]))
+    if key == "type":
+        return key, draw(st.sampled_from(("revolute", "continuous", "prismatic", "floating", "")))
+    value = draw(NAMES if key in ("name", "link", "joint") else NUMBERS)
+    if not all(c.isprintable() for c in value):
+        value = "x"  # what XML cannot hold makes the whole text unreadable
+    if key in ("xyz", "rpy"):
+        parts = node.get(key, "0 0 1").split()
+        value = " ".join([*parts[:1], value, *parts[2:]])
+    return key, value
+
+
+def traps(secret):
+    """What stands before and within a robot to make careless readers fetch, grow or fall."""
     laughs = "".join(f'<!ENTITY l{k} "{f"&l{k - 1};" * 10 if k else "lol"}">' for k in range(10))
-    before, inside = rng.choice((
-        ("", f'<link name="m"><visual><geometry><mesh filename="{outside}"/></geometry></visual>'
-             "</link>"),
-        (f'<!DOCTYPE r SYSTEM "{outside}">', ""),
-        (f'<!DOCTYPE r [<!ENTITY e SYSTEM "{outside}">]>', "&e;"),
+    found = [
         (f"<!DOCTYPE r [{laughs}]>", "&l9;"),
-        ("", f'<xi:include xmlns:xi="http://www.w3.org/2001/XInclude" href="{outside}"/>'),
         ("", "<a>" * 200_000),
         ("", "".join(f'<link name="k{k}"/>' for k in range(3000))),
         ("", f"<a>{'x' * 1_000_000}</a>"),
         ('<?xml version="1.1" encoding="utf-16"?>', ""),
-    ))  # fmt: skip
-    place = max(text.rfind("</robot>"), 0)
-    text = text[:place] + inside + text[place:]
+    ]
+    for outside in (f"file://{secret}", str(secret), "package://../secret.stl",
+                    "http://127.0.0.1:9/a.stl", "..%2fsecret.stl"):  # fmt: skip
+        mesh = f'<visual><geometry><mesh filename="{outside}"/></geometry></visual>'
+        include = "http://www.w3.org/2001/XInclude"
+        found += [
+            ("", f'<link name="m">{mesh}</link>'),
+            (f'<!DOCTYPE r SYSTEM "{outside}">', ""),
+            (f'<!DOCTYPE r [<!ENTITY e SYSTEM "{outside}">]>', "&e;"),
+            ("", f'<xi:include xmlns:xi="{include}" href="{outside}"/>'),
+        ]
+    return found
+
+
+def trapped(data, trap):
+    before, inside = trap
+    text = data.decode("utf-8", "replace").replace("</robot>", f"{inside}</robot>")
     return (before + text[max(text.find("<robot"), 0) :]).encode("utf-8", "replace")
 
 
@@ -148,27 +148,28 @@ def test_damaged_files_are_right_or_refused(load, tmp_path_factory):
     """What loads agrees with Pinocchio, where that reads it too; nothing else is opened."""
     secret = tmp_path_factory.mktemp("outside") / "secret.stl"
     secret.write_text("solid secret\n")
-    bundled = [(ROBOTS / f"{name}.urdf").read_bytes() for name in BUNDLED]
+    bundled = st.sampled_from([(ROBOTS / f"{name}.urdf").read_bytes() for name in BUNDLED])
+    ways = (damaged, edited, edited, lambda data: st.builds(trapped, st.just(data), snares))
+    snares = st.sampled_from(traps(secret))
+    found = Counter()
 
-    def judge(rng):
-        data = rng.choice(bundled)
-        change = rng.choice((damaged, edited, edited, lambda r, d: hostile(r, d, secret)))
-        data = change(rng, data)
+    @inputs(120)
+    @given(bundled.flatmap(lambda data: st.one_of(*(way(data) for way in ways))))
+    def judge(data):
         arm = load(data)
         if isinstance(arm, str):
             assert not ("well-formed" in arm and is_xml(data)), arm
-            return "refused"
+            found["refused"] += 1
+            return
         assert np.isfinite(arm.forward((arm.lower + arm.upper) / 2)).all()
-        if "<mimic" in arm.urdf:
-            return "with a joint that follows"
+        if "<mimic" in arm.urdf or any("no <axis>" in note for note in arm.notes):
+            return  # Pinocchio may read it otherwise
         try:
             tips(arm.urdf, arm.tip, [])
         except Exception:  # what Pinocchio refuses and calib mends has nothing to compare with
-            return "not read by Pinocchio"
-        if any("no <axis>" in note for note in arm.notes):  # Pinocchio may read it otherwise
-            return "with a word about an axis"
+            return
         agrees_with_pinocchio(arm, arm.urdf)
-        return "right"
+        found["right"] += 1
 
-    found = each_seed(100, judge)
+    judge()
     assert min(found["right"], found["refused"]) > 10

@@ -105,31 +105,6 @@ def test_bad_paths_are_told_in_one_line(waypoints, options, part):
     assert "\n" not in str(told.value)
 
 
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory):
-    """A model file and waypoints."""
-    folder = tmp_path_factory.mktemp("paths")
-    full().save(folder / "full.calib")
-    lines = ["x,y", *(f"{x},{y}" for x, y in SQUARE)]
-    (folder / "way.csv").write_text("\n".join(lines) + "\n")
-    return folder
-
-
-def test_command_writes_what_python_answers(saved, run):
-    out = saved / "joints.csv"
-    done = run("query", "path", saved / "full.calib", "--input", saved / "way.csv", "--output", out)
-    assert done.code == 0, done.err
-    header, *rows = out.read_text().splitlines()
-    assert (
-        header == "waypoint,x,y,shoulder,elbow,distance,expected_error,model_error,reachable,jump"
-    )
-    path = full().path(SQUARE)
-    table = np.array([[float(v) for v in row.split(",")] for row in rows])
-    np.testing.assert_allclose(table[:, 3:5], path.q, rtol=1e-12, atol=1e-14)
-    np.testing.assert_array_equal(table[:, 0], path.waypoint + 1)
-    assert done.out == ""
-
-
 def test_a_joint_goes_on_over_the_seam_where_it_can_and_is_told_where_it_turns_round():
     corners = two_link(np.array([[3.0, 1.0], [3.3, 1.0]]))
     model = turning()

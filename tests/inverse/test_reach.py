@@ -36,7 +36,9 @@ def test_a_target_counts_as_reached_within_the_expected_error_and_a_hundredth(bo
         assert not unsure.solve(edge + share * reached * extent * outwards).reachable.any()
     # an exact model promises no more than what it knows
     assert model.expected_error(q).max() < 1e-9 * extent
-    assert not model.solve(edge + 1e-6 * extent * outwards).reachable.any()
+    beyond = edge + 1e-6 * extent * outwards
+    assert not model.solve(beyond).reachable.any()
+    assert [len(ways) for ways in model.inverse_all(beyond)] == [0]
 
 
 def test_a_hole_in_the_workspace():

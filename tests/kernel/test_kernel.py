@@ -5,6 +5,7 @@ import shutil
 import time
 from pathlib import Path
 
+import models
 import numpy as np
 import pytest
 from models import draw, in_pixels, in_plane, in_space, measured, six, trained, turning, warm
@@ -34,8 +35,7 @@ def homography():
     x = arm.forward(q)
     seen = 640 + 900 * x / (1.2 + 0.2 * x[:, :1])
     seen += 1e-7 * (seen - 640) * ((seen - 640) ** 2).sum(axis=1, keepdims=True)
-    ranges = arm.joint_names, arm.lower, arm.upper, arm.revolute
-    return calib.train(calib.Samples(q, seen, *ranges, arm=arm, unit="px"), size=8)
+    return calib.train(models.log_of(arm, q, seen, unit="px"), size=8)
 
 
 def cold(model):
@@ -153,6 +153,11 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond_and_stays
         assert np.isnan(model.inverse_pose(position + 9.0, turn, q)).all()
     assert (time.thread_time() - started) / 20 < 1e-3
     assert "bounded search" in model.unanswered
+    # without an orientation, or without `near`, too
+    place = model.inverse_pose(position, near=q)
+    np.testing.assert_allclose(model.forward(place), position, atol=1e-7)
+    np.testing.assert_allclose(model.forward(model.inverse(position)), position, atol=1e-7)
+    assert np.isnan(model.inverse(position + 9.0)).all()
     again = cold(model)
     assert again.warm
     assert again.strict

@@ -1,4 +1,4 @@
-"""A gain of one's own in a map, maps and links that develop together, a gas, untrained nodes."""
+"""A gain of one's own in a map, and what no gain may be."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from small_maps import points
 import calib
 from calib import OptionError
 
-X, Q = points(600), points(600, seed=1)
+X = points(600)
 
 
 def test_a_gain_draws_nodes():
@@ -37,16 +37,3 @@ def test_a_gain_that_makes_no_sense_is_an_error(wrong, rule):
     som = calib.SOM((4, 4), map=lambda visit: wrong(len(visit.winners)), rule=rule, epochs=2)
     with pytest.raises(OptionError, match="gain returned"):
         som.fit(X)
-
-
-def test_maps_and_links_develop_together():
-    pair = calib.SOM((9, 9), "som", "online", epochs=7).fit_pair(Q, Q**2)
-    for network in (pair.motor, pair.sensory):
-        _, sigma, error, _ = network.history.T
-        assert (np.diff(sigma) < 0).all()
-        assert error[-1] < 0.5 * error[0]
-    fresh = np.random.default_rng(5).uniform(0.1, 0.9, (200, 2))
-    gap = np.linalg.norm(pair.predict(fresh) - fresh**2, axis=1)
-    assert gap.mean() < 0.08
-    again = calib.SOM((9, 9), "som", "online", epochs=7).fit_pair(Q, Q**2)
-    assert np.array_equal(pair.links.data, again.links.data)

@@ -8,8 +8,9 @@ from small_maps import UNIT_BOX, box, points
 from calib import Association, Map
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
-from calib.maps.links import Compressed, Wiring
-from calib.maps.settings import LINKS
+from calib.maps.links import WIRINGS, Compressed, Wiring
+
+BANDWIDTH = WIRINGS["oja"].bandwidth
 
 
 def grid(n, m=None):
@@ -18,7 +19,7 @@ def grid(n, m=None):
     return Map(lattice.positions() / (np.array(shape) - 1), lattice, UNIT_BOX, np.zeros((0, 4)))
 
 
-def activity(network, u, bandwidth=LINKS.bandwidth, *, local=False):
+def activity(network, u, bandwidth=BANDWIDTH, *, local=False):
     return Wiring(local=local, bandwidth=bandwidth).activity(network, u)
 
 
@@ -46,7 +47,7 @@ def pair():
     return activity(grid(3), u).toarray(), activity(grid(3), v).toarray()
 
 
-@pytest.mark.parametrize("bandwidth", [LINKS.bandwidth, 1.5])
+@pytest.mark.parametrize("bandwidth", [BANDWIDTH, 1.5])
 def test_activity_is_equation_6_relative_to_the_winner(bandwidth):
     network, u = grid(3), points(20)
     a = activity(network, u, bandwidth).toarray()
@@ -152,14 +153,14 @@ def test_activity_forward_is_the_mean_of_the_partners_weighted_through_the_links
     c = np.array([[0.2, 0.0, 0.7], [0.4, 0.5, 0.0]])
     pair = linked(line([0.0, 1.0]), sensory, c)
     u = np.array([[0.3], [0.5]])
-    a = np.exp(-((u - [[0.0, 1.0]]) ** 2) / LINKS.bandwidth**2)  # eq. 6, spacing 1
+    a = np.exp(-((u - [[0.0, 1.0]]) ** 2) / BANDWIDTH**2)  # eq. 6, spacing 1
     expected = (a @ c @ [0.1, 0.4, 0.9]) / (a @ c).sum(axis=1)
     np.testing.assert_allclose(pair.forward(u, "activity")[:, 0], expected, rtol=1e-12)
 
 
 def test_activity_inverse_blends_what_the_active_nodes_are_linked_to(one_to_one):
     v = np.array([[0.25, 0.0]])
-    a = np.exp(-((0.25 - np.array([0.0, 0.5, 1.0])) ** 2) / (LINKS.bandwidth * 0.5) ** 2)
+    a = np.exp(-((0.25 - np.array([0.0, 0.5, 1.0])) ** 2) / (BANDWIDTH * 0.5) ** 2)
     expected = (a @ [0.0, 0.5, 1.0]) / a.sum()
     said = one_to_one.inverses(v, np.array([[0.5]]))["activity"]
     np.testing.assert_allclose(said, [[expected]], rtol=1e-9)

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from calib import Map
 from calib.common.scale import Scale
 from calib.maps.lattice import Lattice
-from calib.maps.map import nearest_points
 
 
 def box(lower, upper, revolute=None):
@@ -47,9 +46,9 @@ def test_a_few_places_are_answered_without_scipy_as_by_its_tree(turning, monkeyp
     points, places = rng.random((60, 2)), rng.uniform(-0.2, 1.2, (40, 2))
     import scipy.spatial  # noqa: F401
 
-    wanted = nearest_points(points, scale, places, 4)
+    wanted = network(points, (6, 10), scale).nearest(places, 4)
     monkeypatch.delitem(sys.modules, "scipy.spatial")
-    found = nearest_points(points, scale, places, 4)
+    found = network(points, (6, 10), scale).nearest(places, 4)
     assert (found[1] == wanted[1]).all()
     np.testing.assert_allclose(found[0], wanted[0], rtol=1e-12, atol=1e-15)
 

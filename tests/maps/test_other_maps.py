@@ -25,19 +25,6 @@ def test_a_gas_leaves_a_hole_empty_that_a_lattice_crosses():
     assert gap["gng"] == 0 < gap["som"]
 
 
-def test_density_is_not_followed():
-    """Nine of ten samples lie in one half, yet a SOM puts more nodes there than a DSOM."""
-    rng = np.random.default_rng(0)
-    x = rng.random((6000, 2))
-    x[:5400, 0] *= 0.5
-    x[5400:, 0] = 0.5 + 0.5 * x[5400:, 0]
-    share = {
-        name: float(np.mean(calib.SOM((12, 12), name, seed=1).fit(x).weights[:, 0] < 0.5))
-        for name in ("som", "dsom")
-    }
-    assert share["som"] > share["dsom"] + 0.05
-
-
 def test_a_dsom_unfolds_and_represents_its_samples():
     x = points(4000)
     network = calib.SOM((10, 10), "dsom").fit(x)

@@ -42,24 +42,14 @@ def settled():
     return x, SOM((3, 3), "som", epochs=200, sigma=(1.0, 1.0)).fit(x, scale=UNIT_BOX)
 
 
-def test_batch_weights_are_the_weighted_mean_of_the_samples(settled):
-    x, network = settled
-    expected = batch_target(network.units, network.lattice, x, 1.0)
-    np.testing.assert_allclose(network.units, expected, atol=1e-9)
-
-
-def test_the_gain_weighs_the_samples_in_the_batch_rule():
+@pytest.mark.parametrize("strength", [1.0, 5.0])
+def test_batch_weights_are_the_mean_of_the_samples_weighted_by_the_gain(strength):
     x = points(300)
-    heavy = np.where(x[:, 0] > 0.5, 5.0, 1.0)
-
-    def gain(visit):
-        assert len(visit.winners) == len(x)
-        return heavy
-
-    network = SOM((3, 3), gain, epochs=200, sigma=(1.0, 1.0)).fit(x, scale=UNIT_BOX)
+    heavy = np.where(x[:, 0] > 0.5, strength, 1.0)
+    network = SOM((3, 3), lambda visit: heavy, epochs=200, sigma=(1.0, 1.0)).fit(x, scale=UNIT_BOX)
     expected = batch_target(network.units, network.lattice, x, 1.0, heavy)
     np.testing.assert_allclose(network.units, expected, atol=1e-9)
-    assert network.units[:, 0].mean() > 0.6
+    assert (network.units[:, 0].mean() > 0.6) == (strength > 1.0)
 
 
 def test_the_online_rule_comes_to_rest_where_the_batch_rule_does(settled):
@@ -73,29 +63,14 @@ def test_the_online_rule_comes_to_rest_where_the_batch_rule_does(settled):
 
 
 # a varying density is no quantizer: it spends nodes on the border
-@pytest.mark.parametrize(("name", "near"), [("som", 1.15), ("vdsom", 1.35)])
-def test_a_70x70_map_is_ordered_and_close_to_the_best_quantizer(name, near):
-    x = points(20_000)
-    network = SOM((70, 70), name).fit(x, scale=UNIT_BOX)
+@pytest.mark.parametrize(("name", "near"), [("som", 1.15), ("vdsom", 1.4)])
+def test_a_40x40_map_is_ordered_and_close_to_the_best_quantizer(name, near):
+    x = points(10_000)
+    network = SOM((40, 40), name).fit(x, scale=UNIT_BOX)
     fresh = points(5000, seed=1)
-    assert network.quantization_error(x) < near * BOUND / 70
-    assert network.quantization_error(fresh) < (near + 0.05) * BOUND / 70
+    assert network.quantization_error(x) < near * BOUND / 40
+    assert network.quantization_error(fresh) < (near + 0.05) * BOUND / 40
     assert network.topographic_error(fresh) < 0.05
-
-
-@pytest.mark.parametrize("rule", ["batch", "online"])
-def test_a_varying_density_map_reaches_closer_to_the_border(rule):
-    x = points(3000)
-    plain, varying = (
-        SOM((8, 8), name, rule=rule, epochs=6, sigma=(4.0, 1.0)).fit(x, scale=UNIT_BOX)
-        for name in ("som", "vdsom")
-    )
-
-    def margin(network):
-        low, high = network.units.min(axis=0), network.units.max(axis=0)
-        return float(np.mean([*low, *(1 - high)]))
-
-    assert margin(varying) < 0.8 * margin(plain)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +78,7 @@ def test_a_varying_density_map_reaches_closer_to_the_border(rule):
     [("vdsom", "batch"), ("vdsom", "online"), *((n, None) for n in ("dsom", "gng:error"))],
 )
 def test_the_same_seed_gives_the_same_map_and_another_seed_another(name, rule):
-    x = points(500)
+    x = points(200)
     options = {} if rule is None else {"rule": rule}
     a, b, c = (SOM((6, 6), name, seed=s, **options).fit(x) for s in (1, 1, 2))
     assert a.units.tobytes() == b.units.tobytes()

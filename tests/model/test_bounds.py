@@ -5,7 +5,7 @@ Border queries are fewer, so that chance moves their share by up to two percent 
 
 import numpy as np
 import pytest
-from models import draw, log, six, trained
+from models import log, trained
 
 import calib
 
@@ -61,11 +61,3 @@ def test_a_logs_bound_on_what_the_sensor_will_read_holds_for_95_percent(rows):
         assert share > 0.95
         held.append(covered)
     assert 0.93 <= np.mean(held) <= 0.98
-
-
-def test_a_bound_in_space_is_the_same_alone_and_among_many():
-    """A BLAS splits large products over threads, which round otherwise where sums cancel."""
-    model = six()
-    q = draw(model, 3000)
-    among = model.expected_error(q)[::60]
-    np.testing.assert_allclose(among, [model.expected_error(row) for row in q[::60]], rtol=2e-9)

@@ -20,15 +20,6 @@ def q(model):
     return draw(model, 20, seed=1, margin=0.01)
 
 
-def test_readouts_agree_with_the_arm_the_better_the_finer_they_are(model):
-    q = draw(model, 2000, seed=2)
-    error = {
-        r: np.linalg.norm(model.forward(q, r) - two_link(q), axis=1).mean()
-        for r in ("local", "activity", "winner")
-    }
-    assert error["local"] < 1e-9 < error["activity"] < error["winner"] < 0.02
-
-
 def test_a_single_vector_answers_as_its_row_where_local_models_speak_too():
     """Rows that are denser in a part of the box: some nodes speak only near themselves."""
     rows = log(1200)

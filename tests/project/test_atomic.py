@@ -6,10 +6,16 @@ from pathlib import Path
 
 import pytest
 
+import calib
 from calib import CalibError
-from calib.common.atomic import atomic_write
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and permissions of POSIX")
+
+LOG = calib.babble(calib.load_arm("two_link"), 5)
+
+
+def write(path):
+    calib.write_log(LOG, path)
 
 
 def beside(path: Path) -> list[str]:
@@ -26,42 +32,40 @@ def beside(path: Path) -> list[str]:
         (OSError(errno.EIO, "Input/output error"), "Input/output error"),
     ],
 )
-def test_a_failure_half_way_keeps_the_old_file(tmp_path, error, words):
-    path = tmp_path / "a"
+def test_a_failure_half_way_keeps_the_old_file(tmp_path, monkeypatch, error, words):
+    path = tmp_path / "a.csv"
     path.write_bytes(b"old")
 
-    def fail(file):
-        file.write(b"half")
-        file.flush()
+    def fail(_number):
         raise error
 
+    monkeypatch.setattr(os, "fsync", fail)
     with pytest.raises(CalibError if words else type(error), match=words) as caught:
-        atomic_write(path, fail)
+        write(path)
     assert path.read_bytes() == b"old"
     assert beside(path) == []
     assert not words or "\n" not in str(caught.value)
 
 
 def test_missing_folder_and_folder_as_file(tmp_path):
-    with pytest.raises(CalibError, match="no folder"):
-        atomic_write(tmp_path / "no" / "a", b"")
-    with pytest.raises(CalibError, match="folder"):
-        atomic_write(tmp_path, b"")
     (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(CalibError, match="file"):
-        atomic_write(tmp_path / "file" / "a", b"")
-    with pytest.raises(CalibError, match="null"):
-        atomic_write("a\0b", b"")
+    for path, words in (
+        (tmp_path / "no" / "a.csv", "no folder"),
+        (tmp_path, "folder"),
+        (tmp_path / "file" / "a.csv", "file"),
+        ("a\0b", "null"),
+    ):
+        with pytest.raises(CalibError, match=words):
+            write(path)
 
 
 def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path):
     (tmp_path / "sub").mkdir()
-    target = tmp_path / "sub" / "target"
-    link = tmp_path / "link"
+    target, link = tmp_path / "sub" / "target.csv", tmp_path / "link.csv"
     link.symlink_to(target)
-    atomic_write(link, b"made through a dangling link")
+    write(link)  # through a dangling link
     assert link.is_symlink()
-    assert target.read_bytes() == b"made through a dangling link"
+    assert target.read_bytes().startswith(b"shoulder")
     assert beside(target) == []
 
 
@@ -89,16 +93,11 @@ def test_a_place_that_cannot_be_is_refused_before_the_work(run, tmp_path, name, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_replaces_a_private_file_is_never_public(tmp_path):
-    path = tmp_path / "a"
+def test_what_replaces_a_private_file_is_never_public(tmp_path, monkeypatch):
+    path, modes = tmp_path / "a.csv", []
     path.write_bytes(b"old")
     path.chmod(0o600)
-    modes = []
-
-    def fill(file):
-        (temporary,) = tmp_path.glob(".calib-*.tmp")
-        modes.append(temporary.stat().st_mode & 0o777)
-        file.write(b"new")
-
-    atomic_write(path, fill)
-    assert modes == [0o600]
+    monkeypatch.setattr(os, "fsync", lambda number: modes.append(os.fstat(number).st_mode & 0o777))
+    write(path)
+    assert set(modes) == {0o600}
+    assert path.stat().st_mode & 0o777 == 0o600

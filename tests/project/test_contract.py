@@ -11,6 +11,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from models import log_of
 from touching import World
 
 import calib
@@ -55,9 +56,7 @@ class Robot:
         """A log of joints (n, dof) that stood elsewhere, where `stand` (n, dof) says so."""
         x = self.truth.predict(q if stand is None else stand, self.beta)[:, :3]
         x = x + noise * rng.standard_normal(x.shape)
-        names, kinds = self.arm.joint_names, self.arm.revolute
-        limits = self.arm.lower, self.arm.upper
-        return calib.Samples(q, x, names, *limits, kinds, arm=self.arm, **facts)
+        return log_of(self.arm, q, x, **facts)
 
 
 def random_rows(robot, **facts):
@@ -183,14 +182,7 @@ def touches():
     for rows in (~fresh, fresh):
         sockets = tuple(("", "ABCD"[k]) for k in range(4))
         touch = Touches(world.number[rows], sockets, tuple(world.known((0, 1))))
-        arm = world.arm
-        limits = arm.lower, arm.upper
-        nothing = np.zeros((rows.sum(), 3))
-        logs.append(
-            calib.Samples(
-                world.q[rows], nothing, arm.joint_names, *limits, arm.revolute, arm=arm, touch=touch
-            )
-        )
+        logs.append(log_of(world.arm, world.q[rows], np.zeros((rows.sum(), 3)), touch=touch))
     return logs
 
 

@@ -1,6 +1,8 @@
 """The manual: its commands and code run, its links lead somewhere, its references are current."""
 
 import importlib.util
+import re
+import shlex
 import shutil
 import sys
 import types
@@ -14,6 +16,7 @@ import calib
 from calib.samples.tables import write_table
 
 DOCS = ROOT / "docs"
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 #: pages whose blocks do not run: the README has a test of its own; the examples of api.md are
 #: those of the docstrings, which test_doctests.py runs
@@ -71,22 +74,62 @@ def pictures():
     return columns | {"u": pixels[:, 0], "v": pixels[:, 1]}
 
 
+def real_urdf() -> Path | None:
+    """Path of the UR10's URDF of the package example-robot-data."""
+    pinocchio = pytest.importorskip("pinocchio")
+    robots = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
+    return next(robots.rglob("ur10_robot.urdf"), None) if robots.is_dir() else None
+
+
 def needed(text: str) -> None:
     """Put the files in place that not every computer can make."""
     if "ur10.urdf" in text:
-        pinocchio = pytest.importorskip("pinocchio")
-        robots = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
-        found = next(robots.rglob("ur10_robot.urdf"), None) if robots.is_dir() else None
-        if found is None:
+        if real_urdf() is None:
             pytest.skip("example-robot-data is not installed")
-        shutil.copy(found, "ur10.urdf")
+        shutil.copy(real_urdf(), "ur10.urdf")
     if "run.mcap" in text:
         pytest.importorskip("rosbags")
-        sys.path.insert(0, str(ROOT / "tests" / "recording"))
         from test_rosbags import write
 
         write(Path("recording"), kind="mcap")
         shutil.copy(next(Path("recording").rglob("*.mcap")), "run.mcap")
+
+
+def test_the_readmes_commands_run_in_order_and_its_code_does_what_it_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lines = [line for line in README.splitlines() if line.startswith("    ")]
+    typed = [part.strip() for line in lines for part in line.split("#")[0].split("&&")]
+    commands = [part for part in typed if part.startswith(("calib ", "printf "))]
+    assert len(commands) > 12
+    for command in commands:
+        words = shlex.split(command)
+        if words[0] == "printf":
+            Path(words[-1]).write_text(words[1].replace("\\n", "\n"))
+            continue
+        if "ur10.urdf" in words:
+            if real_urdf() is None:
+                continue
+            shutil.copy(real_urdf(), "ur10.urdf")
+        shown = ["--html", "page.html"] if words[1] == "preview" else []  # no server, no browser
+        done = SHARED.run([*words[1:], *shown], tmp_path)
+        expected = 3 if words[1] == "check" else 0  # the README says so: it has drifted
+        assert done.code == expected, (command, done.err)
+    made = {"two_link.calib", "arm.calib", "two_link.adapted.calib", "joints.csv", "q2.csv"}
+    assert made <= {path.name for path in tmp_path.iterdir()}
+    (block,) = [block for block in blocks(README) if block.language == "python"]
+    names: dict[str, object] = {}
+    exec(compile(block.text, "README.md", "exec"), names)
+    assert np.shape(names["x"]) == np.shape(names["q"]) == (2,)
+
+
+def test_the_readmes_two_commands_are_what_is_checked_on_every_change():
+    script = (ROOT / ".ci/run").read_text()
+    starts = re.findall(r"command_of '(.*?)'", script)
+    assert len(starts) == 2
+    for start in starts:
+        found = re.findall(rf"^    {start}.*$", README, re.MULTILINE)
+        assert len(found) == 1, (start, found)
+    assert "export" not in script  # no variable is set for them
 
 
 class Robot:

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import calib
 from calib import LogError, ModelError, OptionError
+from calib.recording.flange_table import FlangeTable, read_flange_poses
 from calib.recording.lens import load_lens
 
 
@@ -57,6 +58,18 @@ def test_what_a_table_means_is_found(rotation, tmp_path):
         world.solve(table, rotation="other")
 
 
+@pytest.mark.parametrize("seed", [4, 5, 8])
+def test_a_flange_on_the_spot_ties_what_exchanges_axes_of_base_and_flange(seed):
+    world = World(seed, turning=True, count=12)
+    kind = ("kuka", "rpy")[seed % 2]
+    turns = CONVENTIONS[kind](Rotation.from_matrix(world.flange[:, :3, :3]))
+    table = FlangeTable("t", np.column_stack([1e3 * world.flange[:, :3, 3], turns]), None)
+    rig = world.solve(table)
+    assert (rig.convention["rotation"], rig.convention["unit"]) == (kind, "mm")
+    assert any("not told apart" in note for note in rig.notes)
+    assert (misses(rig.hand, world.camera) < 2.0).all()
+
+
 def test_a_square_of_another_size_is_measured():
     world = World(3, printed=0.98)
     rig = world.solve()
@@ -78,16 +91,29 @@ def test_rows_that_are_wrong_are_left_out_and_a_late_table_is_refused():
         world.solve(np.roll(world.flange, 1, axis=0))
 
 
-def test_tables_have_the_names_that_controllers_write(tmp_path):
+HEADERS = ("picture,x,y,z,A,B,C", "Bild;X [mm];Y [mm];Z [mm];A [Grad];B [Grad];C [Grad]",
+           "image,x_mm,y_mm,z_mm,A_deg,B_deg,C_deg")  # fmt: skip
+
+
+@pytest.mark.parametrize("header", HEADERS)
+def test_tables_have_the_names_that_controllers_write(tmp_path, header):
     path, world = tmp_path / "flange.csv", World(5, count=12)
     angles = CONVENTIONS["kuka"](Rotation.from_matrix(world.flange[:, :3, :3]))
     rows = np.column_stack([1e3 * world.flange[:, :3, 3], angles])
-    lines = [f"shots/{k:02d}.png,{','.join(map(str, row))}" for k, row in enumerate(rows)]
-    path.write_text("\n".join(["picture,x,y,z,A,B,C", *lines, ",1,2,3,4,5,nan"]))
+    cells = [[f"shots/{k:02d}.png", *map(str, row)] for k, row in enumerate(rows)]
+    separator = ";" if ";" in header else ","
+    lines = [separator.join(row) for row in [*cells, ["", *"12345", "nan"]]]
+    path.write_text("\n".join([header, *lines]))
+    assert read_flange_poses(path).pictures[3] == "03.png"
     assert world.solve(path).convention["rotation"] == "kuka"
+
+
+def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tmp_path):
+    path, world = tmp_path / "flange.csv", World(5, count=12)
     for header, row, words in (
         ("x,y,z,yaw1,b,c", "1,2,3,4,5,6", r"roll\.\.yaw"),
         ("x,y,z,qx,qy,qz,qw", "1,2,3,4,5,6,7", "quaternion of length"),
+        ("x;y;z;A;B;C", "1,5;2,5;3,5;4;5;6", "decimals with a point"),
     ):
         path.write_text(f"{header}\n{row}\n")
         with pytest.raises(LogError, match=words):
@@ -140,6 +166,7 @@ def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):
         (tmp_path / "rig" / name).mkdir(parents=True)
         for k in range(world.count):
             mark = np.full((SIZE[1], SIZE[0]), 10 * number, np.uint8)
+            mark[0, 1] = k  # or else they are copies
             cv2.imwrite(str(tmp_path / "rig" / name / f"{k}.png"), mark)
     counts = {0: 0, 10: 0}
 

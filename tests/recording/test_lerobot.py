@@ -7,8 +7,7 @@ import polars
 import pytest
 
 from calib import LogError
-from calib.recording.lerobot import is_dataset, read_dataset
-from calib.recording.motors import Motors
+from calib.recording.lerobot import Motors, is_dataset, read_dataset
 
 av = pytest.importorskip("av")
 

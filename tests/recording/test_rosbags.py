@@ -126,19 +126,15 @@ def test_joints_are_interpolated_to_the_positions(tmp_path, kind, name, tip):
 @pytest.mark.parametrize("kind", ["mcap", "ros2"])
 def test_poses_of_tf_between_two_frames(tmp_path, kind):
     bag = write(tmp_path / "a", kind, "TFMessage", turning=True)
-    with pytest.raises(LogError, match=r"2 transforms of tf move.*base,link.*camera,tag"):
+    with pytest.raises(LogError, match=r"2 transforms or topics move.*base,link.*camera,tag"):
         read_bag(bag)
-    found = read_bag(bag, frames=("world", "tool"))
-    assert found.source["frame"] == "world"
+    found = read_bag(bag, frames=("camera", "tag"))
+    assert found.source["frame"] == "camera"
     t = 0.013 + found.time
-    # the camera stands at x = 1, the tool 0.1 along the turned z of the tag
-    away = np.stack([1 + 0 * t, -0.1 * np.sin(t), 0.1 * np.cos(t)], axis=1)
-    assert np.abs(found.x - x_at(t) - away).max() < 1e-8
+    assert np.abs(found.x - x_at(t)).max() < 1e-8
     expected = np.array([turn_at(each) for each in t])
     assert np.abs(np.abs((found.orientation * expected).sum(axis=1)) - 1).max() < 1e-12
-    with pytest.raises(LogError, match="0 transforms of tf move between 'base' and 'tool'"):
-        read_bag(bag, frames=("base", "tool"))
-    with pytest.raises(LogError, match=r"0 transforms of tf move between 'tag' and 'tool'"):
+    with pytest.raises(LogError, match=r"2 transforms or topics move, expected one"):
         read_bag(bag, frames=("tag", "tool"))
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib import CalibError, OptionError
-from calib.samples.changes import Change, parse_change, parse_changes
+from calib.samples.simulation import Change, parse_change, parse_changes
 
 JOINT = ("length", "offset", "gear", "noise", "backlash", "lock")
 SENSOR = ("mirror", "scale", "rotate", "shift", "outliers")

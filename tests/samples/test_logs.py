@@ -1,18 +1,39 @@
 """Logs come back to the last bit, or are refused in one line that says what to do."""
 
 import math
+import os
+import threading
 from dataclasses import replace
 
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from log_files import GOOD, refused
+from scipy.spatial.transform import Rotation
 
-from calib import CalibError, LogError, Samples, babble, read_log, train, write_log
+from calib import (
+    CalibError,
+    LogError,
+    OptionError,
+    Samples,
+    babble,
+    load_arm,
+    read_log,
+    train,
+    write_log,
+)
 from calib.samples.joint_values import locked_from_log
 from calib.samples.tables import read_batch, write_table
+
+GOOD = "a,b,x,y\n0.1,0.2,1,2\n0.2,0.4,3,4\n0.3,0.1,5,6\n"
+TURN = 2 * math.pi
+
+
+def refused(path, message, error=LogError, **options):
+    with pytest.raises(error, match=message) as caught:
+        read_log(path, **({"joints": ["a", "b"]} | options))
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["log.csv", "log.parquet", "log.pq"])
@@ -20,12 +41,10 @@ def test_a_simulated_log_comes_back_to_the_last_bit(arm, tmp_path, name):
     log = babble(arm, 500, noise=1e-3)
     write_log(log, tmp_path / name)
     again = read_log(tmp_path / name, arm)
-    assert (again.q == log.q).all()
-    assert (again.x == log.x).all()
-    assert again.joint_names == log.joint_names
-    assert (again.lower == arm.lower).all()
-    assert (again.upper == arm.upper).all()
-    assert (again.notes, again.dropped, again.simulation) == ((), 0, None)
+    for field in ("q", "x", "lower", "upper"):
+        np.testing.assert_array_equal(getattr(again, field), getattr(log, field))
+    assert (again.joint_names, again.notes, again.dropped) == (log.joint_names, (), 0)
+    assert again.simulation is None
     assert (tmp_path / name).read_bytes()[:4] == (b"shou" if name == "log.csv" else b"PAR1")
 
 
@@ -33,7 +52,7 @@ def test_a_simulated_log_comes_back_to_the_last_bit(arm, tmp_path, name):
     st.lists(st.tuples(*[st.floats(-1e12, 1e12)] * 3), min_size=2, unique=True),
     st.sampled_from([".csv", ".parquet"]),
 )
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50)
+@settings(max_examples=50)
 def test_any_finite_numbers_come_back(tmp_path, rows, suffix):
     values = np.array(rows)
     q, x = values[:, :1], values[:, 1:]
@@ -47,39 +66,90 @@ def test_any_finite_numbers_come_back(tmp_path, rows, suffix):
     assert (again.x == x).all()
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("", "is empty"),
-        ("a,b,x,y\n", "no row is left: 0 of 0"),
-        ("a,b,x,y\n1,2,3,4\n", "one usable row"),
-        ("a,b,x\n1,2,3\n", "no column 'y': columns: 'a', 'b', 'x'"),
-        ("a,bb,x,y\n1,2,3,4\n", "did you mean 'bb'"),
-        ("a,b,b,x,y\n1,2,2,3,4\n", "several columns 'b'"),
-        ("a,b,x,y\n1,\u0661,3,4\n", "1 of 1 rows miss a finite number .* of b"),
-        ("a;b;x;y\n1;0,5;3;4\n", r"1 of 1 rows miss a finite number \(2.5, not 2,5\) of b"),
-        ("a,b,x,y\n1,2,3,4\n0,5,0,6,3,4\n", "more fields .*: write decimals"),
-        ("a,b,x,y\n1,2,,4\n2,3,,5\n", "2 of 2 rows miss a finite number .* of x"),
-        ("a,b,x,y\n1,,3,4\n,3,3,5\n", "2 of 2 rows miss a finite number .* of a, b"),
-        ("a,b,x,y\n1,2,3,4\n1,3,4,5\n", "a is 1 in every row"),
-        ("a,b,x,y\n1,1,3,4\n2,2,4,5\n", "'a' and 'b' have the same values"),
-        ("a,b,x,y\n1,2,3,4\n2,3,3,5\n", "x is 3 in every row"),
-        (b"a,b,x,y,c\n1,2,3,4,\xb0\n", "UTF-8"),
-        (GOOD.encode("utf-16"), "UTF-8|no positions"),
-        (b"PAR1 and nothing else", "cannot be read"),
-        (b"a" * (1 << 20), "no positions"),
-        ('a,b,x,y\n1,2,3,"4\n' + "5" * 200_000, "cannot be read"),
-    ],
-)
-def test_bad_files_are_refused_in_one_line(file, content, message):
-    refused(file(content), message)
+BAD = [  # what a file holds, what is asked of it, and what the refusal says
+    ("", {}, "is empty"),
+    ("a,b,x,y\n", {}, "no row is left: 0 of 0"),
+    ("a,b,x,y\n1,2,3,4\n", {}, "one usable row"),
+    ("a,b,x\n1,2,3\n", {}, "no column 'y': columns: 'a', 'b', 'x'"),
+    ("a,b\n0.1,0.2\n0.2,0.4\n", {}, "has no positions: expected columns x, y and z"),
+    ("a,bb,x,y\n1,2,3,4\n", {}, "did you mean 'bb'"),
+    ("a,b,b,x,y\n1,2,2,3,4\n", {}, "several columns 'b'"),
+    ("a,b,x,y\n1,\u0661,3,4\n", {}, "1 of 1 rows miss a finite number .* of b"),
+    ("a;b;x;y\n1;0,5;3;4\n", {}, r"1 of 1 rows miss a finite number \(2.5, not 2,5\) of b"),
+    ("a,b,x,y\n1,2,3,4\n0,5,0,6,3,4\n", {}, "more fields .*: write decimals"),
+    ("a,b,x,y\n1,2,,4\n2,3,,5\n", {}, "2 of 2 rows miss a finite number .* of x"),
+    ("a,b,x,y\n1,,3,4\n,3,3,5\n", {}, "2 of 2 rows miss a finite number .* of a, b"),
+    ("a,b,x,y\n1,2,3,4\n1,3,4,5\n", {}, "a is 1 in every row"),
+    ("a,b,x,y\n1,1,3,4\n2,2,4,5\n", {}, "'a' and 'b' have the same values"),
+    ("a,b,x,y\n1,2,3,4\n2,3,3,5\n", {}, "x is 3 in every row"),
+    (b"a,b,x,y,c\n1,2,3,4,\xb0\n", {}, "UTF-8"),
+    (GOOD.encode("utf-16"), {}, "UTF-8|no positions"),
+    (b"PAR1 and nothing else", {}, "cannot be read"),
+    (b"a" * (1 << 20), {}, "no positions"),
+    ('a,b,x,y\n1,2,3,"4\n' + "5" * 200_000, {}, "cannot be read"),
+    (GOOD, {"joints": None}, "choices: 'a', 'b'; name them in .joints"),
+    (GOOD, {"joints": ["b", "b"]}, "taken twice"),
+    (GOOD, {"joints": ["b", "x"]}, "taken twice"),
+    (GOOD, {"prismatic": ["c"]}, "c named as sliding"),
+    (GOOD, {"columns": {"q": "a"}}, "'q' is neither"),
+    (GOOD, {"columns": {"a": "b"}}, "taken twice"),
+]
+
+
+@pytest.mark.parametrize(("content", "options", "message"), BAD)
+def test_bad_files_are_refused_in_one_line(file, content, options, message):
+    refused(file(content), message, OptionError if options else LogError, **options)
 
 
 def test_files_that_are_none(tmp_path, file):
     refused(tmp_path / "no.csv", "No such file")
     refused(tmp_path, "no table.*calib log")
     refused("a\0b", "cannot read")
+    refused("/dev/zero", "is a device")
     assert len(read_log(file(GOOD, "log.parquet"), joints=["a", "b"])) == 3  # by its content
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes with a name are POSIX")
+def test_a_named_pipe_is_read_like_a_file(tmp_path, file):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    thread = threading.Thread(target=lambda: pipe.write_text(GOOD))
+    thread.start()
+    read, direct = (read_log(path, joints=["a", "b"]) for path in (pipe, file(GOOD)))
+    thread.join(5.0)
+    np.testing.assert_array_equal(read.q, direct.q)
+
+
+def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):
+    path = file("\ufeffy, x ,note,b,a\r\n2,1, text,0.2,0.1\r\n4,3,,0.4,0.2\r\n")
+    log = read_log(path, joints=["a", "b"], unit="px")
+    assert log.q.tolist() == [[0.1, 0.2], [0.2, 0.4]]
+    assert log.x.tolist() == [[1, 2], [3, 4]]
+    assert (log.unit, log.lower.tolist(), log.upper.tolist()) == ("px", [0.1, 0.2], [0.2, 0.4])
+    path = file("j1,b,cam_u,cam_v,x\n1,2,3,4,9\n2,4,6,8,9\n")
+    log = read_log(path, joints="a,b", columns={"x": "cam_u", "y": "cam_v", "a": "j1"})
+    assert log.joint_names == ("a", "b")
+    assert log.q.tolist() == [[1, 2], [2, 4]]
+    assert log.x.tolist() == [[3, 4], [6, 8]]
+
+
+def test_the_arms_order_holds_and_its_joints_are_the_log(arm, file):
+    path = file("elbow,shoulder,x,y\n0.5,0.1,1,2\n0.6,0.2,3,4\n")
+    assert read_log(path, arm).q.tolist() == [[0.1, 0.5], [0.2, 0.6]]
+    assert read_log(path, arm, joints=["elbow", "shoulder"]).joint_names == ("shoulder", "elbow")
+    with pytest.raises(OptionError, match="loaded with"):
+        read_log(path, arm, joints=["elbow"])
+
+
+def test_rows_without_a_finite_value_are_left_out_and_counted(arm, file):
+    rows = "1,2,3,4,\n2,,3,4,\n3,4,nan,5,\n4,5,1e999,2,\n\n5,6,NA,2,\n5,6,1e300,2,\n7,8,1,9,\n\n"
+    log = read_log(file("a,b,x,y,t\n" + rows), joints=["a", "b"])
+    assert log.q.tolist() == [[1, 2], [7, 8]]
+    assert log.dropped == 6  # a line in which nothing stands too
+    assert log.notes[0].startswith("6 of 8 rows miss a finite number")
+    assert log.rows.tolist() == [1, 8]
+    rows = "shoulder,elbow,x,y\n,0.5,1,2\n1,1,2,3\n1.1,3,3,4\n"
+    refused(file(rows), "row 3: elbow", arm=arm, joints=None)
 
 
 def test_parquet_of_other_types(tmp_path):
@@ -99,25 +169,32 @@ def test_parquet_of_other_types(tmp_path):
 
 def test_locked_joints_are_the_medians_of_their_columns(file):
     path = file("wrist,pan,x\n10,1,0\n12,,0\n11,1,0\n")
-    values, notes = locked_from_log(
+    values, (note,) = locked_from_log(
         path, ["pan", "wrist", "other"], degrees=True, prismatic=["pan"]
     )
     assert values == {"pan": 1.0, "wrist": pytest.approx(math.radians(11))}
-    assert len(notes) == 1
-    assert "wrist is locked but moved by up to 1 deg" in notes[0]
+    assert "wrist is locked but moved by up to 1 deg" in note
     assert locked_from_log(path, ["w"], columns={"w": "pan"}) == ({"w": 1.0}, [])
-    assert locked_from_log(path, ["other"]) == ({}, [])
     with pytest.raises(LogError, match="no column 'pam': did you mean 'pan'"):
         locked_from_log(path, ["w"], columns={"w": "pam"})
+    pan = np.full(200, 0.25)
+    pan[7] = 0.6  # a wrong reading
+    write_table(path, {"pan": pan})
+    values, (note,) = locked_from_log(path, ["pan"])
+    assert values == {"pan": 0.25}
+    assert "moved by up to" in note
+    pan[50:90] += np.linspace(0.0, 0.5, 40)
+    write_table(path, {"pan": pan})
+    with pytest.raises(LogError, match=r"pan is locked but moved.*row 90.*joints"):
+        locked_from_log(path, ["pan"])
 
 
 def test_a_batch_keeps_its_order_and_names_its_bad_rows(file):
     path = file("x,y,t\n1,2,a\noops,2,b\n3,inf,c\n,4,d\n5,,e\n7,8,g\n\n")
     batch = read_batch(path, ["y", "x"])
-    values = batch.values
     assert batch.invalid == (2, 3, 4, 5)
-    assert values[[0, 5]].tolist() == [[2, 1], [8, 7]]
-    assert np.isnan(values[1:5]).all()
+    assert batch.values[[0, 5]].tolist() == [[2, 1], [8, 7]]
+    assert np.isnan(batch.values[1:5]).all()
     with pytest.raises(LogError, match="no column 'z'"):
         read_batch(path, ["x", "z"])
     assert read_batch(file("x,y\n"), ["x", "y"]).values.shape == (0, 2)
@@ -138,21 +215,146 @@ def test_answers_are_written_in_full_and_no_answer_is_nan(tmp_path, capsys):
 
 def test_what_is_known_of_the_clock_is_taken_and_nothing_estimated(arm, tmp_path):
     time = np.arange(400) * 0.02
-    q = np.stack([0.8 + 0.7 * np.sin(time), 1.4 + np.cos(1.3 * time)], axis=1)
-    then = np.stack([0.8 + 0.7 * np.sin(time - 0.03), 1.4 + np.cos(1.3 * (time - 0.03))], axis=1)
+
+    def q(t):
+        return np.stack([0.8 + 0.7 * np.sin(t), 1.4 + np.cos(1.3 * t)], axis=1)
+
+    then, path = q(time - 0.03), tmp_path / "late.csv"
     x = arm.forward(then)
-    path = tmp_path / "late.csv"
-    write_table(
-        path, dict(zip(("shoulder", "elbow", "x", "y", "time"), [*q.T, *x.T, time], strict=True))
-    )
+    names = ("shoulder", "elbow", "x", "y", "time")
+    write_table(path, dict(zip(names, [*q(time).T, *x.T, time], strict=True)))
     log = read_log(path, arm, time_offset=-0.03)
     assert np.abs(arm.forward(log.q) - log.x)[5:-5].max() < 1e-5  # cubic but for both ends
     assert "-0.03 s added" in " ".join(log.notes)
-    estimated, believed = (train(read_log(path, arm, time_offset=o), size=5) for o in (None, 0.0))
-    distance = [np.linalg.norm(m.forward(then) - x, axis=1).mean() for m in (estimated, believed)]
-    assert distance[0] < 1e-4 < 1e-3 < distance[1]
+    models = (train(read_log(path, arm, time_offset=offset), size=5) for offset in (None, 0.0))
+    estimated, believed = (np.linalg.norm(m.forward(then) - x, axis=1).mean() for m in models)
+    assert estimated < 1e-4 < 1e-3 < believed
     with pytest.raises(LogError, match="no row's joints"):
         read_log(path, arm, time_offset=60.0)
     write_log(replace(log, time=None), tmp_path / "no_times.csv")
     with pytest.raises(LogError, match="column `time`"):
         read_log(tmp_path / "no_times.csv", arm, time_offset=0.1)
+
+
+def table(joints, n=40):
+    """A log of these joint columns and of positions that move."""
+    columns = {**joints, "x": np.linspace(0, 1, n), "y": np.linspace(0, 1, n) ** 2}
+    return pl.DataFrame(columns).write_csv()
+
+
+def test_degrees(arm, file):
+    q = np.deg2rad([[10, 20], [80, 140], [90, 150], [0, 15]])
+    text = "shoulder,elbow,x,y\n10,20,1,2\n80,140,2,3\n90,150,2,5\n0,15,6,6\n"
+    log = read_log(file(text), arm, degrees=True)
+    np.testing.assert_allclose(log.q, q, atol=1e-15)
+    assert log.notes == ()
+    np.testing.assert_allclose([log.lower, log.upper], [arm.lower, arm.upper], atol=1e-12)
+    refused(file(text), "give `degrees=True`", arm=arm, joints=None)
+    refused(file(text), "90 rad.*3.14.*degrees=True", joints=["shoulder"])
+    log = read_log(file(GOOD), joints="a,b", degrees=True, prismatic=["b"])
+    np.testing.assert_allclose(log.q[:, 0], np.deg2rad([0.1, 0.2, 0.3]))
+    assert log.q[:, 1].tolist() == [0.2, 0.4, 0.1]  # a sliding joint's are metres
+    assert log.revolute == (True, False)
+
+
+def test_a_chosen_range_goes_before_the_limits(arm, file):
+    path = file("shoulder,elbow,x,y\n0.1,0.5,1,2\n0.2,1,2,3\n0.3,3,3,4\n0.4,7,3,5\n")
+    log = read_log(path, arm, ranges={"elbow": (0.6, 3.1)})
+    np.testing.assert_allclose(log.q[:, 1], [1, 3, 7 - TURN])
+    assert log.q[:, 0].tolist() == [0.2, 0.3, 0.4]
+    assert (log.lower[1], log.upper[1]) == (0.6, 3.1)
+    assert any("1 of 4 rows have elbow outside" in note for note in log.notes)
+    for bad in ((1.0, 0.6), (0.0, 9.0), (0.0, math.nan)):
+        refused(path, "range elbow", OptionError, arm=arm, joints=None, ranges={"elbow": bad})
+    every = "4 of 4 rows have elbow outside"
+    refused(path, every, arm=arm, joints=None, ranges={"elbow": (4, 5)})
+
+
+def test_more_than_one_turn_becomes_one(file):
+    a = np.linspace(-4.0, 4.0, 400)
+    log = read_log(file(table({"a": a, "b": np.cos(a)}, 400)), joints=["a", "b"])
+    assert (log.lower[0], log.upper[0]) == (-math.pi, math.pi)
+    np.testing.assert_allclose(np.exp(1j * log.q[:, 0]), np.exp(1j * a), atol=1e-12)
+    assert "wrapped" in log.notes[0]
+    inside = np.abs(a) <= math.pi
+    assert (log.q[inside, 0] == a[inside]).all()
+
+
+@pytest.mark.parametrize(
+    ("elbow", "lower"),
+    [  # with a gap of its own; and about zero
+        (np.r_[np.linspace(-4.0, -3.8, 20), np.linspace(-1.2, -1.0, 20)], -2.5 - math.pi),
+        (np.linspace(-3.0, 3.0, 40), -math.pi),
+    ],
+)
+def test_a_joint_of_the_arm_that_turns_all_round_has_its_turn_about_the_log(
+    arm, file, elbow, lower
+):
+    free = replace(arm, lower=[0, -math.pi], upper=[1.6, math.pi])
+    log = read_log(file(table({"shoulder": np.linspace(0, 1.5, 40), "elbow": elbow})), free)
+    assert (log.q[:, 1] == elbow).all()
+    assert log.lower[1] == pytest.approx(lower)
+    assert log.upper[1] - log.lower[1] == pytest.approx(TURN)
+
+
+SPATIAL = load_arm("spatial_three")
+
+
+@pytest.fixture
+def posed(tmp_path):
+    """Write a log of an arm in space; return its path, joints, positions and orientations."""
+    q = np.random.default_rng(0).uniform(SPATIAL.lower, SPATIAL.upper, (40, 3))
+    x, turns = SPATIAL.pose(q)
+
+    def write(positions=x, **more):
+        names = (*SPATIAL.joint_names, *"xyz")
+        columns = dict(zip(names, np.hstack([q, positions]).T, strict=True))
+        write_table(tmp_path / "log.csv", columns | more)
+        return tmp_path / "log.csv"
+
+    return write, q, x, turns
+
+
+def quaternion(turns):
+    return dict(zip(("qx", "qy", "qz", "qw"), turns.T, strict=True))
+
+
+def test_positions_and_orientations_are_read_and_written(posed, tmp_path):
+    write, _, x, turns = posed
+    log = read_log(write(**quaternion(-turns)), SPATIAL)  # the same orientations
+    np.testing.assert_array_equal(log.x, x)
+    np.testing.assert_allclose(log.orientation, turns, atol=1e-15)
+    assert log.plane is None
+    write_log(log, tmp_path / "b.csv")
+    again = read_log(tmp_path / "b.csv", SPATIAL)
+    np.testing.assert_array_equal(again.x, log.x)
+    np.testing.assert_allclose(again.orientation, log.orientation, atol=1e-15)
+    assert again.take([3, 5]).orientation.shape == (2, 4)
+    angles = np.random.default_rng(1).uniform(-1, 1, (40, 3))
+    more = dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))  # as in a URDF
+    log = read_log(write(**more), SPATIAL)
+    expected = Rotation.from_euler("xyz", angles).as_matrix()
+    seen = Rotation.from_quat(log.orientation).as_matrix()
+    np.testing.assert_allclose(seen, expected, atol=1e-12)
+
+
+def test_quaternions_that_are_none_are_told_in_one_line(posed):
+    write, _, _, turns = posed
+    turns[7:30] = (0.5, 0.5, 0.0, 0.0)
+    log = read_log(write(**quaternion(turns)), SPATIAL)
+    assert len(log) == log.left_out - 6 == 17
+    assert "length 0.7071, expected 1; left out: rows 8, 9" in log.notes[0]
+
+
+def test_without_an_arm_positions_in_a_plane_are_planar_unless_an_arm_is_in_space(posed):
+    write, _, x, _ = posed
+    names = SPATIAL.joint_names
+    assert read_log(write(), joints=names).x.shape == (40, 3)
+    path = write(x * (1, 1, 1e-4))
+    log = read_log(path, joints=names)
+    assert log.x.shape == (40, 2)
+    assert log.plane is not None
+    np.testing.assert_allclose(read_log(path, joints=names, outputs=3).x, x * (1, 1, 1e-4))
+    path.write_text(path.read_text().replace("x,y,z", "x,y,height"))
+    with pytest.raises(LogError, match="x and y alone"):
+        read_log(path, joints=names, outputs=3)

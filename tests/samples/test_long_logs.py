@@ -62,18 +62,3 @@ def test_the_rows_drawn_depend_on_the_seed_alone(files, arm, rows):
         assert "3,000 rows: 200 of them, drawn evenly" in log.notes[0]
     other = read_log(files[0], arm, most=200, seed=2)
     assert len({*map(tuple, other.q)} & {*map(tuple, drawn[0].q)}) < 60
-
-
-def test_a_model_of_a_long_log_rests_on_the_rows_drawn_and_is_as_good(tmp_path, arm):
-    """A body has few parameters: 1,000 rows of noise say what 20,000 do to a part of the noise."""
-    log = calib.babble(arm, 20_000, seed=5, noise=5e-3)
-    calib.samples.logs.write_log(log, tmp_path / "log.parquet")
-    q = calib.babble(arm, 2000, seed=6).q
-    drawn = read_log(tmp_path / "log.parquet", arm, most=1000)
-    model = calib.train(drawn, size=6)
-    assert model.about.samples == len(drawn) == len(model.rows)
-    assert any("20,000 rows: 1,000" in note for note in drawn.notes)
-    error = np.linalg.norm(model.forward(q) - arm.forward(q), axis=1)
-    # seven parameters and their view: sigma sqrt(7 / 2,000) along each axis
-    assert error.mean() < 2.5 * 5e-3 * np.sqrt(7 / 2000)
-    assert np.mean(error <= model.model_error(q)) >= 0.95

@@ -65,7 +65,7 @@ SAMPLES = Samples(Q, np.arange(10.0).reshape(5, 2), ("one", "two"))
 
 
 def test_each_joint_came_from_the_side_of_its_last_motion():
-    side = SAMPLES.motion.side
+    side = SAMPLES.side
     assert side[:, 0].tolist() == [0, 1, 1, -1, -1]
     assert side[:, 1].tolist() == [0, 0, -1, 1, 1]
 

@@ -7,7 +7,14 @@ import pytest
 
 import calib
 from calib.samples.tables import write_table
-from calib.samples.wrong_rows import screen
+from calib.training.learn import TrainingOptions
+from calib.training.smooth import find_smooth_part
+from calib.training.sound_rows import sound_beside
+
+
+def screen(log):
+    """Which rows agree with what is fitted to them all."""
+    return sound_beside(log, find_smooth_part(log, TrainingOptions()))
 
 
 def log_of(robot, n, noise=1e-3, seed=1):
@@ -60,19 +67,6 @@ def test_a_row_far_from_all_others_is_no_outlier():
     x = log.x.copy()
     x[alone] += 0.03
     assert screen(replace(log, x=x).take(rows))[0].all()
-
-
-def test_training_leaves_outliers_out_aloud():
-    arm = calib.load_arm("two_link")
-    clean = log_of("two_link", 1200)
-    log, wrong = spoiled(clean, 0.05)
-    model = calib.train(log, size=6)
-    assert model.about.samples == 1200 - wrong.sum()
-    assert any("contradict their neighbours" in note for note in model.about.notes)
-    q = calib.babble(arm, 1000, seed=9).q
-    kept = calib.train(clean.take(~wrong), size=6)
-    assert (model.forward(q) == kept.forward(q)).all()
-    assert model.about.errors == kept.about.errors
 
 
 def in_space(n=120, seed=2):

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import Sight, look, measured_pages
+from browser import look, measured_pages
 from flange_worlds import World
 from models import in_space, log, measured, trained
-from scenes import data_of, objects, page_of, project, seen_by_two, tracks, unpacked
+from scenes import data_of, objects, page_of, project, seen_by_two
 
 import calib
 
@@ -69,73 +69,25 @@ def test_labels_of_a_preview_do_not_collide_with_all_layers_on(pages, size):
     assert seen["overlaps"] == []
 
 
-@pytest.fixture(scope="module")
-def page() -> str:
-    return page_of(full())
+def near(pixels: np.ndarray, places: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Whether a colour like `wanted` (n, 3) is within two pixels of places (n, 2)."""
+    steps = np.array([(dx, dy) for dx in range(-2, 3) for dy in range(-2, 3)])
+    x, y = (np.round(places).astype(int)[:, None] + steps).clip(0, np.subtract(SIZE, 1)).T
+    away = np.linalg.norm(pixels[y, x] - wanted, axis=2)
+    return away.min(axis=0) < 40
 
 
-@pytest.fixture(scope="module")
-def seen(page: str, tmp_path_factory: pytest.TempPathFactory) -> Sight:
-    folder = tmp_path_factory.mktemp("light")
-    (folder / "page.html").write_text(page, encoding="utf-8")
-    return look(folder / "page.html", folder, size=SIZE)
-
-
-def rgb(colour: str) -> np.ndarray:
-    return np.array(list(bytes.fromhex(colour[1:])))
-
-
-def near(sight: Sight, pixels: np.ndarray, wanted: np.ndarray, reach: int = 2) -> np.ndarray:
-    """Smallest colour distance (n,) to `wanted` (n, 3) within some pixels of places (n, 2)."""
-    height, width = sight.pixels.shape[:2]
-    best = np.full(len(pixels), np.inf)
-    for dx in range(-reach, reach + 1):
-        for dy in range(-reach, reach + 1):
-            x = np.clip(np.round(pixels[:, 0]).astype(int) + dx, 0, width - 1)
-            y = np.clip(np.round(pixels[:, 1]).astype(int) + dy, 0, height - 1)
-            away = np.linalg.norm(sight.pixels[y, x] - wanted, axis=1)
-            best = np.minimum(best, away)
-    return best
-
-
-@pytest.mark.parametrize("name", ["Sensory map", "Motor map"])
-def test_nodes_have_their_colours_where_they_are(page, seen, name):
-    sight, data = seen, data_of(page)
+def test_nodes_have_their_colours_where_they_are(tmp_path: Path):
+    page = page_of(full())
+    (tmp_path / "page.html").write_text(page, encoding="utf-8")
+    sight, data = look(tmp_path / "page.html", tmp_path, size=SIZE), data_of(page)
     assert sight.console == []
-    nodes = objects(data)[f"{name}/nodes"]
-    wanted = nodes["tints"].astype(int)
-    pixels = project(data["camera"], nodes["points"], *SIZE, PANEL)
-    hit = near(sight, pixels, wanted) < 40
-    # the arm, links and paths hide some of them
-    assert hit.mean() > 0.75
-    shuffled = wanted[np.random.default_rng(0).permutation(len(wanted))]
-    assert hit.mean() > (near(sight, pixels, shuffled) < 40).mean() + 0.1
-
-
-def test_the_tip_is_on_its_ball_and_partners_of_the_linked_node_are_dots(page, seen):
-    sight, data = seen, data_of(page)
-    tip = tracks(data)["Arm/tip"][0, :3, 3]
-    expected = project(data["camera"], tip, *SIZE, PANEL)[0]
-    ball = next(o for o in data["objects"] if o["path"] == "Reached path/ball")
-    orange = np.linalg.norm(sight.pixels - rgb(ball["colour"]), axis=2) < 30
-    rows, columns = np.nonzero(orange)
-    close = np.hypot(columns - expected[0], rows - expected[1]) < 12
-    assert close.sum() > 15
-    assert np.hypot(columns[close].mean() - expected[0], rows[close].mean() - expected[1]) < 3
-    partners = unpacked(data["links"]["partners"], "<u4").reshape(-1, data["links"]["each"])
-    nodes = objects(data)["Motor map/nodes"]["points"]
-    strongest = nodes[partners[data["links"]["node"]][:3]]
-    pixels = project(data["camera"], strongest, *SIZE, PANEL)
-    assert (near(sight, pixels, np.tile(rgb(data["links"]["link"]), (3, 1)), 1) < 40).all()
-
-
-@pytest.mark.usefixtures("pages")
-def test_a_report_in_the_dark(folder: Path, tmp_path: Path):
-    sight = look(folder / "simulated.html", tmp_path, dark=True, size=(900, 1400))
-    assert sight.console == []
-    assert sight.pixels[:, :10].max() < 60
-    # ink stands out from the ground, and the heat maps are there, from end to end
-    ink = sight.pixels.reshape(-1, 3)
-    assert ink.max() > 200
-    colourful = np.ptp(ink, axis=1) > 80
-    assert colourful.sum() > 500
+    for name in ("Sensory map", "Motor map"):
+        nodes = objects(data)[f"{name}/nodes"]
+        wanted = nodes["tints"].astype(int)
+        places = project(data["camera"], nodes["points"], *SIZE, PANEL)
+        hit = near(sight.pixels, places, wanted)
+        # the arm, links and paths hide some of them
+        assert hit.mean() > 0.75
+        shuffled = wanted[np.random.default_rng(0).permutation(len(wanted))]
+        assert hit.mean() > near(sight.pixels, places, shuffled).mean() + 0.1

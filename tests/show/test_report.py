@@ -98,7 +98,7 @@ def test_each_of_several_sensors_has_its_bars_and_its_rows():
     assert "By tracker: the tip" in page
     assert "By left: the tip" in page
     names = set(re.findall(r'id="([^"]*)"', page))
-    assert {"accuracy", "accuracy-2", "where-2", "trust-2"} <= names
+    assert {"accuracy", "accuracy-2", "where-2", "order-2"} <= names
     assert page.count('id="causes"') == 1
     assert "where-2" in calib.figures(seen_by_two(), names=["where"])
 
@@ -127,7 +127,7 @@ def test_figures_on_paper():
 
 def test_figures_of_an_arm_in_space_and_in_pixels():
     drawn = calib.figures(in_space())
-    assert set(drawn) == {"accuracy", "causes", *WHY, "order", "trust"}
+    assert set(drawn) == {"accuracy", "causes", *WHY, "order"}
     # three projections and their colours
     assert len(drawn["where"].axes) == 4
     assert "setup" in calib.figures(in_pixels(), names=["setup"])

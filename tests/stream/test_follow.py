@@ -1,114 +1,90 @@
-"""Maps that follow a stream: the online rule, its schedules, and what it stores."""
+"""Maps that follow a stream: the paper's eq. 9 to 12, what is reported and what is stored."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-from models import babbled as log
-from models import trained
+from drifting import arm, error, log, model
+from models import babbled, trained
 from small_maps import UNIT_BOX
 
 import calib
-from calib.maps.lattice import Lattice
+from calib import OptionError, follow
+from calib.maps.lattice import Graph, Lattice
 from calib.maps.model_selection import blocks
-from calib.stream.follow import BLOCK, OnlineAdapter, matching_sigma
+from calib.stream.follow import OnlineAdapter, matching_sigma
+
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
+
+small = partial(trained, n=2500, size=10)
 
 
-@pytest.fixture(autouse=True)
-def _brief(monkeypatch, one_blas_thread):
+def test_the_report_of_the_online_rule_is_of_blocks_that_it_never_saw(monkeypatch):
     monkeypatch.setattr("calib.change.adapt.HORIZON", 1500)
-
-
-model = partial(trained, n=2500, size=10)
-
-
-def test_the_report_of_the_online_rule_is_of_blocks_that_it_never_saw():
-    samples, told = log("elbow.length=+20%", n=700), []
-    found = calib.adapt(model(), samples, method="online", progress=lambda *part: told.append(part))
+    samples, told = babbled("elbow.length=+20%", n=700), []
+    found = calib.adapt(small(), samples, method="online", progress=lambda *part: told.append(part))
     assert found.improved
     assert found.correction == "maps and Hebbian links trained online"
     held = np.concatenate(blocks(700, 10)[4::10])
-    gap = np.linalg.norm(model().forward(samples.q) - samples.x, axis=1)[held]
-    assert found.before["mean"] == pytest.approx(gap.mean(), rel=1e-6)
-    now = np.linalg.norm(found.model.forward(samples.q) - samples.x, axis=1)[held]
-    assert found.after["mean"] == pytest.approx(now.mean(), rel=1e-6)
+    for one, figures in ((small(), found.before), (found.model, found.after)):
+        gap = np.linalg.norm(one.forward(samples.q) - samples.x, axis=1)[held]
+        assert figures["mean"] == pytest.approx(gap.mean(), rel=1e-6)
     assert found.after["mean"] < 0.05 * found.before["mean"]
     event = found.model.history[0]
     assert (event["method"], event["samples"], event["frame"]) == ("online", 700, None)
     assert f"{700 - len(held)} samples were shown 3 times" in found.notes
-    assert [share for share, _, _ in told] == pytest.approx(
-        [0.9 * 630 / 1500, 0.9 * 1260 / 1500, 0.9]
-    )
+    shares = [0.9 * 630 / 1500, 0.9 * 1260 / 1500, 0.9]
+    assert [share for share, _, _ in told] == pytest.approx(shares)
     assert {stage for _, stage, _ in told} == {"online"}
     assert all(error > 0 for *_, error in told)
 
 
+def followed(one, samples, horizon):
+    pairs = list(follow(one, samples.q, samples.x, horizon=horizon))
+    return [step for step, _ in pairs], pairs[-1][1]
+
+
 def test_schedules_are_equations_10_and_12():
-    samples = log("elbow.length=+20%", n=1000)
-    adapter = OnlineAdapter(model(), 800, force=True)
-    steps = [
-        adapter.feed(samples.q[k : k + BLOCK], samples.x[k : k + BLOCK])
-        for k in range(0, 1000, BLOCK)
-    ]
-    assert [s.samples for s in steps] == list(range(BLOCK, 1001, BLOCK))
-    t = np.minimum(np.arange(BLOCK - 1, 1000, BLOCK), 800)
-    np.testing.assert_allclose([s.beta for s in steps], np.exp(1 - t / 800))
-    np.testing.assert_allclose([s.eta for s in steps], 0.13 * np.exp(1 - t / 800))
-    sigma = np.array([s.sigma for s in steps])
+    """From the first change on rates fall by the same factors each step, to the horizon."""
+    steps, _ = followed(small(), babbled("elbow.length=+20%", n=1500), 800)
+    size = steps[0].samples
+    assert [step.samples for step in steps] == list(range(size, 1501, size))
+    first = next(k for k, step in enumerate(steps) if step.adapting)
+    adapting = steps[first : first + 800 // size]
+    t = size * np.arange(1, len(adapting) + 1) - 1
+    np.testing.assert_allclose([s.beta for s in adapting], np.exp(1 - t / 800))
+    np.testing.assert_allclose([s.eta for s in adapting], 0.13 * np.exp(1 - t / 800))
     # a geometric decay to half a node at the horizon
+    sigma = np.array([s.sigma for s in adapting])
     start = np.exp(np.log(sigma[0] / 0.5) / (1 - t[0] / 800)) * 0.5
     np.testing.assert_allclose(sigma, start * (0.5 / start) ** (t / 800))
     assert start > 0.5
-    assert all(s.adapting for s in steps)
 
 
-def test_distortion_is_the_running_mean_of_equation_9():
-    samples = log(n=300, noise=1e-3)
-    adapter = OnlineAdapter(model())
-    motor, sensory = model().motor, model().sensory
-    mean = None
-    for k in range(0, 300, BLOCK):
-        q, x = samples.q[k : k + BLOCK], samples.x[k : k + BLOCK]
-        step = adapter.feed(q, x)
-        now = np.array(
-            [
-                np.mean(motor.nearest(motor.scale.to_unit(q))[0] ** 2),
-                np.mean(sensory.nearest(sensory.scale.to_unit(x))[0] ** 2),
-                np.linalg.norm(model().forward(q[::5], "activity") - x[::5], axis=1).mean(),
-            ]
-        )
+def test_distortion_is_the_running_mean_of_equation_9_and_a_calm_stream_changes_nothing():
+    samples = babbled(n=300, noise=1e-3)
+    steps, adapter = followed(small(), samples, 1500)
+    motor, sensory, mean = small().motor, small().sensory, None
+    size = steps[0].samples
+    for k, step in enumerate(steps):
+        q, x = (values[size * k : size * (k + 1)] for values in (samples.q, samples.x))
+        now = np.array([
+            np.mean(motor.nearest(motor.scale.to_unit(q))[0] ** 2),
+            np.mean(sensory.nearest(sensory.scale.to_unit(x))[0] ** 2),
+            np.linalg.norm(small().forward(q[::5], "activity") - x[::5], axis=1).mean(),
+        ])  # fmt: skip
         mean = now if mean is None else 0.5 * mean + 0.5 * now
-        said = [step.zeta_motor, step.zeta_sensory, step.error]
-        np.testing.assert_allclose(said, mean, rtol=1e-3)
-        assert not step.adapting
-        assert (step.sigma, step.eta, step.beta) == (0.0, 0.0, 0.0)
-    assert adapter.model() is model()
-
-
-def test_a_short_stream_is_learned_and_its_nodes_are_those_that_were_visited():
-    samples = log("elbow.length=+20%", n=400)
-    adapter = OnlineAdapter(model(), 400, force=True)
-    adapter.feed(samples.q, samples.x)
-    twice = OnlineAdapter(model(), 400, force=True)
-    twice._q, twice._x, twice._since = [samples.q] * 2, [samples.x] * 2, 0
-    fresh = adapter.model()
-    q = log(n=100, seed=6).q
-    truth = samples.simulation.exact(q)
-    assert np.linalg.norm(fresh.forward(q) - truth, axis=1).mean() < 1e-4
-    # rows that are shown again count once
-    np.testing.assert_allclose(twice.model().forward(q), fresh.forward(q), atol=1e-4)
-    assert fresh.visited[fresh.motor.winners(samples.q)].all()
-    assert fresh.links.shape == model().links.shape
-
-
-def trained_like(*history, shape=(30, 30)):
-    lattice = Lattice(shape)
-    units = np.zeros((lattice.size, 2))
-    return calib.Map(units, lattice, UNIT_BOX, np.array([(*row, 0.0) for row in history]))
+        told = [step.zeta_motor, step.zeta_sensory, step.error]
+        np.testing.assert_allclose(told, mean, rtol=1e-3)
+        assert (step.adapting, step.sigma, step.eta, step.beta) == (False, 0.0, 0.0, 0.0)
+    assert adapter.model() is small()
 
 
 def test_between_two_epochs_the_radius_is_interpolated_geometrically():
-    network = trained_like((900, 8.0, 0.5), (900, 4.0, 0.4), (900, 1.0, 0.2), (900, 0.5, 0.05))
+    lattice = Lattice((30, 30))
+    history = [(900, 8.0, 0.5, 0), (900, 4.0, 0.4, 0), (900, 1.0, 0.2, 0), (900, 0.5, 0.05, 0)]
+    network = calib.Map(np.zeros((900, 2)), lattice, UNIT_BOX, np.array(history))
     # after a radius of 8 the error was 0.4, after 4 it was 0.2, after 1 it was 0.05
     assert matching_sigma(network, 0.3) == pytest.approx(8.0 * 0.5**0.5)
     assert matching_sigma(network, 0.35) == pytest.approx(8.0 * 0.5**0.25)
@@ -116,3 +92,44 @@ def test_between_two_epochs_the_radius_is_interpolated_geometrically():
     assert matching_sigma(network, 0.05) == pytest.approx(1.0)
     assert matching_sigma(network, 0.4) == pytest.approx(8.0)
     assert matching_sigma(network, 0.41) == 15.0
+
+
+@pytest.mark.parametrize("change", ["elbow.length=+20%", "elbow.length=-20%"])
+def test_distortion_falls_back_under_its_threshold(change):
+    samples = log(change, n=3500, seed=3, noise=0.0)
+    steps, adapter = followed(model(), samples, 3000)
+    assert steps[1].adapting
+    assert steps[0].zeta_sensory > steps[0].threshold
+    assert steps[-1].zeta_sensory < steps[-1].threshold
+    fresh = calib.train(calib.babble(arm(), 4000, seed=2, changes=[change]), size=30)
+    q = np.random.default_rng(7).uniform(arm().lower, arm().upper, (1000, 2))
+    truth = samples.simulation.exact(q)
+    for readout, factor in (("local", 1.2), ("activity", 2.0)):
+        after, best = (
+            np.linalg.norm(m.forward(q, readout) - truth, axis=1).mean()
+            for m in (adapter.model(), fresh)
+        )
+        assert after < factor * best + 1e-6
+    assert error(adapter.model(), samples) < 1e-5
+
+
+def test_a_change_that_stays_inside_of_the_map_is_noticed_by_the_links():
+    _, adapter = followed(model(), log("sensor.mirror=x", n=600, seed=3, noise=0.0), 3000)
+    assert adapter.adapting
+
+
+def with_sensory(**changes):
+    """The model with another sensory map."""
+    sensory = replace(model().sensory, **changes)
+    return replace(model(), association=replace(model().association, sensory=sensory))
+
+
+def test_what_cannot_be_followed_is_told():
+    with pytest.raises(OptionError, match="growing neural gas has neither"):
+        OnlineAdapter(with_sensory(lattice=Graph(2, np.array([[0, 1]]))))
+    with pytest.raises(OptionError, match="few-shot"):
+        OnlineAdapter(with_sensory(units=np.zeros((10**6, 2))))
+    with pytest.raises(OptionError, match="horizon 0"):
+        OnlineAdapter(model(), 0)
+    with pytest.raises(OptionError, match="no samples"):
+        OnlineAdapter(model()).feed(np.zeros((0, 2)), np.zeros((0, 2)))

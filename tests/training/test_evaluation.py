@@ -75,7 +75,8 @@ def test_a_frame_that_moved_is_told_and_can_be_found_anew(tmp_path, run):
     kept, free = calib.evaluate(model, moved), calib.evaluate(model, moved, frame="free")
     assert kept.errors["local"]["forward"]["distance"]["mean"] > 0.01
     assert free.errors["local"]["forward"]["distance"]["mean"] < 3e-4
-    assert any("frame seems to have moved" in note for note in kept.notes)
+    assert any("drifted: the sensor's frame moved" in note for note in kept.notes)
+    assert kept.verdict.changed
     assert any("found anew" in note for note in free.notes)
     assert not any("frame" in note for note in calib.evaluate(model, rows[1]).notes)
     model.save(tmp_path / "m.calib")

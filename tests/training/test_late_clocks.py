@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from models import log_of
 
 import calib
-from calib import Samples
 
 
 def moving(robot, late, n=400, rate=25.0, noise=1e-4, seed=1):
@@ -23,7 +23,7 @@ def moving(robot, late, n=400, rate=25.0, noise=1e-4, seed=1):
     offset = rng.normal(0.0, 3e-3, arm.dof)
     x = arm.forward(q(t - late) + offset)
     x += rng.normal(0.0, noise, x.shape)
-    log = Samples(q(t), x, arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm, time=t)
+    log = log_of(arm, q(t), x, time=t)
     return log, lambda q: arm.forward(q + offset)
 
 

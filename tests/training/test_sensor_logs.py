@@ -1,9 +1,11 @@
 """Several sensors of one arm: files or a column, and poses that are read more than once."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
-from models import built
+from models import built, log_of
 
 import calib
 from calib import LogError
@@ -11,7 +13,7 @@ from calib import LogError
 NOISE = 1e-4  # [m]
 
 
-def log_of(sensor, rows, seed, shift):
+def seen_from(sensor, rows, seed, shift):
     """What a tracker that stands at `shift` [m] reads of the arm, and the arm's truth for it."""
     arm, structure, beta, _ = built()
     rng = np.random.default_rng(seed)
@@ -19,14 +21,13 @@ def log_of(sensor, rows, seed, shift):
     beta[structure.groups["view.shift"]] += shift
     q = rng.uniform(arm.lower, arm.upper, (rows, arm.dof))
     x = structure.predict(q, beta) + NOISE * rng.standard_normal((rows, 3))
-    limits = arm.lower, arm.upper
-    log = calib.Samples(q, x, arm.joint_names, *limits, arm.revolute, arm=arm, sensor=sensor)
+    log = log_of(arm, q, x, sensor=sensor)
     return log, lambda joints: structure.predict(joints, beta)
 
 
 @pytest.fixture(scope="module")
 def logs():
-    return [log_of("left", 40, 1, 0.0), log_of("right", 60, 2, 0.5)]
+    return [seen_from("left", 40, 1, 0.0), seen_from("right", 60, 2, 0.5)]
 
 
 def test_files_and_a_column_make_the_same_model_of_two_sensors(logs, run, tmp_path):
@@ -48,7 +49,7 @@ def test_files_and_a_column_make_the_same_model_of_two_sensors(logs, run, tmp_pa
     assert (tmp_path / "two.calib").read_bytes() == (tmp_path / "one.calib").read_bytes()
     learned = run("evaluate", tmp_path / "two.calib", "--data", tmp_path / "right.csv", "--json")
     assert learned.document["learned"] == 60
-    fresh, _ = log_of("right", 30, 3, 0.5)
+    fresh, _ = seen_from("right", 30, 3, 0.5)
     calib.write_log(fresh, tmp_path / "right.csv")
     done = run("evaluate", tmp_path / "two.calib", "--data", tmp_path / "right.csv", "--json")
     assert done.document["learned"] == 0
@@ -69,6 +70,20 @@ def test_a_second_sensor_helps_the_first_and_both_bounds_hold(logs):
         assert np.mean(miss(seen, truth) <= seen.model_error(q)) > 0.9
 
 
+def test_two_sensors_see_a_planar_arm_from_both_sides():
+    arm, rng, rows = calib.load_arm("two_link"), np.random.default_rng(0), []
+    for name, mirror in (("front", 1.0), ("back", -1.0)):
+        q = rng.uniform(arm.lower, arm.upper, (40, 2))
+        z = arm.forward(q) * (1.0, mirror) + (0.1, mirror) + rng.normal(0.0, NOISE / 2, (40, 2))
+        rows.append(log_of(arm, q, z, sensor=name))
+    both = calib.train(rows, size=3)
+    fresh = rng.uniform(arm.lower, arm.upper, (100, 2))
+    for name, mirror in (("front", 1.0), ("back", -1.0)):
+        expected = arm.forward(fresh) * (1.0, mirror) + (0.1, mirror)
+        missed = np.linalg.norm(both.by(name).forward(fresh) - expected, axis=1)
+        assert missed.max() < 1e-4
+
+
 def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
     log = logs[0][0]
     with pytest.raises(LogError, match="a name of its own"):
@@ -76,6 +91,8 @@ def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
     other = calib.babble(calib.load_arm("two_link"), 50)
     with pytest.raises(LogError, match="simulation"):
         calib.train([log, other])
+    with pytest.raises(calib.CalibError):
+        calib.train([log, replace(other, simulation=None, sensor="plane")])
 
 
 def test_poses_that_are_read_again_are_no_new_poses(logs):

@@ -3,22 +3,25 @@
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
+from models import log_of
 from touching import World, touching
 
 import calib
-from calib import LogError, OptionError, Samples
+from calib import LogError, OptionError
 from calib.samples.sockets import Touches
 
 
 def samples(world, q, number):
     """Touches as a log holds them."""
     touch = Touches(number, tuple(("", "ABCD"[k]) for k in range(number.max() + 1)))
-    arm = world.arm
-    return Samples(
-        q, np.zeros((len(q), 3)), arm.joint_names, arm.lower, arm.upper, arm.revolute, arm=arm,
-        touch=touch,
-    )  # fmt: skip
+    return log_of(world.arm, q, np.zeros((len(q), 3)), touch=touch)
+
+
+def rows(world, q, **more):
+    """A table of joints (n, dof) and further columns."""
+    return pl.DataFrame(dict(zip(world.arm.joint_names, q.T, strict=True)) | more)
 
 
 @pytest.fixture(scope="module")
@@ -26,14 +29,11 @@ def log(tmp_path_factory):
     """A log of the bundled arm in four sockets, three rows of it wrong, and the tips' distance."""
     world = World(2, each=20)
     path = tmp_path_factory.mktemp("touch") / "touches.csv"
-    names = world.arm.joint_names
-    lines = [",".join([*names, "setup", "point"])]
-    for k, (row, number) in enumerate(zip(world.q, world.number, strict=True)):
-        setup, point = ("front", "left")[number // 2], "AB"[number % 2]
-        if k in (3, 30):  # the ball was beside the socket
-            row = row + 0.02
-        lines.append(",".join([*(repr(float(v)) for v in row), setup, point]))
-    path.write_text("\n".join(lines))
+    q = world.q.copy()
+    q[[3, 30]] += 0.02  # the ball was beside the socket
+    setups = [("front", "left")[number // 2] for number in world.number]
+    points = ["AB"[number % 2] for number in world.number]
+    rows(world, q, setup=setups, point=points).write_csv(path)
     apart = [np.linalg.norm(world.points[i] - world.points[i + 1]) for i in (0, 2)]
     return world, path, apart
 
@@ -95,14 +95,10 @@ def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
     q = rng.uniform(*world.limits, (20, 6))
     seen = world.truth.predict(q, world.beta) @ turn.T + shift
     seen += 0.2e-3 * rng.standard_normal(seen.shape)
-    names = world.arm.joint_names
-    lines = [",".join([*names, "point", "x", "y", "z"])]
-    lines += [",".join([*map(repr, row.tolist()), "ABCD"[k], "", "", ""])
-              for row, k in zip(world.q, world.number, strict=True)]  # fmt: skip
-    lines += [",".join([*map(repr, row.tolist()), "", *map(repr, (1e3 * x).tolist())])
-              for row, x in zip(q, seen, strict=True)]  # fmt: skip
+    touched = rows(world, world.q, point=["ABCD"[k] for k in world.number])
+    measured = rows(world, q, **dict(zip("xyz", 1e3 * seen.T, strict=True)))
     path = tmp_path / "mixed.csv"
-    path.write_text("\n".join(lines))
+    pl.concat([touched, measured], how="diagonal").write_csv(path)
     log = calib.read_log(path, world.arm, unit="mm")
     assert (log.touch.number < 0).sum() == 20
     model = calib.train(log, size=5)
@@ -116,9 +112,7 @@ def test_positions_of_a_sensor_stand_beside_touches(tmp_path, run):
 
 def test_points_of_a_plane_are_stated_on_the_command_line(tmp_path, run):
     world, path = World(3, each=12, flat=True), tmp_path / "flat.csv"
-    rows = zip(world.q, world.number, strict=True)
-    lines = [",".join([*map(repr, row.tolist()), "ABCD"[number]]) for row, number in rows]
-    path.write_text("\n".join([",".join([*world.arm.joint_names, "point"]), *lines]))
+    rows(world, world.q, point=["ABCD"[k] for k in world.number]).write_csv(path)
     told = ("train", "six_axis", "--data", path, "-o", tmp_path / "m.calib", "--size", "3")
     done = run(*told, "--plane", "A,B,C,D", "--distance", "A,B=1m+-1m")
     assert done.code == 0, done.err

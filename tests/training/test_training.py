@@ -31,9 +31,8 @@ def test_the_papers_arm_without_noise_is_learned_far_below_the_papers_errors():
     assert back.max() <= 0.05
 
 
-@pytest.mark.parametrize(("noise", "most"), [(0.1 * MM, 0.02 * MM), (1 * MM, 0.13 * MM)])
-def test_sensor_noise_is_averaged_out(noise, most):
-    assert mean_error(papers(noise), 10_000) <= most
+def test_sensor_noise_is_averaged_out():
+    assert mean_error(papers(1 * MM), 10_000) <= 0.13 * MM
 
 
 def test_the_papers_own_readout_comes_close_to_the_papers_tables():
@@ -87,17 +86,6 @@ def test_ripples_of_a_gear_are_learned_by_the_local_models():
     assert np.abs(model.forward(back) - x).max() < 1e-8
 
 
-def test_a_simulated_body_is_found_and_not_told():
-    """The samples of an arm with other links, under the same URDF, give the other links."""
-    arm = calib.load_arm("two_link")
-    changes = ["shoulder.length=+10%", "elbow.offset=0.1"]
-    samples = calib.babble(arm, 500, changes=changes)
-    found = {p.name: p.value for p in calib.train(samples, size=6).body.parameters()}
-    assert found["shoulder.length"] == pytest.approx(0.33, abs=1e-9)
-    assert found["elbow.length"] == pytest.approx(0.25, abs=1e-9)
-    assert found["elbow.offset"] == pytest.approx(0.1, abs=1e-9)
-
-
 def test_a_log_of_an_arm_has_the_urdf_as_prior_and_one_of_names_has_none():
     rows = log(12, 1 * MM)
     with_robot = calib.train(rows, size=4)
@@ -107,18 +95,6 @@ def test_a_log_of_an_arm_has_the_urdf_as_prior_and_one_of_names_has_none():
     # a frame that need not be found helps too
     in_base = calib.train(rows, size=4, view="base")
     assert mean_error(in_base) < mean_error(with_robot) < mean_error(names)
-
-
-def test_a_body_needs_no_units_a_camera_is_a_homography():
-    rows = log(200)
-    x = 400 * rows.x / (1 + 0.3 * rows.x[:, :1]) + [320, 240]
-    pixels = replace(rows, x=x, unit="px", arm=None)
-    model = calib.train(pixels, size=6)
-    assert model.body.structure.view == "homography"
-    assert model.about.errors["local"]["forward"]["distance"]["mean"] < 1e-2
-    bent = calib.train(pixels, size=6, view="similarity")
-    assert bent.body.structure.view == "similarity"
-    assert bent.about.errors["local"]["forward"]["distance"]["mean"] > 0.1
 
 
 def test_both_bounds_hold_where_no_row_was():

@@ -4,16 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from boards import Rig
+from boards import SPEC, Rig
 
 import calib
 from calib import OptionError
 from calib.body.spatial import structure_of
-from calib.recording.board import Board
-from calib.recording.board_pictures import BoardPictures
-from calib.recording.lens import Lens
 
-SPEC = "7x5:24mm:18mm:5x5_100"
 START = (0.0, 0.7, 1.0, 0.0, 1.0, 0.0)
 
 
@@ -53,15 +49,7 @@ def test_the_board_is_in_the_picture_from_many_sides(arm, eye):
 def test_a_model_of_pictures_knows_camera_and_board(run, tmp_path, in_hand):
     """However they are mounted: no board, no `--from`, and none of the new pictures is lost."""
     rig = Rig(in_hand, pictures=12, half_turn=not in_hand)
-    f, u, v, k1 = rig.lens
-    lens = Lens((1280, 720), np.array([f, f]), np.array([u, v]), k1 * np.eye(5)[0])
-    found = tuple(dict(enumerate(rig.seen[rig.rows == k])) for k in range(12))
-    names = tuple(f"{k}.png" for k in range(12))
-    shots = BoardPictures(
-        Board.parse(SPEC), rig.arm.joint_names, names, rig.q, found, lens.size, 12, ()
-    )
-    own = calib.handeye(rig.arm, shots, None, None, "hand" if in_hand else "base", lens=lens)
-    calib.train(own.poses).save(tmp_path / "rig.calib")
+    calib.train(rig.solve().poses).save(tmp_path / "rig.calib")
     path = tmp_path / "poses.csv"
     done = run("plan", tmp_path / "rig.calib", "--handeye", "-n", 12, "-o", path, "--json")
     assert done.code == 0, done.err

@@ -57,27 +57,6 @@ def test_a_model_without_a_urdf():
         calib.correct(bare, Q)
 
 
-def test_command(tmp_path, run):
-    path = tmp_path / "m.calib"
-    calib.adapt(model(), log("elbow.length=+5%", n=60, noise=0.0)).model.save(path)
-    table = tmp_path / "q.csv"
-    table.write_text("shoulder,elbow\n0.5,1.0\nx,1\n0.6,1.2\n")
-    done = run("correct", path, "--input", table, "--output", tmp_path / "q2.csv")
-    assert done.code == 1
-    assert "row 2 of 3" in done.err
-    lines = (tmp_path / "q2.csv").read_text().splitlines()
-    assert lines[0] == "shoulder,elbow,x,y,distance,expected_error,reachable"
-    expected = calib.correct(calib.load(path), [0.6, 1.2]).q[0]
-    assert [float(v) for v in lines[3].split(",")[:2]] == pytest.approx(expected, abs=1e-12)
-    table.write_text("shoulder,elbow\n30,60\n")
-    done = run("correct", path, "--input", table, "--degrees", "--json")
-    assert done.code == 0
-    shoulder = done.document["answers"]["shoulder"][0]
-    assert shoulder == pytest.approx(
-        calib.correct(calib.load(path), np.deg2rad([30, 60])).q[0, 0]
-    )  # in rad
-
-
 @pytest.fixture(scope="module")
 def turning():
     """A model of an arm whose first joint turns all the way round, adapted to an offset."""
@@ -128,18 +107,23 @@ def test_a_change_beyond_the_limit_is_marked_and_not_written(tmp_path, run, turn
     assert "deg" in done.out
 
 
-def test_other_columns_go_along_in_place(tmp_path, run, turning):
+def test_command_answers_row_by_row_and_other_columns_go_along(tmp_path, run, turning):
     turning.save(tmp_path / "m.calib")
-    table = tmp_path / "q.csv"
-    table.write_text('time,elbow,note,shoulder,x\n0.10,1.0,"a, b",0.3,9\n0.20,1.1,,0.4,9\n')
-    done = run("correct", tmp_path / "m.calib", "--input", table)
-    lines = done.out.splitlines()
+    table, out = tmp_path / "q.csv", tmp_path / "q2.csv"
+    table.write_text('time,elbow,note,shoulder,x\n0.10,1.0,"a, b",0.3,9\n0.20,x,,0.4,9\n')
+    done = run("correct", tmp_path / "m.calib", "--input", table, "--output", out)
+    assert done.code == 1
+    assert "row 2 of 2" in done.err
+    lines = out.read_text().splitlines()
     assert lines[0] == "time,elbow,note,shoulder,x,y,distance,expected_error,reachable"
-    assert lines[1].startswith("0.10,")
-    assert '"a, b"' in lines[1]
-    assert next(csv.reader([lines[2]]))[2] == ""
-    done = run("query", "forward", tmp_path / "m.calib", "--input", table)
-    assert done.out.startswith("time,elbow,note,shoulder,x,y,expected_error")
+    row = next(csv.reader([lines[1]]))
+    assert (row[0], row[2]) == ("0.10", "a, b")
+    expected = calib.correct(turning, [0.3, 1.0]).q[0]
+    assert [float(row[3]), float(row[1])] == pytest.approx(expected, abs=1e-12)
+    table.write_text("shoulder,elbow\n30,60\n")
+    done = run("correct", tmp_path / "m.calib", "--input", table, "--degrees", "--json")
+    expected = calib.correct(turning, np.deg2rad([30, 60])).q[0, 0]  # in rad
+    assert done.document["answers"]["shoulder"][0] == pytest.approx(expected)
 
 
 def test_the_frame_of_a_tracker_is_not_corrected():

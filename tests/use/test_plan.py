@@ -45,19 +45,6 @@ def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
     np.testing.assert_array_equal(log.x, plan.x)
 
 
-@pytest.mark.parametrize("name", ["poses.csv", "poses.parquet"])
-def test_command_writes_what_python_plans(run, tmp_path, arm, name):
-    path = tmp_path / name
-    done = run("plan", "two_link", "-n", "20", "--seed", "3", "--from", "0.5,1", "-o", path)
-    assert done.code == 0, done.err
-    assert "joints travel" in done.out
-    log = calib.read_log(path, arm, columns={"x": "expected_x", "y": "expected_y"})
-    np.testing.assert_array_equal(log.q, calib.plan(arm, 20, seed=3, start=[0.5, 1.0]).q)
-
-
-MODELS_DEGREE = math.radians(1.0)
-
-
 def test_plan_of_a_model_tells_what_it_expects():
     model = trained("two_link", n=3000, size=20)
     plan = calib.plan(model, 25)
@@ -66,16 +53,7 @@ def test_plan_of_a_model_tells_what_it_expects():
     names = ["shoulder", "elbow", "expected_x", "expected_y", "expected_error"]
     assert list(plan.columns()) == names
     # its URDF tells the limits
-    np.testing.assert_allclose(plan.q.min(axis=0), model.about.lower + MODELS_DEGREE)
-
-
-def test_a_model_of_a_log_plans_within_what_was_measured():
-    log = calib.babble(calib.load_arm("two_link"), 60, seed=2, noise=1e-3)
-    free = calib.Samples(log.q, log.x, log.joint_names, log.q.min(0), log.q.max(0), log.revolute)
-    model = calib.train(free, size=8)
-    plan = calib.plan(model, 10)
-    np.testing.assert_allclose(plan.q.min(axis=0), log.q.min(axis=0))
-    np.testing.assert_allclose(plan.q.max(axis=0), log.q.max(axis=0))
+    np.testing.assert_allclose(plan.q.min(axis=0), model.about.lower + DEGREE)
 
 
 def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture():
@@ -83,4 +61,4 @@ def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture():
     plan = calib.plan(model, 20)
     width, height = model.about.picture or (1280, 960)
     assert ((plan.x > 0) & (plan.x < [width, height])).all()
-    assert "picture" in plan.notes[-1]
+    assert any("picture" in note for note in plan.notes)

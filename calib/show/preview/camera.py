@@ -1,7 +1,5 @@
 """Camera: from where a scene is seen, so that all of it is in the picture."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...common.arrays import Array
@@ -26,25 +24,18 @@ def frame_of_view(placement: Placement, *, downwards: bool) -> Array:
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
 
 
-def camera_onto(
-    points: Array, frame: Array, eye: Array | None = None
-) -> dict[str, object]:
+def camera_onto(points: Array, frame: Array) -> dict[str, object]:
     """A perspective camera that shows points (n, 3), as the page computes it.
 
     Returns "target", middle of the picture, "direction", unit vector from there to the camera,
-    "half", half the extent of what is shown along right, up and depth, "fov" and "margin"; with
-    an `eye` (3,), where a photo was taken from, "eye", its distance.
+    "half", half the extent of what is shown along right, up and depth, "fov" and "margin".
     """
     target = (points.min(axis=0) + points.max(axis=0)) / 2
     up = np.array([0.0, 0.0, 1.0])
-    if eye is None:
-        # off the plane's normal, so that depth can be seen; from above, y leads up the screen
-        upright = abs(frame[2] @ up) < 0.75
-        away = frame[2] + 0.45 * (up if upright else -frame[1])
-    else:
-        away = eye - target
-    distance = float(np.linalg.norm(away))
-    direction = away / distance
+    # off the plane's normal, so that depth can be seen; from above, y leads up the screen
+    upright = abs(frame[2] @ up) < 0.75
+    away = frame[2] + 0.45 * (up if upright else -frame[1])
+    direction = away / np.linalg.norm(away)
     right = np.cross(up, direction)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(direction, right), direction])
@@ -55,5 +46,4 @@ def camera_onto(
         "half": half.tolist(),
         "fov": 35.0,  # degrees, from bottom to top
         "margin": 1.1,
-        "eye": None if eye is None else distance,
     }

@@ -4,8 +4,6 @@ meshcat's own classes repeat the points of lines and colour them with floats: a 
 five times the room, more than the 3 MB that a page may have.
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -39,7 +39,7 @@ class Panel:
     def lift(self, u: ArrayLike) -> Array:
         """Points (..., 3) of the scene for joints (..., dof) in their unit box."""
         shares = np.asarray(u, dtype=float)[..., : len(self.edges)]
-        return np.asarray(self.corner + shares @ self.edges)
+        return self.corner + shares @ self.edges
 
 
 def draw_maps(

@@ -114,13 +114,12 @@
     viewer.set_3d_pane_size(width, height);
     viewer.camera.setViewOffset(width, height, -covered() / 2, 0, width, height);
     if (!moved) {
-      const { target, direction, half, fov, margin, eye } = data.camera;
+      const { target, direction, half, fov, margin } = data.camera;
       const slope = Math.tan((fov * Math.PI) / 360);
       const aspect = (width - covered()) / height;
       const side = margin * Math.max(half[1], half[0] / aspect);
-      // from where a photo was taken the arm is drawn over it through the lens
-      const distance = eye || side / slope + half[2];
-      viewer.camera.fov = eye ? (360 / Math.PI) * Math.atan(side / eye) : fov;
+      const distance = side / slope + half[2];
+      viewer.camera.fov = fov;
       viewer.controls.target.copy(space(target));
       viewer.camera.position.copy(space(target)).addScaledVector(space(direction), distance);
       viewer.camera.near = distance / 200;

@@ -1,7 +1,5 @@
 """Rig scene: a flange that goes through its poses, with cameras and board around it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...recording.rig import HandEye

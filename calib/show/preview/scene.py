@@ -1,7 +1,5 @@
 """Scene: an arm with what stands around it, its rows, its bound and its maps, in layers."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -16,13 +14,14 @@ from ...maps.lattice import Lattice
 from ...model.about import Photo
 from ...model.model import Model
 from ...model.nominal import moves_in_space
+from ...recording.rigid import rigid
 from ...samples.samples import Samples
-from ...training.evaluate import simulation_of
+from ...use.evaluate import simulation_of
 from ..error_scale import UNKNOWN, ErrorScale
 from ..placement import Placement, place_model
 from ..robot import Robot
 from ..settings import SETTINGS
-from ..setup import Thing, things_of, transform
+from ..setup import Thing, things_of
 from ..study import StudiedRows, Study, studies_of
 from ..workspace import bound_field, extent, node_errors
 from .camera import camera_onto, frame_of_view
@@ -93,13 +92,10 @@ def data_of_model(model: Model, log: Samples | None) -> dict[str, object]:
         around.append(_draw_photo(canvas, photo, placement, front))
     dof = model.motor.units.shape[1]
     panel = Panel.beside(frame, np.vstack([*around, nodes]), 0.75 * size, dof)
-    if photo is not None and placement.eye is not None:
-        camera = camera_onto(around[-1], frame, placement.eye)
-    else:
-        if not moves_in_space(model):  # with room for words at each side
-            corners = panel.lift([[-0.3, -0.2, 0.0], [1.1, 1.15, 0.0]])
-            around += [nodes, corners]
-        camera = camera_onto(np.vstack(around), frame)
+    if not moves_in_space(model):  # with room for words at each side
+        corners = panel.lift([[-0.3, -0.2, 0.0], [1.1, 1.15, 0.0]])
+        around += [nodes, corners]
+    camera = camera_onto(np.vstack(around), frame)
 
     if robot is not None:
         _draw_robot(canvas, robot.links, poses)
@@ -149,24 +145,23 @@ def _through(model: Model, rows: StudiedRows) -> Motion:
     return Motion(q, rows.x[some], model.forward(q), names, step=15)
 
 
-def _loop(model: Model, frames: int = 180) -> Motion:
-    """Joints that the inverse map answers with on a closed path."""
+def _loop(model: Model, frames: int = 180, swing: float = 0.25) -> Motion:
+    """Joints that the inverse map answers with on a closed path.
+
+    swing : of the ranges about their middles
+    """
     t = np.linspace(0.0, 2 * np.pi, frames + 1)[:, None]
     k = np.arange(len(model.about.joint_names))
     # cosines and sines of one and two turns: a closed loop in which no joint follows another
     wave = np.cos((1 + k // 2) * t - (k % 2) * np.pi / 2 + 0.7 * k)
-    for swing in (0.36, 0.25, 0.15, 0.08):  # of the ranges about their middles
-        q = model.motor.scale.from_unit(0.5 + swing * wave)
-        answered = np.isfinite(model.forward(q)).all(axis=1)
-        if answered.all():
-            break
-    q = q[answered]
+    q = model.motor.scale.from_unit(0.5 + swing * wave)
+    q = q[np.isfinite(model.forward(q)).all(axis=1)]
     if not len(q):  # a log with a hole in its middle: stay at a node
         q = model.motor.weights[[int(np.argmax(model.visited))] * 2]
     target = model.forward(q)
     answer = model.solve(target, q)
-    simulation = simulation_of(model)
     reached = answer.position
+    simulation = simulation_of(model)
     if simulation is not None:
         reached = simulation.exact(answer.q)
     names = ("Target path", "Reached path")
@@ -270,7 +265,7 @@ def _draw_robot(
             turn, _ = Rotation.align_vectors([end], [[0.0, 1.0, 0.0]])
             path = f"{ARM}/{link}/bone"
             canvas.add(path, "cylinder", _BONE, size=[0.02, length])
-            canvas.place(path, transform(turn.as_matrix(), end / 2))
+            canvas.place(path, rigid(turn.as_matrix(), end / 2))
 
 
 def standing(things: Sequence[Thing]) -> list[Array]:

@@ -13,7 +13,7 @@ from ...common.wording import for_people, number, printable, sized, unit_for
 from ..causes import error_curve
 from ..error_scale import ErrorScale
 from ..robot import Robot
-from ..settings import SETTINGS, Z95
+from ..settings import SETTINGS
 from ..setup import SENSOR, Thing, things_of
 from ..study import Study
 from ..workspace import bound_field, extent
@@ -31,7 +31,6 @@ from .drawing import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -226,18 +225,15 @@ def joints(study: Study) -> Figure | None:
         readings = 1e3 * (along / length[long] ** 2 + learned)
         degrees = np.degrees(q[long, k])
         ax.plot(degrees, readings, ".", color=GREY, rasterized=True)
-        _band(ax, np.degrees(grid), 1e3 * curve, 1e3 * half, ACCENT)
+        values = np.degrees(grid)
+        band = 1e3 * np.array([curve - half, curve + half])
+        ax.fill_between(values, *band, color=ACCENT, alpha=0.3)
+        ax.plot(values, 1e3 * curve, color=ACCENT)
         ax.set_title(printable(structure.joint_names[k]))
         ax.locator_params(nbins=4)
     axes[-1].set_xlabel("joint value [deg]")
     figure.supylabel("error of the joint [mrad]", fontsize=8.5)
     return figure
-
-
-def _band(ax: Axes, x: Array, middle: Array, half: Array, colour: str) -> None:
-    """Draw a line within its band."""
-    ax.fill_between(x, middle - half, middle + half, color=colour, alpha=0.3)
-    ax.plot(x, middle, color=colour)
 
 
 def order(study: Study, window: int = 15) -> Figure | None:
@@ -290,26 +286,4 @@ def arrows(study: Study) -> Figure | None:
         )
         ax.plot(*ends[1].T, ".", color=SECOND, rasterized=True)
     axes[0].set_title(f"errors, drawn {number(times)} times as long")
-    return figure
-
-
-def trust(study: Study) -> Figure | None:
-    """Share of rows within the p % bound against p; a bound that holds follows the diagonal."""
-    from scipy.special import chdtri
-
-    rows = study.rows
-    if rows is None or study.model.about.simulation is not None:
-        return None
-    bound = study.model.expected_error(rows.q)
-    outputs = rows.x.shape[1]
-    p = np.linspace(0.02, 0.99, 60)
-    radius = np.sqrt(chdtri(outputs, 1.0 - p) / chdtri(outputs, 0.05))
-    ratio = rows.distance / np.maximum(bound, 1e-300)
-    share = (ratio[:, None] <= radius).mean(axis=0)
-    chance = 100 * Z95 * np.sqrt(p * (1.0 - p) / len(ratio))
-    figure, (ax,) = panels([2.4])
-    _band(ax, 100 * p, 100 * p, chance, GREY)
-    ax.plot(100 * p, 100 * share, color=ACCENT)
-    ax.set(xlim=(0, 100), xlabel="bound that should hold [%]")
-    ax.set(ylim=(0, 100), ylabel="rows within [%]")
     return figure

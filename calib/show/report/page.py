@@ -19,10 +19,9 @@ from ...common.wording import (
 from ...errors import OptionError, require
 from ...maps.association import Association
 from ...maps.map import Map
-from ...model.facts import facts
+from ...model.about import facts
 from ...model.model import Model
-from ...recording.rig import HandEye
-from ...recording.rig_file import rig_of_model
+from ...recording.rig import HandEye, rig_of_model
 from ...samples.samples import Samples
 from ...training.learn import Progress
 from ..study import Study, studies_of
@@ -31,7 +30,7 @@ from . import map_figures as maps
 from . import rig_figures as rigs
 from . import words
 from .drawing import settings
-from .html import figure_of, paragraph, write_page
+from .html import figure_of, write_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -90,11 +89,6 @@ ARM = (
         "Drift and steps show as slopes; the line is a running median.",
     ),
     Entry(
-        "Why so",
-        arm.trust,
-        "A bound that holds follows the diagonal or lies above it; grey is what chance does.",
-    ),
-    Entry(
         "The maps",
         maps.lattices,
         "Nodes joined to their neighbours on the lattice.",
@@ -111,11 +105,6 @@ RIG = (
         "The pictures",
         rigs.misses,
         "Each picture is predicted by a fit that did not see it.",
-    ),
-    Entry(
-        "The pictures",
-        rigs.corners,
-        "Corners over a picture that the fit did not see.",
     ),
 )
 HEADINGS = ("", "What is off", "The pictures", "Where", "Why so", "The maps")
@@ -156,7 +145,6 @@ def report(
     study = next((one for one in studies if one.log is not None), studies[0])
     verdict = words.verdict(studies)
     sections = dict.fromkeys(HEADINGS, "")
-    sections["What is off"] = paragraph(words.uncertain(study))
     rig = rig_of_model(model)
     if rig is not None:
         verdict = f"{verdict_of_rig(rig)} {verdict}"
@@ -182,7 +170,7 @@ def report(
             "Next": words.next_step(study),
         },
         sections=sections,
-        facts=facts(model),
+        facts=facts(model.about, model.size_in_words),
         notes=model.about.notes,
     )
     return verdict

@@ -1,16 +1,14 @@
-"""Figures of a rig: where cameras and board are, how far corners are off, by picture and in one."""
+"""Figures of a rig: where cameras and board are, and how far corners are off by picture."""
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...common.wording import number
 from ...recording.rig import HandEye
 from ..setup import things_of_rig
-from .drawing import GREY, INK, SECOND, panels
+from .drawing import GREY, panels
 from .figures import draw_setup
 
 if TYPE_CHECKING:
@@ -34,43 +32,4 @@ def misses(rig: HandEye) -> Figure:
         figure.legend(loc="outside lower center")
     ax.set(xlabel="picture", ylabel="corners off, rms [px]")
     ax.locator_params(axis="x", integer=True)
-    return figure
-
-
-def corners(rig: HandEye) -> Figure | None:
-    """Corners over a picture that the fit did not see, as predicted and as seen."""
-    if rig.photo is None:
-        return None
-    from PIL import Image
-
-    with Image.open(io.BytesIO(rig.photo.jpeg)) as opened:
-        pixels = np.asarray(opened.convert("L"))
-    width, height = rig.lens["size"]
-    figure, (ax,) = panels([3.5 * height / width + 0.5])
-    box = (-0.5, width - 0.5, height - 0.5, -0.5)
-    ax.imshow(
-        pixels, extent=box, origin="upper", cmap="gray", vmin=-150, vmax=280
-    )
-    seen = rig.photo.corners
-    off = rig.photo.predicted - seen
-    length = float(np.linalg.norm(off, axis=1).max())
-    times = float(f"{max(0.05 * width / max(length, 1e-9), 1.0):.0e}")
-    ends = np.stack([seen, seen + times * off])
-    ax.plot(
-        *seen.T,
-        "o",
-        ms=3,
-        mfc="none",
-        label="seen",
-    )
-    lines = ax.plot(*ends.transpose(2, 0, 1), color=SECOND)
-    lines[0].set_label(f"to predicted, {number(times)} times as long")
-    ax.set(
-        xticks=[],
-        yticks=[],
-        xlim=box[:2],
-        ylim=box[2:],
-    )
-    ax.set_title(rig.photo.name, color=INK)
-    figure.legend(loc="outside lower center", ncols=2)
     return figure

@@ -1,13 +1,11 @@
 """Words of a report: how accurate, whether it still holds, what to do next."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 
 import numpy as np
 
-from ...common.wording import clipped, listed, one_line, sized
+from ...common.wording import clipped, one_line, sized
 from ..settings import SETTINGS
 from ..study import Study
 
@@ -127,9 +125,3 @@ def next_step(study: Study) -> str:
     if study.model.about.simulation is not None:
         return "This arm is simulated: 30 measured rows of the real one (`calib plan`) tell more."
     return "Use it (`calib correct`, `calib urdf`), and check it with ten rows now and then."
-
-
-def uncertain(study: Study) -> str:
-    """What rows do not tell apart, in a line."""
-    names = [cause.name for cause in study.causes if not cause.certain]
-    return f"Not told apart from nothing: {listed(names)}." if names else ""

@@ -34,7 +34,7 @@ def forward(
 ) -> Outcome:
     import numpy as np
 
-    from ...query import TURN, Query, note_size
+    from ...query import TURN, Query
 
     query = Query(model, input_, columns, output, unit, degrees, frame, values)
     joints = query.joints
@@ -42,30 +42,27 @@ def forward(
         return _table(query, readout)
     q = np.array([joints.one_each("Q1 Q2", values or ())])
     answers = _answers(query, q, readout)
-    joint_values = dict(zip(joints.names, q[0].tolist(), strict=True))
-    document: dict[str, object] = {"joints": joint_values}
-    position = np.stack([answers.pop(axis) for axis in query.axes], axis=1)
-    document["position"] = position[0]
-    lines: list[str | TextTable] = []
+    numbers = {name: float(column[0]) for name, column in answers.items()}
+    position = [numbers.pop(axis) for axis in query.axes]
+    document: dict[str, object] = {
+        "joints": dict(zip(joints.names, q[0].tolist(), strict=True)),
+        "position": position,
+    }
+    shown = {name: answers[name] for name in (*query.axes, *query.bounds)}
+    lines: list[str | TextTable] = [query.table(q, shown)]
     if "qw" in answers:
-        turn = [float(answers.pop(name)[0]) for name in TURN]
+        turn = [numbers.pop(name) for name in TURN]
         document["quaternion"] = turn
         lines.append(
             "quaternion " + " ".join(fixed(value, 6) for value in turn)
         )
-    document |= {name: column[0] for name, column in answers.items()}
-    document |= query.meaning
-    outside = joints.beyond(query.model, q[0].tolist()) or query.model.outside(
-        q[0]
-    )
+    document |= numbers | query.meaning
+    outside = joints.beyond(query.model, q[0].tolist())
+    outside = outside or query.model.outside(q[0])
     if outside is not None:
         note(f"no answer: {outside}")
         return Outcome(document, code=NO)
-    bounds = {name: answers[name] for name in query.bounds}
-    lines.insert(0, query.table(q, position, bounds))
-    note_size(answers)
-    shown = (query.factor * position[0]).tolist()
-    alone = " ".join(fixed(value, 4) for value in shown)
+    alone = " ".join(fixed(query.factor * value, 4) for value in position)
     return Outcome(document, lines, result=[alone])
 
 
@@ -99,24 +96,26 @@ def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
     from calib.model.space import Space
     from calib.samples.motion import Motion
 
-    from ...query import BOUNDS, TURN, up_to_scale
+    from ...query import BOUNDS, TURN
 
     model = query.model
     if query.frame == "base":
         space = Space.of(model)
         position, turn = space.forward(q)
-        places = np.hstack([position, turn]).T
-        answers = dict(zip((*"xyz", *TURN), places, strict=True))
         bound = space.bound(q)
-        bounds = {**up_to_scale(model, q), **dict.fromkeys(BOUNDS, bound)}
+        answers = dict(
+            zip((*"xyz", *TURN), [*position.T, *turn.T], strict=True)
+        )
+        answers |= dict.fromkeys(BOUNDS, bound)
         answered = np.isfinite(position[:, 0])
-        for name, bound in bounds.items():
-            answers[name] = np.where(answered, bound, np.nan)
-        return answers
+        return {
+            name: np.where(answered, column, np.nan)
+            for name, column in answers.items()
+        }
     answers = dict(zip(model.axes, model.forward(q, readout).T, strict=True))
     if len(model.axes) == 3 and knows_orientation(model.body):
         answers |= dict(zip(TURN, model.pose(q)[1].T, strict=True))
     prediction = predict(model, Motion(q))
     apart = prediction.apart(readout or model.default_readout)
-    bounds_of_maps = (prediction.bound + apart, prediction.true_bound + apart)
-    return answers | dict(zip(BOUNDS, bounds_of_maps, strict=True))
+    bounds = (prediction.bound + apart, prediction.true_bound + apart)
+    return answers | dict(zip(BOUNDS, bounds, strict=True))

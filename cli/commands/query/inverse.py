@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument
 
@@ -18,22 +19,27 @@ if TYPE_CHECKING:
 
     from calib import Model
     from calib.common.arrays import Array
+    from calib.samples.tables import Batch
 
     from ...query import Query
 
 NUMBERS = True
-_FAR = 10.0  # extents of the workspace: so far off, positions in mm were typed as m
 
 
-class Search(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Search:
     """Which answers are looked for."""
 
-    near: Array | None  # (dof,) or (n, dof) [rad or m]
-    turn: Array | None  # (4,) or (n, 4), orientation that is wanted
     readout: str | None
     every: bool  # whether all branches are wanted
     keep: bool  # whether the tool shall keep its orientation at `near`
     free: str | None  # axis of the tool about which it may turn
+    near: Array | None = None  # (dof,) or (n, dof) [rad or m]
+    turn: Array | None = None  # (4,) or (n, 4), orientation that is wanted
+
+    def in_space(self, query: Query) -> bool:
+        """Whether a pose is looked for, or a position in the base frame."""
+        return query.frame == "base" or self.turn is not None or self.keep
 
 
 def inverse(
@@ -45,7 +51,7 @@ def inverse(
     near: Annotated[
         parsing.Numbers | None,
         opt.value(
-            "--near", "Q1,Q2", "The branch nearest to these.", parsing.reals
+            "--near Q1,Q2", "The branch nearest to these.", parsing.reals
         ),
     ] = None,
     every: Annotated[
@@ -56,13 +62,13 @@ def inverse(
     quaternion: Annotated[
         parsing.Numbers | None,
         opt.value(
-            "--quaternion", "QX,QY,QZ,QW", "Orientation.", parsing.quaternion
+            "--quaternion QX,QY,QZ,QW", "Orientation.", parsing.quaternion
         ),
     ] = None,
     rpy: Annotated[
         parsing.Numbers | None,
         opt.value(
-            "--rpy", "R,P,Y", "Roll, pitch, yaw as in a URDF.", parsing.angles
+            "--rpy R,P,Y", "Roll, pitch, yaw as in a URDF.", parsing.angles
         ),
     ] = None,
     keep: Annotated[
@@ -76,8 +82,7 @@ def inverse(
     on: Annotated[
         parsing.OfJoint | None,
         opt.value(
-            "--on",
-            "z=H",
+            "--on z=H",
             "The pixel X Y lies on this plane [m].",
             parsing.height,
         ),
@@ -93,53 +98,47 @@ def inverse(
     from ...query import Query
 
     posed = quaternion is not None or rpy is not None
-    if every and readout:
-        raise BadOption(
-            "--all answers by the default readout: expected no --readout"
-        )
-    if input_ and (posed or keep or on):
-        raise BadOption(
-            "--input has a column for each number: expected no other target"
-        )
-    if keep and (posed or near is None):
-        raise BadOption("--keep-orientation: expected --near beside it alone")
-    if free and not (posed or input_):
-        raise BadOption("--free: expected --quaternion or --rpy beside it")
-    if quaternion and rpy:
-        raise BadOption(
-            "--quaternion and --rpy are given: expected one of them"
-        )
-    query = Query(
-        model,
-        input_,
-        columns,
-        output,
-        unit,
-        degrees,
-        "base" if on else frame,
-        target,
-    )
+    for is_wrong, why in (
+        (
+            every and readout,
+            "--all is of the default readout alone: no --readout",
+        ),
+        (
+            input_ and (posed or keep or on),
+            "--input has a column for each number: expected no other target",
+        ),
+        (
+            keep and (posed or near is None),
+            "--keep-orientation: expected --near beside it alone",
+        ),
+        (
+            free and not (posed or input_),
+            "--free: expected --quaternion or --rpy beside it",
+        ),
+        (
+            quaternion and rpy,
+            "--quaternion and --rpy are given: expected one of them",
+        ),
+    ):
+        if is_wrong:
+            raise BadOption(why)
+    frame = "base" if on else frame
+    query = Query(model, input_, columns, output, unit, degrees, frame, target)
+    search = Search(readout=readout, every=every, keep=keep, free=free)
     anchor = query.joints.one_each("--near", near)
     if anchor is not None:
         beyond = query.joints.beyond(query.model, anchor)
         if beyond is not None:
             raise BadOption(f"--near {beyond}")
-    turn = None
+        search = replace(search, near=np.array(anchor))
     if quaternion is not None:
         turn = np.array(quaternion) / math.hypot(*quaternion)
+        search = replace(search, turn=turn)
     elif rpy is not None:
         from calib.samples.roles import from_angles
 
-        angles = np.array([rpy])
-        turn = from_angles(np.radians(angles) if degrees else angles)[0]
-    search = Search(
-        None if anchor is None else np.array(anchor),
-        turn,
-        readout,
-        every,
-        keep,
-        free,
-    )
+        angles = np.radians([rpy]) if degrees else np.array([rpy])
+        search = replace(search, turn=from_angles(angles)[0])
     if input_ is not None:
         return _table(query, search)
     return _single(query, search, target or (), None if on is None else on.low)
@@ -151,12 +150,9 @@ def _single(
     """Answer one question, which may be a pixel on a plane of that height [m]."""
     from calib.model.space import Space
 
-    from ...query import note_size
-
     joints = query.joints
-    base = query.frame == "base"
     posed = search.turn is not None
-    in_space = base or posed or search.keep
+    in_space = search.in_space(query)
     x = _target(query, typed, height)
     document: dict[str, object] = {"target": x}
     if in_space:
@@ -167,10 +163,11 @@ def _single(
     if posed:
         document["quaternion"] = search.turn
     # in space all branches are looked for, so that the nearest is found
-    wide = search._replace(every=search.every or in_space)
+    wide = replace(search, every=search.every or in_space)
     answers = _answers(query, x[None], wide)
-    count = len(answers["q"]) if search.every else 1
-    q = answers.pop("q")[:count]
+    if not search.every:
+        answers = {name: column[:1] for name, column in answers.items()}
+    q = answers.pop("q")
     del answers["target"]
     reachable = bool(answers.pop("reachable").any())
     document["reachable"] = reachable
@@ -186,25 +183,21 @@ def _single(
         ways = Space.of(query.model).free(q[0], posed=posed, axis=axis).tolist()
         free = [dict(zip(joints.names, way, strict=True)) for way in ways[:9]]
         document["free"] = free if reachable else []
-    if base:
-        note_size(answers)
-        if not Space.of(query.model).sees(x).all():
-            note("the camera's picture does not show the target")
+    if query.frame == "base" and not Space.of(query.model).sees(x).all():
+        note("the camera's picture does not show the target")
     document |= query.meaning
-    shown = ["distance", *(["turned"] if posed else []), *query.bounds]
-    quantities = {name: answers[name][:count] for name in shown}
-    missed = (
-        ""
-        if reachable
-        else f"nearest attainable {'pose' if posed else 'point'}"
-    )
-    table = query.table(q, answers["position"][:count], quantities, missed)
+    shown = dict(zip(query.axes, answers["position"].T, strict=True))
+    for name in ("distance", *(["turned"] if posed else []), *query.bounds):
+        shown[name] = answers[name]
     if reachable:
         alone = [" ".join(joints.cells(row)) for row in q.tolist()]
-        return Outcome(document, [table], result=alone)
-    readout = f" of readout '{search.readout}'" if search.readout else ""
-    away = _away(query, answers, posed)
-    note(f"out of reach{readout}: the {missed} is {away}")
+        return Outcome(document, [query.table(q, shown)], result=alone)
+    missed = f"nearest attainable {'pose' if posed else 'point'}"
+    away = query.words(float(answers["distance"].min()))
+    if posed:
+        away += f" and {math.degrees(answers['turned'][0]):.3g} deg"
+    note(f"out of reach: the {missed} is {away} away")
+    table = query.table(q, shown, missed)
     return Outcome(document, [table], result=(), code=NO)
 
 
@@ -233,18 +226,6 @@ def _on_plane(model: Model, pixel: Array, height: float) -> Array:
     return x
 
 
-def _away(query: Query, answers: dict[str, NDArray[Any]], posed: bool) -> str:
-    """Say how far the nearest answer is from what was asked."""
-    distance = float(answers["distance"].min())
-    words = query.words(distance)
-    if posed:
-        words += f" and {math.degrees(float(answers['turned'][0])):.3g} deg"
-    extent = float(query.model.sensory.scale.span.max())
-    if query.shown == "mm" and distance > _FAR * extent:
-        return f"{words} away; positions are typed in m, or give --unit mm"
-    return f"{words} away"
-
-
 def _table(query: Query, search: Search) -> Outcome:
     """Answer a table; columns near_JOINT choose the branch, qx to qw ask for an orientation."""
     import numpy as np
@@ -258,25 +239,23 @@ def _table(query: Query, search: Search) -> Outcome:
     least = 6 if search.free is None else 5
     turns = TURN if len(names) >= least and len(axes) == 3 else ()
     batch, valid = query.read(axes, (nearby, turns))
-    by_name = dict(zip(batch.names, batch.values[valid].T, strict=True))
-    posed = bool(turns) and "qw" in by_name
-    if posed:
-        turn = np.stack([by_name[name] for name in TURN], axis=1)
-        search = search._replace(turn=turn)
-    if nearby[0] in by_name:
-        near = np.stack([by_name[name] for name in nearby], axis=1)
-        search = search._replace(near=near / query.joints.typed)
-    answers = _answers(query, batch.values[valid, : len(axes)], search)
+    values = batch.values[valid]
+    if "qw" in batch.names and turns:
+        search = replace(search, turn=_columns(batch, values, TURN))
+    if nearby[0] in batch.names:
+        near = _columns(batch, values, nearby) / query.joints.typed
+        search = replace(search, near=near)
+    answers = _answers(query, values[:, : len(axes)], search)
     # with every branch a target has several answers
     rows = np.flatnonzero(valid)[answers.pop("target")]
     reachable = answers["reachable"]
     q = answers.pop("q") * query.joints.typed
     q[~reachable] = np.nan
-    for name in ("position", "quaternion"):
-        answers.pop(name, None)
-    if not posed:
-        answers.pop("turned", None)
-    added = {**dict(zip(names, q.T, strict=True)), **answers}
+    added = dict(zip(names, q.T, strict=True))
+    for name, column in answers.items():
+        is_turn = name == "turned" and search.turn is None
+        if column.ndim == 1 and not is_turn:
+            added[name] = column
     missed = (np.unique(rows[~reachable]) + 1).tolist()
     failures = {"out_of_reach": (missed, "out of reach")}
     if not search.every:
@@ -287,21 +266,25 @@ def _table(query: Query, search: Search) -> Outcome:
     return query.answer(batch, {**columns, "row": index + 1}, failures)
 
 
+def _columns(batch: Batch, values: Array, names: Sequence[str]) -> Array:
+    """Return columns of a table's rows (n, ...) by their names, (n, k)."""
+    return values[:, [batch.names.index(name) for name in names]]
+
+
 def _answers(query: Query, x: Array, search: Search) -> dict[str, NDArray[Any]]:
     """Return the answers to targets (n, m), by quantity, and the "target" that each is of."""
     import numpy as np
 
     model = query.model
     near = search.near
-    if query.frame == "base" or search.turn is not None or search.keep:
+    if search.in_space(query):
         return _answers_in_space(query, x, search)
     if not search.every:
         answer = model.solve(x, near, search.readout)._asdict()
         return {"target": np.arange(len(x)), **answer}
     branches = model.solve_all(x)
-    target = np.repeat(
-        np.arange(len(x)), [len(answer.q) for answer in branches]
-    )
+    counts = [len(answer.q) for answer in branches]
+    target = np.repeat(np.arange(len(x)), counts)
     answers: dict[str, NDArray[Any]] = {"target": target}
     for name, *parts in zip(branches[0]._fields, *branches, strict=True):
         answers[name] = np.concatenate(parts)
@@ -310,9 +293,8 @@ def _answers(query: Query, x: Array, search: Search) -> dict[str, NDArray[Any]]:
     scale = model.motor.scale
     wish = np.atleast_2d(near)[target if near.ndim > 1 else [0]]
     gap = scale.difference(scale.to_unit(answers["q"]), scale.to_unit(wish))
-    order = np.lexsort(
-        (np.linalg.norm(gap, axis=1), target)
-    )  # the nearest first
+    # the nearest first
+    order = np.lexsort((np.linalg.norm(gap, axis=1), target))
     return {name: column[order] for name, column in answers.items()}
 
 
@@ -324,8 +306,6 @@ def _answers_in_space(
     from calib.model.poses import solve_poses
     from calib.model.space import Space
 
-    from ...query import up_to_scale
-
     if search.readout is not None:
         raise BadOption(
             "--readout is for positions in the sensor's frame alone"
@@ -334,7 +314,7 @@ def _answers_in_space(
         raise QueryError(
             "a pixel alone is no position in space; give --on z=H or --in base"
         )
-    answers = solve_poses(
+    return solve_poses(
         query.model,
         x,
         search.turn,
@@ -344,6 +324,3 @@ def _answers_in_space(
         keep=search.keep,
         free=search.free,
     )._asdict()
-    if query.frame == "base":
-        answers |= up_to_scale(query.model, answers["q"])
-    return answers

@@ -3,8 +3,6 @@
 Exit code 3 if the joints have to jump between branches or a point is out of reach.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from ... import options as opt
@@ -17,9 +15,7 @@ def path(
     start: opt.StartJoints = None,
     step: Annotated[
         float | None,
-        opt.value(
-            "--step", "S", "Longest, or inf (default 1 % extent).", length
-        ),
+        opt.value("--step S", "Longest, or inf (default 1 % extent).", length),
     ] = None,
     input_: opt.Input = None,
     columns: opt.Columns = None,

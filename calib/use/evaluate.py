@@ -10,17 +10,20 @@ import numpy as np
 from ..arm.loading import arm_from_urdf
 from ..arm.rotations import logarithm, matrix_of, similarity
 from ..body.belief import knows_orientation
+from ..change.judge import judge
+from ..change.verdict import Verdict
 from ..common.arrays import Mask
 from ..common.rows import finite_rows, median_length, row_lengths
 from ..common.wording import for_people
-from ..errors import OptionError, require
+from ..errors import LogError, OptionError, require
 from ..model.about import holds
+from ..model.alignment import Alignment
 from ..model.model import Model
 from ..model.space import Space
 from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
-from .residuals import (
+from ..training.residuals import (
     ErrorTable,
     Residuals,
     answered_within,
@@ -28,9 +31,9 @@ from .residuals import (
     fresh_residuals,
     summarise,
 )
-from .settings import TESTING
-from .sound_rows import sound_log
-from .touched import in_sockets
+from ..training.settings import TESTING
+from ..training.sound_rows import sound_log
+from ..training.touched import in_sockets
 
 Frame = Literal["kept", "free"]
 EVALUATED = ("kept", "free")
@@ -63,6 +66,8 @@ class Evaluation:
         The errors row by row; None for those of the training.
     learned : int
         Rows of the log that the model has learned, and which tell nothing of its errors.
+    verdict : Verdict or None
+        What a log says of the model, whose rows were evaluated; None of fewer than ten.
     """
 
     errors: ErrorTable
@@ -74,10 +79,13 @@ class Evaluation:
     touch: dict[str, Any] = field(default_factory=dict)
     residuals: Residuals | None = None
     learned: int = 0
+    verdict: Verdict | None = None
 
     @property
     def bound_holds(self) -> bool:
         """Whether the rows agree with the model's own bound."""
+        if self.verdict is not None:
+            return self.verdict.bound_holds
         return holds(self.within, self.rows)
 
     def __repr__(self) -> str:
@@ -132,9 +140,8 @@ def evaluate(
         count = len(samples)
         samples, touch = in_sockets(model, samples, samples.touch)
         lost += count - len(samples)
-        evaluation = _evaluation(
-            model, _residuals(model, samples), source, lost
-        )
+        residuals = _residuals(model, samples)
+        evaluation = _evaluation(model, residuals, source, lost)
         return replace(evaluation, touch=touch)
     learned = learned_rows(model, samples)
     count = int(np.count_nonzero(learned))
@@ -156,12 +163,42 @@ def evaluate(
         )
         samples = samples.take(~learned)
         source = "measured rows of the log that were not learned"
-    samples, sound_notes = sound_log(model, samples)
-    lost += fresh - len(samples)
-    samples, frame_notes = _in_frame(model, samples, frame)
-    notes += sound_notes + frame_notes
-    evaluation = _evaluation(model, _residuals(model, samples), source, lost)
-    return replace(evaluation, notes=tuple(notes), learned=count)
+    if frame == "free":
+        samples, frame_notes = _placed(model, samples)
+        notes += frame_notes
+    evaluation = _of_log(model, samples, source)
+    return replace(
+        evaluation,
+        left_out=evaluation.left_out + lost,
+        notes=(*notes, *evaluation.notes),
+        learned=count,
+    )
+
+
+def _of_log(model: Model, samples: Samples, source: str) -> Evaluation:
+    """The errors of the rows that the verdict on a log counts, of few rows those of all."""
+    try:
+        verdict = judge(model, samples, learn=False)
+    except LogError:  # too few rows for a verdict
+        sound, notes = sound_log(model, samples)
+        lost = len(samples) - len(sound)
+        residuals = _residuals(model, sound)
+        evaluation = _evaluation(model, residuals, source, lost)
+        return replace(evaluation, notes=tuple(notes))
+    rows = verdict.rows
+    residuals = _residuals(model, rows.log)
+    lost = rows.lost - samples.left_out
+    evaluation = _evaluation(model, residuals, source, lost)
+    notes = [*verdict.notes]
+    if verdict.changed:
+        first = [*verdict.explanations, "its cause is unknown"][0]
+        notes.append(f"{verdict.words}: {first}; `check` says what to do")
+    return replace(
+        evaluation,
+        within={**evaluation.within, "covered": verdict.covered},
+        notes=tuple(notes),
+        verdict=verdict,
+    )
 
 
 def _of_training(model: Model) -> Evaluation:
@@ -178,17 +215,14 @@ def _of_training(model: Model) -> Evaluation:
 
 def _residuals(model: Model, samples: Samples) -> Residuals:
     """Residuals on measured positions, and on orientations where they are known."""
-    residuals = evaluate_residuals(
-        model, samples.q, samples.x, side=samples.side
-    )
+    residuals = evaluate_residuals(model, samples, samples.x)
+    q = samples.q
     if samples.orientation is None or not knows_orientation(model.body):
         return residuals
     space = Space.of(model)
-    q = model.about.joints_of(samples)
     predicted = space.to_sensor(*space.evaluate(q)[:2])[1]
     off = matrix_of(samples.orientation) @ np.swapaxes(predicted, 1, 2)
-    answered = finite_rows(model.forward(q))
-    turned = row_lengths(logarithm(off[answered]))
+    turned = row_lengths(logarithm(off[finite_rows(model.forward(q))]))
     return replace(residuals, turned=turned)
 
 
@@ -198,7 +232,7 @@ def _evaluation(
     """The evaluation that residuals tell, beside `lost` rows that were left out before."""
     return Evaluation(
         errors=summarise(residuals),
-        rows=len(residuals.q),
+        rows=len(residuals.x),
         left_out=residuals.left_out + lost,
         source=source,
         within=answered_within(model, residuals),
@@ -232,10 +266,8 @@ def learned_rows(model: Model, samples: Samples) -> Mask:
     return np.asarray(pose_is_learned[samples.pose_index])
 
 
-def _in_frame(
-    model: Model, samples: Samples, frame: Frame
-) -> tuple[Samples, list[str]]:
-    """The log in the model's frame if that is free, and notes on how its own frame moved."""
+def _placed(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
+    """The log in the model's frame, and a note on how its own frame moved."""
     tip = model.forward(samples.q)
     answered = finite_rows(tip)
     if answered.sum() < TESTING.placed:
@@ -244,27 +276,16 @@ def _in_frame(
     tip = tip[answered]
     turn, _, _ = similarity(x, tip)
     shift = np.median(tip - x @ turn.T, axis=0)
-    moved = x @ turn.T + shift
-    before = median_length(x - tip)
-    after = median_length(moved - tip)
-    if frame == "kept" and after > TESTING.nearer * before:
-        return samples, []
-    away = float(np.linalg.norm(x.mean(axis=0) - moved.mean(axis=0)))
-    half_angle = float(np.linalg.norm(turn - np.eye(len(turn)))) / 8**0.5
-    angle = 2.0 * np.degrees(np.arcsin(min(1.0, half_angle)))
+    back = Alignment(turn, shift)
+    moved = back.apply(x)
     factor, unit = for_people(samples.unit)
-    words = (
-        f"moved by {factor * away:.3g} {unit} and {angle:.2g} deg: rows are "
-        f"{factor * before:.3g} {unit} off (median), {factor * after:.3g} once it is found anew"
+    before = factor * median_length(x - tip)
+    after = factor * median_length(moved - tip)
+    note = (
+        f"the sensor's frame was found anew, {back.inverse().words(samples.unit)}: rows are "
+        f"{before:.3g} {unit} off (median) in the old one, {after:.3g} in the new one"
     )
-    if frame == "free":
-        placed = replace(samples, x=samples.x @ turn.T + shift)
-        return placed, [f"the sensor's frame was found anew, {words}"]
-    return samples, [
-        f"the sensor's frame seems to have {words}; an arm that changed may look like that in few "
-        "places: `check` tells which it is, `frame='free'` gives the errors after that, `adapt` "
-        "takes it over"
-    ]
+    return replace(samples, x=back.apply(samples.x)), [note]
 
 
 def simulation_of(model: Model) -> Simulation | None:

@@ -1,50 +1,16 @@
-"""Checking: whether a model still fits the arm, and which of several models does."""
+"""Recognising: which of several models a log fits."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ..change.judge import judge
 from ..errors import LogError, OptionError, require
 from ..model.model import Model
 from ..samples.samples import Samples
-from .judge import Verdict, judge
-
-
-def check(
-    model: Model,
-    log: Samples,
-    *,
-    cause: str | None = None,
-    tolerance: float | None = None,
-) -> Verdict:
-    """Compare new samples with a model.
-
-    Parameters
-    ----------
-    model : Model
-    log : Samples
-        At least ten different rows of the same arm.
-    cause : {"sensor", "joints"}, optional
-        What is known about a change.
-    tolerance : float, optional [unit]
-        Where nothing fired and the rows could not have shown a change of this size, `drifted` is
-        None.
-
-    Returns
-    -------
-    Verdict
-
-    Raises
-    ------
-    LogError
-        If the log is not of this arm, too short, or looks wrong.
-    """
-    return replace(
-        judge(model, log, cause=cause, learn=False), tolerance=tolerance
-    )
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,176 @@
+"""The verdict: what a log says of a model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .causes import Cause
+from .evidence import BoundTest, Evidence
+from .rows import LogRows, Signal, distortions
+from .settings import FALSE_ALARM
+from .significance import GroupTest, Tested, fired
+from .update import Update
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Verdict:
+    """What a log says of a model.
+
+    Attributes
+    ----------
+    changed : bool or None
+        Whether the arm or its sensor changed; None where the rows are too few to say.
+    causes : tuple of Cause
+        What explains the rows, the largest effect first, with intervals.
+    score : float
+        Largest score of a test: above 1 something changed.
+    notes : tuple of str
+        What else the user should be told.
+    rows : LogRows
+        The rows that count, with the model's predictions.
+    tests : Tested
+        Each group of parameters freed alone.
+    bound : BoundTest
+        The rows beyond the bound, and the chance of so many.
+    update : Update or None
+        The belief with what the rows tell, and held-out errors before and after; None for maps
+        without a body, and where nothing changed and nothing was to be learned.
+    evidence : Evidence or None
+        The workings; None for maps without a body.
+    tolerance : float or None [unit]
+        Size of a change that the user does not mind.
+    """
+
+    changed: bool | None
+    causes: tuple[Cause, ...]
+    score: float
+    notes: tuple[str, ...]
+    rows: LogRows
+    tests: Tested
+    bound: BoundTest
+    update: Update | None = None
+    evidence: Evidence | None = None
+    tolerance: float | None = None
+
+    @property
+    def drifted(self) -> bool | None:
+        """Whether something changed; None where the rows are too few, or too coarse, to say."""
+        coarse = self.tolerance is not None and self.smallest > self.tolerance
+        return None if coarse and not self.changed else self.changed
+
+    @property
+    def words(self) -> str:
+        """The verdict in a few words."""
+        if self.changed:
+            return "drifted"
+        if self.changed is None:
+            return "too few rows to say"
+        if self.drifted is None:
+            return "too coarse"
+        if not self.bound_holds:
+            return "the bound does not hold"
+        return "still calibrated"
+
+    @property
+    def explanations(self) -> tuple[str, ...]:
+        """The causes in words."""
+        return tuple(cause.words for cause in self.causes)
+
+    @property
+    def groups(self) -> tuple[GroupTest, ...]:
+        """Every group that was tested, and the bound."""
+        return (*self.tests.groups, self.bound.test)
+
+    @property
+    def bound_holds(self) -> bool:
+        """Whether about as many rows as usual lie within the model's own 95 % bound."""
+        return self.bound.holds
+
+    @property
+    def covered(self) -> float:
+        """Share of the rows within the model's own 95 % bound."""
+        return 1.0 - self.bound.beyond
+
+    @property
+    def smallest(self) -> float:
+        """Displacement (rms over the learned range) by the smallest change to be seen [unit]."""
+        if self.evidence is None:
+            bounds = self.rows.model.expected_error(self.rows.log.q)
+            return float(np.median(bounds))
+        return self.tests.smallest
+
+    @property
+    def samples(self) -> int:
+        """Rows that count."""
+        return len(self.rows)
+
+    @property
+    def outliers(self) -> int:
+        """Rows that contradict all others; they count for nothing."""
+        return self.rows.wrong
+
+    @property
+    def left_out(self) -> int:
+        """Rows that are wrong, or outside of what the model has learned."""
+        return self.rows.lost
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation per axis of what is left over [unit]."""
+        return self.tests.noise
+
+    @property
+    def unit(self) -> str:
+        """Unit of the positions; "sensor" where their scale shows that it is not the model's."""
+        return self.rows.unit if self.evidence is None else self.evidence.unit
+
+    @property
+    def adapts(self) -> bool:
+        """Whether held-out rows say that `adapt` re-calibrates the model."""
+        return self.update is not None and self.update.improved
+
+    @property
+    def held_out(self) -> tuple[float, float] | None:
+        """Mean distance of held-out rows from the model, and from the updated belief [unit]."""
+        if self.update is None:
+            return None
+        before = float(self.update.before.mean())
+        return before, float(self.update.after.mean())
+
+    @property
+    def distortion(self) -> dict[str, Signal]:
+        """How the rows lie on the maps (eq. 9): a display, no alarm."""
+        return distortions(self.rows)
+
+    def __repr__(self) -> str:
+        """Say the verdict, its causes and its notes, a line each."""
+        head = f"Verdict: {self.words}, score {self.score:.3g} (threshold 1), {len(self.rows)} rows"
+        return "\n  ".join([head, *self.explanations, *self.notes])
+
+    def to_json(self) -> dict[str, object]:
+        """What `calib check --json` prints."""
+        signals = self.distortion.items()
+        return {
+            "drifted": self.drifted,
+            "samples": self.samples,
+            "outliers": self.outliers,
+            "left_out": self.left_out,
+            "score": self.score,
+            "smallest": self.smallest,
+            "tolerance": self.tolerance,
+            "adapts": self.adapts,
+            "bound_holds": self.bound_holds,
+            "covered": self.covered,
+            "threshold": 1,
+            "distortion": {name: one._asdict() for name, one in signals},
+            "fired": [group.name for group in fired(self.groups)],
+            "causes": [cause.to_json() for cause in self.causes],
+            "smallest_by_group": {
+                group.name: group.smallest for group in self.groups
+            },
+            "explanations": list(self.explanations),
+            "noise": {"now": self.noise, "usual": self.tests.usual},
+            "false_alarm": FALSE_ALARM,
+        }

@@ -1,0 +1,287 @@
+"""The monitor: one sample at a time, in constant memory, whether the model still fits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..change.causes import single_causes
+from ..change.frame import Reference
+from ..change.judge import SHARED_ERRORS
+from ..change.settings import BEYOND, CREEP, CREPT, FALSE_ALARM
+from ..change.significance import (
+    FTests,
+    GroupTest,
+    everything,
+    groups_of,
+    moves_of,
+    usual_noise,
+)
+from ..change.system import Products, prior_columns, smooth_columns
+from ..common.arrays import Array
+from ..common.rows import thinned
+from ..errors import ModelError, QueryError
+from ..model.model import Model
+
+
+@dataclass(frozen=True)
+class MonitorSettings:
+    """How a stream is watched."""
+
+    # samples between two judgements
+    every: int = 10
+    # of the model's own residual
+    nodes: int = 20
+    # standard errors from which an autocorrelation is none of chance
+    chance: float = 3.0
+    # autocorrelation from sample to sample that is counted at most
+    most_alike: float = 0.99
+    # share of calm samples that may be alarms
+    false_alarm: float = 1e-6
+    # a residual counts for at most so many times the usual one
+    clip: float = 8.0
+
+
+MONITOR = MonitorSettings()
+
+
+class State(NamedTuple):
+    """What is known after a sample."""
+
+    # samples seen, without those outside of what the model has learned
+    samples: int
+    drifted: bool  # whether a signal is above its threshold now
+    # largest score of a test; 0 while there are too few samples
+    score: float
+    zeta: float  # distortion of the sensory map (eq. 9) over what is expected there
+    # [unit], root mean square of the systematic part of the recent residuals
+    links: float
+    noise: float  # [unit], standard deviation per axis of the rest
+    fired: tuple[
+        str, ...
+    ]  # the most telling group of parameters, where one fired
+
+
+class Monitor:
+    """Watches a stream of samples: the sequential form of the tests of `check`.
+
+    Of the recent past it keeps the products of the residual with the columns of all that may have
+    changed and of what the model does not know: the system of `calib.judge`, whose rows fade.
+
+    Parameters
+    ----------
+    model : Model
+        The map to watch.
+    window : float
+        Samples that are remembered: older ones fade by a factor of e.
+
+    Examples
+    --------
+    >>> import calib
+    >>> arm = calib.load_arm("two_link")
+    >>> model = calib.train(calib.babble(arm, 500, noise=1e-3), size=10)
+    >>> monitor = calib.monitor(model)
+    >>> calm = calib.babble(arm, 50, seed=1, noise=1e-3)
+    >>> for q, x in zip(calm.q, calm.x):
+    ...     state = monitor.update(q, x)
+    >>> state.drifted
+    False
+    """
+
+    def __init__(self, model: Model, window: float = 200.0) -> None:
+        if model.baseline is None:
+            raise ModelError(
+                "the model has no baseline of its distortions: train it again"
+            )
+        self._model = model
+        self._expected = model.baseline.sensory
+        self._fade = 1.0 - 1.0 / window
+        self._equations = None if model.body is None else _Equations(model)
+        # sums that fade: samples, squared weights, zeta over the usual, rows beyond the bound
+        self._sums = np.zeros(4)
+        # joints and residuals since the last judgement
+        self._latest: list[tuple[Array, Array]] = []
+        self._state = State(0, False, 0.0, 0.0, 0.0, model.baseline.noise, ())
+
+    def update(
+        self, q: Sequence[float] | Array, x: Sequence[float] | Array
+    ) -> State:
+        """Take one sample, joints (dof,) [rad or m] and position (2,) or (3,) [unit].
+
+        A sample that is not finite or outside of what the model has learned changes nothing.
+        """
+        model = self._model
+        q = np.asarray(q, dtype=float)
+        x = np.asarray(x, dtype=float)
+        expected = len(model.about.joint_names), len(model.axes)
+        if (*q.shape, *x.shape) != expected:
+            raise QueryError(
+                f"{q.size} joint values and {x.size} coordinates: expected "
+                f"{expected[0]} and {expected[1]}"
+            )
+        if not np.isfinite([*q, *x]).all():
+            return self._state
+        residual = x - model.forward(q)
+        if not np.isfinite(residual).all():
+            return self._state
+        places = model.sensory.scale.to_unit(x[None])
+        away, winner = model.sensory.nearest(places)
+        ratio = float(away[0, 0] ** 2 / self._expected[winner[0, 0]])
+        beyond = 0.0
+        if self._equations is None:
+            limit = SHARED_ERRORS * float(model.expected_error(q))
+            beyond = float(np.linalg.norm(residual) > limit)
+        self._latest.append((q, residual))
+        fade = self._fade  # sums over a window that forgets
+        latest = np.array([1.0, 1.0, ratio, beyond])
+        self._sums = self._sums * [fade, fade**2, fade, fade] + latest
+        samples = self._state.samples + 1
+        state = self._state._replace(
+            samples=samples, zeta=float(self._sums[2] / self._sums[0])
+        )
+        if samples % MONITOR.every == 0:
+            state = self._judged(state)
+        self._state = state
+        return state
+
+    @property
+    def state(self) -> State:
+        """The state after the last sample."""
+        return self._state
+
+    def _judged(self, state: State) -> State:
+        """The state by the tests of the samples that are remembered."""
+        from scipy.special import bdtrc
+
+        weight, squares, _, beyond = self._sums.tolist()
+        independent = weight**2 / squares
+        equations = self._equations
+        latest = self._latest
+        self._latest = []
+        if equations is None:  # maps are compared with their bound
+            count = math.floor(beyond * weight / squares)
+            chance = 1.0
+            if count:
+                chance = float(bdtrc(count - 1, int(independent), BEYOND))
+            test = GroupTest("bound", chance)
+        else:
+            q, residual = map(np.array, zip(*latest, strict=True))
+            equations.add(q, residual, self._fade)
+            test = equations.most_telling(weight, independent)
+            state = state._replace(
+                links=equations.systematic, noise=equations.noise
+            )
+        score = (
+            test.score * math.log(FALSE_ALARM) / math.log(MONITOR.false_alarm)
+        )
+        drifted = score > 1.0
+        return state._replace(
+            drifted=drifted,
+            score=score,
+            fired=(test.name,) if drifted else (),
+        )
+
+
+class _Equations:
+    """The equations of the samples that are remembered: what is unknown, what may have changed."""
+
+    def __init__(self, model: Model) -> None:
+        body = model.body
+        assert body is not None  # noqa: S101 - maps alone have no equations
+        reference = Reference(body, body.beta)
+        structure = body.structure
+        causes = single_causes(structure).values()
+        self._reference = reference
+        self._changes = np.unique(np.concatenate([*causes]))
+        self._known, self._root = prior_columns(reference, CREEP, CREPT)
+        units = np.clip(model.motor.units, 0.0, 1.0)
+        nodes = model.motor.scale.from_unit(units)
+        self._nodes = nodes[thinned(len(nodes), MONITOR.nodes)]
+        self._groups = {
+            name: np.searchsorted(self._changes, indices)
+            for name, indices in groups_of(structure).items()
+            if np.isin(indices, self._changes).all()
+        }
+        self._moves = moves_of(reference, nodes)[self._changes]
+        self._sd = everything(reference)[self._changes]
+        outputs = structure.outputs
+        self._unknown = outputs * len(self._nodes) + self._root.shape[1]
+        size = self._unknown + len(self._changes)
+        self._gram = np.zeros((size + 1, size + 1))
+        self._change = np.zeros(size)  # what explains the samples
+        # what that left of the last one; fading sums of its products with the next, and squares
+        self._rest = np.zeros(outputs)
+        self._lagged = np.zeros(2)
+        self.noise = float(body.noise[0])
+        self.systematic = 0.0
+
+    def add(self, q: Array, residual: Array, fade: float) -> None:
+        """Take residuals (b, m) [unit] of samples at joints (b, dof)."""
+        reference = self._reference
+        body = reference.body
+        sizes = reference.sizes
+        y = residual / sizes
+        _, x = body.structure.linearise(q, reference.beta)
+        smooth = smooth_columns(reference, q, self._nodes, body.kappa)
+        known = x[:, :, self._known] @ self._root
+        parts = [smooth, known, x[:, :, self._changes]]
+        columns = np.concatenate(parts, axis=2) / sizes[:, None]
+        most = MONITOR.clip * max(self.noise / sizes[0], 1.0)
+        length = np.linalg.norm(y, axis=1) / math.sqrt(len(sizes))
+        y /= np.maximum(length / most, 1.0)[:, None]
+        rest = np.concatenate([self._rest[None], y - columns @ self._change])
+        products = (rest[1:] * rest[:-1]).sum(axis=1)
+        squares = (rest[1:] ** 2).sum(axis=1)
+        self._rest = rest[-1]
+        ages = np.arange(len(q))[::-1]
+        lagged = np.array([products, squares]) @ fade**ages
+        self._lagged = fade ** len(q) * self._lagged + lagged
+        rows = np.concatenate([columns, y[:, :, None]], axis=2)
+        rows *= np.sqrt(fade**ages)[:, None, None]
+        flat = rows.reshape(-1, rows.shape[2])
+        self._gram = fade ** len(q) * self._gram + flat.T @ flat
+
+    def most_telling(self, weight: float, independent: float) -> GroupTest:
+        """The most telling of the tests of all groups.
+
+        weight : of the samples, which fade; independent : how many as telling ones
+        """
+        gram = self._gram * independent / weight
+        count = independent * self._reference.structure.outputs
+        known = np.ones(self._unknown)
+        sd = np.concatenate([known, self._sd, [1.0]])
+        freed = gram * sd * sd[:, None]
+        every = Products.of_gram(count, freed, len(gram) - 1)
+        size = every.most_likely_noise(usual_noise(self._reference))
+        inner = freed[:-1, :-1].copy()
+        inner[np.diag_indices(len(inner))] += size**2
+        self._change = sd[:-1] * np.linalg.solve(inner, freed[:-1, -1])
+        share = every.values / (size**2 + every.values)
+        explained = float(share @ every.axes_y**2) / independent
+        unit = float(self._reference.sizes[0])
+        self.systematic = unit * math.sqrt(max(explained, 0.0))
+        self.noise = unit * size
+        temper = self._correlation_time(independent)
+        products = Products.of_gram(count, gram, self._unknown)
+        left = every.freedom(size) / temper
+        tests = FTests(products, size, left, temper, len(self._groups))
+        groups = tests.of_groups(self._groups, self._moves)
+        return max(groups, key=lambda test: test.score)
+
+    def _correlation_time(self, samples: float) -> float:
+        """Samples that count for one, where noise is alike from each to the next."""
+        product, square = self._lagged.tolist()
+        alike = product / max(square, 1e-300)
+        if alike < MONITOR.chance / math.sqrt(samples):
+            return 1.0
+        alike = min(alike, MONITOR.most_alike)
+        return (1.0 + alike) / (1.0 - alike)
+
+
+def monitor(model: Model) -> Monitor:
+    """A monitor for a stream of samples: ``monitor.update(q, x)`` after each."""
+    return Monitor(model)

@@ -1,0 +1,227 @@
+"""Adapt: what few rows of a changed arm mend, what is reported of it, what a drawing may say."""
+
+import re
+import sys
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from drifting import arm, error, log, model
+from models import babbled, trained
+
+import calib
+
+pytestmark = pytest.mark.usefixtures("one_blas_thread")
+
+small = partial(trained, n=2500, size=10)
+
+
+def drawn(n, seed):
+    """Joints (n, 2) of two_link."""
+    return np.random.default_rng(seed).uniform(arm().lower, arm().upper, (n, 2))
+
+
+def miss(found, q, truth):
+    """Distances (n,) [m] of a model's answers from the truth, NaN where there is none."""
+    return np.linalg.norm(found.forward(q) - truth, axis=1)
+
+
+def bent(x):
+    away = x - np.array([0.2, 0.25])
+    return x + 0.8 * np.sum(away**2, axis=1, keepdims=True) * away
+
+
+def pixels(x):
+    """A tilted camera, whose tilt was once sized by the log's unit: 1 mm off, 72 % covered."""
+    away = x - np.array([0.15, 0.25])
+    depth = 1.2 + np.sin(0.35) * away[:, 1]
+    return 900.0 * away * np.array([1.0, -np.cos(0.35)]) / depth[:, None]
+
+
+@pytest.mark.parametrize(("seen", "unit", "most"), [(bent, "m", 2e-5), (pixels, "px", 0.01)])
+def test_a_sensor_that_bends_or_is_another_is_learned(seen, unit, most):
+    samples = log(n=100, noise=0.0)
+    found = calib.adapt(model(), replace(samples, x=seen(samples.x), simulation=None, unit=unit))
+    q = drawn(500, 3)
+    off = miss(found.model, q, seen(samples.simulation.exact(q)))
+    assert off.mean() < most
+    assert np.mean(off <= found.model.model_error(q)) > 0.95
+    assert ("lens" in [c.cause for c in found.changed]) == (seen is bent)
+
+
+@pytest.mark.parametrize("readout", ["activity", "winner"])
+def test_the_maps_follow_too(readout):
+    samples = log("elbow.length=+20%", n=100, noise=0.0)
+    adapted = calib.adapt(model(), samples).model
+    q = drawn(500, 7)
+    x = samples.simulation.exact(q)
+    assert np.linalg.norm(adapted.forward(q, readout) - x, axis=1).mean() < 0.025
+    assert np.nanmax(np.abs(adapted.inverse(x, near=q) - q)) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [("sensor.scale=1000", "1000 times the model's.*unit='mm'"), ("sensor.mirror=y", "mirrored")],
+)
+def test_what_must_be_said_aloud(change, words):
+    found = calib.adapt(model(), log(change, n=60, noise=0.0))
+    assert any(re.search(words, note) for note in found.notes)
+    assert found.improved
+
+
+@pytest.mark.parametrize("seed", [1, 7])
+def test_rows_of_an_unchanged_arm_are_added_where_few_were_known(seed):
+    changes = ("elbow.length=+3%", "elbow.offset=0.02")
+    few, more, exact = (
+        log(*changes, n=n, seed=seed + k, noise=s)
+        for k, n, s in ((0, 12, 5e-4), (1, 40, 5e-4), (2, 300, 0.0))
+    )
+    learned = calib.train(replace(few, simulation=None), size=6)
+    made = calib.adapt(learned, more)
+    assert made.correction == "nothing changed, rows added"
+    assert error(made.model, exact) < 0.7 * error(learned, exact)
+
+
+def test_the_report_of_a_few_samples_is_what_was_measured():
+    samples, told = babbled("elbow.length=+20%"), []
+    found = calib.adapt(small(), samples, progress=lambda *part: told.append(part))
+    gap = miss(small(), samples.q, samples.x)
+    assert found.improved
+    assert (found.samples, found.outliers) == (60, 0)
+    assert "length" in found.correction
+    expected = {"mean": gap.mean(), "max": gap.max()}
+    assert {key: found.before[key] for key in expected} == pytest.approx(expected, rel=1e-6)
+    assert found.after["max"] < 1e-5
+    assert error(found.model, samples) < 1e-4 * error(small(), samples)
+    # told in order: shares of the work, stages by name, errors as numbers
+    shares = [share for share, _, _ in told]
+    assert shares == sorted(shares)
+    assert (shares[0], shares[-1]) == (0.0, 1.0)
+    assert all(isinstance(part, float) for *_, part in told)
+
+
+def test_what_is_known_of_an_adapted_model(tmp_path):
+    samples = replace(babbled("elbow.length=+20%", noise=2e-4), unit="m")
+    found = calib.adapt(small(), samples)
+    fresh, about = found.model, found.model.about
+    assert (about.source, about.bound_of, about.samples) == ("log", "sensor reading", 60)
+    assert (about.simulation, about.unit, about.notes) == (None, "m", found.notes)
+    assert about.errors["local"]["forward"]["distance"] == found.after
+    (event,) = fresh.history
+    assert (event["event"], event["method"], event["samples"]) == ("adapted", "few-shot", 60)
+    assert (event["before"], event["after"]) == (found.before, found.after)
+    assert (event["from"]["source"], event["from"]["samples"]) == ("simulation", 2500)
+    # a bound for every place that the old model knew, and it holds
+    other = babbled("elbow.length=+20%", n=300, noise=2e-4, seed=5)
+    bound = fresh.expected_error(other.q)
+    assert np.isfinite(bound).all()
+    assert np.mean(miss(fresh, other.q, other.x) <= bound) >= 0.9
+    assert bound.max() < 3e-3
+    assert not calib.check(fresh, other).drifted
+    twice = calib.adapt(fresh, babbled("elbow.length=-20%")).model
+    twice.save(tmp_path / "m.calib")
+    assert small().history == ()
+    assert calib.load(tmp_path / "m.calib").history == (event, twice.history[1])
+
+
+@pytest.mark.parametrize(("rows", "words"), [([7, 31], "rows 8, 32"), ([7], "row 8"), ([], "")])
+def test_wrong_detections_are_counted_and_left_out(rows, words):
+    samples = babbled("elbow.length=+20%")
+    wrong = samples.x.copy()
+    wrong[rows] += 0.15
+    found = calib.adapt(small(), replace(samples, x=wrong))
+    assert (found.samples, found.outliers) == (60 - len(rows), len(rows))
+    told = [note for note in found.notes if "contradict" in note]
+    assert len(told) == bool(rows)
+    assert not rows or words in told[0]
+    assert found.model.history[0]["outliers"] == len(rows)
+    assert error(found.model, samples) < 1e-3 * error(small(), samples)
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit", "expected"), [(1000.0, "m", "sensor"), (1.1, "m", "m"), (1000.0, "mm", "mm")]
+)
+def test_the_unit_is_the_logs_or_the_sensors_own(scale, unit, expected):
+    samples = babbled()
+    found = calib.adapt(small(), replace(samples, x=scale * samples.x, simulation=None, unit=unit))
+    assert found.improved
+    assert found.model.about.unit == expected
+
+
+def test_a_model_that_misses_its_rows_by_more_than_promised_is_not_written(monkeypatch):
+    module = sys.modules[calib.adapt.__module__]
+    strict = replace(module.ADAPTING, consistent=0.0, clearly_better=0.0)
+    monkeypatch.setattr(module, "ADAPTING", strict)
+    found = calib.adapt(small(), babbled("elbow.length=+20%", noise=2e-4))
+    assert not found.improved
+    assert any("more than promised" in note for note in found.notes)
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    return calib.train(calib.babble(arm(), 2000, seed=0), size=12, seed=0)
+
+
+def real(q):
+    """The tip (n, 2) of an arm whose joints follow waves of 2 mrad, the elbow 10 mrad off."""
+    return arm().forward(q + 2e-3 * np.sin([5.0, 7.0] * q + [0.0, 1.0]) + [0.0, 0.01])
+
+
+def bumped(q):
+    """The tip of an arm that is as drawn, but for a bump of 5 mm."""
+    away = (q - (arm().lower + arm().upper) / 2) / (arm().upper - arm().lower)
+    return arm().forward(q) + 5e-3 * np.exp(-50 * (away**2).sum(axis=1))[:, None]
+
+
+def rows_of(u, truth=real, noise=2e-4):
+    """A log at shares (n, 2) of the joints' ranges."""
+    q = arm().lower + (arm().upper - arm().lower) * u
+    x = truth(q) + np.random.default_rng(0).normal(0.0, noise, q.shape)
+    return calib.Samples(q, x, arm().joint_names, arm().lower, arm().upper, (True, True))
+
+
+@pytest.mark.parametrize(("most", "times"), [(1.0, 0.3), (0.3, 1.0)], ids=["all", "corner"])
+def test_the_bound_holds_where_no_row_was(simulated, most, times):
+    """Waves that a drawing does not show, and of which few rows tell little."""
+    rows = rows_of(most * np.random.default_rng(0).random((100 if most < 1.0 else 30, 2)))
+    adapted, q = calib.adapt(simulated, rows).model, drawn(1000, 9)
+    off = miss(adapted, q, real(q))
+    assert np.mean(off <= adapted.model_error(q)) > 0.95
+    assert off.mean() < times * miss(simulated, q, real(q)).mean()
+
+
+def test_an_improvement_along_a_line_says_nothing_of_the_rest(simulated):
+    """Strong waves along a line are not taken for lengths or a lens."""
+    along = np.sort(np.random.default_rng(2).random(60))
+    found = calib.adapt(simulated, rows_of(np.stack([0.05 + 0.9 * along, 0.2 + 0.5 * along], 1)))
+    q = drawn(500, 9)
+    off, before = miss(found.model, q, real(q)), miss(simulated, q, real(q))
+    known = np.isfinite(off)
+    assert found.improved
+    assert not found.everywhere
+    assert any("unknown elsewhere" in note for note in found.notes)
+    assert np.mean(off[known] <= found.model.model_error(q[known])) > 0.85
+    assert off[known].mean() < before[known].mean()
+
+
+def test_a_bound_that_the_rows_contradict_is_widened(simulated, run, tmp_path):
+    """A bump that few rows saw: nothing improves, and the bound of the drawing does not hold."""
+    rows = rows_of(np.random.default_rng(30).random((30, 2)), bumped, 0.0)
+    found = calib.adapt(simulated, rows)
+    assert not found.improved
+    assert any("the prediction stays" in note for note in found.notes)
+    q = drawn(500, 31)
+    said = found.model.forward(q)
+    assert np.array_equal(said, simulated.forward(q))
+    off = miss(simulated, q, bumped(q))
+    assert np.mean(off <= simulated.model_error(q)) < 0.1
+    assert np.mean(off <= found.model.model_error(q)) > 0.6
+    # the command once wrote none
+    old, new = tmp_path / "own.calib", tmp_path / "own.adapted.calib"
+    simulated.save(old)
+    calib.write_log(rows, tmp_path / "new.csv")
+    done = run("adapt", old, "--data", tmp_path / "new.csv")
+    assert done.code == 3
+    assert f"{new} predicts as {old} does, with a wider bound" in done.out
+    assert np.array_equal(calib.load(new).model_error(q), found.model.model_error(q))

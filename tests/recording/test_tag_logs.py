@@ -1,0 +1,284 @@
+"""Logs from pictures and films of a tag: right where they are made, one line where not."""
+
+import shutil
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2")
+import cv2
+from rendering import Camera, Desk, board, tag, write_video
+
+import calib
+from calib import CalibError, OptionError
+from calib.recording.board import Board
+from calib.recording.joint_table import read_joints
+from calib.recording.lens import Lens, load_lens
+from calib.recording.setting import Setup
+from calib.recording.tag_logs import log_pictures, log_video
+from calib.samples.tables import open_source
+
+CAMERA = Camera(size=(640, 480), focal=600.0)
+BOARD = Board.parse("5x4:40mm:31mm:5x5_100")
+AROUND = {20: (-0.02, -0.08), 21: (0.4, -0.08), 22: (0.4, 0.3), 23: (-0.02, 0.3)}
+CORNERS = tuple(tag(n, 0.04, (*at, 0.0, 0.1 * n)) for n, at in AROUND.items())
+LENS = Lens(
+    CAMERA.size, np.full(2, CAMERA.focal), CAMERA.centre, np.array([CAMERA.k1, 0.0, 0.0, 0.0, 0.0])
+)
+
+
+def desk(**more):
+    lying = board(5, 4, 0.04, 0.031, (0.29, -0.02, 0.0, 0.1))
+    return Desk(**{"camera": CAMERA, "still": (lying, *CORNERS), "height": 0.025, **more})
+
+
+def truth_on_board(scene, q):
+    sticker = scene.still[0]
+    turn, at = sticker.frame
+    world = np.c_[scene.tip(q), np.full(len(q), scene.height)]
+    return ((world - at) @ turn)[:, :2] + np.array(BOARD.size) / 2
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    """Sixteen pictures, named so that their order is not that of the alphabet."""
+    folder = tmp_path_factory.mktemp("shot")
+    rng = np.random.default_rng(0)
+    scene = desk()
+    (folder / "p").mkdir()
+    q = []
+    while len(q) < 16:
+        row = rng.uniform([0.0, 0.0, -1.2], [1.3, 1.4, 1.2])
+        p = scene.tip_pixels(row)[0]
+        if 30 < p[0] < 610 and 30 < p[1] < 450:
+            cv2.imwrite(str(folder / "p" / f"img_{len(q)}.png"), scene.picture(row, rng))
+            q.append(row)
+    np.savetxt(folder / "joints.csv", q, delimiter=",", header="a,b,c", comments="")
+    LENS.save(folder / "lens.json")
+    return SimpleNamespace(folder=folder, scene=scene, q=np.array(q), pictures=folder / "p")
+
+
+@pytest.fixture
+def copy(shot, tmp_path):
+    """The same, to be spoilt."""
+    shutil.copytree(shot.folder, tmp_path / "s")
+    return SimpleNamespace(folder=tmp_path / "s", scene=shot.scene, q=shot.q)
+
+
+def make(folder, setting=None, joints="joints.csv", **more):
+    return log_pictures(folder / "p", read_joints(folder / joints), setting or Setup(7), **more)
+
+
+def refused(match, call, *values, **named):
+    with pytest.raises(CalibError, match=match) as caught:
+        call(*values, **named)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory):
+    """Eight seconds at 20 frames a second, stops between moves; joints by a clock of their own."""
+    folder = tmp_path_factory.mktemp("film")
+    rng = np.random.default_rng(5)
+    scene = Desk(
+        Camera(size=(400, 300), focal=380.0), lengths=(0.18, 0.16), offsets=(0.0, 0.0), shadow=0.0
+    )
+    goals = rng.uniform([0.1, 0.2], [1.2, 1.4], (16, 2))
+
+    def joints(t):
+        t = np.atleast_1d(t)
+        k = np.clip((t / 0.9).astype(int), 0, 14)
+        s = np.clip((t / 0.9 - k) / 0.5, 0, 1)[:, None]
+        s = s**3 * (10 - 15 * s + 6 * s**2)
+        return goals[k] * (1 - s) + goals[k + 1] * s
+
+    frames = np.arange(0, 8, 0.05)
+    pictures = [scene.picture(q, rng) for q in joints(frames + 1.0)]
+    write_video(str(folder / "run.mp4"), pictures, 20.0)
+    time = np.arange(0, 12, 0.01)
+    table = np.c_[time + 50.0, joints(time)]
+    np.savetxt(folder / "joints.csv", table, delimiter=",", header="time,a,b", comments="")
+    return SimpleNamespace(folder=folder, scene=scene, joints=read_joints(folder / "joints.csv"))
+
+
+def test_pixels_in_the_order_of_numbers(shot):
+    made = make(shot.folder)
+    assert made.unit == "px"
+    assert tuple(made.pictures[9:12]) == ("img_9.png", "img_10.png", "img_11.png")
+    miss = made.x - shot.scene.tip_pixels(shot.q)
+    assert np.sqrt((miss**2).sum(1).mean()) < 0.1
+    assert made.source["dropped"] == {}
+    assert 0.01 < made.source["noise"] < 0.1
+
+
+def test_rows_find_their_pictures_by_name(copy):
+    order = np.random.default_rng(1).permutation(16)
+    names = [f"folder/img_{k}.png" for k in order]
+    rows = [",".join(map(repr, copy.q[k].tolist())) for k in order]
+    lines = [f"{name},{row}" for name, row in zip(names, rows, strict=True)]
+    (copy.folder / "named.csv").write_text("picture,a,b,c\n" + "\n".join(lines[:-1]) + "\n")
+    made = make(copy.folder, joints="named.csv")
+    assert tuple(made.pictures) == tuple(f"img_{k}.png" for k in order[:-1])
+    assert np.abs(made.x - copy.scene.tip_pixels(copy.q[order[:-1]])).max() < 0.3
+    assert any("1 pictures, without joints, are left out" in note for note in made.notes)
+
+
+def test_metres_by_the_board_and_the_height(shot):
+    setting = Setup(7, board=BOARD, lens=LENS, tag_height=0.025)
+    made = make(shot.folder, setting)
+    miss = np.linalg.norm(made.x - truth_on_board(shot.scene, shot.q), axis=1)
+    assert made.unit == "m"
+    assert np.sqrt((miss**2).mean()) < 1e-3  # a small picture, 1.5 mm a pixel
+    assert 0.3 * np.sqrt((miss**2).mean()) < 2 * made.source["noise"] < 5e-3
+    flat = make(shot.folder, Setup(7, board=BOARD, lens=LENS))
+    assert np.linalg.norm(flat.x - made.x, axis=1).max() > 5e-3
+
+
+def test_the_pose_of_the_tag(shot):
+    setting = Setup(7, board=BOARD, lens=LENS, tag_size=0.04, pose=True)
+    made = make(shot.folder, setting)
+    assert made.x.shape == (16, 3)
+    assert np.abs(made.x[:, 2] - 0.025).max() < 0.02
+    angle = shot.q.sum(1) - shot.scene.still[0].place[3]
+    turned = 2 * np.arctan2(made.orientation[:, 2], made.orientation[:, 3])
+    assert np.abs(np.angle(np.exp(1j * (turned - angle)))).max() < 0.02
+
+
+def test_the_log_says_its_unit_to_train(shot, tmp_path):
+    made = make(shot.folder)
+    for name in ("log.csv", "log.parquet"):
+        calib.write_log(made, tmp_path / name)
+        log = calib.read_log(tmp_path / name, joints=["a", "b", "c"])
+        assert log.unit == "px"
+        assert (log.x == made.x).all()
+        about = open_source(tmp_path / name).about
+        assert about["noise"] == made.source["noise"]
+        assert about["tag"] == 7
+        with pytest.raises(calib.LogError, match="states that its positions are in px"):
+            calib.read_log(tmp_path / name, joints=["a", "b", "c"], unit="mm")
+
+
+def test_a_bump_within_a_recording_is_told(shot, copy):
+    bumped = desk(camera=Camera(CAMERA.size, CAMERA.focal, position=(0.205, -0.25, 0.9)))
+    rng = np.random.default_rng(3)
+    setting = Setup(7, board=BOARD, lens=LENS, tag_height=0.025)
+    for k in range(13, 16):
+        cv2.imwrite(str(copy.folder / "p" / f"img_{k}.png"), bumped.picture(copy.q[k], rng))
+    made = make(copy.folder, setting)
+    assert tuple(made.pictures) == tuple(f"img_{k}.png" for k in range(13))
+    assert any("3 pictures left out: the reference is elsewhere" in note for note in made.notes)
+    miss = np.linalg.norm(made.x - truth_on_board(copy.scene, made.q), axis=1)
+    assert miss.max() < 2.5e-3
+    for k in range(10, 13):
+        cv2.imwrite(str(copy.folder / "p" / f"img_{k}.png"), bumped.picture(copy.q[k], rng))
+    refused("in 6 of 16 pictures: was the camera bumped", make, copy.folder, setting)
+
+
+def test_an_arm_or_a_tag_that_never_moves(copy):
+    same = np.tile(copy.q[0], (16, 1))
+    np.savetxt(copy.folder / "same.csv", same, delimiter=",", header="a,b,c", comments="")
+    refused("never moves", make, copy.folder, joints="same.csv")
+    for k in range(1, 16):
+        shutil.copy(copy.folder / "p" / "img_0.png", copy.folder / "p" / f"img_{k}.png")
+    refused("stays at .* while the joints move", make, copy.folder)
+
+
+def test_counts_and_sizes_and_damage(copy):
+    folder = copy.folder
+    whole = (folder / "p" / "img_4.png").read_bytes()
+    (folder / "p" / "img_4.png").write_bytes(whole[: len(whole) // 2])
+    picture = cv2.imread(str(folder / "p" / "img_5.png"), 0)
+    packed = cv2.imencode(".jpg", picture)[1].tobytes()
+    (folder / "p" / "img_5.png").unlink()
+    (folder / "p" / "img_5.jpg").write_bytes(packed[: len(packed) // 2])
+    (folder / "p" / "img_6.png").write_text("no picture")
+    made = make(folder)
+    assert len(made) == 13
+    assert made.source["dropped"] == {"cut off or damaged": 3}
+    assert sum("cut off; left out" in note for note in made.notes) == 2
+    assert any("img_6.png is no picture" in note for note in made.notes)
+    cv2.imwrite(str(folder / "p" / "img_7.png"), picture[:400])
+    refused("img_7.png is 640x400, the pictures before it 640x480", make, folder)
+    (folder / "p" / "img_7.png").unlink()
+    refused("15 pictures and 16 rows", make, folder)
+    for path in (folder / "p").iterdir():
+        path.write_text("nothing")
+    shutil.copy(folder / "p" / "img_1.png", folder / "p" / "img_7.png")
+    refused("no picture in .* can be read", make, folder)
+
+
+def test_settings_that_cannot_be(shot, copy):
+    words = r"tag 8 is in none of 16 pictures: .* show .*7 \(\d+ times\)"
+    refused(words, make, shot.folder, Setup(8))
+    refused("may be off by centimetres", Setup, 7, board=BOARD)
+    refused("`tag_height` is given without", Setup, 7, tag_height=0.02)
+    refused("needs `lens` and `tag_size`", Setup, 7, lens=LENS, pose=True)
+    refused("printed on the board too", Setup, 7, "5x5_100", BOARD, lens=LENS)
+    refused("expected `board` too", load_lens, shot.pictures, None)
+    refused("is no lens", load_lens, shot.folder / "joints.csv", None)
+    other = Lens((320, 240), LENS.focal, LENS.centre, LENS.distortion)
+    refused("lens was calibrated with 320x240", make, shot.folder, Setup(7, lens=other))
+    path, degrees = copy.folder / "deg.csv", np.rad2deg(copy.q)
+    np.savetxt(path, degrees, delimiter=",", header="a,b,c", comments="")
+    refused("are these degrees", read_joints, path)
+    assert np.allclose(read_joints(path, degrees=True).q, copy.q)
+
+
+def test_a_video_becomes_rests(film):
+    made = log_video(film.folder / "run.mp4", film.joints, Setup(7))
+    assert abs(made.source["time_offset"] - 51.0) < 3e-3
+    assert 5 <= len(made) <= 9
+    miss = made.x - film.scene.tip_pixels(made.q)
+    assert np.sqrt((miss**2).sum(1).mean()) < 0.15
+    assert made.source["dropped"]["the arm moves"] > 40
+
+
+def test_videos_that_make_no_log(film, tmp_path):
+    run, joints = film.folder / "run.mp4", film.joints
+    refused("tag 9 is in none of 160 frames: .* show 7", log_video, run, joints, Setup(9))
+    refused("clocks are apart", log_video, run, joints, Setup(7), time_offset=500.0)
+    refused("never rests", log_video, run, joints, Setup(7), time_offset=51.3)
+    (tmp_path / "text.mp4").write_text("no video\n" * 200)
+    refused("cannot be read", log_video, tmp_path / "text.mp4", joints, Setup(7))
+    refused("cannot be read", log_video, tmp_path / "none.mp4", joints, Setup(7))
+    refused("lens was calibrated with 640x480", log_video, run, joints, Setup(7, lens=LENS))
+    twins = Desk(film.scene.camera, film.scene.lengths, still=(tag(7, 0.05, (0.1, 0.1, 0, 1)),))
+    frames = [twins.picture(q, np.random.default_rng(0)) for q in joints.q[:600:50]]
+    twice = tmp_path / "twins.mp4"
+    write_video(str(twice), frames, 20.0)
+    refused(r"twice in \d+ of 12 frames \(twins.mp4 at", log_video, twice, joints, Setup(7))
+    (tmp_path / "p.csv").write_text("a,b\n0,1\n1,2\n")
+    refused("a column 'time'", log_video, run, read_joints(tmp_path / "p.csv"), Setup(7))
+    with pytest.raises(OptionError):
+        log_video(run, joints, Setup(7), still=-1.0)
+
+
+def test_the_commands(run, shot, film, tmp_path):
+    done = run("tag", 7, "-o", tmp_path / "tag.svg", "--size", "30mm")
+    assert done.code == 0
+    assert "30 mm" in done.out
+    done = run("tag", "--board", "5x4:40mm:31mm:5x5_100", "-o", tmp_path / "board.svg")
+    assert done.code == 0
+    assert run("tag", "-o", tmp_path / "x.svg").code == 2
+    joints = ("--joints-file", shot.folder / "joints.csv", "--tag", 7)
+    names = [str(shot.pictures / f"img_{k}.png") for k in range(16)]  # or one by one
+    done = run("log", *names, *joints, "-o", tmp_path / "l.csv", "--picture", tmp_path / "s.png")
+    assert done.code == 0
+    assert "16 rows" in done.out
+    assert run("log", "a.mcap", "b.mcap", "-o", tmp_path / "no.csv").code == 2
+    assert cv2.imread(str(tmp_path / "s.png")).shape == (480, 640, 3)
+    assert calib.read_log(tmp_path / "l.csv", joints=["a", "b", "c"]).unit == "px"
+    done = run(
+        "log", shot.pictures, *joints, "-o", tmp_path / "m.csv", "--board",
+        "5x4:40mm:31mm:5x5_100", "--lens", shot.folder / "lens.json", "--tag-height", "25mm",
+    )  # fmt: skip
+    assert done.code == 0
+    log = calib.read_log(tmp_path / "m.csv", joints=["a", "b", "c"])
+    assert log.unit == "m"
+    assert np.linalg.norm(log.x - truth_on_board(shot.scene, shot.q), axis=1).max() < 3e-3
+    done = run("log", shot.pictures, "--tag", 7, "-o", tmp_path / "n.csv")
+    assert done.code == 2
+    assert "--joints-file" in done.err
+    done = run("log", shot.pictures, *joints, "--still", "1", "-o", tmp_path / "n.csv")
+    assert done.code == 2

@@ -1,0 +1,193 @@
+"""The URDF that is written is the fitted geometry, in the plane and in space, and no more."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chains import FOLLOWED, MIXED
+from drifting import arm, log, model
+from models import in_pixels, in_space, log_of
+from scipy.spatial.transform import Rotation
+from test_arm import pinocchio_pose
+
+import calib
+from calib import load_arm
+from calib.arm.loading import arm_from_urdf
+from calib.body.spatial import structure_of
+from calib.use.geometry_fit import fit_geometry
+from calib.use.urdf import corrected_urdf
+
+LOCKED = MIXED.replace('name="lift"', 'name="held"')
+
+
+@pytest.fixture
+def written(run, tmp_path):
+    """Write the URDF of a model by the command; return how it ended, and the file."""
+
+    def write(trained, *words):
+        trained.save(tmp_path / "m.calib")
+        path = tmp_path / "new.urdf"
+        return run("urdf", tmp_path / "m.calib", "-o", path, *words), path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ("shoulder.length=+5%", "elbow.length=-3%"),
+        ("shoulder.offset=0.03", "elbow.offset=-0.02"),
+        ("tip.offset=0.01,0.02", "elbow.offset=0.02"),
+    ],
+)
+def test_kinematics_of_the_changed_planar_arm(written, changes):
+    samples = log(*changes, n=100, noise=0.0)
+    done, path = written(calib.adapt(model(), samples, cause="joints").model)
+    assert done.code == 0, done.err
+    q = np.random.default_rng(0).uniform(arm().lower, arm().upper, (200, 2))
+    assert np.abs(load_arm(path).forward(q) - samples.simulation.exact(q)).max() < 1e-5
+    assert np.abs(arm().forward(q) - samples.simulation.exact(q)).max() > 5e-3
+
+
+def test_a_longer_link_is_told_along_its_axis(written):
+    adapted = calib.adapt(model(), log("elbow.length=+4%", n=60, noise=0.0)).model
+    done, path = written(adapted)
+    assert "its link, along x" in done.out
+    document = written(adapted, "--json")[0].document
+    assert document["moved"]["elbow"]["value"][0] == pytest.approx(0.01, abs=1e-5)
+    assert load_arm(path).link_lengths["elbow"] == pytest.approx(0.26)
+
+
+def no_chain():
+    """Another arm's log once gave an elbow offset of 6,844 degrees and 277 mm rms, exit 0."""
+    q = np.random.default_rng(0).uniform(arm().lower, arm().upper, (400, 2))
+    x = np.stack([np.sin(3 * q[:, 0]) * q[:, 1], np.cos(2 * q[:, 1]) + q[:, 0] ** 2], axis=1)
+    return calib.train(replace(log(n=400), q=q, x=x, simulation=None, arm=arm()), size=12)
+
+
+def another_arm():
+    trained = in_space()
+    return replace(trained, rows=replace(trained.rows, x=trained.rows.x[::-1] * [1, 1, -1]))
+
+
+@pytest.mark.parametrize("made", [no_chain, another_arm])
+def test_what_geometry_does_not_explain_is_not_written(written, tmp_path, made):
+    (tmp_path / "new.urdf").write_text("old")
+    done, path = written(made(), "--json")
+    assert done.code == 3
+    assert done.document["urdf"] is None
+    assert path.read_text() == "old"
+    assert "% of the reach" in done.err
+    assert "mesh" not in done.err
+
+
+def test_the_users_own_file_is_never_written_over(written, tmp_path):
+    (tmp_path / "new.urdf").write_text(arm().urdf)
+    done, path = written(model())
+    assert done.code == 1
+    assert "never overwritten" in done.err
+    assert path.read_text() == arm().urdf
+
+
+def moved_somehow(arm):
+    """A geometry with every parameter of the chain off; the probe is at the tip."""
+    structure, rng = structure_of(arm, "base"), np.random.default_rng(1)
+    beta = structure.neutral()
+    for group in ("placement", "offset"):
+        beta[structure.groups[group]] = rng.normal(0, 0.05, len(structure.groups[group]))
+    return replace(fit_geometry(in_space()), arm=arm, structure=structure, beta=beta)
+
+
+@pytest.mark.parametrize("source", ["six_axis", "spatial_three", "mixed", "followed", "locked"])
+def test_pinocchio_reads_the_fitted_geometry(source):
+    texts = {"mixed": MIXED, "followed": FOLLOWED, "locked": LOCKED}
+    lock = {"held": 0.4} if source == "locked" else {}
+    arm = arm_from_urdf(texts[source], lock=lock) if source in texts else load_arm(source)
+    geometry = moved_somehow(arm)
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (20, arm.dof))
+    points, turns = geometry.structure.pose(q, geometry.beta)
+    again = arm_from_urdf(corrected_urdf(geometry), arm.joint_names, arm.tip, lock=arm.locked)
+    if source == "followed":  # Pinocchio alone does not know what follows what
+        places, matrices = again.chain.poses(q)
+    else:
+        places, matrices, _ = pinocchio_pose(again, q)
+    np.testing.assert_allclose(places, points, atol=1e-9)
+    np.testing.assert_allclose(matrices, turns, atol=1e-9)
+
+
+def test_the_tip_stays():
+    arm = load_arm("spatial_three")
+    text = corrected_urdf(moved_somehow(arm))
+    last = arm.urdf.index('<joint name="tip')
+    line = arm.urdf[last:].split("<origin", 1)[1].split("/>", 1)[0]
+    assert line in text
+
+
+def test_a_fit_beats_the_drawing_and_holds_the_first_joint(written):
+    trained = in_space()
+    geometry = fit_geometry(trained)
+    assert geometry.free
+    assert geometry.residual < 0.5 * geometry.before
+    assert not geometry.beta[geometry.structure.shifts[0]].any()
+    assert geometry.origins[1][0].interval.all()
+    done, path = written(trained, "--json")
+    assert done.code == 0
+    assert done.document["places"]["shoulder_pan"]["shift"]["interval"][0] == 0.0
+    assert done.document["residual"] == pytest.approx(geometry.residual)
+    assert "sensed point, not written" in written(trained)[0].out
+    lines = zip(trained.about.urdf.splitlines(), path.read_text().splitlines(), strict=True)
+    changed = [new for old, new in lines if old != new]
+    assert changed
+    assert all("<origin" in line for line in changed)
+
+
+def test_pixels_tell_offsets():
+    geometry = fit_geometry(in_pixels())
+    assert geometry.unit == "px"
+    assert geometry.residual < 0.6 < 2.0 < geometry.before
+    offsets = [float(offset.value) for offset in geometry.offsets().values()]
+    assert offsets[1:] == pytest.approx([0.03, -0.02], abs=3e-3)
+
+
+def test_poses_turn_the_wrist_too():
+    """Of a log of poses the URDF was fitted to positions alone: the tool was .1 deg off."""
+    arm = calib.load_arm("six_axis")
+    rng = np.random.default_rng(0)
+    q = rng.uniform(0.6 * arm.lower, 0.6 * arm.upper, (200, 6))
+    offsets = np.array([0.0, 0.0, -0.003, 0.0, 0.004, 0.0])
+    position, quaternion = arm.pose(q + offsets)
+    turn = Rotation.from_euler("xyz", [0.3, -0.2, 1.0])
+    mount = Rotation.from_rotvec([0.02, 0.1, -0.05])
+    noise = Rotation.from_rotvec(rng.normal(0.0, 2e-4, (200, 3)))
+    seen = turn.apply(position) + rng.normal(0.0, 5e-5, position.shape)
+    turned = (turn * Rotation.from_quat(quaternion) * mount * noise).as_quat()
+    log = log_of(arm, q[:80], seen[:80], orientation=turned[:80])
+    corrected = arm_from_urdf(corrected_urdf(fit_geometry(calib.train(log, size=3))))
+    truth = Rotation.from_quat(quaternion)
+    fitted = Rotation.from_quat(corrected.pose(q)[1])
+    # what stands before the base and behind the tip is the sensor's
+    base = (fitted * truth.inv()).mean()
+    tip = (truth.inv() * base.inv() * fitted).mean()
+    left = (base * truth * tip).inv() * fitted
+    assert np.degrees(left.magnitude().mean()) < 0.03
+
+
+def test_a_zero_is_one_number_with_an_interval_that_holds(written, tmp_path, run):
+    """`info`, `urdf` and `export` told three: -.2 +- 1.1, -2.63 +- 1.22, and -3.0 was true."""
+    six = load_arm("six_axis")
+    rows = calib.babble(six, 100, noise=1e-4, changes=["elbow.offset=-0.05"], seed=1)
+    done, _ = written(calib.train(replace(rows, simulation=None), size=4), "--json")
+    zero = done.document["offsets"]["elbow"]
+    assert abs(zero["value"] + 0.05) < zero["interval"] < 0.02
+    motors = {"homing_offset": 0, "range_min": 800, "range_max": 3200}
+    (tmp_path / "old.json").write_text(json.dumps(dict.fromkeys(six.joint_names, motors)))
+    words = ("export", tmp_path / "m.calib", "--lerobot", tmp_path / "old.json", "--json")
+    lerobot = run(*words, "-o", tmp_path / "new.json").document
+    parameters = run("info", tmp_path / "m.calib", "--json").document["body"]["parameters"]
+    (entry,) = (part for part in parameters if part["name"] == "elbow.offset")
+    for value, interval in (
+        (lerobot["offsets"]["elbow"], lerobot["intervals"]["elbow"]),
+        (entry["value"], entry["high"] - entry["value"]),
+    ):
+        assert (value, interval) == pytest.approx((zero["value"], zero["interval"]))
