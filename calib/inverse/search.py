@@ -100,9 +100,6 @@ class Search:
             first = rank.copy()
             np.minimum.at(first, owner, away + 2 * SEARCH.margin)
             likely = away <= first[owner] + SEARCH.margin
-            # starts beside an answer lead to it
-            other = newton.away(start, best.u[owner]) >= 0.5 * SEARCH.margin
-            likely &= other | (rank[owner] >= _FURTHER)
             self._improve(best, near, owner[likely], start[likely])
             rank = self._rank(best, near)
             missed = ~likely & (rank[owner] >= _FURTHER)
