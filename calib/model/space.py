@@ -205,9 +205,9 @@ class Space:
         size = self.model.about.picture or tuple(2 * sensor.lens[1:3])
         inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
         # where the lens folds over, the picture shrinks as the point moves outwards
-        out = view.point * np.array([[1.0], [1.0], [0.0]])
+        out = place.T * np.array([[1.0], [1.0], [0.0]])
         return np.asarray(
-            ahead & inside & ((view.seen(out) * out[:2]).sum(axis=0) >= 0)
+            ahead & inside & ((view.push(out) * out[:2]).sum(axis=0) >= 0)
         )
 
 
