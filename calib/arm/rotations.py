@@ -12,8 +12,6 @@ from ..common.arrays import Array
 
 # not scipy.spatial.transform: its import takes 0.24 s, longer than the query that needs a rotation,
 # and its logarithm of 1,000 matrices 2.7 ms for 0.2 ms here
-#: Below this angle [rad] the series of an exponential or a logarithm is used.
-_SMALL = 1e-4
 
 
 def matrix_of(quaternions: ArrayLike) -> Array:
@@ -50,15 +48,12 @@ def quaternion_of(matrices: ArrayLike) -> Array:
 def exponential(vectors: ArrayLike) -> Array:
     """Rotation matrices (n, 3, 3) of rotation vectors (n, 3) [rad]."""
     v = np.asarray(vectors, dtype=float)
-    angle = np.sqrt((v * v).sum(axis=-1))[..., None, None]
+    half = np.sqrt((v * v).sum(axis=-1))[..., None, None] / (2 * np.pi)
     k = cross_matrix(v)
-    small = angle < _SMALL
-    safe = np.where(small, 1.0, angle)
-    first = np.where(small, 1 - angle**2 / 6, np.sin(safe) / safe)
-    second = np.where(
-        small, 0.5 - angle**2 / 24, 2 * (np.sin(safe / 2) / safe) ** 2
-    )
-    return np.asarray(np.eye(3) + first * k + second * (k @ k))
+    # Rodrigues: np.sinc(x) is sin(pi x) / (pi x)
+    straight = np.sinc(2 * half) * k
+    bent = 0.5 * np.sinc(half) ** 2 * (k @ k)
+    return np.asarray(np.eye(3) + straight + bent)
 
 
 def logarithm(matrices: ArrayLike) -> Array:
@@ -68,11 +63,10 @@ def logarithm(matrices: ArrayLike) -> Array:
 
 def _vector_of(q: Array) -> Array:
     """Rotation vectors (n, 3) [rad] of quaternions (n, 4) of length 1."""
+    q = np.where(q[..., 3:] < 0, -q, q)
     sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
-    angle = 2 * np.arctan2(sine, q[..., 3:])
-    small = sine < _SMALL
-    scale = np.where(small, 2 + sine**2 / 3, angle / np.where(small, 1.0, sine))
-    return np.asarray(scale * q[..., :3])
+    half = np.arctan2(sine, q[..., 3:])
+    return np.asarray(2 * q[..., :3] / np.sinc(half / np.pi))
 
 
 def cross_matrix(vectors: ArrayLike) -> Array:

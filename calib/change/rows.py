@@ -18,7 +18,7 @@ from ..model.prediction import predict
 from ..samples.diagnosis import diagnose, readings, refuse_mistakes
 from ..samples.motion import OfRows
 from ..samples.samples import Samples
-from ..training.sound_rows import sound_log
+from ..training.preparation import sound_log
 from ..training.touched import as_positions
 
 # fewest different rows that a judgement or a correction can rest on

@@ -18,7 +18,7 @@ from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure, loads_of
-from ..body.views import pixels
+from ..body.views import pixels, refocused
 from ..common.arrays import Array
 
 
@@ -39,7 +39,7 @@ class Sag:
             for name in structure.loads
             if name == "elastic" or beta[structure.groups[name]].any()
         ]
-        if not len(structure.groups["elastic"]):
+        if not structure.loads:
             return None
         loads = Loads.together([structure.loads[name] for name in blocks])
         elastic = np.concatenate(
@@ -152,8 +152,9 @@ class KernelArm:
             return geometry[:, : self.outputs], joints[:, : self.outputs]
         point = self.view @ motion.position + self.shift[:, None]
         sight = pixels(self.lens, point)
-        by_all = np.concatenate([sight.seen(geometry), sight.refocused()])
-        return by_all, sight.seen(joints)
+        by_lens = refocused(self.lens, point)
+        by_all = np.concatenate([sight.push(geometry), by_lens])
+        return by_all, sight.push(joints)
 
 
 def _curves(structure: Structure, beta: Array) -> Array:
