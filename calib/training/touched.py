@@ -22,7 +22,7 @@ from ..errors import LogError
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.sockets import Touches
-from ..samples.sound_values import rows_in_words
+from ..samples.tables import rows_in_words
 from .learn import TrainingOptions
 from .settings import LEARNING, TOUCHING
 from .smooth import SmoothPart
