@@ -156,7 +156,14 @@ class Newton:
             shift = self.scale.difference(trial.u, here.u)
             slid[rows] = np.where(good[:, None], shift, 0.0)
             stand.put(rows[good], trial.rows(good))
-        return self.refine(stand.u, x)
+        stand = self.refine(stand.u, x)
+        # joints that slid into a corner of their limits: where they were led without
+        lost = np.flatnonzero(~self.met(stand.miss))
+        if len(lost):
+            others = self.refine(u[lost], x[lost])
+            better = others.miss < stand.miss[lost]
+            stand.put(lost[better], others.rows(better))
+        return stand
 
     def _room(self, u: Array, move: Array) -> Array:
         """Share (n,) of moves (n, dof) at which the first joint reaches its limit."""

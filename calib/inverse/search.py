@@ -86,12 +86,13 @@ class Search:
         newton = self.newton
         if self.sure < SEARCH.surely:
             best = newton.at(near, x)
+            rank = self._rank(best, near)
             close = SEARCH.rough * newton.task.size
             rows = np.flatnonzero(best.miss <= close)
-            self._improve(best, near, rows, near[rows])
+            self._improve(best, rank, near, rows, near[rows])
         else:
             best = newton.settle(near, x, near)
-        rank = self._rank(best, near)
+            rank = self._rank(best, near)
         rows = np.flatnonzero(rank > self.sure)
         if len(rows):
             owner, start = self.starts.of(x[rows])
@@ -100,23 +101,20 @@ class Search:
             first = rank.copy()
             np.minimum.at(first, owner, away + 2 * SEARCH.margin)
             likely = away <= first[owner] + SEARCH.margin
-            # starts beside an answer lead to it
-            other = newton.away(start, best.u[owner]) >= 0.5 * SEARCH.margin
-            likely &= other | (rank[owner] >= _FURTHER)
-            self._improve(best, near, owner[likely], start[likely])
-            rank = self._rank(best, near)
-            missed = ~likely & (rank[owner] >= _FURTHER)
-            self._improve(best, near, owner[missed], start[missed])
-        rows = np.flatnonzero(~newton.met(best.miss))
+            self._improve(best, rank, near, owner[likely], start[likely])
+            others = ~likely & (rank[owner] >= _FURTHER)
+            self._improve(best, rank, near, owner[others], start[others])
+        rows = np.flatnonzero(rank >= _FURTHER)
         if len(rows):
-            self._improve(best, near, *_drawn(rows, near.shape[1]))
+            owner, start = _drawn(rows, near.shape[1])
+            self._improve(best, rank, near, owner, start)
         rows = np.flatnonzero(rank > SEARCH.beside)
         if len(rows) and not newton.redundant:
             row, start = twins(newton, best.rows(rows), self.folded)
             row = rows[row]
-            limit = self._rank(best.rows(row), near[row]) + SEARCH.margin
-            likely = newton.away(start, near[row]) <= limit
-            self._improve(best, near, row[likely], start[likely])
+            away = newton.away(start, near[row])
+            likely = away <= rank[row] + SEARCH.margin
+            self._improve(best, rank, near, row[likely], start[likely])
         return best
 
     def every(self, x: Array) -> Ways:
@@ -150,17 +148,16 @@ class Search:
         return np.where(self.newton.met(stand.miss), away, behind)
 
     def _improve(
-        self, best: Stand, near: Array, owner: Index, start: Array
+        self, best: Stand, rank: Array, near: Array, owner: Index, start: Array
     ) -> None:
-        """Put what starts (k, dof) of targets (k,) lead to in the place of what is no better."""
+        """Put what starts (k, dof) of targets (k,) lead to in the place of what ranks behind it."""
         if not len(owner):
             return
         trial = self.newton.settle(start, best.x[owner], near[owner])
-        rank = self._rank(trial, near[owner])
-        before = self._rank(best, near)
-        lowest = before.copy()
-        np.minimum.at(lowest, owner, rank)
-        better = (rank < before[owner]) & (rank == lowest[owner])
+        trial_rank = self._rank(trial, near[owner])
+        before = rank[owner]
+        np.minimum.at(rank, owner, trial_rank)
+        better = (trial_rank < before) & (trial_rank == rank[owner])
         best.put(owner[better], trial.rows(better))
 
 
