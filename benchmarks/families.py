@@ -32,7 +32,9 @@ class Chain:
     def __init__(self, arm: Any) -> None:
         whole = pin.buildModelFromXML(arm.urdf)
         locked = [k for k, name in enumerate(whole.names) if k and name not in arm.joint_names]
-        self.model = pin.buildReducedModel(whole, locked, pin.neutral(whole))
+        self.model = whole
+        if locked:
+            self.model = pin.buildReducedModel(whole, locked, pin.neutral(whole))
         self.data, self.lower, self.upper = self.model.createData(), arm.lower, arm.upper
         self.span = arm.upper - arm.lower
         # ends of a full turn are the same place

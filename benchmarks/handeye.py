@@ -22,7 +22,7 @@ import numpy as np
 
 import calib
 from calib.arm.rotations import logarithm
-from calib.body.corners import held_of
+from calib.body.sensor_pose import held_of
 from calib.recording.board import Board
 from calib.recording.board_pictures import BoardPictures, held_poses
 from calib.recording.lens import Lens

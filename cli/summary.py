@@ -145,12 +145,16 @@ def accuracy(
 def accuracy_of_sensor(model: Model) -> str:
     """Return in one line how far predictions of a sensor were off when its model was made."""
     about = model.about
-    rows = "rows held out in blocks of the log"
-    if about.source == "simulation":
-        rows = "fresh exact samples"
-    tested = f"{about.tested} {rows}"
+    tested = f"{about.tested} {tested_rows(about)}"
     line = accuracy(model, about.errors, about.within, tested, about.left_out)
     return f"{about.sensor}: {line}" if about.sensor else line
+
+
+def tested_rows(about: About) -> str:
+    """Return what a model was tested on when it was made."""
+    if about.source == "simulation":
+        return "fresh exact samples"
+    return "rows held out in blocks of the log"
 
 
 def error_table(model: Model, errors: Errors, title: str) -> TextTable:

@@ -68,29 +68,21 @@ def find_chains(
     urdf: Urdf, posture: Posture, free: Sequence[Joint], tip: str | None
 ) -> list[Chain]:
     """Chains of two free joints or more that reach alike and furthest, the furthest first."""
-    tips = (
-        [tip]
-        if tip
-        else sorted({_arm_tip(urdf, posture, joint) for joint in free})
-    )
-    names = {joint.name for joint in free}
-    paths = [
-        ([joint for joint in urdf.path(end) if joint.name in names], end)
-        for end in tips
-    ]
-    chains = [
-        Chain(tuple(path), end, _reach(path, end, posture))
-        for path, end in paths
-        if len(path) > 1
-    ]
+    tips = [tip] if tip else []
+    if tip is None:
+        tips = sorted({_arm_tip(urdf, posture, joint) for joint in free})
+    chains: list[Chain] = []
+    for end in tips:
+        path = tuple(joint for joint in urdf.path(end) if joint in free)
+        if len(path) > 1:
+            chains.append(Chain(path, end, _reach(path, end, posture)))
     chains.sort(key=lambda chain: (-round(chain.reach, 6), str(chain)))
-    alike = {
-        chain.joints: chain
-        for chain in reversed(chains)
-        if chain.reach >= (1 - FINDING.alike) * chains[0].reach
-        and len(chain.joints) == len(chains[0].joints)
-    }
-    return list(reversed(alike.values()))
+    alike: dict[tuple[Joint, ...], Chain] = {}
+    for chain in chains:
+        near = chain.reach >= (1 - FINDING.alike) * chains[0].reach
+        if near and len(chain.joints) == len(chains[0].joints):
+            alike.setdefault(chain.joints, chain)
+    return list(alike.values())
 
 
 def find_tip(urdf: Urdf, link: str) -> str:
@@ -102,15 +94,17 @@ def find_tip(urdf: Urdf, link: str) -> str:
     while below := urdf.below(link):
         if len(below) > 1:
             named = [
-                j
+                joint
                 for name in TIP_NAMES
-                for j in below
-                if j.child.lower().endswith(name)
+                for joint in below
+                if joint.child.lower().endswith(name)
             ]
-            moved = tuple(
-                j for j in below if j.movable or urdf.carries(j.child)
-            )
-            below = (named[0],) if named else moved
+            carrying = [
+                joint
+                for joint in below
+                if joint.movable or urdf.carries(joint.child)
+            ]
+            below = tuple(named[:1] or carrying)
         if len(below) != 1:
             break
         link = below[0].child
@@ -154,37 +148,33 @@ def plane_normal(
 
 def planar_part(chain: Chain, posture: Posture) -> Chain | None:
     """The joints of a chain, most and then furthest, that move its tip within one plane."""
-    parts = []
+    best: Chain | None = None
     for normal, members in _planes(chain.joints, posture):
         within = members
-        levers = np.zeros(0)
-        while (
-            len(within) > 1
-        ):  # joints that hardly move the tip are left out, and too many
-            stops = [
-                *(posture.place(joint.child) for joint in within),
-                posture.place(chain.tip),
-            ]
-            links = np.diff(np.array(stops), axis=0)
-            levers = np.linalg.norm(
-                links - np.outer(links @ normal, normal), axis=1
-            )
+        # joints that hardly move the tip are left out, and too many
+        while len(within) > 1:
+            links = _links(within, chain.tip, posture)
+            flat = links - np.outer(links @ normal, normal)
+            levers = np.linalg.norm(flat, axis=1)
             levers += [_slid(joint) for joint in within]
+            reach = float(levers.sum())
             weakest = int(np.argmin(levers))
-            small = levers[weakest] < max(
-                FINDING.least_share * levers.sum(), FINDING.least_lever
-            )
-            if not small and len(within) <= FINDING.most_in_plane:
-                parts.append(
-                    Chain(tuple(within), chain.tip, float(levers.sum()))
-                )
+            least = max(FINDING.least_share * reach, FINDING.least_lever)
+            if (
+                levers[weakest] >= least
+                and len(within) <= FINDING.most_in_plane
+            ):
+                part = Chain(tuple(within), chain.tip, reach)
+                if best is None or _size(part) > _size(best):
+                    best = part
                 break
             within = within[:weakest] + within[weakest + 1 :]
-    return max(
-        parts,
-        key=lambda part: (len(part.joints), round(part.reach, 6)),
-        default=None,
-    )
+    return best
+
+
+def _size(chain: Chain) -> tuple[int, float]:
+    """How many joints a chain has, and how far it reaches [m]."""
+    return len(chain.joints), round(chain.reach, 6)
 
 
 def check_tip(last: Joint, tip: str, posture: Posture) -> None:
@@ -208,26 +198,17 @@ def _planes(
     """Normals (3,) of the planes that axes span, with the joints that move within each."""
     axes = np.array([posture.axis(joint) for joint in joints])
     turning = np.array([joint.revolute for joint in joints])
-    crossed = [
-        np.cross(one, other) for one, other in combinations(axes[~turning], 2)
-    ]
-    sizes = [float(np.linalg.norm(normal)) for normal in crossed]
-    slid = [
-        n / size
-        for n, size in zip(crossed, sizes, strict=True)
-        if size > FINDING.parallel
-    ]
-    for normal in [*axes[turning], *slid]:
+    normals = [*axes[turning]]
+    for one, other in combinations(axes[~turning], 2):
+        normal = np.cross(one, other)
+        size = float(np.linalg.norm(normal))
+        if size > FINDING.parallel:
+            normals.append(normal / size)
+    for normal in normals:
         off = np.linalg.norm(np.cross(axes, normal), axis=1)
-        fits = np.where(turning, off, np.abs(axes @ normal)) <= FINDING.parallel
-        yield (
-            normal,
-            [
-                joint
-                for joint, within in zip(joints, fits, strict=True)
-                if within
-            ],
-        )
+        off = np.where(turning, off, np.abs(axes @ normal))
+        within = np.flatnonzero(off <= FINDING.parallel)
+        yield normal, [joints[k] for k in within.tolist()]
 
 
 def _arm_tip(urdf: Urdf, posture: Posture, joint: Joint) -> str:
@@ -245,20 +226,19 @@ def _arm_tip(urdf: Urdf, posture: Posture, joint: Joint) -> str:
 
 def _reach(joints: Sequence[Joint], tip: str, posture: Posture) -> float:
     """Distances from joint to joint and to the tip, and the travel of slides [m]."""
-    stops = np.array(
-        [*(posture.place(joint.child) for joint in joints), posture.place(tip)]
-    )
-    reach = float(np.linalg.norm(np.diff(stops, axis=0), axis=1).sum())
-    return reach + sum(map(_slid, joints))
+    lengths = np.linalg.norm(_links(joints, tip, posture), axis=1)
+    return float(lengths.sum()) + sum(map(_slid, joints))
+
+
+def _links(joints: Sequence[Joint], tip: str, posture: Posture) -> Array:
+    """Vectors (n, 3) [m] from joint to joint and to the tip."""
+    links = [*(joint.child for joint in joints), tip]
+    return np.diff([posture.place(link) for link in links], axis=0)
 
 
 def _slid(joint: Joint) -> float:
     """How far a joint slides [m]; 1 where its limits do not say."""
+    if joint.revolute:
+        return 0.0
     lower, upper = joint.travel
-    return (
-        0.0
-        if joint.revolute
-        else upper - lower
-        if np.isfinite(upper - lower)
-        else 1.0
-    )
+    return upper - lower if np.isfinite(upper - lower) else 1.0

@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -136,7 +136,7 @@ def arm_from_urdf(
                 parameter="lock",
                 value=value,
             )
-    link = None if tip is None else _find_link(urdf, tip)
+    link = None if tip is None else _link(urdf, tip)
     posture = posture_of(urdf, lock)
     # joints that move on their own
     free = [
@@ -144,23 +144,25 @@ def arm_from_urdf(
         for j in urdf.joints
         if j.movable and not j.mimic and j.name not in lock
     ]
+    notes: list[str] = []
     if joints is None:
-        usable = [
-            joint for joint in free if joint.name in ranges or not joint.stuck
-        ]
+        usable = [j for j in free if j.name in ranges or not j.stuck]
         chain, notes = _furthest(urdf, posture, usable, link, planar, columns)
-        notes += _idle_notes(urdf, chain, free, columns)
     else:
         if isinstance(joints, str):
             joints = re.split(r"\s*,\s*", joints.strip())
         chain = _named(urdf, posture, joints, link, free)
-        notes = []
     tip = chain.tip
     if link is None and not tip.lower().endswith(TIP_NAMES):
         notes.append(f"tip {quoted(tip)} was chosen (`tip` changes it)")
     active = chain.joints
     names = [joint.name for joint in active]
-    following = _followers(urdf, tip, names, lock)
+    # what each joint on the way to the tip follows, of those that active ones move
+    following: dict[str, Mimic] = {}
+    for joint in urdf.path(tip):
+        mimic = urdf.followed(joint, lock)
+        if joint.movable and mimic.leader in names:
+            following[joint.name] = mimic
     posture = posture_of(urdf, {**lock, **dict.fromkeys(following, 0.0)})
     normal = plane_normal(active, posture, wanted=planar)
     copies = [name for name in following if name not in names]
@@ -187,7 +189,15 @@ def arm_from_urdf(
         for joint in urdf.path(tip)
         if joint.movable and joint.name not in following
     }
-    notes = [*urdf.notes, *notes, *_lock_notes(urdf, locked, lock)]
+    neutral = [
+        f"{name}={value:.4g}"
+        for name, value in locked.items()
+        if name not in lock
+    ]
+    if neutral:
+        notes.append(
+            f"locked at neutral: {listed(neutral, 8)} (`lock` changes it)"
+        )
     travel = tuple(joint.travel for joint in active)
     parts: dict[str, Any] = {
         "name": urdf.name,
@@ -198,7 +208,7 @@ def arm_from_urdf(
         "tip": tip,
         "locked": locked,
         "urdf": text,
-        "notes": tuple(map(one_line, notes)),
+        "notes": tuple(map(one_line, (*urdf.notes, *notes))),
         "limits": travel,
         "travel": travel,
         "chain": folded(
@@ -215,34 +225,6 @@ def arm_from_urdf(
     )
 
 
-def _followers(
-    urdf: Urdf, tip: str, names: Sequence[str], lock: Mapping[str, float]
-) -> dict[str, Mimic]:
-    """Return what each joint on the way to a tip follows, of those that active ones move."""
-    followers: dict[str, Mimic] = {}
-    for joint in urdf.path(tip):
-        mimic = urdf.followed(joint, lock)
-        if joint.movable and mimic.leader in names:
-            followers[joint.name] = mimic
-    return followers
-
-
-def _idle_notes(
-    urdf: Urdf,
-    chain: Chain,
-    free: Sequence[Joint],
-    columns: Collection[str] | None,
-) -> list[str]:
-    """Say which joints on the way to the tip are locked since a log has no columns for them."""
-    if columns is None:
-        return []
-    path = urdf.path(chain.tip)
-    idle = [j.name for j in free if j in path and j.name not in columns]
-    if not idle:
-        return []
-    return [f"locked because the log has no columns for them: {listed(idle)}"]
-
-
 def _furthest(
     urdf: Urdf,
     posture: Posture,
@@ -252,11 +234,22 @@ def _furthest(
     columns: Collection[str] | None,
 ) -> tuple[Chain, list[str]]:
     """Return the arm for users who named no joints, and notes."""
-    logged = columns is not None
     free = [j for j in usable if columns is None or j.name in columns]
     chains = find_chains(urdf, posture, free, tip)
     if not chains:
-        _raise_no_arm(urdf, free, tip, logged=logged)
+        stuck = [joint for joint in urdf.joints if joint.stuck]
+        stuck = [joint for joint in stuck if joint not in free]
+        if len(free) + len(stuck) > 1:
+            _check_limits(stuck)
+        hint = "name other `joints`, `tip` or `lock`"
+        if columns is not None:
+            hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
+        movable = listed(joint.name for joint in urdf.joints if joint.movable)
+        raise RobotError(
+            f"no arm{f' to {quoted(tip)}' if tip else ''}: it needs two joints in one chain; of "
+            f"the movable joints {movable} these are free: {listed(j.name for j in free)}",
+            hint=hint,
+        )
     parts = [planar_part(chain, posture) for chain in chains]
     flat = planar or plane_normal(chains[0].joints, posture) is not None
     if flat:
@@ -271,35 +264,25 @@ def _furthest(
     best = chains[0]
     others = "; ".join(map(str, chains[1:]))
     # a log was measured on one of them only; in simulation the first serves
-    if others and logged:
+    if others and columns is not None:
         raise RobotError(
             f"the robot has {len(chains)} arms of one reach, choose one: {best}; {others}"
         )
-    notes = [f"chosen by reach: {best} (others: {others})"] if others else []
+    notes: list[str] = []
+    if others:
+        notes.append(f"chosen by reach: {best} (others: {others})")
     if parts[0] and not flat:
         notes.append(
             f"the arm moves in space; `planar=True` takes its planar part: {parts[0]}"
         )
+    if columns is not None:
+        path = urdf.path(best.tip)
+        idle = [j.name for j in usable if j in path and j.name not in columns]
+        if idle:
+            notes.append(
+                f"locked because the log has no columns for them: {listed(idle)}"
+            )
     return best, notes
-
-
-def _raise_no_arm(
-    urdf: Urdf, free: Sequence[Joint], tip: str | None, *, logged: bool
-) -> NoReturn:
-    stuck = [
-        joint for joint in urdf.joints if joint.stuck and joint not in free
-    ]
-    if len(free) + len(stuck) > 1:
-        _check_limits(stuck)
-    hint = "name other `joints`, `tip` or `lock`"
-    if logged:
-        hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
-    movable = listed(joint.name for joint in urdf.joints if joint.movable)
-    raise RobotError(
-        f"no arm{f' to {quoted(tip)}' if tip else ''}: it needs two joints in one chain; of "
-        f"the movable joints {movable} these are free: {listed(j.name for j in free)}",
-        hint=hint,
-    )
 
 
 def _named(
@@ -333,59 +316,42 @@ def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
     """Return the movable joint of a name, or say which there are."""
     joint = urdf.joint(name)
     if joint is None or not joint.movable:
-        what = f"joint {quoted(name)} {'does not exist' if joint is None else 'is fixed'}"
-        hint = suggestion(name, [j.name for j in urdf.joints if j.movable])
+        what = "does not exist" if joint is None else "is fixed"
         raise RobotError(
-            f"`{parameter}`: {what}", hint=hint, parameter=parameter, value=name
+            f"`{parameter}`: joint {quoted(name)} {what}",
+            hint=suggestion(name, [j.name for j in urdf.joints if j.movable]),
+            parameter=parameter,
+            value=name,
         )
     return joint
 
 
-def _find_link(urdf: Urdf, tip: str) -> str:
+def _link(urdf: Urdf, tip: str) -> str:
     """Return the link of a frame's name: a link, or the child of a joint."""
     joint = urdf.joint(tip)
-    if tip not in urdf.links and joint is None:
-        what = f"`tip`: frame {quoted(tip)} does not exist"
-        hint = suggestion(tip, urdf.links)
-        raise RobotError(what, hint=hint, parameter="tip", value=tip)
-    return tip if tip in urdf.links or joint is None else joint.child
+    if tip in urdf.links:
+        return tip
+    if joint is None:
+        raise RobotError(
+            f"`tip`: frame {quoted(tip)} does not exist",
+            hint=suggestion(tip, urdf.links),
+            parameter="tip",
+            value=tip,
+        )
+    return joint.child
 
 
 def _check_limits(joints: Sequence[Joint]) -> None:
     """Ask for `ranges` of all joints whose limits are unusable."""
-    if faulty := [joint for joint in joints if joint.fault]:
+    faulty = [joint for joint in joints if joint.fault]
+    if faulty:
         faults = "; ".join(
             f"joint {j.name!r} cannot be babbled, {j.fault}" for j in faulty
         )
-        wanted = ", ".join(
-            f"{joint.name!r}: (LOWER, UPPER)" for joint in faulty
-        )
+        wanted = ", ".join(f"{j.name!r}: (LOWER, UPPER)" for j in faulty)
         units = ", ".join(sorted({joint.unit for joint in faulty}))
         raise RobotError(
             faults,
             hint=f"give `ranges={{{wanted}}}` [{units}]",
             parameter="ranges",
         )
-
-
-def _lock_notes(
-    urdf: Urdf, locked: Mapping[str, float], lock: Mapping[str, float]
-) -> list[str]:
-    """Say which joints are held where, and where that is not what zero or limits say."""
-    notes: list[str] = []
-    for joint in [joint for joint in urdf.joints if joint.name in lock]:
-        (lower, upper), value = joint.travel, lock[joint.name]
-        if joint.name in locked and not lower <= value <= upper:
-            notes.append(
-                f"`lock={{{joint.name!r}: {value:g}}}` lies outside the joint's limits "
-                f"{lower:g}:{upper:g} [{joint.unit}]"
-            )
-    if neutral_ones := [
-        f"{name}={value:.4g}"
-        for name, value in locked.items()
-        if name not in lock
-    ]:
-        notes.append(
-            f"locked at neutral: {listed(neutral_ones, 8)} (`lock` changes it)"
-        )
-    return notes

@@ -12,8 +12,8 @@ from ..common.arrays import Array
 
 # not scipy.spatial.transform: its import takes 0.24 s, longer than the query that needs a rotation,
 # and its logarithm of 1,000 matrices 2.7 ms for 0.2 ms here
-#: Below this angle [rad] the series of an exponential or a logarithm is used.
-_SMALL = 1e-4
+_LEAST = 1e-300
+"""Angle [rad] in place of none: quotients of it are those of small angles."""
 
 
 def matrix_of(quaternions: ArrayLike) -> Array:
@@ -50,15 +50,13 @@ def quaternion_of(matrices: ArrayLike) -> Array:
 def exponential(vectors: ArrayLike) -> Array:
     """Rotation matrices (n, 3, 3) of rotation vectors (n, 3) [rad]."""
     v = np.asarray(vectors, dtype=float)
-    angle = np.sqrt((v * v).sum(axis=-1))[..., None, None]
+    length = np.sqrt((v * v).sum(axis=-1))
+    angle = np.maximum(length, _LEAST)[..., None, None]
     k = cross_matrix(v)
-    small = angle < _SMALL
-    safe = np.where(small, 1.0, angle)
-    first = np.where(small, 1 - angle**2 / 6, np.sin(safe) / safe)
-    second = np.where(
-        small, 0.5 - angle**2 / 24, 2 * (np.sin(safe / 2) / safe) ** 2
-    )
-    return np.asarray(np.eye(3) + first * k + second * (k @ k))
+    # Rodrigues: 1 + sin(angle) K + (1 - cos(angle)) K^2 of a unit vector
+    straight = np.sin(angle) / angle * k
+    bent = 2 * (np.sin(angle / 2) / angle) ** 2 * (k @ k)
+    return np.asarray(np.eye(3) + straight + bent)
 
 
 def logarithm(matrices: ArrayLike) -> Array:
@@ -68,11 +66,10 @@ def logarithm(matrices: ArrayLike) -> Array:
 
 def _vector_of(q: Array) -> Array:
     """Rotation vectors (n, 3) [rad] of quaternions (n, 4) of length 1."""
+    q = np.where(q[..., 3:] < 0, -q, q)
     sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
-    angle = 2 * np.arctan2(sine, q[..., 3:])
-    small = sine < _SMALL
-    scale = np.where(small, 2 + sine**2 / 3, angle / np.where(small, 1.0, sine))
-    return np.asarray(scale * q[..., :3])
+    half = np.arctan2(sine, q[..., 3:])
+    return np.asarray(2 * half / np.maximum(sine, _LEAST) * q[..., :3])
 
 
 def cross_matrix(vectors: ArrayLike) -> Array:

@@ -84,18 +84,16 @@ class Joint:
     @property
     def travel(self) -> Range:
         """Range that it can mechanically reach, infinite where its limits do not say."""
-        return (
-            (-math.inf, math.inf)
-            if self.limits is None or self.fault
-            else self.limits
-        )
+        if self.limits is None or self.fault:
+            return -math.inf, math.inf
+        return self.limits
 
     @property
     def neutral(self) -> float:
         """Zero, clipped into its limits where it has sensible ones."""
-        lower, upper = (
-            self.limits if self.stuck and self.limits else self.travel
-        )
+        lower, upper = self.travel
+        if self.stuck and self.limits:
+            lower, upper = self.limits
         return min(max(0.0, lower), upper)
 
 
@@ -136,18 +134,15 @@ class Urdf:
         """
         scale = 1.0
         offset = 0.0
-        passed = [joint.name, *stops]
-        stop = joint.name in stops
-        while (
-            not stop
-            and joint.mimic
-            and (leader := self.joint(joint.mimic.leader))
-        ):
+        passed = [*stops]
+        while joint.mimic and joint.name not in passed:
+            leader = self.joint(joint.mimic.leader)
+            if leader is None:
+                break
+            passed.append(joint.name)
             offset += scale * joint.mimic.offset
             scale *= joint.mimic.multiplier
-            stop = leader.name in passed
             joint = leader
-            passed.append(joint.name)
         return Mimic(joint.name, scale, offset)
 
     def values(self, chosen: Mapping[str, float]) -> dict[str, float]:
@@ -157,13 +152,11 @@ class Urdf:
             joint.name: float(chosen.get(joint.name, joint.neutral))
             for joint in movable
         }
-        follows = {
-            joint.name: self.followed(joint, chosen) for joint in movable
-        }
-        return {
-            n: m.multiplier * free.get(m.leader, 0.0) + m.offset
-            for n, m in follows.items()
-        }
+        values: dict[str, float] = {}
+        for joint in movable:
+            leader, scale, offset = self.followed(joint, chosen)
+            values[joint.name] = scale * free.get(leader, 0.0) + offset
+        return values
 
     def below(self, link: str) -> tuple[Joint, ...]:
         """Joints that a link carries directly, in file order."""
@@ -248,13 +241,13 @@ def _read_joint(
             f"{where} has type {quoted(kind)}: only fixed, revolute, continuous and prismatic "
             "joints are supported; make it fixed"
         )
-    parent, child = (
-        _end(node, tag, where, links) for tag in ("parent", "child")
-    )
+    parent = _end(node, "parent", where, links)
+    child = _end(node, "child", where, links)
     place = _part(node, "origin")
     xyz = numbers_of(place, "xyz", _ZERO, f"{where}: origin")
     rpy = numbers_of(place, "rpy", _ZERO, f"{where}: origin")
-    if (far := max(map(abs, xyz))) > LIMITS.offset:
+    far = max(map(abs, xyz))
+    if far > LIMITS.offset:
         raise RobotError(
             f"{where}: origin xyz reaches {far:g} m, expected at most {LIMITS.offset:g} m: URDF "
             "placements are in metres"
@@ -265,9 +258,10 @@ def _read_joint(
     origin[:3] = np.column_stack([z @ y @ x, xyz])
     axis: Vector = (1.0, 0.0, 0.0)
     if kind != "fixed":
-        if "xyz" not in _part(node, "axis"):
+        direction = _part(node, "axis")
+        if "xyz" not in direction:
             notes.append(f"{where} has no <axis>: URDF's default, x, is used")
-        axis = numbers_of(_part(node, "axis"), "xyz", axis, f"{where}: axis")
+        axis = numbers_of(direction, "xyz", axis, f"{where}: axis")
         if not 1 / LIMITS.axis <= math.hypot(*axis) <= LIMITS.axis:
             raise RobotError(
                 f"{where} has the axis {' '.join(f'{part:g}' for part in axis)}: give a direction "
@@ -276,17 +270,30 @@ def _read_joint(
     limits: Range | None = None
     ends = _part(node, "limit")
     if kind in ("revolute", "prismatic") and ends.keys() & {"lower", "upper"}:
-        lower, upper = (
-            numbers_of(ends, key, (0.0,), where, infinite=True)[0]
-            for key in ("lower", "upper")
+        limits = (
+            _number(ends, "lower", 0.0, where, infinite=True),
+            _number(ends, "upper", 0.0, where, infinite=True),
         )
-        limits = lower, upper
     mimic: Mimic | None = None
-    if follows := _part(node, "mimic"):
-        (multiplier,) = numbers_of(follows, "multiplier", (1.0,), where)
-        (offset,) = numbers_of(follows, "offset", (0.0,), where)
-        mimic = Mimic(follows.get("joint", ""), multiplier, offset)
+    follows = _part(node, "mimic")
+    if follows:
+        scale = _number(follows, "multiplier", 1.0, where)
+        offset = _number(follows, "offset", 0.0, where)
+        mimic = Mimic(follows.get("joint", ""), scale, offset)
     return Joint(name, kind, parent, child, origin, axis, limits, mimic)
+
+
+def _number(
+    attributes: Mapping[str, str],
+    key: str,
+    default: float,
+    where: str,
+    *,
+    infinite: bool = False,
+) -> float:
+    """Return an attribute that is one number."""
+    (value,) = numbers_of(attributes, key, (default,), where, infinite=infinite)
+    return value
 
 
 def _part(node: ET.Element, path: str) -> Mapping[str, str]:
@@ -316,7 +323,7 @@ def _masses(robot: ET.Element) -> Iterator[tuple[str, tuple[float, Vector]]]:
         weight = _part(link, "inertial/mass")
         place = _part(link, "inertial/origin")
         with suppress(RobotError):
-            (mass,) = numbers_of(weight, "value", (0.0,), "mass")
+            mass = _number(weight, "value", 0.0, "mass")
             if 0 < mass < LIMITS.mass:
                 centre = numbers_of(place, "xyz", _ZERO, "mass")
                 yield link.get("name", ""), (mass, centre)
@@ -326,27 +333,27 @@ def _find_root(links: Collection[str], joints: tuple[Joint, ...]) -> str:
     """Return the one link without a parent, or say why the links are no tree."""
     above = {joint.child: joint for joint in joints}
     roots = [link for link in links if link not in above]
+    doubled = [joint for joint in joints if above[joint.child] is not joint]
     reached = list(roots)
-    for (
-        link
-    ) in reached:  # grows as it goes; a link with two parents is reached by one
-        reached += [
-            j.child for j in joints if j.parent == link and above[j.child] is j
-        ]
-    faults = {
-        f"{len(roots)} root links, join them with fixed joints": roots
-        if len(roots) > 1
-        else [],
-        "joints to a link that has another parent, remove one": [
-            joint.name for joint in joints if above[joint.child] is not joint
-        ],
-        "joints in a loop, remove one": [
-            joint.name for joint in joints if joint.child not in reached
-        ],
-    }
-    for fault, names in faults.items():
-        if names:
-            raise RobotError(
-                f"the URDF is no tree of links: {fault}: {listed(names, 4)}"
-            )
+    # grows as it goes; a link with two parents is reached by one
+    for link in reached:
+        for joint in joints:
+            if joint.parent == link and joint not in doubled:
+                reached.append(joint.child)
+    looped = [joint for joint in joints if joint.child not in reached]
+    fault = ""
+    names: list[str] = []
+    if len(roots) > 1:
+        fault = f"{len(roots)} root links, join them with fixed joints"
+        names = roots
+    elif doubled:
+        fault = "joints to a link that has another parent, remove one"
+        names = [joint.name for joint in doubled]
+    elif looped:
+        fault = "joints in a loop, remove one"
+        names = [joint.name for joint in looped]
+    if fault:
+        raise RobotError(
+            f"the URDF is no tree of links: {fault}: {listed(names, 4)}"
+        )
     return roots[0]

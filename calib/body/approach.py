@@ -28,7 +28,8 @@ class Approach:
 
     def known(self, direction: Array) -> NDArray[np.bool_]:
         """Whether the direction (n, dof) is known of all joints with play, (n,)."""
-        return np.asarray(((direction != 0.0) | (self.play == 0.0)).all(axis=1))
+        tells = (direction != 0.0) | (self.play == 0.0)
+        return np.asarray(tells.all(axis=1))
 
 
 def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
@@ -51,16 +52,15 @@ def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
 
 def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:
     """Least squares (k,) of features (n, m, k), and the standard errors (k,)."""
-    a = features.reshape(-1, features.shape[2])
-    b = residual.ravel()
-    gram = a.T @ a
-    if not len(a) or np.linalg.cond(gram) > 1e12:
-        return np.zeros(len(gram)), np.full(len(gram), np.inf)
+    n, _, k = features.shape
+    flat = features.reshape(-1, k)
+    gram = flat.T @ flat
+    if not n or np.linalg.cond(gram) > 1e12:
+        return np.zeros(k), np.full(k, np.inf)
     inverse = np.linalg.inv(gram)
-    solution = inverse @ (a.T @ b)
+    solution = inverse @ flat.T @ residual.ravel()
     # one row's coordinates are one measurement: robust to what they share
-    missed = b - a @ solution
-    scores = (a * missed[:, None]).reshape(features.shape)
-    score = scores.sum(axis=1)
-    covariance = inverse @ (score.T @ score) @ inverse
-    return solution, np.sqrt(np.diag(covariance))
+    missed = residual - features @ solution
+    scores = (features * missed[:, :, None]).sum(axis=1)
+    deviations = np.linalg.norm(scores @ inverse, axis=0)
+    return solution, deviations

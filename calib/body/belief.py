@@ -93,7 +93,8 @@ class Body(OfStructure):
         noise : whether the sensor's noise is part of the distance
         """
         q = np.asarray(q, dtype=float)
-        parts = np.split(q, range(_CHUNK, len(q), _CHUNK))
+        chunks = range(_CHUNK, len(q), _CHUNK)
+        parts = np.split(q, chunks)
         return np.concatenate([self._bound(part, noise) for part in parts])
 
     def unexplained(self, *, noise: bool) -> Array:
@@ -153,7 +154,7 @@ class Body(OfStructure):
     def deviations(self) -> Array:
         """Posterior sd (d,) of each parameter, zero where nothing was fitted."""
         sd = np.zeros(self.structure.size)
-        sd[self.active] = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        sd[self.active] = np.linalg.norm(self.root, axis=1)
         return sd
 
     @property

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import median_length
 from .belief import Body, Second
 from .covariance import as_kept
 from .fit import Fit
@@ -76,11 +77,11 @@ def fit(
     """
     drawn = _fit(structure, rows, begin, seed)
     undrawn = structure.undrawn()
-    typical = np.median(np.linalg.norm(drawn.held_out, axis=1))
+    typical = median_length(drawn.held_out)
     if undrawn is None or typical < FIT.doubted * structure.extent:
         return drawn
     free = _fit(undrawn, rows, begin, seed)
-    if not np.median(np.linalg.norm(free.held_out, axis=1)) < typical / 2:
+    if not median_length(free.held_out) < typical / 2:
         return drawn
     note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
     return replace(free, notes=(note,))
@@ -209,20 +210,20 @@ def _wide_fit(
     first = passed.fit
     structure = first.structure
     groups = structure.groups
-    bends = "curve" in passed.free or passed.against("curves") < FIT.no_curves
+    bends = "curve" in passed.free or passed.against_curves() < FIT.no_curves
     guarded: list[str] = []
     if len(rows[0]) >= FIT.guarded_rows:
         blocks = ("elastic", "gravity", "lens")
         guarded = [block for block in blocks if len(groups.get(block, ()))]
     if not bends and {*chain, *guarded} <= set(passed.free):
         return None
-    free = (*passed.free, *chain, *guarded, *(["curve"] if bends else []))
+    free = [*passed.free, *chain, *guarded]
+    if bends:
+        free.append("curve")
     prior = structure.prior(free)
     sd = prior.sd.copy()
-    for block in guarded:
-        guard = structure.guard(block)
-        if guard is not None:
-            sd[groups[block]] = guard
+    for block in {*guarded} & structure.guards.keys():
+        sd[groups[block]] = structure.guards[block]
     sd[first.active] = first.sd
     hypers = []
     pseudo, rms = structure.wide
@@ -235,9 +236,8 @@ def _wide_fit(
             hypers.append(hyper)
     for hyper in hypers:
         sd[hyper.indices] = hyper.scale * np.sqrt(hyper.shape)
-    wide = first.beginning(rows, Prior(prior.mean, sd, tuple(hypers))).maximise(
-        steps=4
-    )
+    wider = Prior(prior.mean, sd, tuple(hypers))
+    wide = first.beginning(rows, wider).maximise(steps=4)
     share = 1.0
     if len(rows[0]) < structure.few_rows:
         ratio = leave_blocks_out(wide).ratio()

@@ -30,14 +30,15 @@ def radius_95(covariance: Array) -> Array:
     square = (covariance**2).sum(axis=(1, 2))
     freedom = trace**2 / np.maximum(square, 1e-300)
     a = 2 / (9 * np.maximum(freedom, 1e-300))
-    quantile = (1 - a + NORMAL_95 * np.sqrt(a)) ** 3
-    return np.asarray(np.sqrt(np.maximum(trace, 0.0) * quantile))
+    root = 1 - a + NORMAL_95 * np.sqrt(a)
+    return np.asarray(np.sqrt(np.maximum(trace, 0.0) * root**3))
 
 
 def spread_of(derivative: Array, root: Array) -> Array:
     """Covariances (n, p, p) of predictions: derivatives (n, p, k), root (k, r) of a covariance."""
     n, p, k = derivative.shape
-    y = (derivative.reshape(n * p, k) @ root).reshape(n, p, -1)
+    flat = derivative.reshape(n * p, k) @ root
+    y = flat.reshape(n, p, -1)
     return np.asarray(y @ np.swapaxes(y, 1, 2))
 
 
@@ -52,7 +53,8 @@ def autocorrelation_time(r: Array) -> float:
     power = float((r * r).sum()) + 1e-300
     total = 1.0
     for lag in range(1, min(_LAGS, n // 3)):
-        rho = float((r[lag:] * r[:-lag]).sum()) / power
+        shared = float((r[lag:] * r[:-lag]).sum())
+        rho = shared / power
         if rho < 2 / np.sqrt(r.size):
             break
         total += 2 * rho
@@ -74,11 +76,13 @@ def root_of(covariance: Array) -> Array:
 
 def pack(root: Array) -> _Packed:
     """Upper triangular root (k (k + 1) / 2,), row by row, of the covariance of a root (k, r)."""
-    upper = root.T
     k = len(root)
-    if upper.shape != (k, k) or np.tril(upper, -1).any():
-        triangle = np.asarray(np.linalg.qr(upper, mode="r"), dtype=float)
-        upper = np.zeros((k, k))
+    upper = np.zeros((k, k))
+    above = np.triu(root, 1)
+    if root.shape == (k, k) and not above.any():
+        upper = root.T
+    else:
+        triangle = np.linalg.qr(root.T, mode="r")
         upper[: len(triangle)] = triangle
     return upper[np.triu_indices(k)].astype(np.float32)
 

@@ -21,9 +21,8 @@ def curve_shape(*more: float) -> Array:
     `more` are the widths [waves a turn] of further Gaussians beside that of `WIDTH`.
     """
     widths = np.array([PRIOR.width, *more])[:, None]
-    shape = (
-        np.exp(-((ORDERS / widths) ** 2) / 2).sum(axis=0) + PRIOR.curve_floor
-    )
+    falling = np.exp(-((ORDERS / widths) ** 2) / 2)
+    shape = falling.sum(axis=0) + PRIOR.curve_floor
     return np.tile(shape / shape.mean(), 2)
 
 

@@ -58,10 +58,12 @@ class PlanarDrawing:
             )
         chain = arm.chain
         turning = np.asarray(arm.revolute)
-        origins: Complex = arm.plane.project(chain.points) @ np.array([1, 1j])
-        tip = complex(arm.plane.project(chain.tip) @ np.array([1, 1j]))
-        turns = np.sign(chain.axes @ arm.plane.normal).astype(int)
-        slides: Complex = chain.axes @ arm.plane.basis[:2].T @ np.array([1, 1j])
+        plane = arm.plane
+        number = np.array([1, 1j])
+        origins: Complex = plane.project(chain.points) @ number
+        tip = complex(plane.project(chain.tip) @ number)
+        turns = np.sign(chain.axes @ plane.normal).astype(int)
+        slides: Complex = chain.axes @ plane.basis[:2].T @ number
         vectors = slides / np.linalg.norm(chain.axes, axis=1)
         end = tip
         for joint in reversed(np.flatnonzero(turning)):
@@ -102,7 +104,8 @@ def drawing_of(
         along = before  # of a link without a length
         if size > 1e-9 * sizes.max():
             along = mirror * (float(angle) - float(angles[0]))
-        offsets.append((along - before + np.pi) % (2 * np.pi) - np.pi)
+        turn = (along - before + np.pi) % (2 * np.pi)
+        offsets.append(turn - np.pi)
         if turns:
             before = along
     return PlanarDrawing(

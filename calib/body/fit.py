@@ -10,7 +10,7 @@ import numpy as np
 from ..common.arrays import Array
 from .covariance import autocorrelation_time
 from .normal import Factor, with_prior
-from .parameters import Hyper, Indices, Prior
+from .parameters import Hyper, Prior
 from .rows import Part, Rows
 from .settings import FIT
 from .structure import Structure
@@ -63,16 +63,12 @@ class Fit:
         self.beta = np.where(prior.sd > 0, beta, prior.mean)
         place = np.full(len(prior.sd), -1)
         place[self.active] = np.arange(len(self.active))
-        self.hypers: list[
-            tuple[Hyper, Indices]
-        ] = []  # scales, and their parameters among ours
+        self.hypers: list[Hyper] = []  # their parameters are places among ours
         for hyper in prior.hypers:
             index = place[hyper.indices]
             if (index >= 0).all():
-                self.hypers.append((hyper, index))
-        self.scales = {
-            hyper.name: float(hyper.scale) for hyper, _ in self.hypers
-        }
+                self.hypers.append(hyper._replace(indices=index))
+        self.scales = {hyper.name: float(hyper.scale) for hyper in self.hypers}
         blocks = min(FIT.blocks, len(rows[0]))
         self.parts = [
             Part(structure, some, self.beta, nu, blocks) for some in rows
@@ -100,10 +96,10 @@ class Fit:
         The Student noise loses some, and residuals that are correlated in the order of the log.
         """
         p = self.structure.blocks[0]
-        student = (
-            (self.nu + p) / (self.nu + p + 2) if np.isfinite(self.nu) else 1.0
-        )
-        return student / self.autocorrelation
+        share = 1.0 / self.autocorrelation
+        if np.isfinite(self.nu):
+            share *= (self.nu + p) / (self.nu + p + 2)
+        return share
 
     @property
     def covariance(self) -> Array:
@@ -118,12 +114,12 @@ class Fit:
 
     def without(self, blocks: slice) -> tuple[Array, Array]:
         """The information (k, k) of all rows but those of some blocks, and the step (k,) to it."""
-        others = np.ones(len(self.grams), dtype=bool)
-        others[blocks] = False
+        others = np.ones(len(self.grams))
+        others[blocks] = 0.0
         # summed, not subtracted: a parameter that these blocks alone tell, such as where a socket
         # is, has a prior that is lost in the rounding of a difference
-        gram = self.grams[others].sum(axis=0)
-        gradient = self.moments[others].sum(axis=0) - self._pull(self.beta)
+        gram = np.tensordot(others, self.grams, axes=1)
+        gradient = others @ self.moments - self._pull(self.beta)
         precision = with_prior(gram.copy(), self.sd, self.known)
         return gram, Factor(precision).solve(gradient)
 
@@ -174,10 +170,8 @@ class Fit:
             prior_volume = 2 * float(np.log(self.sd).sum())
         else:
             prior_volume = -Factor(self.known).log_determinant()
-        energy = self._energy(self.beta, [part.residual for part in self.parts])
-        return -energy - 0.5 * (
-            prior_volume + Factor(self.precision).log_determinant()
-        )
+        volume = prior_volume + Factor(self.precision).log_determinant()
+        return -self._energy(self.beta) - 0.5 * volume
 
     def settle(self, steps: int) -> tuple[Array, float, float]:
         """Damped steps from anywhere, until one is short beside the parameters' own sds.
@@ -192,28 +186,21 @@ class Fit:
                 part.learn_noise()
             self._linearise()
             gain, delta, damping = self.descend(damping * 8.0 ** np.arange(8))
-            if (
-                gain <= 0
-                or (np.abs(delta) * np.sqrt(np.diag(self.precision))).max()
-                < 1e-3
-            ):
+            sds = np.abs(delta) * np.sqrt(np.diag(self.precision))
+            if gain <= 0 or sds.max() < 1e-3:
                 break
             damping = max(damping / 10, 1e-12)
         for part in self.parts:
             part.learn_noise()
-        cost = self._energy(self.beta, [part.residual for part in self.parts])
-        return (
-            self.beta,
-            cost,
-            float((self.noise / self.structure.extents).max()),
-        )
+        share = float((self.noise / self.structure.extents).max())
+        return self.beta, self._energy(self.beta), share
 
     def descend(self, dampings: Iterable[float]) -> tuple[float, Array, float]:
         """Move by the first of ever more damped steps that gains (Levenberg 1944, Marquardt 1963).
 
         Returns the gain [nats], 0 where none gains, the step (k,) and its damping.
         """
-        before = self._energy(self.beta, [part.residual for part in self.parts])
+        before = self._energy(self.beta)
         damped = self.precision.copy()
         delta = np.zeros(len(self.active))
         damping = np.inf
@@ -244,15 +231,14 @@ class Fit:
         self.moments = np.zeros((blocks, size))
         for part in self.parts:
             root = part.weigh()
-            for k, (rows, x) in enumerate(
-                part.by_blocks(self.beta, self.active)
-            ):
+            missed = root * part.residual
+            derivatives = part.by_blocks(self.beta, self.active)
+            for k, (rows, x) in enumerate(derivatives):
                 flat = (x * root[rows, :, None]).reshape(-1, size)
                 self.grams[k % blocks] += flat.T @ flat
-                self.moments[k % blocks] += (
-                    flat.T @ (root[rows] * part.residual[rows]).ravel()
-                )
-        self.precision = with_prior(self.grams.sum(axis=0), self.sd, self.known)
+                self.moments[k % blocks] += flat.T @ missed[rows].ravel()
+        gram = self.grams.sum(axis=0)
+        self.precision = with_prior(gram, self.sd, self.known)
         self.gradient = self.moments.sum(axis=0) - self._pull(self.beta)
 
     def _learn(self, factor: Factor, variance: Array) -> None:
@@ -263,21 +249,19 @@ class Fit:
         else:
             prior_share = float((factor.inverse() * self.known).sum())
         determined = len(away) - prior_share  # numbers that the rows determine
-        for hyper, index in self.hypers:
+        for hyper in self.hypers:
+            index = hyper.indices
             # MacKay's (1992) fixed point: that of EM, in a third of the steps
-            count = len(index) - float(
-                (variance[index] / self.sd[index] ** 2).sum()
-            )
-            if count + hyper.pseudo <= 0.0:  # the rows tell nothing of it
+            shares = variance[index] / self.sd[index] ** 2
+            count = len(index) - float(shares.sum()) + hyper.pseudo
+            if count <= 0.0:  # the rows tell nothing of it
                 continue
             total = float((away[index] ** 2 / hyper.shape).sum())
             total += hyper.pseudo * hyper.scale**2
-            scale = float(np.sqrt(total / (count + hyper.pseudo)))
-            least, most = hyper.within
-            self.scales[hyper.name] = hyper.scale * min(
-                max(scale / hyper.scale, least), most
-            )
-            self.sd[index] = self.scales[hyper.name] * np.sqrt(hyper.shape)
+            least, most = hyper.scale * np.array(hyper.within)
+            scale = float(np.clip(np.sqrt(total / count), least, most))
+            self.scales[hyper.name] = scale
+            self.sd[index] = scale * np.sqrt(hyper.shape)
         share = determined / sum(part.z.size for part in self.parts)
         for part in self.parts:
             part.learn_noise(share)
@@ -289,8 +273,12 @@ class Fit:
             away / self.sd**2 if self.known is None else self.known @ away
         )
 
-    def _energy(self, beta: Array, residuals: list[Array]) -> float:
+    def _energy(
+        self, beta: Array, residuals: list[Array] | None = None
+    ) -> float:
         """Negative log posterior of parameters and residuals, up to a constant, or infinite."""
+        if residuals is None:
+            residuals = [part.residual for part in self.parts]
         with np.errstate(all="ignore"):
             value = 0.0
             for part, residual in zip(self.parts, residuals, strict=True):

@@ -6,8 +6,8 @@ by the block's rows, and by the evidence.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +16,7 @@ from ..common.arrays import Array
 from .covariance import radius_95
 from .fit import Fit
 from .parameters import Indices
-from .rows import Part, Rows
+from .rows import Part, Rows, edges_of
 from .settings import FIT, NATS
 from .starts import Start
 from .structure import Structure
@@ -54,9 +54,8 @@ class HeldOut:
         where there are too few rows.
         """
         most = _quantiles(list(self.ratios.values()))
-        single = _quantiles(
-            np.split(self.ratios[max(self.ratios)], self.edges[1:-1])
-        )
+        finest = self.ratios[max(self.ratios)]
+        single = _quantiles(np.split(finest, self.edges[1:-1]))
         if len(single) > 1:
             most.append(float(np.mean(single) + np.std(single)))
         return max(most) if most else FIT.unknown_kappa
@@ -104,9 +103,9 @@ def leave_blocks_out(
     ratios: dict[int, Array] = {}
     for count in partitions:
         parts = max(min(count, len(derivatives)), 1)
-        limits = np.linspace(0, len(derivatives), parts + 1).round().astype(int)
+        limits = edges_of(len(derivatives), parts).tolist()
         ratios[count] = np.full(n, np.nan)
-        for first, last in pairwise(limits.tolist()):
+        for first, last in pairwise(limits):
             # of no partition the fit itself
             blocks = slice(first, last) if count else slice(0)
             try:
@@ -137,7 +136,8 @@ def _negative_log_density(length: Array, spread: Array) -> Array:
     p = spread.shape[1]
     variance = np.einsum("nii->n", spread) / p
     beyond = np.log1p(length**2 / (4 * variance))
-    return np.asarray(0.5 * (p * np.log(variance) + (4 + p) * beyond))
+    twice = p * np.log(variance) + (4 + p) * beyond
+    return np.asarray(0.5 * twice)
 
 
 @dataclass(frozen=True)
@@ -148,20 +148,12 @@ class Passed:
     free: tuple[str, ...]  # blocks
     fit: Fit
     held_out: HeldOut
-    evidences: Mapping[
-        str, float
-    ]  # of each member that was tried, logarithm up to a constant
+    bent: float  # best evidence of the members with curves that were tried
 
-    def against(self, name: str) -> float:
-        """Nats of evidence against the best tried member with `name`; 0 where there is none."""
-        others = [
-            evidence
-            for member, evidence in self.evidences.items()
-            if name in member
-        ]
-        if not others:
-            return 0.0
-        return (self.fit.evidence - max(others)) / self.fit.autocorrelation
+    def against_curves(self) -> float:
+        """Nats of evidence against joint curves; 0 where they were not tried."""
+        gain = self.fit.evidence - self.bent
+        return gain / self.fit.autocorrelation if np.isfinite(gain) else 0.0
 
 
 def _wins(richer: Passed, simpler: Passed) -> bool:
@@ -185,7 +177,9 @@ def _wins(richer: Passed, simpler: Passed) -> bool:
     ) / richer.fit.autocorrelation
     if gain.mean() <= 0 or evidence <= 0:
         return False
-    error = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.inf
+    error = np.inf
+    if len(gain) > 1:
+        error = gain.std(ddof=1) / np.sqrt(len(gain))
     return bool(gain.mean() > error or evidence > NATS)
 
 
@@ -202,15 +196,14 @@ def pass_gate(
     members = start.structure.members()
     names = {frozenset(groups): name for name, groups in members}
     best: Passed | None = None
-    evidences: dict[str, float] = {}
+    bent = -np.inf
     tried: list[set[str]] = []
     for member_name, groups in members:
         name = member_name
         free = groups
         begin = start.beta
-        if (
-            best is not None
-        ):  # what has passed stays: a lens stays beneath the curves
+        # what has passed stays: a lens stays beneath the curves
+        if best is not None:
             free = tuple(dict.fromkeys((*best.free, *groups)))
             name = names.get(frozenset(free), f"{best.name} and {member_name}")
             if set(chain) <= set(best.free):
@@ -223,15 +216,16 @@ def pass_gate(
             held_out = leave_blocks_out(member, (FIT.blocks,))
         except np.linalg.LinAlgError:
             continue
-        evidences[name] = member.evidence
-        candidate = Passed(name, free, member, held_out, evidences)
+        if "curve" in free:
+            bent = max(bent, member.evidence)
+        candidate = Passed(name, free, member, held_out, bent)
         if best is None or _wins(candidate, best):
             best = candidate
         if _is_exact(member):
             break
     if best is None:
         raise np.linalg.LinAlgError("no member of the body could be fitted")
-    return best
+    return replace(best, bent=bent)
 
 
 def _member(
@@ -252,5 +246,7 @@ def _member(
 
 def _is_exact(member: Fit) -> bool:
     """Whether samples of a simulation reach their least noise."""
-    exact = bool((member.noise <= 1.5 * member.parts[0].floor).all())
-    return exact and not np.isfinite(member.nu)
+    if np.isfinite(member.nu):
+        return False
+    least = 1.5 * member.parts[0].floor
+    return bool((member.noise <= least).all())

@@ -17,13 +17,10 @@ _SMOOTH = 0.5
 
 def matern(q: Array, other: Array, lengths: Array) -> Array:
     """Matern 5/2 correlation (n, k) of joints (n, dof) and (k, dof)."""
-    a = q / lengths
-    b = other / lengths
-    of_q = (a**2).sum(axis=1)
-    of_other = (b**2).sum(axis=1)
-    square = of_q[:, None] + of_other - 2 * a @ b.T
-    d = np.sqrt(5.0 * np.maximum(square, 0.0))
-    return np.asarray((1 + d + d * d / 3) * np.exp(-d))
+    away = q[:, None] / lengths - other / lengths
+    d = np.sqrt(5.0) * np.linalg.norm(away, axis=2)
+    rising = 1 + d + d * d / 3
+    return np.asarray(rising * np.exp(-d))
 
 
 def lengths_of(body: Body, q: Array) -> Array:
@@ -46,7 +43,8 @@ def most_telling(body: Body, q: Array, n: int) -> Index:
     # what no parameter explains counts as noise
     noise = np.hypot(body.noise, body.tau)[:p]
     _, x = body.structure.linearise(q, body.beta, body.active)
-    return greedy(x[:, :p] @ body.root * (body.kappa / noise[:, None]), n)
+    directions = x[:, :p] @ body.root
+    return greedy(directions * body.kappa / noise[:, None], n)
 
 
 def greedy(directions: Array, n: int) -> Index:
@@ -59,16 +57,18 @@ def greedy(directions: Array, n: int) -> Index:
     p = directions.shape[1]
     eye = np.eye(p)
     spread = directions @ np.swapaxes(directions, 1, 2)
-    factor = np.zeros((len(directions), p, n * p))  # a growing Cholesky factor
-    chosen = np.empty(n, dtype=np.intp)
-    for k in range(n):
+    factors: list[Array] = []  # columns of a growing Cholesky factor
+    chosen: list[int] = []
+    for _ in range(n):
         gain = np.linalg.slogdet(eye + spread)[1]
-        gain[chosen[:k]] = -1.0
+        gain[chosen] = -1.0
         best = int(gain.argmax())
-        chosen[k] = best
-        between = directions @ directions[best].T - factor @ factor[best].T
+        chosen.append(best)
+        between = directions @ directions[best].T
+        for factor in factors:
+            between -= factor @ factor[best].T
         root = np.linalg.cholesky(eye + spread[best])
-        new = between @ np.linalg.inv(root).T
-        factor[:, :, k * p : (k + 1) * p] = new
-        spread -= new @ np.swapaxes(new, 1, 2)
-    return chosen
+        column = between @ np.linalg.inv(root).T
+        factors.append(column)
+        spread -= column @ np.swapaxes(column, 1, 2)
+    return np.array(chosen, dtype=np.intp)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import product
 from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
@@ -27,6 +26,11 @@ Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
 
 
+def chosen(ladder: Sequence[tuple[str, tuple[str, ...], bool]]) -> Ladder:
+    """The members of a ladder that are wanted."""
+    return tuple((name, groups) for name, groups, wanted in ladder if wanted)
+
+
 class Layout:
     """A chain and its sensors by their parameters; see `Structure`.
 
@@ -42,6 +46,8 @@ class Layout:
     wide: ClassVar[tuple[float, float]]
     # rows below which held-out errors scale the second fit's spread
     few_rows: ClassVar[int]
+    # prior sds of blocks in the second fit, where they are not the first one's
+    guards: ClassVar[Mapping[str, tuple[float, ...]]] = {}
     joint_names: tuple[str, ...]  # names of the joints, base to tip
     chain_names: tuple[str, ...]  # names of all joints (c,) of the chain
     revolute: tuple[bool, ...]  # which joints turn; the others slide
@@ -119,17 +125,19 @@ class Layout:
     @property
     def frame_groups(self) -> tuple[str, ...]:
         """Blocks that every member of the gate fits: those of its sensor, and of all others."""
-        groups = [*self.viewpoint.groups]
+        groups: list[str] = []
         for place, sensor in enumerate(self.sensors):
-            prefix = "" if sensor is self.viewpoint else f"{sensor.name}."
-            if prefix:
+            blocks = [*sensor.groups]
+            if place and sensor.marked:
+                blocks.append("marker")
+            if sensor is self.viewpoint:
+                groups += blocks
+            else:
                 groups += [
-                    prefix + block
-                    for block in sensor.groups
+                    f"{sensor.name}.{block}"
+                    for block in blocks
                     if not block.startswith("tool")
                 ]
-            if place and sensor.marked:
-                groups.append(f"{prefix}marker")
         for other in self.others:
             groups += other.free
         return tuple(groups)
@@ -177,10 +185,6 @@ class Layout:
     def reversals(self) -> int:
         """How many joints turn against their drawing, and whether the sensor sees a mirror."""
         return 0
-
-    def guard(self, block: str) -> Array | None:  # noqa: ARG002
-        """Prior sds of a block in the second fit, None where they are the first one's."""
-        return None
 
     def undrawn(self) -> Self | None:
         """The structure without a drawing that rows may contradict, None where it needs one."""
@@ -273,33 +277,23 @@ class Layout:
                     hypers.append(hyper._replace(indices=some, shape=shape))
         return Prior(self.neutral(), sd, tuple(hypers))
 
-    def of_joints(
-        self, what: str, *units: str
-    ) -> tuple[tuple[str, str, str], ...]:
-        """One parameter of each joint, in a unit that all share or each has."""
-        every = units * self.dof if len(units) == 1 else units
-        pairs = zip(self.joint_names, every, strict=True)
-        return tuple((name, f"{name}.{what}", unit) for name, unit in pairs)
-
     def curves(
         self, rms: float, pseudo: float, shape: Array
     ) -> Iterator[Block]:
         """Blocks of the joints' error curves, of an rms [rad] that the evidence moves."""
-        rms_of_wave = rms / np.sqrt(2 * HARMONICS)
-        waves = [*product(("cos", "sin"), range(1, HARMONICS + 1))]
-        for k, (joint, turns) in enumerate(
-            zip(self.joint_names, self.revolute, strict=True)
-        ):
-            name = f"curve.{k}"
-            if not turns:
-                yield Block(name, ())
-                continue
-            parts = tuple(
-                (joint, f"{joint}.curve {wave} {order}", "rad")
-                for wave, order in waves
-            )
-            scale = Hyper(name, rms_of_wave, pseudo=pseudo, shape=shape)
-            yield Block(name, parts, scales=(scale,))
+        orders = range(1, HARMONICS + 1)
+        waves = [f"curve {wave} {n}" for wave in ("cos", "sin") for n in orders]
+        rms_of_wave = rms / np.sqrt(len(waves))
+        for k, joint in enumerate(self.joint_names):
+            block = Block(f"curve.{k}", ())
+            if self.revolute[k]:
+                scale = Hyper(
+                    block.name, rms_of_wave, pseudo=pseudo, shape=shape
+                )
+                block = Block.of(
+                    block.name, "rad", waves, scales=(scale,), joints=[joint]
+                )
+            yield block
 
 
 def joined(structures: Mapping[str, L]) -> L:

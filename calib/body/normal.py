@@ -46,9 +46,8 @@ class Factor:
             self.scale
         ):  # LAPACK complains of an empty matrix on standard output
             return np.zeros((0, 0))
-        inner = dpotri(self._root, lower=1)[
-            0
-        ]  # a third of solving for 1; above it are zeros
+        # a third of solving for 1; above it are zeros
+        inner, _ = dpotri(self._root, lower=1)
         inner += np.tril(inner, -1).T
         inner *= self.scale[:, None]
         inner *= self.scale
@@ -68,9 +67,9 @@ class Factor:
 
     def log_determinant(self) -> float:
         """Logarithm of the matrix's determinant."""
-        return float(
-            2 * np.log(np.diag(self._root)).sum() - 2 * np.log(self.scale).sum()
-        )
+        root = np.log(np.diag(self._root))
+        scale = np.log(self.scale)
+        return 2 * float(root.sum() - scale.sum())
 
 
 def with_prior(gram: Array, sd: Array, known: Array | None) -> Array:

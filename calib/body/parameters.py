@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import cycle
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,16 +58,21 @@ class Block:
     @staticmethod
     def of(
         name: str,
-        unit: str,
-        parts: Sequence[str],
-        sd: float = 0.0,
+        unit: str | Sequence[str],
+        parts: Sequence[str] = (),
+        sd: Array | float = 0.0,
         mean: Array | float = 0.0,
         scales: tuple[Hyper, ...] = (),
+        joints: Sequence[str | None] = (None,),
     ) -> Block:
-        """Return parameters of no joint, in one unit: ``"xyz"``, or one without a part."""
-        names = [f"{name}.{part}" for part in parts] or [name]
-        labels = tuple((None, label, unit) for label in names)
-        return Block(name, labels, mean, sd, scales)
+        """Return parameters, some or one of each joint, or of none; units in turn."""
+        units = cycle([unit] if isinstance(unit, str) else unit)
+        labels: list[tuple[str | None, str, str]] = []
+        for joint in joints:
+            owner = joint or name
+            for label in [f"{owner}.{part}" for part in parts] or [owner]:
+                labels.append((joint, label, next(units)))
+        return Block(name, tuple(labels), mean, sd, scales)
 
     def named(self, sensor: str) -> Block:
         """Return the block with the name of a sensor before its parameters'."""

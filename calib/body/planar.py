@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from typing import ClassVar
 
 import numpy as np
 
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array
 from ..common.scale import METRES
 from .curves import curve_shape
 from .drawing import Complex, PlanarDrawing
-from .layout import Ladder
+from .layout import Ladder, chosen
 from .parameters import Block, Hyper, Indices
 from .sensors import InPlane
 from .settings import FIT, PRIOR, SHIFT, TURN
-from .structure import Moving, Structure
+from .structure import Moving, Structure, fixed_at
 from .views import ArmSize, Moved
 
 
@@ -37,8 +37,9 @@ class PlanarMotion:
     def joints(self) -> Moved:
         """How the tip moves with the value of each joint, (dof, 2, n)."""
         # a joint turns all that comes after it about its structure place
-        swept = 1j * np.cumsum(self.terms[::-1], axis=0)[::-1]
-        return _pairs(np.where(self.turning, swept, self.direction)), 0.0
+        beyond = np.cumsum(self.terms[::-1], axis=0)[::-1]
+        moved = np.where(self.turning, 1j * beyond, self.direction)
+        return _pairs(moved), None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,23 +61,9 @@ class PlanarLoads:
 
     def levers(self, q: Array) -> Array:
         """Cosines and sines (2 p, 1, n) at joint values (n, dof)."""
-        return _pairs(self._directions(q)).reshape(
-            2 * len(self.pairs), 1, len(q)
-        )
-
-    def slopes(self, q: Array, gravity: Array) -> Array:  # noqa: ARG002
-        """Derivatives (2 p, dof, n) of those by the joint values."""
-        before = np.arange(q.shape[1]) <= self.pairs[:, 1:]
-        turns = (before * self.turns)[:, :, None]
-        moved = _pairs(1j * turns * self._directions(q)[:, None])
-        return np.swapaxes(moved, 1, 2).reshape(
-            2 * len(moved), q.shape[1], len(q)
-        )
-
-    def _directions(self, q: Array) -> Complex:
-        """Directions (p, n) of the links."""
         sums = np.cumsum(q * self.turns, axis=1).T
-        return np.asarray(np.exp(1j * sums[self.pairs[:, 1]]))
+        directions = np.exp(1j * sums[self.pairs[:, 1]])
+        return _pairs(directions).reshape(2 * len(directions), 1, len(q))
 
 
 def _pairs(values: Complex) -> Array:
@@ -99,6 +86,7 @@ class PlanarStructure(Structure):
     # with 3 mrad real rows were bounded up to 9.2 times their error, paths covered to 96 % as now
     wide = (200.0, 1.5e-3)
     few_rows = 0
+    guards: ClassVar = {"lens": (FIT.guard_lens, 0.0, 0.0)}  # its bend alone
     joint_names: tuple[str, ...]
     revolute: tuple[bool, ...]
     signs: tuple[int, ...]  # direction of each joint against its log, +1 or -1
@@ -158,10 +146,6 @@ class PlanarStructure(Structure):
         """-1 where its sensor sees the plane from behind, else 1."""
         return self.viewpoint.mirror
 
-    def guard(self, block: str) -> Array | None:
-        """Prior sds of the lens in the second fit: its bend alone is free."""
-        return np.array([FIT.guard_lens, 0.0, 0.0]) if block == "lens" else None
-
     def undrawn(self) -> PlanarStructure | None:
         """The structure without its drawing, None where the sensor's frame is the drawing's."""
         if self.nominal is None or self.view == "base" or self.zeros_alone:
@@ -175,55 +159,53 @@ class PlanarStructure(Structure):
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the chain's geometry and of its joints."""
-        waves: list[tuple[str, str, str]] = []
-        for (i, j), wave in product(
-            self.loads["elastic"].pairs, ("cos", "sin")
-        ):
-            joint = self.joint_names[i]
-            name = f"{joint}.elastic {wave} {self.joint_names[j]}"
-            waves.append((joint, name, "rad"))
-        loose = 2.0 if self.nominal is None else 1.0
+        names = self.joint_names
+        turning = np.asarray(self.revolute)
+        size, unit = self._link
+        # in a free frame the first joint's offset is the frame's
+        free = np.ones(self.dof, dtype=bool)
+        free[0] = any(sensor.view == "base" for sensor in self.sensors)
+        drawing = self.nominal
+        scales: list[tuple[Hyper, ...]] = [(), (), ()]
+        sds: list[Array | float] = [0.0, 0.0, 0.0]
+        if drawing is not None:
+            lengths = np.array(drawing.lengths)
+            offsets = np.array(drawing.offsets)
+            scales = [
+                (Hyper("length", SHIFT, PRIOR.wider),),
+                (Hyper("offset", TURN, PRIOR.servos, indices=free),),
+                (Hyper("gain", PRIOR.gain, PRIOR.wider),),
+            ]
+            loose = 1.0
+        else:
+            lengths = size * turning
+            offsets = np.zeros(self.dof)
+            sds = [2.0 * lengths, 10.0 * free, 2.0 * PRIOR.gain]
+            if self.sensors[0].seen_as.scaled and turning.all():
+                # the view's scale is the first length
+                sds[0] = 2.0 * lengths * (np.arange(self.dof) > 0)
+            loose = 2.0
+        bends: list[tuple[str, str, str]] = []
+        for i, j in self.loads["elastic"].pairs:
+            for wave in ("cos", "sin"):
+                name = f"{names[i]}.elastic {wave} {names[j]}"
+                bends.append((names[i], name, "rad"))
         bending = Hyper("elastic", PRIOR.elastic_in_plane * loose, pseudo=4.0)
         return (
-            *self._links(),
-            Block("elastic", tuple(waves), scales=(bending,)),
+            Block.of(
+                "length", unit, ["length"], sds[0], lengths, scales[0], names
+            ),
+            Block.of(
+                "offset", "rad", ["offset"], sds[1], offsets, scales[1], names
+            ),
+            Block.of("gain", "1", ["gain"], sds[2], 1.0, scales[2], names),
+            Block("elastic", tuple(bends), scales=(bending,)),
             *self.curves(
                 PRIOR.curve_rms,
                 PRIOR.curve_rows_in_plane,
                 curve_shape(PRIOR.long),
             ),
         )
-
-    def _links(self) -> Iterator[Block]:
-        """Lengths, offsets and gains: near those of a drawing, on scales by evidence."""
-        drawing = self.nominal
-        free = self._offset_is_free
-        size, unit = self._link
-        names = [self.of_joints("length", unit)]
-        names += [self.of_joints("offset", "rad"), self.of_joints("gain", "1")]
-        if drawing is not None:
-            length = Hyper("length", SHIFT, PRIOR.wider)
-            offset = Hyper("offset", TURN, PRIOR.servos, indices=free)
-            gain = Hyper("gain", PRIOR.gain, PRIOR.wider)
-            means = np.array([drawing.lengths, drawing.offsets])
-            yield Block("length", names[0], means[0], scales=(length,))
-            yield Block("offset", names[1], means[1], scales=(offset,))
-            yield Block("gain", names[2], 1.0, scales=(gain,))
-            return
-        turning = np.asarray(self.revolute)
-        length_sd = np.where(turning, 2.0 * size, 0.0)
-        if self.sensors[0].seen_as.scaled and turning.all():
-            length_sd[0] = 0.0  # the view's scale is the first length
-        yield Block("length", names[0], size * turning, length_sd)
-        yield Block("offset", names[1], sd=np.where(free, 10.0, 0.0))
-        yield Block("gain", names[2], 1.0, sd=2 * PRIOR.gain)
-
-    @property
-    def _offset_is_free(self) -> Mask:
-        """Which joints (dof,) have an offset: in a free frame the first one's is the frame's."""
-        free = np.ones(self.dof, dtype=bool)
-        free[0] = any(sensor.view == "base" for sensor in self.sensors)
-        return free
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,); a slide's offset is its direction."""
@@ -238,7 +220,7 @@ class PlanarStructure(Structure):
 
     def move(self, values: Array, beta: Array) -> PlanarMotion:  # type: ignore[override]
         """Where the chain is at the true values (dof, n) of its joints."""
-        length, way, turning = self.fixed(beta).links
+        length, way, turning = fixed_at(self, beta).links
         if not all(self.revolute):
             length = length + np.where(turning, 0.0, values)
             values = np.where(turning, values, 0.0)
@@ -247,12 +229,12 @@ class PlanarStructure(Structure):
 
     def moving(self, motion: PlanarMotion) -> Moving:  # type: ignore[override]
         """How the tip moves with each part of the geometry."""
-        yield self.groups["length"], lambda: (_pairs(motion.direction), 0.0)
+        yield self.groups["length"], lambda: (_pairs(motion.direction), None)
         # turning a slide's direction turns no other link
         slides = np.flatnonzero(np.logical_not(self.revolute))
         yield (
             self.groups["offset"][slides],
-            lambda: (_pairs(1j * motion.terms[slides]), 0.0),
+            lambda: (_pairs(1j * motion.terms[slides]), None),
         )
 
     def members(self) -> Ladder:
@@ -282,9 +264,7 @@ class PlanarStructure(Structure):
             ("elastic", (*chain, "elastic"), turns),
             ("curves and elastic", (*chain, "elastic", "curve"), turns),
         )
-        return tuple(
-            (name, groups) for name, groups, wanted in ladder if wanted
-        )
+        return chosen(ladder)
 
 
 def planar_structure(
@@ -300,13 +280,14 @@ def planar_structure(
     if view == "auto":
         view = "rigid" if unit in METRES else "homography"
     centre = z.mean(axis=0)
-    extent = float(np.sqrt(((z - centre) ** 2).sum(axis=1).mean()))
+    extent = float(np.sqrt(z.var(axis=0).sum()))
+    size = float(np.abs(z).max())
     signs = (1,) * len(joint_names) if nominal is None else nominal.signs
     sensor = InPlane(
         view=view,
         unit=unit,
         metre=METRES.get(unit, 1.0),
-        extent=max(extent, 1e-9 * (1e-3 + float(np.abs(z).max()))),
+        extent=max(extent, 1e-9 * (1e-3 + size)),
         centre=(float(centre[0]), float(centre[1])),
     )
     return PlanarStructure(

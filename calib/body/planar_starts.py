@@ -25,9 +25,9 @@ def planar_starts(
     starts: list[tuple[PlanarStructure, Array]] = []
     for signs in product((1, -1), repeat=structure.dof):
         if drawing is not None:
-            turned = structure.changed(
-                signs=tuple(np.multiply(signs, drawing.signs).tolist())
-            ).with_sensor(mirror=drawing.mirror)
+            turns = np.multiply(signs, drawing.signs).tolist()
+            turned = structure.changed(signs=tuple(turns))
+            turned = turned.with_sensor(mirror=drawing.mirror)
             starts.append(framed(turned, q, z, turned.neutral()))
         elif _differs(signs, structure.revolute):
             turned = structure.changed(signs=signs)
@@ -36,11 +36,9 @@ def planar_starts(
                 starts.append((side, _linear(side, q, z)))
     starts.sort(key=lambda start: _miss(start, q, z))
     if drawing is not None and not structure.viewpoint.seen_as.scaled:
-        as_drawn = [
-            start for start in starts if start[0].signs == drawing.signs
-        ]
-        if _miss(as_drawn[0], q, z) <= FIT.doubted * structure.extent:
-            starts = as_drawn
+        drawn = [start for start in starts if start[0].signs == drawing.signs]
+        if _miss(drawn[0], q, z) <= FIT.doubted * structure.extent:
+            starts = drawn
     return starts[: START.turned_ways]
 
 
@@ -56,9 +54,11 @@ def framed(
         scale = structure.metre
     beta = arm.copy()
     groups = structure.groups
-    beta[groups["view.rotation"]] = np.arctan2(turn[1, 0], turn[0, 0])
+    cosine, sine = turn[:, 0]
+    beta[groups["view.rotation"]] = np.arctan2(sine, cosine)
     beta[groups["view.scale"]] = np.log(scale / structure.metre)
-    beta[groups["view.shift"]] = (z - scale * points @ turn.T).mean(axis=0)
+    shifts = z - scale * points @ turn.T
+    beta[groups["view.shift"]] = shifts.mean(axis=0)
     side = 1 if np.linalg.det(turn) > 0 else -1
     return structure.with_sensor(mirror=side), beta
 
@@ -67,7 +67,7 @@ def _miss(start: tuple[PlanarStructure, Array], q: Array, z: Array) -> float:
     """Error [unit] of a start, rms."""
     structure, beta = start
     miss = z - structure.predict(q, beta)
-    return float(np.sqrt((miss**2).sum(axis=1).mean()))
+    return float(np.linalg.norm(miss) / np.sqrt(len(z)))
 
 
 def _differs(signs: tuple[int, ...], revolute: tuple[bool, ...]) -> bool:
@@ -76,9 +76,12 @@ def _differs(signs: tuple[int, ...], revolute: tuple[bool, ...]) -> bool:
     A first turning joint that turns the other way is a mirror; a slide that is reversed is another
     offset.
     """
-    turning = np.asarray(revolute)
-    turning[turning.argmax()] = False
-    return bool((np.array(signs)[~turning] > 0).all())
+    first = revolute.index(True) if any(revolute) else 0
+    return all(
+        sign > 0
+        for k, sign in enumerate(signs)
+        if k == first or not revolute[k]
+    )
 
 
 def _linear(structure: PlanarStructure, q: Array, z: Array) -> Array:
@@ -89,7 +92,7 @@ def _linear(structure: PlanarStructure, q: Array, z: Array) -> Array:
         q, structure.signs, structure.viewpoint.mirror, structure.revolute
     )
     columns = np.column_stack([columns, np.ones(len(q))])
-    size = np.sqrt(np.mean(np.abs(columns) ** 2, axis=0)) + 1e-300
+    size = np.linalg.norm(columns, axis=0) + 1e-300
     # a joint that hardly moves makes columns alike: they share what they cannot tell apart
     tip = z @ (1, 1j)
     fit = np.linalg.lstsq(columns / size, tip, rcond=START.one_column)
@@ -108,7 +111,8 @@ def _linear(structure: PlanarStructure, q: Array, z: Array) -> Array:
         # in the first length, or where joints slide in metres
         unit = float(sizes[0])
         if not turning.all():
-            unit = float(np.exp(np.log(sizes[~turning] + 1e-300).mean()))
+            logarithms = np.log(sizes[~turning] + 1e-300)
+            unit = float(np.exp(logarithms.mean()))
         unit = max(unit, 1e-9 * structure.extent)
         beta[groups["view.scale"]] = np.log(unit)
         sizes = sizes / unit

@@ -33,15 +33,16 @@ def warnings_of(
             )
         elif turns and moved < np.radians(1.0):
             notes.append(f"{name} moves by {np.degrees(moved):.2g} deg only")
-        elif np.isfinite(most) and moved < 0.1 * most:
+        elif moved < 0.1 * most < np.inf:
             notes.append(
                 f"{name} moves through {100 * moved / most:.2g} % of its range only"
             )
     moving = np.flatnonzero(span >= 1e-6)
     rank = len(moving)
     if rank > 1:
-        share = (q[:, moving] - q[:, moving].mean(axis=0)) / span[moving]
-        rank = int(np.linalg.matrix_rank(share, rtol=1e-3))
+        share = q[:, moving] / span[moving]
+        away = share - share.mean(axis=0)
+        rank = int(np.linalg.matrix_rank(away, rtol=1e-3))
     if rank < len(moving):
         names = ", ".join(joint_names[k] for k in moving.tolist())
         notes.append(

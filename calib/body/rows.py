@@ -45,6 +45,11 @@ def together(structure: S, rows: Sequence[Rows]) -> S:
     return structure.changed(others=others).as_seen_by(rows[0].sensor)
 
 
+def edges_of(count: int, blocks: int) -> Indices:
+    """Limits (b + 1,) of contiguous blocks of rows."""
+    return np.linspace(0, count, blocks + 1).round().astype(int)
+
+
 class Part:
     """Rows of one sensor within a fit: residuals, noise, and weights under Student noise.
 
@@ -70,7 +75,7 @@ class Part:
         self.nu = nu
         ends = np.cumsum((0, *self.structure.blocks)).tolist()
         self.outputs = [slice(first, last) for first, last in pairwise(ends)]
-        self.edges = np.linspace(0, len(rows), blocks + 1).round().astype(int)
+        self.edges = edges_of(len(rows), blocks)
         stated = self.structure.measurement.noise
         self.stated = stated is not None
         floor = rows.floor if stated is None else stated
@@ -95,18 +100,14 @@ class Part:
         self, beta: Array, active: Indices
     ) -> Iterator[tuple[slice, Array]]:
         """Each block's rows, and the derivatives (n, m, k) of their predictions."""
-        at_once = len(self.q) <= FIT.rows_at_once
-        if at_once:
-            whole = self.structure.linearise(self.q, beta, active)[1]
-        for first, last in pairwise(self.edges.tolist()):
-            rows = slice(first, last)
-            if at_once:
-                yield rows, whole[rows]
-            else:
-                yield (
-                    rows,
-                    self.structure.linearise(self.q[rows], beta, active)[1],
-                )
+        blocks = [slice(*ends) for ends in pairwise(self.edges.tolist())]
+        structure = self.structure
+        if len(self.q) <= FIT.rows_at_once:
+            whole = structure.linearise(self.q, beta, active)[1]
+            yield from ((rows, whole[rows]) for rows in blocks)
+        else:
+            for rows in blocks:
+                yield rows, structure.linearise(self.q[rows], beta, active)[1]
 
     def learn_noise(self, share: float = 0.0) -> None:
         """Find the most probable noise (m,); a `share` of the numbers was fitted."""
@@ -135,9 +136,8 @@ class Part:
         if np.isfinite(self.nu):
             for columns, p, squares in self._squares(self.residual):
                 away = squares / self.noise[columns.start] ** 2
-                self.weight[:, columns] = ((self.nu + p) / (self.nu + away))[
-                    :, None
-                ]
+                weight = (self.nu + p) / (self.nu + away)
+                self.weight[:, columns] = weight[:, None]
         return np.asarray(np.sqrt(self.weight) / self.noise)
 
     def energy(self, residual: Array) -> float:
@@ -146,11 +146,10 @@ class Part:
         for columns, p, squares in self._squares(residual):
             noise = float(self.noise[columns.start])
             total += len(squares) * p * np.log(noise)
+            away = squares / noise**2
             if np.isfinite(self.nu):
-                away = squares / noise**2 / self.nu
-                total += 0.5 * (self.nu + p) * float(np.log1p(away).sum())
-            else:
-                total += 0.5 * float(squares.sum()) / noise**2
+                away = (self.nu + p) * np.log1p(away / self.nu)
+            total += 0.5 * float(away.sum())
         return total
 
     def _squares(self, residual: Array) -> Iterator[tuple[slice, int, Array]]:

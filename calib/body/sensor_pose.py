@@ -13,18 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from ..arm.rotations import logarithm, quaternion_of
+from ..arm.rotations import exponential, logarithm, quaternion_of
 from ..common.arrays import Array
-from ..errors import LogError
 from .parameters import Gaussian, Indices
 from .spatial import SpatialStructure
 from .structure import OfStructure, Structure
 
 _SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
 """Groups of parameters that are the sensor's."""
-
-_UNSURE = 0.1
-"""A camera whose distance is less sure than this share of it was shown too little."""
 
 _ALIKE = 0.05
 """A gauge is one where parameters move the tip as it does, but for this share."""
@@ -48,7 +44,6 @@ class SensorPose:
     turn_sd: Array
     told_sd: Array  # (3,) [m], of the position but for what no reading tells, see `without_gauge`
     told_turn_sd: Array  # (3,) [rad], the same of its turn
-    depth_sd: float  # [m], along the sensor's z
     first: str | None  # the joint whose offset is zero by convention
 
     @staticmethod
@@ -66,10 +61,8 @@ class SensorPose:
             return -back @ sensor.shift / sensor.scale, back
 
         first: str | None = None
-        up_to_gauge = body.root
-        if structure.view == "base":
-            up_to_gauge = np.zeros_like(body.root)
-        else:
+        up_to_gauge = np.zeros_like(body.root)
+        if structure.view != "base":
             up_to_gauge = without_gauge(structure, body, not structure.camera)
             if structure.revolute[0]:
                 first = structure.joint_names[0]
@@ -96,19 +89,17 @@ class SensorPose:
         rows = np.searchsorted(body.active, fitted)
         whole = _slope(place, body, fitted) @ body.root[rows]
         sure = _slope(place_up_to_gauge, body, fitted) @ up_to_gauge[rows]
-        position, rotation = place_up_to_gauge(body.beta)
         sd = np.linalg.norm(whole, axis=1)
         sure_sd = np.linalg.norm(sure, axis=1)
-        along = rotation[:, 2] @ whole[:3]
+        position, rotation = place_up_to_gauge(body.beta)
         return SensorPose(
-            position=position,
-            rotation=rotation,
-            position_sd=sd[:3],
-            turn_sd=sd[3:],
-            told_sd=sure_sd[:3],
-            told_turn_sd=sure_sd[3:],
-            depth_sd=float(np.linalg.norm(along)),
-            first=first,
+            position,
+            rotation,
+            sd[:3],
+            sd[3:],
+            sure_sd[:3],
+            sure_sd[3:],
+            first,
         )
 
     @property
@@ -149,12 +140,6 @@ class SensorPose:
             f"{what} at ({', '.join(coordinates)}) mm in the base frame, turned within "
             f"{np.degrees(1.96 * self.turn_sd.max()):.2g} deg, quaternion ({quaternion})"
         ]
-        if self.told_sd.max() < 0.8 * self.position_sd.max():
-            size = "the arm's size, " if what == "camera" else ""
-            lines.append(
-                f"  known to {1.96e3 * self.told_sd.max():.2g} mm but for what no reading "
-                f"tells: {size}a turn about and a shift along the first joint's axis"
-            )
         if self.first:
             lines.append(
                 f"  its turn about {self.first} cannot be told from that joint's offset, which is "
@@ -163,42 +148,56 @@ class SensorPose:
         return lines
 
 
+def held_of(body: OfStructure) -> SensorPose:
+    """Return what is in the hand, in the tip's frame, as a belief of its poses knows it.
+
+    The last joint counts as its encoder says: what is in the hand turned about that joint's axis,
+    and the joint's offset the other way, give the same pictures; so does a shift along it.  What
+    is told leaves that out; the other intervals are those of a joint with an offset of its own.
+    """
+    structure = body.structure
+    assert isinstance(structure, SpatialStructure)  # noqa: S101 - poses are in space
+    groups = structure.groups
+    turns = structure.revolute[-1]
+    last = structure.chain_names.index(structure.joint_names[-1])
+    base = structure.with_view("base")
+    zero = np.zeros((1, structure.dof))
+    (tip,), (frame,) = base.pose(zero, structure.neutral())
+    axis = structure.chain.axes[last]
+    axis_in_tip = frame.T @ axis
+    origin = frame.T @ (structure.chain.points[last] - tip)
+    shift = structure.shifts[last]
+    turn = structure.turns[last]
+    offset = groups["offset"][-1]
+    tool = groups["tool"]
+    tool_turn = groups["tool.rotation"]
+
+    def hand(beta: Array) -> tuple[Array, Array]:
+        return beta[tool], exponential(beta[tool_turn])
+
+    def hand_at_encoder(beta: Array) -> tuple[Array, Array]:
+        """What a deviation of the last joint of its own does goes to the hand."""
+        position, axes = hand(beta)
+        turned = axis @ beta[turn] + turns * beta[offset]
+        slid = axis @ beta[shift] + (not turns) * beta[offset]
+        back = exponential(turned * axis_in_tip)
+        moved = origin + back @ (position - origin) + slid * axis_in_tip
+        return moved, back @ axes
+
+    index = np.concatenate([tool, tool_turn, shift, turn, [offset]])
+    return SensorPose.at(hand, hand_at_encoder, body, index, body.root)
+
+
 def _slope(place: Place, body: OfStructure, indices: Indices) -> Array:
     """Derivative (6, k) of a place, and of its turn about the axes that it is told in."""
     position, turn = place(body.beta)
     slope = np.empty((6, len(indices)))
-    for k, index in enumerate(indices):
-        step = np.zeros(len(body.beta))
-        step[index] = _STEP
+    steps = _STEP * np.eye(len(body.beta))
+    for k, step in enumerate(steps[indices]):
         ahead, turned = place(body.structure.retract(body.beta, step))
         slope[:3, k] = ahead - position
         slope[3:, k] = logarithm(turned @ turn.T)
     return slope / _STEP
-
-
-def doubtful_depth(body: OfStructure, q: Array) -> list[str]:
-    """Say where pictures of joint values (n, dof) hardly tell a camera's distance.
-
-    Raises LogError if the arm is behind the camera.
-    """
-    structure = body.structure
-    camera = SensorPose.of(body)
-    if camera is None or not isinstance(structure, SpatialStructure):
-        return []
-    places = structure.pose(q, body.beta)[0]
-    depth = (places - camera.position) @ camera.rotation[:, 2]
-    if depth.mean() <= 0:
-        raise LogError(
-            "the fit places the arm behind the camera: check that each row's joints and pixels "
-            "belong together"
-        )
-    if 1.96 * camera.depth_sd <= _UNSURE * depth.mean():
-        return []
-    return [
-        f"the pixels hardly determine the distance of the camera: {depth.mean():.2f} m, 95 % "
-        f"within {1.96 * camera.depth_sd:.2g} m. The tip moved {np.ptp(depth):.2g} m along the "
-        "view: add poses nearer to the camera and further from it, or give a calibrated `lens`"
-    ]
 
 
 def without_gauge(
@@ -212,22 +211,21 @@ def without_gauge(
     """
     base, beta = without_sensor(structure, belief.beta)
     of_arm = ~np.isin(belief.active, sensor_of(structure))
-    q = np.random.default_rng(0).uniform(-2.0, 2.0, (_POSES, base.dof))
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-2.0, 2.0, (_POSES, base.dof))
     position, x = base.linearise(q, beta, belief.active[of_arm])
     axis = base.chain.axes[0]
     arm = position - base.chain.points[0]
     motions = [np.cross(axis, arm), np.broadcast_to(axis, arm.shape)]
     if not size:
         motions.append(arm)
-    wanted = np.stack([motion.ravel() for motion in motions], axis=1)
-    columns = (
-        x.reshape(len(wanted), -1) @ belief.root[of_arm]
-    )  # of independent standard normals
+    wanted = np.reshape(motions, (len(motions), -1)).T
+    # of independent standard normals
+    columns = x.reshape(len(wanted), -1) @ belief.root[of_arm]
     ways = np.linalg.lstsq(columns, wanted, rcond=1e-9)[0]
-    residual = np.linalg.norm(columns @ ways - wanted, axis=0) / np.linalg.norm(
-        wanted, axis=0
-    )
-    ways, _ = np.linalg.qr(ways[:, residual < _ALIKE])
+    missed = np.linalg.norm(columns @ ways - wanted, axis=0)
+    alike = missed < _ALIKE * np.linalg.norm(wanted, axis=0)
+    ways, _ = np.linalg.qr(ways[:, alike])
     return np.asarray(belief.root - (belief.root @ ways) @ ways.T)
 
 
@@ -240,8 +238,8 @@ def without_sensor(
     structure: SpatialStructure, beta: Array
 ) -> tuple[SpatialStructure, Array]:
     """The arm alone: its structure in the base frame [m], and parameters (d,)."""
-    base = structure.with_view(
-        "base", unit="m", metre=1.0, extent=structure.chain.reach
+    base = structure.with_sensor(
+        view="base", unit="m", metre=1.0, extent=structure.chain.reach
     )
     alone = beta.copy()
     sensor = sensor_of(structure)

@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..arm.rotations import exponential
+from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from .parameters import Block, Hyper
 from .settings import FREE, PRIOR
@@ -23,8 +24,7 @@ from .views import (
     ArmSize,
     Measurement,
     Placed,
-    Scene,
-    View,
+    Sight,
     ViewKind,
 )
 
@@ -64,13 +64,14 @@ class Sensor(Measurement):
         """Return the sensor at its parameters, by block."""
         raise NotImplementedError
 
-    def look(self, scene: Scene) -> View:
+    def look(
+        self,
+        blocks: Mapping[str, Array],
+        motion: Motion,
+        also: Array,  # noqa: ARG002
+    ) -> Sight:
         """See the tip."""
-        motion = scene.motion
-        placed = scene.placed
-        return placed.look(
-            motion.position, motion.rotation if placed.posed else None
-        )
+        return self.place(blocks).look(motion)
 
     def named_parameters(
         self, arm: ArmSize, *, further: bool
@@ -113,22 +114,23 @@ class InSpace(Sensor):
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
         """Return what the sensor has of its own; a camera stands metres away."""
-        unit, size = (
-            (arm.unit, arm.reach) if self.camera else (self.unit, self.extent)
-        )
-        lens = (
-            (None, "lens.focal", "px"),
-            (None, "lens.centre.u", "px"),
-            (None, "lens.centre.v", "px"),
-            (None, "lens.k1", "1"),
+        unit = self.unit
+        size = self.extent
+        if self.camera:
+            unit = arm.unit
+            size = arm.reach
+        lens = Block.of(
+            "lens",
+            ("px", "px", "px", "1"),
+            ("focal", "centre.u", "centre.v", "k1"),
+            np.asarray(self.lens_sd),
+            np.asarray(self.lens),
         )
         return (
             Block.of("view.rotation", "rad", "xyz", 100.0),
             Block.of("view.shift", unit, "xyz", FREE * size),
             Block.of("view.scale", "1", "", 100.0),
-            Block(
-                "lens", lens, np.asarray(self.lens), np.asarray(self.lens_sd)
-            ),
+            lens,
         )
 
     def place(self, beta: Mapping[str, Array]) -> Placed:

@@ -18,7 +18,7 @@ from ..arm.gravity import GRAVITY, Loads
 from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_shape
-from .layout import Ladder
+from .layout import Ladder, chosen
 from .parameters import Block, Hyper, Indices
 from .sensors import InSpace
 from .settings import FIT, PRIOR, SHIFT, TURN
@@ -86,14 +86,26 @@ class SpatialStructure(Structure):
 
     def geometry(self) -> Sequence[Block]:
         """Blocks of the tip, the joint origins and the joints."""
+        # of the tool what one orientation does not tell is held
+        turn = TURN if self.sensors[0].view == "base pose" else 3.0
+        tools = (self.tool,) if self.tool and self.informed else ()
+        names = self.joint_names
         gain = Hyper("gain", PRIOR.gain, PRIOR.wider)
+        turning = np.asarray(self.revolute)
+        gears = Hyper(
+            "coupling",
+            PRIOR.coupling,
+            pseudo=1.0,
+            indices=np.flatnonzero(turning[1:] & turning[:-1]),
+        )
         return (
-            *self._tool(),
+            Block.of("tool", "m", "xyz", self._reach, 0.0, tools),
+            Block.of("tool.rotation", "rad", "xyz", turn),
             self._placement(),
             self._offset(),
-            Block("gain", self.of_joints("gain", "1"), 1.0, scales=(gain,)),
+            Block.of("gain", "1", ["gain"], 0.0, 1.0, (gain,), names),
             *self._elasticity(),
-            self._coupling(),
+            Block.of("coupling", "1", ["coupling"], 0, 0, (gears,), names[1:]),
             *self.curves(PRIOR.curve_rms, PRIOR.curve_rows, curve_shape()),
         )
 
@@ -108,45 +120,42 @@ class SpatialStructure(Structure):
         floating = any(other.floating for other in self.others)
         return 0 if based and not floating else 1
 
-    def _tool(self) -> tuple[Block, Block]:
-        """Where the tip is; what one orientation does not tell is held."""
-        scales = (self.tool,) if self.tool is not None and self.informed else ()
-        turn = TURN if self.sensors[0].view == "base pose" else 3.0
-        return (
-            Block.of("tool", "m", "xyz", self._reach, scales=scales),
-            Block.of("tool.rotation", "rad", "xyz", turn),
-        )
-
     def _placement(self) -> Block:
         """Where the joints' origins are; anywhere, if no drawing says."""
-        names: list[tuple[str, str, str]] = []
-        for joint in self.chain_names:
-            names += [(joint, f"{joint}.shift.{axis}", "m") for axis in "xyz"]
-            names += [(joint, f"{joint}.turn.{axis}", "rad") for axis in "xyz"]
-        if not self.informed:
-            anywhere = np.repeat((self._reach, 3.0), 3)
-            sd = np.tile(anywhere, len(self.chain_names))
-            return Block("placement", tuple(names), sd=sd)
-        places = np.arange(6 * self._first, len(names)).reshape(-1, 2, 3)
-        within = self.others[0].within if self.others else PRIOR.wider
-        shift = Hyper(
-            "placement.shift", SHIFT, within, indices=places[:, 0].ravel()
+        count = len(self.chain_names)
+        sd = np.zeros(6 * count)
+        scales: tuple[Hyper, ...] = ()
+        if self.informed:
+            within = self.others[0].within if self.others else PRIOR.wider
+            own = np.arange(6 * self._first, len(sd))
+            places = own.reshape(-1, 2, 3)
+            shifts = places[:, 0].ravel()
+            turns = places[:, 1].ravel()
+            scales = (
+                Hyper("placement.shift", SHIFT, within, indices=shifts),
+                Hyper("placement.turn", TURN, within, indices=turns),
+            )
+        else:
+            sd = np.tile(np.repeat((self._reach, 3.0), 3), count)
+        parts = [f"{way}.{axis}" for way in ("shift", "turn") for axis in "xyz"]
+        units = ["m"] * 3 + ["rad"] * 3
+        return Block.of(
+            "placement", units, parts, sd, 0.0, scales, self.chain_names
         )
-        turn = Hyper(
-            "placement.turn", TURN, within, indices=places[:, 1].ravel()
-        )
-        return Block("placement", tuple(names), scales=(shift, turn))
 
     def _offset(self) -> Block:
         """The joints' zeros."""
-        units = ["rad" if turns else "m" for turns in self.revolute]
-        joints = range(self._first, self.dof)
-        turning = [k for k in joints if self.revolute[k]]
-        sliding = [k for k in joints if not self.revolute[k]]
-        angle = Hyper("offset", TURN, PRIOR.servos, indices=turning)
-        length = Hyper("offset.slide", SHIFT, PRIOR.wider, indices=sliding)
-        names = self.of_joints("offset", *units)
-        return Block("offset", names, scales=(angle, length))
+        turning = np.asarray(self.revolute)
+        free = np.arange(self.dof) >= self._first
+        angles = np.flatnonzero(free & turning)
+        lengths = np.flatnonzero(free & ~turning)
+        scales = (
+            Hyper("offset", TURN, PRIOR.servos, indices=angles),
+            Hyper("offset.slide", SHIFT, PRIOR.wider, indices=lengths),
+        )
+        units = np.where(turning, "rad", "m").tolist()
+        names = self.joint_names
+        return Block.of("offset", units, ["offset"], 0.0, 0.0, scales, names)
 
     def _elasticity(self) -> Iterator[Block]:
         """Blocks of how much loads bend the joints, and of where gravity points."""
@@ -157,22 +166,12 @@ class SpatialStructure(Structure):
             for joint, weights in zip(loads.joints, loads.weights, strict=True):
                 name = f"{names[joint]}.{block}"
                 if block != "elastic" or not self.weighed:
-                    name += f" {ends[np.flatnonzero(weights)[0]]}"
+                    name += f" {ends[weights.argmax()]}"
                 labels.append((names[joint], name, "rad"))
             scale = Hyper(block, PRIOR.elastic, pseudo=1.0)
             yield Block(block, tuple(labels), scales=(scale,))
         axes = ["xyz"[axis] for axis in self._across]
         yield Block.of("gravity", "rad", axes, PRIOR.tilt)
-
-    def _coupling(self) -> Block:
-        """How much each joint moves with the motor of the one before it."""
-        names = tuple(
-            (name, f"{name}.coupling", "1") for name in self.joint_names[1:]
-        )
-        turning = np.asarray(self.revolute)
-        both = np.flatnonzero(turning[1:] & turning[:-1])
-        scale = Hyper("coupling", PRIOR.coupling, pseudo=1.0, indices=both)
-        return Block("coupling", names, scales=(scale,))
 
     @property
     def weighed(self) -> bool:
@@ -187,7 +186,7 @@ class SpatialStructure(Structure):
         a payload, or instead of masses.  A chain that no drawing says has none.
         """
         if not self.informed:
-            return {"elastic": Loads.none(self.chain)}
+            return {}
         units = Loads.of_unit_weights(self.chain).scaled(1.0 / self._reach)
         if not self.weighed:
             return {"elastic": units}
@@ -250,14 +249,11 @@ class SpatialStructure(Structure):
     def moving(self, motion: Motion) -> Moving:
         """How the tip moves with each part of the geometry."""
         still = np.zeros((3, *motion.position.shape))
-        yield self.groups["tool"], lambda: (_axes(motion.flange), 0.0)
-        if "marker" in self.groups:
-            yield self.groups["marker"], lambda: (_axes(motion.flange), 0.0)
-        yield (
-            self.groups["tool.rotation"],
-            lambda: (still, _axes(motion.rotation)),
-        )
-        yield self.shifts, lambda: (_axes(motion.frames[:-1]), 0.0)
+        groups = self.groups
+        for tool in groups.keys() & {"tool", "marker"}:
+            yield groups[tool], lambda: (_axes(motion.flange), None)
+        yield groups["tool.rotation"], lambda: (still, _axes(motion.rotation))
+        yield self.shifts, lambda: (_axes(motion.frames[:-1]), None)
         yield self.turns, motion.turns
 
     def retract(self, beta: Array, delta: Array) -> Array:
@@ -278,24 +274,24 @@ class SpatialStructure(Structure):
         if self.zeros_alone:
             return (("frame", frame), ("chain", (*frame, "offset")))
         turning = np.asarray(self.revolute)
-        bends = turning.any() and all(other.curves for other in self.others)
         if not self.informed:
             chain = (*frame, "placement")
-            curves = (("curves", (*chain, "curve")),) if bends else ()
-            return (("chain", chain), *curves)
-        chain = (*frame, "placement", "offset")
-        bent = (*chain, "elastic", "gravity")
-        ladder = [("frame", frame)]
-        if self.camera:
-            ladder.append(("offsets", (*frame, "offset")))
-        ladder += [("chain", chain), ("elastic", bent)]
-        if self.weighed:
-            ladder.append(("payload", (*bent, "payload")))
-        if (turning[1:] & turning[:-1]).any():
-            ladder.append(("coupled", (*chain, "coupling")))
-        if bends:
-            ladder.append(("curves", (*bent, "curve")))
-        return tuple(ladder)
+            ladder = [("chain", chain, True)]
+            bent = chain
+        else:
+            chain = (*frame, "placement", "offset")
+            bent = (*chain, "elastic", "gravity")
+            gears = bool((turning[1:] & turning[:-1]).any())
+            ladder = [
+                ("frame", frame, True),
+                ("offsets", (*frame, "offset"), self.camera),
+                ("chain", chain, True),
+                ("elastic", bent, True),
+                ("payload", (*bent, "payload"), self.weighed),
+                ("coupled", (*chain, "coupling"), gears),
+            ]
+        ladder.append(("curves", (*bent, "curve"), bool(turning.any())))
+        return chosen(ladder)
 
     def with_view(self, view: str, **fields: Any) -> SpatialStructure:
         """Return the structure with another view."""
@@ -316,10 +312,7 @@ def _axes(rotation: Array) -> Array:
 
 
 def structure_of(
-    arm: PlanarArm | SpatialArm,
-    view: str = "rigid",
-    kind: type[SpatialStructure] | None = None,
-    **fields: Any,
+    arm: PlanarArm | SpatialArm, view: str = "rigid", **fields: Any
 ) -> SpatialStructure:
     """Return the structure of an arm and a view of it, its URDF being the prior.
 
@@ -332,7 +325,7 @@ def structure_of(
         names.append(name if name not in names else f"{name}.mimic{i}")
     gravity = fields.pop("gravity", tuple(arm.gravity))
     extent = max(chain.reach, 1e-9) * fields.get("metre", 1.0)
-    return (kind or SpatialStructure)(
+    return SpatialStructure(
         chain,
         joint_names=tuple(arm.joint_names),
         chain_names=tuple(names),
@@ -355,12 +348,12 @@ def unknown_structure(
     extent : size of the workspace along an output [unit]: the positions' rms spread
     metre : units of positions in one metre
     """
-    names = tuple(joint_names)
-    dof = len(names)
-    up = np.array([0.0, 0.0, 1.0])
-    ends = np.outer(extent / metre / max(dof, 1) * np.arange(dof + 1), up)
+    dof = len(joint_names)
+    ends = np.zeros((dof + 1, 3))
+    link = extent / metre / max(dof, 1)
+    ends[:, 2] = link * np.arange(dof + 1)
     chain = SpatialChain(
-        axes=np.tile(up, (dof, 1)),
+        axes=np.tile([0.0, 0.0, 1.0], (dof, 1)),
         points=ends[:-1],
         tip=ends[-1],
         rotation=np.eye(3),
@@ -370,8 +363,8 @@ def unknown_structure(
     )
     return SpatialStructure(
         chain,
-        joint_names=names,
-        chain_names=names,
+        joint_names=tuple(joint_names),
+        chain_names=tuple(joint_names),
         revolute=tuple(revolute),
         sensors=(InSpace("base", unit, metre, extent),),
         informed=False,

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import median_length, thinned
 from ..errors import LogError
 from .fit import Fit
 from .parameters import Prior
@@ -52,8 +52,8 @@ def best_start(
 
     free : groups that the runs fit; the gate's chain
     """
-    order = np.random.default_rng(0).permutation(len(rows))[: START.rows]
-    some = rows.take(np.sort(order))
+    order = np.random.default_rng(0).permutation(len(rows))
+    some = rows.take(np.sort(order[: START.rows]))
     runs = candidates(structure, some)
     if len(runs) == 1:  # nothing to choose from: the gate goes on from here
         return runs[0]
@@ -64,7 +64,8 @@ def best_start(
         ]
         runs = sorted(runs, key=lambda run: run.cost)[: START.runs]
     # A planar arm that turns the other way, seen from behind, fits as well: the drawing's own way.
-    tied = [run for run in runs if not run.cost > runs[0].cost + START.tied]
+    most = runs[0].cost + START.tied
+    tied = [run for run in runs if not run.cost > most]
     return min(tied, key=lambda run: run.structure.reversals)
 
 
@@ -101,19 +102,16 @@ def candidates(structure: Structure, rows: Rows) -> list[Start]:
     if isinstance(structure, PlanarStructure):
         return [Start(*start) for start in planar_starts(structure, q, z)]
     assert isinstance(structure, SpatialStructure)  # noqa: S101
-    least = (
-        structure.viewpoint.seen_as.least
-        if structure.informed
-        else START.least_rows
-    )
+    least = START.least_rows
+    if structure.informed:
+        least = structure.viewpoint.seen_as.least
     if len(q) < least:
         raise LogError(
             f"{len(q)} rows cannot place a spatial arm in its sensor's frame: expected {least} or "
             "more, of poses that differ in every joint"
         )
-    if float(np.ptp(z, axis=0).max()) <= 1e-9 * max(
-        float(np.abs(z).max()), 1e-12
-    ):
+    size = max(float(np.abs(z).max()), 1e-12)
+    if float(np.ptp(z, axis=0).max()) <= 1e-9 * size:
         raise LogError(
             "the positions are the same in every row: the sensor saw no motion"
         )
@@ -169,9 +167,9 @@ def _refuse_misfit(
 ) -> None:
     """Refuse rows that the nominal arm does not explain; the log's reader says why."""
     misfit = structure.residual(z, structure.predict(q, beta))
-    off = float(np.median(np.linalg.norm(misfit[:, :3], axis=1)))
-    away = z[:, :3] - np.median(z[:, :3], axis=0)
-    size = float(np.linalg.norm(away, axis=1).max())
+    off = median_length(misfit[:, :3])
+    middle = np.median(z[:, :3], axis=0)
+    size = float(np.linalg.norm(z[:, :3] - middle, axis=1).max())
     most = START.other_arm
     what = "positions"
     if structure.camera:
@@ -183,7 +181,7 @@ def _refuse_misfit(
             f"of {size:.3g} that they spread; check the order of the joints, their unit and that "
             f"of the {what}, mirrored axes, times, and whether it is this robot"
         )
-    turned = float(np.median(np.linalg.norm(misfit[:, 3:], axis=1)))
+    turned = median_length(misfit[:, 3:])
     if turned > START.other_turns:
         raise LogError(
             f"the orientations do not turn as the joints do: {np.degrees(turned):.0f} deg are left "
@@ -204,52 +202,46 @@ def _guesses(
     if structure.camera:
         yield from _cameras(structure, points, z, beta)
         return
-    nothing = np.zeros(3)
     if structure.view.startswith("base"):
-        yield _with_frame(
-            structure, beta, points, rotations, z, nothing, np.eye(3)
-        )
+        yield _with_hand(structure, beta, rotations, z)
         return
     aside = START.tool * structure.chain.reach
-    for tool in (nothing, *(aside * np.eye(3)), *(-aside * np.eye(3))):
-        tip = points + rotations @ tool
-        turn, _, _ = similarity(tip, z[:, :3])
-        yield _with_frame(structure, beta, tip, rotations, z, tool, turn)
-    if (
-        structure.outputs == 6
-    ):  # without it 2 of 48 mountings of long tools were not found
-        turn = _turn_of_poses(rotations, exponential(z[:, 3:]))
-        yield _with_frame(structure, beta, points, rotations, z, nothing, turn)
-
-
-def _with_frame(
-    structure: SpatialStructure,
-    beta: Array,
-    tip: Array,
-    rotations: Array,
-    z: Array,
-    tool: Array,
-    turn: Array,
-) -> Array:
-    """Return parameters (d,) with a tool (3,), a turn (3, 3) of the sensor, its shift and scale."""
-    guess = beta.copy()
+    sides = np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+    tools = aside * sides
+    turns = [
+        similarity(points + rotations @ tool, z[:, :3])[0] for tool in tools
+    ]
+    if structure.outputs == 6:
+        # without it 2 of 48 mountings of long tools were not found
+        turns.append(_turn_of_poses(rotations, exponential(z[:, 3:])))
+        tools = np.vstack([tools, np.zeros(3)])
     groups = structure.groups
-    guess[groups["tool"]] = tool
-    guess[groups["view.rotation"]] = logarithm(turn)
-    scale = structure.metre
-    if structure.viewpoint.seen_as.scaled:
-        scale = similarity(tip, z[:, :3])[2]
-    if not structure.view.startswith("base"):
-        shift = (z[:, :3] - scale * tip @ turn.T).mean(axis=0)
+    for tool, turn in zip(tools, turns, strict=True):
+        tip = points + rotations @ tool
+        scale = structure.metre
+        if structure.viewpoint.seen_as.scaled:
+            scale = similarity(tip, z[:, :3])[2]
+        shifts = z[:, :3] - scale * tip @ turn.T
+        guess = beta.copy()
+        guess[groups["tool"]] = tool
+        guess[groups["view.rotation"]] = logarithm(turn)
         guess[groups["view.scale"]] = np.log(scale / structure.metre)
-        guess[groups["view.shift"]] = shift
+        guess[groups["view.shift"]] = shifts.mean(axis=0)
+        yield _with_hand(structure, guess, turn @ rotations, z)
+
+
+def _with_hand(
+    structure: SpatialStructure, guess: Array, turned: Array, z: Array
+) -> Array:
+    """Return parameters (d,) with the turn of the tool, of orientations (n, 3, 3) without it."""
+    out = guess.copy()
     if structure.outputs == 6:
         # A' X' Z of every row, averaged and made a rotation again
-        turns = np.swapaxes(turn @ rotations, 1, 2) @ exponential(z[:, 3:])
-        guess[groups["tool.rotation"]] = logarithm(
-            nearest_rotation(turns.sum(axis=0))
-        )
-    return guess
+        back = np.swapaxes(turned, 1, 2)
+        turns = back @ exponential(z[:, 3:])
+        hand = nearest_rotation(turns.sum(axis=0))
+        out[structure.groups["tool.rotation"]] = logarithm(hand)
+    return out
 
 
 def _turn_of_poses(rotations: Array, seen: Array) -> Array:
@@ -258,9 +250,15 @@ def _turn_of_poses(rotations: Array, seen: Array) -> Array:
     Relative rotations of any two rows are conjugate, so that X turns the axes of A_k A_l' into
     those of Z_k Z_l' (Park and Martin 1994); rows are paired with their neighbours.
     """
-    nominal = logarithm(rotations[1:] @ np.swapaxes(rotations[:-1], 1, 2))
-    observed = logarithm(seen[1:] @ np.swapaxes(seen[:-1], 1, 2))
+    nominal = _turns_between(rotations)
+    observed = _turns_between(seen)
     return nearest_rotation(observed.T @ nominal)
+
+
+def _turns_between(rotations: Array) -> Array:
+    """Rotation vectors (n - 1, 3) from each of orientations (n, 3, 3) to the next."""
+    before = np.swapaxes(rotations[:-1], 1, 2)
+    return logarithm(rotations[1:] @ before)
 
 
 def _cameras(
@@ -279,15 +277,17 @@ def _cameras(
     ).T
     # the rotation nearest to the affine camera's two rows; its third axis looks ahead
     u, s, vt = np.linalg.svd(affine, full_matrices=False)
-    two = u @ vt
-    upright = np.vstack([two, np.cross(two[0], two[1])])
+    right, down = u @ vt
+    upright = np.array([right, down, np.cross(right, down)])
+    # an affine camera does not tell before from behind: also a start from elsewhere, tilted
     tilted = exponential([0.6, 0.0, 0.0]) @ upright
-    factors = (1.0, 0.7, 1.4) if structure.viewpoint.lens_sd[0] else (1.0,)
+    factors = [1.0]
+    if structure.viewpoint.lens_sd[0]:
+        factors += [0.7, 1.4]
     for factor in factors:
         focal = factor * known_focal
         depth = focal / max(float(s.mean()), 1e-9)
         centre = np.append((seen - principal) / focal, 1.0) * depth
-        # an affine camera does not tell before from behind: also a start from elsewhere, tilted
         for turn in (upright, tilted):
             guess = arm.copy()
             guess[groups["lens"][0]] = focal
@@ -319,7 +319,8 @@ def _chains(
             break
         if end.noise <= START.explained:
             costs.append(end.cost)
-        if sum(cost < min(costs) + START.same for cost in costs) >= START.alike:
+        agreeing = [cost for cost in costs if cost < min(costs) + START.same]
+        if len(agreeing) >= START.alike:
             break
         begin = _drawn(structure, z, rng)
     return sorted(ends, key=lambda end: end.cost)[: START.alike]
@@ -327,7 +328,8 @@ def _chains(
 
 def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
     """Return the structure whose nominal chain is where `beta` puts origins and tip."""
-    still = structure.move(np.zeros((structure.chain.joints, 1)), beta)
+    zero = np.zeros((structure.chain.joints, 1))
+    still = structure.move(zero, beta)
     axes = still.axes[..., 0]
     chain = replace(
         structure.chain,
@@ -346,11 +348,11 @@ def _drawn(
     dof = structure.dof
     axes = rng.normal(size=(dof, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    link = structure.extent / structure.metre / np.sqrt(dof)
-    steps = rng.normal(0.0, link / np.sqrt(3), size=(dof, 3))
+    link = structure.extent / structure.metre / np.sqrt(3 * dof)
+    steps = link * rng.normal(size=(dof, 3))
     middle = z[:, :3].mean(axis=0) / structure.metre
     points = np.cumsum(steps, axis=0)
     points += middle - points.mean(axis=0)
-    tip = points[-1] + rng.normal(0.0, link / np.sqrt(3), size=3)
+    tip = points[-1] + link * rng.normal(size=3)
     chain = replace(structure.chain, axes=axes, points=points, tip=tip)
     return replace(structure, chain=chain)

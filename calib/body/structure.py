@@ -20,13 +20,13 @@ from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, waves_of
 from .layout import Layout
 from .parameters import Gaussian, Indices
-from .views import Moved, Placed, Scene, Sight, compose
+from .views import Moved, Placed, Sight, compose
 
 Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
 """Parameters of a chain's geometry, and how the tip moves with each of them."""
 
 _BELIEFS = 16  # whose constants are remembered
-_STEP = 1e-4  # of a sensor's parameters, in derivatives
+_STEP = 1e-4  # of a sensor's parameters and of loads, in derivatives
 
 S = TypeVar("S", bound="Structure")
 
@@ -40,9 +40,6 @@ class BendingLoads(Protocol):
 
     def levers(self, q: Array) -> Array:
         """Levers (e, g, n) at joint values (n, dof)."""
-
-    def slopes(self, q: Array, gravity: Array) -> Array:
-        """Derivatives (e, dof, n) of the loads by the joint values."""
 
 
 class Fixed(NamedTuple):
@@ -60,7 +57,6 @@ class Fixed(NamedTuple):
     gravity: Array  # (g,), what a load is of its levers
     links: Any  # of the chain
     blocks: Mapping[str, Array]  # all parameters
-    placed: Placed  # the sensor
 
 
 class Structure(Layout):
@@ -103,7 +99,7 @@ class Structure(Layout):
 
     def joint_values(self, q: Array, beta: Array) -> Array:
         """True values (c, n) of the chain's joints at logged values (n, dof) [rad or m]."""
-        fixed = self.fixed(beta)
+        fixed = fixed_at(self, beta)
         logged = np.ascontiguousarray(q.T[: self.dof])
         values = logged * fixed.gain + fixed.offset
         if fixed.coupling is not None:
@@ -120,49 +116,19 @@ class Structure(Layout):
         self, q: Array, beta: Array, gravity: Array | None = None
     ) -> Array:
         """How much loads bend the chain's joints (c, n) [rad or m] at logged values (n, dof)."""
-        fixed = self.fixed(beta)
+        fixed = fixed_at(self, beta)
         if gravity is None:
             gravity = fixed.gravity
         out = np.zeros((len(self.chain_names), len(q)))
         for block, elastic in fixed.elastic.items():
             bends = elastic[:, None] * loads_of(self._levers(block, q), gravity)
-            joints = self.loads[block].joints.tolist()
-            for joint, bend in zip(joints, bends, strict=True):
-                out[joint] += bend
+            np.add.at(out, self.loads[block].joints, bends)
         return out
-
-    def fixed(self, beta: Array) -> Fixed:
-        """What follows from parameters (d,) alone, remembered."""
-        return _fixed(self, beta.tobytes())
 
     @cached_property
     def _last_levers(self) -> dict[str, tuple[Array, Array]]:
         """The last rows of each block of elasticity, and their levers."""
         return {}
-
-    def fixed_at(self, beta: Array) -> Fixed:
-        """What follows from parameters (d,) alone."""
-        blocks = self._blocks(beta)
-        bent = [k for k in range(self.dof) if blocks[f"curve.{k}"].any()]
-        curves = np.reshape(
-            [blocks[f"curve.{k}"] for k in bent], (-1, 2 * HARMONICS)
-        )
-        gain = blocks["gain"] * self.directions
-        coupling = blocks.get("coupling", np.zeros(0))
-        return Fixed(
-            gain=gain[:, None],
-            offset=self.offsets(beta)[:, None],
-            bent=bent,
-            curves=curves,
-            coupling=coupling[:, None] if coupling.any() else None,
-            elastic={
-                name: blocks[name] for name in self.loads if blocks[name].any()
-            },
-            gravity=self.gravity_at(beta),
-            links=self.links(beta),
-            blocks=blocks,
-            placed=self.viewpoint.place(blocks),
-        )
 
     def offsets(self, beta: Array) -> Array:
         """What is added to the joints' values (dof,)."""
@@ -186,7 +152,7 @@ class Structure(Layout):
 
     def move(self, values: Array, beta: Array) -> Motion:
         """Where the chain is at the true values (c, n) of its joints."""
-        return move(self.fixed(beta).links, values)
+        return move(fixed_at(self, beta).links, values)
 
     def seen(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
         """Where the chain is at rows (n, dof + g), and what the sensor sees of it.
@@ -194,13 +160,17 @@ class Structure(Layout):
         Further columns than the joints' are what a row tells the measurement.
         """
         motion = self.move(self.joint_values(q, beta), beta)
-        fixed = self.fixed(beta)
-        scene = Scene(fixed.blocks, fixed.placed, motion, q[:, self.dof :])
-        return motion, self.measurement.look(scene)
+        return motion, self._look(q, motion, fixed_at(self, beta).blocks)
+
+    def _look(
+        self, q: Array, motion: Motion, blocks: Mapping[str, Array]
+    ) -> Sight:
+        """What the sensor of some parameters sees of a motion."""
+        return self.measurement.look(blocks, motion, q[:, self.dof :])
 
     def sensor(self, beta: Array) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
-        return self.fixed(beta).placed
+        return self.viewpoint.place(self.by_blocks(beta))
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
@@ -214,7 +184,8 @@ class Structure(Layout):
         """
         out = np.asarray(z - predicted)
         if len(self.blocks) == 2:
-            out[:, 3:] = compose(z[:, 3:], -predicted[:, 3:])
+            observed = z[:, 3:]
+            out[:, 3:] = compose(observed, -predicted[:, 3:])
         return out
 
     def retract(self, beta: Array, delta: Array) -> Array:
@@ -248,11 +219,10 @@ class Structure(Layout):
     ) -> Iterator[tuple[Indices, Callable[[], Array]]]:
         """Parameters, and how outputs (..., m, n) move with them."""
         groups = self.groups
-        fixed = self.fixed(beta)
+        fixed = fixed_at(self, beta)
         joints = q[:, : self.dof]
-        look = partial(self._look, q, motion)
         for name in self.own_blocks:
-            yield groups[name], partial(self._by_differences, name, look, beta)
+            yield groups[name], partial(self._by_sensor, name, q, motion, beta)
         chained = sight.push(*motion.joints())
         led = self.led(chained)
 
@@ -268,11 +238,9 @@ class Structure(Layout):
             yield groups["gravity"], lambda: self._by_gravity(q, beta, chained)
         if "coupling" in groups:
             yield groups["coupling"], lambda: led[1:] * joints.T[:-1, None]
+        signed = (joints * self.directions).T
         yield groups["offset"], lambda: led
-        yield (
-            groups["gain"],
-            lambda: led * (joints * self.directions).T[:, None],
-        )
+        yield groups["gain"], lambda: led * signed[:, None]
         for indices, moved in self.moving(motion):
             yield indices, partial(_pushed, sight, moved)
         for k in range(self.dof):
@@ -286,26 +254,23 @@ class Structure(Layout):
             moved.append((chained * bends[:, None]).sum(axis=0))
         return np.array(moved)
 
-    def _by_differences(
-        self, block: str, predict: Callable[[Array], Array], beta: Array
+    def _by_sensor(
+        self, block: str, q: Array, motion: Motion, beta: Array
     ) -> Array:
-        """How outputs (k, m, n) of parameters (d,) move with those of a block."""
-        steps = _STEP * np.eye(self.size)[self.groups[block]]
+        """How outputs (k, m, n) move with a block of the sensor's parameters."""
         moved: list[Array] = []
-        for step in steps:
-            ahead = predict(self.retract(beta, step))
-            behind = predict(self.retract(beta, -step))
-            moved.append(self.residual(ahead, behind).T)
+        for index in self.groups[block]:
+            sights: list[Array] = []
+            for size in (_STEP, -_STEP):
+                step = np.zeros(self.size)
+                step[index] = size
+                blocks = self.by_blocks(self.retract(beta, step))
+                sights.append(self._look(q, motion, blocks).values)
+            moved.append(self.residual(*sights).T)
         return np.array(moved) / (2 * _STEP)
 
-    def _look(self, q: Array, motion: Motion, beta: Array) -> Array:
-        """What a sensor at parameters (d,) sees of a motion, (n, m)."""
-        blocks = self._blocks(beta)
-        placed = self.viewpoint.place(blocks)
-        scene = Scene(blocks, placed, motion, q[:, self.dof :])
-        return self.measurement.look(scene).values
-
-    def _blocks(self, beta: Array) -> dict[str, Array]:
+    def by_blocks(self, beta: Array) -> dict[str, Array]:
+        """Parameters (d,) by block."""
         return {name: beta[indices] for name, indices in self.groups.items()}
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
@@ -318,7 +283,7 @@ class Structure(Layout):
     def by_joints(self, q: Array, beta: Array, chained: Array) -> Array:
         """Derivative (n, m, dof) by the logged joints, of outputs (c, m, n) by the chain's."""
         joints = q[:, : self.dof]
-        fixed = self.fixed(beta)
+        fixed = fixed_at(self, beta)
         rates = fixed.gain
         if fixed.bent:
             rates = np.repeat(rates, len(q), axis=1)
@@ -327,12 +292,12 @@ class Structure(Layout):
         moved = led * rates[:, None]
         if fixed.coupling is not None:
             moved[:-1] += led[1:] * fixed.coupling[:, None]
-        for block, elastic in fixed.elastic.items():
-            loads = self.loads[block]
-            slopes = elastic[:, None, None] * loads.slopes(
-                joints, fixed.gravity
-            )
-            moved += np.einsum("emn,ekn->kmn", chained[loads.joints], slopes)
+        if fixed.elastic:
+            steps = _STEP * np.eye(q.shape[1])
+            for k, step in enumerate(steps[: self.dof]):
+                ahead = self.bends(q + step, beta)
+                bent = (ahead - self.bends(q - step, beta)) / (2 * _STEP)
+                moved[k] += (chained * bent[:, None]).sum(axis=0)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))
 
     def slope(self, q: Array, beta: Array) -> Array:
@@ -350,9 +315,33 @@ def _waved(q: Array, led: Array) -> Array:
     return waves_of(q)[:, None] * led
 
 
+def fixed_at(structure: Structure, beta: Array) -> Fixed:
+    """What follows from parameters (d,) alone, remembered."""
+    return _fixed(structure, beta.tobytes())
+
+
 @lru_cache(_BELIEFS)
-def _fixed(structure: Structure, beta: bytes) -> Fixed:
-    return structure.fixed_at(np.frombuffer(beta))
+def _fixed(structure: Structure, parameters: bytes) -> Fixed:
+    beta = np.frombuffer(parameters)
+    blocks = structure.by_blocks(beta)
+    curves = {k: blocks[f"curve.{k}"] for k in range(structure.dof)}
+    bent = [k for k, curve in curves.items() if curve.any()]
+    shapes = [curves[k] for k in bent]
+    gain = blocks["gain"] * structure.directions
+    coupling = blocks.get("coupling", np.zeros(0))
+    return Fixed(
+        gain=gain[:, None],
+        offset=structure.offsets(beta)[:, None],
+        bent=bent,
+        curves=np.reshape(shapes, (-1, 2 * HARMONICS)),
+        coupling=coupling[:, None] if coupling.any() else None,
+        elastic={
+            name: blocks[name] for name in structure.loads if blocks[name].any()
+        },
+        gravity=structure.gravity_at(beta),
+        links=structure.links(beta),
+        blocks=blocks,
+    )
 
 
 def loads_of(levers: Array, gravity: Array) -> Array:

@@ -7,13 +7,14 @@ arm's base stands nor how it is turned about its first axis: both stay as drawn.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.rotations import logarithm, similarity
+from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
 from ..samples.sockets import Known
 from .belief import Body
@@ -23,10 +24,14 @@ from .parameters import Block, Gaussian, Hyper, Indices
 from .rows import Rows, together
 from .settings import FINER, FIT, FREE, PRIOR
 from .spatial import SpatialStructure
-from .views import Angular, ArmSize, Measurement, Scene
+from .views import ArmSize, Measurement, Sight
 
 _POSTURES = 400
 """Postures all over the range, of which the mean motion is that of the whole arm."""
+
+DRAWN_SIZE = 2e-3
+"""Sd of an arm's size over that of its drawing: machined links, and a frame of aluminium that is
+20 deg warmer than the drawing grows by .5 of a thousandth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +51,13 @@ class Touch(Measurement):
         names = [f"{k}.{axis}" for k in range(self.count) for axis in "xyz"]
         return (Block.of("point", "m", names, FREE * arm.reach),)
 
-    def look(self, scene: Scene) -> _Misses:
+    def look(
+        self, blocks: Mapping[str, Array], motion: Motion, also: Array
+    ) -> Sight:
         """See the tip in its sockets."""
-        places = scene.blocks["point"].reshape(-1, 3)
-        number = scene.also[:, 0].astype(int)
-        return _Misses(scene.motion.position.T - places[number], 1.0)
+        places = blocks["point"].reshape(-1, 3)
+        miss = motion.position.T - places[also[:, 0].astype(int)]
+        return Sight(miss, np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,24 +72,18 @@ class Stated(Measurement):
     outputs = 1
     noise = 1.0
 
-    def look(self, scene: Scene) -> _Misses:
+    def look(
+        self,
+        blocks: Mapping[str, Array],
+        motion: Motion,  # noqa: ARG002
+        also: Array,
+    ) -> Sight:
         """See how far the sockets are off."""
-        places = scene.blocks["point"].reshape(-1, 3)
-        values = [fact.misfit(places) / fact.tolerance for fact in self.facts]
-        rows = scene.also[:, 0].astype(int)
-        return _Misses(np.concatenate(values)[rows, None], 0.0)
-
-
-@dataclass(frozen=True)
-class _Misses:
-    """How far n rows are off their sockets."""
-
-    values: Array  # (n, m)
-    moves: float  # by how much they move with the tip
-
-    def push(self, velocity: Array, angular: Angular = 0.0) -> Array:  # noqa: ARG002
-        """How outputs (..., m, n) move when the tip does."""
-        return np.asarray(self.moves * velocity[..., : self.values.shape[1], :])
+        places = blocks["point"].reshape(-1, 3)
+        misfits = [fact.misfit(places) / fact.tolerance for fact in self.facts]
+        rows = also[:, 0].astype(int)
+        values = np.concatenate(misfits)[rows, None]
+        return Sight(values, np.zeros((1, 3)))
 
 
 def touching(
@@ -95,17 +96,12 @@ def touching(
     touched = point >= 0
     # origins are not far off where nothing tells how large the arm is
     sized = not touched.all() or any(fact.value is not None for fact in known)
-    touch = Touch(
-        int(point.max()) + 1, within=(FINER[0], 5.0 if sized else 1.0)
-    )
+    most = 5.0 if sized else 1.0
+    sockets = int(point.max()) + 1
+    touch = Touch(sockets, within=(FINER[0], most))
     number = point[touched].astype(float)
-    rows = [
-        Rows(
-            np.column_stack([q[touched], number]),
-            np.zeros((len(number), 3)),
-            touch,
-        )
-    ]
+    numbered = np.column_stack([q[touched], number])
+    rows = [Rows(numbered, np.zeros((len(number), 3)), touch)]
     if not touched.all():
         rows.append(Rows(q[~touched], x[~touched]))
     if known:
@@ -114,7 +110,8 @@ def touching(
         )
         still = np.zeros((count, q.shape[1] + 1))
         still[:, -1] = np.arange(count)
-        rows.append(Rows(still, np.zeros((count, 1)), Stated(tuple(known))))
+        stated = Stated(tuple(known))
+        rows.append(Rows(still, np.zeros((count, 1)), stated))
     return rows
 
 
@@ -144,19 +141,19 @@ def fit_touches(
     x = np.zeros((len(q), 3)) if x is None else x
     tip = structure.pose(q, structure.neutral())[0]
     measured = point < 0
-    extent = float(np.sqrt(((tip - tip.mean(axis=0)) ** 2).sum(axis=1).mean()))
     rows = touching(q, point, known, x)
+    extent = float(np.sqrt(tip.var(axis=0).sum()))
     whole = together(structure.with_sensor(extent=extent), rows)
     begin = whole.neutral()
     groups = whole.groups
     # each socket begins where the drawing says that the tip was on average
-    begin[groups["point"]] = np.ravel(
-        [tip[point == k].mean(axis=0) for k in range(max(point) + 1)]
-    )
+    for k, place in enumerate(groups["point"].reshape(-1, 3)):
+        begin[place] = tip[point == k].mean(axis=0)
     if measured.any():
         turn = similarity(tip[measured], x[measured])[0]
         begin[groups["view.rotation"]] = logarithm(turn)
-        begin[groups["view.shift"]] = (x - tip @ turn.T)[measured].mean(axis=0)
+        shifts = x[measured] - tip[measured] @ turn.T
+        begin[groups["view.shift"]] = shifts.mean(axis=0)
     of_all = fit(whole, rows, begin=begin, seed=seed)
     points = of_all.body.beta[groups["point"]].reshape(-1, 3)
     body = restated(of_all.body, structure)
@@ -167,7 +164,8 @@ def fit_touches(
         sensor = structure.sensor(body.beta)
         points = points @ sensor.rotation.T + sensor.shift
     else:
-        shares = np.random.default_rng(seed).random((_POSTURES, q.shape[1]))
+        rng = np.random.default_rng(seed)
+        shares = rng.random((_POSTURES, q.shape[1]))
         body = anchored(body, lower + shares * (upper - lower))
     return replace(of_all, body=body, held_out=held_out), points
 
@@ -213,14 +211,38 @@ def anchored(body: Body, q: Array) -> Body:
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone
-    base: Indices = np.concatenate([structure.shifts[0], structure.turns[0]])
+    places = [structure.shifts[0], structure.turns[0]]
+    base: Indices = np.concatenate(places)
 
     def without(belief: Gaussian) -> dict[str, Array | Indices]:
         both = np.concatenate([base, belief.active])
-        x = structure.linearise(q, belief.beta, both)[1].reshape(-1, len(both))
-        whole = np.linalg.lstsq(x[:, :6], x[:, 6:], rcond=None)[0]
+        _, slope = structure.linearise(q, belief.beta, both)
+        flat = slope.reshape(-1, len(both))
+        base_moved, moved = np.split(flat, [6], axis=1)
+        whole = np.linalg.lstsq(base_moved, moved, rcond=None)[0]
         order = np.argsort(both)
         root = np.concatenate([-whole @ belief.root, belief.root])
         return {"active": both[order], "root": root[order]}
 
     return body.changed(without)
+
+
+def with_size(body: Body, sd: float) -> Body:
+    """Return the belief of an arm whose size is known to a relative `sd` alone.
+
+    Growing by one factor, arm and sockets together, leaves every touch as it was.  The drawing
+    knows the size to some `DRAWN_SIZE`, and so does a distance of sockets that somebody stated.
+    """
+    structure = body.structure
+    assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone
+    chain = structure.chain
+    growth = np.zeros(structure.size)
+    stops = np.vstack([chain.points, chain.tip])
+    *links, tool = sd * np.diff(stops, axis=0)
+    growth[structure.shifts[1:]] = links
+    growth[structure.groups["tool"]] = chain.rotation.T @ tool
+    return body.changed(
+        lambda belief: {
+            "root": np.column_stack([belief.root, growth[belief.active]])
+        }
+    )

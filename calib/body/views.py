@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,11 +18,8 @@ from ..common.arrays import Array
 from .parameters import Block, Hyper
 from .settings import PRIOR
 
-Angular = Array | float
-"""Angular velocity (..., 3, n) [rad], or 0 where nothing turns."""
-
-Moved = tuple[Array, Angular]
-"""How the tip moves: velocity (..., 3, n) [m] and angular velocity (..., 3, n) [rad], or 0."""
+Moved = tuple[Array, Array | None]
+"""How the tip moves: velocity (..., 3, n) [m] and angular velocity (..., 3, n) [rad], or none."""
 
 LEAST_DEPTH = 1e-3
 """A point nearer to the camera's plane than this [m] has no pixel; it is held there."""
@@ -81,15 +77,28 @@ def is_camera(view: str) -> bool:
 # The interface.
 
 
-class Sight(Protocol):
-    """What a sensor sees at n rows.
+class Sight(NamedTuple):
+    """What a sensor sees at n rows, and how that moves with the tip."""
 
-    Outputs (n, m), and how they (..., m, n) move when the tip does.
-    """
+    values: Array  # (n, m)
+    # (m, d) or (m, d, n), derivative by the tip's d coordinates, and by the turn that it reads
+    slope: Array
 
-    @property
-    def values(self) -> Array: ...  # noqa: D102
-    def push(self, velocity: Array, angular: Angular = 0.0) -> Array: ...  # noqa: D102
+    def push(self, velocity: Array, angular: Array | None = None) -> Array:
+        """How outputs (..., m, n) move when the tip moves (..., d, n) [m] and turns [rad]."""
+        size = velocity.shape[-2]
+        moved = _product(self.slope[:, :size], velocity)
+        if angular is not None and self.slope.shape[1] > size:
+            moved = moved + _product(self.slope[:, size:], angular)
+        return moved
+
+
+def _product(slope: Array, moved: Array) -> Array:
+    """Products (..., m, n) of derivatives (m, d) or (m, d, n) and motions (..., d, n)."""
+    if slope.ndim == 2:
+        return slope @ moved
+    products = slope * moved[..., None, :, :]
+    return np.asarray(products.sum(axis=-2))
 
 
 class ArmSize(NamedTuple):
@@ -102,21 +111,10 @@ class ArmSize(NamedTuple):
     shift: tuple[float, float] = (0.0, 0.0)
 
 
-class Scene(NamedTuple):
-    """What n rows show a measurement."""
-
-    blocks: Mapping[str, Array]  # all parameters, by block
-    placed: Placed  # the structure's sensor at them
-    motion: Motion  # where the chain is
-    # (n, g), what else a row tells: which point was touched, which corner was seen
-    also: Array
-
-
 class Measurement:
     """A kind of reading, with the sensor's own parameters."""
 
     outputs: int = 2  # numbers of a row, see `ViewKind`
-    curves: bool = True  # whether its rows may tell error curves of joints
     # times the drawing's doubt that joint origins may be off
     within: tuple[float, float] = PRIOR.wider
     # whether it tells nothing of where the arm's base stands
@@ -131,12 +129,19 @@ class Measurement:
         """Return the sensor's own parameters."""
         return ()
 
-    def look(self, scene: Scene) -> Sight:
-        """See the chain."""
+    def look(
+        self, blocks: Mapping[str, Array], motion: Motion, also: Array
+    ) -> Sight:
+        """See the chain at n rows.
+
+        blocks : all parameters, by block
+        motion : where the chain is
+        also : (n, g), what else a row tells: which point was touched, which corner was seen
+        """
         raise NotImplementedError
 
 
-# A sensor at its parameters, and what it sees.
+# A sensor at its parameters.
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,94 +160,46 @@ class Placed:
         """What it reads of the origin (w,)."""
         return self.matrix[:, -1]
 
-    def look(self, position: Array, rotation: Array | None = None) -> View:
-        """See the tip at `position` (d, n) with orientation `rotation` (3, 3, n)."""
-        w = self.matrix[:, :-1] @ position + self.shift[:, None]
+    def look(self, motion: Motion) -> Sight:
+        """See the tip of a chain."""
+        linear = self.matrix[:, :-1]
+        point = linear @ motion.position + self.shift[:, None]
         if self.lens is not None:
-            picture = pixels(self.lens, w)
-            return View(picture.values, self, picture)
+            values, slope = pixels(self.lens, point)
+            return Sight(values, np.einsum("mwn,wd->mdn", slope, linear))
         if not self.posed:
-            return View(np.ascontiguousarray(w.T), self)
-        turn = logarithm(
-            self.rotation @ np.moveaxis(np.asarray(rotation), 2, 0)
-        )
-        return View(np.concatenate([w.T, turn], axis=1), self)
+            return Sight(np.ascontiguousarray(point.T), linear)
+        turn = logarithm(self.rotation @ np.moveaxis(motion.rotation, 2, 0))
+        apart = np.zeros((3, 3))
+        slope = np.block([[linear, apart], [apart, self.rotation]])
+        return Sight(np.concatenate([point.T, turn], axis=1), slope)
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """What a sensor sees of the tip at n rows."""
-
-    values: Array  # (n, m)
-    sensor: Placed
-    picture: Picture | None = None
-
-    def push(self, velocity: Array, angular: Angular = 0.0) -> Array:
-        """How outputs (..., m, n) move when the tip moves (..., d, n) [m] and turns [rad]."""
-        moved = self.sensor.matrix[:, :-1] @ velocity
-        if self.picture is not None:
-            return self.picture.seen(moved)
-        if not self.sensor.posed:
-            return moved
-        turned: Array | float = 0.0
-        if isinstance(angular, np.ndarray):
-            turned = self.sensor.rotation @ angular
-        return np.concatenate(
-            [moved, np.broadcast_to(turned, moved.shape)], axis=-2
-        )
+def pixels(lens: Array, point: Array) -> Sight:
+    """Pixels of points (3, n), no nearer than `LEAST_DEPTH`, through a lens (4,)."""
+    focal, *centre, radial = lens
+    depth = np.maximum(point[2], LEAST_DEPTH)
+    ideal = point[:2] / depth
+    bent = 1 + radial * (ideal**2).sum(axis=0)
+    # d pixel / d ideal = f ((1 + k1 r^2) 1 + 2 k1 u u'), d ideal / d point = [1, -u] / depth
+    across = 2 * radial * ideal[:, None] * ideal
+    across = focal / depth * (across + bent * np.eye(2)[..., None])
+    ahead = -(across * ideal).sum(axis=1)
+    slope = np.concatenate([across, ahead[:, None]], axis=1)
+    values = np.ascontiguousarray((focal * ideal * bent).T)
+    return Sight(values + centre, slope)
 
 
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """Points of a camera's frame, seen through a lens."""
-
-    lens: Array  # (4,), focal length, centre and k1
-    point: Array  # (3, n), no nearer than `LEAST_DEPTH`
-    ideal: Array  # (2, n), seen through a pinhole
-    bent: Array  # (n,), by how much the lens moves that away from the centre
-
-    @property
-    def values(self) -> Array:
-        """Pixels (n, 2)."""
-        return (
-            np.ascontiguousarray((self.lens[0] * self.ideal * self.bent).T)
-            + self.lens[1:3]
-        )
-
-    @cached_property
-    def slope(self) -> Array:
-        """Derivative (2, 3, n) by the point."""
-        # d pixel / d ideal = f ((1 + k1 r^2) 1 + 2 k1 u u'), d ideal / d point = [1, -u] / depth
-        focal = self.lens[0]
-        radial = self.lens[3]
-        across = 2 * radial * self.ideal[:, None] * self.ideal
-        slope = np.empty((2, *self.point.shape))
-        slope[:, :2] = (
-            focal / self.point[2] * (across + self.bent * np.eye(2)[..., None])
-        )
-        slope[:, 2] = -(slope[:, :2] * self.ideal).sum(axis=1)
-        return slope
-
-    def seen(self, moved: Array) -> Array:
-        """How pixels (..., 2, n) move when points move (..., 3, n)."""
-        return np.asarray((self.slope * moved[..., None, :, :]).sum(axis=-2))
-
-    def refocused(self) -> Array:
-        """Derivative (4, 2, n) by focal length, centre and k1."""
-        slope = np.zeros((4, *self.ideal.shape))
-        slope[0] = self.ideal * self.bent
-        slope[1, 0] = 1.0
-        slope[2, 1] = 1.0
-        slope[3] = self.lens[0] * self.ideal * (self.ideal**2).sum(axis=0)
-        return slope
-
-
-def pixels(lens: Array, point: Array) -> Picture:
-    """Pixels of points (3, n) through a lens (4,)."""
-    point = np.stack([point[0], point[1], np.maximum(point[2], LEAST_DEPTH)])
-    ideal = point[:2] / point[2]
-    bent = 1 + lens[3] * (ideal**2).sum(axis=0)
-    return Picture(np.asarray(lens), point, ideal, bent)
+def refocused(lens: Array, point: Array) -> Array:
+    """Derivative (4, 2, n) of pixels by focal length, centre and k1."""
+    ideal = point[:2] / np.maximum(point[2], LEAST_DEPTH)
+    square = (ideal**2).sum(axis=0)
+    slope = np.zeros((4, *ideal.shape))
+    slope[0] = ideal * (1 + lens[3] * square)
+    slope[1, 0] = 1.0
+    slope[2, 1] = 1.0
+    slope[3] = lens[0] * ideal * square
+    return slope
 
 
 def compose(first: Array, second: Array) -> Array:

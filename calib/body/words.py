@@ -88,7 +88,8 @@ def _of_gravity(
             yield f"{joint}: bends by up to {1e3 * bend:.2f} mrad under load"
     angles: Sequence[int] | Indices = groups.get("gravity", [])
     tilt = float(np.linalg.norm(beta[angles]))
-    width = float(np.linalg.norm(half[angles]) / np.sqrt(2))
+    both = float(np.linalg.norm(half[angles]))
+    width = both / np.sqrt(2)
     if tilt > width > 0.0:
         yield f"gravity points {_interval(tilt, width, 'rad')} away from the drawing's down"
 
@@ -97,7 +98,8 @@ def _interval(value: float, half: float, unit: str, sign: str = "") -> str:
     """A value with its interval, angles in degrees and metres in mm."""
     suffix = "" if unit == "1" else f" {unit}"
     if unit == "rad":
-        value = float(np.degrees((value + np.pi) % (2 * np.pi) - np.pi))
+        turn = (value + np.pi) % (2 * np.pi)
+        value = float(np.degrees(turn - np.pi))
         half = float(np.degrees(half))
         suffix = " deg"
     elif unit == "m":
@@ -105,7 +107,8 @@ def _interval(value: float, half: float, unit: str, sign: str = "") -> str:
         half *= 1e3
         suffix = " mm"
     # two digits of the interval
-    digits = int(np.clip(1 - np.floor(np.log10(max(half, 1e-9))), 0, 10))
+    power = np.floor(np.log10(max(half, 1e-9)))
+    digits = int(np.clip(1 - power, 0, 10))
     return f"{value:{sign}.{digits}f} ± {half:.{digits}f}{suffix}"
 
 
@@ -121,7 +124,8 @@ def _of_sensor(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
             shift = ", ".join(
                 f"{round(1e3 * v, 1) + 0.0:.1f}" for v in beta[index]
             )
-            width = 1e3 * float(np.sqrt((half[index] ** 2).mean()))
+            mean = float((half[index] ** 2).mean())
+            width = 1e3 * np.sqrt(mean)
             yield f"{group} ({shift}) ± {width:.2f} mm from {place}"
     lens = [k for k in structure.groups["lens"] if half[k]]
     words: list[str] = []

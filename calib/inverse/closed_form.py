@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arm.rotations import exponential
 from ..arm.spatial_chain import SpatialChain
-from ..common.arrays import Array, Index
+from ..common.arrays import Array
 
 #: Axes of a drawing meet, or are parallel, within this share of its length, or angle [rad].
 _EXACT = 1e-4
@@ -55,106 +55,71 @@ class ClosedForm:
         )
 
     def joints(self, position: Array, rotation: Array) -> Array:
-        """Joint values (n, 8, 6) for poses (n, 3), (n, 3, 3); those out of reach come close."""
+        """Joint values (n, 8, 6) for poses (n, 3), (n, 3, 3); those out of reach come close.
+
+        Every angle that there are two of gets an axis of its own in front.
+        """
         n = len(position)
         turn = rotation @ self.rotation.T
         place = position + turn @ (self.meeting - self.tip)
         # the first joint brings the wrist into the plane in which the parallel axes move it
         away = place - self.points[0]
         height = self.axes[1] @ (self.meeting - self.points[0])
-        base = _at_height(self.axes[0], away, self.axes[1], height, back=True)
-        owner = np.tile(np.arange(n), 2)
-        back = _turns(self.axes[0], -base)
-        turn = back @ turn[owner]
-        place = self.points[0] + _applied(back, away[owner])
-        if self.spherical:
-            upper, lower = self._arm(place, self.meeting)
-            turn = np.tile(turn, (2, 1, 1))
-            along = _turns(self.axes[1], upper) @ _turns(self.axes[2], lower)
-            wrist = self._wrist(np.swapaxes(along, 1, 2) @ turn)
-            reached = [np.tile(base, 4), np.tile(upper, 2), np.tile(lower, 2)]
-            q = np.column_stack([*reached, *wrist])
-            owner = np.tile(owner, 4)
-        else:
-            q, owner = self._parallel_arm(base, turn, place, owner)
-        order = np.argsort(owner, kind="stable")
-        return _wrapped(q[order]).reshape(n, WAYS, 6)
+        back = _at_height(self.axes[0], away, self.axes[1], height)
+        turns = _turns(self.axes[0], back)
+        place = self.points[0] + _applied(turns, away)
+        solve = self._spherical_arm if self.spherical else self._parallel_arm
+        angles = [-back, *solve(turns @ turn, place)]
+        q = np.stack(np.broadcast_arrays(*angles), axis=-1)
+        q = np.swapaxes(q.reshape(WAYS, n, 6), 0, 1)
+        return np.asarray((q + np.pi) % (2 * np.pi) - np.pi)
 
     def _arm(self, place: Array, point: Array) -> tuple[Array, Array]:
-        """Angles (2n,) of joints 2 and 3 that bring a point (3,) to places (n, 3)."""
+        """Angles (2, ...) of joints 2 and 3 that bring a point (3,) to places (..., 3)."""
         axis = self.axes[1]
         link = _across(axis, self.points[2] - self.points[1])
         fore = _across(axis, point - self.points[2])
-        wanted = _across(axis, place - self.points[1])
-        # |link + R fore| = |wanted|
-        size = (wanted**2).sum(axis=1) - link @ link - fore @ fore
-        lower = _at_height(
-            self.axes[2], np.tile(fore, (len(place), 1)), link, size / 2
-        )
-        reached = link + _applied(
-            _turns(self.axes[2], lower), np.tile(fore, (len(lower), 1))
-        )
-        upper = _angle(axis, reached, np.tile(wanted, (2, 1)))
-        return upper, lower
+        goal = _across(axis, place - self.points[1])
+        # |link + R fore| = |goal|
+        squared = (goal**2).sum(axis=-1)
+        height = (squared - link @ link - fore @ fore) / 2
+        lower = _at_height(self.axes[2], fore, link, height)
+        reached = link + _turns(self.axes[2], lower) @ fore
+        return _angle(axis, reached, goal), lower
 
-    def _wrist(self, turn: Array) -> tuple[Array, Array, Array]:
-        """Angles (2n,) of the last three joints that make turns (n, 3, 3)."""
+    def _spherical_arm(self, turn: Array, place: Array) -> tuple[Array, ...]:
+        """Angles of joints 2 to 6 with a spherical wrist, given the first joint."""
+        upper, lower = self._arm(place, self.meeting)
+        along = _turns(self.axes[1], upper)
+        along = along @ _turns(self.axes[2], lower)
+        turn = np.swapaxes(along, -1, -2) @ turn
         first, second, third = self.axes[3:]
-        aim = turn @ third
-        middle = _at_height(
-            second, np.tile(third, (len(turn), 1)), first, aim @ first
-        )
-        turn = np.tile(turn, (2, 1, 1))
+        height = (turn @ third) @ first
+        middle = _at_height(second, third, first, height)
         bent = _turns(second, middle)
         one = _angle(first, bent @ third, turn @ third)
-        three = -_angle(
-            third,
-            np.swapaxes(bent, 1, 2) @ first,
-            np.swapaxes(turn, 1, 2) @ first,
-        )
-        return one, middle, three
+        three = _angle(third, _back(bent, first), _back(turn, first))
+        return upper, lower, one, middle, -three
 
-    def _parallel_arm(
-        self, base: Array, turn: Array, place: Array, owner: Index
-    ) -> tuple[Array, Index]:
-        """Joints (4n, 6) of an arm with parallel axes 2, 3 and 4, given its first joint (n,)."""
+    def _parallel_arm(self, turn: Array, place: Array) -> tuple[Array, ...]:
+        """Angles of joints 2 to 6 with parallel axes 2, 3 and 4, given the first joint."""
         axis = self.axes[1]
         fifth = self.axes[4]
         sixth = self.axes[5]
-        tilt = _at_height(
-            fifth, np.tile(sixth, (len(turn), 1)), axis, (turn @ sixth) @ axis
-        )
-        base = np.tile(base, 2)
-        owner = np.tile(owner, 2)
-        turn = np.tile(turn, (2, 1, 1))
-        place = np.tile(place, (2, 1))
+        tilt = _at_height(fifth, sixth, axis, (turn @ sixth) @ axis)
         bent = _turns(fifth, tilt)
-        spin = -_angle(
-            sixth,
-            np.swapaxes(bent, 1, 2) @ axis,
-            np.swapaxes(turn, 1, 2) @ axis,
-        )
+        spin = -_angle(sixth, _back(bent, axis), _back(turn, axis))
         # what is left of the turn is about the parallel axes
-        rest = turn @ np.swapaxes(bent @ _turns(sixth, spin), 1, 2)
-        side = np.tile(self._side, (len(rest), 1))
-        total = _angle(axis, side, _applied(rest, side))
-        elbow = place - _applied(
-            rest, np.tile(self.meeting - self.points[3], (len(rest), 1))
-        )
+        wrist = bent @ _turns(sixth, spin)
+        rest = turn @ np.swapaxes(wrist, -1, -2)
+        steepest = np.argmin(np.abs(axis))
+        side = _across(axis, np.eye(3)[steepest])
+        total = _angle(axis, side, rest @ side)
+        elbow = place - rest @ (self.meeting - self.points[3])
         upper, lower = self._arm(elbow, self.points[3])
-        base, total, tilt, spin = (
-            np.tile(part, 2) for part in (base, total, tilt, spin)
-        )
         signs = self.axes[2:4] @ axis  # an axis may point the other way
         last = (total - upper - lower * signs[0]) * signs[1]
-        q = np.column_stack([base, upper, lower, last, tilt, spin])
-        return q, np.tile(owner, 2)
-
-    @property
-    def _side(self) -> Array:
-        """A direction (3,) across the parallel axes."""
-        axis = self.axes[1]
-        return _across(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        return upper, lower, last, tilt, spin
 
 
 def _meeting_point(axes: Array, points: Array) -> tuple[Array, float]:
@@ -172,13 +137,18 @@ def _parallel(a: Array, b: Array) -> bool:
 
 
 def _turns(axis: Array, angle: Array) -> Array:
-    """Rotations (n, 3, 3) about an axis (3,) by angles (n,)."""
-    return exponential(angle[:, None] * axis)
+    """Rotations (..., 3, 3) about an axis (3,) by angles (...)."""
+    return exponential(angle[..., None] * axis)
 
 
 def _applied(rotation: Array, vectors: Array) -> Array:
-    """Vectors (n, 3) turned by rotations (n, 3, 3)."""
+    """Vectors (..., 3) turned by rotations (..., 3, 3)."""
     return np.asarray((rotation @ vectors[..., None])[..., 0])
+
+
+def _back(rotation: Array, vector: Array) -> Array:
+    """A vector (3,) turned back by rotations (..., 3, 3)."""
+    return np.asarray(np.swapaxes(rotation, -1, -2) @ vector)
 
 
 def _across(axis: Array, vectors: Array) -> Array:
@@ -187,38 +157,27 @@ def _across(axis: Array, vectors: Array) -> Array:
 
 
 def _angle(axis: Array, start: Array, goal: Array) -> Array:
-    """Angles (n,) about an axis (3,) from vectors (n, 3) to others (n, 3)."""
+    """Angles (...) about an axis (3,) from vectors (..., 3) to others (..., 3)."""
     start = _across(axis, start)
     goal = _across(axis, goal)
     sine = np.cross(start, goal) @ axis
-    return np.asarray(np.arctan2(sine, (start * goal).sum(axis=1)))
+    return np.asarray(np.arctan2(sine, (start * goal).sum(axis=-1)))
 
 
 def _at_height(
-    axis: Array,
-    vectors: Array,
-    along: Array,
-    height: Array | float,
-    *,
-    back: bool = False,
+    axis: Array, vectors: Array, along: Array, height: Array | float
 ) -> Array:
-    """Angles (2n,) about an axis that bring vectors (n, 3) to heights (n,) along a direction.
+    """Angles (2, ...) about an axis that bring vectors (..., 3) to heights along a direction.
 
-    Both of each, one after all others; where none does, the nearest.  `back` turns the other way.
+    Both of each; where none does, the nearest.
     """
     across = _across(axis, vectors)
     cosine = across @ along
     sine = np.cross(axis, across) @ along
     size = np.hypot(cosine, sine)
-    level = (height - (vectors @ axis) * (axis @ along)) / np.where(
-        size > 0, size, 1.0
-    )
+    raised = (vectors @ axis) * (axis @ along)
+    length = np.where(size > 0, size, 1.0)
+    level = (height - raised) / length
     half = np.arccos(np.clip(level, -1.0, 1.0))
     middle = np.arctan2(sine, cosine)
-    angles = np.concatenate([middle + half, middle - half])
-    return -angles if back else angles
-
-
-def _wrapped(q: Array) -> Array:
-    """Angles within half a turn of zero."""
-    return np.asarray((q + np.pi) % (2 * np.pi) - np.pi)
+    return np.stack([middle + half, middle - half])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
-from .newton import Newton, shortened
+from .newton import Newton, Stand, lengths, shortened
 from .settings import SEARCH
 
 
@@ -32,52 +32,48 @@ def closest(newton: Newton, u: Array, x: Array) -> tuple[Array, Array]:
     alone knows nothing.  A far target counts as one workspace away: the nearest point is the same
     for all targets along one normal of its edge.
     """
-    task = newton.task
-    u = u.copy()
+    # what is missing to the origin: far targets have no digits left to compare
+    stand = newton.at(u, np.zeros(x.shape))
     share = np.ones(len(u))
-    origin = np.zeros(x.shape)
-    back, slope = task.residual(u, origin)  # from the tip to the origin
     rows = np.arange(len(u))
     for _ in range(SEARCH.steps):
         if not len(rows):
             break
-        gap = shortened(x[rows] + back[rows], task.size)
-        step = _curved_step(newton, u[rows], gap, slope[rows])
-        trial = newton.clip(u[rows] + share[rows, None] * step)
-        trial_back, trial_slope = task.residual(trial, origin[rows])
-        # compared with what is pulled close: far targets have no digits left to compare
-        after = gap + trial_back - back[rows]
-        better = np.linalg.norm(after, axis=1) < np.linalg.norm(gap, axis=1)
-        moved = np.abs(newton.scale.difference(trial, u[rows])).max(axis=1)
-        nearer = rows[better]
-        u[nearer] = trial[better]
-        back[nearer] = trial_back[better]
-        slope[nearer] = trial_slope[better]
+        here = stand.rows(rows)
+        gap = shortened(x[rows] + here.gap, newton.task.size)
+        step = share[rows, None] * _curved_step(newton, here, gap)
+        trial = newton.at(here.u + step, here.x)
+        after = gap + trial.gap - here.gap
+        better = lengths(after) < lengths(gap)
+        stand.put(rows[better], trial.rows(better))
         longer = np.minimum(1.0, 2 * share[rows])
         share[rows] = np.where(better, longer, share[rows] / 4)
-        going = (moved > CLOSEST.still) & (share[rows] > CLOSEST.least_share)
-        rows = rows[going]
-    return u, np.linalg.norm(x + back, axis=1)
+        moved = newton.scale.difference(trial.u, here.u)
+        going = np.abs(moved).max(axis=1) > CLOSEST.still
+        rows = rows[going & (share[rows] > CLOSEST.least_share)]
+    return stand.u, lengths(x + stand.gap)
 
 
-def _curved_step(newton: Newton, u: Array, gap: Array, slope: Array) -> Array:
+def _curved_step(newton: Newton, stand: Stand, gap: Array) -> Array:
     """Newton step (n, dof) of half the squared distance, with the joints that may move."""
-    origin = np.zeros(gap.shape)
-    push = (slope * gap[:, :, None]).sum(axis=1)
-    outward = ((u <= 0.0) & (push < 0.0)) | ((u >= 1.0) & (push > 0.0))
-    stuck = outward & ~newton.scale.periodic
-    curvature = np.swapaxes(slope, 1, 2) @ slope
-    for k, probe in enumerate(SEARCH.probe * np.eye(u.shape[1])):
-        ahead = newton.task.residual(u + probe, origin)[1]
-        behind = newton.task.residual(u - probe, origin)[1]
-        change = (ahead - behind) / (2 * SEARCH.probe)
+    u = stand.u
+    push = (stand.slope * gap[:, :, None]).sum(axis=1)
+    below = (u <= 0.0) & (push < 0.0)
+    above = (u >= 1.0) & (push > 0.0)
+    stuck = (below | above) & ~newton.scale.periodic
+    push[stuck] = 0.0
+    curvature = np.swapaxes(stand.slope, 1, 2) @ stand.slope
+    probes = SEARCH.probe * np.eye(u.shape[1])
+    for k, probe in enumerate(probes):
+        _, ahead = newton.task.residual(u + probe, stand.x)
+        change = (ahead - stand.slope) / SEARCH.probe
         curvature[:, k] -= (change * gap[:, :, None]).sum(axis=1)
-    curvature = 0.5 * (curvature + np.swapaxes(curvature, 1, 2))
+    curvature += np.swapaxes(curvature, 1, 2).copy()
     curvature[stuck[:, :, None] | stuck[:, None, :]] = 0.0
-    size, axes = np.linalg.eigh(curvature)
+    size, axes = np.linalg.eigh(0.5 * curvature)
     size = np.abs(size)
-    largest = np.maximum(size.max(axis=1, keepdims=True), 1e-300)
-    size = np.maximum(size, CLOSEST.flat * largest)
-    along = (np.where(stuck, 0.0, push)[:, None] @ axes)[:, 0] / size
+    least = CLOSEST.flat * size.max(axis=1, keepdims=True)
+    size = np.maximum(size, np.maximum(least, 1e-300))
+    along = (push[:, None] @ axes)[:, 0] / size
     step = (axes @ along[..., None])[..., 0]
     return shortened(np.where(stuck, 0.0, step), CLOSEST.far)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -21,7 +20,6 @@ from .ways import distinct, rank_within
 class LinkSettings:
     """How links are followed: lengths are node spacings of the motor map unless said."""
 
-    sensory: int = 3  # sensory nodes whose partners are looked at
     step: float = 2.0  # longest first step of a node
     most: int = 60  # proposals of a target
     cell: float = 1.5  # proposals that are closer count as one
@@ -33,6 +31,8 @@ class LinkSettings:
     ahead: int = 48  # sensory nodes that a single query makes ready
     # of the largest singular value: less is left out of a first step
     flat: float = 1e-2
+    # branches further apart than a node have starts of their own
+    folded: float = 1e-2
 
 
 LINKS = LinkSettings()
@@ -46,7 +46,8 @@ def search_by_links(association: Association, predictor: Predictor) -> Search:
     task = Positions(predictor.value_and_slope, len(place.span), extent)
     newton = Newton(task, scale)
     sure = SEARCH.surely if newton.redundant else SEARCH.beside
-    return Search(newton, LinkStarts(association, newton), sure)
+    starts = LinkStarts(association, newton)
+    return Search(newton, starts, sure, LINKS.folded)
 
 
 class LinkStarts:
@@ -99,12 +100,12 @@ class LinkStarts:
         motor = self.association.motor
         sensory = self.association.sensory
         x = sensory.scale.from_unit(sensory.units[nodes])
-        target, u = self._proposals(x)
-        u, miss = newton.refine(u, x[target], SEARCH.close)
-        order = np.lexsort((miss, target))
+        target, u = self._proposals(nodes)
+        stand = newton.refine(u, x[target], SEARCH.close)
+        order = np.lexsort((stand.miss, target))
         target = target[order]
-        u = u[order]
-        miss = miss[order]
+        u = stand.u[order]
+        miss = stand.miss[order]
         spacing = sensory.spacing * float(sensory.scale.span.mean())
         near = (miss <= LINKS.missed * spacing) | (rank_within(target) == 0)
         solved = LINKS.cell if newton.redundant else LINKS.apart
@@ -124,41 +125,24 @@ class LinkStarts:
         self._inverse[node, place] = inverse
         self._ready[nodes] = True
 
-    def _proposals(self, x: Array) -> tuple[Index, Array]:
-        """Joints that links propose for targets (n, m): linear steps of motor nodes to them."""
+    def _proposals(self, nodes: Index) -> tuple[Index, Array]:
+        """Joints of motor nodes that are linked to sensory nodes, the strongest of each branch."""
         motor = self.association.motor
-        sensory = self.association.sensory
-        nodes = min(LINKS.sensory, sensory.size)
-        nearest = sensory.nearest(sensory.scale.to_unit(x), nodes)[1]
-        partners = self.association.partners.take(nearest.ravel())
-        pairs = np.unique(
-            partners.rows // nodes * motor.size + partners.indices
-        )
-        target, node = np.divmod(pairs, motor.size)
-        value, inverse = self._nodes
-        step = _linear(inverse[node], x[target] - value[node])
-        length = np.linalg.norm(step, axis=1) / motor.spacing
-        # those with the shortest steps, one of each branch's surroundings
-        order = np.lexsort((length, target))
-        order = order[rank_within(target[order]) < LINKS.most]
-        target = target[order]
-        step = shortened(step[order], LINKS.step * motor.spacing)
-        u = self._newton.clip(motor.units[node[order]] + step)
-        single = distinct(
-            self._newton.scale, target, u, LINKS.cell * motor.spacing
-        )
+        links = self.association.partners.take(nodes)
+        order = np.lexsort((-links.data, links.rows))
+        order = order[rank_within(links.rows[order]) < LINKS.most]
+        target = links.rows[order]
+        u = self._newton.clip(motor.units[links.indices[order]])
+        apart = LINKS.cell * motor.spacing
+        single = distinct(self._newton.scale, target, u, apart)
         return target[single], u[single]
-
-    @cached_property
-    def _nodes(self) -> tuple[Array, Array]:
-        """Position (nodes, m) and inverse Jacobian (nodes, dof, m) of each motor node."""
-        return self._linearised(np.clip(self.association.motor.units, 0.0, 1.0))
 
     def _linearised(self, u: Array) -> tuple[Array, Array]:
         """Position (n, m) and inverse Jacobian (n, dof, m) at joints (n, dof)."""
         origin = np.zeros((len(u), self._newton.task.count))
-        back, slope = self._newton.task.residual(u, origin)
-        return -back, np.asarray(np.linalg.pinv(slope, rcond=LINKS.flat))
+        stand = self._newton.at(u, origin)
+        inverse = np.linalg.pinv(stand.slope, rcond=LINKS.flat)
+        return -stand.gap, np.asarray(inverse)
 
 
 def _linear(inverse: Array, gap: Array) -> Array:

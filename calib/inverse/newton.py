@@ -2,17 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Index, Mask
 from ..common.scale import Scale
 from .settings import SEARCH
 from .task import Task
 
 ROUNDING = 1e-13
 """Share of a task's size to which a target is met as well as numbers allow."""
+
+
+@dataclass(frozen=True)
+class Stand:
+    """Where joints stand, and what is missing there."""
+
+    x: Array  # (n, k), targets
+    u: Array  # (n, dof), joints of the unit box
+    gap: Array  # (n, m)
+    slope: Array  # (n, m, dof)
+    miss: Array  # (n,), length of the gap
+
+    def rows(self, index: Index | Mask) -> Stand:
+        """Some of the rows."""
+        return Stand(*(part[index] for part in vars(self).values()))
+
+    def put(self, index: Index | Mask, other: Stand) -> None:
+        """Put other joints in the place of some, for the same targets."""
+        self.u[index] = other.u
+        self.gap[index] = other.gap
+        self.slope[index] = other.slope
+        self.miss[index] = other.miss
 
 
 @dataclass(frozen=True)
@@ -38,7 +60,15 @@ class Newton:
     def clip(self, u: Array) -> Array:
         """Joints (n, dof) within their limits; those of full turns go round."""
         inside = np.minimum(np.maximum(u, 0.0), 1.0)
+        if not self.scale.periodic.any():
+            return inside
         return np.where(self.scale.periodic, u % 1.0, inside)
+
+    def at(self, u: Array, x: Array) -> Stand:
+        """What is missing to targets `x` (n, k) at joints (n, dof)."""
+        u = self.clip(u)
+        gap, slope = self.task.residual(u, x)
+        return Stand(x, u, gap, slope, lengths(gap))
 
     def refine(
         self,
@@ -46,51 +76,47 @@ class Newton:
         x: Array,
         tolerance: float = ROUNDING,
         steps: int = SEARCH.steps,
-    ) -> tuple[Array, Array]:
-        """Joints (n, dof) nearest to targets `x` (n, k) from starts `u`, and what is missing (n,).
+    ) -> Stand:
+        """Joints nearest to targets `x` (n, k) from starts `u` (n, dof).
 
         Damped Newton steps (Levenberg-Marquardt).  A target counts as met within a share
         `tolerance` of the task's size.
         """
         enough = tolerance * self.task.size
         rounding = max(tolerance, 1e-12) * self.task.size
-        u = self.clip(u)
-        gap, slope = self.task.residual(u, x)
-        miss = lengths(gap)
-        damping = np.full(len(u), SEARCH.easy)
-        rows = np.flatnonzero(miss > enough)
+        stand = self.at(u, x)
+        rows = np.flatnonzero(stand.miss > enough)
+        here = stand.rows(rows)
+        damping = np.full(len(rows), SEARCH.easy)
         for _ in range(steps):
             if not len(rows):
                 break
-            step = self.move(u[rows], gap[rows], slope[rows], damping[rows])
-            trial = self.clip(u[rows] + capped(step, SEARCH.longest))
-            trial_gap, trial_slope = self.task.residual(trial, x[rows])
-            after = lengths(trial_gap)
-            before = miss[rows]
-            better = after < before
-            slow = before - after < SEARCH.slow * before
-            still = np.abs(trial - u[rows]).max(axis=1) < 1e-15
-            moved = rows[better]
-            u[moved] = trial[better]
-            gap[moved] = trial_gap[better]
-            slope[moved] = trial_slope[better]
-            miss[moved] = after[better]
-            failed = rows[~better]
-            damping[moved] = np.maximum(
-                damping[moved] / SEARCH.easier, SEARCH.easiest
-            )
-            damping[failed] = np.maximum(
-                damping[failed] * SEARCH.easier, SEARCH.hard
-            )
-            stalled = slow & (better | (before < rounding))
-            hopeless = damping[rows] > SEARCH.hardest
-            rows = rows[~(stalled | still | hopeless | (miss[rows] < enough))]
-        return u, miss
+            step = self.move(here, damping)
+            trial = self.at(here.u + capped(step, SEARCH.longest), here.x)
+            gain = here.miss - trial.miss
+            better = gain > 0.0
+            ends = gain < SEARCH.slow * here.miss
+            ends &= better | (here.miss < rounding)
+            ends |= np.abs(step).max(axis=1) < 1e-15
+            eased = np.maximum(damping / SEARCH.easier, SEARCH.easiest)
+            harder = np.maximum(damping * SEARCH.easier, SEARCH.hard)
+            damping = np.where(better, eased, harder)
+            if better.all():
+                here = trial
+            else:
+                here.put(better, trial.rows(better))
+            stand.put(rows, here)
+            going = ~(ends | (damping > SEARCH.hardest) | (here.miss < enough))
+            if not going.all():
+                rows = rows[going]
+                here = here.rows(going)
+                damping = damping[going]
+        return stand
 
     def settle(
         self, u: Array, x: Array, near: Array, longest: float = SEARCH.longest
-    ) -> tuple[Array, Array]:
-        """Joints (n, dof) on targets `x` (n, k) near to `near`, and what is missing (n,).
+    ) -> Stand:
+        """Joints on targets `x` (n, k) from starts `u` (n, dof), near to `near` (n, dof).
 
         Redundant joints that Newton has led close slide on along their self-motion, each slide at
         most `longest`, a step that comes no nearer undone.  The length of a slide follows from the
@@ -99,48 +125,45 @@ class Newton:
         if not self.redundant:
             return self.refine(u, x)
         rough = SEARCH.rough * self.task.size
-        u, miss = self.refine(u, x, SEARCH.rough)
-        rows = np.flatnonzero(miss <= rough)
-        gap, slope = self.task.residual(u, x)
+        stand = self.refine(u, x, SEARCH.rough)
+        rows = np.flatnonzero(stand.miss <= rough)
         share = np.ones(len(u))
         before = np.zeros(u.shape)
         slid = np.zeros(u.shape)
         for _ in range(SEARCH.slides):
-            wish = self.scale.difference(near[rows], u[rows])
-            pull = self.tangent(u[rows], slope[rows], wish)
-            turned = before[rows] - pull
+            here = stand.rows(rows)
+            wish = self.scale.difference(near[rows], here.u)
+            pull = self.tangent(here, wish)
             moved = slid[rows].any(axis=1)
-            fit = _slide_share(slid[rows], turned)
-            share[rows[moved]] = fit[moved]
-            going = lengths(pull) > SEARCH.settled
-            going |= ~self.met(miss[rows])
+            fit = _slide_share(slid[rows], before[rows] - pull)
+            share[rows] = np.where(moved, fit, share[rows])
+            going = (lengths(pull) > SEARCH.settled) | ~self.met(here.miss)
             going &= share[rows] > SEARCH.stuck
             rows = rows[going]
             if not len(rows):
                 break
+            here = here.rows(going)
             before[rows] = pull[going]
-            calm = np.full(len(rows), SEARCH.easy)
-            step = self.move(u[rows], gap[rows], slope[rows], calm)
+            step = self.move(here, np.full(len(rows), SEARCH.easy))
             step += share[rows, None] * pull[going]
             step = shortened(capped(step, SEARCH.longest), longest)
-            part = np.minimum(1.0, self._room(u[rows], step))
-            trial = self.clip(u[rows] + part[:, None] * step)
-            trial_gap, trial_slope = self.task.residual(trial, x[rows])
-            after = lengths(trial_gap)
-            closer = self.away(trial, near[rows]) < self.away(
-                u[rows], near[rows]
-            )
-            good = (after <= rough) & (closer | ~self.met(miss[rows]))
+            part = np.minimum(1.0, self._room(here.u, step))
+            trial = self.at(here.u + part[:, None] * step, here.x)
+            left = self.away(trial.u, near[rows])
+            closer = left < self.away(here.u, near[rows])
+            good = (trial.miss <= rough) & (closer | ~self.met(here.miss))
             share[rows[~good]] /= 4
-            slid[rows] = np.where(
-                good[:, None], self.scale.difference(trial, u[rows]), 0.0
-            )
-            better = rows[good]
-            u[better] = trial[good]
-            gap[better] = trial_gap[good]
-            slope[better] = trial_slope[good]
-            miss[better] = after[good]
-        return self.refine(u, x)
+            shift = self.scale.difference(trial.u, here.u)
+            slid[rows] = np.where(good[:, None], shift, 0.0)
+            stand.put(rows[good], trial.rows(good))
+        stand = self.refine(stand.u, x)
+        # joints that slid into a corner of their limits: where they were led without
+        lost = np.flatnonzero(~self.met(stand.miss))
+        if len(lost):
+            others = self.refine(u[lost], x[lost])
+            better = others.miss < stand.miss[lost]
+            stand.put(lost[better], others.rows(better))
+        return stand
 
     def _room(self, u: Array, move: Array) -> Array:
         """Share (n,) of moves (n, dof) at which the first joint reaches its limit."""
@@ -150,41 +173,39 @@ class Newton:
         share = np.where(free, np.inf, room) / np.where(free, 1.0, np.abs(move))
         return np.asarray(share.min(axis=1))
 
-    def tangent(self, u: Array, slope: Array, wish: Array) -> Array:
-        """What of a wished move (n, dof) leaves residuals of Jacobians (n, m, dof) as they are."""
-        damping = np.full(len(u), SEARCH.easiest)
-        return self.move(u, np.zeros(slope.shape[:2]), slope, damping, wish)
+    def tangent(self, stand: Stand, wish: Array) -> Array:
+        """What of a wished move (n, dof) leaves residuals as they are."""
+        damping = np.full(len(wish), SEARCH.easiest)
+        still = replace(stand, gap=np.zeros(stand.gap.shape))
+        return self.move(still, damping, wish)
 
     def move(
-        self,
-        u: Array,
-        gap: Array,
-        slope: Array,
-        damping: Array,
-        wish: Array | None = None,
+        self, stand: Stand, damping: Array, wish: Array | None = None
     ) -> Array:
-        """The move (n, dof) that closes gaps (n, m), of all that do the nearest to a wish.
+        """The move (n, dof) that closes gaps, of all that do the nearest to a wish.
 
         A joint at a limit that the move would push further stays, and the others take over.
         """
+        u = stand.u
+        slope = stand.slope
         slack = 0.0 if wish is None else SEARCH.slack
         goal = np.zeros(u.shape) if wish is None else wish
+        lowest = (u <= slack) & ~self.scale.periodic
+        highest = (u >= 1.0 - slack) & ~self.scale.periodic
+        limited = bool(lowest.any() or highest.any())
         for _ in range(u.shape[1]):
-            rest = gap - _applied(slope, goal)
+            rest = stand.gap
+            if wish is not None:
+                rest = rest - (slope @ goal[..., None])[..., 0]
             move = goal + _damped_solution(slope, rest, damping)
-            below = (u <= slack) & (move < 0.0)
-            above = (u >= 1.0 - slack) & (move > 0.0)
-            stuck = (below | above) & ~self.scale.periodic
+            if not limited:
+                break
+            stuck = (lowest & (move < 0.0)) | (highest & (move > 0.0))
             if not stuck.any():
                 break
             goal = np.where(stuck, 0.0, goal)
             slope = np.where(stuck[:, None], 0.0, slope)
         return move
-
-
-def _applied(slope: Array, move: Array) -> Array:
-    """What moves (n, dof) do by Jacobians (n, m, dof), (n, m)."""
-    return np.asarray((slope @ move[..., None])[..., 0])
 
 
 def _damped_solution(slope: Array, gap: Array, damping: Array) -> Array:
@@ -204,18 +225,17 @@ def lengths(vectors: Array) -> Array:
 
 def shortened(moves: Array, longest: float) -> Array:
     """Moves (n, d) of at most that length."""
-    length = np.linalg.norm(moves, axis=1, keepdims=True)
-    return np.asarray(
-        moves * np.minimum(1.0, longest / np.maximum(length, 1e-300))
-    )
+    return _scaled(moves, lengths(moves), longest)
 
 
 def capped(moves: Array, longest: float) -> Array:
     """Moves (n, d) of which no joint goes further than that."""
-    largest = np.abs(moves).max(axis=1, keepdims=True)
-    return np.asarray(
-        moves * np.minimum(1.0, longest / np.maximum(largest, 1e-300))
-    )
+    return _scaled(moves, np.abs(moves).max(axis=1), longest)
+
+
+def _scaled(moves: Array, size: Array, longest: float) -> Array:
+    share = np.minimum(1.0, longest / np.maximum(size, 1e-300))
+    return np.asarray(moves * share[:, None])
 
 
 def _slide_share(moved: Array, turned: Array) -> Array:

@@ -7,13 +7,16 @@ from typing import Protocol
 
 import numpy as np
 
-from ..common.arrays import Array, Index, Mask
+from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from .closest import closest
 from .families import representatives
-from .newton import Newton
+from .newton import Newton, Stand
 from .settings import SEARCH
-from .ways import by_middle, distinct
+from .ways import Ways, distinct
+
+_FURTHER = 1e3
+"""What is missed ranks behind whatever is met."""
 
 
 class Starts(Protocol):
@@ -31,6 +34,8 @@ class Search:
     newton: Newton
     starts: Starts
     sure: float  # so near to what was asked no other way is nearer
+    # least singular value of the Jacobian's squares, beside a fold that starts overlook
+    folded: float = SEARCH.folded
 
     @property
     def extent(self) -> float:
@@ -52,153 +57,136 @@ class Search:
 
         Joints are in the unit box; out of reach they are those of the nearest attainable point.
         """
-        u, miss = self.nearest(x, near)
+        stand = self.nearest(x, near)
+        u = stand.u
+        miss = stand.miss
         lost = np.flatnonzero(~self.newton.met(miss))
         if len(lost):
             u[lost], miss[lost] = closest(self.newton, u[lost], x[lost])
         return u, miss
 
-    def solve_all(self, x: Array) -> tuple[Index, Array, Array]:
-        """Every distinct solution of targets (n, m): of which it is, joints (k, dof), distance.
+    def solve_all(self, x: Array) -> Ways:
+        """Every distinct solution of targets (n, m).
 
         Sorted by target, the one nearest to the middle of the unit box first.  Of redundant joints
         each connected family has one; out of reach there is one, the nearest attainable point.
         """
-        target, u, miss = self.every(x)
-        if self.redundant and len(u):
-            target, u, miss = representatives(self.newton, target, u, x)
-        lost = np.setdiff1d(np.arange(len(x)), target)
-        if len(lost):
-            middle = np.full((len(lost), u.shape[1]), 0.5)
-            nearest, missing = self.solve(x[lost], middle)
-            target = np.concatenate([target, lost])
-            u = np.concatenate([u, nearest])
-            miss = np.concatenate([miss, missing])
-        return by_middle(self.scale, target, u, miss)
+        ways = self.every(x)
+        if self.redundant:
+            ways = representatives(self.newton, ways, x)
+        lost = np.setdiff1d(np.arange(len(x)), ways.target)
+        if not len(lost):
+            return ways
+        middle = np.full((len(lost), ways.u.shape[1]), 0.5)
+        u, miss = self.solve(x[lost], middle)
+        return ways.joined(Ways(lost, u, miss), self.scale)
 
-    def nearest(self, x: Array, near: Array) -> tuple[Array, Array]:
-        """Joints (n, dof) nearest to `near` (n, dof) for targets `x`, and what is missing (n,)."""
+    def nearest(self, x: Array, near: Array) -> Stand:
+        """Joints nearest to `near` (n, dof) for targets `x`, or what comes close to them."""
         newton = self.newton
-        u, miss = newton.settle(near, x, near)
-        rows = _unsure(newton, u, miss, near, self.sure)
+        if self.sure < SEARCH.surely:
+            best = newton.at(near, x)
+            rank = self._rank(best, near)
+            close = SEARCH.rough * newton.task.size
+            rows = np.flatnonzero(best.miss <= close)
+            self._improve(best, rank, near, rows, near[rows])
+        else:
+            best = newton.settle(near, x, near)
+            rank = self._rank(best, near)
+        rows = np.flatnonzero(rank > self.sure)
         if len(rows):
             owner, start = self.starts.of(x[rows])
             owner = rows[owner]
-            likely = _likely(newton, u, miss, near, owner, start)
-            u, miss = _better(
-                newton, x, near, u, miss, owner[likely], start[likely]
-            )
-        if not newton.redundant:
-            rows = _unsure(newton, u, miss, near, SEARCH.beside)
-            row, across = twins(newton, u[rows], x[rows])
-            u, miss = _better(newton, x, near, u, miss, rows[row], across)
-        rows = np.flatnonzero(~newton.met(miss))
-        start = np.tile(_drawn(u.shape[1]), (len(rows), 1))
-        owner = np.repeat(rows, SEARCH.drawn)
-        return _better(newton, x, near, u, miss, owner, start)
+            away = newton.away(start, near[owner])
+            first = rank.copy()
+            np.minimum.at(first, owner, away + 2 * SEARCH.margin)
+            likely = away <= first[owner] + SEARCH.margin
+            self._improve(best, rank, near, owner[likely], start[likely])
+            others = ~likely & (rank[owner] >= _FURTHER)
+            self._improve(best, rank, near, owner[others], start[others])
+        rows = np.flatnonzero(rank >= _FURTHER)
+        if len(rows):
+            owner, start = _drawn(rows, near.shape[1])
+            self._improve(best, rank, near, owner, start)
+        rows = np.flatnonzero(rank > SEARCH.beside)
+        if len(rows) and not newton.redundant:
+            row, start = twins(newton, best.rows(rows), self.folded)
+            row = rows[row]
+            away = newton.away(start, near[row])
+            likely = away <= rank[row] + SEARCH.margin
+            self._improve(best, rank, near, row[likely], start[likely])
+        return best
 
-    def every(self, x: Array) -> tuple[Index, Array, Array]:
-        """Every way: of which target (k,), ascending, joints (k, dof), what is missing (k,).
+    def every(self, x: Array) -> Ways:
+        """Every way to targets (n, m), sorted as those of `solve_all`.
 
         Of redundant joints these are some of infinitely many.
         """
         newton = self.newton
-        target, u = self.starts.of(x)
-        u, miss = newton.refine(u, x[target])
+        target, start = self.starts.of(x)
+        if newton.redundant:
+            owner, drawn = _drawn(np.arange(len(x)), start.shape[1])
+            target = np.concatenate([target, owner])
+            start = np.concatenate([start, drawn])
+        stand = newton.refine(start, x[target])
+        row = target[:0]
+        across = stand.u[:0]
         if not newton.redundant:  # where branches meet
-            row, start = twins(newton, u, x[target])
-            across, missing = newton.refine(start, x[target[row]])
-            target = np.append(target, target[row])
-            u = np.concatenate([u, across])
-            miss = np.append(miss, missing)
-        met = newton.met(miss)
-        target, u, miss = by_middle(
-            newton.scale, target[met], u[met], miss[met]
-        )
-        single = distinct(newton.scale, target, u, SEARCH.same)
-        return target[single], u[single], miss[single]
+            row, across = twins(newton, stand, SEARCH.folded)
+        other = newton.refine(across, stand.x[row])
+        ways = Ways(target, stand.u, stand.miss)
+        others = Ways(target[row], other.u, other.miss)
+        ways = ways.joined(others, self.scale)
+        ways = ways.rows(newton.met(ways.miss))
+        single = distinct(self.scale, ways.target, ways.u, SEARCH.same)
+        return ways.rows(single)
+
+    def _rank(self, stand: Stand, near: Array) -> Array:
+        """How bad answers are, (n,): how far from `near` if they are met, else by the miss."""
+        away = self.newton.away(stand.u, near)
+        behind = _FURTHER + stand.miss / self.newton.task.size
+        return np.where(self.newton.met(stand.miss), away, behind)
+
+    def _improve(
+        self, best: Stand, rank: Array, near: Array, owner: Index, start: Array
+    ) -> None:
+        """Put what starts (k, dof) of targets (k,) lead to in the place of what ranks behind it."""
+        if not len(owner):
+            return
+        trial = self.newton.settle(start, best.x[owner], near[owner])
+        trial_rank = self._rank(trial, near[owner])
+        before = rank[owner]
+        np.minimum.at(rank, owner, trial_rank)
+        better = (trial_rank < before) & (trial_rank == rank[owner])
+        best.put(owner[better], trial.rows(better))
 
 
-def _unsure(
-    newton: Newton, u: Array, miss: Array, near: Array, sure: float
-) -> Index:
-    """Targets that are missed, or met further than `sure` from where joints should be."""
-    return np.flatnonzero((newton.away(u, near) > sure) | ~newton.met(miss))
-
-
-def _likely(
-    newton: Newton,
-    u: Array,
-    miss: Array,
-    near: Array,
-    owner: Index,
-    start: Array,
-) -> Mask:
-    """Which starts (k, dof) may lead to joints that are nearer than the best so far."""
-    away = newton.away(start, near[owner])
-    best = newton.away(u, near)
-    other = newton.away(start, u[owner]) >= 0.5 * SEARCH.margin
-    nearer = other & (away <= best[owner] + SEARCH.margin)
-    missed = ~newton.met(miss[owner])
-    if newton.redundant:  # each slide takes long
-        first = np.full(len(u), np.inf)
-        np.minimum.at(first, owner, away)
-        missed &= away <= first[owner] + SEARCH.surely
-    return np.where(newton.met(miss[owner]), nearer, missed)
-
-
-def _better(
-    newton: Newton,
-    x: Array,
-    near: Array,
-    u: Array,
-    miss: Array,
-    owner: Index,
-    start: Array,
-) -> tuple[Array, Array]:
-    """The best joints (n, dof) of those so far and those that starts (k, dof) lead to, and misses.
-
-    A target that is met goes before one that is missed, then what is near counts.
-    """
-    if not len(owner):
-        return u, miss
-    others, missing = newton.settle(start, x[owner], near[owner])
-    count = len(u)
-    owner = np.concatenate([np.arange(count), owner])
-    u = np.concatenate([u, others])
-    miss = np.concatenate([miss, missing])
-    missed = ~newton.met(miss)
-    away = newton.away(u, near[owner])
-    order = np.lexsort((np.where(missed, miss, away), missed, owner))
-    best = order[np.searchsorted(owner[order], np.arange(count))]
-    return u[best], miss[best]
-
-
-def _drawn(dof: int) -> Array:
-    """Joints (n, dof) at random all over their ranges, many at a limit."""
+def _drawn(rows: Index, dof: int) -> tuple[Index, Array]:
+    """For each row joints (k, dof) at random all over their ranges, many at a limit."""
     u = np.random.default_rng(0).random((SEARCH.drawn, dof))
-    return np.clip(u + SEARCH.aside * (2.0 * u - 1.0), 0.0, 1.0)
+    u = np.clip(u + SEARCH.aside * (2.0 * u - 1.0), 0.0, 1.0)
+    return np.repeat(rows, SEARCH.drawn), np.tile(u, (len(rows), 1))
 
 
-def twins(newton: Newton, u: Array, x: Array) -> tuple[Index, Array]:
-    """Rows (m,) of `u` (n, dof) near a fold, and starts (m, dof) for the ways across it.
+def twins(newton: Newton, stand: Stand, folded: float) -> tuple[Index, Array]:
+    """Rows (m,) near a fold, and starts (m, dof) for the ways across it.
 
     At a fold, where the Jacobian loses a direction, two ways meet.  Along the direction that hardly
     moves the tip its least singular value falls linearly to zero, and the other way lies about as
     far beyond as this one lies before.
     """
-    slope = newton.task.residual(u, x)[1]
-    sides, size, directions = np.linalg.svd(slope, full_matrices=False)
-    folded = size[:, -1] ** 2 <= SEARCH.folded * (size * size).sum(axis=1)
-    rows = np.flatnonzero(folded)
+    sides, size, directions = np.linalg.svd(stand.slope, full_matrices=False)
+    flattest = size[:, -1] ** 2 <= folded * (size * size).sum(axis=1)
+    rows = np.flatnonzero(flattest)
+    if not len(rows):
+        return rows, stand.u[rows]
+    here = stand.rows(rows)
     side = sides[rows, :, -1]
     flat = directions[rows, -1]
-    shift = SEARCH.probe * flat
-    ahead = newton.task.residual(u[rows] + shift, x[rows])[1]
-    behind = newton.task.residual(u[rows] - shift, x[rows])[1]
-    change = (side[:, None] @ (ahead - behind) @ flat[:, :, None])[:, 0, 0]
-    rate = change / (2 * SEARCH.probe)
+    ahead = newton.task.residual(here.u + SEARCH.probe * flat, here.x)[1]
+    change = side[:, None] @ (ahead - here.slope) @ flat[:, :, None]
+    rate = change[:, 0, 0] / SEARCH.probe
     reach = -2.0 * size[rows, -1] / np.where(rate == 0.0, np.inf, rate)
     near = (np.abs(reach) < SEARCH.beyond) & (reach != 0.0)
-    across = u[rows[near]] + reach[near, None] * flat[near]
+    across = here.u[near] + reach[near, None] * flat[near]
     return rows[near], newton.clip(across)

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..arm.rotations import logarithm
+from ..arm.rotations import exponential, logarithm
 from ..common.arrays import Array
 from ..common.scale import Scale
 
@@ -99,18 +99,15 @@ class Poses:
 
 
 def turn_left(start: Array, goal: Array, axis: int | None = None) -> Array:
-    """Rotation vectors (n, 3) from orientations (n, 3, 3) to others, or of one axis alone."""
-    if axis is None:
-        return logarithm(goal @ np.swapaxes(start, 1, 2))
-    first = start[:, :, axis]
-    second = goal[:, :, axis]
-    across = np.cross(first, second)
-    sine = np.linalg.norm(across, axis=1, keepdims=True)
-    angle = np.arctan2(sine, (first * second).sum(axis=1, keepdims=True))
-    # half a turn is about any axis across
-    opposite = (sine == 0.0) & (angle > 1.0)
-    other = np.column_stack([first[:, 1], first[:, 2], -first[:, 0]])
-    other = np.cross(first, other)
-    across = np.where(opposite, other, across)
-    sine = np.linalg.norm(across, axis=1, keepdims=True)
-    return np.asarray(across * (angle / np.where(sine > 0.0, sine, 1.0)))
+    """Rotation vectors (n, 3) from orientations (n, 3, 3) to others.
+
+    Where the turn about an axis of the tip is open, the others are those nearest to the first.
+    """
+    if axis is not None:
+        i = (axis + 1) % 3
+        j = (axis + 2) % 3
+        apart = np.swapaxes(goal, 1, 2) @ start
+        sine = apart[:, j, i] - apart[:, i, j]
+        angle = np.arctan2(sine, apart[:, i, i] + apart[:, j, j])
+        goal = goal @ exponential(angle[:, None] * np.eye(3)[axis])
+    return logarithm(goal @ np.swapaxes(start, 1, 2))

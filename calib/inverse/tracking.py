@@ -9,6 +9,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from ..maps.map import Map
+from .newton import Newton, Stand
 from .search import Search
 from .settings import SEARCH
 
@@ -19,7 +20,8 @@ class TrackingSettings:
 
     # of the ranges: joints that move further are looked at closely
     smooth: float = 0.05
-    halved: int = 10  # times that a step is halved at most
+    # share of a step: joints that do not follow a smaller one leave their branch
+    least: float = 1e-3
     # of the workspace, and of its nodes' spacing: targets further away from all nodes are
     # not followed
     beyond: float = 0.1
@@ -80,10 +82,10 @@ def follow_targets(
 
 def _front(search: Search, x: Array) -> Array:
     """Solutions of one target, of redundant joints some of each family, (n, dof)."""
-    families = search.solve_all(x[None])[1]
+    families = search.solve_all(x[None]).u
     if not search.redundant:
         return families
-    others = search.every(x[None])[1]
+    others = search.every(x[None]).u
     return np.concatenate([families, others])[: TRACKING.front]
 
 
@@ -107,45 +109,43 @@ def _furthest(search: Search, x: Array, front: Array) -> Array:
 
 
 def _advance(
-    search: Search,
-    u: Array,
-    begin: Array,
-    end: Array,
-    depth: int = 0,
-    *,
-    halfway: bool = False,
+    search: Search, start: Array, begin: Array, end: Array
 ) -> tuple[Array, Mask]:
-    """Joints (n, dof) moved along a line, in halves if far, and whether they kept to it.
-
-    Targets `halfway` may be missed.
-    """
+    """Joints (n, dof) moved along a line, in pieces if far, and whether they kept to it."""
     newton = search.newton
-    targets = np.tile(end, (len(u), 1))
+    u = start.copy()
+    share = np.zeros(len(u))  # of the line that joints have followed
+    piece = np.ones(len(u))
+    rows = np.arange(len(u))
+    first = True
+    while len(rows):
+        ahead = np.minimum(share[rows] + piece[rows], 1.0)
+        targets = begin + ahead[:, None] * (end - begin)
+        stand = _step(newton, u[rows], targets)
+        smooth = newton.away(stand.u, u[rows]) <= TRACKING.smooth
+        smooth &= newton.met(stand.miss) | (ahead < 1.0)
+        if first and not smooth.all() and not _reaches(search, end):
+            smooth[:] = True  # joints are as close as they can be
+        first = False
+        moved = rows[smooth]
+        u[moved] = stand.u[smooth]
+        share[moved] = ahead[smooth]
+        piece[rows] *= np.where(smooth, 2.0, 0.5)
+        rows = np.flatnonzero((share < 1.0) & (piece >= TRACKING.least))
+    return u, share == 1.0
+
+
+def _step(newton: Newton, u: Array, targets: Array) -> Stand:
+    """Joints (n, dof) of the next targets (n, m); spare ones drift to their middle."""
     if newton.redundant:
-        middle = np.full(u.shape, 0.5)
-        drift = TRACKING.wish * newton.scale.difference(middle, u)
-        trial, miss = newton.settle(u, targets, u + drift)
-    else:
-        trial, miss = newton.refine(u, targets, SEARCH.close, TRACKING.few)
-    going = newton.away(trial, u) <= TRACKING.smooth
-    going &= newton.met(miss) | halfway
-    again = np.flatnonzero(~going)
-    if len(again) and depth == 0 and not _reaches(search, end):
-        going[:] = True  # joints are as close as they can be
-    elif len(again) and depth < TRACKING.halved:
-        between = 0.5 * (begin + end)
-        half, first = _advance(
-            search, u[again], begin, between, depth + 1, halfway=True
-        )
-        trial[again], second = _advance(
-            search, half, between, end, depth + 1, halfway=halfway
-        )
-        going[again] = first & second
-    return trial, going
+        wish = newton.scale.difference(np.full(u.shape, 0.5), u)
+        here = newton.at(u, targets)
+        u = u + newton.tangent(here, TRACKING.wish * wish)
+    return newton.refine(u, targets, SEARCH.close, TRACKING.few)
 
 
 def _reaches(search: Search, x: Array) -> bool:
     """Whether the links lead to joints that meet a target (m,)."""
     owner, start = search.starts.of(x[None])
-    miss = search.newton.refine(start, x[None][owner], SEARCH.close)[1]
-    return bool(search.newton.met(miss).any())
+    stand = search.newton.refine(start, x[None][owner], SEARCH.close)
+    return bool(search.newton.met(stand.miss).any())

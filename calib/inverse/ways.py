@@ -2,19 +2,43 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from ..common.scale import Scale
 
 
-def by_middle(
-    scale: Scale, target: Index, u: Array, miss: Array
-) -> tuple[Index, Array, Array]:
-    """Ways sorted by target and distance to the middle of the ranges."""
-    away = np.linalg.norm(scale.difference(u, np.full_like(u, 0.5)), axis=1)
-    order = np.lexsort((away, target))
-    return target[order], u[order], miss[order]
+@dataclass(frozen=True)
+class Ways:
+    """Ways to targets, one row each."""
+
+    target: Index  # (n,), ascending
+    u: Array  # (n, dof), joints of the unit box
+    miss: Array  # (n,)
+
+    def rows(self, index: Index | Mask) -> Ways:
+        """Some of the ways."""
+        target = self.target[index]
+        u = self.u[index]
+        miss = self.miss[index]
+        return Ways(target, u, miss)
+
+    def joined(self, other: Ways, scale: Scale) -> Ways:
+        """Both, those of a target by their distance to the middle of the ranges."""
+        target = np.concatenate([self.target, other.target])
+        u = np.concatenate([self.u, other.u])
+        miss = np.concatenate([self.miss, other.miss])
+        both = Ways(target, u, miss)
+        return both.rows(both.by_middle(scale))
+
+    def by_middle(self, scale: Scale) -> Index:
+        """Order by target and distance to the middle of the ranges."""
+        middle = np.full_like(self.u, 0.5)
+        away = scale.difference(self.u, middle)
+        distance = np.linalg.norm(away, axis=1)
+        return np.lexsort((distance, self.target))
 
 
 def rank_within(owner: Index) -> Index:
@@ -28,9 +52,12 @@ def distinct(
     """Which joints (n, dof), sorted by target, are `apart` from all earlier ones that stay."""
     stays = np.ones(len(u), dtype=bool)
     apart = np.broadcast_to(apart, len(u))
-    for lag in range(1, int(np.bincount(target).max(initial=0))):
+    most = np.bincount(target).max(initial=0)
+    for lag in range(1, int(most)):
         later = np.flatnonzero(target[lag:] == target[:-lag]) + lag
-        gap = np.abs(scale.difference(u[later], u[later - lag])).max(axis=1)
-        same = gap < np.minimum(apart[later], apart[later - lag])
-        stays[later[same & stays[later - lag]]] = False
+        earlier = later - lag
+        away = np.abs(scale.difference(u[later], u[earlier]))
+        same = away.max(axis=1) < np.minimum(apart[later], apart[earlier])
+        same &= stays[earlier]
+        stays[later[same]] = False
     return stays

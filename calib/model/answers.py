@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -115,7 +115,7 @@ def inverse(
     q = np.full_like(there, np.nan)
     rest = np.arange(len(x))
     if model.kernel is not None:
-        q, sure = model.kernel.rows("inverse", there, x)
+        q, sure = model.kernel.rows("inverse_long", there, x)
         lost = (sure == 0) | (sure == NOTHING) if nearest else sure == 0
         rest = np.flatnonzero(lost)
     if len(rest):
@@ -251,12 +251,11 @@ def servo_step(
     wanted = rows_for(target, model.axes, "target", len(joints))
     scale = model.motor.scale
     newton = model.solver.newton
-    u = newton.clip(scale.to_unit(joints))
-    slope = newton.task.residual(u, wanted)[1]
-    calm = np.full(len(u), ANSWER.calm)
-    step = newton.move(u, gain * (wanted - place), slope, calm)
+    stand = newton.at(scale.to_unit(joints), wanted)
+    measured_gap = replace(stand, gap=gain * (wanted - place))
+    step = newton.move(measured_gap, np.full(len(joints), ANSWER.calm))
     step = shortened(capped(step, SEARCH.longest), ANSWER.longest)
-    result = scale.from_unit(newton.clip(u + step))
+    result = scale.from_unit(newton.clip(stand.u + step))
     return result[0] if single else result
 
 

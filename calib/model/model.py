@@ -152,9 +152,12 @@ class Model(Compilable):
         readout : {"local", "body", "linear", "activity", "winner"}, the model's default if None
         nearest : whether the nearest reachable point answers a target out of reach instead of NaN
         """
-        if readout in (None, "local") and near is not None:
+        wish = near
+        if near is None and self.strict and np.ndim(x) == 1:
+            wish = self._middle
+        if readout in (None, "local") and wish is not None:
             unsure = (0, NOTHING) if nearest else (0,)
-            quick = self._single("inverse", near, x, unsure=unsure)
+            quick = self._single("inverse", wish, x, unsure=unsure)
             if quick is not None:
                 return quick
         readout = self._readout(readout)
@@ -168,6 +171,11 @@ class Model(Compilable):
         if not nearest:
             q = np.where(answer.reachable[:, None], q, np.nan)
         return q[0] if np.ndim(x) == 1 else q
+
+    @property
+    def _middle(self) -> Array:
+        """The middle of the joints' ranges, (dof,)."""
+        return 0.5 * (self.about.lower + self.about.upper)
 
     def solve(
         self,
@@ -194,9 +202,10 @@ class Model(Compilable):
         A target out of reach has one answer, the nearest attainable point.
         """
         rows, _ = checked_rows(x, self.axes, "positions")
-        target, u, _ = self.solver.solve_all(answers.in_sight(self, rows))
-        every = answers.answer(self, u, rows[target])
-        edges = np.searchsorted(target, np.arange(len(rows) + 1)).tolist()
+        ways = self.solver.solve_all(answers.in_sight(self, rows))
+        every = answers.answer(self, ways.u, rows[ways.target])
+        numbers = np.arange(len(rows) + 1)
+        edges = np.searchsorted(ways.target, numbers).tolist()
         return [
             Answer._make(part[a:b] for part in every)
             for a, b in itertools.pairwise(edges)
@@ -308,7 +317,7 @@ class Model(Compilable):
         """
         from .poses import solve_poses
 
-        if self.kernel is not None and quaternion is not None:
+        if self.kernel is not None and np.ndim(position) == 1:
             quick = self._single_pose(position, quaternion, near, frame, free)
             if quick is not None:
                 return quick
@@ -327,7 +336,7 @@ class Model(Compilable):
     def _single_pose(
         self,
         position: ArrayLike,
-        quaternion: ArrayLike,
+        quaternion: ArrayLike | None,
         near: ArrayLike | None,
         frame: str,
         free: str | None,
@@ -336,24 +345,22 @@ class Model(Compilable):
         from .poses import free_axis, pose_in_sensor
 
         kernel = self.kernel
-        if kernel is None or not kernel.poses or np.ndim(position) != 1:
+        if kernel is None or not kernel.poses:
             return None
+        turn = (0.0, 0.0, 0.0, 1.0) if quaternion is None else quaternion
         if frame == "base":
-            position, quaternion = pose_in_sensor(self, position, quaternion)
+            position, turn = pose_in_sensor(self, position, turn)
         if near is None:
-            near = 0.5 * (self.about.lower + self.about.upper)
+            near = self._middle
+        if quaternion is None:
+            if not self.strict:
+                return None
+            return self._single("inverse", near, position)
         axis = free_axis(free)
         open_axis = [-1 if axis is None else axis]
-        others = {0, 1, 2, 3} - {CERTAIN}
-        return self._single(
-            "poses",
-            near,
-            position,
-            quaternion,
-            open_axis,
-            [-1],
-            unsure=(0,) if self.strict else others,
-        )
+        unsure = {0} if self.strict else {0, 1, 2, 3} - {CERTAIN}
+        question = (near, position, turn, open_axis, [-1])
+        return self._single("poses", *question, unsure=unsure)
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivative (n, m, dof), (m, dof) of :meth:`forward` by the joint values [unit/rad].

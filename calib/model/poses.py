@@ -14,13 +14,14 @@ from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
 from ..common.rows import checked_rows
 from ..errors import QueryError
-from ..inverse.task import turn_left
+from ..inverse.task import Poses, turn_left
 from ..samples.motion import Motion
 from ..samples.roles import QUATERNION, ROUNDING
 from .answers import anchor, rows_for
 from .batches import prepare
 from .parts import Parts
 from .prediction import predict
+from .reach import Reach
 from .space import REACHED, Space
 from .turns import on_turn
 
@@ -85,18 +86,20 @@ def solve_poses(
         same = np.tile(np.eye(3), (n, 1, 1)) if r is None else r
         p, turned = space.to_base(p, same)
         r = None if r is None else turned
-    if r is None:
-        q = space.at_positions(p, wish, keep=keep)
-        target = np.arange(n)
+    reach = Reach.of(space, posed=r is not None, free=axis)
+    target = np.arange(n)
+    if r is None and keep:
+        q = reach.turned_least(p, wish)
+    elif r is None:
+        q = reach.nearest(p, wish)
     elif every:
         prepare(model, "branches", n)
-        ways = space.branches(p, r, wish, axis)
-        target = np.repeat(np.arange(n), [len(rows) for rows in ways])
+        ways = reach.branches(Poses.target(p, r), wish)
+        target = np.repeat(target, [len(rows) for rows in ways])
         q = np.concatenate([wish[:0], *ways])
     else:
         prepare(model, "poses", n)
-        target = np.arange(n)
-        q = space.at_poses(p, r, wish, axis)
+        q = reach.nearest(Poses.target(p, r), wish)
     q = on_turn(model, q, wanted_joints[target])
     position, rotation, _ = space.evaluate(q)
     away = np.linalg.norm(position - p[target], axis=1)

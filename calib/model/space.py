@@ -21,23 +21,13 @@ from ..body.spatial import SpatialStructure, structure_of
 from ..body.views import is_camera, pixels
 from ..common.arrays import Array, Mask
 from ..common.rows import checked_rows
-from ..common.scale import Scale
 from ..errors import QueryError
-from ..inverse.closed_form import WAYS, ClosedForm
 from ..inverse.families import free_directions
-from ..inverse.newton import Newton
-from ..inverse.postures import DrawnPostures, Postures
-from ..inverse.search import Search, Starts
-from ..inverse.settings import SEARCH
-from ..inverse.task import Poses, Positions, Task
-from ..inverse.ways import rank_within
-from ..kernel.compiled import CERTAIN
 from .parts import Parts
 
 #: A pose or a position counts as reached within this share of the arm's length.
 REACHED = 1e-6
 _LENS = 30  # iterations of a lens turned round
-_FAMILIES = 4  # ways of redundant joints to a pose that are answered
 
 _Belief = TypeVar("_Belief", Body, Second)
 
@@ -68,19 +58,35 @@ class Space:
 
     # What the chain says.
 
-    def evaluate(self, q: Array) -> tuple[Array, Array, Array]:
-        """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip."""
+    def evaluate(
+        self, q: Array, *, bending: bool = False
+    ) -> tuple[Array, Array, Array]:
+        """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip.
+
+        How bending changes with the joints is a thousandth of the Jacobian and half of its time:
+        steps to a target do without.
+        """
         structure = self.body.structure
         beta = self.body.beta
         motion: Any = structure.move(structure.joint_values(q, beta), beta)
+        chained = np.concatenate(motion.joints(), axis=1)
         slope = structure.by_joints(
-            q, beta, np.concatenate(motion.joints(), axis=1)
+            q, beta if bending else self._rigid, chained
         )
         return (
             motion.position.T.copy(),
             np.moveaxis(motion.rotation, 2, 0).copy(),
             slope,
         )
+
+    @cached_property
+    def _rigid(self) -> Array:
+        """The body's parameters (d,) without what bends its joints."""
+        structure = self.body.structure
+        beta = self.body.beta.copy()
+        for block in structure.loads:
+            beta[structure.groups[block]] = 0.0
+        return beta
 
     def forward(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""
@@ -105,7 +111,7 @@ class Space:
 
         Of a pose the turn about an axis of the tip may be left open.
         """
-        _, rotation, jacobian = self.evaluate(q[None])
+        _, rotation, jacobian = self.evaluate(q[None], bending=True)
         moves = jacobian[0, :3] / self.length
         if not posed:
             return free_directions(moves)
@@ -199,181 +205,10 @@ class Space:
         size = self.model.about.picture or tuple(2 * sensor.lens[1:3])
         inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
         # where the lens folds over, the picture shrinks as the point moves outwards
-        out = view.point * np.array([[1.0], [1.0], [0.0]])
+        out = place.T * np.array([[1.0], [1.0], [0.0]])
         return np.asarray(
-            ahead & inside & ((view.seen(out) * out[:2]).sum(axis=0) >= 0)
+            ahead & inside & ((view.push(out) * out[:2]).sum(axis=0) >= 0)
         )
-
-    # Joints for places and poses.
-
-    def beside(
-        self, p: Array, r: Array | None, near: Array
-    ) -> tuple[Array, Array]:
-        """Joints (n, dof) beside `near` for places (n, 3), or poses with `r`, and what is missing.
-
-        Of a pose a radian of turn counts as the arm's length.
-        """
-        search = self.search(posed=r is not None)
-        target = p if r is None else Poses.target(p, r)
-        u, miss = search.newton.refine(self._unit(near), target)
-        return self._scale.from_unit(u), miss
-
-    def at_positions(
-        self, p: Array, near: Array, *, keep: bool = False
-    ) -> Array:
-        """Joints (n, dof) nearest to `near` (n, dof) for positions (n, 3) of the base frame [m].
-
-        Out of reach those whose tip comes nearest.  `keep` holds the orientation that the tip has
-        at `near` as far as the joints allow.
-        """
-        search = self.search(posed=False)
-        wish = self._unit(near)
-        if keep:
-            wish = self._turned_least(p, wish)
-        return self._scale.from_unit(search.nearest(p, wish)[0])
-
-    def _turned_least(self, p: Array, u: Array) -> Array:
-        """Joints for positions (n, 3), turned as little as possible from where joints `u` are."""
-        # positions weigh a thousand times as much as the turn
-        task = Poses(
-            self.evaluate, self._scale, 1e-3 * self.length, self.length
-        )
-        target = Poses.target(p, self.evaluate(self._scale.from_unit(u))[1])
-        newton = Newton(task, self._scale)
-        return newton.refine(u, target, steps=4 * SEARCH.steps)[0]
-
-    def at_poses(
-        self, p: Array, r: Array, near: Array, free: int | None = None
-    ) -> Array:
-        """Joints (n, dof) nearest to `near` (n, dof) for poses (n, 3), (n, 3, 3) of the base frame.
-
-        Where none reaches a pose, those that come nearest.  A turn about an axis of the tip, `free`
-        0 to 2, may be left open.
-        """
-        search = self.search(posed=True, free=free)
-        target = Poses.target(p, r)
-        q = near.copy()
-        rest = np.arange(len(p))
-        kernel = self.model.kernel
-        if kernel is not None and kernel.poses:
-            asked = self._asked(p, r, free)
-            q, sure = kernel.rows(
-                "poses", near, *asked, np.full((len(p), 1), -1)
-            )
-            rows = np.flatnonzero(sure != CERTAIN)
-            if len(rows):
-                some = [column[rows] for column in asked]
-                starts = self._kernel_starts(search, target[rows])
-                q[rows], sure[rows] = kernel.rows(
-                    "poses", near[rows], *some, *starts
-                )
-            rest = np.flatnonzero(sure == 0)
-        if len(rest):
-            u = search.nearest(target[rest], self._unit(near[rest]))[0]
-            q[rest] = self._scale.from_unit(u)
-        return q
-
-    def branches(
-        self, p: Array, r: Array, near: Array, free: int | None = None
-    ) -> list[Array]:
-        """Joints (k, dof) of every way to poses (n, 3), (n, 3, 3) of the base frame, nearest first.
-
-        Where none reaches a pose, those that come nearest; of the infinitely many of redundant
-        joints some that are near to `near` (n, dof).
-        """
-        search = self.search(posed=True, free=free)
-        target = Poses.target(p, r)
-        newton = search.newton
-        kernel = self.model.kernel
-        if kernel is not None and kernel.poses and not newton.redundant:
-            asked = self._asked(p, r, free)
-            starts = self._kernel_starts(search, target)
-            q, count = kernel.rows("poses_all", near, *asked, *starts)
-            ways = [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
-        else:
-            owner, u, _ = search.every(target)
-            edges = np.searchsorted(owner, np.arange(1, len(p)))
-            ways = np.split(self._scale.from_unit(u), edges)
-        answers: list[Array] = []
-        for rows, goal, wish in zip(
-            ways, target, self._unit(near), strict=True
-        ):
-            if not len(rows):
-                rows = search.nearest(goal[None], wish[None])[0]
-                answers.append(self._scale.from_unit(rows))
-                continue
-            u = self._scale.to_unit(rows)
-            u = u[np.argsort(newton.away(u, wish), kind="stable")]
-            if newton.redundant:
-                u = u[:_FAMILIES]
-                goals = np.tile(goal, (len(u), 1))
-                wishes = np.tile(wish, (len(u), 1))
-                near, miss = newton.settle(u, goals, wishes)
-                u = np.where(newton.met(miss)[:, None], near, u)
-            answers.append(self._scale.from_unit(u))
-        return answers
-
-    def search(self, *, posed: bool, free: int | None = None) -> Search:
-        """The search for places (n, 3), or for poses (n, 12) of the base frame."""
-        key = posed, free
-        if key not in self._searches:
-            task: Task = Positions.in_base(
-                self.evaluate, self._scale, self.length
-            )
-            if posed:
-                task = Poses(
-                    self.evaluate, self._scale, self.length, self.length, free
-                )
-            starts = self._starts(posed=posed, free=free)
-            newton = Newton(task, self._scale)
-            self._searches[key] = Search(newton, starts, SEARCH.surely)
-        return self._searches[key]
-
-    @cached_property
-    def _searches(self) -> dict[tuple[bool, int | None], Search]:
-        return {}
-
-    def _starts(self, *, posed: bool, free: int | None) -> Starts:
-        """Starts of the drawing's closed form where that answers, else a table's."""
-        structure: Any = self.body.structure
-        closed = ClosedForm.of(structure.chain)
-        if posed and free is None and closed is not None:
-            gain = self.body.beta[structure.groups["gain"]]
-            offset = self.body.beta[structure.groups["offset"]]
-            return DrawnPostures(closed, self._scale, gain, offset)
-        columns: tuple[int, ...] = (0, 1, 2)
-        if posed and free is None:
-            columns = tuple(range(12))
-        elif free is not None:
-            columns = (0, 1, 2, *range(3 + free, 12, 3))
-        return Postures(self.evaluate, self._scale, self.length, columns)
-
-    def _asked(
-        self, p: Array, r: Array, free: int | None
-    ) -> tuple[Array, Array, Array]:
-        """What the compiled C is asked of poses: places, quaternions, the free axis or -1."""
-        place, turn = self.to_sensor(p, r)
-        axis = -1 if free is None else free
-        return place, quaternion_of(turn), np.full((len(p), 1), axis)
-
-    def _kernel_starts(
-        self, search: Search, target: Array
-    ) -> tuple[Array, Array]:
-        """How many starts poses have by the drawing's closed form, and these; none is NaN."""
-        if not isinstance(search.starts, DrawnPostures):
-            return np.zeros((len(target), 1)), np.zeros((len(target), 0))
-        owner, u = search.starts.of(target)
-        starts = np.full((len(target), WAYS, u.shape[1]), np.nan)
-        starts[owner, rank_within(owner)] = self._scale.from_unit(u)
-        count = np.full((len(target), 1), WAYS)
-        return count, starts.reshape(len(target), -1)
-
-    def _unit(self, q: Array) -> Array:
-        return self.search(posed=False).newton.clip(self._scale.to_unit(q))
-
-    @property
-    def _scale(self) -> Scale:
-        return self.model.motor.scale
 
 
 def _undistorted(pixel: Array, lens: Array) -> Array:

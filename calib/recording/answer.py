@@ -9,8 +9,7 @@ import numpy as np
 
 from ..arm.rotations import cross_matrix, quaternion_of
 from ..body.belief import Body
-from ..body.corners import held_of
-from ..body.sensor_pose import SensorPose
+from ..body.sensor_pose import SensorPose, held_of
 from ..common.arrays import Array, Index, Mask
 from ..samples.samples import Samples
 from .agreement import agreed, held_out

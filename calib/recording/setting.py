@@ -14,8 +14,7 @@ from ..common.choices import DICTIONARY
 from ..common.wording import listed
 from ..errors import LogError, OptionError
 from .board import Board
-from .lens import Lens
-from .lens_files import UNSTATED
+from .lens import UNSTATED, Lens
 from .pictures import Frame, Picture
 from .reference import MarkLayout, Marks, PlaneReference, watch
 from .tags import Tag, TagFinder

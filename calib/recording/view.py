@@ -11,8 +11,7 @@ from ..common.choices import Eye
 from ..errors import LogError
 from .board import Pattern
 from .board_pictures import BoardPictures
-from .lens import Lens
-from .lens_files import UNSTATED
+from .lens import UNSTATED, Lens
 from .reference import matrices
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.rows import row_lengths
 from ..errors import LogError
-from .poses import means_of, visits_of
+from .motion import means_of, visits_of
 from .samples import Samples
 
 

@@ -16,8 +16,7 @@ from ..common.arrays import Array, Index, frozen
 from ..common.rows import LARGEST, column_names, number_rows, whole
 from ..errors import LogError, OptionError
 from .camera import Camera
-from .motion import Motion, OfRows, directions
-from .poses import pose_index
+from .motion import Motion, OfRows, directions, pose_index
 from .simulation import Change, Simulation, parse_changes
 from .sockets import Touches
 from .tables import Document

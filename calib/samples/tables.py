@@ -362,3 +362,9 @@ def write_table(
     ):  # a column may have a name that a terminal would obey
         text = "\n".join(map(printable, text.split("\n")))
     sys.stdout.write(text)
+
+
+def rows_in_words(numbers: Index) -> str:
+    """Name the first of some numbers of rows."""
+    shown = f"{', '.join(map(str, numbers[:5]))}{', ...' if len(numbers) > 5 else ''}"
+    return f"row{'s' * (len(numbers) > 1)} {shown}"

@@ -12,7 +12,7 @@ from ..common.rows import row_lengths, thinned
 from ..common.scale import Scale
 from .samples import Samples
 from .settings import WRONG
-from .sound_values import rows_in_words
+from .tables import rows_in_words
 
 
 def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:

@@ -1,7 +1,5 @@
 """Placement: where in space a sensor's positions are."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +25,7 @@ class Placement:
         """Points (n, 3) [m] of the scene for positions (n, m) [unit]."""
         u = self.scale.to_unit(np.asarray(x, dtype=float))
         mapped = u @ self.matrix[:, :-1].T + self.matrix[:, -1]
-        return np.asarray(mapped[..., :-1] / mapped[..., -1:])
+        return mapped[..., :-1] / mapped[..., -1:]
 
 
 def place_model(model: Model, robot: Robot | None) -> Placement:

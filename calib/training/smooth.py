@@ -16,7 +16,6 @@ from ..body.drawing import PlanarDrawing
 from ..body.planar import planar_structure
 from ..body.row_notes import warnings_of
 from ..body.rows import Rows
-from ..body.sensor_pose import doubtful_depth
 from ..body.spatial import structure_of, unknown_structure
 from ..body.structure import Structure
 from ..body.views import is_camera
@@ -218,14 +217,11 @@ def _smooth_part(
 ) -> SmoothPart:
     """The body of a fit, with notes on what its rows cannot tell."""
     q = template.rows.q
-    view = fit.body.structure.view
     travel = samples.upper - samples.lower
     notes = [
         *warnings_of(q, samples.joint_names, samples.revolute, travel),
         *fit.notes,
     ]
-    if is_camera(view):
-        notes += doubtful_depth(fit.body, q)
     if template.rows.z.shape[1] == 6:
         fit = fit.of_positions()
     part = SmoothPart.of(samples, fit, template.index)

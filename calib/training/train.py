@@ -152,7 +152,8 @@ def _learned(
         model = replace(model, local=predictor.models, body=part.fit.body)
 
     progress(0.8, "evaluation", math.nan)
-    approach = None if prepared.play is None else Approach(prepared.play)
+    play = prepared.play
+    approach = Approach(play) if play.any() else None
     measured = None
     if simulation is None:
         tested = held_out_residuals(model, samples, part, held_out, options)
@@ -167,7 +168,7 @@ def _learned(
     else:
         seed = options.stream("bounds")
         (nodes, shown_u, shown_x), tested = side_by_side(
-            lambda: _simulated_bounds(model, simulation, prepared.play, seed),
+            lambda: _simulated_bounds(model, simulation, play, seed),
             lambda: fresh_residuals(model, simulation),
         )
         model = replace(
@@ -180,7 +181,7 @@ def _learned(
         within=within,
         tested=len(tested.x),
         left_out=tested.left_out + prepared.left_out,
-        notes=(*size_notes, *prepared.notes),
+        notes=(*size_notes, *prepared.notes, *(part.fit.notes if part else ())),
     )
     # what an undisturbed arm's distortions look like
     some = slice(None, None, max(1, len(samples) // TESTING.baseline))
@@ -278,7 +279,7 @@ def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
 def _simulated_bounds(
     model: Model,
     simulation: Simulation,
-    play: Array | None,
+    play: Array,
     seed: np.random.SeedSequence,
 ) -> tuple[Array, Array, Array]:
     """Bounds (nodes,) [unit] by exact samples that are neither learned nor tested.
@@ -289,8 +290,7 @@ def _simulated_bounds(
     rng = np.random.default_rng(seed)
     q = simulation.draw(TESTING.drawn, rng)
     x = simulation.true(q, rng)
-    if play is not None:
-        q = q - play * directions(q)
+    q = q - play * directions(q)
     inside = model.covers(q)
     if not inside.any():
         raise OptionError(

@@ -82,8 +82,8 @@ def _led(
     turning = np.zeros(structure.dof, dtype=bool)
     scale = Scale(space.lower, space.upper - space.lower, turning)
     newton = Newton(_Aim(structure, beta, scale, target.shape[1]), scale)
-    u, distance = newton.refine(scale.to_unit(q), target, 0.1 * AIMING.near)
-    return scale.from_unit(u), distance
+    stand = newton.refine(scale.to_unit(q), target, 0.1 * AIMING.near)
+    return scale.from_unit(stand.u), stand.miss
 
 
 def at_point(

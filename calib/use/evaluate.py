@@ -23,6 +23,7 @@ from ..model.space import Space
 from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
+from ..training.preparation import sound_log
 from ..training.residuals import (
     ErrorTable,
     Residuals,
@@ -32,7 +33,6 @@ from ..training.residuals import (
     summarise,
 )
 from ..training.settings import TESTING
-from ..training.sound_rows import sound_log
 from ..training.touched import in_sockets
 
 Frame = Literal["kept", "free"]

@@ -9,9 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..arm.description import parse_robot
-from ..arm.rotations import quaternion_of
-from ..body.corners import held_of
-from ..body.sensor_pose import SensorPose
+from ..body.sensor_pose import SensorPose, held_of
 from ..body.views import is_camera
 from ..common.parallel import one_blas_thread
 from ..common.wording import one_line
@@ -20,10 +18,10 @@ from ..model.header import Header
 from ..model.model import Model
 from ..model_file.storage import to_bytes
 from .correct import usual_limit
+from .edits import numbers, pose_of
 from .geometry import Quantity
 from .geometry_fit import fit_geometry
 from .urdf import corrected_urdf
-from .xml_text import numbers
 
 
 def c_header(
@@ -190,13 +188,8 @@ def mjcf_text(urdf: str, tip: str) -> str:
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     body = ElementTree.SubElement(root, "worldbody")
     for joint in parse_robot(urdf).path(tip):
-        x, y, z, w = quaternion_of(joint.origin[:3, :3]).tolist()
-        place = {
-            "pos": numbers(joint.origin[:3, 3]),
-            "quat": numbers([w, x, y, z]),
-        }
         body = ElementTree.SubElement(
-            body, "body", {"name": joint.child, **place}
+            body, "body", {"name": joint.child, **pose_of(joint.origin)}
         )
         # a body that moves needs a mass; the true ones belong to the arm's own file
         ElementTree.SubElement(

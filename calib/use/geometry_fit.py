@@ -239,9 +239,8 @@ def _seen_in_space(
 def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
     """Fit a planar arm, whose sensor turns about the plane's normal alone."""
     x = points.x
-    structure = structure_of(
-        arm, unit=points.unit, extent=points.extent, kind=InPlane
-    )
+    in_space = structure_of(arm, unit=points.unit, extent=points.extent)
+    structure = InPlane(**vars(in_space))
     groups = structure.groups
     tips = arm.chain.poses(points.q)[0]
     turn = arm.plane.basis

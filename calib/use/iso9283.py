@@ -16,7 +16,7 @@ import numpy as np
 from ..common.arrays import Array, Index
 from ..errors import CalibError, LogError
 from ..model.model import Model
-from ..samples.poses import visits_of
+from ..samples.motion import visits_of
 from ..samples.samples import Samples
 from .wanted import nominal_positions
 

@@ -5,9 +5,6 @@ Only the origins that change are rewritten; comments, other elements and the lay
 
 from __future__ import annotations
 
-import warnings
-import xml.etree.ElementTree as ET
-from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,16 +14,14 @@ import numpy as np
 from ..arm.arm import PlanarArm
 from ..arm.description import parse_robot
 from ..arm.posture import posture_of
-from ..arm.robot_text import MJCF, parse_xml
 from ..arm.spatial_chain import move
-from ..arm.urdf import Joint, Urdf
+from ..arm.urdf import Urdf
 from ..common.arrays import Array
 from ..common.wording import for_people
 from ..errors import OptionError, RobotError
 from ..recording.rigid import rigid
-from .mjcf import mjcf_edits
+from .edits import with_origins
 from .settings import FITTING
-from .xml_text import Attributes, edited, numbers, start_of_tag
 
 if TYPE_CHECKING:
     from .geometry import Geometry
@@ -56,40 +51,12 @@ def corrected_urdf(geometry: Geometry) -> str:
         )
     text = geometry.arm.urdf
     tree = parse_robot(text)
+    drawn = {joint.name: joint.origin for joint in tree.joints}
     moved = {}
     for name, origin in _origins(geometry, tree).items():
-        if np.abs(_joint(tree, name).origin - origin).max() > FITTING.tiny:
+        if np.abs(drawn[name] - origin).max() > FITTING.tiny:
             moved[name] = origin
-    root = parse_xml(text)
-    if root.tag == MJCF:
-        return edited(text, mjcf_edits(root, moved))
-    return edited(text, _urdf_edits(root, tree, moved))
-
-
-def _joint(tree: Urdf, name: str) -> Joint:
-    joint = tree.joint(name)
-    assert joint is not None  # noqa: S101 - it is on the path to the tip
-    return joint
-
-
-def _urdf_edits(
-    root: ET.Element, tree: Urdf, moved: Mapping[str, Array]
-) -> dict[int, tuple[Attributes, str]]:
-    """Return what gives joints other origins (4, 4)."""
-    index = {node: number for number, node in enumerate(root.iter())}
-    edits: dict[int, tuple[Attributes, str]] = {}
-    for joint in root.findall("joint"):
-        name = joint.get("name", "")
-        if name not in moved:
-            continue
-        change = _changed(_joint(tree, name), moved[name])
-        origin = joint.find("origin")
-        if origin is None:
-            behind = start_of_tag("origin", change) + "/>"
-            edits[index[joint]] = (joint.attrib, behind)
-        else:
-            edits[index[origin]] = ({**origin.attrib, **change}, "")
-    return edits
+    return with_origins(text, moved)
 
 
 def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
@@ -133,24 +100,6 @@ def _origins(geometry: Geometry, urdf: Urdf) -> dict[str, Array]:
         origin = np.linalg.solve(fitted[joint.parent], fitted[joint.child])
         origins[joint.name] = origin @ lock
     return origins
-
-
-def _changed(joint: Joint, moved: Array) -> dict[str, str]:
-    """Return the attributes of a joint's origin that differ from `moved` (4, 4)."""
-    change: dict[str, str] = {}
-    drawn = joint.origin
-    if np.abs(moved[:3, 3] - drawn[:3, 3]).max() > FITTING.tiny:
-        change["xyz"] = numbers(moved[:3, 3])
-    if np.abs(moved[:3, :3] - drawn[:3, :3]).max() > FITTING.tiny:
-        from scipy.spatial.transform import Rotation
-
-        # at a pitch of 90 deg SciPy sets one of the others to zero
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)
-            change["rpy"] = numbers(
-                Rotation.from_matrix(moved[:3, :3]).as_euler("xyz")
-            )
-    return change
 
 
 def check_output(path: str, nominal: str) -> None:

@@ -14,6 +14,7 @@ from ..body.planar import PlanarStructure
 from ..common.arrays import Array, frozen
 from ..common.rows import checked_rows
 from ..common.scale import TURN
+from ..inverse.task import Poses
 from ..model.alignment import Alignment
 from ..model.answers import anchor, joints_and_reach
 from ..model.model import Model
@@ -23,6 +24,7 @@ from ..model.nominal import (
     nominal_behind,
     nominal_in_plane,
 )
+from ..model.reach import Reach
 from ..model.space import REACHED, Space
 from ..samples.joint_values import wrap
 from .frames import FRAME_IS_FITTED, frame_is_free, frames, is_simulated
@@ -104,9 +106,9 @@ class Wanted:
         placed = np.ones(len(near), dtype=bool)
         if self.space is not None:
             place, turn = self.pose(near)
-            near, distance = self.space.beside(
-                place, turn if self.posed else None, near
-            )
+            reach = Reach.of(self.space, posed=self.posed)
+            goal = Poses.target(place, turn) if self.posed else place
+            near, distance = reach.beside(goal, near)
             placed = distance <= REACHED * self.space.length
         near = np.clip(near, about.lower, about.upper)
         if model.default_readout == "local":

@@ -26,6 +26,7 @@ from ..summary import (
     error_table,
     found_by_body,
     summary,
+    tested_rows,
 )
 
 if TYPE_CHECKING:
@@ -103,11 +104,8 @@ def train(
         raise BadOption(
             "--prismatic applies to a log without ROBOT; ROBOT defines its joints"
         )
-    if photo is not None and no_photo:
-        raise BadOption(
-            "--photo and --no-photo are given: expected one of them"
-        )
-    check_file(output, ())
+    path = output or _default_path(robot or (data or [""])[0])
+    check_file(path, ())
     if data:
         from calib.samples.tables import sources_by_sensor
 
@@ -120,17 +118,10 @@ def train(
     else:
         logs = [babbled(robot, selection, samples, noise, change, seed)]
     log = logs[0]
-    path = output or _default_path(robot or (data or [""])[0])
-    check_file(path, ())
     if output is None and not force:
         _check_same_origin(path, log)
-    sizes = (size, motor_size, sensory_size)
     how = calib.TrainingOptions(
-        *sizes,
-        map,
-        rule,
-        epochs,
-        sigma,
+        *(size, motor_size, sensory_size, map, rule, epochs, sigma),
         body=body,
         view=view,
         free=free,
@@ -146,11 +137,7 @@ def train(
     elif data and not no_photo:
         model = photo_of_log(model, log, data[0])
     model.save(path)
-    rows = "rows held out in blocks of the log"
-    learned = f"{about.samples} rows"
-    if about.source == "simulation":
-        rows = "fresh exact samples"
-        learned = f"{about.samples} samples"
+    learned = "samples" if about.source == "simulation" else "rows"
     sensors = [model.by(name) for name in model.sensors]
     warnings = [
         line for sensor in sensors for line in contradicted(sensor.about)
@@ -161,9 +148,9 @@ def train(
         *(accuracy_of_sensor(sensor) for sensor in sensors),
         *found_by_body(model),
         advice(model, about.errors),
-        f"{path}: {about.options['map']}, {model.size_in_words}, {learned}, {cost}",
+        f"{path}: {about.options['map']}, {model.size_in_words}, {about.samples} {learned}, {cost}",
     ]
-    table = error_table(model, about.errors, f"errors on {rows}")
+    table = error_table(model, about.errors, f"errors on {tested_rows(about)}")
     document = summary(model, path, about.errors, model.seconds)
     return Outcome(document, lines, [table], code=code_of(warnings))
 

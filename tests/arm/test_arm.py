@@ -153,23 +153,3 @@ def test_torques_are_pinocchios_and_any_masses_are_a_sum_of_unit_weights():
     levers = np.zeros((6, 3, 10))
     np.add.at(levers, units.joints, units.levers(q) * share)
     np.testing.assert_allclose(levers, Loads.of_masses(chain).levers(q), atol=1e-12)
-
-
-@pytest.mark.parametrize("loads_of", [Loads.of_masses, Loads.of_unit_weights])
-def test_loads_change_as_their_differences_do(loads_of):
-    """Of turning, sliding and following joints."""
-    rng, step = np.random.default_rng(0), 1e-6
-    chain = replace(
-        arm_from_urdf(MIXED).chain,
-        coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -0.5]]),
-        bias=np.zeros(4),
-        masses=rng.uniform(1, 3, 4),
-        centres=rng.normal(size=(4, 3)),
-    )
-    q, gravity = rng.normal(size=(3, 3)), np.array([1.0, -2.0, -9.0])
-    loads = loads_of(chain)
-    ahead, behind = (
-        np.stack([gravity @ loads.levers(q + way * one) for one in np.eye(3)], axis=1)
-        for way in (step, -step)
-    )
-    np.testing.assert_allclose(loads.slopes(q, gravity), (ahead - behind) / 2 / step, atol=1e-6)

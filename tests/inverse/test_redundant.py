@@ -1,11 +1,16 @@
 """Redundant arms: near, the middle, connected families, four to seven joints."""
 
+import re
+
 import numpy as np
 import pytest
 from chains import planar_chain
 from models import draw, trained
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 import calib
+from calib.arm.robots import resolve_robot
 
 
 def test_no_answer_is_further_than_joints_that_are_known_to_reach():
@@ -42,3 +47,54 @@ def test_four_to_seven_joints(joints, slide, tmp_path):
     for k, solutions in enumerate(found):
         assert 1 <= len(solutions) < 10
         assert np.linalg.norm(arm.forward(solutions) - x[k], axis=1).max() < 1e-8
+
+
+LIMITS = ((-1.2, 1.6), (-2.4, 2.4), (-2.0, 2.0))
+"""Of three joints [rad], between which solutions fall into one to three families."""
+
+
+def family_count(x, n=8001):
+    """Connected parts of the solutions of three links, on a fine grid of the tip's direction."""
+    turn = np.linspace(-np.pi, np.pi, n)
+    wrist = x - 0.15 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    cosine = ((wrist**2).sum(axis=1) - 0.30**2 - 0.25**2) / (2 * 0.30 * 0.25)
+    exists = np.abs(cosine) <= 1
+    inside = []
+    for side in (1, -1):
+        elbow = side * np.arccos(np.clip(cosine, -1, 1))
+        fore = np.arctan2(0.25 * np.sin(elbow), 0.30 + 0.25 * np.cos(elbow))
+        shoulder = np.arctan2(wrist[:, 1], wrist[:, 0]) - fore
+        q = np.stack([shoulder, elbow, turn - shoulder - elbow], axis=1)
+        q = (q + np.pi) % (2 * np.pi) - np.pi
+        lower, upper = np.transpose(LIMITS)
+        inside.append(exists & ((q >= lower) & (q <= upper)).all(axis=1))
+    edge = exists & ~(np.roll(exists, 1) & np.roll(exists, -1))
+    folds = np.flatnonzero(edge & inside[0] & inside[1])  # both elbows meet
+    pairs = [np.stack([folds, n + folds])]
+    for k, here in enumerate(inside):
+        rows = np.flatnonzero(here & np.roll(here, -1))
+        pairs.append(k * n + np.stack([rows, (rows + 1) % n]))
+    a, b = np.concatenate(pairs, axis=1)
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(2 * n, 2 * n))
+    label = connected_components(graph)[1]
+    return len(np.unique(label[np.concatenate(inside)]))
+
+
+def test_every_connected_family_is_named_once_whatever_else_is_asked(tmp_path):
+    limits = iter(LIMITS)
+    text = re.sub(
+        r'<limit lower="[^"]+" upper="[^"]+"',
+        lambda _: '<limit lower="{}" upper="{}"'.format(*next(limits)),
+        resolve_robot("three_link").read_text(),
+    )
+    path = tmp_path / "wide.urdf"
+    path.write_text(text)
+    arm = calib.load_arm(path)
+    model = calib.train(calib.babble(arm, 3000, seed=0), size=15)
+    x = arm.forward(draw(model, 30, seed=1))
+    ways = model.inverse_all(x)
+    counts = [len(rows) for rows in ways]
+    assert counts == [family_count(target) for target in x]
+    assert set(counts) == {1, 2, 3}
+    for k in range(5):  # the same alone
+        np.testing.assert_array_equal(model.inverse_all(x[k : k + 1])[0], ways[k])

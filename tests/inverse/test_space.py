@@ -1,12 +1,18 @@
 """Poses: every way against closed forms, the nearest of them, and free axes."""
 
+from pathlib import Path
+
 import numpy as np
+import pinocchio
 import pytest
 from models import draw, six, warm
+from reference import pinocchio_forward
 
 import calib
 from calib.arm.rotations import exponential, matrix_of, quaternion_of
 from calib.model.poses import solve_poses
+
+ROBOTS = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
 
 
 @pytest.fixture(scope="module")
@@ -123,3 +129,20 @@ def closed_form(position: np.ndarray, frame: np.ndarray, tip: np.ndarray) -> np.
                 q2 = np.arctan2(z, x) - np.arctan2(FORE * np.sin(q3), UPPER + FORE * np.cos(q3))
                 out.append([q1, q2, q3, total - q2 - q3, q5, q6])
     return np.array(out).reshape(-1, 6)
+
+
+@pytest.mark.skipif(not ROBOTS.exists(), reason="example-robot-data is not installed")
+@pytest.mark.parametrize("file", ["tiago_description/robots/tiago", "panda_description/urdf/panda"])
+def test_every_reachable_pose_of_seven_joints_is_reached_and_none_is_invented(file):
+    """A way that slid into a corner of the limits was given up, 1 and 4 of 80 poses."""
+    arm = calib.load_arm(ROBOTS / f"{file}.urdf")
+    model = calib.train(calib.babble(arm, 2000, seed=0))
+    q = np.random.default_rng(5).uniform(arm.lower, arm.upper, (80, arm.dof))
+    places, turns = arm.pose(q)
+    for answers in (model.inverse(places), model.inverse_pose(places, turns)):
+        assert np.isfinite(answers).all()
+        assert ((answers >= arm.lower - 1e-9) & (answers <= arm.upper + 1e-9)).all()
+        reached = pinocchio_forward(arm, answers)
+        np.testing.assert_allclose(reached, pinocchio_forward(arm, q), atol=1e-6)
+    turned = matrix_of(arm.pose(answers)[1])
+    np.testing.assert_allclose(turned, matrix_of(turns), atol=1e-5)

@@ -153,6 +153,11 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond_and_stays
         assert np.isnan(model.inverse_pose(position + 9.0, turn, q)).all()
     assert (time.thread_time() - started) / 20 < 1e-3
     assert "bounded search" in model.unanswered
+    # without an orientation, or without `near`, too
+    place = model.inverse_pose(position, near=q)
+    np.testing.assert_allclose(model.forward(place), position, atol=1e-7)
+    np.testing.assert_allclose(model.forward(model.inverse(position)), position, atol=1e-7)
+    assert np.isnan(model.inverse(position + 9.0)).all()
     again = cold(model)
     assert again.warm
     assert again.strict

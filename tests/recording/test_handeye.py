@@ -16,7 +16,8 @@ from test_lerobot import REST, write_dataset
 import calib
 from calib import LogError, handeye
 from calib.arm.rotations import exponential, logarithm, matrix_of
-from calib.body.corners import held_of
+from calib.body.sensor_pose import held_of
+from calib.recording.board_pictures import find_board
 from calib.recording.joint_table import JointTable
 
 FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's frame of a board has y down
@@ -73,6 +74,14 @@ def test_camera_and_board_are_found_from_pictures(in_hand):
     assert found.reprojection["mean"] < 0.3
     assert found.to_json()["eye"] == rig.eye
     assert abs(found.lens["focal"] - rig.lens[0]) < 2.0 + found.lens["focal_95"]
+
+
+def test_copies_of_a_picture_count_once():
+    _, pictures, joints = shots(True)
+    table = replace(joints, q=joints.q[[*range(6), 0]])
+    board = find_board([*pictures[:6], pictures[0]], table, SPEC)
+    assert len(board.names) == 6
+    assert "copies of others, in 1 pictures" in board.notes[-1]
 
 
 def test_what_pictures_without_the_board_show_is_told():
@@ -259,6 +268,7 @@ def watching():
 ALIKE = {
     "the camera turned": ({"tool.rotation": (0, 0.006)}, {"tool": 0.344}),
     "wrist_3": ({"offset": (-1, 0.05)}, {"offset:wrist_3": 2.86}),
+    "wrist_3, little": ({"offset": (-1, 0.02)}, {"offset:wrist_3": 1.146}),
     "elbow, the camera": (
         {"offset": (2, 0.01), "tool.rotation": (0, 0.006)},
         {"offset:elbow": 0.573, "tool": 0.344},

@@ -8,8 +8,8 @@ import pytest
 import calib
 from calib.samples.tables import write_table
 from calib.training.learn import TrainingOptions
+from calib.training.preparation import sound_beside
 from calib.training.smooth import find_smooth_part
-from calib.training.sound_rows import sound_beside
 
 
 def screen(log):

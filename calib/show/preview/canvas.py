@@ -98,6 +98,7 @@ class Canvas:
             "ticks": scale.ticks(),
             "stops": STOPS,
             "camera": camera,
+            "step": 15,  # frames of the page from one row to the next
             **words,
         }
 

@@ -31,6 +31,5 @@ def data_of_rig(rig: HandEye) -> dict[str, object]:
         title=f"Hand-eye: {rig.carried} in the hand",
         bound="corners off, rms of pictures that the fit did not see",
         links=None,
-        step=15,
         notes=[],
     )

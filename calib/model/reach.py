@@ -1,0 +1,190 @@
+"""Reach: joints that bring the tip of an arm in space to places and poses of its base frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..arm.rotations import quaternion_of
+from ..common.arrays import Array
+from ..common.scale import Scale
+from ..inverse.closed_form import WAYS, ClosedForm
+from ..inverse.newton import Newton
+from ..inverse.postures import DrawnPostures, Postures
+from ..inverse.search import Search, Starts
+from ..inverse.settings import SEARCH
+from ..inverse.task import Poses, Positions, Task
+from ..inverse.ways import rank_within
+from ..kernel.compiled import CERTAIN, Compiled
+from .space import Space
+
+_FAMILIES = 4  # ways of redundant joints to a pose that are answered
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """A search for places (n, 3), or for poses (n, 12) of the base frame.
+
+    Where none reaches a target, joints come near to it.
+    """
+
+    space: Space
+    posed: bool
+    free: int | None = None  # axis of the tip about which its turn is left open
+
+    @staticmethod
+    def of(space: Space, *, posed: bool, free: int | None = None) -> Reach:
+        """The search of a model, made once."""
+        key = f"reach {posed} {free}"
+        remembered = space.model.remembered
+        if key not in remembered:
+            remembered[key] = Reach(space, posed, free)
+        reach: Reach = remembered[key]
+        return reach
+
+    @cached_property
+    def search(self) -> Search:
+        """The search in NumPy."""
+        newton = Newton(self._task, self._scale)
+        return Search(newton, self._starts, SEARCH.surely)
+
+    def beside(self, target: Array, near: Array) -> tuple[Array, Array]:
+        """Joints (n, dof) beside `near` (n, dof) for targets, and what is missing.
+
+        Of a pose a radian of turn counts as the arm's length.
+        """
+        stand = self.search.newton.refine(self._scale.to_unit(near), target)
+        return self._scale.from_unit(stand.u), stand.miss
+
+    def nearest(self, target: Array, near: Array) -> Array:
+        """Joints (n, dof) nearest to `near` (n, dof) for targets."""
+        q = near.copy()
+        rest = np.arange(len(q))
+        kernel = self._kernel
+        if kernel is not None:
+            question = self._question(target, alone=True)
+            q, sure = kernel.rows("poses", near, *question)
+            rows = np.flatnonzero(sure != CERTAIN)
+            if len(rows):
+                question = self._question(target[rows])
+                q[rows], sure[rows] = kernel.rows(
+                    "poses", near[rows], *question
+                )
+            rest = np.flatnonzero(sure == 0)
+        if len(rest):
+            wish = self._unit(near[rest])
+            stand = self.search.nearest(target[rest], wish)
+            q[rest] = self._scale.from_unit(stand.u)
+        return q
+
+    def turned_least(self, p: Array, near: Array) -> Array:
+        """Joints (n, dof) for places (n, 3) with the orientation at `near` as far as they can."""
+        space = self.space
+        # positions weigh a thousand times as much as the turn
+        task = Poses(
+            space.evaluate, self._scale, 1e-3 * space.length, space.length
+        )
+        target = Poses.target(p, space.evaluate(near)[1])
+        newton = Newton(task, self._scale)
+        u = self._unit(near)
+        wish = newton.refine(u, target, steps=4 * SEARCH.steps).u
+        return self._scale.from_unit(self.search.nearest(p, wish).u)
+
+    def branches(self, target: Array, near: Array) -> list[Array]:
+        """Joints (k, dof) of every way to targets, nearest to `near` (n, dof) first.
+
+        Of the infinitely many of redundant joints some that are near.
+        """
+        newton = self.search.newton
+        kernel = self._kernel
+        if kernel is not None and not newton.redundant:
+            question = self._question(target)
+            q, count = kernel.rows("poses_all", near, *question)
+            ways = [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
+        else:
+            every = self.search.every(target)
+            numbers = np.arange(1, len(target))
+            edges = np.searchsorted(every.target, numbers)
+            ways = np.split(self._scale.from_unit(every.u), edges)
+        wish = self._unit(near)
+        for k, rows in enumerate(ways):
+            if not len(rows):
+                some = self.search.nearest(target[k : k + 1], wish[k : k + 1])
+                ways[k] = self._scale.from_unit(some.u)
+                continue
+            u = self._unit(rows)
+            order = np.argsort(newton.away(u, wish[k]), kind="stable")
+            if newton.redundant:
+                order = order[:_FAMILIES]
+                goals = np.tile(target[k], (len(order), 1))
+                wishes = np.tile(wish[k], (len(order), 1))
+                stand = newton.settle(u[order], goals, wishes)
+                met = newton.met(stand.miss)
+                rows[order[met]] = self._scale.from_unit(stand.u[met])
+            ways[k] = rows[order]
+        return ways
+
+    @property
+    def _task(self) -> Task:
+        space = self.space
+        length = space.length
+        if not self.posed:
+            return Positions.in_base(space.evaluate, self._scale, length)
+        return Poses(space.evaluate, self._scale, length, length, self.free)
+
+    @property
+    def _starts(self) -> Starts:
+        """Starts of the drawing's closed form where that answers, else a table's."""
+        body = self.space.body
+        structure: Any = body.structure
+        closed = ClosedForm.of(structure.chain)
+        columns = [0, 1, 2]
+        if self.posed and self.free is not None:
+            columns += range(3 + self.free, 12, 3)
+        elif self.posed and closed is not None:
+            gain = body.beta[structure.groups["gain"]]
+            offset = body.beta[structure.groups["offset"]]
+            return DrawnPostures(closed, self._scale, gain, offset)
+        elif self.posed:
+            columns += range(3, 12)
+        return Postures(
+            self.space.evaluate, self._scale, self.space.length, tuple(columns)
+        )
+
+    @property
+    def _kernel(self) -> Compiled | None:
+        """The compiled C that knows poses."""
+        kernel = self.space.model.kernel
+        if kernel is None or not kernel.poses or not self.posed:
+            return None
+        return kernel
+
+    def _question(self, target: Array, *, alone: bool = False) -> list[Array]:
+        """What the compiled C is asked of poses, see ``c/many.h``.
+
+        alone : whether to begin near the joints alone, rather than at starts: those of the
+            drawing's closed form where it has one, of which none is NaN, else the table's
+        """
+        rotation = target[:, 3:].reshape(-1, 3, 3)
+        place, turn = self.space.to_sensor(target[:, :3], rotation)
+        column = np.ones((len(target), 1))
+        axis = -1 if self.free is None else self.free
+        question = [place, quaternion_of(turn), axis * column]
+        if alone:
+            return [*question, -column]
+        if not isinstance(self.search.starts, DrawnPostures):
+            return [*question, 0 * column]
+        owner, u = self.search.starts.of(target)
+        starts = np.full((len(target), WAYS, u.shape[1]), np.nan)
+        starts[owner, rank_within(owner)] = self._scale.from_unit(u)
+        return [*question, WAYS * column, starts.reshape(len(target), -1)]
+
+    def _unit(self, q: Array) -> Array:
+        return self.search.newton.clip(self._scale.to_unit(q))
+
+    @property
+    def _scale(self) -> Scale:
+        return self.space.model.motor.scale
