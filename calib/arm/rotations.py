@@ -12,6 +12,8 @@ from ..common.arrays import Array
 
 # not scipy.spatial.transform: its import takes 0.24 s, longer than the query that needs a rotation,
 # and its logarithm of 1,000 matrices 2.7 ms for 0.2 ms here
+_LEAST = 1e-300
+"""Angle [rad] in place of none: quotients of it are those of small angles."""
 
 
 def matrix_of(quaternions: ArrayLike) -> Array:
@@ -48,11 +50,12 @@ def quaternion_of(matrices: ArrayLike) -> Array:
 def exponential(vectors: ArrayLike) -> Array:
     """Rotation matrices (n, 3, 3) of rotation vectors (n, 3) [rad]."""
     v = np.asarray(vectors, dtype=float)
-    half = np.sqrt((v * v).sum(axis=-1))[..., None, None] / (2 * np.pi)
+    length = np.sqrt((v * v).sum(axis=-1))
+    angle = np.maximum(length, _LEAST)[..., None, None]
     k = cross_matrix(v)
-    # Rodrigues: np.sinc(x) is sin(pi x) / (pi x)
-    straight = np.sinc(2 * half) * k
-    bent = 0.5 * np.sinc(half) ** 2 * (k @ k)
+    # Rodrigues: 1 + sin(angle) K + (1 - cos(angle)) K^2 of a unit vector
+    straight = np.sin(angle) / angle * k
+    bent = 2 * (np.sin(angle / 2) / angle) ** 2 * (k @ k)
     return np.asarray(np.eye(3) + straight + bent)
 
 
@@ -66,7 +69,7 @@ def _vector_of(q: Array) -> Array:
     q = np.where(q[..., 3:] < 0, -q, q)
     sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
     half = np.arctan2(sine, q[..., 3:])
-    return np.asarray(2 * q[..., :3] / np.sinc(half / np.pi))
+    return np.asarray(2 * half / np.maximum(sine, _LEAST) * q[..., :3])
 
 
 def cross_matrix(vectors: ArrayLike) -> Array:

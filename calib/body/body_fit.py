@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.rows import median_length
 from .belief import Body, Second
 from .covariance import as_kept
 from .fit import Fit
 from .gate import Passed, leave_blocks_out, pass_gate
 from .layout import joined
 from .parameters import Prior
-from .rows import Rows, typical_length
+from .rows import Rows
 from .settings import FIT, LOG_FLOOR, SIMULATED_FLOOR, STUDENT
 from .starts import Start, best_start, with_other_sensors
 from .structure import Structure
@@ -76,11 +77,11 @@ def fit(
     """
     drawn = _fit(structure, rows, begin, seed)
     undrawn = structure.undrawn()
-    typical = typical_length(drawn.held_out)
+    typical = median_length(drawn.held_out)
     if undrawn is None or typical < FIT.doubted * structure.extent:
         return drawn
     free = _fit(undrawn, rows, begin, seed)
-    if not typical_length(free.held_out) < typical / 2:
+    if not median_length(free.held_out) < typical / 2:
         return drawn
     note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
     return replace(free, notes=(note,))
@@ -235,9 +236,8 @@ def _wide_fit(
             hypers.append(hyper)
     for hyper in hypers:
         sd[hyper.indices] = hyper.scale * np.sqrt(hyper.shape)
-    wide = first.beginning(rows, Prior(prior.mean, sd, tuple(hypers))).maximise(
-        steps=4
-    )
+    wider = Prior(prior.mean, sd, tuple(hypers))
+    wide = first.beginning(rows, wider).maximise(steps=4)
     share = 1.0
     if len(rows[0]) < structure.few_rows:
         ratio = leave_blocks_out(wide).ratio()

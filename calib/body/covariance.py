@@ -78,7 +78,8 @@ def pack(root: Array) -> _Packed:
     """Upper triangular root (k (k + 1) / 2,), row by row, of the covariance of a root (k, r)."""
     k = len(root)
     upper = np.zeros((k, k))
-    if root.shape == (k, k) and not np.triu(root, 1).any():
+    above = np.triu(root, 1)
+    if root.shape == (k, k) and not above.any():
         upper = root.T
     else:
         triangle = np.linalg.qr(root.T, mode="r")

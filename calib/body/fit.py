@@ -114,13 +114,12 @@ class Fit:
 
     def without(self, blocks: slice) -> tuple[Array, Array]:
         """The information (k, k) of all rows but those of some blocks, and the step (k,) to it."""
-        others = np.ones(len(self.grams), dtype=bool)
-        others[blocks] = False
+        others = np.ones(len(self.grams))
+        others[blocks] = 0.0
         # summed, not subtracted: a parameter that these blocks alone tell, such as where a socket
         # is, has a prior that is lost in the rounding of a difference
-        gram = self.grams[others].sum(axis=0)
-        moment = self.moments[others].sum(axis=0)
-        gradient = moment - self._pull(self.beta)
+        gram = np.tensordot(others, self.grams, axes=1)
+        gradient = others @ self.moments - self._pull(self.beta)
         precision = with_prior(gram.copy(), self.sd, self.known)
         return gram, Factor(precision).solve(gradient)
 

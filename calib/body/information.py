@@ -19,7 +19,8 @@ def matern(q: Array, other: Array, lengths: Array) -> Array:
     """Matern 5/2 correlation (n, k) of joints (n, dof) and (k, dof)."""
     away = q[:, None] / lengths - other / lengths
     d = np.sqrt(5.0) * np.linalg.norm(away, axis=2)
-    return np.asarray((1 + d + d * d / 3) * np.exp(-d))
+    rising = 1 + d + d * d / 3
+    return np.asarray(rising * np.exp(-d))
 
 
 def lengths_of(body: Body, q: Array) -> Array:

@@ -92,7 +92,7 @@ def _linear(structure: PlanarStructure, q: Array, z: Array) -> Array:
         q, structure.signs, structure.viewpoint.mirror, structure.revolute
     )
     columns = np.column_stack([columns, np.ones(len(q))])
-    size = np.linalg.norm(columns, axis=0) / np.sqrt(len(q)) + 1e-300
+    size = np.linalg.norm(columns, axis=0) + 1e-300
     # a joint that hardly moves makes columns alike: they share what they cannot tell apart
     tip = z @ (1, 1j)
     fit = np.linalg.lstsq(columns / size, tip, rcond=START.one_column)

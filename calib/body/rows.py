@@ -50,11 +50,6 @@ def edges_of(count: int, blocks: int) -> Indices:
     return np.linspace(0, count, blocks + 1).round().astype(int)
 
 
-def typical_length(x: Array) -> float:
-    """Median length of vectors (n, m)."""
-    return float(np.median(np.linalg.norm(x, axis=1)))
-
-
 class Part:
     """Rows of one sensor within a fit: residuals, noise, and weights under Student noise.
 

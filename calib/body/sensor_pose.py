@@ -192,7 +192,8 @@ def _slope(place: Place, body: OfStructure, indices: Indices) -> Array:
     """Derivative (6, k) of a place, and of its turn about the axes that it is told in."""
     position, turn = place(body.beta)
     slope = np.empty((6, len(indices)))
-    for k, step in enumerate(_STEP * np.eye(len(body.beta))[indices]):
+    steps = _STEP * np.eye(len(body.beta))
+    for k, step in enumerate(steps[indices]):
         ahead, turned = place(body.structure.retract(body.beta, step))
         slope[:3, k] = ahead - position
         slope[3:, k] = logarithm(turned @ turn.T)

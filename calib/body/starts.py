@@ -15,13 +15,13 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import median_length, thinned
 from ..errors import LogError
 from .fit import Fit
 from .parameters import Prior
 from .planar import PlanarStructure
 from .planar_starts import framed, planar_starts
-from .rows import Rows, typical_length
+from .rows import Rows
 from .settings import SIMULATED_FLOOR, START, STUDENT
 from .spatial import SpatialStructure
 from .structure import Structure
@@ -167,7 +167,7 @@ def _refuse_misfit(
 ) -> None:
     """Refuse rows that the nominal arm does not explain; the log's reader says why."""
     misfit = structure.residual(z, structure.predict(q, beta))
-    off = typical_length(misfit[:, :3])
+    off = median_length(misfit[:, :3])
     middle = np.median(z[:, :3], axis=0)
     size = float(np.linalg.norm(z[:, :3] - middle, axis=1).max())
     most = START.other_arm
@@ -181,7 +181,7 @@ def _refuse_misfit(
             f"of {size:.3g} that they spread; check the order of the joints, their unit and that "
             f"of the {what}, mirrored axes, times, and whether it is this robot"
         )
-    turned = typical_length(misfit[:, 3:])
+    turned = median_length(misfit[:, 3:])
     if turned > START.other_turns:
         raise LogError(
             f"the orientations do not turn as the joints do: {np.degrees(turned):.0f} deg are left "
@@ -206,7 +206,8 @@ def _guesses(
         yield _with_hand(structure, beta, rotations, z)
         return
     aside = START.tool * structure.chain.reach
-    tools = aside * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+    sides = np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+    tools = aside * sides
     turns = [
         similarity(points + rotations @ tool, z[:, :3])[0] for tool in tools
     ]
@@ -236,7 +237,8 @@ def _with_hand(
     out = guess.copy()
     if structure.outputs == 6:
         # A' X' Z of every row, averaged and made a rotation again
-        turns = np.swapaxes(turned, 1, 2) @ exponential(z[:, 3:])
+        back = np.swapaxes(turned, 1, 2)
+        turns = back @ exponential(z[:, 3:])
         hand = nearest_rotation(turns.sum(axis=0))
         out[structure.groups["tool.rotation"]] = logarithm(hand)
     return out
@@ -326,7 +328,8 @@ def _chains(
 
 def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
     """Return the structure whose nominal chain is where `beta` puts origins and tip."""
-    still = structure.move(np.zeros((structure.chain.joints, 1)), beta)
+    zero = np.zeros((structure.chain.joints, 1))
+    still = structure.move(zero, beta)
     axes = still.axes[..., 0]
     chain = replace(
         structure.chain,

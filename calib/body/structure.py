@@ -293,7 +293,8 @@ class Structure(Layout):
         if fixed.coupling is not None:
             moved[:-1] += led[1:] * fixed.coupling[:, None]
         if fixed.elastic:
-            for k, step in enumerate(_STEP * np.eye(q.shape[1])[: self.dof]):
+            steps = _STEP * np.eye(q.shape[1])
+            for k, step in enumerate(steps[: self.dof]):
                 ahead = self.bends(q + step, beta)
                 bent = (ahead - self.bends(q - step, beta)) / (2 * _STEP)
                 moved[k] += (chained * bent[:, None]).sum(axis=0)

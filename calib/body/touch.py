@@ -29,6 +29,10 @@ from .views import ArmSize, Measurement, Sight
 _POSTURES = 400
 """Postures all over the range, of which the mean motion is that of the whole arm."""
 
+DRAWN_SIZE = 2e-3
+"""Sd of an arm's size over that of its drawing: machined links, and a frame of aluminium that is
+20 deg warmer than the drawing grows by .5 of a thousandth."""
+
 
 @dataclass(frozen=True, eq=False)
 class Touch(Measurement):
@@ -93,15 +97,11 @@ def touching(
     # origins are not far off where nothing tells how large the arm is
     sized = not touched.all() or any(fact.value is not None for fact in known)
     most = 5.0 if sized else 1.0
-    touch = Touch(int(point.max()) + 1, within=(FINER[0], most))
+    sockets = int(point.max()) + 1
+    touch = Touch(sockets, within=(FINER[0], most))
     number = point[touched].astype(float)
-    rows = [
-        Rows(
-            np.column_stack([q[touched], number]),
-            np.zeros((len(number), 3)),
-            touch,
-        )
-    ]
+    numbered = np.column_stack([q[touched], number])
+    rows = [Rows(numbered, np.zeros((len(number), 3)), touch)]
     if not touched.all():
         rows.append(Rows(q[~touched], x[~touched]))
     if known:
@@ -211,15 +211,38 @@ def anchored(body: Body, q: Array) -> Body:
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone
-    base: Indices = np.concatenate([structure.shifts[0], structure.turns[0]])
+    places = [structure.shifts[0], structure.turns[0]]
+    base: Indices = np.concatenate(places)
 
     def without(belief: Gaussian) -> dict[str, Array | Indices]:
         both = np.concatenate([base, belief.active])
         _, slope = structure.linearise(q, belief.beta, both)
-        base_moved, moved = np.split(slope.reshape(-1, len(both)), [6], axis=1)
+        flat = slope.reshape(-1, len(both))
+        base_moved, moved = np.split(flat, [6], axis=1)
         whole = np.linalg.lstsq(base_moved, moved, rcond=None)[0]
         order = np.argsort(both)
         root = np.concatenate([-whole @ belief.root, belief.root])
         return {"active": both[order], "root": root[order]}
 
     return body.changed(without)
+
+
+def with_size(body: Body, sd: float) -> Body:
+    """Return the belief of an arm whose size is known to a relative `sd` alone.
+
+    Growing by one factor, arm and sockets together, leaves every touch as it was.  The drawing
+    knows the size to some `DRAWN_SIZE`, and so does a distance of sockets that somebody stated.
+    """
+    structure = body.structure
+    assert isinstance(structure, SpatialStructure)  # noqa: S101 - touches are of these alone
+    chain = structure.chain
+    growth = np.zeros(structure.size)
+    stops = np.vstack([chain.points, chain.tip])
+    *links, tool = sd * np.diff(stops, axis=0)
+    growth[structure.shifts[1:]] = links
+    growth[structure.groups["tool"]] = chain.rotation.T @ tool
+    return body.changed(
+        lambda belief: {
+            "root": np.column_stack([belief.root, growth[belief.active]])
+        }
+    )

@@ -88,7 +88,8 @@ def _of_gravity(
             yield f"{joint}: bends by up to {1e3 * bend:.2f} mrad under load"
     angles: Sequence[int] | Indices = groups.get("gravity", [])
     tilt = float(np.linalg.norm(beta[angles]))
-    width = float(np.linalg.norm(half[angles]) / np.sqrt(2))
+    both = float(np.linalg.norm(half[angles]))
+    width = both / np.sqrt(2)
     if tilt > width > 0.0:
         yield f"gravity points {_interval(tilt, width, 'rad')} away from the drawing's down"
 

@@ -164,7 +164,8 @@ def old_model(
 
 def _coverage(u: Array) -> float:
     """Share of the learned range that rows visit: of cells of a fifth, over pairs of joints."""
-    cells = (np.clip(u, 0.0, 1.0 - 1e-12) * ADAPTING.cells).astype(int)
+    inside = np.clip(u, 0.0, 1.0 - 1e-12)
+    cells = (inside * ADAPTING.cells).astype(int)
     joints = cells.shape[1]
     shares = []
     for pair in combinations(range(joints), min(joints, 2)):

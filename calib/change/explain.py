@@ -134,7 +134,8 @@ class Information(NamedTuple):
 
     def evidence(self, places: Indices) -> tuple[Array, Array]:
         """Evidence (s,) of freeing some parameters (p,) [nats], and their best step (p,)."""
-        power = self.power[:, places[:, None], places] + np.eye(len(places))
+        power = self.power[:, places[:, None], places]
+        power = power + np.eye(len(places))
         pull = self.pull[:, places]
         root = np.linalg.cholesky(power)
         half = np.linalg.solve(root, pull[..., None])[..., 0]
@@ -369,4 +370,6 @@ def simplest(explanations: Sequence[Explanation]) -> Explanation:
     """The one that frees least, of those that the evidence hardly tells from the best."""
     least = explanations[0].evidence - NATS
     some = [one for one in explanations if one.evidence > least]
-    return min(some, key=lambda one: (len(one.indices), -one.evidence))
+    fewest = min(len(one.indices) for one in some)
+    simple = [one for one in some if len(one.indices) == fewest]
+    return max(simple, key=_evidence)

@@ -187,8 +187,10 @@ class _Placement(NamedTuple):
             turn, shift, ratio = similarity(p[sound], z[sound])
             if not sense.unit_is_open:
                 ratio = 1.0
-                shift = (z[sound] - p[sound] @ turn.T).mean(axis=0)
-            distance = np.linalg.norm(z - shift - ratio * p @ turn.T, axis=1)
+                away = z[sound] - p[sound] @ turn.T
+                shift = away.mean(axis=0)
+            placed = shift + ratio * p @ turn.T
+            distance = np.linalg.norm(z - placed, axis=1)
             sound = distance <= max(3.0 * float(np.median(distance)), 1e-12)
         return _Placement(
             sense, float(np.median(distance)) / ratio, turn, ratio
@@ -290,7 +292,8 @@ def _placed(
     sd = np.zeros(structure.size)
     anywhere = 1e3 * max(1.0, float(structure.extents[0]))
     sd[indices_of(structure, groups)] = anywhere
-    return Start(structure, start).run(q, z, Prior(start, sd), 30).beta
+    prior = Prior(start, sd)
+    return Start(structure, start).run(q, z, prior, 30).beta
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,8 @@ class LogRows(OfRows):
     def probes(self) -> Array:
         """Joints (p, dof) all over the learned range [rad or m]."""
         about = self.model.about
-        u = np.random.default_rng(0).random((_PROBES, len(about.joint_names)))
+        shape = (_PROBES, len(about.joint_names))
+        u = np.random.default_rng(0).random(shape)
         return np.asarray(about.lower + u * (about.upper - about.lower))
 
     def sound(self, sound: Mask) -> LogRows:
@@ -243,4 +244,5 @@ def _zeta(network: Map, points: Array, expected: Array) -> Signal:
     """Distortion (eq. 9) of points (n, p) in the unit box, beside the winners' own (nodes,)."""
     distance, winner = network.nearest(points)
     usual = expected[winner[:, 0]].mean()
-    return Signal(float(np.mean(distance[:, 0] ** 2)), float(usual))
+    zeta = np.mean(distance[:, 0] ** 2)
+    return Signal(float(zeta), float(usual))

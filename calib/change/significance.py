@@ -20,6 +20,7 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from .causes import FRAME, changeable, freedom, indices_of, single_causes
 from .frame import Reference
+from .rows import LogRows
 from .settings import CREPT, FALSE_ALARM, LARGE, NOISIER, OWN
 from .system import (
     SYSTEM,
@@ -41,6 +42,8 @@ class SignificanceSettings:
     power: float = 0.9
     # statistic beyond which no size of a change is computed
     largest: float = 1e8
+    # Of the play that a model knows, by which that may be wrong: 20 mrad were learned as 19.1
+    play_share: float = 0.1
     # of a joint's rows that come from either side, or nothing tells its play
     least_share: float = 0.1
     # of the squared residuals: what explains less does not pay in `calib.body.approach` either
@@ -197,7 +200,8 @@ class FreeNoise:
 
     def tests(self, products: Products, count: int) -> FTests:
         """F tests of columns by their products, beside this noise; `count` of them."""
-        freedom = self.products.freedom(self.size) / self.temper
+        freedom = self.products.freedom(self.size)
+        freedom /= self.temper
         return FTests(products, self.size, freedom, self.temper, count)
 
 
@@ -271,7 +275,8 @@ class FTests:
         turned = vectors.T @ pull
         freedom = len(values)
         statistic = float((turned**2 / values).sum()) / self.temper
-        deviation = np.sqrt((vectors**2 / values).sum(axis=1) * self.temper)
+        variance = (vectors**2 / values).sum(axis=1)
+        deviation = np.sqrt(variance * self.temper)
         threshold = 1.0 - FALSE_ALARM / self.count
         needed = freedom * float(fdtri(freedom, self.left, threshold))
         # with hardly a row left for the noise no change is large enough
@@ -353,19 +358,17 @@ class Play:
     joint: int
     half: Array  # (dof,), half of its play, the other joints' zero [rad or m]
     deviation: float  # standard deviation of that
-    score: float  # above 1 it is no chance
+    score: float  # above 1 it is no chance, nor an error of what the model knows of it
 
 
-def find_play(noise: FreeNoise, side: Array) -> Play | None:
+def find_play(noise: FreeNoise, rows: LogRows) -> Play | None:
     """Find the joint whose play explains most beside all that may have changed; None for chance.
 
     A joint stands by half its play from where it stands coming from the other side: one more
     column, the slope of the readings times the side.
-
-    side : (n, dof), sign of each joint's last motion
     """
     system = noise.system
-    side = side[thinned(len(side), len(system.log.q))]
+    side = rows.side[thinned(len(rows), len(system.log.q))]
     columns = system.whiten(-system.slope * side[:, None])
     products = noise.unknown.products(system.y, columns)
     power, pull = products.information(noise.size)
@@ -392,4 +395,10 @@ def find_play(noise: FreeNoise, side: Array) -> Play | None:
         return None
     half *= np.arange(len(half)) == best
     deviation = math.sqrt(noise.temper / float(precision[best]))
-    return Play(best, half, deviation, test.score)
+    approach = rows.model.approach
+    score = test.score
+    if approach is not None and (
+        half[best] <= SIGNIFICANCE.play_share * approach.play[best]
+    ):
+        score = 0.0
+    return Play(best, half, deviation, score)

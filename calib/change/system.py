@@ -8,6 +8,7 @@ of this log, what all rows share.  Tests and evidences are sub-blocks of the nor
 
 from __future__ import annotations
 
+import math
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,7 +24,8 @@ from ..body.settings import STUDENT
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from .causes import changeable, creep, freedom
-from .frame import Reference
+from .frame import Reference, carried_offset
+from .rows import LogRows
 from .settings import OUTLIER, PSEUDO, Level
 
 
@@ -85,8 +87,25 @@ def sound_rows(
     squares = (reference.structure.residual(z, predicted) / size) ** 2
     outputs = squares.shape[1]
     square = squares.sum(axis=1)
-    noise = max(float(np.median(square[rows])) / (outputs - 2 / 3), 1.0)
+    median = float(np.median(square[rows]))
+    noise = max(median / (outputs - 2 / 3), 1.0)
     return np.asarray(square <= OUTLIER**2 * outputs * noise)
+
+
+def sound_data(
+    rows: LogRows, reference: Reference, cause: str | None
+) -> tuple[LogRows, Log]:
+    """Return the rows that do not contradict all others, and what a body has to say of them."""
+    added = rows.added
+    if reference.new:
+        body = reference.body
+        added = carried_offset(rows.body, body, reference.beta, rows.q, added)
+    z = rows.x - added
+    sound = sound_rows(reference, rows.q, z, cause)
+    rows = rows.sound(sound)
+    # that of the model's own log and of this one
+    shared = math.sqrt(2.0) * rows.shared
+    return rows, Log(rows.q, z[sound], shared)
 
 
 class System:
@@ -341,7 +360,8 @@ def prior_columns(
     if freed is not None:  # of a frame that is held the old knowledge stays
         sd = np.hypot(sd, freed)
         lost = np.intersect1d(lost, np.flatnonzero(freed))
-    active = np.union1d(body.active, np.flatnonzero(sd)).astype(np.intp)
+    active = np.union1d(body.active, np.flatnonzero(sd))
+    active = active.astype(np.intp)
     old = body.root.copy()
     old[np.isin(body.active, lost)] = 0.0
     covariance = np.diag(sd[active] ** 2)
@@ -361,9 +381,17 @@ def shared_columns(reference: Reference, log: Log, predicted: Array) -> Array:
     )
 
 
+def shared_variance(reference: Reference, log: Log) -> Array:
+    """Variance (n,) of an axis [unit^2] of what all rows share: two frames, bent and shifted."""
+    columns = shared_columns(reference, log, log.z)
+    variance = (columns**2).mean(axis=1)
+    return np.asarray(variance.sum(axis=1))
+
+
 def affine_columns(x: Array, outputs: int) -> Array:
     """Displacements (n, m, (1 + p) m) of positions (n, p) by an affine map of their frame."""
     n = len(x)
-    bent = np.concatenate([np.ones((n, 1)), x], axis=1)
+    ones = np.ones((n, 1))
+    bent = np.concatenate([ones, x], axis=1)
     moves = np.einsum("nk,ij->nikj", bent, np.eye(outputs))
     return np.asarray(moves.reshape(n, outputs, -1))

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from .causes import Cause
-from .evidence import BoundTest, Evidence
+from .evidence import BoundTest, Evidence, bound_test
 from .rows import LogRows, Signal, distortions
-from .settings import FALSE_ALARM
+from .settings import FALSE_ALARM, OUTLIER
 from .significance import GroupTest, Tested, fired
 from .update import Update
+
+# Times the bound of maps: a corner's rows share the errors of a few nodes
+SHARED_ERRORS = 2.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -174,3 +177,40 @@ class Verdict:
             "noise": {"now": self.noise, "usual": self.tests.usual},
             "false_alarm": FALSE_ALARM,
         }
+
+
+def verdict_on_maps(rows: LogRows) -> Verdict:
+    """The verdict on a model without a body: its rows beside its bound."""
+    noise = rows.model.baseline.noise if rows.model.baseline else 0.0
+    limit = SHARED_ERRORS * rows.bound
+    usual = float(np.median(rows.missed))
+    most = max(OUTLIER * usual, float(limit.max()))
+    sound = np.asarray(rows.missed <= most)
+    rows = rows.sound(sound)
+    tests = Tested((), noise, noise)
+    bound = bound_test(rows, limit[sound], rows.shared**2, tests)
+    score = bound.test.score
+    causes: tuple[Cause, ...] = ()
+    if score > 1.0:
+        words = (
+            f"{100 * bound.beyond:.0f} % of the rows are beyond the maps' bound"
+        )
+        causes = (Cause("unknown", "maps", words),)
+    note = "the model has no body: its rows are compared with its bound alone"
+    return Verdict(
+        changed=score > 1.0,
+        causes=causes,
+        score=score,
+        notes=(*notes_of(rows, bound, score), note),
+        rows=rows,
+        tests=tests,
+        bound=bound,
+    )
+
+
+def notes_of(rows: LogRows, bound: BoundTest, score: float) -> list[str]:
+    """Return the notes on the rows, and that the bound does not hold."""
+    notes = list(rows.notes)
+    if not bound.holds:
+        notes.append(bound.words(noisier=score <= 1.0))
+    return notes

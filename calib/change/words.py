@@ -55,7 +55,7 @@ def causes_of(
         return (Cause("unknown", "", evidence.why_not()),), ()
     causes: list[Cause] = []
     notes: list[str] = []
-    if play is not None:
+    if play is not None and play.score > 1.0:
         causes.append(_play(evidence, play))
     if drifted:
         changes = [*evidence.reference.causes, *_of_change(evidence)]
@@ -268,7 +268,8 @@ def _moved_sensor(evidence: Evidence, best: Explanation) -> Cause:
     half = 1.96 * float(np.linalg.norm(best.deviation[turn]))
     value = moved.angle
     if len(turn) == 1:  # with its sign, also of a mirrored one
-        angle = float(best.beta[turn[0]] - evidence.prior.beta[turn[0]])
+        change = best.beta - evidence.prior.beta
+        angle = float(change[turn[0]])
         value = math.remainder(angle, 2 * math.pi)
     words = f"the sensor's frame moved: {moved.words(evidence.unit)}"
     if half > WORDS.vague:

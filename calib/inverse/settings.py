@@ -35,6 +35,8 @@ class SearchSettings:
     # residual of a solution, a hundredth of any sensor's noise
     close: float = 1e-9
     same: float = 1e-5  # solutions that are closer are one
+    # of that residual: where a step will leave less, compiled C does not look again
+    surplus: float = 0.1
     # Branches.
     # least singular value beside a fold, of the Jacobian's squares
     folded: float = 0.1

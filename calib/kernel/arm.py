@@ -53,17 +53,25 @@ class Sag:
         )
 
     @property
+    def on_links(self) -> Array:
+        """Mass and moment [kg, kg m] of each load on each link, in the link's frame, (e, m, 4)."""
+        loads = self.loads
+        arms = loads.points - loads.chain.points[loads.links]
+        moments = np.column_stack([np.ones(len(arms)), arms])
+        link = np.arange(loads.chain.joints)[:, None] == loads.links
+        beyond = loads.weights * (loads.links >= loads.joints[:, None])
+        return np.asarray(np.einsum("ep,mp,pk->emk", beyond, link, moments))
+
+    @property
     def bending(self) -> Array:
-        """How much the weight of each point bends each joint, (m, p)."""
-        bending = np.zeros((self.loads.chain.joints, len(self.loads.links)))
-        np.add.at(
-            bending,
-            self.loads.joints,
-            self.elastic[:, None] * self.loads.weights,
-        )
+        """How much mass and moment of each link bend each joint, (m, m, 4)."""
+        size = self.loads.chain.joints
+        bending = np.zeros((size, size, 4))
+        weights = self.elastic[:, None, None] * self.on_links
+        np.add.at(bending, self.loads.joints, weights)
         return bending
 
-    def derivatives(self, q: Array, chained: Array) -> list[Array]:
+    def derivatives(self, q: Array, chained: Array) -> tuple[Array, Array]:
         """How positions move with each load's elasticity (e, 3, n), and with gravity's (2, 3, n).
 
         chained : (m, 3, n), how they move with each joint of the chain
@@ -76,7 +84,7 @@ class Sag:
             pull = self.elastic[:, None] * loads_of(levers, way)
             moved = bent * pull[:, None]
             by_gravity.append(moved.sum(axis=0))
-        return [by_elasticity, np.stack(by_gravity)]
+        return by_elasticity, np.stack(by_gravity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,37 +132,48 @@ class KernelArm:
         """Values (m, n) of the chain's joints."""
         return np.asarray(self.structure.joint_values(q, self.beta))
 
-    def derivatives(self, q: Array) -> tuple[Array, Array]:
-        """As `calib_derivatives` of C: positions by all that may be off (D, m, n), by joints."""
+    def derivatives(self, q: Array) -> tuple[dict[str, Array], Array]:
+        """How positions move with each part of it (k, m, n), and with joints (dof, m, n)."""
         motion = move(self.links, self.joints(q))
         eye = np.eye(3)
         linear = eye[:, None, :, None] * motion.position[:, None]
         shifts = np.repeat(eye[:, :, None], len(q), axis=2)
-        moved = self.view @ np.swapaxes(motion.frames, 1, 2)
-        turned = self.view @ motion.turns()[0]
         chained = self.view @ motion.joints()[0]
         joints = np.tensordot(self.chain.coupling.T, chained, axes=1)
-        parts = [linear, shifts, moved, turned, joints, joints * q.T[:, None]]
+        parts = {
+            "view": np.vstack([linear.reshape(9, 3, -1), shifts]),
+            "shift": self.view @ np.swapaxes(motion.frames, 1, 2),
+            "turn": self.view @ motion.turns()[0],
+            "offset": joints,
+            "gain": joints * q.T[:, None],
+        }
         if len(self.coupling):
-            parts.append(joints[1:] * q.T[:-1, None])
+            parts["neighbour"] = joints[1:] * q.T[:-1, None]
         if self.sag is not None:
-            parts += self.sag.derivatives(q, chained)
+            by_load, by_tilt = self.sag.derivatives(q, chained)
+            parts["load"] = by_load
+            parts["tilt"] = by_tilt
         if self.flex is not None:
             sums = np.cumsum(self.way * q, axis=1).T
+            bent = []
             for k, angle in enumerate(sums):
                 waves = np.stack([np.cos(angle), np.sin(angle)])
-                bent = joints[: k + 1, None] * waves[:, None]
-                parts.append(bent)
-        geometry = np.concatenate(
-            [part.reshape(-1, 3, len(q)) for part in parts]
-        )
+                moved = joints[: k + 1, None] * waves[:, None]
+                bent.append(moved.reshape(-1, 3, len(q)))
+            parts["flex"] = np.concatenate(bent)
+        parts = {
+            name: part.reshape(-1, 3, len(q)) for name, part in parts.items()
+        }
         if self.lens is None:
-            return geometry[:, : self.outputs], joints[:, : self.outputs]
+            seen = {
+                name: part[:, : self.outputs] for name, part in parts.items()
+            }
+            return seen, joints[:, : self.outputs]
         point = self.view @ motion.position + self.shift[:, None]
         sight = pixels(self.lens, point)
+        seen = {name: sight.push(part) for name, part in parts.items()}
         by_lens = refocused(self.lens, point)
-        by_all = np.concatenate([sight.push(geometry), by_lens])
-        return by_all, sight.push(joints)
+        return seen | {"lens": by_lens}, sight.push(joints)
 
 
 def _curves(structure: Structure, beta: Array) -> Array:

@@ -75,6 +75,15 @@ MOST = MostWays()
 
 
 @dataclass(frozen=True)
+class Question:
+    """What a function of the C source answers to one row."""
+
+    function: str
+    sizes: tuple[int, ...]  # of what is asked beside joints
+    answer: tuple[int, ...]  # its shape
+
+
+@dataclass(frozen=True)
 class Buffers:
     """Where a thread's single query of one kind stands: views of its parts."""
 
@@ -100,19 +109,21 @@ class Compiled:
         self._local = threading.local()
         self._dof = dof
         place = (outputs,)
-        # sizes of what is asked beside joints, and shape of the answer
-        self._shapes: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
-            "forward": ((), place),
-            "jacobian": ((), (outputs, dof)),
-            "bounds": ((), ()),
-            "model_bounds": ((), ()),
-            "pose": ((), (7,)),
-            "inverse": (place, (dof,)),
-            "inverse_all": (place, (MOST.branches, dof)),
-            # and the free axis, or -1, and how many starts there are
-            "poses": ((3, 4, 1, 1), (dof,)),
-            "poses_all": ((3, 4, 1, 1), (MOST.most_ways, dof)),
-            "correct": ((), (1, dof)),
+        pose = (3, 4, 1, 1)  # and the free axis, or -1, and how many starts
+        self._questions = {
+            "forward": Question("forward", (), place),
+            "jacobian": Question("jacobian", (), (outputs, dof)),
+            "bounds": Question("expected_error", (), ()),
+            "model_bounds": Question("model_error", (), ()),
+            "pose": Question("pose_row", (), (7,)),
+            "inverse": Question("inverse_row", place, (dof,)),
+            "inverse_long": Question("inverse_long_row", place, (dof,)),
+            "inverse_all": Question(
+                "inverse_all_row", place, (MOST.branches, dof)
+            ),
+            "poses": Question("poses_row", pose, (dof,)),
+            "poses_all": Question("poses_all_row", pose, (MOST.most_ways, dof)),
+            "correct": Question("correct", (), (1, dof)),
         }
         self.poses = self.has("pose")  # whether it knows poses in space
         if self.poses:
@@ -122,7 +133,8 @@ class Compiled:
 
     def has(self, name: str) -> bool:
         """Whether it answers a kind of single query."""
-        return hasattr(self._library, f"calib_{name}_row")
+        function = self._questions[name].function
+        return hasattr(self._library, f"calib_{function}")
 
     def ask(
         self, name: str, joints: ArrayLike, *arguments: ArrayLike
@@ -172,18 +184,18 @@ class Compiled:
 
     def _prepared(self, name: str) -> Buffers:
         """Buffers of one kind of query, for the thread that asks."""
-        call = getattr(self._library, f"calib_{name}_row")
+        question = self._questions[name]
+        call = getattr(self._library, f"calib_{question.function}")
         call.argtypes = (ctypes.c_void_p, ctypes.c_void_p)
         call.restype = ctypes.c_int
-        sizes, shape = self._shapes[name]
-        question = np.zeros(PARTS[-1])
+        row = np.zeros(PARTS[-1])
         parts = tuple(
-            question[begin : begin + size]
-            for begin, size in zip(PARTS, sizes, strict=False)
+            row[begin : begin + size]
+            for begin, size in zip(PARTS, question.sizes, strict=False)
         )
-        answer = np.zeros(shape)
-        addresses = question.ctypes.data, answer.ctypes.data
-        return Buffers(call, addresses, question[: self._dof], parts, answer)
+        answer = np.zeros(question.answer)
+        addresses = row.ctypes.data, answer.ctypes.data
+        return Buffers(call, addresses, row[: self._dof], parts, answer)
 
     def rows(
         self, name: str, joints: Array, *arguments: Array
@@ -202,9 +214,11 @@ class Compiled:
             for begin, values in zip(PARTS, arguments, strict=False):
                 questions[:, begin : begin + values.shape[1]] = values
         questions = np.ascontiguousarray(questions)
-        answers = np.empty((n, *self._shapes[name][1]))
+        question = self._questions[name]
+        answers = np.empty((n, *question.answer))
         flags = np.zeros(n, dtype=np.int8)
-        call = getattr(self._library, f"calib_{name}_many")
+        call = self._library.calib_many
+        row = getattr(self._library, f"calib_{question.function}")
         passed = (
             ctypes.c_void_p(questions.ctypes.data),
             questions.shape[1],
@@ -214,7 +228,7 @@ class Compiled:
         )
 
         def answer(first: int, last: int) -> None:
-            call(ctypes.c_long(first), ctypes.c_long(last), *passed)
+            call(row, ctypes.c_long(first), ctypes.c_long(last), *passed)
 
         if n < SHARED_ROWS or os.cpu_count() == 1:
             answer(0, n)

@@ -1,12 +1,13 @@
 """The posterior of an arm of more than three joints, small enough to be asked one row at a time.
 
-It holds the covariance of each joint's curve by itself (one function of the joint's value), and of
-all else the directions that move positions most.  Parameters are described by what they move
-(`KernelArm.derivatives`), so that any body has the same form.
+It holds the directions in which parameters move positions most, and what they leave over of the
+variance of each joint's curve, a function of its value.  Parameters are described by what they
+move (`KernelArm.derivatives`), so that any body has the same form.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,11 +26,9 @@ from .arm import KernelArm
 class CompactSettings:
     """How much of a posterior stays."""
 
-    # directions in which parameters vary together, one for each that an arm in space can show
-    ways: int = 31
-    # of their variance that may be left out: the bound of a log is within 7 % of the whole's, with
-    # all of them within 6 %
-    rest: float = 1e-2
+    # directions of a belief: the bound of a log is -4 to +8 % off the whole's, with 31 of them
+    # -4 to +6 %, and two beliefs fill three vectors of eight
+    ways: int = 11
     rows: int = 400  # joint values by whose positions directions are compared
     # of what parameters move: more is no part of an arm
     unexplained: float = 1e-6
@@ -38,6 +37,8 @@ class CompactSettings:
     apart: float = 1e-6  # the same, of how far beliefs are apart
     # rows at a time: a BLAS splits larger products over threads
     chunk: int = 64
+    # of a turn, between which the variance of a curve is linear
+    knots: int = 256
 
 
 COMPACT = CompactSettings()
@@ -45,14 +46,15 @@ COMPACT = CompactSettings()
 
 @dataclass(frozen=True, eq=False)
 class CompactPosterior:
-    """What the C source has of a body's beliefs, b of them, in w directions each."""
+    """What the C source has of a body's beliefs, b of them, in w directions each.
+
+    The last direction is by how much the beliefs are apart.
+    """
 
     arm: KernelArm
-    # (D, b, w) and (dof, 96, b, w); the last direction is by how much the beliefs are apart
-    geometry: Array
-    curves: Array
-    gains: Array  # (b, w), sign of each direction's variance, 0 of the last
-    alone: Array  # (b, dof, 193), variance of each curve by itself
+    geometry: Mapping[str, Array]  # (D, b, w) of each part of the arm
+    curves: Array  # (dof, 96, b, w)
+    alone: Array  # (b, dof, knots), variance of each curve by itself, all over a turn
     scale: Array  # (b, 2), factors on the bound and on the covariance
     residual: Array  # (m,), variance of what the bound adds
     noise: Array  # (m,), variance of a reading
@@ -82,7 +84,9 @@ class CompactPosterior:
         ]
         every = np.arange(structure.size)
         geometric = np.delete(every, np.concatenate(groups))
-        basis = arm.derivatives(q)[0].transpose(2, 1, 0).reshape(len(moves), -1)
+        parts = arm.derivatives(q)[0]
+        basis = np.concatenate(list(parts.values()))
+        basis = basis.transpose(2, 1, 0).reshape(len(moves), -1)
         through = _amounts(basis, moves[:, geometric], COMPACT.least)
         rest = basis @ through - moves[:, geometric]
         rest = np.linalg.norm(rest, axis=0)
@@ -92,41 +96,38 @@ class CompactPosterior:
                 "the body has a parameter that the C source does not know"
             )
         here = structure.predict(q, body.beta)
-        geometry = []
-        curves = []
+        size = len(beliefs), COMPACT.ways + 1
+        curves = np.zeros((structure.dof, 2 * HARMONICS, *size))
+        geometry = np.zeros((len(through), *size))
         alone = []
-        gains = []
-        for belief in beliefs:
-            covariance = np.zeros((structure.size, structure.size))
-            some = np.ix_(belief.active, belief.active)
-            covariance[some] = belief.covariance
-            alone.append(_curves_alone(covariance, groups))
-            directions, signs = _strongest(covariance, moves)
+        for b, belief in enumerate(beliefs):
+            directions = np.zeros((structure.size, belief.root.shape[1]))
+            directions[belief.active] = _ordered(
+                belief.root, moves[:, belief.active]
+            )
+            variance = _curves_alone(directions[:, COMPACT.ways :], groups)
+            alone.append(variance)
+            directions = directions[:, : COMPACT.ways]
+            ways = directions.shape[1]
             apart = belief.beta - body.beta
-            directions = np.column_stack([directions, apart])
-            gains.append(np.append(signs, 0.0))
-            amounts = through @ directions[geometric]
+            for k, group in enumerate(groups):
+                if len(group):
+                    curves[k, :, b, :ways] = directions[group]
+                    curves[k, :, b, -1] = apart[group]
             apart[np.concatenate(groups)] = 0.0
             there = structure.predict(q, body.beta + apart)
             gap = (there - here)[:, :outputs].reshape(-1, 1)
-            amounts[:, -1:] = _amounts(basis, gap, COMPACT.apart)
-            geometry.append(amounts)
-            waves = np.zeros((structure.dof, 2 * HARMONICS, len(signs) + 1))
-            for k, group in enumerate(groups):
-                if len(group):
-                    waves[k] = directions[group]
-            curves.append(waves)
-        signs = np.array(gains)
-        used = np.append(signs[:, :-1].any(axis=0), True)
+            geometry[:, b, :ways] = through @ directions[geometric]
+            geometry[:, b, -1:] = _amounts(basis, gap, COMPACT.apart)
+        edges = np.cumsum([len(part) for part in parts.values()])[:-1]
         # as in `Body.bound`: the first belief is inflated, the second not
         scale = np.array([(body.kappa, SHARED**2), (1.0, 1.0)][: len(beliefs)])
         model = body.unexplained(noise=False)
         return CompactPosterior(
             arm,
-            _single_precision(geometry, axis=1)[:, :, used],
-            _single_precision(curves, axis=2)[:, :, :, used],
-            signs[:, used],
-            _single_precision(alone, axis=0),
+            dict(zip(parts, np.split(geometry, edges), strict=True)),
+            curves,
+            np.array(alone),
             scale,
             model,
             body.unexplained(noise=True) - model,
@@ -148,31 +149,31 @@ class CompactPosterior:
 
     def _spread(self, q: Array) -> tuple[Array, Array]:
         """Covariances (b, n, m, m) of beliefs, and how far they are apart (n, b)."""
-        by_geometry, by_joints = self.arm.derivatives(q)
-        # squares of the curves' waves have twice their orders
-        angles = q.T[:, :, None] * np.arange(2 * HARMONICS + 1)
-        cosines = np.cos(angles)
-        sines = np.sin(angles[:, :, 1:])
-        terms = np.concatenate([cosines, sines], axis=2)
-        size = terms @ np.moveaxis(self.alone, 0, 2)  # (dof, n, b)
-        low_cosines = cosines[:, :, 1 : HARMONICS + 1]
-        low_sines = sines[:, :, :HARMONICS]
-        waves = np.concatenate([low_cosines, low_sines], axis=2)
-        dof, n, _ = waves.shape
-        curves = self.curves.reshape(dof, 2 * HARMONICS, -1)
-        along = waves @ curves
-        along = along.reshape(dof, n, *self.gains.shape)
+        parts, by_joints = self.arm.derivatives(q)
+        by_geometry = np.concatenate(list(parts.values()))
+        geometry = np.concatenate(list(self.geometry.values()))
+        angles = q.T[:, :, None] * np.arange(1, HARMONICS + 1)
+        waves = np.concatenate([np.cos(angles), np.sin(angles)], axis=2)
+        along = np.einsum("knh,khbw->bnkw", waves, self.curves, optimize=True)
+        place = np.mod(q.T / (2 * np.pi), 1.0) * COMPACT.knots
+        knots = np.arange(COMPACT.knots)
+        alone = [
+            [
+                np.interp(at, knots, variance, period=COMPACT.knots)
+                for at, variance in zip(place, belief, strict=True)
+            ]
+            for belief in self.alone
+        ]
+        size = np.array(alone)  # (b, dof, n)
         joints = by_joints.transpose(2, 1, 0)  # (n, m, dof)
         # (b, n, m, w), how each direction moves positions
-        z = np.tensordot(by_geometry, self.geometry, (0, 0))
-        z = z.transpose(2, 1, 0, 3)
-        z = z + joints @ along.transpose(2, 1, 0, 3)
-        signed = z * self.gains[:, None, None]
-        spread = signed @ np.swapaxes(z, 2, 3)
+        z = np.tensordot(by_geometry, geometry, (0, 0)).transpose(2, 1, 0, 3)
+        z = z + joints @ along
+        ways = z[..., :-1]
+        spread = ways @ np.swapaxes(ways, 2, 3)
         # (b, n, m, dof), what each curve moves by itself
-        variance = size.transpose(2, 1, 0)
-        alone = joints * variance[:, :, None]
-        spread += alone @ np.swapaxes(joints, 1, 2)
+        curves = joints * size.transpose(0, 2, 1)[:, :, None]
+        spread += curves @ np.swapaxes(joints, 1, 2)
         apart = np.linalg.norm(z[..., -1], axis=2).T
         return spread, apart
 
@@ -189,45 +190,19 @@ def _amounts(basis: Array, moves: Array, least: float) -> Array:
     return np.asarray(amounts / size[:, None])
 
 
-def _strongest(covariance: Array, moves: Array) -> tuple[Array, Array]:
-    """Directions (d, w) whose squares make up most of what a covariance moves, and signs (w,)."""
-    strength, vectors = np.linalg.eigh(moves.T @ moves)
-    moved = strength > 1e-14 * strength[-1]
-    vectors = vectors[:, moved]
-    weight = np.sqrt(strength[moved])
-    moving = vectors * weight
-    strength, axes = np.linalg.eigh(moving.T @ covariance @ moving)
-    strongest = np.argsort(-np.abs(strength))[: COMPACT.ways]
-    size = np.abs(strength[strongest])
-    enough = np.cumsum(size) - size < (1.0 - COMPACT.rest) * size.sum()
-    size = np.where(enough, size, 0.0)
-    spread = np.sqrt(size)
-    directions = (vectors / weight) @ axes[:, strongest] * spread
-    return directions, np.sign(strength[strongest]) * enough
+def _ordered(root: Array, moves: Array) -> Array:
+    """Another root (d, k) of a covariance, whose columns move positions most first."""
+    moved = moves @ root
+    _, axes = np.linalg.eigh(moved.T @ moved)
+    return np.asarray(root @ axes[:, ::-1])
 
 
-def _curves_alone(covariance: Array, groups: list[NDArray[np.intp]]) -> Array:
-    """Variances (dof, 193) of curves by themselves, which leave the covariance, in place.
-
-    They are trigonometric polynomials: the mean, cosines and sines.
-    """
-    alone = np.zeros((len(groups), 4 * HARMONICS + 1))
-    turn: Array = np.linspace(0.0, 2 * np.pi, 8 * HARMONICS, endpoint=False)
+def _curves_alone(root: Array, groups: list[NDArray[np.intp]]) -> Array:
+    """Variances (dof, knots) of curves by themselves, from a root (d, k) of their covariance."""
+    alone = np.zeros((len(groups), COMPACT.knots))
+    turn: Array = np.linspace(0.0, 2 * np.pi, COMPACT.knots, endpoint=False)
     waves = waves_of(turn).T
     for k, group in enumerate(groups):
-        if not len(group):
-            continue
-        block = np.ix_(group, group)
-        spread = waves @ covariance[block]
-        variance = (spread * waves).sum(axis=1)
-        terms = np.fft.rfft(variance) / len(turn)
-        terms = terms[: 2 * HARMONICS + 1]
-        terms[1:] *= 2
-        alone[k] = np.concatenate([terms.real, -terms[1:].imag])
-        covariance[block] = 0.0
+        if len(group):
+            alone[k] = ((waves @ root[group]) ** 2).sum(axis=1)
     return alone
-
-
-def _single_precision(parts: list[Array], axis: int) -> Array:
-    """Tables as the C source has them: both have to give the same answers."""
-    return np.stack(parts, axis=axis).astype(np.float32).astype(float)

@@ -56,10 +56,8 @@ def c_number(value: float, single: bool) -> str:
     return braces(np.asarray(value, dtype=float), single)
 
 
-def table(
-    name: str, values: NDArray[np.generic], single: bool, floats: bool = False
-) -> str:
-    """A constant array of C of any shape, braces round each row; `floats` in any header."""
+def table(name: str, values: NDArray[np.generic], single: bool) -> str:
+    """A constant array of C of any shape, braces round each row."""
     if not values.size:
         values = np.zeros(
             [max(size, 1) for size in values.shape], dtype=values.dtype
@@ -68,9 +66,9 @@ def table(
     text = (
         str(values.tolist()).translate(_BRACES)
         if whole
-        else braces(values, single or floats)
+        else braces(values, single)
     )
-    kind = "int" if whole else "float" if floats else "calib_real"
+    kind = "int" if whole else "calib_real"
     return f"static const {kind} {name}{''.join(f'[{n}]' for n in values.shape)} = {text};\n"
 
 

@@ -115,7 +115,7 @@ def inverse(
     q = np.full_like(there, np.nan)
     rest = np.arange(len(x))
     if model.kernel is not None:
-        q, sure = model.kernel.rows("inverse", there, x)
+        q, sure = model.kernel.rows("inverse_long", there, x)
         lost = (sure == 0) | (sure == NOTHING) if nearest else sure == 0
         rest = np.flatnonzero(lost)
     if len(rest):

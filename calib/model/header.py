@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arm.spatial_chain import Deviations
 from ..body.covariance import NORMAL_95
 from ..body.curves import HARMONICS
 from ..body.views import LEAST_DEPTH
@@ -19,7 +20,7 @@ from ..errors import CalibError, OptionError
 from ..inverse.settings import SEARCH
 from ..kernel.arm import KernelArm
 from ..kernel.compiled import MOST, Compiled, compile_source
-from ..kernel.posterior import CompactPosterior
+from ..kernel.posterior import COMPACT, CompactPosterior
 from ..kernel.source import braces, c_number, c_source, source, table
 from ..maps.local_models import blend_size, exponents
 from ..maps.settings import LOCAL
@@ -31,13 +32,11 @@ from .space import Space
 from .turns import joint_limits
 
 _FILES = (
-    *("chain", "nodes", "bound", "local", "answers"),
+    *("head", "chain", "nodes", "bound", "local", "answers"),
     *("task", "newton", "search", "many"),
 )
 _NO_LIMIT = 3e38  # of corrections
-# tables of beliefs, in single precision always
-_FLOATS = ("ways", "waved", "alone")
-_BENDS = ("curve_cos", "gravity", "neighbour", "way", "local_terms")
+_BENDS = ("curve", "gravity", "neighbour", "local_terms")
 
 Tables = dict[str, NDArray[np.generic]]
 
@@ -103,11 +102,10 @@ class Header:
             for name, (arm, bends) in self._arms.items()
         )
         tables += "".join(
-            table(f"calib_{name}", values, single, name in _FLOATS)
+            table(f"calib_{name}", values, single)
             for name, values in self._tables.items()
         )
-        head, *rest = source("head").partition("static inline")
-        whole = head + tables + "\n" + "".join(rest) + source(*_FILES)
+        whole = source(*_FILES).replace("@tables@", tables)
         words: dict[str, object] = dict.fromkeys(self._tables, True)
         words |= dict.fromkeys(("title", "checksum", "facts", "bound_of"), "")
         words |= {"unit": "the sensor's unit", "guard": "CALIB_MODEL_H"}
@@ -147,6 +145,9 @@ class Header:
             placed = KernelArm.of(body.structure, body.beta)
             if placed.chain.joints == self.arm.chain.joints:
                 arms["placed"] = (placed, self._space.measured)
+        if self.arm.sag is not None:
+            drawn = Deviations.none(self.arm.chain.joints)
+            arms["drawn"] = (replace(self.arm, moved=drawn), False)
         return arms
 
     def _words(self, single: bool) -> dict[str, object]:
@@ -157,7 +158,7 @@ class Header:
         sag = arm.sag
         links = np.vstack([arm.links.strides[1:-1, :, 0], arm.links.tip[0]])
         length = float(np.linalg.norm(links, axis=1).sum())
-        sizes = tables.get("ways", np.zeros((1, 1)))
+        together = tables.get("by_view", np.zeros((1, 1))).shape[1]
         settings = asdict(SEARCH) | asdict(MOST)
         if "grid" not in tables:
             settings["tries"] = SEARCH.spare_tries
@@ -172,10 +173,9 @@ class Header:
                 "near": min(blend_size(dof), self.model.motor.size - 1),
                 "starts": len(tables["start_q"]),
                 "harmonics": HARMONICS,
-                "points": 1 if sag is None else len(sag.loads.links),
+                "knots": COMPACT.knots,
                 "loads": 0 if sag is None else len(sag.elastic),
-                "geometry": len(sizes),
-                "together": sizes.shape[1],
+                "together": together,
                 "beliefs": len(tables.get("belief_scale", [0])),
                 "bent": int(any(name in tables for name in _BENDS)),
                 "nearest": LEAST_DEPTH,
@@ -205,9 +205,6 @@ class Header:
         elif self._posterior is not None:
             ways["bound"] = "calib_posterior(inside, calib_more)"
             ways["model_bound"] = "calib_posterior(inside, calib_less)"
-        if "play" in self._tables:
-            for name in ways:
-                ways[name] += " + calib_play_reach(inside)"
         most = c_number(self.model.most_bound, single)
         refused = f" || !(calib_blended(calib_position_bound, q) <= {most})"
         return {
@@ -238,8 +235,9 @@ class Header:
             **_arm_tables(arm),
         }
         if self.small:
-            tables["start_q"] = np.zeros((0, len(self.limit)))
-            tables["start_x"] = np.zeros((0, len(model.axes)))
+            middle = np.full((1, len(self.limit)), 0.5)
+            tables["start_q"] = model.motor.scale.from_unit(middle)
+            tables["start_x"] = model.predictor.value(middle)
         else:
             tables |= _starts(model)
         if not self._trusted:
@@ -261,6 +259,10 @@ class Header:
         if posterior is not None:
             reads = model.about.bound_of == "sensor reading"
             tables |= _belief_tables(posterior, noise=reads)
+        if arm.flex is not None and (arm.flex.any() or posterior is not None):
+            tables["way"] = arm.way
+            tables["flex_cos"] = arm.flex[0]
+            tables["flex_sin"] = arm.flex[1]
         return tables
 
 
@@ -318,28 +320,26 @@ def _local_tables(model: Parts) -> Tables:
 
 
 def _belief_tables(posterior: CompactPosterior, *, noise: bool) -> Tables:
-    """The posterior's arrays; cosine and sine of each order stand next to each other."""
-    variance = np.zeros((2, 3))
+    """The posterior's arrays: rows of directions of each part, and variances."""
+    more = np.zeros(3)
+    less = np.zeros(3)
     size = len(posterior.residual)
-    variance[:, :size] = posterior.residual
-    variance[0, :size] += noise * posterior.noise
-    dof, waves = posterior.curves.shape[:2]
-    order = np.arange(waves).reshape(2, -1).T.ravel()
-    cosines, sines = np.split(posterior.alone[:, :, 1:], 2, axis=2)
-    variances = np.stack([cosines, sines], axis=3).reshape(
-        *cosines.shape[:2], -1
-    )
-    alone = np.concatenate([posterior.alone[:, :, :1], variances], axis=2)
+    less[:size] = posterior.residual
+    more[:size] = posterior.residual + noise * posterior.noise
     tables: Tables = {
-        "ways": posterior.geometry.reshape(len(posterior.geometry), -1),
-        "gains": posterior.gains.ravel().astype(int),
         "belief_scale": posterior.scale,
-        "more": variance[0],
-        "less": variance[1],
+        "more": more,
+        "less": less,
     }
+    for name, part in posterior.geometry.items():
+        tables[f"by_{name}"] = part.reshape(len(part), -1)
     if posterior.curves.any():
-        tables["waved"] = posterior.curves[:, order].reshape(dof, waves, -1)
-        tables["alone"] = np.swapaxes(alone, 1, 2)
+        waves = posterior.curves.reshape(
+            len(posterior.curves), 2, HARMONICS, -1
+        )
+        tables["by_cos"] = waves[:, 0]
+        tables["by_sin"] = waves[:, 1]
+        tables["alone"] = posterior.alone
     return tables
 
 
@@ -350,25 +350,20 @@ def _arm_tables(arm: KernelArm) -> Tables:
         tables["lens"] = arm.lens
     if len(arm.curves):
         waves = arm.curves.reshape(-1, 2, HARMONICS)
-        tables["curve_cos"] = waves[:, 0].T
-        tables["curve_sin"] = waves[:, 1].T
-    if arm.flex is not None:
-        tables["way"] = arm.way
-        tables["flex_cos"] = arm.flex[0]
-        tables["flex_sin"] = arm.flex[1]
+        order = np.arange(1.0, HARMONICS + 1)
+        cosines = waves[:, 0]
+        sines = waves[:, 1]
+        series = [cosines, sines, order * sines, -order * cosines]
+        tables["curve"] = np.vstack(series).T
     if len(arm.coupling):
         tables["neighbour"] = np.concatenate([[0.0], arm.coupling])
     if arm.sag is not None:
         loads = arm.sag.loads
         tables |= {
-            "drawn": arm.chain.still.strides[:-1, :, 0],
-            "carrier": loads.links,
-            "point": loads.points - arm.chain.points[loads.links],
             "gravity": arm.sag.gravity,
             "bending": arm.sag.bending,
             "loaded": loads.joints,
-            "weight": loads.weights,
-            "elastic": arm.sag.elastic,
+            "load": arm.sag.on_links,
             "tilt": arm.sag.tilts,
         }
     return tables
@@ -382,10 +377,8 @@ def _arm(name: str, arm: KernelArm, single: bool, *, bends: bool) -> str:
         arm.gain,
         arm.offset,
         arm.chain.axes,
-        links.strides[:-1, :, 0],
-        links.turns.reshape(-1, 9),
-        place,
-        turn.ravel(),
+        np.vstack([links.strides[:-1, :, 0], place]),
+        np.concatenate([links.turns, turn[None]]).reshape(-1, 9),
     )
     words = [braces(np.asarray(part, dtype=float), single) for part in parts]
     listed = ",\n".join([*words, str(int(bends))])

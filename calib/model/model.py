@@ -357,16 +357,9 @@ class Model(Compilable):
             return self._single("inverse", near, position)
         axis = free_axis(free)
         open_axis = [-1 if axis is None else axis]
-        others = {0, 1, 2, 3} - {CERTAIN}
-        return self._single(
-            "poses",
-            near,
-            position,
-            quaternion,
-            open_axis,
-            [-1],
-            unsure=(0,) if self.strict else others,
-        )
+        unsure = {0} if self.strict else {0, 1, 2, 3} - {CERTAIN}
+        question = (near, position, quaternion, open_axis, [-1])
+        return self._single("poses", *question, unsure=unsure)
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Derivative (n, m, dof), (m, dof) of :meth:`forward` by the joint values [unit/rad].

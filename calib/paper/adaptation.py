@@ -141,14 +141,9 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
         f"{r} {k} [mm]" for r in (*_READOUTS, _RULE) for k in ("mean", "max")
     ]
     columns = [
-        "change",
-        "samples",
-        "zeta motor",
-        "zeta sensory",
-        "threshold",
-        "error [mm]",
+        *("change", "samples", "zeta motor", "zeta sensory", "threshold"),
+        *("error [mm]", "sigma [nodes]", "eta", "beta", "adapting"),
     ]
-    columns += ["sigma [nodes]", "eta", "beta", "adapting"]
     words = " and ".join(f"{k}: {v}" for k, v in changes.items())
     tables = (
         Table(

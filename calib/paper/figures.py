@@ -69,10 +69,10 @@ def lattice_figure(setting: Setting, path: Path) -> None:
             "forward error [mm]",
         )
         ax.set(
+            title=f"{network.upper()}, motor map",
             xlabel="shoulder [deg]",
             ylabel="elbow [deg]",
         )
-        ax.set_title(f"{network.upper()}, motor map")
         ax = figure.add_subplot(
             2,
             2,
@@ -89,10 +89,10 @@ def lattice_figure(setting: Setting, path: Path) -> None:
             "inverse error [deg]",
         )
         ax.set(
+            title=f"{network.upper()}, sensory map",
             xlabel="x [mm]",
             ylabel="y [mm]",
         )
-        ax.set_title(f"{network.upper()}, sensory map")
     figure.suptitle(
         f"{setting.side}x{setting.side} nodes, {setting.samples:,} samples, {SAME_SCHEDULE}, "
         "readout activity",

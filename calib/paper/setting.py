@@ -25,7 +25,7 @@ NETWORKS = ("som", "vdsom")
 _VALIDATION = 77  # stream of the points on which schedules are chosen
 
 
-def _no_report(_share: float, _what: str) -> None:
+def _no_report(*_: object) -> None:
     """Report nothing."""
 
 

@@ -161,11 +161,8 @@ def table2(setting: Setting) -> Result:
         data[f"{side}x{side}"] = row
         paper = None if setting.quick else TABLE2.get(side)
         lines[f"VDSOM {side}x{side}"] = (row, paper)
-    data |= {
-        "paper": _printed(
-            {f"{n}x{n}": columns for n, columns in TABLE2.items()}
-        )
-    }
+    printed = {f"{n}x{n}": columns for n, columns in TABLE2.items()}
+    data["paper"] = _printed(printed)
     data |= {"schedule": str(trial.schedule), **_size_of(setting)}
     title = f"Table 2, {trial.schedule}, {_conditions(setting)}"
     return Result(data, (_comparison("table2", title, lines),))

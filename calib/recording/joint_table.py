@@ -117,7 +117,7 @@ def picture_column(source: Source) -> str | None:
     for name in source.header:
         if name.lower() == "picture":
             return name
-    for name, cells in source.read(source.header).to_dict().items():
+    for name, cells in source.read(source.header).head(20).to_dict().items():
         if any(str(cell).lower().endswith(PICTURES) for cell in cells):
             return name
     return None

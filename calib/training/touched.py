@@ -13,9 +13,14 @@ from ..body.fit import Fit
 from ..body.parameters import Prior
 from ..body.rows import together
 from ..body.settings import STUDENT
-from ..body.size import DRAWN_SIZE, with_size
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.touch import fit_touches, restated, touching
+from ..body.touch import (
+    DRAWN_SIZE,
+    fit_touches,
+    restated,
+    touching,
+    with_size,
+)
 from ..common.arrays import Array, Mask
 from ..common.rows import finite_rows, median_length, row_lengths
 from ..errors import LogError

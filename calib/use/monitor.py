@@ -11,7 +11,6 @@ import numpy as np
 
 from ..change.causes import single_causes
 from ..change.frame import Reference
-from ..change.judge import SHARED_ERRORS
 from ..change.settings import BEYOND, CREEP, CREPT, FALSE_ALARM
 from ..change.significance import (
     FTests,
@@ -22,6 +21,7 @@ from ..change.significance import (
     usual_noise,
 )
 from ..change.system import Products, prior_columns, smooth_columns
+from ..change.verdict import SHARED_ERRORS
 from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import ModelError, QueryError

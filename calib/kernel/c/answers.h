@@ -25,59 +25,55 @@ static inline calib_real calib_play_reach(const calib_real q[CALIB_DOF]) {
 /* Position; where J is not null also its derivative, J[coordinate * DOF + joint]. */
 static inline int calib_position(const calib_real q[CALIB_DOF], calib_real *x, calib_real *J) {
   calib_real inside[CALIB_DOF];
-  if (!calib_in_range(q)@trusted@) {
+  if (!calib_inside(q, inside)@trusted@) {
     int i;
     for (i = 0; i < CALIB_OUT; ++i) x[i] = calib_not_a_number();
     for (i = 0; J && i < CALIB_OUT * CALIB_DOF; ++i) J[i] = calib_not_a_number();
     return 0;
   }
-  calib_wrapped(q, inside);
   calib_model(0, inside, x, J);
   return 1;
 }
 
-static inline int calib_forward(const calib_real q[CALIB_DOF], calib_real x[CALIB_OUT]) {
+CALIB_API int calib_forward(const calib_real *q, calib_real *x) {
   return calib_position(q, x, 0);
 }
 
-static inline int calib_jacobian(const calib_real *q, calib_real J[CALIB_OUT * CALIB_DOF]) {
+CALIB_API int calib_jacobian(const calib_real *q, calib_real *J) {
   calib_real x[CALIB_OUT];
   return calib_position(q, x, J);
 }
 
-/* 95 % bound on the @bound_of@. */
-static inline int calib_expected_error(const calib_real q[CALIB_DOF], calib_real *bound) {
+/* 95 % bound on the @bound_of@, or without `noise`, that of a single reading, on the true position. */
+static inline int calib_bound_of(const calib_real q[CALIB_DOF], int noise, calib_real *bound) {
   calib_real inside[CALIB_DOF];
   *bound = calib_not_a_number();
-  if (!calib_in_range(q)@trusted@) return 0;
-  calib_wrapped(q, inside);
-  *bound = @bound@;
+  if (!calib_inside(q, inside)@trusted@) return 0;
+  *bound = noise ? @bound@ : @model_bound@;
+#if @play@
+  *bound += calib_play_reach(inside);
+#endif
   return @bounded@;
 }
 
-/* 95 % bound on the true position: without the noise of a single reading. */
-static inline int calib_model_error(const calib_real q[CALIB_DOF], calib_real *bound) {
-  calib_real inside[CALIB_DOF];
-  *bound = calib_not_a_number();
-  if (!calib_in_range(q)@trusted@) return 0;
-  calib_wrapped(q, inside);
-  *bound = @model_bound@;
-  return @bounded@;
+CALIB_API int calib_expected_error(const calib_real *q, calib_real *bound) {
+  return calib_bound_of(q, 1, bound);
+}
+
+CALIB_API int calib_model_error(const calib_real *q, calib_real *bound) {
+  return calib_bound_of(q, 0, bound);
 }
 #if @placed@
 
 /* Position, and the tip's orientation in the sensor's frame: a matrix, row by row. */
 static inline int calib_pose(const calib_real q[CALIB_DOF], calib_real *x, calib_real R[9]) {
-  calib_real inside[CALIB_DOF], p[3], turn[9];
+  calib_real inside[CALIB_DOF], p[3], turn[9], G[6 * CALIB_DOF];
+  const int valid = calib_position(q, x, 0) && calib_inside(q, inside);
   int i;
-  if (!calib_position(q, x, 0)) {
-    for (i = 0; i < 9; ++i) R[i] = calib_not_a_number();
-    return 0;
-  }
-  calib_wrapped(q, inside);
-  calib_chain(&calib_placed, 0, inside, p, turn, 0, 0);
-  for (i = 0; i < 9; ++i) R[i] = calib_aim[i];
-  calib_times(R, turn);
+  for (i = 0; i < 9; ++i) R[i] = calib_not_a_number();
+  if (!valid) return 0;
+  calib_chain(&calib_placed, 0, inside, p, turn, G);
+  calib_product(3, calib_aim, 3, turn, R);
   return 1;
 }
 

@@ -1,4 +1,4 @@
-#if @ways@
+#if @belief_scale@
 
 /* Radius of 95 % of a Gaussian of covariance S (xx, xy, xz, yy, yz, zz) and more (3). */
 static inline calib_real calib_radius_95(const calib_real S[6], calib_real share,
@@ -14,180 +14,188 @@ static inline calib_real calib_radius_95(const calib_real S[6], calib_real share
   return sqrt(trace * r * r * r);
 }
 
-/* How what is seen moves with whatever of an arm and its sensor may be off: the view's matrix,
- * shift and lens; each joint's origin, shifted and turned in its own frame; the tip; each joint's
- * offset, gain and coupling; how loads bend them, and where gravity points.  Parameters of a body
- * are sums of these. */
-static inline void calib_derivatives(const calib_real q[CALIB_DOF],
-                                     calib_real geometry[CALIB_GEOMETRY][3],
-                                     calib_real own[CALIB_DOF][3]) {
-  calib_real at[CALIB_CHAIN + 1][21], chained[CALIB_CHAIN][3], p[3], R[9], arrow[3], about[3];
-  calib_real moved[3], (*out)[3] = geometry;
+/* Adds a motion times a row of what beliefs vary together in. */
+static inline void calib_spread(const calib_real by[3], const calib_real row[CALIB_TOGETHER],
+                                calib_real z[3 * CALIB_TOGETHER]) {
+  int k, r;
+  for (k = 0; k < 3; ++k)
+    for (r = 0; r < CALIB_TOGETHER; ++r) z[k * CALIB_TOGETHER + r] += by[k] * row[r];
+}
+
+/* Adds how the tip moves as the origins of joints shift and turn along their own axes. */
+static inline void calib_origins_off(const calib_frame at[CALIB_CHAIN + 1],
+                                     calib_real z[3 * CALIB_TOGETHER]) {
+  calib_real arrow[3], along[3], swept[3];
   int i, a, k;
+  for (i = 0; i <= CALIB_CHAIN; ++i)
+    for (a = 0; a < 3; ++a) {
+      for (k = 0; k < 3; ++k) along[k] = at[i].before[3 * k + a];
+      calib_spread(along, calib_by_shift[3 * i + a], z);
+    }
+  for (i = 0; i < CALIB_CHAIN; ++i) {
+    for (k = 0; k < 3; ++k) arrow[k] = at[CALIB_CHAIN].origin[k] - at[i].origin[k];
+    for (a = 0; a < 3; ++a) {
+      for (k = 0; k < 3; ++k) along[k] = at[i].after[3 * k + a];
+      calib_cross(along, arrow, swept);
+      calib_spread(swept, calib_by_turn[3 * i + a], z);
+    }
+  }
+}
 #if @gravity@
-  calib_real hinge[CALIB_CHAIN][3], swing[CALIB_CHAIN][CALIB_POINTS][3];
-  calib_swings(q, hinge, swing);
+
+/* Adds how the tip moves as loads bend joints more, and as gravity tilts. */
+static inline void calib_loads_off(const calib_real q[CALIB_DOF],
+                                   calib_real moves[CALIB_CHAIN][3],
+                                   calib_real z[3 * CALIB_TOGETHER]) {
+  calib_frame at[CALIB_CHAIN + 1];
+  calib_real moved[CALIB_CHAIN][3], tilted[2][3] = {{0}}, by[3];
+  int i, j, k, n;
+  calib_drawn_frames(q, at);
+  for (n = 0; n < CALIB_LOADS; ++n) {
+    j = calib_loaded[n];
+    calib_levers(at, j, calib_load[n], moved);
+    for (k = 0; k < 3; ++k) by[k] = moves[j][k] * calib_dot(moved[j], calib_gravity);
+    calib_spread(by, calib_by_load[n], z);
+  }
+  for (j = 0; j < CALIB_CHAIN; ++j) {
+    calib_levers(at, j, calib_bending[j], moved);
+    for (i = 0; i < 2; ++i)
+      for (k = 0; k < 3; ++k) tilted[i][k] += moves[j][k] * calib_dot(moved[j], calib_tilt[i]);
+  }
+  for (i = 0; i < 2; ++i) calib_spread(tilted[i], calib_by_tilt[i], z);
+}
 #endif
-  calib_chain(&calib_body, 0, q, p, R, 0, at);
-  for (i = 0; i < CALIB_GEOMETRY; ++i)
-    for (k = 0; k < 3; ++k) geometry[i][k] = 0;
-  for (k = 0; k < 3; ++k) {
-    for (a = 0; a < 3; ++a) out[3 * k + a][k] = p[a];
-    out[9 + k][k] = 1;
-  }
-  out += 12;
-  for (i = 0; i <= CALIB_CHAIN; ++i, out += 3) /* shifts of the origins and of the tip */
-    for (a = 0; a < 3; ++a) {
-      for (k = 0; k < 3; ++k) moved[k] = at[i][3 * k + a];
-      for (k = 0; k < 3; ++k) out[a][k] = calib_dot(calib_view + 3 * k, moved);
-    }
-  for (i = 0; i < CALIB_CHAIN; ++i, out += 3) { /* turns of the origins, and the joints */
-    for (k = 0; k < 3; ++k) arrow[k] = p[k] - at[i][18 + k];
-    for (a = 0; a < 3; ++a) {
-      for (k = 0; k < 3; ++k) about[k] = at[i][9 + 3 * k + a];
-      calib_cross(about, arrow, moved);
-      for (k = 0; k < 3; ++k) out[a][k] = calib_dot(calib_view + 3 * k, moved);
-    }
-    for (k = 0; k < 3; ++k) about[k] = calib_dot(at[i] + 9 + 3 * k, calib_body.axis[i]);
-    if (calib_bends[i]) calib_cross(about, arrow, about);
-    for (k = 0; k < 3; ++k) chained[i][k] = calib_dot(calib_view + 3 * k, about);
-  }
-  for (k = 0; k < CALIB_DOF; ++k)
-    for (a = 0; a < 3; ++a) {
-      own[k][a] = 0;
-      for (i = 0; i < CALIB_CHAIN; ++i) own[k][a] += calib_coupling[i][k] * chained[i][a];
-      out[k][a] = own[k][a];
-      out[CALIB_DOF + k][a] = own[k][a] * q[k];
-    }
-  out += 2 * CALIB_DOF;
-#if @neighbour@
-  for (k = 1; k < CALIB_DOF; ++k)
-    for (a = 0; a < 3; ++a) out[k - 1][a] = own[k][a] * q[k - 1];
-  out += CALIB_DOF - 1;
-#endif
-#if @gravity@
-  for (i = 0; i < CALIB_LOADS; ++i) {
-    const int joint = calib_loaded[i];
-    calib_real lever[3];
-    int n;
-    for (k = 0; k < 3; ++k) {
-      lever[k] = 0;
-      for (n = 0; n < CALIB_POINTS; ++n) lever[k] += calib_weight[i][n] * swing[joint][n][k];
-    }
-    for (a = 0; a < 3; ++a) {
-      out[i][a] = chained[joint][a] * calib_dot(lever, calib_gravity);
-      for (k = 0; k < 2; ++k) /* gravity is tilted */
-        out[CALIB_LOADS + k][a] +=
-            chained[joint][a] * calib_elastic[i] * calib_dot(lever, calib_tilt[k]);
-    }
-  }
-  out += CALIB_LOADS + 2;
+
+/* How much joints are off in each direction of beliefs, and the variance of their curves alone. */
+static inline void calib_joints_off(const calib_real q[CALIB_DOF],
+                                    calib_real off[CALIB_DOF][CALIB_TOGETHER],
+                                    calib_real alone[CALIB_BELIEFS][CALIB_DOF]) {
+  int b, i, r;
+#if @by_cos@
+  calib_real cosine[CALIB_DOF], sine[CALIB_DOF];
+  int n;
 #endif
 #if @way@
-  {
-    calib_real psi = 0;
-    for (k = 0; k < CALIB_DOF; ++k) {
-      psi += calib_way[k] * q[k];
-      for (i = 0; i <= k; ++i, out += 2)
-        for (a = 0; a < 3; ++a) {
-          out[0][a] = own[i][a] * cos(psi);
-          out[1][a] = own[i][a] * sin(psi);
-        }
-    }
-  }
+  calib_real angle = 0;
+  int k, row = 0;
 #endif
-#if @lens@
-  {
-    calib_real seen[3], x[2], L[6], u[2];
-    for (k = 0; k < 3; ++k) seen[k] = calib_shift[k] + calib_dot(calib_view + 3 * k, p);
-    calib_pinhole(seen, x, L, u);
-    for (i = 0; i < CALIB_GEOMETRY + CALIB_DOF; ++i) {
-      calib_real *each = i < CALIB_GEOMETRY ? geometry[i] : own[i - CALIB_GEOMETRY];
-      const calib_real across = calib_dot(L, each);
-      each[1] = calib_dot(L + 3, each);
-      each[0] = across;
-      each[2] = 0;
-    }
-    for (k = 0; k < 2; ++k) {
-      out[0][k] = (x[k] - calib_lens[1 + k]) / calib_lens[0];
-      out[1 + k][k] = 1;
-      out[3][k] = calib_lens[0] * u[k] * (u[0] * u[0] + u[1] * u[1]);
-    }
-  }
-#else
-  for (i = 0; i < CALIB_GEOMETRY + CALIB_DOF; ++i)
-    for (k = CALIB_OUT; k < 3; ++k)
-      (i < CALIB_GEOMETRY ? geometry[i] : own[i - CALIB_GEOMETRY])[k] = 0;
-#endif
-}
-
-/* out += each of the numbers of a position times a row of what beliefs vary together in. */
-static inline void calib_spanned(const calib_real by[3], const float *row,
-                                 calib_real out[3][CALIB_TOGETHER]) {
-  int k, r;
-  for (k = 0; k < CALIB_OUT; ++k)
-    for (r = 0; r < CALIB_TOGETHER; ++r) out[k][r] += by[k] * row[r];
-}
-#if @waved@
-
-/* What joints' curves add: together with all else to z, and the variance of each by itself. */
-static inline void calib_curve_spread(const calib_real q[CALIB_DOF],
-                                      calib_real own[CALIB_DOF][3],
-                                      calib_real z[3][CALIB_TOGETHER],
-                                      calib_real alone[CALIB_BELIEFS][CALIB_DOF]) {
-  calib_real wave[4 * CALIB_HARMONICS][CALIB_DOF], sum[CALIB_TOGETHER];
-  int b, i, k, n, r;
-  for (i = 0; i < CALIB_DOF; ++i) { /* cosines and sines of multiples, next to each other */
-    wave[0][i] = cos(q[i]);
-    wave[1][i] = sin(q[i]);
-  }
-  for (n = 2; n < 4 * CALIB_HARMONICS; n += 2)
-    for (i = 0; i < CALIB_DOF; ++i) {
-      wave[n][i] = wave[n - 2][i] * wave[0][i] - wave[n - 1][i] * wave[1][i];
-      wave[n + 1][i] = wave[n - 2][i] * wave[1][i] + wave[n - 1][i] * wave[0][i];
-    }
-  for (b = 0; b < CALIB_BELIEFS; ++b) {
-    for (i = 0; i < CALIB_DOF; ++i) alone[b][i] = calib_alone[b][0][i];
-    for (n = 0; n < 4 * CALIB_HARMONICS; ++n)
-      for (i = 0; i < CALIB_DOF; ++i) alone[b][i] += calib_alone[b][n + 1][i] * wave[n][i];
-  }
-  for (i = 0; i < CALIB_DOF; ++i) {
-    for (r = 0; r < CALIB_TOGETHER; ++r) sum[r] = 0;
-    for (n = 0; n < 2 * CALIB_HARMONICS; ++n)
-      for (r = 0; r < CALIB_TOGETHER; ++r) sum[r] += wave[n][i] * calib_waved[i][n][r];
-    for (k = 0; k < CALIB_OUT; ++k)
-      for (r = 0; r < CALIB_TOGETHER; ++r) z[k][r] += own[i][k] * sum[r];
-  }
-}
-#endif
-
-static inline calib_real calib_posterior(const calib_real q[CALIB_DOF], const calib_real more[3]) {
-  calib_real geometry[CALIB_GEOMETRY][3], own[CALIB_DOF][3], z[3][CALIB_TOGETHER];
-  calib_real alone[CALIB_BELIEFS][CALIB_DOF], bound = 0;
-  int b, i, j, k, n, r;
-  calib_derivatives(q, geometry, own);
-  for (k = 0; k < 3; ++k)
-    for (r = 0; r < CALIB_TOGETHER; ++r) z[k][r] = 0;
   for (b = 0; b < CALIB_BELIEFS; ++b)
     for (i = 0; i < CALIB_DOF; ++i) alone[b][i] = 0;
-  for (i = 0; i < CALIB_GEOMETRY; ++i) calib_spanned(geometry[i], calib_ways[i], z);
-#if @waved@
-  calib_curve_spread(q, own, z, alone);
+  for (i = 0; i < CALIB_DOF; ++i)
+    for (r = 0; r < CALIB_TOGETHER; ++r)
+      off[i][r] = calib_by_offset[i][r] + q[i] * calib_by_gain[i][r];
+#if @neighbour@
+  for (i = 1; i < CALIB_DOF; ++i)
+    for (r = 0; r < CALIB_TOGETHER; ++r) off[i][r] += q[i - 1] * calib_by_neighbour[i - 1][r];
 #endif
+#if @way@
+  for (k = 0; k < CALIB_DOF; ++k) {
+    angle += calib_way[k] * q[k];
+    for (i = 0; i <= k; ++i, row += 2)
+      for (r = 0; r < CALIB_TOGETHER; ++r)
+        off[i][r] += cos(angle) * calib_by_flex[row][r] + sin(angle) * calib_by_flex[row + 1][r];
+  }
+#endif
+#if @by_cos@
+  calib_waves(CALIB_DOF, q, cosine, sine);
+  for (i = 0; i < CALIB_DOF; ++i) {
+    const calib_real turn = q[i] / (calib_real)6.283185307179586;
+    const calib_real place = CALIB_KNOTS * (turn - floor(turn)), knot = floor(place);
+    const int first = (int)knot % CALIB_KNOTS, next = (first + 1) % CALIB_KNOTS;
+    calib_real c = 1, s = 0, t;
+    for (b = 0; b < CALIB_BELIEFS; ++b)
+      alone[b][i] = calib_alone[b][i][first] +
+                    (place - knot) * (calib_alone[b][i][next] - calib_alone[b][i][first]);
+    for (n = 0; n < CALIB_HARMONICS; ++n) { /* the next multiple of the angle */
+      t = c * cosine[i] - s * sine[i];
+      s = c * sine[i] + s * cosine[i];
+      c = t;
+      for (r = 0; r < CALIB_TOGETHER; ++r)
+        off[i][r] += c * calib_by_cos[i][n][r] + s * calib_by_sin[i][n][r];
+    }
+  }
+#endif
+}
+
+/* How the sensor sees the tip move in each direction of beliefs, and with each joint. */
+static inline void calib_moves(const calib_real q[CALIB_DOF],
+                               calib_real off[CALIB_DOF][CALIB_TOGETHER],
+                               calib_real z[3 * CALIB_TOGETHER], calib_real joints[3 * CALIB_DOF]) {
+  calib_frame at[CALIB_CHAIN + 1];
+  calib_real slope[CALIB_CHAIN][CALIB_DOF], moves[CALIB_CHAIN][3], by_joint[CALIB_DOF][3];
+  calib_real there[3 * CALIB_TOGETHER] = {0}, motion[3 * CALIB_DOF], arrow[3];
+  const calib_real *p = at[CALIB_CHAIN].origin;
+  int i, k, n, r;
+  calib_posture(&calib_body, 0, q, at, slope);
+  calib_origins_off(at, there);
+  for (i = 0; i < CALIB_CHAIN; ++i) {
+    for (k = 0; k < 3; ++k) arrow[k] = p[k] - at[i].origin[k];
+    calib_cross(at[i].axis, arrow, moves[i]);
+    for (k = 0; k < 3 && !calib_bends[i]; ++k) moves[i][k] = at[i].axis[k];
+  }
+#if @gravity@
+  calib_loads_off(q, moves, there);
+#endif
+  for (n = 0; n < CALIB_DOF; ++n) {
+    for (k = 0; k < 3; ++k) {
+      by_joint[n][k] = 0;
+      for (i = 0; i < CALIB_CHAIN; ++i) by_joint[n][k] += calib_coupling[i][n] * moves[i][k];
+      motion[k * CALIB_DOF + n] = by_joint[n][k];
+    }
+    calib_spread(by_joint[n], off[n], there);
+  }
+  calib_product(3, calib_view, CALIB_TOGETHER, there, z);
+  calib_product(3, calib_view, CALIB_DOF, motion, joints);
+  for (k = 0; k < 3; ++k) /* the view's matrix and shift */
+    for (r = 0; r < CALIB_TOGETHER; ++r)
+      z[k * CALIB_TOGETHER + r] += calib_by_view[9 + k][r] + p[0] * calib_by_view[3 * k][r] +
+                                   p[1] * calib_by_view[3 * k + 1][r] +
+                                   p[2] * calib_by_view[3 * k + 2][r];
+#if @lens@
+  {
+    calib_real at_view[3], x[2], L[9] = {0}, u[2], in_view[3 * CALIB_TOGETHER];
+    for (k = 0; k < 3; ++k) at_view[k] = calib_shift[k] + calib_dot(calib_view + 3 * k, p);
+    calib_pinhole(at_view, x, L, u);
+    for (r = 0; r < 3 * CALIB_TOGETHER; ++r) in_view[r] = z[r];
+    for (r = 0; r < 3 * CALIB_DOF; ++r) motion[r] = joints[r];
+    calib_product(3, L, CALIB_TOGETHER, in_view, z);
+    calib_product(3, L, CALIB_DOF, motion, joints);
+    for (k = 0; k < 2; ++k)
+      for (r = 0; r < CALIB_TOGETHER; ++r)
+        z[k * CALIB_TOGETHER + r] += (x[k] - calib_lens[1 + k]) / calib_lens[0] * calib_by_lens[0][r] +
+                                     calib_by_lens[1 + k][r] +
+                                     calib_lens[0] * u[k] * (u[0] * u[0] + u[1] * u[1]) * calib_by_lens[3][r];
+  }
+#endif
+  for (k = CALIB_OUT; k < 3; ++k) {
+    for (r = 0; r < CALIB_TOGETHER; ++r) z[k * CALIB_TOGETHER + r] = 0;
+    for (n = 0; n < CALIB_DOF; ++n) joints[k * CALIB_DOF + n] = 0;
+  }
+}
+
+static inline calib_real calib_posterior(const calib_real q[CALIB_DOF], const calib_real more[3]) {
+  enum { WAYS = CALIB_TOGETHER / CALIB_BELIEFS };
+  calib_real off[CALIB_DOF][CALIB_TOGETHER], alone[CALIB_BELIEFS][CALIB_DOF];
+  calib_real z[3 * CALIB_TOGETHER], joints[3 * CALIB_DOF], bound = 0;
+  int b, i, j, k, n, r;
+  calib_joints_off(q, off, alone);
+  calib_moves(q, off, z, joints);
   for (b = 0; b < CALIB_BELIEFS; ++b) {
-    const int first = b * (CALIB_TOGETHER / CALIB_BELIEFS);
-    calib_real S[6], apart = 0;
+    const calib_real *way = z + b * WAYS;
+    calib_real S[6], apart = 0, radius;
     for (n = 0, j = 0; j < 3; ++j)
       for (k = j; k < 3; ++k, ++n) {
         S[n] = 0;
-        for (r = first; r < first + CALIB_TOGETHER / CALIB_BELIEFS; ++r)
-          S[n] += calib_gains[r] * z[j][r] * z[k][r];
-        for (i = 0; i < CALIB_DOF; ++i) S[n] += alone[b][i] * own[i][j] * own[i][k];
+        for (r = 0; r < WAYS - 1; ++r)
+          S[n] += way[j * CALIB_TOGETHER + r] * way[k * CALIB_TOGETHER + r];
+        for (i = 0; i < CALIB_DOF; ++i)
+          S[n] += alone[b][i] * joints[j * CALIB_DOF + i] * joints[k * CALIB_DOF + i];
       }
     /* the last direction is by how much the beliefs are apart */
-    r = first + CALIB_TOGETHER / CALIB_BELIEFS - 1;
-    for (k = 0; k < 3; ++k) apart += z[k][r] * z[k][r];
-    apart = sqrt(apart) + calib_belief_scale[b][0] * calib_radius_95(S, calib_belief_scale[b][1], more);
+    for (k = 0; k < 3; ++k)
+      apart += way[k * CALIB_TOGETHER + WAYS - 1] * way[k * CALIB_TOGETHER + WAYS - 1];
+    radius = calib_radius_95(S, calib_belief_scale[b][1], more);
+    apart = sqrt(apart) + calib_belief_scale[b][0] * radius;
     if (apart > bound) bound = apart;
   }
   return bound;

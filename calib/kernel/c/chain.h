@@ -1,175 +1,189 @@
 
-#if @curve_cos@
-/* Error curves of all joints and their derivatives, by Horner's rule in exp(j q). */
-static inline void calib_curves(const calib_real q[CALIB_DOF], calib_real value[CALIB_DOF],
-                                calib_real slope[CALIB_DOF], int slopes) {
-  calib_real c[CALIB_DOF], s[CALIB_DOF], im[CALIB_DOF], dim[CALIB_DOF], t;
-  int i, n;
-  for (i = 0; i < CALIB_DOF; ++i) {
-    c[i] = cos(q[i]);
-    s[i] = sin(q[i]);
-    value[i] = im[i] = slope[i] = dim[i] = 0;
-  }
-  for (n = CALIB_HARMONICS - 1; n >= 0; --n)
-    for (i = 0; i < CALIB_DOF; ++i) {
-      t = value[i] + calib_curve_cos[n][i];
-      im[i] -= calib_curve_sin[n][i];
-      value[i] = t * c[i] - im[i] * s[i];
-      im[i] = t * s[i] + im[i] * c[i];
-    }
-  for (n = CALIB_HARMONICS - 1; slopes && n >= 0; --n)
-    for (i = 0; i < CALIB_DOF; ++i) {
-      t = slope[i] + (calib_real)(n + 1) * calib_curve_sin[n][i];
-      dim[i] += (calib_real)(n + 1) * calib_curve_cos[n][i];
-      slope[i] = t * c[i] - dim[i] * s[i];
-      dim[i] = t * s[i] + dim[i] * c[i];
-    }
-}
-#endif
-#if @gravity@
+/* A joint of a posture: its origin, its place when it has slid, its axis, and the orientation before
+ * and after its link's own turn; the last one is the tip. */
+typedef struct {
+  calib_real origin[3], place[3], axis[3], before[9], after[9];
+} calib_frame;
 
-/* How each joint of the nominal arm moves the points beyond it that weigh; the joints' axes. */
-static inline void calib_swings(const calib_real q[CALIB_DOF], calib_real axis[CALIB_CHAIN][3],
-                                calib_real swing[CALIB_CHAIN][CALIB_POINTS][3]) {
-  calib_real R[9], p[3] = {0, 0, 0}, origin[CALIB_CHAIN][3], at[CALIB_POINTS][3], arm[3];
-  int i, j, k;
-  calib_unit(R);
+/* Frames of an arm's joints at their values, and of its tip. */
+static inline void calib_frames(const calib_arm *arm, const calib_real value[CALIB_CHAIN],
+                                calib_frame at[CALIB_CHAIN + 1]) {
+  calib_real p[3] = {0, 0, 0}, cosine[CALIB_CHAIN], sine[CALIB_CHAIN];
+  int i, k;
+  calib_waves(CALIB_CHAIN, value, cosine, sine);
+  calib_unit(at[0].before);
+  for (i = 0; i <= CALIB_CHAIN; ++i) {
+    calib_add(at[i].before, arm->stride[i], p);
+    calib_product(3, at[i].before, 3, arm->turned[i], at[i].after);
+    for (k = 0; k < 3; ++k) at[i].origin[k] = at[i].place[k] = p[k];
+    if (i == CALIB_CHAIN) break;
+    for (k = 0; k < 3; ++k) at[i].axis[k] = calib_dot(at[i].after + 3 * k, arm->axis[i]);
+    if (calib_bends[i]) {
+      calib_turn(at[i].after, arm->axis[i], cosine[i], sine[i], at[i + 1].before);
+    } else {
+      for (k = 0; k < 3; ++k) p[k] += value[i] * at[i].axis[k];
+      for (k = 0; k < 9; ++k) at[i + 1].before[k] = at[i].after[k];
+    }
+    for (k = 0; k < 3; ++k) at[i].place[k] = p[k];
+  }
+}
+
+/* Values of an arm's joints without curves and bending, and their derivatives. */
+static inline void calib_coupled(const calib_real motor[CALIB_DOF], const calib_real rate[CALIB_DOF],
+                                 calib_real value[CALIB_CHAIN],
+                                 calib_real slope[CALIB_CHAIN][CALIB_DOF]) {
+  int i, k;
   for (i = 0; i < CALIB_CHAIN; ++i) {
-    calib_real v = calib_bias[i];
-    for (k = 0; k < CALIB_DOF; ++k) v += calib_coupling[i][k] * q[k];
-    calib_add(R, calib_drawn[i], p);
-    for (k = 0; k < 3; ++k) axis[i][k] = calib_dot(R + 3 * k, calib_body.axis[i]);
-    if (calib_bends[i]) calib_turn(R, calib_body.axis[i], v);
-    for (k = 0; k < 3; ++k) {
-      if (!calib_bends[i]) p[k] += v * axis[i][k];
-      origin[i][k] = p[k];
-    }
-    for (j = 0; j < CALIB_POINTS; ++j)
-      if (calib_carrier[j] == i) {
-        for (k = 0; k < 3; ++k) at[j][k] = p[k];
-        calib_add(R, calib_point[j], at[j]);
-      }
-  }
-  for (i = 0; i < CALIB_CHAIN; ++i)
-    for (j = 0; j < CALIB_POINTS; ++j) {
-      for (k = 0; k < 3; ++k) arm[k] = at[j][k] - origin[i][k];
-      if (calib_bends[i]) calib_cross(axis[i], arm, swing[i][j]);
-      for (k = 0; k < 3; ++k) {
-        if (!calib_bends[i]) swing[i][j][k] = axis[i][k];
-        if (calib_carrier[j] < i) swing[i][j][k] = 0;
-      }
-    }
-}
-
-/* How much each joint bends under the weights, and its derivatives. */
-static inline void calib_sag(const calib_real q[CALIB_DOF], calib_real bend[CALIB_CHAIN],
-                             calib_real slope[CALIB_CHAIN][CALIB_DOF], int slopes) {
-  calib_real axis[CALIB_CHAIN][3], swing[CALIB_CHAIN][CALIB_POINTS][3], across[CALIB_CHAIN][3];
-  calib_real moved[CALIB_CHAIN][3], by_joint;
-  int i, j, k, n;
-  calib_swings(q, axis, swing);
-  for (i = 0; i < CALIB_CHAIN; ++i) calib_cross(calib_gravity, axis[i], across[i]);
-  for (i = 0; i < CALIB_CHAIN; ++i) {
-    /* how each joint from this one on moves the points, each as much as it bends this one */
-    for (j = i; j < (slopes ? CALIB_CHAIN : i + 1); ++j)
-      for (k = 0; k < 3; ++k) {
-        moved[j][k] = 0;
-        for (n = 0; n < CALIB_POINTS; ++n) moved[j][k] += calib_bending[i][n] * swing[j][n][k];
-      }
-    bend[i] = calib_dot(moved[i], calib_gravity);
-    for (n = 0; slopes && n < CALIB_DOF; ++n) slope[i][n] = 0;
-    for (j = 0; slopes && j < CALIB_CHAIN; ++j) {
-      /* a joint before turns the whole lever, one beyond only the points that follow it */
-      const int first = j < i ? j : i, last = j < i ? i : j;
-      by_joint = calib_bends[first] ? calib_dot(across[first], moved[last]) : 0;
-      for (n = 0; n < CALIB_DOF; ++n) slope[i][n] += by_joint * calib_coupling[j][n];
-    }
-  }
-}
-#endif
-
-/* Position and orientation in the root's frame; where G is not null also the geometric
- * Jacobian, of which the rows 0 to 2 are velocities and the rows 3 to 5 angular velocities, and
- * where `at` is not null each joint's frame before and after its own turn, and its origin; `plain`
- * without curves and bending. */
-static inline void calib_chain(const calib_arm *arm, int plain, const calib_real q[CALIB_DOF],
-                               calib_real p[3], calib_real R[9], calib_real *G,
-                               calib_real at[][21]) {
-  const int bends = arm->own && !plain;
-  calib_real value[CALIB_DOF], rate[CALIB_DOF], slope[CALIB_CHAIN][CALIB_DOF];
-  calib_real origin[CALIB_CHAIN][3], axis[CALIB_CHAIN][3], arrow[3], swept[3];
-  int i, k, o;
-#if @gravity@
-  calib_real bend[CALIB_CHAIN], bent[CALIB_CHAIN][CALIB_DOF];
-  if (bends) calib_sag(q, bend, bent, G != 0);
-#endif
-  for (k = 0; k < CALIB_DOF; ++k) value[k] = rate[k] = 0;
-#if @curve_cos@
-  if (bends) calib_curves(q, value, rate, G != 0);
-#endif
-  for (k = 0; k < CALIB_DOF; ++k) {
-    value[k] += arm->gain[k] * q[k] + arm->offset[k];
-    rate[k] += arm->gain[k];
-  }
-  for (i = 0; G && i < CALIB_CHAIN; ++i)
+    value[i] = calib_bias[i];
+    for (k = 0; k < CALIB_DOF; ++k) value[i] += calib_coupling[i][k] * motor[k];
     for (k = 0; k < CALIB_DOF; ++k) slope[i][k] = calib_coupling[i][k] * rate[k];
+  }
+}
+#if @curve@
+
+/* Adds the error curves of all joints and their derivatives: of each the series of cosines and that of
+ * sines, by the recurrence of Clenshaw (1955), all side by side. */
+static inline void calib_curves(const calib_real q[CALIB_DOF], calib_real value[CALIB_DOF],
+                                calib_real rate[CALIB_DOF]) {
+  enum { LANES = 4 * CALIB_DOF };
+  calib_real c[CALIB_DOF], s[CALIB_DOF], twice[LANES], sum[LANES] = {0}, last[LANES] = {0};
+  int i, n;
+  calib_waves(CALIB_DOF, q, c, s);
+  for (i = 0; i < LANES; ++i) twice[i] = 2 * c[i % CALIB_DOF];
+  for (n = CALIB_HARMONICS - 1; n >= 0; --n)
+    for (i = 0; i < LANES; ++i) {
+      const calib_real next = calib_curve[n][i] + twice[i] * sum[i] - last[i];
+      last[i] = sum[i];
+      sum[i] = next;
+    }
+  for (i = 0; i < CALIB_DOF; ++i) {
+    const int rates = 2 * CALIB_DOF + i;
+    value[i] += c[i] * sum[i] - last[i] + s[i] * sum[CALIB_DOF + i];
+    rate[i] += c[i] * sum[rates] - last[rates] + s[i] * sum[CALIB_DOF + rates];
+  }
+}
+#endif
+#if @gravity@
+
+/* How each joint from one on moves weights on the links beyond it, as much as each weighs; a weight
+ * of a link is a mass and its moment in the link's frame. */
+static inline void calib_levers(const calib_frame at[CALIB_CHAIN + 1], int first,
+                                const calib_real weight[CALIB_CHAIN][4],
+                                calib_real moved[CALIB_CHAIN][3]) {
+  calib_real arm[3] = {0, 0, 0}, mass = 0;
+  int j, k;
+  for (j = CALIB_CHAIN - 1; j >= first; --j) {
+    for (k = 0; k < 3; ++k) arm[k] += mass * (at[j + 1].place[k] - at[j].place[k]);
+    calib_add(at[j + 1].before, weight[j] + 1, arm);
+    mass += weight[j][0];
+    if (calib_bends[j]) calib_cross(at[j].axis, arm, moved[j]);
+    for (k = 0; k < 3 && !calib_bends[j]; ++k) moved[j][k] = mass * at[j].axis[k];
+  }
+}
+
+/* Frames of the arm as it is drawn, at which its weights bend it. */
+static inline void calib_drawn_frames(const calib_real q[CALIB_DOF],
+                                      calib_frame at[CALIB_CHAIN + 1]) {
+  calib_real value[CALIB_CHAIN], slope[CALIB_CHAIN][CALIB_DOF];
+  calib_coupled(q, q, value, slope);
+  calib_frames(&calib_drawn, value, at);
+}
+
+/* Adds how much each joint bends under the weights, and the derivatives. */
+static inline void calib_sag(const calib_real q[CALIB_DOF], calib_real value[CALIB_CHAIN],
+                             calib_real slope[CALIB_CHAIN][CALIB_DOF]) {
+  calib_frame at[CALIB_CHAIN + 1];
+  calib_real across[CALIB_CHAIN][3], moved[CALIB_CHAIN][3];
+  int i, j, k;
+  calib_drawn_frames(q, at);
+  for (i = 0; i < CALIB_CHAIN; ++i) {
+    calib_cross(calib_gravity, at[i].axis, across[i]);
+    for (k = 0; k < 3 && !calib_bends[i]; ++k) across[i][k] = 0;
+  }
+  for (i = 0; i < CALIB_CHAIN; ++i) {
+    calib_levers(at, i, calib_bending[i], moved);
+    value[i] += calib_dot(moved[i], calib_gravity);
+    for (j = 0; j < CALIB_CHAIN; ++j) {
+      /* a joint before turns the whole lever, one beyond only the weights that follow it */
+      const int first = j < i ? j : i, last = j < i ? i : j;
+      const calib_real by_joint = calib_dot(across[first], moved[last]);
+      for (k = 0; k < CALIB_DOF; ++k) slope[i][k] += by_joint * calib_coupling[j][k];
+    }
+  }
+}
+#endif
+#if @way@
+
+/* Adds what bends a planar arm whose gravity is unknown: waves of the sums of all angles up to each
+ * joint. */
+static inline void calib_flex(const calib_real q[CALIB_DOF], calib_real value[CALIB_CHAIN],
+                              calib_real slope[CALIB_CHAIN][CALIB_DOF]) {
+  calib_real angle[CALIB_DOF], cosine[CALIB_DOF], sine[CALIB_DOF], sum = 0;
+  int i, k, n;
+  for (k = 0; k < CALIB_DOF; ++k) angle[k] = sum += calib_way[k] * q[k];
+  calib_waves(CALIB_DOF, angle, cosine, sine);
+  for (k = 0; k < CALIB_DOF; ++k)
+    for (i = 0; i <= k; ++i) {
+      const calib_real a = calib_flex_cos[i][k], b = calib_flex_sin[i][k];
+      value[i] += a * cosine[k] + b * sine[k];
+      for (n = 0; n <= k; ++n) slope[i][n] += (b * cosine[k] - a * sine[k]) * calib_way[n];
+    }
+}
+#endif
+
+/* Frames of an arm and the derivatives of its joints' values; `plain` without curves and bending. */
+static inline void calib_posture(const calib_arm *arm, int plain, const calib_real q[CALIB_DOF],
+                                 calib_frame at[CALIB_CHAIN + 1],
+                                 calib_real slope[CALIB_CHAIN][CALIB_DOF]) {
+  const int bends = arm->own && !plain;
+  calib_real motor[CALIB_DOF], rate[CALIB_DOF], value[CALIB_CHAIN];
+  int k;
+  for (k = 0; k < CALIB_DOF; ++k) {
+    motor[k] = arm->gain[k] * q[k] + arm->offset[k];
+    rate[k] = arm->gain[k];
+  }
+#if @curve@
+  if (bends) calib_curves(q, motor, rate);
+#endif
+#if @neighbour@
+  for (k = 1; bends && k < CALIB_DOF; ++k) motor[k] += calib_neighbour[k] * q[k - 1];
+#endif
+  calib_coupled(motor, rate, value, slope);
 #if @neighbour@
   for (k = 1; bends && k < CALIB_DOF; ++k) { /* a joint moves with its neighbour's motor */
-    value[k] += calib_neighbour[k] * q[k - 1];
-    for (i = 0; G && i < CALIB_CHAIN; ++i)
+    int i;
+    for (i = 0; i < CALIB_CHAIN; ++i)
       slope[i][k - 1] += calib_coupling[i][k] * calib_neighbour[k];
   }
 #endif
-#if @way@
-  if (bends) { /* bent by the sums of all angles up to each joint: planar, gravity unknown */
-    calib_real psi = 0;
-    for (k = 0; k < CALIB_DOF; ++k) {
-      calib_real c, s;
-      psi += calib_way[k] * q[k];
-      c = cos(psi);
-      s = sin(psi);
-      for (i = 0; i <= k; ++i) {
-        const calib_real bend = calib_flex_sin[i][k] * c - calib_flex_cos[i][k] * s;
-        value[i] += calib_flex_cos[i][k] * c + calib_flex_sin[i][k] * s;
-        for (o = 0; G && o <= k; ++o) slope[i][o] += bend * calib_way[o];
-      }
-    }
-  }
-#endif
-  calib_unit(R);
-  for (k = 0; k < 3; ++k) p[k] = 0;
-  for (i = 0; i < CALIB_CHAIN; ++i) {
-    calib_real v = calib_bias[i];
-    for (k = 0; k < CALIB_DOF; ++k) v += calib_coupling[i][k] * value[k];
 #if @gravity@
-    if (bends) {
-      v += bend[i];
-      for (k = 0; G && k < CALIB_DOF; ++k) slope[i][k] += bent[i][k];
-    }
+  if (bends) calib_sag(q, value, slope);
 #endif
-    calib_add(R, arm->stride[i], p);
-    for (k = 0; at && k < 9; ++k) at[i][k] = R[k];
-    calib_times(R, arm->turned[i]);
-    for (k = 0; at && k < 12; ++k) at[i][9 + k] = k < 9 ? R[k] : p[k - 9];
-    for (k = 0; k < 3; ++k) axis[i][k] = calib_dot(R + 3 * k, arm->axis[i]);
-    if (calib_bends[i]) calib_turn(R, arm->axis[i], v);
-    for (k = 0; k < 3; ++k) {
-      if (!calib_bends[i]) p[k] += v * axis[i][k];
-      origin[i][k] = p[k];
-    }
-  }
-  for (k = 0; at && k < 9; ++k) at[CALIB_CHAIN][k] = R[k];
-  calib_add(R, arm->tip, p);
-  calib_times(R, arm->tip_turn);
-  for (i = 0; G && i < 6 * CALIB_DOF; ++i) G[i] = 0;
-  for (i = 0; G && i < CALIB_CHAIN; ++i) {
-    for (k = 0; k < 3; ++k) arrow[k] = p[k] - origin[i][k];
-    calib_cross(axis[i], arrow, swept);
-    for (k = 0; k < CALIB_DOF; ++k)
-      for (o = 0; o < 3; ++o) {
-        G[o * CALIB_DOF + k] += slope[i][k] * (calib_bends[i] ? swept[o] : axis[i][o]);
-        if (calib_bends[i]) G[(o + 3) * CALIB_DOF + k] += slope[i][k] * axis[i][o];
-      }
+#if @way@
+  if (bends) calib_flex(q, value, slope);
+#endif
+  (void)bends;
+  calib_frames(arm, value, at);
+}
+
+/* Position and orientation of the tip in the root's frame, and the geometric Jacobian, of which
+ * three rows are velocities and three angular velocities. */
+static inline void calib_chain(const calib_arm *arm, int plain, const calib_real q[CALIB_DOF],
+                               calib_real p[3], calib_real R[9], calib_real G[6 * CALIB_DOF]) {
+  calib_frame at[CALIB_CHAIN + 1];
+  calib_real slope[CALIB_CHAIN][CALIB_DOF], arrow[3];
+  int i, k, o;
+  calib_posture(arm, plain, q, at, slope);
+  for (k = 0; k < 3; ++k) p[k] = at[CALIB_CHAIN].origin[k];
+  for (k = 0; k < 9; ++k) R[k] = at[CALIB_CHAIN].after[k];
+  for (k = 0; k < 6 * CALIB_DOF; ++k) G[k] = 0;
+  for (i = 0; i < CALIB_CHAIN; ++i) {
+    calib_real twist[6] = {0, 0, 0, 0, 0, 0};
+    for (k = 0; k < 3; ++k) arrow[k] = p[k] - at[i].origin[k];
+    if (calib_bends[i]) calib_cross(at[i].axis, arrow, twist);
+    for (k = 0; k < 3; ++k) twist[calib_bends[i] ? 3 + k : k] = at[i].axis[k];
+    for (o = 0; o < 6; ++o)
+      for (k = 0; k < CALIB_DOF; ++k) G[o * CALIB_DOF + k] += twist[o] * slope[i][k];
   }
 }
 #if @lens@
@@ -194,28 +208,22 @@ static inline void calib_pinhole(const calib_real at[3], calib_real x[2], calib_
 }
 #endif
 
-/* What the sensor sees of a chain, and where J is not null its derivative (row by row). */
+/* What the sensor sees of an arm, and where J is not null its derivative (row by row). */
 static inline void calib_seen(const calib_arm *arm, int plain, const calib_real q[CALIB_DOF],
                               calib_real x[CALIB_OUT], calib_real *J) {
-  calib_real p[3], R[9], G[6 * CALIB_DOF], at[3], V[9];
-  int i, j, k;
-  calib_chain(arm, plain, q, p, R, J ? G : 0, 0);
+  calib_real p[3], R[9], G[6 * CALIB_DOF], at[3];
+  int i;
+  calib_chain(arm, plain, q, p, R, G);
   for (i = 0; i < 3; ++i) at[i] = calib_shift[i] + calib_dot(calib_view + 3 * i, p);
-  for (i = 0; i < 9; ++i) V[i] = calib_view[i];
-  for (i = 0; i < CALIB_OUT; ++i) x[i] = at[i];
 #if @lens@
   {
-    calib_real L[6], u[2];
+    calib_real L[6], u[2], moved[3 * CALIB_DOF];
     calib_pinhole(at, x, L, u);
-    for (i = 0; i < 2; ++i)
-      for (j = 0; j < 3; ++j)
-        V[3 * i + j] = L[3 * i] * calib_view[j] + L[3 * i + 1] * calib_view[3 + j] +
-                       L[3 * i + 2] * calib_view[6 + j];
+    calib_product(3, calib_view, CALIB_DOF, G, moved);
+    if (J) calib_product(2, L, CALIB_DOF, moved, J);
   }
+#else
+  for (i = 0; i < CALIB_OUT; ++i) x[i] = at[i];
+  if (J) calib_product(CALIB_OUT, calib_view, CALIB_DOF, G, J);
 #endif
-  for (i = 0; J && i < CALIB_OUT; ++i)
-    for (k = 0; k < CALIB_DOF; ++k) {
-      J[i * CALIB_DOF + k] = 0;
-      for (j = 0; j < 3; ++j) J[i * CALIB_DOF + k] += V[3 * i + j] * G[j * CALIB_DOF + k];
-    }
 }

@@ -14,45 +14,42 @@
 
 #include <math.h>
 
+#ifndef CALIB_API
+#define CALIB_API static inline
+#endif
+
 typedef @real@ calib_real;
 
 enum {
   CALIB_DOF = @dof@, CALIB_OUT = @out@, CALIB_NODES = @nodes@, CALIB_NEAR = @near@,
-  CALIB_HARMONICS = @harmonics@, CALIB_CHAIN = @chain@, CALIB_STARTS = @starts@,
-  CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_BUDGET = @budget@, CALIB_TRIES = @tries@, CALIB_POSTURES = @postures@,
-  CALIB_SCANNED = @scanned@, CALIB_RUNS = @runs@, CALIB_PULL = @pull@, CALIB_POINTS = @points@,
-  CALIB_LOADS = @loads@, CALIB_GEOMETRY = @geometry@, CALIB_BELIEFS = @beliefs@,
+  CALIB_HARMONICS = @harmonics@, CALIB_KNOTS = @knots@, CALIB_CHAIN = @chain@,
+  CALIB_STARTS = @starts@, CALIB_STEPS = @steps@, CALIB_SLIDES = @slides@, CALIB_BUDGET = @budget@,
+  CALIB_TRIES = @tries@, CALIB_POSTURES = @postures@, CALIB_SCANNED = @scanned@,
+  CALIB_RUNS = @runs@, CALIB_PULL = @pull@, CALIB_LOADS = @loads@, CALIB_BELIEFS = @beliefs@,
   CALIB_TOGETHER = @together@
 };
 
 /* An arm: joint values are gain q + offset + curve, and bend with their posture. */
 typedef struct {
   calib_real gain[CALIB_DOF], offset[CALIB_DOF];
-  calib_real axis[CALIB_CHAIN][3], stride[CALIB_CHAIN][3], turned[CALIB_CHAIN][9];
-  calib_real tip[3], tip_turn[9];
+  calib_real axis[CALIB_CHAIN][3];
+  calib_real stride[CALIB_CHAIN + 1][3], turned[CALIB_CHAIN + 1][9]; /* the last to the tip */
   int own; /* whether it has curves and bends */
 } calib_arm;
-
+@tables@
 static inline calib_real calib_not_a_number(void) { return (calib_real)NAN; }
 
-/* Whether joint values are within the range that the model was learned for. */
-static inline int calib_in_range(const calib_real q[CALIB_DOF]) {
-  int i;
+/* Joints with those of full turns moved into their range; 0 where they are outside of what the model
+ * was learned for. */
+static inline int calib_inside(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
+  int i, inside = 1;
   for (i = 0; i < CALIB_DOF; ++i) {
     const calib_real u = (q[i] - calib_lower[i]) / calib_span[i];
-    if (!calib_periodic[i] && !(u >= @slack@ && u <= 1 - @slack@)) return 0;
-    if (!(u >= @slack@ - 1 && u <= 2 - @slack@)) return 0; /* more than a turn beyond */
-  }
-  return 1;
-}
-
-/* Joint values with those of full turns moved into their range. */
-static inline void calib_wrapped(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
-  int i;
-  for (i = 0; i < CALIB_DOF; ++i) {
-    const calib_real u = (q[i] - calib_lower[i]) / calib_span[i];
+    const calib_real more = calib_periodic[i] ? 1 : 0; /* at most a turn beyond */
+    if (!(u >= @slack@ - more && u <= 1 - @slack@ + more)) inside = 0;
     out[i] = calib_periodic[i] ? calib_lower[i] + (u - floor(u)) * calib_span[i] : q[i];
   }
+  return inside;
 }
 
 static inline void calib_cross(const calib_real a[3], const calib_real b[3], calib_real out[3]) {
@@ -72,24 +69,48 @@ static inline void calib_add(const calib_real R[9], const calib_real v[3], calib
   for (i = 0; i < 3; ++i) out[i] += calib_dot(R + 3 * i, v);
 }
 
-/* R becomes R S. */
-static inline void calib_times(calib_real R[9], const calib_real S[9]) {
-  int i, j;
-  for (i = 0; i < 3; ++i) {
-    const calib_real a = R[3 * i], b = R[3 * i + 1], c = R[3 * i + 2];
-    for (j = 0; j < 3; ++j) R[3 * i + j] = a * S[j] + b * S[3 + j] + c * S[6 + j];
+/* Rows of three of a matrix times `width` columns of three. */
+static inline void calib_product(int rows, const calib_real *matrix, int width,
+                                 const calib_real *columns, calib_real *out) {
+  int i, k;
+  for (i = 0; i < rows; ++i) {
+    const calib_real a = matrix[3 * i], b = matrix[3 * i + 1], c = matrix[3 * i + 2];
+    for (k = 0; k < width; ++k)
+      out[i * width + k] = a * columns[k] + b * columns[width + k] + c * columns[2 * width + k];
   }
 }
 
-/* R is turned about its own unit axis (Rodrigues). */
-static inline void calib_turn(calib_real R[9], const calib_real axis[3], calib_real angle) {
-  const calib_real c = cos(angle), s = sin(angle);
+/* Cosines and sines of many angles: by their series, of what is left of quarters of a turn. */
+static inline void calib_waves(int count, const calib_real *angle, calib_real *cosine,
+                               calib_real *sine) {
+  const calib_real coarse = (calib_real)1.5707963267341256; /* a quarter, but for its last digits */
+  const calib_real fine = (calib_real)(1.5707963267948966 - (double)coarse);
+  int i, n;
+  for (i = 0; i < count; ++i) {
+    const calib_real quarters = floor(angle[i] * (calib_real)0.6366197723675814 + (calib_real)0.5);
+    const calib_real rest = angle[i] - quarters * coarse - quarters * fine;
+    const calib_real half = floor(quarters / 2), odd = quarters - 2 * half;
+    const calib_real sign = 1 - 2 * (half - 2 * floor(half / 2));
+    calib_real c = 1, s = 1;
+    for (n = 16; n > 0; n -= 2) {
+      c = 1 - rest * rest * c * ((calib_real)1 / (calib_real)(n * (n - 1)));
+      s = 1 - rest * rest * s * ((calib_real)1 / (calib_real)(n * (n + 1)));
+    }
+    s *= rest;
+    cosine[i] = sign * (odd > 0 ? -s : c);
+    sine[i] = sign * (odd > 0 ? c : s);
+  }
+}
+
+/* R, turned about its own unit axis by an angle of cosine c and sine s (Rodrigues). */
+static inline void calib_turn(const calib_real R[9], const calib_real axis[3], calib_real c,
+                              calib_real s, calib_real out[9]) {
   calib_real swept[3], along;
   int i, j;
   for (i = 0; i < 3; ++i) {
     calib_cross(R + 3 * i, axis, swept);
     along = (1 - c) * calib_dot(R + 3 * i, axis);
-    for (j = 0; j < 3; ++j) R[3 * i + j] = c * R[3 * i + j] + s * swept[j] + along * axis[j];
+    for (j = 0; j < 3; ++j) out[3 * i + j] = c * R[3 * i + j] + s * swept[j] + along * axis[j];
   }
 }
 

@@ -1,29 +1,28 @@
 
-/* Many rows at once.  Each kind of question has two functions: calib_NAME_row answers one, a row of
- * numbers by another, calib_NAME_many those from `first` up to `last`, of rows that are `width` and
- * `size` numbers apart, with a flag for each.  A question has joints, or those that an answer should
- * be near to, and from 16 on a position (4), a quaternion x, y, z, w, an axis of the tip that is
- * free or -1, and how many starts follow: -1 to begin near the joints alone, 0 for the table's. */
-#ifndef CALIB_API
-#define CALIB_API static inline
-#endif
-#define CALIB_ROWS(name, answer)                                                            \
-  CALIB_API int calib_##name##_row(const calib_real *b, calib_real *out) { return answer; } \
-  CALIB_API void calib_##name##_many(long first, long last, const calib_real *b, int width, \
-                                     calib_real *out, int size, signed char *flag) {        \
-    for (; first < last; ++first)                                                           \
-      flag[first] = (signed char)calib_##name##_row(b + first * width, out + first * size); \
-  }
+/* Rows of numbers: each kind of question has a function that answers one row by another and returns a
+ * flag.  A question has joints, or those that an answer should be near to, and from 16 on a position
+ * (4), a quaternion x, y, z, w, an axis of the tip that is free or -1, and how many starts follow: -1
+ * to begin near the joints alone, 0 for the table's. */
+typedef int (*calib_row)(const calib_real *question, calib_real *answer);
 
-CALIB_ROWS(forward, calib_forward(b, out))
-CALIB_ROWS(jacobian, calib_jacobian(b, out))
-CALIB_ROWS(bounds, calib_expected_error(b, out))
-CALIB_ROWS(model_bounds, calib_model_error(b, out))
-CALIB_ROWS(inverse, calib_inverse(b + 16, b, out))
-CALIB_ROWS(inverse_all, calib_inverse_all(b + 16, @branches@, (calib_real(*)[CALIB_DOF])out))
-#if @limit@
-CALIB_ROWS(correct, calib_correct(b, out))
-#endif
+/* Answers rows from `first` up to `last`, questions and answers so many numbers apart. */
+CALIB_API void calib_many(calib_row row, long first, long last, const calib_real *question,
+                          int width, calib_real *answer, int size, signed char *flag) {
+  for (; first < last; ++first)
+    flag[first] = (signed char)row(question + first * width, answer + first * size);
+}
+
+CALIB_API int calib_inverse_row(const calib_real *b, calib_real *out) {
+  return calib_inverse(b + 16, b, out);
+}
+
+CALIB_API int calib_inverse_long_row(const calib_real *b, calib_real *out) {
+  return calib_inverse_within(b + 16, b, 50 * CALIB_BUDGET, out);
+}
+
+CALIB_API int calib_inverse_all_row(const calib_real *b, calib_real *out) {
+  return calib_inverse_all(b + 16, @branches@, (calib_real(*)[CALIB_DOF])out);
+}
 #if @placed@
 
 /* Postures all over the joints' ranges, and the poses of their tips in arm's lengths. */
@@ -46,7 +45,7 @@ static inline void calib_pose_of(const calib_real p[3], const calib_real R[9], f
 /* Fills a table of postures evenly, multiples of powers of the root of g^(dof + 1) = g + 1 without
  * their whole parts (Roberts 2018), and makes it the one that searches begin at. */
 CALIB_API void calib_prepare(calib_postures *table) {
-  calib_real golden = 2, u[CALIB_DOF], p[3], R[9];
+  calib_real golden = 2, u[CALIB_DOF], p[3], R[9], G[6 * CALIB_DOF];
   int n, k;
   for (n = 0; n < 40; ++n) golden = pow(1 + golden, 1 / (calib_real)(CALIB_DOF + 1));
   for (k = 0; k < CALIB_DOF; ++k) u[k] = (calib_real)0.5;
@@ -58,7 +57,7 @@ CALIB_API void calib_prepare(calib_postures *table) {
       u[k] -= floor(u[k]);
       table->q[n][k] = calib_lower[k] + u[k] * calib_span[k];
     }
-    calib_chain(&calib_placed, 1, table->q[n], p, R, 0, 0);
+    calib_chain(&calib_placed, 1, table->q[n], p, R, G);
     calib_pose_of(p, R, table->pose[n]);
   }
   calib_table = table;
@@ -68,11 +67,9 @@ CALIB_API void calib_prepare(calib_postures *table) {
  * order of their distance; `row` is room for it. */
 static inline calib_starts calib_pose_starts(const calib_task *task, const calib_real *given,
                                              int count, short row[CALIB_POSTURES]) {
-  enum { BINS = 256 };
   calib_starts starts = {given, 0, count, count, count, @same@};
-  float wanted[12], weight[12];
-  unsigned char bin[CALIB_POSTURES];
-  int begin[BINS + 1] = {0}, n, i;
+  float wanted[12], weight[12], far[CALIB_POSTURES] = {0};
+  int n, i;
   if (count || !calib_table) return starts;
   starts.q = calib_table->q[0];
   starts.row = row;
@@ -82,18 +79,12 @@ static inline calib_starts calib_pose_starts(const calib_task *task, const calib
   calib_pose_of(task->x, task->R, wanted);
   for (i = 0; i < 12; ++i)
     weight[i] = i < 3 || task->kind == CALIB_POSE || (i - 3) % 3 == task->axis ? 1.0f : 0.0f;
-  for (n = 0; n < CALIB_POSTURES; ++n) {
-    float far = 0;
+  for (n = 0; n < CALIB_POSTURES; ++n)
     for (i = 0; i < 12; ++i) {
       const float gap = calib_table->pose[n][i] - wanted[i];
-      far += weight[i] * gap * gap;
+      far[n] += weight[i] * gap * gap;
     }
-    far *= BINS / 4;
-    bin[n] = (unsigned char)(far < BINS - 1 ? far : BINS - 1);
-    ++begin[bin[n] + 1];
-  }
-  for (i = 0; i < BINS; ++i) begin[i + 1] += begin[i];
-  for (n = 0; n < CALIB_POSTURES; ++n) row[begin[bin[n]]++] = (short)n;
+  calib_order(CALIB_POSTURES, far, row);
   return starts;
 }
 
@@ -107,12 +98,11 @@ static inline int calib_asked(const calib_real *b, calib_task *task) {
   return 1;
 }
 
-static inline int calib_nearest_pose(const calib_real *b, calib_real *q) {
+CALIB_API int calib_poses_row(const calib_real *b, calib_real *q) {
   calib_task task;
-  calib_search search;
+  calib_search search = calib_begin(&task, b, 1, 0, q);
   int sure = 0;
-  search.met = 0;
-  if (calib_asked(b, &task)) sure = calib_try_near(&search, &task, b);
+  if (calib_asked(b, &task)) sure = calib_try_near(&search, &task, b, CALIB_BUDGET, q);
   if (sure == 2 && b[25] >= 0) { /* all that starts lead to is looked at */
     short row[CALIB_POSTURES];
     const calib_starts starts = calib_pose_starts(&task, b + 26, (int)b[25], row);
@@ -120,28 +110,24 @@ static inline int calib_nearest_pose(const calib_real *b, calib_real *q) {
     calib_try_starts(&search, &starts);
     sure = 1;
   }
-  return calib_answered(&search, b, sure, q);
+  return calib_answered(&search, b, sure);
 }
 
-static inline int calib_every_pose(const calib_real *b, calib_real *q) {
+CALIB_API int calib_poses_all_row(const calib_real *b, calib_real *q) {
   calib_task task;
   calib_starts starts;
   short row[CALIB_POSTURES];
   if (!calib_asked(b, &task)) return 0;
   starts = calib_pose_starts(&task, b + 26, (int)b[25], row);
-  return calib_every(&task, &starts, @most_ways@, (calib_real(*)[CALIB_DOF])q);
+  return calib_every(&task, &starts, @most_ways@, q);
 }
 
-static inline int calib_posed(const calib_real *q, calib_real *out) {
+CALIB_API int calib_pose_row(const calib_real *q, calib_real *out) {
   calib_real R[9];
   const int valid = calib_pose(q, out, R);
   calib_quaternion(R, out + 3);
   return valid;
 }
-
-CALIB_ROWS(pose, calib_posed(b, out))
-CALIB_ROWS(poses, calib_nearest_pose(b, out))
-CALIB_ROWS(poses_all, calib_every_pose(b, out))
 #endif
 
 #endif /* @guard@ */

@@ -142,84 +142,115 @@ static inline calib_real calib_share(const calib_real slid[CALIB_DOF],
   return share < (calib_real)0.1 ? (calib_real)0.1 : share > 3 ? 3 : share;
 }
 
-/* Joints from a start (in q) to a task by damped Newton steps, at most as many as the `budget` has,
- * where `rough` first without curves, bending and local models.  More joints than residuals slide towards `near`
- * along their self-motion once they are close.  Returns whether they are there; `left` is what is
- * left.  A start that leads to one of `count` known ways is given up. */
-static inline int calib_reach(const calib_task *task, const calib_real near[CALIB_DOF],
-                              const calib_real *known, int count, int rough, int *budget,
-                              calib_real q[CALIB_DOF], calib_real *left) {
-  const calib_real size = calib_size(task), close = @close@ * size;
-  calib_real move[CALIB_DOF], pull[CALIB_DOF], before[CALIB_DOF], slid[CALIB_DOF];
-  calib_real trial[CALIB_DOF], damping = @calm@, share = 1, length;
-  calib_gap gap, next;
-  int plain = rough && @bent@, sliding = CALIB_DOF > calib_rows(task), moved = 0, ends = 0, k;
-  int step = 0, slide = 0;
-  *left = calib_not_a_number();
-  calib_clipped(q);
-  calib_left(task, plain, q, &gap);
-  while (step < CALIB_STEPS && *budget > 0) {
-    const int slides = sliding && gap.left <= @rough@ * size;
+/* A search: from where, and the ways so far that do the task; with room for one the nearest stays. */
+typedef struct {
+  const calib_task *task;
+  calib_real from[CALIB_DOF]; /* joints that answers should be near to */
+  calib_real *way;            /* joints of the ways, one after another */
+  int count, most;            /* ways, and how many have room */
+  int budget;                 /* steps that are left */
+  calib_real away;            /* from `from` to the nearest way */
+  calib_real nearest[CALIB_DOF], left; /* what comes closest where there is none */
+} calib_search;
+
+/* Slides of redundant joints along their self-motion towards the joints that are asked for. */
+typedef struct {
+  int count, moved;                           /* slides so far; whether the last one was taken */
+  calib_real share, pull[CALIB_DOF];          /* of the pull that a slide goes */
+  calib_real before[CALIB_DOF], slid[CALIB_DOF]; /* the pull of the last slide, and its way */
+} calib_slides;
+
+/* Adds the next slide to a move; 0 where joints have settled. */
+static inline int calib_slide(const calib_search *search, const calib_real q[CALIB_DOF],
+                              const calib_gap *gap, calib_real settled, calib_slides *slides,
+                              calib_real move[CALIB_DOF]) {
+  const calib_real length = calib_pull(search->task, search->from, q, gap, slides->pull);
+  calib_real part = 1;
+  int k;
+  if (slides->moved) slides->share = calib_share(slides->slid, slides->before, slides->pull);
+  if (length <= settled || slides->share < @stuck@ || slides->count >= CALIB_SLIDES) return 0;
+  ++slides->count;
+  for (k = 0; k < CALIB_DOF; ++k) {
+    move[k] += slides->share * slides->pull[k];
+    if (fabs(move[k]) * part > @longest@) part = @longest@ / fabs(move[k]);
+  }
+  for (k = 0; k < CALIB_DOF; ++k) { /* no joint beyond its limit */
+    const calib_real u = (q[k] - calib_lower[k]) / calib_span[k];
+    const calib_real room = move[k] > 0 ? 1 - u : u;
+    if (!calib_periodic[k] && room > @slides_slack@ && fabs(part * move[k]) > room)
+      part = room / fabs(move[k]);
+  }
+  for (k = 0; k < CALIB_DOF; ++k) move[k] *= part;
+  return 1;
+}
+
+/* Joints from a start (in q) to a task by damped Newton steps, `plain` roughly, without curves,
+ * bending and local models.  More joints than residuals slide once they are close.  Returns whether
+ * they are there; the gap is theirs.  What leads to one of `count` ways is given up. */
+static inline int calib_descend(calib_search *search, int plain, int count, calib_real q[CALIB_DOF],
+                                calib_gap *gap) {
+  const calib_task *task = search->task;
+  const calib_real size = calib_size(task), close = @close@ * size, rough = @rough@ * size;
+  calib_slides slides = {0, 0, 1, {0}, {0}, {0}};
+  calib_real move[CALIB_DOF], trial[CALIB_DOF], damping = @calm@;
+  calib_gap next;
+  int sliding = CALIB_DOF > calib_rows(task), step = 0, last = 0;
+  calib_left(task, plain, q, gap);
+  while (step < CALIB_STEPS && search->budget > 0) {
+    const int near = sliding && gap->left <= rough;
     int better;
-    *budget -= @bent@ && !plain ? 4 : 1; /* curves and bending take so much longer */
-    ends |= !slides && gap.left <= (plain ? @rough@ : @enough@) * size;
-    if (slides) {
-      length = calib_pull(task, near, q, &gap, pull);
-      if (moved) share = calib_share(slid, before, pull);
-      if ((plain ? length <= 100 * @settled@ : length <= @settled@ && gap.left <= close) ||
-          share < @stuck@ || slide++ >= CALIB_SLIDES) {
-        sliding = plain;
-        ends = plain;
-        if (!plain) continue;
-      }
-    }
-    if (ends && !plain) break;
-    if (ends) { /* what misses by far does so with curves, too */
-      if (gap.left > 10 * @rough@ * size) break;
-      plain = ends = moved = 0;
-      share = 1;
-      calib_left(task, plain, q, &gap);
-      continue;
-    }
-    if (!calib_move(calib_rows(task), gap.J, gap.r, q, 0, damping, move)) return 0;
-    if (slides) { /* no joint beyond its limit */
-      calib_real part = 1;
-      for (k = 0; k < CALIB_DOF; ++k) move[k] += share * pull[k];
-      for (k = 0; k < CALIB_DOF; ++k)
-        if (fabs(move[k]) * part > @longest@) part = @longest@ / fabs(move[k]);
-      for (k = 0; k < CALIB_DOF; ++k) {
-        const calib_real u = (q[k] - calib_lower[k]) / calib_span[k];
-        const calib_real room = move[k] > 0 ? 1 - u : u;
-        if (!calib_periodic[k] && room > @slides_slack@ && fabs(part * move[k]) > room)
-          part = room / fabs(move[k]);
-      }
-      for (k = 0; k < CALIB_DOF; ++k) move[k] *= part;
+    search->budget -= @bent@ && !plain ? 4 : 1; /* curves and bending take so much longer */
+    if (!near && gap->left <= (plain ? rough : @enough@ * size)) break;
+    if (!calib_move(calib_rows(task), gap->J, gap->r, q, 0, damping, move)) return 0;
+    if (near) {
+      const calib_real settled = plain ? 100 * @settled@ : gap->left <= close ? @settled@ : -1;
+      sliding = calib_slide(search, q, gap, settled, &slides, move);
+      if (!sliding && plain) break;
+      if (!sliding) continue;
     }
     calib_moved(q, move, trial);
-    if (calib_beside(trial, known, count, @margin@ / 4)) return 0;
+    if (last) { /* what this step leaves is known to be less */
+      calib_copy(trial, q);
+      break;
+    }
+    if (calib_beside(trial, search->way, count, @margin@ / 4)) return 0;
     calib_left(task, plain, trial, &next);
-    if (slides) {
-      better = next.left <= @rough@ * size &&
-               (gap.left > close || calib_apart(trial, near, 0) < calib_apart(q, near, 0));
-      if (!better) share /= 4;
-      calib_apart(trial, q, slid);
-      calib_copy(pull, before);
-      moved = better;
+    if (near) {
+      better = next.left <= rough && (gap->left > close || calib_apart(trial, search->from, 0) <
+                                                               calib_apart(q, search->from, 0));
+      if (!better) slides.share /= 4;
+      calib_apart(trial, q, slides.slid);
+      calib_copy(slides.pull, slides.before);
+      slides.moved = better;
     } else {
+      const int slow = !(next.left < gap->left * (1 - @slow@));
       ++step;
-      better = next.left < gap.left;
+      better = next.left < gap->left;
+      if (better ? slow : gap->left <= close || !(damping < @hardest@)) step = CALIB_STEPS;
       damping = better ? damping / @easier@ : damping * @easier@;
       if (better && damping < @calm@) damping = @calm@;
       if (!better && damping < @hard@) damping = @hard@;
-      ends = better ? !(next.left < gap.left * (1 - @slow@))
-                    : gap.left <= close || !(damping < @hardest@);
+      last = better && !plain && next.left * next.left <= @surplus@ * close * gap->left;
     }
     if (!better) continue;
     calib_copy(trial, q);
-    gap = next;
+    *gap = next;
   }
-  *left = gap.left;
-  return gap.left <= close;
+  return last || gap->left <= (plain ? 10 * rough : close); /* what misses by far does so bent */
+}
+
+/* The same from a start on, first roughly where `rough`; a way that would be further than the nearest
+ * is given up. */
+static inline int calib_reach(calib_search *search, int rough, int count, calib_real q[CALIB_DOF],
+                              calib_gap *gap) {
+  calib_clipped(q);
+  if (rough && @bent@) {
+    if (!calib_descend(search, 1, count, q, gap)) return 0;
+    if (search->most == 1 && count &&
+        calib_apart(q, search->from, 0) > search->away + @margin@ / 4)
+      return 0;
+  }
+  return calib_descend(search, 0, count, q, gap);
 }
 
 /* The direction y of residuals that joints hardly reach, and the motion v that hardly moves the tip;
@@ -248,13 +279,12 @@ static inline calib_real calib_flat(int n, const calib_real *J, calib_real y[6],
 /* Where the joints may stand on the other side of a nearby fold: as far beyond it as q is before
  * it, along the motion that hardly moves the tip.  0 where no fold is near. */
 static inline int calib_twin(const calib_task *task, const calib_real q[CALIB_DOF],
-                             calib_real out[CALIB_DOF]) {
+                             const calib_gap *here, calib_real out[CALIB_DOF]) {
   const int n = calib_rows(task);
-  calib_real y[6], v[CALIB_DOF], size, reach, rate = 0;
+  calib_real y[6], v[CALIB_DOF], reach, rate = 0;
+  const calib_real size = calib_flat(n, here->J, y, v);
   calib_gap gap;
   int i, k, side;
-  calib_left(task, 0, q, &gap);
-  size = calib_flat(n, gap.J, y, v);
   if (!(size > 0)) return 0;
   for (side = -1; side <= 1; side += 2) { /* how fast that singular value changes */
     for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + side * @probe@ * calib_span[k] * v[k];

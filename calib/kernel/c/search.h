@@ -1,11 +1,35 @@
 
-/* Rows of the table of starts that may lead to a position: those of its cell and, after them, of
- * the cells beside; without cells those that are near to it and to joints.  Returns how many;
- * those from `likely` on, all over the table, are for what the first lead to nowhere. */
-static inline int calib_starting(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
-                                 short row[CALIB_TRIES], int *likely) {
+/* Starts of a search: rows of a table of joints, in an order. */
+typedef struct {
+  const calib_real *q; /* joints, one after another; no numbers are no start */
+  const short *row;    /* the order; 0 where it is that of the table */
+  int count, likely;   /* those after the likely ones are for what these lead to nowhere */
+  int runs;            /* so many runs without a new way end a search */
+  calib_real apart;    /* starts closer to a known way lead to it */
+} calib_starts;
+
+/* Puts rows into the order of their distances, which are told apart up to 4. */
+static inline void calib_order(int count, const float *far, short *row) {
+  enum { BINS = 256 };
+  int begin[BINS + 1] = {0}, bin, n;
+  for (n = 0; n < count; ++n) {
+    bin = far[n] < 4 ? (int)(far[n] * (BINS / 4)) : BINS - 1;
+    ++begin[bin + 1];
+  }
+  for (n = 0; n < BINS; ++n) begin[n + 1] += begin[n];
+  for (n = 0; n < count; ++n) {
+    bin = far[n] < 4 ? (int)(far[n] * (BINS / 4)) : BINS - 1;
+    row[begin[bin]++] = (short)n;
+  }
+}
 #if @grid@
-  int cell[CALIB_OUT], found = 0, around = 1, i, n, ring;
+
+/* Starts of a position: those of its cell and, after them, of the cells beside. */
+static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
+                                                 const calib_real near[CALIB_DOF],
+                                                 short row[CALIB_STARTS + 1]) {
+  calib_starts starts = {calib_start_q[0], row, 0, 0, CALIB_TRIES, @margin@ / 2};
+  int cell[CALIB_OUT], around = 1, i, n, ring;
   (void)near;
   for (i = 0; i < CALIB_OUT; ++i) {
     const calib_real u = floor((x[i] - calib_grid_lower[i]) / calib_grid_step[i]);
@@ -22,37 +46,36 @@ static inline int calib_starting(const calib_real x[CALIB_OUT], const calib_real
         place = place * calib_grid[i] + at;
       }
       if (outside || beside != ring) continue;
-      for (i = calib_cell[place]; i < calib_cell[place + 1] && found < CALIB_TRIES; ++i)
-        row[found++] = (short)i;
+      for (i = calib_cell[place]; i < calib_cell[place + 1] && starts.count < CALIB_TRIES; ++i)
+        row[starts.count++] = (short)i;
     }
-  *likely = found;
-  for (i = 0; i < CALIB_STARTS && found < CALIB_TRIES; i += 1 + CALIB_STARTS / CALIB_TRIES)
-    row[found++] = (short)i;
-  return found;
+  starts.likely = starts.count;
+  for (i = 0; i < CALIB_STARTS && starts.count < CALIB_TRIES; i += 1 + CALIB_STARTS / CALIB_TRIES)
+    row[starts.count++] = (short)i;
+  return starts;
+}
 #else
-  calib_real far[CALIB_TRIES];
-  int found = 0, i, k, n;
+
+/* Starts of a position: those that are near to it and to joints. */
+static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
+                                                 const calib_real near[CALIB_DOF],
+                                                 short row[CALIB_STARTS + 1]) {
+  const int count = CALIB_TRIES < CALIB_STARTS ? CALIB_TRIES : CALIB_STARTS;
+  calib_starts starts = {calib_start_q[0], row, count, count / 3, CALIB_TRIES, @margin@ / 2};
+  float far[CALIB_STARTS + 1];
+  int i, n;
   for (n = 0; n < CALIB_STARTS; ++n) {
-    calib_real d = calib_apart(calib_start_q[n], near, 0);
-    calib_real squared = 0;
+    const calib_real away = calib_apart(calib_start_q[n], near, 0);
+    far[n] = (float)(away * away);
     for (i = 0; i < CALIB_OUT; ++i) {
       const calib_real gap = (x[i] - calib_start_x[n][i]) / @extent@;
-      squared += gap * gap;
+      far[n] += (float)(CALIB_PULL * gap * gap);
     }
-    d = d * d + squared * CALIB_PULL;
-    if (found == CALIB_TRIES && !(d < far[CALIB_TRIES - 1])) continue;
-    k = found < CALIB_TRIES ? found++ : CALIB_TRIES - 1;
-    for (; k > 0 && far[k - 1] > d; --k) {
-      far[k] = far[k - 1];
-      row[k] = row[k - 1];
-    }
-    far[k] = d;
-    row[k] = (short)n;
   }
-  *likely = found < CALIB_TRIES / 3 ? found : CALIB_TRIES / 3;
-  return found;
-#endif
+  calib_order(CALIB_STARTS, far, row);
+  return starts;
 }
+#endif
 
 /* Joints by whole turns as near to others as their limits allow. */
 static inline void calib_on_turn(const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF]) {
@@ -67,116 +90,96 @@ static inline void calib_on_turn(const calib_real near[CALIB_DOF], calib_real q[
   }
 }
 
-/* Starts of a search: rows of a table of joints, in an order. */
-typedef struct {
-  const calib_real *q; /* joints, one after another; no numbers are no start */
-  const short *row;    /* the order; 0 where it is that of the table */
-  int count, likely;   /* those after the likely ones are for what these lead to nowhere */
-  int runs;            /* so many runs without a new way end a search */
-  calib_real apart;    /* starts closer to a known way lead to it */
-} calib_starts;
-
-/* A search: from where, and of all ways so far that do the task the nearest, or what comes closest. */
-typedef struct {
-  const calib_task *task;
-  calib_real from[CALIB_DOF]; /* joints that the answer should be near to */
-  int met, budget;            /* whether there is a way; steps that are left */
-  calib_real q[CALIB_DOF], away;
-  calib_real nearest[CALIB_DOF], left;
-} calib_search;
-
-/* Replaces a way by what a start leads to, or what lies across a fold beside that, if it is nearer. */
-static inline void calib_try(calib_search *search, const calib_real start[CALIB_DOF]) {
-  calib_real trial[CALIB_DOF], way[CALIB_DOF], left, away;
-  int fold;
+/* Adds the way that a start leads to, and what lies across a fold beside it, or replaces a way that
+ * is further; returns whether it did. */
+static inline int calib_try(calib_search *search, const calib_real start[CALIB_DOF]) {
+  calib_real trial[CALIB_DOF], way[CALIB_DOF];
+  calib_gap gap;
+  int fold, gain = 0;
   calib_copy(start, trial);
   for (fold = 0; fold < 2; ++fold) {
-    if (!calib_reach(search->task, search->from, search->q, fold ? 0 : search->met, !fold,
-                     &search->budget, trial, &left)) {
-      if (search->met || search->left <= left || !(left - left == 0)) return;
-      search->left = left;
+    const int one = search->most == 1;
+    calib_real away;
+    if (!calib_reach(search, !fold, fold ? 0 : search->count, trial, &gap)) {
+      if (search->count || search->left <= gap.left || !(gap.left - gap.left == 0)) return gain;
+      search->left = gap.left;
       calib_copy(trial, search->nearest);
-      return;
+      return gain;
     }
+    if (!one && calib_beside(trial, search->way, search->count, @same@)) return gain;
     away = calib_apart(trial, search->from, 0);
-    calib_copy(trial, way);
-    if (!search->met || away < search->away) {
-      search->met = 1;
+    if (!one || !search->count || away < search->away) {
+      if (one) search->count = 0;
+      calib_copy(trial, search->way + CALIB_DOF * search->count++);
       search->away = away;
-      calib_copy(way, search->q);
+      gain = 1;
     }
-    if (CALIB_DOF > calib_rows(search->task) || away <= @beside@ ||
-        !calib_twin(search->task, way, trial))
-      return;
+    calib_copy(trial, way);
+    if (CALIB_DOF > calib_rows(search->task) || (one && away <= @beside@)) return gain;
+    if (search->count == search->most && !one) return gain;
+    if (!calib_twin(search->task, way, &gap, trial)) return gain;
+    if (one && calib_apart(trial, search->from, 0) > search->away + @margin@) return gain;
   }
+  return gain;
 }
 
-/* Begins a search near joints; 0 where they are none.  1 where no other way can be nearer than what
- * they lead to, or what lies across a fold beside it; else 2. */
+/* A search for ways to a task from joints on, with room for `most`. */
+static inline calib_search calib_begin(const calib_task *task, const calib_real from[CALIB_DOF],
+                                       int most, int budget, calib_real *way) {
+  calib_search search = {task, {0}, way, 0, most, budget, 0, {0}, 0};
+  search.left = calib_not_a_number();
+  calib_copy(from, search.from);
+  return search;
+}
+
+/* Begins a search for the way to a task that is nearest to joints; 0 where they are none.  1 where no
+ * other way can be nearer than what they lead to, or what lies across a fold beside it; else 2. */
 static inline int calib_try_near(calib_search *search, const calib_task *task,
-                                 const calib_real near[CALIB_DOF]) {
+                                 const calib_real near[CALIB_DOF], int budget,
+                                 calib_real way[CALIB_DOF]) {
   const int spare = CALIB_DOF > calib_rows(task);
   int k;
-  search->task = task;
-  search->met = 0;
-  search->budget = CALIB_BUDGET;
-  search->left = calib_not_a_number();
+  *search = calib_begin(task, near, 1, budget, way);
   for (k = 0; k < CALIB_DOF; ++k) {
     const calib_real u = (near[k] - calib_lower[k]) / calib_span[k];
     if (!(u - u == 0) || (!calib_periodic[k] && !(u >= -1 && u <= 2))) return 0;
   }
-  calib_copy(near, search->from);
   calib_clipped(search->from);
   calib_try(search, search->from);
-  return search->met && search->away <= (spare || task->kind ? @surely@ : @beside@) ? 1 : 2;
+  return search->count && search->away <= (spare || task->kind ? @surely@ : @beside@) ? 1 : 2;
 }
 
-/* The same of starts, but for those that can lead to no nearer one. */
+/* The same of starts, but for those that can lead to no new or nearer way. */
 static inline void calib_try_starts(calib_search *search, const calib_starts *starts) {
   int n, runs = 0;
   for (n = 0; n < starts->count && runs < starts->runs; ++n) {
     const calib_real *start = starts->q + (starts->row ? starts->row[n] : n) * CALIB_DOF;
-    if (n >= starts->likely && search->met) return;
+    if (search->count && (n >= starts->likely || (search->count == search->most && search->most > 1)))
+      return;
     if (!(start[0] - start[0] == 0)) continue;
-    if (search->met && (calib_apart(start, search->from, 0) > search->away + @margin@ ||
-                        calib_apart(start, search->q, 0) < starts->apart))
+    if (calib_beside(start, search->way, search->count, starts->apart)) continue;
+    if (search->most == 1 && search->count &&
+        calib_apart(start, search->from, 0) > search->away + @margin@)
       continue;
-    ++runs;
-    calib_try(search, start);
+    runs = calib_try(search, start) ? 0 : runs + 1;
   }
 }
 
-/* Writes what was found, on the turn nearest to `near`; `sure` where it is certain, 0 without a way. */
-static inline int calib_answered(const calib_search *search, const calib_real near[CALIB_DOF],
-                                 int sure, calib_real q[CALIB_DOF]) {
-  int k;
-  for (k = 0; k < CALIB_DOF; ++k) q[k] = search->met ? search->q[k] : calib_not_a_number();
-  if (search->met) calib_on_turn(near, q);
-  return search->met ? sure : 0;
-}
-
-/* All ways to a task that starts lead to, and what lies across folds beside them, at most `most`;
- * returns how many. */
+/* All ways to a task that starts lead to, at most `most`; returns how many. */
 static inline int calib_every(const calib_task *task, const calib_starts *starts, int most,
-                              calib_real q[][CALIB_DOF]) {
-  int n, fold, runs = 0, count = 0;
-  for (n = 0; n < starts->count && runs < starts->runs && count < most; ++n) {
-    const calib_real *start = starts->q + (starts->row ? starts->row[n] : n) * CALIB_DOF;
-    const int first = count;
-    if (n >= starts->likely && count) break;
-    if (!(start[0] - start[0] == 0) || calib_beside(start, q[0], count, starts->apart)) continue;
-    for (fold = 0; fold < 2 && count < most && fold == count - first; ++fold) {
-      calib_real trial[CALIB_DOF], left;
-      int budget = CALIB_BUDGET;
-      calib_copy(start, trial);
-      if (fold && (CALIB_DOF > calib_rows(task) || !calib_twin(task, q[first], trial))) break;
-      if (!calib_reach(task, start, q[0], fold ? 0 : count, !fold, &budget, trial, &left)) break;
-      if (calib_beside(trial, q[0], count, @same@)) break;
-      calib_copy(trial, q[count++]);
-    }
-    runs = count > first ? 0 : runs + 1;
-  }
-  return count;
+                              calib_real *q) {
+  calib_search search = calib_begin(task, starts->q, most, CALIB_BUDGET * starts->count, q);
+  calib_try_starts(&search, starts);
+  return search.count;
+}
+
+/* Puts the way that was found on the turn nearest to `near`; returns `sure`, or without a way 0 or 3. */
+static inline int calib_answered(const calib_search *search, const calib_real near[CALIB_DOF],
+                                 int sure) {
+  int k;
+  if (search->count) calib_on_turn(near, search->way);
+  for (k = 0; k < CALIB_DOF && !search->count; ++k) search->way[k] = calib_not_a_number();
+  return search->count || sure == 3 ? sure : 0;
 }
 
 static inline void calib_position_task(const calib_real x[CALIB_OUT], calib_task *task) {
@@ -187,24 +190,42 @@ static inline void calib_position_task(const calib_real x[CALIB_OUT], calib_task
   for (i = 0; i < CALIB_OUT; ++i) task->x[i] = x[i];
 }
 
-/* Starts of a position near joints, from the table; `row` is room for their order. */
-static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
-                                                 const calib_real near[CALIB_DOF],
-                                                 short row[CALIB_TRIES]) {
-  calib_starts starts = {calib_start_q[0], row, 0, 0, CALIB_TRIES, @margin@ / 2};
-  starts.count = calib_starting(x, near, row, &starts.likely);
-  return starts;
-}
-
 /* All ways to a position that the table of starts leads to, at most `most`; returns how many. */
 static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
                                     calib_real q[][CALIB_DOF]) {
   calib_task task;
-  short row[CALIB_TRIES];
+  short row[CALIB_STARTS + 1];
   calib_starts starts = calib_position_starts(x, calib_start_q[0], row);
   starts.apart = @margin@;
   calib_position_task(x, &task);
-  return calib_every(&task, &starts, most, q);
+  return calib_every(&task, &starts, most, q[0]);
+}
+
+/* As calib_inverse, with a budget of steps. */
+static inline int calib_inverse_within(const calib_real x[CALIB_OUT],
+                                       const calib_real near[CALIB_DOF], int budget,
+                                       calib_real q[CALIB_DOF]) {
+  calib_task task;
+  calib_search search;
+  calib_real bound, most = @sure@ * @extent@;
+  int sure;
+  calib_position_task(x, &task);
+  sure = calib_try_near(&search, &task, near, budget, q);
+  if (sure == 2) {
+    short row[CALIB_STARTS + 1];
+    calib_starts starts = calib_position_starts(x, search.from, row);
+    if (CALIB_DOF > CALIB_OUT) starts.count = starts.likely;
+    else sure = 1;
+    calib_try_starts(&search, &starts);
+  }
+  if (!search.count && search.left - search.left == 0) {
+    /* within the expected error it may still count as reached */
+    calib_starts starts = {calib_start_q[0], 0, CALIB_STARTS, 0, CALIB_STARTS, 0};
+    if (calib_expected_error(search.nearest, &bound) && bound < most) most = bound;
+    if (search.budget > 0 && search.left > 2 * most) return calib_answered(&search, near, 3);
+    if (budget > CALIB_BUDGET) calib_try_starts(&search, &starts);
+  }
+  return calib_answered(&search, near, sure);
 }
 
 /* Joints that bring the tip to a position: of several ways the one nearest to `near`, in shares of
@@ -212,24 +233,7 @@ static inline int calib_inverse_all(const calib_real x[CALIB_OUT], int most,
  * nothing reaches the position. */
 static inline int calib_inverse(const calib_real x[CALIB_OUT], const calib_real near[CALIB_DOF],
                                 calib_real q[CALIB_DOF]) {
-  calib_task task;
-  calib_search search;
-  calib_real bound, most = @sure@ * @extent@;
-  int sure;
-  calib_position_task(x, &task);
-  sure = calib_try_near(&search, &task, near);
-  if (sure == 2) {
-    short row[CALIB_TRIES];
-    calib_starts starts = calib_position_starts(x, search.from, row);
-    if (CALIB_DOF > CALIB_OUT) starts.count = starts.likely;
-    else sure = 1;
-    calib_try_starts(&search, &starts);
-  }
-  sure = calib_answered(&search, near, sure, q);
-  if (sure || !(search.left - search.left == 0)) return sure;
-  /* within the expected error it may still count as reached */
-  if (calib_expected_error(search.nearest, &bound) && bound < most) most = bound;
-  return search.budget > 0 && search.left > 2 * most ? 3 : 0;
+  return calib_inverse_within(x, near, CALIB_BUDGET, q);
 }
 #if @placed@
 
@@ -259,8 +263,8 @@ static inline int calib_inverse_pose(const calib_real x[3], const calib_real R[9
   calib_search search;
   int sure;
   calib_pose_task(x, R, axis, &task);
-  sure = calib_try_near(&search, &task, near);
-  return calib_answered(&search, near, sure, q);
+  sure = calib_try_near(&search, &task, near, CALIB_BUDGET, q);
+  return calib_answered(&search, near, sure);
 }
 #endif
 
@@ -279,31 +283,25 @@ static inline calib_real calib_newton_step(const calib_real target[CALIB_OUT], c
 }
 #if @limit@
 
-/* Where the nominal arm would be with q, as the sensor sees it. */
-static inline void calib_wanted(const calib_real q[CALIB_DOF], calib_real x[CALIB_OUT]) {
-  calib_seen(&calib_nominal, 0, q, x, 0);
-}
-
 /* Joints that bring the real tip to where the nominal arm would be with q, near q; with six joints
  * or more also its orientation.  0 where none do, or a joint would change by more than usual. */
-static inline int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
-  calib_real start[CALIB_DOF], left;
-  calib_task task;
-  int k, good = calib_in_range(q), budget = CALIB_BUDGET;
+CALIB_API int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CALIB_DOF]) {
+  calib_real start[CALIB_DOF], G[6 * CALIB_DOF];
+  calib_task task = {@correcting@, -1, &calib_body, {0}, {0}};
+  calib_search search;
+  calib_gap gap;
+  int k, good = calib_inside(q, start);
   if (good) {
-    calib_wrapped(q, start);
     calib_copy(start, out);
-    task.kind = @correcting@;
-    task.axis = -1;
-    task.arm = &calib_body;
-    if (task.kind == CALIB_POSITION) calib_wanted(start, task.x);
-    else calib_chain(&calib_nominal, 0, start, task.x, task.R, 0, 0);
-    good = calib_reach(&task, start, 0, 0, 0, &budget, out, &left);
+    search = calib_begin(&task, start, 0, CALIB_BUDGET, 0);
+    if (task.kind == CALIB_POSITION) calib_seen(&calib_nominal, 0, start, task.x, 0);
+    else calib_chain(&calib_nominal, 0, start, task.x, task.R, G);
+    good = calib_reach(&search, 0, 0, out, &gap);
 #if @local_terms@
     if (good && task.kind != CALIB_POSITION) { /* what local models move is met as a position */
       task.kind = CALIB_POSITION;
-      calib_wanted(start, task.x);
-      good = calib_reach(&task, out, 0, 0, 0, &budget, out, &left);
+      calib_seen(&calib_nominal, 0, start, task.x, 0);
+      good = calib_reach(&search, 0, 0, out, &gap);
     }
 #endif
     for (k = 0; k < CALIB_DOF; ++k) {

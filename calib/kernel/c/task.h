@@ -63,7 +63,7 @@ static inline void calib_left(const calib_task *task, int plain, const calib_rea
     calib_model(plain, q, r, J);
     for (i = 0; i < CALIB_OUT; ++i) r[i] = task->x[i] - r[i];
   } else {
-    calib_chain(task->arm, plain, q, p, R, J, 0);
+    calib_chain(task->arm, plain, q, p, R, J);
     for (i = 0; i < 3; ++i) r[i] = task->x[i] - p[i];
   }
   if (rows > 3) {
