@@ -46,7 +46,7 @@ WRAPPINGS = st.sampled_from((
 
 @st.composite
 def damaged(draw, data: bytes, most: int = 4) -> bytes:
-    """Bytes of which one to `most` parts were lost, repeated or replaced."""
+    """Bytes of which one to `most` parts were lost, repeated, flipped or replaced."""
     for _ in range(draw(st.integers(1, most))):
         numbers = [found.span() for found in re.finditer(rb"-?\d+(\.\d+)?", data[:200_000])]
         start = draw(st.integers(0, len(data)))
@@ -55,6 +55,7 @@ def damaged(draw, data: bytes, most: int = 4) -> bytes:
         if numbers:
             span = draw(st.sampled_from((span, numbers[start % len(numbers)])))
         kept = data[slice(*span)]
-        part = draw(PARTS | st.sampled_from((b"", kept * 2)))
+        flipped = bytes(byte ^ 1 for byte in kept)
+        part = draw(PARTS | st.sampled_from((b"", kept * 2)) | st.just(flipped) | st.just(flipped))
         data = data[: span[0]] + part + data[span[1] :]
     return draw(WRAPPINGS)(data)

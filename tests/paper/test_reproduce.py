@@ -17,13 +17,13 @@ def test_rows_of_several_seeds_are_their_mean_and_spread():
         sides = {"forward": {"x": cell, "distance": cell}, "inverse": {"elbow": cell}}
         return SeedErrors({"activity": sides}, {"x": 2.0, "elbow": 4.0})
 
-    row = joined([result(1.0), result(3.0)])["activity"]
-    assert row["x"]["mean"] == 2.0
-    assert row["x"]["mean_spread"] == 1.0
-    assert row["x"]["max"] == 4.0
-    assert row["x"]["mean_of_range"] == 1.0
-    assert row["elbow"]["max_of_range"] == 1.0
-    assert row["forward_distance"]["mean"] == 2.0
+    row = joined([result(1.0), result(5.0)])["activity"]
+    assert row["x"]["mean"] == 3.0
+    assert row["x"]["mean_spread"] == 2.0
+    assert row["x"]["max"] == 6.0
+    assert row["x"]["mean_of_range"] == 1.5
+    assert row["elbow"]["max_of_range"] == 1.5
+    assert row["forward_distance"]["mean"] == 3.0
 
 
 def test_schedules_are_chosen_on_points_that_no_table_sees():
