@@ -49,7 +49,7 @@ class SearchSettings:
     aside: float = 0.2  # what is drawn so far beyond a limit is at it
     tries: int = 48  # starts of a position
     # steps of a search by compiled C from joints and what is near: .. us each
-    budget: int = 2400
+    budget: int = 2000
     # of redundant joints: a third once there is an answer
     spare_tries: int = 30
     # redundant joints start where this times the squared gap of the position, and the

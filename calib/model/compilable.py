@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..errors import OptionError
+from ..kernel.compiled import NOTHING
 from .answers import solve
 from .header import compiled_of
 from .parts import Parts
 
 _UNSURE = "the bound on the position may be too wide here: ask without strict"
+_NOWHERE = "nothing reaches the position"
 _UNREACHED = "no joints were found from `near` on within a bounded search"
 
 
@@ -78,6 +80,8 @@ class Compilable(Parts):
         if answer is None:
             return None
         value, sure = answer
+        if self.strict and sure == NOTHING:
+            return self.kernel.refused(value, _NOWHERE)
         if sure not in unsure:
             return value
         return self.kernel.refused(value, why) if self.strict else None

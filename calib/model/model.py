@@ -347,19 +347,18 @@ class Model(Compilable):
         kernel = self.kernel
         if kernel is None or not kernel.poses:
             return None
-        turn = (0.0, 0.0, 0.0, 1.0) if quaternion is None else quaternion
+        if quaternion is None and not self.strict:
+            return None
         if frame == "base":
-            position, turn = pose_in_sensor(self, position, turn)
+            position, quaternion = pose_in_sensor(self, position, quaternion)
         if near is None:
             near = self._middle
         if quaternion is None:
-            if not self.strict:
-                return None
             return self._single("inverse", near, position)
         axis = free_axis(free)
         open_axis = [-1 if axis is None else axis]
         unsure = {0} if self.strict else {0, 1, 2, 3} - {CERTAIN}
-        question = (near, position, turn, open_axis, [-1])
+        question = (near, position, quaternion, open_axis, [-1])
         return self._single("poses", *question, unsure=unsure)
 
     def jacobian(self, q: ArrayLike) -> Array:

@@ -125,12 +125,15 @@ def solve_poses(
 
 
 def pose_in_sensor(
-    model: Parts, position: ArrayLike, quaternion: ArrayLike
-) -> tuple[Array, Array]:
-    """A pose (3,), (4,) of the base frame in the sensor's."""
+    model: Parts, position: ArrayLike, quaternion: ArrayLike | None
+) -> tuple[Array, Array | None]:
+    """A pose (3,), (4,) of the base frame, or a place, in the sensor's."""
+    space = Space.of(model)
     place, _ = checked_rows(position, ("x", "y", "z"), "positions")
+    if quaternion is None:
+        return space.to_sensor(place, np.eye(3))[0][0], None
     turn = _rotations(quaternion, len(place))
-    place, turn = Space.of(model).to_sensor(place, turn)
+    place, turn = space.to_sensor(place, turn)
     return place[0], quaternion_of(turn)[0]
 
 

@@ -158,6 +158,7 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond_and_stays
     np.testing.assert_allclose(model.forward(place), position, atol=1e-7)
     np.testing.assert_allclose(model.forward(model.inverse(position)), position, atol=1e-7)
     assert np.isnan(model.inverse(position + 9.0)).all()
+    assert "nothing reaches" in model.unanswered
     again = cold(model)
     assert again.warm
     assert again.strict
