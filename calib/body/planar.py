@@ -61,9 +61,21 @@ class PlanarLoads:
 
     def levers(self, q: Array) -> Array:
         """Cosines and sines (2 p, 1, n) at joint values (n, dof)."""
-        sums = np.cumsum(q * self.turns, axis=1).T
-        directions = np.exp(1j * sums[self.pairs[:, 1]])
+        directions = self._directions(q)
         return _pairs(directions).reshape(2 * len(directions), 1, len(q))
+
+    def slopes(self, q: Array, gravity: Array) -> Array:  # noqa: ARG002
+        """Derivatives (2 p, dof, n) of those by the joint values."""
+        before = np.arange(q.shape[1]) <= self.pairs[:, 1:]
+        turns = (before * self.turns)[:, :, None]
+        moved = _pairs(1j * turns * self._directions(q)[:, None])
+        by_load = np.swapaxes(moved, 1, 2)
+        return by_load.reshape(2 * len(moved), q.shape[1], len(q))
+
+    def _directions(self, q: Array) -> Complex:
+        """Directions (p, n) of the links."""
+        sums = np.cumsum(q * self.turns, axis=1).T
+        return np.asarray(np.exp(1j * sums[self.pairs[:, 1]]))
 
 
 def _pairs(values: Complex) -> Array:
