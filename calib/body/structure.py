@@ -299,7 +299,8 @@ class Structure(Layout):
             loads = self.loads[block]
             slopes = loads.slopes(joints, fixed.gravity)
             bent = elastic[:, None, None] * slopes
-            moved += np.einsum("emn,ekn->kmn", chained[loads.joints], bent)
+            pushed = chained[loads.joints]
+            moved += np.einsum("emn,ekn->kmn", pushed, bent)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))
 
     def slope(self, q: Array, beta: Array) -> Array:
