@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 
 from calib.common.choices import READOUTS
 from calib.common.wording import printable
-from calib.model.about import STATISTICS, Errors, shown_errors
 
 from .output import NO, TextTable, number, sized
 from .units import units_of
 
 if TYPE_CHECKING:
     from calib import Model
-    from calib.model.about import About
+    from calib.model.about import About, Errors
 
 _EXACT = 1e-9  # share of the extent below which an error is rounding
 _POINTS = 200  # of the learned range at which the bound is asked
@@ -159,6 +158,8 @@ def tested_rows(about: About) -> str:
 
 def error_table(model: Model, errors: Errors, title: str) -> TextTable:
     """Return all errors, a line for each readout, direction and quantity."""
+    from calib.model.about import STATISTICS, shown_errors
+
     rows = []
     for readout in READOUTS:
         if readout not in errors:

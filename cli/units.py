@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from calib.common.wording import for_people, unit_of_joint
-from calib.model.about import learned_range
 
 from .output import fixed, sized
 from .parsing import BadOption, OfJoint, bad_value
@@ -75,6 +74,8 @@ class JointFormat:
     def beyond(self, model: Model, q: Sequence[float]) -> str | None:
         """Say which joint of q (dof,) [rad or m] is outside of its learned range, None if none."""
         import numpy as np
+
+        from calib.model.about import learned_range
 
         for k in np.flatnonzero(~model.in_range(np.array([q]))[0]).tolist():
             ends = learned_range(model.about, k, degrees=self._degrees)

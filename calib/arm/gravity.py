@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..errors import OptionError
-from .spatial_chain import SpatialChain, cross, turned
+from .spatial_chain import Motion, SpatialChain, cross, turned
 
 #: Standard gravity in the root frame of an arm that stands upright [m/s2].
 GRAVITY = (0.0, 0.0, -9.80665)
@@ -91,12 +91,37 @@ class Loads:
         For a weight in kg and gravity in m/s2 a load is ``gravity . lever`` [N m, N of a slide].
         """
         motion = self.chain.motion(q)
+        return self._swept(motion, self._places(motion), self.joints)
+
+    def slopes(self, q: Array, gravity: Array) -> Array:
+        """Derivatives (e, dof, n) of the loads under gravity (3,) by the joint values (n, dof)."""
+        motion = self.chain.motion(q)
+        places = self._places(motion)
+        across = cross(gravity[:, None], motion.axes) * self.chain.still.turning
+        by_joint = np.empty((len(self.joints), self.chain.joints, len(q)))
+        for k in range(self.chain.joints):
+            # a joint before the load's turns the whole lever, one beyond it the points that follow
+            first = np.minimum(self.joints, k)
+            last = np.maximum(self.joints, k)
+            moved = self._swept(motion, places, last)
+            by_joint[:, k] = (across[first] * moved).sum(axis=1)
+        slopes = np.einsum("ekn,kd->edn", by_joint, self.chain.coupling)
+        return np.asarray(slopes)
+
+    def _places(self, motion: Motion) -> Array:
+        """Places (p, 3, n) [m] of the points."""
         arms = self.points - self.chain.points[self.links]
         frames = motion.frames[1:][self.links]
-        places = motion.places[self.links] + turned(frames, arms[..., None])
-        total = self.weights.sum(axis=1)[:, None, None]
-        moments = np.tensordot(self.weights, places, axes=1)
-        moments -= total * motion.places[self.joints]
-        axes = motion.axes[self.joints]
-        turning = self.chain.still.turning[self.joints]
+        return motion.places[self.links] + turned(frames, arms[..., None])
+
+    def _swept(
+        self, motion: Motion, places: Array, joints: NDArray[np.intp]
+    ) -> Array:
+        """How joints (e,) move each load's weighted sum of points beyond them, (e, 3, n)."""
+        weights = self.weights * (self.links >= joints[:, None])
+        total = weights.sum(axis=1)[:, None, None]
+        moments = np.tensordot(weights, places, axes=1)
+        moments -= total * motion.places[joints]
+        axes = motion.axes[joints]
+        turning = self.chain.still.turning[joints]
         return np.where(turning, cross(axes, moments), total * axes)

@@ -1,4 +1,4 @@
-"""MJCF: a model of hinges and slides, read by MuJoCo, as the tree of links and joints of a URDF.
+"""MJCF: a MuJoCo model of hinges and slides, read as the tree of links and joints of a URDF.
 
 A body is a link.  Its joints turn it about their own places in turn::
 
@@ -10,46 +10,43 @@ the body's origin a fixed joint leads on to the body.  Sites are links on fixed 
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import INSTALL, quoted
+from ..common.wording import quoted
 from ..errors import RobotError
-from .robot_text import Vector
+from .robot_text import Vector, numbers_of
 from .rotations import exponential, matrix_of
 from .urdf import Joint, Range, Urdf
 
 WORLD = "world"
 """The root link."""
 
-_KINEMATIC = ("compiler", "default", "worldbody", "include")
-_SHAPES = ("geom", "camera", "light")
-_COMPILER = {
-    "inertiafromgeom": "false",  # the shapes are left out
-    "fusestatic": "false",
-    "balanceinertia": "true",
-    # MuJoCo moves no body without a mass [kg, kg m2]
-    "boundmass": "1e-12",
-    "boundinertia": "1e-12",
-    "settotalmass": "-1",
-}
-_LEAST_MASS = 1e-9  # [kg], that a body states
+_ORIENTATIONS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "euler": 3}
+_REFUSED = ("include", "attach", "replicate", "composite", "flexcomp")
+_ZERO = (0.0, 0.0, 0.0)
+_AXES = np.eye(3)
+
+Attributes = Mapping[str, str]
 
 
-class Placed(NamedTuple):
-    """The element that places a joint: ``origin = element after``."""
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """The element of the text that places a joint: ``origin = before element after``."""
 
-    tag: str
-    name: str
+    element: int  # its number among all elements, in the order of the text
+    before: Array  # (4, 4), of the frames around it
     after: Array  # (4, 4), from the element to the joint's origin
 
 
-class Mjcf(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Mjcf:
     """A model as a tree of links, and where its text places each joint."""
 
     tree: Urdf
@@ -57,124 +54,302 @@ class Mjcf(NamedTuple):
     places: Mapping[str, Placed]
 
 
+class Element(NamedTuple):
+    """An element of a body."""
+
+    node: ET.Element
+    frame: Array  # (4, 4), around it, in the body's frame
+    inherited: str  # class of its defaults
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """The settings of a model, and what has been read of it."""
+
+    numbers: Mapping[ET.Element, int]  # of all elements
+    classes: Mapping[str, Mapping[str, Attributes]]  # defaults by class and tag
+    degrees: bool
+    sequence: str  # axes of Euler angles
+    autolimits: bool
+    links: list[str] = field(default_factory=lambda: [WORLD])
+    joints: list[Joint] = field(default_factory=list)
+    masses: dict[str, tuple[float, Vector]] = field(default_factory=dict)
+    places: dict[str, Placed] = field(default_factory=dict)
+
+    def attributes(self, element: Element) -> dict[str, str]:
+        """Attributes of an element, those of its class among them."""
+        node = element.node
+        name = node.get("class", element.inherited)
+        if name not in self.classes:
+            raise RobotError(
+                f"<{node.tag}> has the class {quoted(name)}, which does not exist"
+            )
+        return {**self.classes[name].get(node.tag, {}), **node.attrib}
+
+    def angle(self, value: float) -> float:
+        """An angle of the text [rad]."""
+        return math.radians(value) if self.degrees else value
+
+    def frame(self, attributes: Attributes, where: str) -> Array:
+        """Transform (4, 4) of an element in the frame around it."""
+        place = numbers_of(attributes, "pos", _ZERO, where)
+        return _transform(self._orientation(attributes, where), place)
+
+    def _orientation(self, attributes: Attributes, where: str) -> Array:
+        """Rotation (3, 3) in any of the forms that MJCF has."""
+        if "zaxis" in attributes:
+            raise RobotError(
+                f"{where} has a zaxis: expected quat, axisangle, xyaxes or euler"
+            )
+        forms = [form for form in _ORIENTATIONS if form in attributes]
+        if not forms:
+            return _AXES
+        if len(forms) > 1:
+            raise RobotError(
+                f"{where} has {' and '.join(forms)}: expected one orientation"
+            )
+        form = forms[0]
+        nothing = (math.nan,) * _ORIENTATIONS[form]
+        values = np.array(numbers_of(attributes, form, nothing, where))
+        if form == "euler":
+            return self._of_euler(values)
+        direction = values if form == "quat" else values[:3]
+        length = np.linalg.norm(direction)
+        if not length > 0:
+            raise RobotError(
+                f"{where}: {form} is {quoted(attributes[form])}, expected a direction"
+            )
+        direction = direction / length
+        if form == "quat":
+            return matrix_of(np.roll(direction, -1))
+        if form == "axisangle":
+            return exponential(self.angle(float(values[3])) * direction)
+        y = values[3:] - (values[3:] @ direction) * direction
+        y = y / np.linalg.norm(y)
+        return np.column_stack([direction, y, np.cross(direction, y)])
+
+    def _of_euler(self, angles: Array) -> Array:
+        """Rotation (3, 3) of Euler angles; capital letters are turns about fixed axes."""
+        rotation = _AXES
+        for letter, value in zip(self.sequence, angles.tolist(), strict=True):
+            axis = _AXES["xyz".index(letter.lower())]
+            turn = exponential(self.angle(value) * axis)
+            rotation = rotation @ turn if letter.islower() else turn @ rotation
+        return rotation
+
+    def elements(
+        self, node: ET.Element, inherited: str, around: Array
+    ) -> Iterator[Element]:
+        """Yield the elements of a body, those in frames within it too."""
+        for child in node:
+            if child.tag == "frame":
+                frame = around @ self.frame(child.attrib, "a frame")
+                name = child.get("childclass", inherited)
+                yield from self.elements(child, name, frame)
+            else:
+                yield Element(child, around, inherited)
+
+    def add_contents(self, inside: list[Element], link: str) -> None:
+        """Add the sites and bodies on a link."""
+        for element in inside:
+            node = element.node
+            name = node.get("name", "")
+            if node.tag == "body":
+                self._add_body(element, link)
+            elif node.tag == "site" and name:
+                site = self._new_link(name, "site")
+                frame = self.frame(
+                    self.attributes(element), f"site {quoted(site)}"
+                )
+                joint = f"{site}:site"
+                self._add_fixed(joint, link, site, element.frame @ frame)
+                self._place(joint, element, np.eye(4))
+
+    def _add_body(self, element: Element, parent: str) -> None:
+        """Add a body with its joints, sites and bodies."""
+        node, around, inherited = element
+        number = self.numbers[node]
+        name = self._new_link(node.get("name") or f"body_{number}", "body")
+        where = f"body {quoted(name)}"
+        inertial = node.find("inertial")
+        if inertial is not None:
+            (mass,) = numbers_of(inertial.attrib, "mass", (0.0,), where)
+            if mass > 0:
+                self.masses[name] = (
+                    mass,
+                    numbers_of(inertial.attrib, "pos", _ZERO, where),
+                )
+        origin = around @ self.frame(node.attrib, where)
+        inherited = node.get("childclass", inherited)
+        inside = list(self.elements(node, inherited, np.eye(4)))
+        moving = [part for part in inside if part.node.tag == "joint"]
+        link = parent
+        for part in moving:
+            joint, back = self._joint(part, link)
+            if part is moving[0]:
+                self._place(joint.name, element, joint.origin)
+            link = name
+            if part is not moving[-1] or back[:3, 3].any():
+                link = self._new_link(f"{name}:{joint.name}", "link")
+            place = origin @ joint.origin
+            self.joints.append(replace(joint, child=link, origin=place))
+            origin = back
+        if link != name:
+            joint_name = f"{name}:frame"
+            self._add_fixed(joint_name, link, name, origin)
+            if not moving:
+                self._place(joint_name, element, np.eye(4))
+        self.add_contents(inside, name)
+
+    def _place(self, joint: str, element: Element, after: Array) -> None:
+        number = self.numbers[element.node]
+        self.places[joint] = Placed(number, element.frame, after)
+
+    def _new_link(self, name: str, kind: str) -> str:
+        if name in self.links:  # MuJoCo lets a site have a body's name
+            name = f"{name}:{kind}"
+        if name in self.links:
+            raise RobotError(
+                f"two of the model's frames are named {quoted(name)}: rename one"
+            )
+        self.links.append(name)
+        return name
+
+    def _joint(self, part: Element, parent: str) -> tuple[Joint, Array]:
+        """Return a joint at zero in its body's frame, and the way (4, 4) back to that frame."""
+        attributes = self.attributes(part)
+        frame = part.frame
+        name = attributes.get("name") or f"joint_{self.numbers[part.node]}"
+        where = f"joint {quoted(name)}"
+        kind = attributes.get("type", "hinge")
+        if kind not in ("hinge", "slide"):
+            raise RobotError(
+                f"{where} is of type {quoted(kind)}: expected hinges and slides alone"
+            )
+        if any(joint.name == name for joint in self.joints):
+            raise RobotError(
+                f"two joints are named {quoted(name)}: rename one of them"
+            )
+        axis = frame[:3, :3] @ numbers_of(
+            attributes, "axis", (0.0, 0.0, 1.0), where
+        )
+        length = float(np.linalg.norm(axis))
+        if not length > 0:
+            raise RobotError(
+                f"{where} has the axis 0 0 0: give a direction such as 0 0 1"
+            )
+        axis = axis / length
+        limited = attributes.get("limited", "auto")
+        if limited == "auto" and self.autolimits and "range" in attributes:
+            limited = "true"
+        limits: Range | None = None
+        if limited == "true":
+            low, high = numbers_of(attributes, "range", (0.0, 0.0), where)
+            limits = low, high
+        place = frame @ [*numbers_of(attributes, "pos", _ZERO, where), 1.0]
+        (reference,) = numbers_of(attributes, "ref", (0.0,), where)
+        back = _transform(_AXES, -place[:3])
+        pivot = _transform(_AXES, place[:3])
+        if kind == "slide":
+            kind = "prismatic"
+            pivot[:3, 3] -= reference * axis
+        else:
+            kind = "continuous"
+            if limits is not None:
+                kind = "revolute"
+                limits = self.angle(limits[0]), self.angle(limits[1])
+            pivot[:3, :3] = exponential(-self.angle(reference) * axis)
+        direction = tuple(axis.tolist())
+        joint = Joint(name, kind, parent, "", pivot, direction, limits)
+        return joint, back
+
+    def _add_fixed(
+        self, name: str, parent: str, child: str, origin: Array
+    ) -> None:
+        self.joints.append(Joint(name, "fixed", parent, child, origin))
+
+
 def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
-    """Read a MuJoCo model's links and joints.
+    """Check a MuJoCo model and return its links and joints.
 
     name : name to use where the model has none
-    Raises RobotError: what MuJoCo refuses in it, or a joint of several values.
+    Raises RobotError: what is wrong or not supported, by name, and what to do.
     """
-    model = _compiled(root)
-    if model.nbody == 1:
+    for node in root.iter():
+        _check_supported(node)
+    compiler: dict[str, str] = {}
+    for node in root.findall("compiler"):
+        compiler.update(node.attrib)
+    if compiler.get("coordinate", "local") != "local":
+        raise RobotError(
+            "the MJCF has global coordinates: save it anew with MuJoCo 2.3 or later"
+        )
+    sequence = compiler.get("eulerseq", "xyz")
+    if len(sequence) != 3 or set(sequence.lower()) - set("xyz"):
+        raise RobotError(
+            f"the MJCF's eulerseq is {quoted(sequence)}: expected such as xyz"
+        )
+    reader = _Reader(
+        numbers={node: number for number, node in enumerate(root.iter())},
+        classes=_classes(root),
+        degrees=compiler.get("angle", "degree") == "degree",
+        sequence=sequence,
+        autolimits=compiler.get("autolimits", "true") == "true",
+    )
+    for world in root.findall("worldbody"):
+        reader.add_contents(
+            list(reader.elements(world, "main", np.eye(4))), WORLD
+        )
+    if len(reader.links) == 1:
         raise RobotError(
             "the MJCF has no bodies: expected a robot with bodies and joints"
         )
-    links = [WORLD]
-    joints: list[Joint] = []
-    masses: dict[str, tuple[float, Vector]] = {}
-    places: dict[str, Placed] = {}
-
-    def new_link(name: str, kind: str) -> str:
-        # MuJoCo lets a site have a body's name
-        links.append(f"{name}:{kind}" if name in links else name)
-        return links[-1]
-
-    names = {0: WORLD}
-    for number in range(1, model.nbody):
-        body = model.body(number)
-        link = names[int(body.parentid[0])]
-        name_of_body = body.name or f"body_{number}"
-        names[number] = new_link(name_of_body, "body")
-        if body.mass[0] > _LEAST_MASS:
-            masses[names[number]] = float(body.mass[0]), tuple(body.ipos)
-        origin = _transform(matrix_of(np.roll(body.quat, -1)), body.pos)
-        first = int(body.jntadr[0])
-        count = int(body.jntnum[0])
-        for index in range(first, first + count):
-            part = model.joint(index)
-            parent = link
-            link = names[number]
-            joint = _joint(part)
-            if index == first:
-                places[joint.name] = Placed("body", body.name, joint.origin)
-            if index < first + count - 1 or part.pos.any():
-                link = new_link(f"{link}:{joint.name}", "link")
-            place = origin @ joint.origin
-            joints.append(
-                replace(joint, parent=parent, child=link, origin=place)
-            )
-            origin = _transform(np.eye(3), -part.pos)
-        if link != names[number]:
-            fixed = f"{names[number]}:frame"
-            joints.append(Joint(fixed, "fixed", link, names[number], origin))
-            if not count:
-                places[fixed] = Placed("body", body.name, np.eye(4))
-    for number in range(model.nsite):
-        site = model.site(number)
-        if site.name:
-            body_link = names[int(site.bodyid[0])]
-            link = new_link(site.name, "site")
-            origin = _transform(matrix_of(np.roll(site.quat, -1)), site.pos)
-            joint = Joint(f"{link}:site", "fixed", body_link, link, origin)
-            joints.append(joint)
-            places[joint.name] = Placed("site", site.name, np.eye(4))
     title = root.get("model", "").strip() or name
-    tree = Urdf(title, WORLD, tuple(links), tuple(joints), (), masses)
-    return Mjcf(tree, places)
+    joints = tuple(reader.joints)
+    tree = Urdf(title, WORLD, tuple(reader.links), joints, (), reader.masses)
+    return Mjcf(tree, reader.places)
 
 
-def _compiled(root: ET.Element) -> Any:
-    """The model as MuJoCo reads it, without what has no part in its kinematics."""
-    try:
-        import mujoco
-    except ImportError:
+def _check_supported(node: ET.Element) -> None:
+    """Refuse an element that stands for others, or a joint of several values."""
+    if node.tag in _REFUSED:
+        name = node.get("file") or node.get("name") or node.get("model") or ""
         raise RobotError(
-            f"a MuJoCo model is read by MuJoCo: {INSTALL.format('mjcf')}"
-        ) from None
-    text = ET.tostring(root)
-    bare = ET.fromstring(text)  # noqa: S314 - written by the line before
-    for node in [*bare]:
-        if node.tag not in _KINEMATIC:
-            bare.remove(node)
-    for node in [*bare.iter()]:
-        node.attrib.pop("material", None)
-        for shape in [*node]:
-            if shape.tag in _SHAPES and node.tag != "default":
-                node.remove(shape)
-    ET.SubElement(bare, "compiler", _COMPILER)
-    try:
-        return mujoco.MjModel.from_xml_string(ET.tostring(bare, "unicode"))
-    except ValueError as error:
-        words = " ".join(str(error).split())
-        raise RobotError(f"MuJoCo refuses the model: {words}") from None
-
-
-def _joint(part: Any) -> Joint:
-    """A joint of a model; its origin is in its body's frame, with the joint at zero."""
-    kinds = {2: "prismatic", 3: "continuous"}
-    kind = kinds.get(int(part.type[0]), "")
-    name = part.name or f"joint_{part.id}"
-    if not kind:
-        raise RobotError(
-            f"joint {quoted(name)} is a free or a ball joint: expected an arm of hinges and "
-            "slides; remove the joint, or the body that it moves"
+            f"the MJCF has <{node.tag}> {quoted(name)}: expected one file that is written out, "
+            "as `mujoco.mj_saveLastXML` writes it"
         )
-    limits: Range | None = None
-    if part.limited[0]:
-        lower, upper = part.range.tolist()
-        limits = lower, upper
-    back = -float(part.qpos0[0]) * part.axis
-    origin = _transform(np.eye(3), part.pos)
-    if kind == "prismatic":
-        origin[:3, 3] += back
-    else:
-        origin[:3, :3] = exponential(back)
-        if limits is not None:
-            kind = "revolute"
-    axis = tuple(part.axis.tolist())
-    return Joint(name, kind, "", "", origin, axis, limits)
+    kind = node.get("type", "hinge") if node.tag == "joint" else node.tag
+    if kind in ("free", "ball", "freejoint"):
+        raise RobotError(
+            f"joint {quoted(node.get('name', ''))} is a {kind.removesuffix('joint')} joint: "
+            "expected an arm of hinges and slides; remove the joint, or the body that it moves"
+        )
 
 
-def _transform(rotation: Array, place: Array) -> Array:
+def _classes(root: ET.Element) -> dict[str, dict[str, Attributes]]:
+    """Attributes of elements by class and tag, with those of the classes around it."""
+    classes: dict[str, dict[str, Attributes]] = {"main": {}}
+
+    def add(
+        node: ET.Element, name: str, around: Mapping[str, Attributes]
+    ) -> None:
+        defaults = {**around, **classes.get(name, {})}
+        for child in node:
+            if child.tag != "default":
+                defaults[child.tag] = {
+                    **defaults.get(child.tag, {}),
+                    **child.attrib,
+                }
+        classes[name] = defaults
+        for child in node.findall("default"):
+            add(child, child.get("class", ""), defaults)
+
+    for node in root.findall("default"):
+        add(node, node.get("class", "main"), {})
+    return classes
+
+
+def _transform(rotation: Array, place: Array | Vector) -> Array:
     """Transform (4, 4) of a rotation (3, 3) and a place (3,)."""
     transform = np.eye(4)
     transform[:3, :3] = rotation

@@ -61,9 +61,24 @@ class PlanarLoads:
 
     def levers(self, q: Array) -> Array:
         """Cosines and sines (2 p, 1, n) at joint values (n, dof)."""
+        levers = _pairs(self._directions(q))
+        count = len(self.joints)
+        return levers.reshape(count, 1, len(q))
+
+    def slopes(self, q: Array, gravity: Array) -> Array:  # noqa: ARG002
+        """Derivatives (2 p, dof, n) of those by the joint values."""
+        n, dof = q.shape
+        before = np.arange(dof) <= self.pairs[:, 1:]
+        turns = before * self.turns
+        directions = self._directions(q)[:, None]
+        moved = _pairs(1j * turns[:, :, None] * directions)
+        slopes = np.swapaxes(moved, 1, 2)
+        return slopes.reshape(len(self.joints), dof, n)
+
+    def _directions(self, q: Array) -> Complex:
+        """Directions (p, n) of the links."""
         sums = np.cumsum(q * self.turns, axis=1).T
-        directions = np.exp(1j * sums[self.pairs[:, 1]])
-        return _pairs(directions).reshape(2 * len(directions), 1, len(q))
+        return np.asarray(np.exp(1j * sums[self.pairs[:, 1]]))
 
 
 def _pairs(values: Complex) -> Array:

@@ -26,7 +26,7 @@ Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
 """Parameters of a chain's geometry, and how the tip moves with each of them."""
 
 _BELIEFS = 16  # whose constants are remembered
-_STEP = 1e-4  # of a sensor's parameters and of loads, in derivatives
+_STEP = 1e-4  # of a sensor's parameters, in derivatives
 
 S = TypeVar("S", bound="Structure")
 
@@ -40,6 +40,9 @@ class BendingLoads(Protocol):
 
     def levers(self, q: Array) -> Array:
         """Levers (e, g, n) at joint values (n, dof)."""
+
+    def slopes(self, q: Array, gravity: Array) -> Array:
+        """Derivatives (e, dof, n) of the loads by the joint values."""
 
 
 class Fixed(NamedTuple):
@@ -292,12 +295,12 @@ class Structure(Layout):
         moved = led * rates[:, None]
         if fixed.coupling is not None:
             moved[:-1] += led[1:] * fixed.coupling[:, None]
-        if fixed.elastic:
-            steps = _STEP * np.eye(q.shape[1])
-            for k, step in enumerate(steps[: self.dof]):
-                ahead = self.bends(q + step, beta)
-                bent = (ahead - self.bends(q - step, beta)) / (2 * _STEP)
-                moved[k] += (chained * bent[:, None]).sum(axis=0)
+        for block, elastic in fixed.elastic.items():
+            loads = self.loads[block]
+            slopes = loads.slopes(joints, fixed.gravity)
+            bent = elastic[:, None, None] * slopes
+            pushed = chained[loads.joints]
+            moved += np.einsum("emn,ekn->kmn", pushed, bent)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))
 
     def slope(self, q: Array, beta: Array) -> Array:

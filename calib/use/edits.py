@@ -86,10 +86,7 @@ def _urdf_edits(root: ET.Element, origins: Mapping[str, Array]) -> Edits:
 def _mjcf_edits(root: ET.Element, origins: Mapping[str, Array]) -> Edits:
     """Return what places bodies and sites so that joints have these origins."""
     places = read_mjcf(root).places
-    elements = {
-        (node.tag, node.get("name")): (number, node)
-        for number, node in enumerate(root.iter())
-    }
+    nodes = list(root.iter())
     edits: Edits = {}
     for name, origin in origins.items():
         place = places.get(name)
@@ -98,12 +95,12 @@ def _mjcf_edits(root: ET.Element, origins: Mapping[str, Array]) -> Edits:
                 f"joint {quoted(name)} shares its body with another joint: give it a body of its "
                 "own, whose place can be corrected"
             )
-        frame = origin @ np.linalg.inv(place.after)
-        number, node = elements[place.tag, place.name]
-        attributes = dict(node.attrib)
+        within = np.linalg.inv(place.before) @ origin
+        frame = within @ np.linalg.inv(place.after)
+        attributes = dict(nodes[place.element].attrib)
         for key in _PLACING:
             attributes.pop(key, None)
-        edits[number] = (attributes | pose_of(frame), "")
+        edits[place.element] = (attributes | pose_of(frame), "")
     return edits
 
 

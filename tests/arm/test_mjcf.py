@@ -7,8 +7,6 @@ import calib
 from calib.arm.loading import arm_from_urdf
 from calib.arm.rotations import matrix_of
 
-mujoco = pytest.importorskip("mujoco")
-
 EVERY_FORM = """<mujoco model="every form">
   <compiler angle="degree" eulerseq="zyX"/>
   <default>
@@ -75,6 +73,7 @@ def drawn(arm, n=20):
 
 @pytest.mark.parametrize("text", [EVERY_FORM, UR5E], ids=["every form", "ur5e"])
 def test_arms_move_as_mujoco_moves_them(text):
+    mujoco = pytest.importorskip("mujoco")
     arm = arm_from_urdf(text)
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)

@@ -65,8 +65,8 @@ REFUSED = [  # a text or a bundled robot, what is asked of it, and what the line
     (BODY.format('<joint name="hip" type="ball"/>'), {}, "hip ball"),
     (BODY.format('<joint name="j" axis="0 0 0"/>'), {}, "'j' axis"),
     (BODY.format('<joint name="j" class="fast"/>'), {}, "class 'fast'"),
-    (BODY.format('<joint name="j" pos="1 2"/>'), {}, "'pos' 'joint'"),
-    (BODY.format('<body euler="0 0 0" quat="1 0 0 0"/>'), {}, "orientation 'body'"),
+    (BODY.format('<joint name="j" pos="1 2"/>'), {}, "'j': pos 3 numbers"),
+    (BODY.format('<body euler="0 0 0" quat="1 0 0 0"/>'), {}, "one orientation"),
     ("<mujoco><worldbody/></mujoco>", {}, "bodies"),
     # robots, joints and tips
     ("two_lnk", {}, "'two_lnk' two_link?"),

@@ -108,8 +108,8 @@ def test_a_tracker_before_a_simulated_arm_moves_neither_its_commands_nor_its_dra
     moved, q = calib.load(tmp_path / "moved.calib"), log.q[:5] * 0.5
     reached = ARM.forward(calib.correct(moved, q).q)
     assert np.nanmedian(np.linalg.norm(reached - ARM.forward(q), axis=1)) < 1e-3  # once 11.8 mm
-    offsets = fit_geometry(moved).to_json()["offsets"].values()
-    assert max(abs(told["value"]) for told in offsets) < np.radians(0.05)
+    offsets = fit_geometry(moved).offsets().values()
+    assert max(abs(offset.value) for offset in offsets) < np.radians(0.05)
 
 
 @pytest.fixture(scope="module")
