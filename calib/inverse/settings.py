@@ -51,7 +51,7 @@ class SearchSettings:
     # steps of a search by compiled C from joints and what is near: .. us each
     budget: int = 2000
     # of redundant joints: a third once there is an answer
-    spare_tries: int = 30
+    spare_tries: int = 60
     # redundant joints start where this times the squared gap of the position, and the
     # squared distance from the joints asked for, are least: of 1 to 16 the quickest
     pull: int = 16

@@ -61,7 +61,7 @@ static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
                                                  const calib_real near[CALIB_DOF],
                                                  short row[CALIB_STARTS + 1]) {
   const int count = CALIB_TRIES < CALIB_STARTS ? CALIB_TRIES : CALIB_STARTS;
-  calib_starts starts = {calib_start_q[0], row, count, count / 3, CALIB_TRIES, @margin@ / 2};
+  calib_starts starts = {calib_start_q[0], row, count, count / 6, CALIB_TRIES, @margin@ / 2};
   float far[CALIB_STARTS + 1];
   int i, n;
   for (n = 0; n < CALIB_STARTS; ++n) {
@@ -214,8 +214,7 @@ static inline int calib_inverse_within(const calib_real x[CALIB_OUT],
   if (sure == 2) {
     short row[CALIB_STARTS + 1];
     calib_starts starts = calib_position_starts(x, search.from, row);
-    if (CALIB_DOF > CALIB_OUT) starts.count = starts.likely;
-    else sure = 1;
+    if (CALIB_DOF <= CALIB_OUT) sure = 1;
     calib_try_starts(&search, &starts);
   }
   if (!search.count && search.left - search.left == 0) {
