@@ -225,7 +225,9 @@ def test_a_joint_that_never_moved_is_refused_or_ignored():
     assert (error[known] <= bound[known]).all()
     np.testing.assert_array_equal(known, np.isfinite(x).all(axis=1))
     np.testing.assert_allclose([model.forward(q) for q in beside], x, atol=1e-12)
-    np.testing.assert_allclose([model.model_error(q) for q in beside], bound, rtol=1e-9)
+    # derivatives of the sensor are differences: rounding of 5e-13 by what no row tells, 9 sds
+    alone = [model.model_error(q) for q in beside]
+    np.testing.assert_allclose(alone, bound, rtol=1e-9, atol=1e-11)
 
 
 def test_maps_that_did_not_unfold_are_refused_in_one_line():
