@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..body.belief import Body, knows_orientation
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array, Index, Mask
 from ..common.rows import thinned
 from ..errors import LogError, ModelError
 from ..maps.map import Map, search_tree
@@ -22,7 +22,8 @@ from ..training.preparation import sound_log
 from ..training.touched import as_positions
 
 # fewest different rows that a judgement or a correction can rest on
-_LEAST_ROWS = 10
+LEAST_ROWS = 10
+REPEATED = "{} repeated rows count once"
 _MISREAD = ("exchanged", "turns")
 # share of the positions' spread: rows that are missed by less are not read wrongly
 _NEAR = 0.1
@@ -128,22 +129,20 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     _refuse_degrees(model, log)
     log, more = sound_log(model, log)
     notes = [*notes, *more]
-    values = np.hstack([log.q, log.x])
-    _, index = np.unique(values, axis=0, return_index=True)
-    first = np.sort(index)
+    first = different_rows(log)
     repeated = len(log) - len(first)
     prediction = predict(model, log.take(first))
     answered = np.isfinite(prediction.bound)
-    if answered.sum() < _LEAST_ROWS:
+    if answered.sum() < LEAST_ROWS:
         why = "measure more poses, spread over the joints' ranges"
         if not answered.all():
             why = model.outside(log.q[first[~answered][0]]) or why
         raise LogError(
             f"{answered.sum()} of the log's {len(first)} different rows lie within what the model "
-            f"has learned, expected at least {_LEAST_ROWS}: {why}"
+            f"has learned, expected at least {LEAST_ROWS}: {why}"
         )
     if repeated:
-        notes.append(f"{repeated} repeated rows count once")
+        notes.append(REPEATED.format(repeated))
     outside = np.count_nonzero(~answered)
     if outside:
         notes.append(
@@ -164,6 +163,13 @@ def rows_of(model: Model, log: Samples) -> LogRows:
         cause=cause,
     ).take(answered)
     return replace(rows, notes=(*notes, *_misreadings(rows)))
+
+
+def different_rows(log: Samples) -> Index:
+    """Return the first of all rows that are equal, (k,), in their order."""
+    values = np.hstack([log.q, log.x])
+    _, index = np.unique(values, axis=0, return_index=True)
+    return np.sort(index)
 
 
 def _misreadings(rows: LogRows) -> list[str]:

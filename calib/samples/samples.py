@@ -137,7 +137,7 @@ class Samples(LogFile, Readings, Motion):
             "revolute": turns,
             "notes": tuple(self.notes),
         }
-        if not len(self.rows):
+        if np.shape(self.rows) != (n,):  # not stated, or of other rows
             values["rows"] = np.arange(1, n + 1)
         for name, (array, shape) in arrays.items():
             if array is None:

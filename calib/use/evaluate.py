@@ -11,11 +11,12 @@ from ..arm.loading import arm_from_urdf
 from ..arm.rotations import logarithm, matrix_of, similarity
 from ..body.belief import knows_orientation
 from ..change.judge import judge
+from ..change.rows import LEAST_ROWS, REPEATED, different_rows
 from ..change.verdict import Verdict
 from ..common.arrays import Mask
 from ..common.rows import finite_rows, median_length, row_lengths
 from ..common.wording import for_people
-from ..errors import LogError, OptionError, require
+from ..errors import OptionError, require
 from ..model.about import holds
 from ..model.alignment import Alignment
 from ..model.model import Model
@@ -177,14 +178,17 @@ def evaluate(
 
 def _of_log(model: Model, samples: Samples, source: str) -> Evaluation:
     """The errors of the rows that the verdict on a log counts, of few rows those of all."""
-    try:
-        verdict = judge(model, samples, learn=False)
-    except LogError:  # too few rows for a verdict
-        sound, notes = sound_log(model, samples)
-        lost = len(samples) - len(sound)
+    different = samples.take(different_rows(samples))
+    if len(different) < LEAST_ROWS:  # for a verdict
+        sound, notes = sound_log(model, different)
+        lost = len(different) - len(sound)
         residuals = _residuals(model, sound)
         evaluation = _evaluation(model, residuals, source, lost)
+        if len(different) < len(samples):
+            repeated = len(samples) - len(different)
+            notes.append(REPEATED.format(repeated))
         return replace(evaluation, notes=tuple(notes))
+    verdict = judge(model, samples, learn=False)
     rows = verdict.rows
     residuals = _residuals(model, rows.log)
     lost = rows.lost - samples.left_out

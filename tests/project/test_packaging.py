@@ -86,3 +86,13 @@ def test_wheel_holds_all_that_is_needed(tmp_path):
     tops = {name.split("/")[0] for name in names}
     assert tops == {"calib", "calib_cli", f"calib_arm-{calib.__version__}.dist-info"}
     assert any(name.endswith("licenses/LICENSE") for name in names)
+
+
+def test_nothing_large_and_nothing_that_runs_code_is_tracked():
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a checkout")
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
+    names = listed.stdout.split()
+    assert len(names) > 300
+    assert [name for name in names if name.endswith((".pkl", ".pickle", ".pyc"))] == []
+    assert [name for name in names if (ROOT / name).stat().st_size > 300_000] == []

@@ -1,5 +1,7 @@
 """Samples hold what they are given, checked and read-only."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -72,3 +74,10 @@ def test_each_joint_came_from_the_side_of_its_last_motion():
 
 def test_rows_at_one_pose_share_its_number():
     assert SAMPLES.pose_index.tolist() == [0, 1, 2, 0, 0]
+
+
+def test_rows_are_numbered_from_1_where_no_numbers_are_stated():
+    assert make(5, rows=None).rows.tolist() == [1, 2, 3, 4, 5]
+    assert make(5, rows=np.arange(9, 14)).take([2]).rows.tolist() == [11]
+    other = replace(make(5), q=np.zeros((2, 2)), x=np.zeros((2, 2)), side=None)
+    assert other.rows.tolist() == [1, 2]
