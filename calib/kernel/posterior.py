@@ -26,8 +26,9 @@ from .arm import KernelArm
 class CompactSettings:
     """How much of a posterior stays."""
 
-    # directions of a belief: the bound of a log is -4 to +8 % off the whole's, with 31 of them
-    # -4 to +6 %, and two beliefs fill three vectors of eight
+    # directions of a belief.  Of a UR10's logs of 30 to 2,000 rows, with a drawing and without one,
+    # the bound at held-out rows is .89 to 1.37 times the whole's (96 % of the rows), with 15 of
+    # them .92 to 1.38; two beliefs of 11 fill three vectors of eight
     ways: int = 11
     rows: int = 400  # joint values by whose positions directions are compared
     # of what parameters move: more is no part of an arm
@@ -73,51 +74,49 @@ class CompactPosterior:
         beliefs: list[Body | Second] = [body]
         if body.second is not None:
             beliefs.append(body.second)
-        moves = np.zeros((len(q) * outputs, structure.size))
-        active = [belief.active for belief in beliefs]
-        uncertain = np.unique(np.concatenate(active))
-        slope = structure.linearise(q, body.beta, uncertain)[1][:, :outputs]
-        moves[:, uncertain] = slope.reshape(len(moves), -1)
         groups = [
             np.asarray(structure.groups[f"curve.{k}"], int)
             for k in range(structure.dof)
         ]
-        every = np.arange(structure.size)
-        geometric = np.delete(every, np.concatenate(groups))
+        curved = np.concatenate(groups)
         parts = arm.derivatives(q)[0]
         basis = np.concatenate(list(parts.values()))
-        basis = basis.transpose(2, 1, 0).reshape(len(moves), -1)
-        through = _amounts(basis, moves[:, geometric], COMPACT.least)
-        rest = basis @ through - moves[:, geometric]
-        rest = np.linalg.norm(rest, axis=0)
-        largest = np.linalg.norm(moves, axis=0).max()
-        if (rest > COMPACT.unexplained * largest).any():
-            raise OptionError(
-                "the body has a parameter that the C source does not know"
-            )
+        basis = basis.transpose(2, 1, 0).reshape(len(q) * outputs, -1)
         here = structure.predict(q, body.beta)
         size = len(beliefs), COMPACT.ways + 1
         curves = np.zeros((structure.dof, 2 * HARMONICS, *size))
-        geometry = np.zeros((len(through), *size))
+        geometry = np.zeros((basis.shape[1], *size))
         alone = []
         for b, belief in enumerate(beliefs):
-            directions = np.zeros((structure.size, belief.root.shape[1]))
-            directions[belief.active] = _ordered(
-                belief.root, moves[:, belief.active]
-            )
-            variance = _curves_alone(directions[:, COMPACT.ways :], groups)
-            alone.append(variance)
-            directions = directions[:, : COMPACT.ways]
+            # where the belief is: what moves nothing there, by which it is hardly known, moves
+            # positions at the parameters of another
+            slope = structure.linearise(q, belief.beta, belief.active)[1]
+            moves = np.zeros((len(basis), structure.size))
+            moves[:, belief.active] = slope[:, :outputs].reshape(len(basis), -1)
+            root = np.zeros((structure.size, belief.root.shape[1]))
+            root[belief.active] = belief.root
+            directions, of_curves = _split(root, curved)
+            alone.append(_curves_alone(of_curves, groups))
+            directions = _ordered(directions, moves)[:, : COMPACT.ways]
             ways = directions.shape[1]
             apart = belief.beta - body.beta
             for k, group in enumerate(groups):
                 if len(group):
                     curves[k, :, b, :ways] = directions[group]
                     curves[k, :, b, -1] = apart[group]
-            apart[np.concatenate(groups)] = 0.0
+            moves[:, curved] = 0.0
+            moved = moves @ directions
+            amounts = _amounts(basis, moved, COMPACT.least)
+            rest = np.linalg.norm(basis @ amounts - moved)
+            most = COMPACT.unexplained * np.linalg.norm(moved)
+            if belief is body and rest > most:  # the basis is at its parameters
+                raise OptionError(
+                    "the body has a parameter that the C source does not know"
+                )
+            geometry[:, b, :ways] = amounts
+            apart[curved] = 0.0
             there = structure.predict(q, body.beta + apart)
             gap = (there - here)[:, :outputs].reshape(-1, 1)
-            geometry[:, b, :ways] = through @ directions[geometric]
             geometry[:, b, -1:] = _amounts(basis, gap, COMPACT.apart)
         edges = np.cumsum([len(part) for part in parts.values()])[:-1]
         # as in `Body.bound`: the first belief is inflated, the second not
@@ -188,6 +187,19 @@ def _amounts(basis: Array, moves: Array, least: float) -> Array:
     scaled[:, still] = 0.0
     amounts = np.linalg.lstsq(scaled, moves, rcond=least)[0]
     return np.asarray(amounts / size[:, None])
+
+
+def _split(root: Array, curved: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Two roots of a covariance, which add up: of the geometry, and of curves beside a known one.
+
+    What rows tell together of a curve and of the geometry, such as its mean and its joint's offset,
+    is in the first one alone.
+    """
+    geometric = np.delete(np.arange(len(root)), curved)
+    geometric = geometric[root[geometric].any(axis=1)]
+    turn = np.linalg.qr(root[geometric].T, mode="complete")[0]
+    turned = root @ turn
+    return turned[:, : len(geometric)], turned[:, len(geometric) :]
 
 
 def _ordered(root: Array, moves: Array) -> Array:

@@ -3,6 +3,7 @@
 import pickle
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import models
@@ -187,3 +188,21 @@ def test_what_is_no_query_is_still_refused(bad):
         fast.forward(bad)
     with pytest.raises(QueryError):
         fast.inverse([0.3, 0.3], near=bad if bad is not None else [np.inf, 0.0])
+
+
+@pytest.mark.parametrize("waves", [0.0, 3e-4])
+def test_a_small_posterior_is_as_sure_as_the_whole_where_rows_were(waves):
+    # 80 rows within a third of each range, without a drawing: a second belief, far from the first
+    # in what moves nothing, and curves of which rows tell the sum with the joints' offsets
+    arm = calib.load_arm("six_axis")
+    limits = zip(arm.joint_names, arm.lower.tolist(), arm.upper.tolist(), strict=True)
+    third = {
+        name: (0.65 * low + 0.35 * high, 0.35 * low + 0.65 * high) for name, low, high in limits
+    }
+    log = calib.babble(arm, 80, noise=2e-5, ranges=third)
+    x = log.x + arm.forward(log.q + waves * np.sin(9 * log.q)) - arm.forward(log.q)
+    log = replace(log, x=x, simulation=None, arm=None, lower=arm.lower, upper=arm.upper)
+    model = calib.train(log, size=4)
+    fresh = calib.babble(arm, 300, seed=9, ranges=third).q
+    ratio = model.expected_error(fresh) / model.body.bound(fresh)
+    assert 0.85 < ratio.min() < ratio.max() < 1.25
