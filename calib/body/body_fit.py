@@ -32,6 +32,8 @@ class BodyFit:
     body: Body
     # (n, m), residuals of the sensor's contiguous blocks of rows predicted from the others
     held_out: Array
+    # (n,), by which bounds on these are wider than those of the body, which rests on all blocks
+    widening: Array
     notes: tuple[str, ...] = ()  # what the rows cannot tell
     # (n,), held-out errors of orientation, where they were measured
     turned: Array | None = None
@@ -196,7 +198,8 @@ def _seen_by(
     # where the other blocks determine nothing, they predict their mean
     unknown = rows.z - rows.z.mean(axis=0)
     residual = held_out.residual
-    return BodyFit(body, np.where(np.isfinite(residual), residual, unknown))
+    missed = np.where(np.isfinite(residual), residual, unknown)
+    return BodyFit(body, missed, held_out.widening)
 
 
 def _wide_fit(

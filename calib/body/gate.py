@@ -35,6 +35,8 @@ class HeldOut:
     # and 0: of the fit itself, whose own residuals may contradict what it states there; NaN for
     # outliers of the fit
     ratios: dict[int, Array]
+    # (n,), 95 % radius by the other blocks over that of the fit itself, 1 where it was not computed
+    widening: Array
 
     def blockwise(self) -> Array:
         """Mean score of each block, NaN where there is none."""
@@ -101,10 +103,12 @@ def leave_blocks_out(
     residual = np.full_like(part.residual, np.nan)
     score = np.full(n, np.nan)
     ratios: dict[int, Array] = {}
+    radii: dict[int, Array] = {}
     for count in partitions:
         parts = max(min(count, len(derivatives)), 1)
         limits = edges_of(len(derivatives), parts).tolist()
         ratios[count] = np.full(n, np.nan)
+        radii[count] = np.full(n, np.nan)
         for first, last in pairwise(limits):
             # of no partition the fit itself
             blocks = slice(first, last) if count else slice(0)
@@ -123,12 +127,17 @@ def leave_blocks_out(
                 spread = np.einsum("kni,knj->nij", y, y)
                 spread += np.diag(part.noise[:p] ** 2)
                 some = slice(rows.start, rows.stop, every)
-                ratios[count][some] = length / radius_95(spread)
+                radii[count][some] = radius_95(spread)
+                ratios[count][some] = length / radii[count][some]
                 if count and last - first == 1:
                     residual[rows] = missed
                     score[some] = _negative_log_density(length, spread)
         ratios[count][part.weight[:, 0] <= FIT.outlier] = np.nan
-    return HeldOut(residual, score, part.edges, ratios)
+    widening = np.ones(n)
+    if 0 in radii:
+        wider = radii[max(radii)] / radii[0]
+        widening = np.where(np.isfinite(wider), np.maximum(wider, 1.0), 1.0)
+    return HeldOut(residual, score, part.edges, ratios, widening)
 
 
 def _negative_log_density(length: Array, spread: Array) -> Array:

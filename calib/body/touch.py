@@ -167,7 +167,10 @@ def fit_touches(
         rng = np.random.default_rng(seed)
         shares = rng.random((_POSTURES, q.shape[1]))
         body = anchored(body, lower + shares * (upper - lower))
-    return replace(of_all, body=body, held_out=held_out), points
+    # of a block that has most touches of a socket the others do not tell where that is
+    alike = np.ones(len(q))
+    fitted = replace(of_all, body=body, held_out=held_out, widening=alike)
+    return fitted, points
 
 
 def _scattered(residual: Array, point: NDArray[np.intp]) -> Array:
