@@ -21,7 +21,8 @@ from .layout import joined
 from .parameters import Prior
 from .rows import Rows
 from .settings import FIT, LOG_FLOOR, SIMULATED_FLOOR, STUDENT
-from .starts import Start, best_start, with_other_sensors
+from .start import Start
+from .starts import best_start, with_other_sensors
 from .structure import Structure
 
 

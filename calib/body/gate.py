@@ -18,7 +18,7 @@ from .fit import Fit
 from .parameters import Indices
 from .rows import Part, Rows, edges_of
 from .settings import FIT, NATS
-from .starts import Start
+from .start import Start
 from .structure import Structure
 
 _PARTITIONS = (0, 2, 5, 10)
