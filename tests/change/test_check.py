@@ -138,15 +138,30 @@ def test_a_flipped_elbow_is_told_and_the_shoulder_is_not_blamed():
     assert made.after["mean"] < 5e-4
 
 
+def lasting(n, alike, rng):
+    """Noise (n, 2) of standard deviation 1 that is alike from row to row."""
+    noise = np.zeros((n, 2))
+    for k in range(1, n):
+        noise[k] = alike * noise[k - 1] + np.sqrt(1 - alike**2) * rng.standard_normal(2)
+    return noise
+
+
+def test_noise_that_lasts_along_a_path_is_no_drift():
+    t = np.linspace(0.0, 8.0, 400)
+    for seed in range(6):
+        u = 0.5 + 0.45 * np.stack([np.sin(1.1 * t + seed), np.sin(1.7 * t)], axis=1)
+        q = arm().lower + u * (arm().upper - arm().lower)
+        noise = NOISE * lasting(400, 0.9, np.random.default_rng(seed))
+        rows = replace(bare("two_link", 400, 0), q=q, x=arm().forward(q) + noise, in_time=True)
+        assert not calib.check(learned(), rows).drifted
+
+
 def test_noise_that_lasts_raises_no_alarm():
     """Of noise alike from sample to sample (.98) 12 alarms rose in 10,000 samples."""
     rng = np.random.default_rng(0)
     q = rng.uniform(arm().lower, arm().upper, (1500, 2))
-    noise = np.zeros((1500, 2))
-    for k in range(1, 1500):
-        noise[k] = 0.98 * noise[k - 1] + np.sqrt(1 - 0.98**2) * rng.standard_normal(2)
     monitor = calib.monitor(learned())
-    x = arm().forward(q) + NOISE * noise
+    x = arm().forward(q) + NOISE * lasting(1500, 0.98, rng)
     assert not any(monitor.update(*sample).drifted for sample in zip(q, x, strict=True))
 
 

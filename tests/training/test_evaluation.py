@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import log, papers, trained
+from models import log, measured, papers, trained
 
 import calib
 from calib import LogError
@@ -38,6 +38,10 @@ def test_another_log_is_compared_row_by_row():
         assert told == pytest.approx(expected, rel=1e-5)
     assert (evaluation.rows, evaluation.left_out) == (400, 0)
     assert evaluation.source == "measured rows of the log"
+    learned = measured()
+    off = np.linalg.norm(learned.forward(fresh.q) - fresh.x, axis=1)
+    covered = np.mean(off <= learned.expected_error(fresh.q))
+    assert calib.evaluate(learned, fresh).within["covered"] == covered
 
 
 def test_rows_outside_of_what_was_learned_are_left_out_and_counted():
