@@ -90,14 +90,6 @@ def test_a_frame_that_moved_is_told_and_can_be_found_anew(tmp_path, run):
     assert done.document["errors"]["local"]["forward"]["distance"]["mean"] < 3e-4
 
 
-def test_degrees_are_told_as_by_check_rather_than_evaluated():
-    fresh = log(100, 1e-3, seed=5)
-    degrees = {name: np.degrees(getattr(fresh, name)) for name in ("q", "lower", "upper")}
-    for ask in (calib.evaluate, calib.check):
-        with pytest.raises(LogError, match="only if its joint values are degrees"):
-            ask(papers(1e-3), replace(fresh, **degrees))
-
-
 def test_repeated_rows_count_once_where_they_are_few_too():
     fresh = log(8, 1e-3, seed=5)
     evaluation = calib.evaluate(papers(1e-3), fresh.take(np.repeat(np.arange(8), 15)))
