@@ -36,7 +36,11 @@ def check(
     cause: opt.WhatChanged = None,
     tolerance: Annotated[
         float | None,
-        opt.value("--tolerance S", "Exit 3 if unseen [m].", parsing.number),
+        opt.value(
+            "--tolerance S",
+            "Exit code 3 where the rows could not show a change of this size [m].",
+            parsing.above_zero,
+        ),
     ] = None,
     columns: opt.Columns = None,
     unit: opt.Unit = None,
