@@ -46,8 +46,10 @@ def run(arguments: Sequence[str]) -> int:
         code = application(name)(
             words, prog_name="calib", standalone_mode=False
         )
-        sys.stdout.flush()
-    except BrokenPipeError:  # a reader who has seen enough
+    except SystemExit as end:
+        # so Typer ends where the reader of its help has seen enough; a signal has another code
+        if end.code != 1:
+            raise
         silence(sys.stdout)
         return 0
     except Exception as error:
@@ -150,7 +152,11 @@ def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:
             )
         _keep_inputs(options)
         outcome = command(**options)
-        outcome.show(streamed=streamed)
+        try:
+            outcome.show(streamed=streamed)
+            sys.stdout.flush()
+        except BrokenPipeError:  # a reader who has seen enough
+            silence(sys.stdout)
         raise typer.Exit(outcome.code)
 
     return run_and_print
