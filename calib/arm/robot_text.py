@@ -55,7 +55,7 @@ def read_urdf(path: Path) -> str:
             text = file.read(LIMITS.size + 1).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise RobotError(
-            f"{path.name}: is no URDF, or not in UTF-8 (byte {error.start}): save it as UTF-8"
+            f"{path.name}: byte {error.start} is not UTF-8: expected a URDF, saved as UTF-8 text"
         ) from None
     except (OSError, ValueError) as error:
         raise RobotError(f"{path.name}: cannot be read: {error}") from None

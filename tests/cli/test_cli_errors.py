@@ -73,7 +73,7 @@ CASES = [
     ("adapt good.calib --data few.csv -o few.csv", 2, "few.csv replace"),
     # one kind of file in the place of another
     ("train few.csv", 2, "table --data few.csv"),
-    ("train good.calib", 1, "good.calib: no URDF"),
+    ("train good.calib", 1, "good.calib: URDF"),
     # options that nothing would obey
     ("train --data few.csv --joints shoulder,elbow --tip tip", 2, "--tip ROBOT"),
     ("train --data few.csv --joints shoulder,elbow --planar", 2, "--planar ROBOT"),
