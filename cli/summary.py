@@ -134,7 +134,11 @@ def accuracy(
     line = f"{sized(_mean_distance(errors), unit)} on average"
     if within:
         line += f", 95 % within {sized(within['p95'], unit)}"
-        line += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
+        answered = within.get("answered", 1.0)
+        if answered > 0.0:
+            line += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
+        if answered < 1.0:
+            line += f" of the {100 * answered:.0f} % that have an answer"
     line += f", on {rows}"
     if left_out:
         line += f"; {left_out} left out, wrong or outside of what was learned"
@@ -201,6 +205,12 @@ def contradicted(about: About) -> list[str]:
     if about.bound_holds:
         return []
     rows = "fresh samples" if about.source == "simulation" else "rows held out"
+    answered = about.within.get("answered", 1.0)
+    if answered < 0.5:
+        return [
+            f"TOO COARSE TO ANSWER: at {100 * (1 - answered):.0f} % of {rows} the model may be off "
+            "by more than 10 % of the reach"
+        ]
     return [
         f"THE BOUND DOES NOT HOLD: the model's own 95 % bound covers "
         f"{100 * about.within['covered']:.0f} % of {rows}: do not rely on it"
