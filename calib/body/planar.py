@@ -13,7 +13,7 @@ from ..common.arrays import Array
 from ..common.scale import METRES
 from .curves import curve_shape
 from .drawing import Complex, PlanarDrawing
-from .layout import Ladder, chosen
+from .layout import Ladder, wanted_members
 from .parameters import Block, Hyper, Indices
 from .sensors import InPlane
 from .settings import FIT, PRIOR, SHIFT, TURN
@@ -279,7 +279,7 @@ class PlanarStructure(Structure):
             ("elastic", (*chain, "elastic"), turns),
             ("curves and elastic", (*chain, "elastic", "curve"), turns),
         )
-        return chosen(ladder)
+        return wanted_members(ladder)
 
 
 def planar_structure(
