@@ -17,7 +17,6 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -310,7 +309,7 @@ class Motors:
     """The motors of an arm, by name, and the document that they stand in."""
 
     motors: Mapping[str, Motor]
-    document: Mapping[str, Mapping[str, Any]]
+    document: Mapping[str, Mapping[str, object]]
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Motors:
@@ -343,7 +342,7 @@ class Motors:
         return angles
 
 
-def _motor(entry: Mapping[str, Any]) -> Motor:
+def _motor(entry: Mapping[str, int]) -> Motor:
     numbers = {
         key: int(entry[key])
         for key in ("homing_offset", "range_min", "range_max")
