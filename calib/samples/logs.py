@@ -125,6 +125,8 @@ def read_log(
         )
 
     drawn, total = source.drawn(most, seed)
+    if not total:
+        raise LogError(f"{label} has no rows below its header")
     read = roles.columns(roles.names)
     further = [
         name for name in FURTHER if name in source.header and name not in read
@@ -186,11 +188,16 @@ def read_log(
             )
         # what can be nothing but a mistake is refused, what may be intended told
         refuse_mistakes(unmoved(q, x, names), label)
-    whole_facts = {
-        name: fact
-        for name, fact in zip(further, facts[sound].T, strict=True)
-        if np.isfinite(fact).all()
-    }
+    whole_facts: dict[str, Array] = {}
+    for name, fact in zip(further, facts[sound].T, strict=True):
+        gaps = numbers[~np.isfinite(fact)]
+        if len(gaps):
+            notes.append(
+                f"the column {name} is not used, it has no number in {len(gaps):,} rows: "
+                f"{rows_in_words(gaps)}"
+            )
+        else:
+            whole_facts[name] = fact
     samples = Samples(
         q,
         x,

@@ -131,6 +131,9 @@ class Samples(LogFile, Readings, Motion):
                 q.shape,
             ),
             "orientation": (self.orientation, (n, 4)),
+            "covariance": (self.covariance, (n, 6, 6)),
+            "time": (self.time, (n,)),
+            "episode": (self.episode, (n,)),
         }
         values: dict[str, object] = {
             "joint_names": names,
@@ -149,6 +152,8 @@ class Samples(LogFile, Readings, Motion):
             values[name] = frozen(np.array(array, dtype=float))
         for name, value in values.items():
             object.__setattr__(self, name, value)
+        if self.time is not None and not np.isfinite(self.time).all():
+            raise LogError("time is not finite in every row: leave it out")
         for joint, low, high in zip(names, self.lower, self.upper, strict=True):
             if not -np.inf < low < high < np.inf:
                 raise LogError(

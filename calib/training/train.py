@@ -83,7 +83,7 @@ def train(
     True
     """
     options = replace(options or TrainingOptions(), **named)
-    logs = [samples] if isinstance(samples, Samples) else [*samples]
+    logs = [samples] if isinstance(samples, Samples) else [*(samples or ())]
     if not logs:
         raise LogError("no samples: expected those of one sensor or more")
     for log in logs:
