@@ -14,6 +14,7 @@ from ..arm.arm import Arm
 from ..arm.plane import Plane
 from ..common.arrays import Array, Index, frozen
 from ..common.rows import LARGEST, column_names, number_rows, whole
+from ..common.scale import Scale
 from ..errors import LogError, OptionError
 from .camera import Camera
 from .motion import Motion, OfRows, directions, pose_index
@@ -167,6 +168,11 @@ class Samples(LogFile, Readings, Motion):
     def dof(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def unit_box(self) -> Scale:
+        """The box of the joints' ranges."""
+        return Scale.of_range(self.lower, self.upper, self.revolute)
 
     @cached_property
     def pose_index(self) -> Index:

@@ -7,7 +7,7 @@ import pytest
 
 import calib
 from calib.samples.tables import write_table
-from calib.training.learn import TrainingOptions
+from calib.training.options import TrainingOptions
 from calib.training.preparation import sound_beside
 from calib.training.smooth import find_smooth_part
 
