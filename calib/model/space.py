@@ -47,8 +47,8 @@ class Space:
             body = _in_base(model.body) or _drawn(model)
             if body is None:
                 raise QueryError(
-                    "the model knows no arm in space in its base frame: expected one that was "
-                    "learned from a log together with the robot that it is of"
+                    "the model knows no arm in space in its base frame: expected one of an arm "
+                    "that moves in space, learned together with its robot"
                 )
             length = max(spatial(body).chain.reach, 1e-9)
             model.remembered["space"] = Space(model, body, length)

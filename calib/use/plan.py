@@ -187,9 +187,10 @@ def plan(
     usable, notes = usable_postures(source, q, above)
     q = q[usable]
     if len(q) < n:
-        raise OptionError(
-            f"n {n}: {len(q)} poses were found, expected fewer to choose"
-        )
+        allowed = f"{n} poses: {len(q)} are within the limits"
+        if above is not None:
+            allowed += f" and above {above:g} m"
+        raise OptionError(f"{allowed}; ask for fewer, or allow more")
     if directions is not None:
         chosen = greedy(directions[usable], n)
     else:
