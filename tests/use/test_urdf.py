@@ -8,8 +8,8 @@ import pytest
 from chains import FOLLOWED, MIXED
 from drifting import arm, log, model
 from models import in_pixels, in_space, log_of
+from reference import pinocchio_pose
 from scipy.spatial.transform import Rotation
-from test_arm import pinocchio_pose
 
 import calib
 from calib import load_arm
