@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 LEAST_CORNERS = 8
 """Corners of a board that a picture must show."""
-
-_P = TypeVar("_P", bound="Pattern")
 
 EXAMPLES = (
     "a chessboard's squares COLSxROWS:SQUARE such as 10x7:22mm, COLSxROWS:SQUARE:MARKER:DICT such "
@@ -48,14 +46,6 @@ class Pattern(ABC):
     columns: int
     rows: int
     side: float  # of a square, or of a tag [m]
-
-    @classmethod
-    def parse(cls: type[_P], text: Pattern | str) -> _P:
-        """Read a board of this kind; see `parse_board`."""
-        board = parse_board(text)
-        if not isinstance(board, cls):
-            raise OptionError(f"board {text!r}: expected {EXAMPLES}")
-        return board
 
     @property
     def text(self) -> str:

@@ -78,8 +78,9 @@ class Lens:
     @property
     def matrix(self) -> Array:
         """The camera matrix (3, 3)."""
-        (fx, fy), (u, v) = self.focal, self.centre
-        return np.array([[fx, 0.0, u], [0.0, fy, v], [0.0, 0.0, 1.0]])
+        matrix = np.diag([*self.focal, 1.0])
+        matrix[:2, 2] = self.centre
+        return matrix
 
     def distort(self, points: ArrayLike) -> Array:
         """Return pixels (n, 2) of points (n, 2) of the plane at distance one."""

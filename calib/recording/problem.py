@@ -94,13 +94,9 @@ class Problem:
 def of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
     """The problem of joints and a drawn arm."""
     rows = _rows(views)
-    q = np.zeros((len(rows), arm.dof))
-    for view in views:
-        q[np.searchsorted(rows, view.rows)] = view.shots.q
-    views = _by_pose(views, rows, q)
-    poses = _rows(views)
-    q = q[np.searchsorted(rows, poses)]
-    rows = poses
+    views = _by_pose(views, rows, _joint_values(views, rows))
+    rows = _rows(views)
+    q = _joint_values(views, rows)
     motions = JointMotions(q, structure_of(arm, "pose"))
     refuse_readings(motions.structure, views[0])
     return replace(_problem(views, rows, motions, PRIORS.joints), arm=arm)
@@ -151,6 +147,14 @@ def _refuse_mirrored(view: View, start: Start) -> None:
 
 def _rows(views: Sequence[View]) -> Index:
     return np.unique(np.concatenate([view.rows for view in views]))
+
+
+def _joint_values(views: Sequence[View], rows: Index) -> Array:
+    """Joints (n, dof) of rows (n,) that the cameras' pictures are of."""
+    q = np.zeros((len(rows), views[0].shots.q.shape[1]))
+    for view in views:
+        q[np.searchsorted(rows, view.rows)] = view.shots.q
+    return q
 
 
 def _by_pose(views: Sequence[View], rows: Index, poses: Array) -> list[View]:

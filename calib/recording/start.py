@@ -160,21 +160,39 @@ def _half_turned(motions: Array, poses: Array, half_turn: Array) -> Mask:
     Turns between two pictures are as large as the flange's, wherever camera and board are: the
     leading eigenvector of how much better a pair fits turned.
     """
-    flat = motions[:, :3, :3].reshape(-1, 9)
-    plain = poses[:, :3, :3].reshape(-1, 9)
-    other = (poses @ half_turn)[:, :3, :3].reshape(-1, 9)
-    traces = flat @ flat.T
-    alike = np.abs(traces - other @ plain.T) - np.abs(traces - plain @ plain.T)
-    vector = np.linalg.eigh(alike)[1][:, -1]
-    return np.asarray(vector * vector[np.abs(vector).argmax()] < 0)
+    moved = _flat_turns(motions)
+    plain = _flat_turns(poses)
+    turned = _flat_turns(poses @ half_turn)
+    # traces of the turns between each two pictures
+    expected = moved @ moved.T
+    miss_plain = np.abs(expected - plain @ plain.T)
+    miss_turned = np.abs(expected - turned @ plain.T)
+    _, vectors = np.linalg.eigh(miss_turned - miss_plain)
+    leading = vectors[:, -1]
+    largest = leading[np.abs(leading).argmax()]
+    return np.asarray(leading * largest < 0)
+
+
+def _flat_turns(poses: Array) -> Array:
+    """Rotations of poses (n, 4, 4), each as nine numbers (n, 9)."""
+    return poses[:, :3, :3].reshape(-1, 9)
 
 
 def _gaps(predicted: Array, poses: Array, points: Array) -> Array:
     """Angle (n,) [rad] between points of a board as predicted and as they are, rms."""
-    away = points @ np.swapaxes(predicted[:, :3, :3], 1, 2)
-    away += predicted[:, None, :3, 3]
-    there = points @ np.swapaxes(poses[:, :3, :3], 1, 2) + poses[:, None, :3, 3]
-    depth = np.maximum(away[:, :, 2:], 0.05 * there[:, :, 2:])
-    gap = away[:, :, :2] / depth - there[:, :, :2] / there[:, :, 2:]
-    rms = np.sqrt((gap**2).sum(axis=2).mean(axis=1))
+    expected = _moved(predicted, points)
+    places = _moved(poses, points)
+    depth = places[:, :, 2:]
+    # a board that is predicted behind the camera is far off, in no direction
+    ahead = np.maximum(expected[:, :, 2:], 0.05 * depth)
+    gap = expected[:, :, :2] / ahead - places[:, :, :2] / depth
+    squares = (gap**2).sum(axis=2)
+    rms = np.sqrt(squares.mean(axis=1))
     return np.asarray(np.minimum(rms, 3.0))
+
+
+def _moved(poses: Array, points: Array) -> Array:
+    """Points (n, k, 3) of a board (k, 3) at its poses (n, 4, 4)."""
+    turns = np.swapaxes(poses[:, :3, :3], 1, 2)
+    shifts = poses[:, None, :3, 3]
+    return np.asarray(points @ turns + shifts)

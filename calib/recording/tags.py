@@ -84,12 +84,11 @@ class Tag:
     @property
     def upright(self) -> float:
         """How far it faces the camera: about the cosine of its tilt, by its area."""
-        (x, y), (u, v) = self.corners.T, np.roll(self.corners, -1, 0).T
-        return float(
-            0.5
-            * abs((x * v - u * y).sum())
-            / max(_sides(self.corners).max() ** 2, 1e-9)
-        )
+        first = self.corners[2] - self.corners[0]
+        second = self.corners[3] - self.corners[1]
+        area = 0.5 * abs(first[0] * second[1] - first[1] * second[0])
+        longest = _sides(self.corners).max()
+        return float(area / max(longest**2, 1e-9))
 
 
 def _sides(corners: Array) -> Array:
