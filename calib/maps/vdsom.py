@@ -61,7 +61,12 @@ class Layer:
     def map(self) -> Map:
         """The map as it stands."""
         no_history = np.zeros((0, 4))
-        return Map(self.weights, self.lattice, self.scale, no_history)
+        return Map(
+            self.weights,
+            self.lattice,
+            self.scale,
+            no_history,
+        )
 
     def learn(
         self, x: Array, alpha: float, sigma: float, gain: float, progress: float
@@ -195,9 +200,7 @@ class VDSOM:
         idle : (sensory nodes,), what each node should have forgotten besides, as an exponent
         """
         assert self.wiring is not None  # noqa: S101
-        a = self.wiring.activity(self.layers[0].map, u)
-        i = a.indices.reshape(len(u), -1)
-        a_i = a.data.reshape(len(u), -1)
+        i, a_i = self.wiring.active_nodes(self.layers[0].map, u)
         strength = np.einsum("jnk,nk->nj", self._c[:, i], a_i)
         strength = strength * np.exp(-np.asarray(idle))
         total = np.maximum(strength.sum(axis=1, keepdims=True), 1e-30)
@@ -251,7 +254,12 @@ def passes(
     for epoch in range(epochs):
         order = rng.permutation(n)
         t = epoch * n + np.arange(n)
-        rates = Rates.training(t, sigma, epochs * n, len(points))
+        rates = Rates.training(
+            t,
+            sigma,
+            epochs * n,
+            len(points),
+        )
         distances = net.show([x[order] for x in points], rates)
         yield [
             Epoch.of(
