@@ -178,9 +178,11 @@ class Reach:
         if not isinstance(self.search.starts, DrawnPostures):
             return [*question, 0 * column]
         owner, u = self.search.starts.of(target)
-        starts = np.full((len(target), WAYS, u.shape[1]), np.nan)
+        dof = u.shape[1]
+        starts = np.full((len(target), WAYS, dof), np.nan)
         starts[owner, rank_within(owner)] = self._scale.from_unit(u)
-        return [*question, WAYS * column, starts.reshape(len(target), -1)]
+        flat = starts.reshape(len(target), WAYS * dof)
+        return [*question, WAYS * column, flat]
 
     def _unit(self, q: Array) -> Array:
         return self.search.newton.clip(self._scale.to_unit(q))

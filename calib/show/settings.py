@@ -24,6 +24,8 @@ class Settings:
 
     small_effect: float = 0.01  # of the largest: causes with less are not drawn
     same: float = 0.03  # of a column: with less of its own, others tell it
+    # of the largest column of a unit: an axis moved along itself was told as 461 mm off
+    hardly: float = 0.01
     # of a joint's longest: with less, a row says little of it
     lever: float = 0.3
     arrow: float = 0.08  # of the picture's width: the longest arrows

@@ -105,7 +105,7 @@ def at_point(
         beta = body.beta
     else:
         raise OptionError(
-            "touch: expected a robot that moves in space, or a model of one"
+            "`touch`: expected a robot that moves in space, or a model of one"
         )
     target = number_rows(
         np.ravel(point), ("x", "y", "z"), "touch", OptionError

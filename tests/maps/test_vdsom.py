@@ -69,6 +69,23 @@ def test_eq_7_and_8_weigh_a_sample_and_never_beyond_its_place():
         np.testing.assert_allclose(net.layers[0].weights, w + step * (x - w), atol=1e-3)
 
 
+def test_eq_7_and_8_as_printed_step_by_step():
+    lattice, sigma, alpha = Lattice((4, 5)), 1.5, 0.4
+    rng = np.random.default_rng(3)
+    w, x = 0.3 * rng.random((20, 2)), rng.random((4, 2))
+    net = VDSOM([Layer(w, lattice, UNIT_BOX, READINGS["printed"])])
+    told = rates(4, np.full(4, sigma), np.full(4, alpha))
+    net.show([x], told)
+    r = lattice.positions()
+    for sample, t in zip(x, told.progress, strict=True):
+        winner = np.linalg.norm(w - sample, axis=1).argmin()
+        beside = np.abs(r - r[winner]).max(axis=1) == 1  # O, diagonals included
+        rho = np.exp(-np.sum((w[winner] - w[beside]) ** 2))  # eq. 7
+        h = (t / rho) ** 4 * np.exp(-t / sigma**2)  # eq. 8
+        w = w + min(alpha * h, 1.0) * (sample - w)
+    np.testing.assert_allclose(net.layers[0].weights, w, atol=1e-12)
+
+
 def test_eq_8_as_printed_gathers_all_nodes_in_one_place_and_only_online():
     x = np.random.default_rng(0).random((2000, 2))
     printed, stable = (

@@ -42,7 +42,7 @@ def read(tmp_path):
     return read
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("mm", 1e3), ("cm", 1e2), ("in", 39.37)])
+@pytest.mark.parametrize(("unit", "factor"), [("mm", 1e3), ("um", 1e6), ("in", 39.37)])
 def test_other_units_of_length_are_recognised(read, tmp_path, unit, factor):
     q, x = drawn()
     with pytest.raises(calib.LogError, match=f"unit='{unit}'") as caught:

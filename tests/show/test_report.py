@@ -92,6 +92,25 @@ def test_words_of_other_models():
     assert 'id="u_matrices"' in report(trained("two_link", n=400, size=4, body="none"))
 
 
+CAUSES = [  # what was changed, what is told of it [mm or deg]
+    ("two_link", "elbow.offset=0.02", "elbow: zero", np.degrees(0.02)),
+    ("six_axis", "elbow.offset=0.01", "elbow: zero", np.degrees(0.01)),
+    ("spatial_three", "shoulder_lift.length=+2%", "elbow: origin along x", 6.0),
+]
+
+
+@pytest.mark.usefixtures("unrendered")
+@pytest.mark.parametrize(("robot", "change", "words", "size"), CAUSES)
+def test_the_largest_cause_is_the_change_within_its_interval(robot, change, words, size):
+    """Of a link 6 mm longer a report told an origin 46 m off along its own axis."""
+    for seed in (0, 1):
+        rows = calib.babble(calib.load_arm(robot), 80, seed=seed, noise=1e-4, changes=[change])
+        page = report(calib.train(replace(rows, simulation=None), size=4))
+        told = re.search(rf"{words} ([\d.]+) ± ([\d.]+) (?:mm|deg): it moves the tip", page)
+        value, half = map(float, told.groups())
+        assert abs(value - size) < half < 0.1 * size
+
+
 @pytest.mark.usefixtures("unrendered")
 def test_each_of_several_sensors_has_its_bars_and_its_rows():
     page = report(seen_by_two())

@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drifting import arm, log, model
-from models import six
+from models import six, wide
 
 import calib
 from calib import OptionError, correct
-from calib.arm.loading import arm_from_urdf
 from calib.model.nominal import nominal_behind
 
 Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
@@ -60,12 +59,8 @@ def test_a_model_without_a_urdf():
 @pytest.fixture(scope="module")
 def turning():
     """A model of an arm whose first joint turns all the way round, adapted to an offset."""
-    text = arm().urdf.replace(
-        '<limit lower="0.0" upper="1.5707963267948966"', '<limit lower="-6.2" upper="6.2"'
-    )
-    nominal = arm_from_urdf(text)
-    trained = calib.train(calib.babble(nominal, 3000, seed=0), size=15)
-    changed = calib.babble(nominal, 200, seed=1, changes=["elbow.offset=0.02"])
+    trained = calib.train(calib.babble(wide(), 3000, seed=0), size=15)
+    changed = calib.babble(wide(), 200, seed=1, changes=["elbow.offset=0.02"])
     return calib.adapt(trained, changed).model
 
 

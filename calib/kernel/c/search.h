@@ -221,7 +221,9 @@ static inline int calib_inverse_within(const calib_real x[CALIB_OUT],
     /* within the expected error it may still count as reached */
     calib_starts starts = {calib_start_q[0], 0, CALIB_STARTS, 0, CALIB_STARTS, 0};
     if (calib_expected_error(search.nearest, &bound) && bound < most) most = bound;
-    if (search.budget > 0 && search.left > 2 * most) return calib_answered(&search, near, 3);
+    most *= 2;
+    if (CALIB_DOF > CALIB_OUT && most < @edge@ * @extent@) most = @edge@ * @extent@;
+    if (search.budget > 0 && search.left > most) return calib_answered(&search, near, 3);
     if (budget > CALIB_BUDGET) calib_try_starts(&search, &starts);
   }
   return calib_answered(&search, near, sure);

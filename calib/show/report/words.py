@@ -76,10 +76,12 @@ def _noise(study: Study) -> list[str]:
     bounds = model.model_bounds[model.visited & np.isfinite(model.model_bounds)]
     if model.about.bound_of != "sensor reading" or not len(bounds):
         return []
-    bound = sized(float(np.median(bounds)), model.about.unit)
+    bound = float(np.median(bounds))
+    if study.rows is None or bound >= np.quantile(study.rows.distance, 0.95):
+        return []  # the rows do not tell noise and errors of the model apart
     return [
         "That is the distance to noisy readings: the model's own error is below "
-        f"{bound} (95 % bound, median over the range)."
+        f"{sized(bound, model.about.unit)} (95 % bound, median over the range)."
     ]
 
 
