@@ -92,7 +92,7 @@ def associate(
     if options.rule == "online" and in_order:
         # The links that eq. 5 has made on the way lag behind the maps (30x30 nodes, five passes of
         # 20,000 samples: `activity` 9.2 mm); kept are those at which it comes to rest (2.9 mm).
-        pair = motor_som.developed((u, v), (scale, box), shapes, report)
+        pair = motor_som.online_pair((u, v), (scale, box), shapes, report)
         motor = pair.motor
         sensory = pair.sensory
     else:
