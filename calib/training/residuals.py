@@ -18,9 +18,10 @@ from ..model.prediction import predict
 from ..samples.motion import Motion
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
-from .learn import TrainingOptions
+from .maps import maps_of
+from .options import TrainingOptions
 from .settings import TESTING
-from .smooth import SmoothPart, maps_of
+from .smooth import SmoothPart
 from .touched import NOT_LEARNED
 
 Sizes = dict[str, float]

@@ -9,7 +9,8 @@ from calib import OptionError, Visit
 from calib.maps.density import READINGS
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS
-from calib.maps.vdsom import ONLINE, VDSOM, Layer, Rates, zeta
+from calib.maps.rates import Rates
+from calib.maps.vdsom import ONLINE, VDSOM, Layer, zeta
 
 
 def rates(n, sigma, alpha, maps=1, eta=0.13, beta=1.0):
@@ -117,7 +118,7 @@ def test_links_are_those_of_eq_5_and_11_step_by_step(beta):
     for i, j in zip(a, b, strict=True):
         c = c + eta * (np.outer(i, j) - beta * c * j**2)
     none = np.zeros(n)
-    net.show(samples, rates(n, none + 1, none, 2, eta, beta), maps=False)
+    net.show(samples, rates(n, none + 1, none, 2, eta, beta))
     np.testing.assert_allclose(net.links, c, rtol=2e-3)
 
 
