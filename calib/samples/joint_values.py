@@ -64,13 +64,14 @@ class JointColumn:
     error: type[CalibError] = LogError
 
     def check_unit(self, values: Array, rows: Index) -> None:
-        """Refuse angles (n,) [rad] of another unit: too many turns, or in range as degrees."""
+        """Refuse angles (n,) [rad] of another unit: too many turns, or in range as the other."""
         most = float(np.abs(values).max())
         fits = False
         # small values look like degrees
-        if self.limits and not self.degrees and most > TURN:
-            as_degrees = beyond(np.deg2rad(values), *self.limits)
-            fits = beyond(values, *self.limits) > READING.slack >= as_degrees
+        if self.limits and (self.degrees or most > TURN):
+            other_unit = np.rad2deg if self.degrees else np.deg2rad
+            excess = beyond(other_unit(values), *self.limits)
+            fits = beyond(values, *self.limits) > READING.slack >= excess
         several = np.ptp(values) > 2.02 * TURN
         if not (fits or several or most > READING.most_turns * TURN):
             return
