@@ -14,6 +14,7 @@ import numpy as np
 from ..common.arrays import Array, Index, Mask
 from .newton import Newton, lengths, shortened
 from .settings import SEARCH
+from .slides import settle
 from .ways import Ways
 
 
@@ -41,7 +42,7 @@ def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
     u = ways.u
     goals = x[ways.target]
     middle = np.full_like(u, 0.5)
-    stand = newton.settle(u, goals, middle, FAMILIES.step)
+    stand = settle(newton, u, goals, middle, FAMILIES.step)
     met = newton.met(stand.miss)
     central = np.where(met[:, None], stand.u, u)
     a, b = _pairs(ways.target)
