@@ -34,9 +34,8 @@ class Nearest:
     """For each of n targets the best way so far: the nearest to some joints; changed in place."""
 
     newton: Newton
-    near: (
-        Array  # (n, dof), joints of the unit box that answers should be near to
-    )
+    # (n, dof), joints of the unit box that answers should be near to
+    near: Array
     stand: Stand
     # (n,), how far the joints are from `near`; more than any distance where they miss the target
     rank: Array
