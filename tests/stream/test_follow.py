@@ -164,6 +164,11 @@ def test_a_change_within_a_stream(change):
     assert alarm(monitor, log(change, n=200, seed=2)) is not None
 
 
+def test_a_window_shows_a_tenth_of_a_degree_at_a_millimetre_of_noise():
+    state = last(calib.monitor(model(1e-3)), log("elbow.offset=0.0017", n=600, seed=0))
+    assert state.drifted
+
+
 def test_an_alarm_ends_when_the_change_is_undone():
     monitor = calib.monitor(model(1e-3))
     assert last(monitor, log("elbow.length=+5%", n=100)).drifted
