@@ -15,7 +15,7 @@ from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.samples import Samples
 from ..stream.follow import BLOCK, HORIZON, OnlineAdapter
-from ..training.learn import Progress
+from ..training.options import Progress
 from ..training.residuals import (
     error_sizes,
 )

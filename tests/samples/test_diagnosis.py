@@ -56,6 +56,12 @@ def test_other_units_of_length_are_recognised(read, tmp_path, unit, factor):
         read(ARM, q, x, about={"unit": "m"}, unit=unit)
 
 
+@pytest.mark.parametrize("arm", [ARM, SIX])
+def test_radians_that_are_said_to_be_degrees_are_told(read, arm):
+    with pytest.raises(calib.LogError, match="leave out `degrees`"):
+        read(arm, *drawn(arm), degrees=True)
+
+
 MISREAD = {  # of a planar log: joints, positions, what the refusal says
     "pixels": (lambda q, x: (q, 640 + 450 * x), "unit='px'"),
     "exchanged": (lambda q, x: (q[:, ::-1], x), "exchanged"),
