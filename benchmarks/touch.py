@@ -25,7 +25,7 @@ from calib.body.rows import together
 from calib.body.spatial import structure_of
 from calib.body.touch import touching
 from calib.samples.samples import Samples
-from calib.training.learn import TrainingOptions
+from calib.training.options import TrainingOptions
 from calib.training.touched import fit_sockets
 
 ARMS = {"panda_1": "panda", "kuka_14": "iiwa14", "dinova_1": "gen3lite"}

@@ -69,6 +69,14 @@ def turning():
     return calib.train(samples, size=15)
 
 
+@cache
+def wide():
+    """Return `two_link` with a shoulder that turns from -6.2 to 6.2 rad."""
+    text = calib.load_arm("two_link").urdf
+    limit = '<limit lower="0.0" upper="1.5707963267948966"'
+    return arm_from_urdf(text.replace(limit, '<limit lower="-6.2" upper="6.2"'))
+
+
 def log_of(arm, q: np.ndarray, x: np.ndarray, **facts) -> calib.Samples:
     """Return rows of an arm as a sensor measured them."""
     limits = arm.lower, arm.upper, arm.revolute

@@ -94,9 +94,10 @@ def load_arm(
     (('shoulder', 'elbow'), 'tip', [0.55, 0.0])
     """
     path = resolve_robot(robot)
+    text = read_urdf(path)
     try:
         arm = arm_from_urdf(
-            read_urdf(path),
+            text,
             joints,
             tip,
             lock=lock,

@@ -23,7 +23,7 @@ from ..common.wording import quoted
 from ..errors import RobotError
 from .robot_text import Vector, numbers_of
 from .rotations import exponential, matrix_of
-from .urdf import Joint, Range, Urdf
+from .urdf import Joint, Mimic, Range, Urdf
 
 WORLD = "world"
 """The root link."""
@@ -75,6 +75,8 @@ class _Reader:
     joints: list[Joint] = field(default_factory=list)
     masses: dict[str, tuple[float, Vector]] = field(default_factory=dict)
     places: dict[str, Placed] = field(default_factory=dict)
+    # [rad or m], value of each joint at which the model is drawn
+    references: dict[str, float] = field(default_factory=dict)
 
     def attributes(self, element: Element) -> dict[str, str]:
         """Attributes of an element, those of its class among them."""
@@ -248,6 +250,9 @@ class _Reader:
             limits = low, high
         place = frame @ [*numbers_of(attributes, "pos", _ZERO, where), 1.0]
         (reference,) = numbers_of(attributes, "ref", (0.0,), where)
+        self.references[name] = (
+            self.angle(reference) if kind == "hinge" else reference
+        )
         back = _transform(_AXES, -place[:3])
         pivot = _transform(_AXES, place[:3])
         if kind == "slide":
@@ -305,7 +310,10 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
             "the MJCF has no bodies: expected a robot with bodies and joints"
         )
     title = root.get("model", "").strip() or name
-    joints = tuple(reader.joints)
+    coupled = dict(_couplings(root, reader.references))
+    joints = tuple(
+        replace(joint, mimic=coupled.get(joint.name)) for joint in reader.joints
+    )
     tree = Urdf(title, WORLD, tuple(reader.links), joints, (), reader.masses)
     return Mjcf(tree, reader.places)
 
@@ -324,6 +332,29 @@ def _check_supported(node: ET.Element) -> None:
             f"joint {quoted(node.get('name', ''))} is a {kind.removesuffix('joint')} joint: "
             "expected an arm of hinges and slides; remove the joint, or the body that it moves"
         )
+
+
+def _couplings(
+    root: ET.Element, references: Mapping[str, float]
+) -> Iterator[tuple[str, Mimic]]:
+    """Yield the joints that an equality ties to another by a straight line, and what they follow.
+
+    MuJoCo keeps q_1 - ref_1 = a_0 + a_1 (q_2 - ref_2).
+    """
+    straight = ("0", "1", "0", "0", "0")
+    for node in root.findall("equality/joint"):
+        name = node.get("joint1", "")
+        leader = node.get("joint2", "")
+        words = node.get("polycoef", "").split()
+        polynomial = {"polycoef": " ".join([*words, *straight[len(words) :]])}
+        where = f"the equality of joint {quoted(name)}"
+        offset, multiplier, *higher = numbers_of(
+            polynomial, "polycoef", (0.0,) * 5, where
+        )
+        known = name in references and leader in references
+        if known and node.get("active") != "false" and not any(higher):
+            offset += references[name] - multiplier * references[leader]
+            yield name, Mimic(leader, multiplier, offset)
 
 
 def _classes(root: ET.Element) -> dict[str, dict[str, Attributes]]:

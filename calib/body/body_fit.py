@@ -18,11 +18,15 @@ from .covariance import as_kept
 from .fit import Fit
 from .gate import Passed, leave_blocks_out, pass_gate
 from .layout import joined
-from .parameters import Prior
+from .parameters import Hyper, Prior
 from .rows import Rows
 from .settings import FIT, LOG_FLOOR, SIMULATED_FLOOR, STUDENT
-from .starts import Start, best_start, with_other_sensors
+from .start import Start
+from .starts import best_start, with_other_sensors
 from .structure import Structure
+
+_GUARDED = ("elastic", "gravity", "lens")
+"""Blocks that the bound counts with, whether or not the member has them."""
 
 
 @dataclass(frozen=True)
@@ -210,25 +214,38 @@ def _wide_fit(
     Lens and elasticity too; and the root (k, k) of what rows leave of its covariance.  None where
     the member has them and the rows speak against curves.
     """
+    structure = passed.fit.structure
+    missed = [*chain]
+    if len(rows[0]) >= FIT.guarded_rows:
+        for block in _GUARDED:
+            if len(structure.groups.get(block, ())):
+                missed.append(block)
+    if "curve" in passed.free or passed.against_curves() < FIT.no_curves:
+        missed.append("curve")
+    elif {*missed} <= {*passed.free}:
+        return None
+    prior = _wide_prior(passed, missed)
+    wide = passed.fit.beginning(rows, prior).maximise(steps=4)
+    share = 1.0
+    if len(rows[0]) < structure.few_rows:
+        ratio = leave_blocks_out(wide).ratio()
+        share = float(np.clip(ratio, FIT.least_share, 1.0))
+    return wide, as_kept(share**2 * wide.covariance)
+
+
+def _wide_prior(passed: Passed, missed: Sequence[str]) -> Prior:
+    """Return the prior of what a member fits, which stays as it is, and of what it missed.
+
+    The curves are larger, and some blocks as the structure guards them.
+    """
     first = passed.fit
     structure = first.structure
-    groups = structure.groups
-    bends = "curve" in passed.free or passed.against_curves() < FIT.no_curves
-    guarded: list[str] = []
-    if len(rows[0]) >= FIT.guarded_rows:
-        blocks = ("elastic", "gravity", "lens")
-        guarded = [block for block in blocks if len(groups.get(block, ()))]
-    if not bends and {*chain, *guarded} <= set(passed.free):
-        return None
-    free = [*passed.free, *chain, *guarded]
-    if bends:
-        free.append("curve")
-    prior = structure.prior(free)
+    prior = structure.prior([*passed.free, *missed])
     sd = prior.sd.copy()
-    for block in {*guarded} & structure.guards.keys():
-        sd[groups[block]] = structure.guards[block]
+    for block in {*missed} & structure.guards.keys():
+        sd[structure.groups[block]] = structure.guards[block]
     sd[first.active] = first.sd
-    hypers = []
+    hypers: list[Hyper] = []
     pseudo, rms = structure.wide
     for hyper in prior.hypers:
         if hyper.name.startswith("curve"):
@@ -239,10 +256,4 @@ def _wide_fit(
             hypers.append(hyper)
     for hyper in hypers:
         sd[hyper.indices] = hyper.scale * np.sqrt(hyper.shape)
-    wider = Prior(prior.mean, sd, tuple(hypers))
-    wide = first.beginning(rows, wider).maximise(steps=4)
-    share = 1.0
-    if len(rows[0]) < structure.few_rows:
-        ratio = leave_blocks_out(wide).ratio()
-        share = float(np.clip(ratio, FIT.least_share, 1.0))
-    return wide, as_kept(share**2 * wide.covariance)
+    return Prior(prior.mean, sd, tuple(hypers))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from .fit import Fit
 from .parameters import Indices
 from .rows import Part, Rows, edges_of
 from .settings import FIT, NATS
-from .starts import Start
+from .start import Start
 from .structure import Structure
 
 _PARTITIONS = (0, 2, 5, 10)
@@ -88,6 +89,13 @@ def _quantiles(parts: Sequence[Array]) -> list[float]:
     return quantiles
 
 
+class _Predicted(NamedTuple):
+    """What a fit says of a sensor's rows from other rows."""
+
+    residual: Array  # (n, m); NaN where these leave the body open
+    spread: Array  # (n, p, p), covariance of positions' residuals; NaN where it was not computed
+
+
 def leave_blocks_out(
     fit: Fit, partitions: tuple[int, ...] = _PARTITIONS, *, sensor: int = 0
 ) -> HeldOut:
@@ -96,48 +104,62 @@ def leave_blocks_out(
     A block of rows is left out together with that of the other sensors.
     """
     part = fit.parts[sensor]
-    n = len(part.z)
-    p = part.structure.blocks[0]
-    every = max(1, round(n * len(fit.active) / FIT.spread_work))
     derivatives = list(part.by_blocks(fit.beta, fit.active))
-    residual = np.full_like(part.residual, np.nan)
-    score = np.full(n, np.nan)
+    outlier = part.weight[:, 0] <= FIT.outlier
+    predicted: dict[int, _Predicted] = {}
     ratios: dict[int, Array] = {}
     radii: dict[int, Array] = {}
     for count in partitions:
-        parts = max(min(count, len(derivatives)), 1)
-        limits = edges_of(len(derivatives), parts).tolist()
-        ratios[count] = np.full(n, np.nan)
-        radii[count] = np.full(n, np.nan)
-        for first, last in pairwise(limits):
-            # of no partition the fit itself
-            blocks = slice(first, last) if count else slice(0)
-            try:
-                gram, step = fit.without(blocks)
-                softer = fit.softer(gram)
-            # the other blocks leave the parameters open
-            except np.linalg.LinAlgError:
-                continue
-            for rows, by_all in derivatives[first:last]:
-                missed = part.residual[rows] - by_all @ step
-                length = np.linalg.norm(missed[::every, :p], axis=1)
-                x = by_all[::every, :p]
-                y = softer.whiten(x.reshape(-1, x.shape[2]).T)
-                y = y.reshape(len(y), *x.shape[:2])
-                spread = np.einsum("kni,knj->nij", y, y)
-                spread += np.diag(part.noise[:p] ** 2)
-                some = slice(rows.start, rows.stop, every)
-                radii[count][some] = radius_95(spread)
-                ratios[count][some] = length / radii[count][some]
-                if count and last - first == 1:
-                    residual[rows] = missed
-                    score[some] = _negative_log_density(length, spread)
-        ratios[count][part.weight[:, 0] <= FIT.outlier] = np.nan
-    widening = np.ones(n)
+        predicted[count] = _from_others(fit, part, derivatives, count)
+        radii[count] = radius_95(predicted[count].spread)
+        ratios[count] = _lengths(part, predicted[count]) / radii[count]
+        ratios[count][outlier] = np.nan
+    finest = max(partitions)
+    residual, spread = predicted[finest]
+    widening = np.ones(len(residual))
     if 0 in radii:
-        wider = radii[max(radii)] / radii[0]
+        wider = radii[finest] / radii[0]
         widening = np.where(np.isfinite(wider), np.maximum(wider, 1.0), 1.0)
+    score = _negative_log_density(_lengths(part, predicted[finest]), spread)
     return HeldOut(residual, score, part.edges, ratios, widening)
+
+
+def _lengths(part: Part, predicted: _Predicted) -> Array:
+    """Lengths (n,) of positions' residuals."""
+    positions = part.outputs[0]
+    lengths = np.linalg.norm(predicted.residual[:, positions], axis=1)
+    return np.asarray(lengths)
+
+
+def _from_others(
+    fit: Fit, part: Part, derivatives: list[tuple[slice, Array]], count: int
+) -> _Predicted:
+    """Predict the rows of each of `count` groups of blocks from the others; of none from all.
+
+    derivatives : rows of each block, and how their predictions move (n, m, k)
+    """
+    positions = part.outputs[0]
+    noise = np.diag(part.noise[positions] ** 2)
+    every = max(1, round(len(part.z) * len(fit.active) / FIT.spread_work))
+    residual = np.full_like(part.residual, np.nan)
+    spread = np.full((len(residual), *noise.shape), np.nan)
+    groups = max(min(count, len(derivatives)), 1)
+    limits = edges_of(len(derivatives), groups).tolist()
+    for first, last in pairwise(limits):
+        left_out = slice(first, last) if count else slice(0)
+        try:
+            gram, step = fit.without(left_out)
+            softer = fit.softer(gram)
+        except np.linalg.LinAlgError:  # the others leave parameters open
+            continue
+        for rows, by_all in derivatives[first:last]:
+            residual[rows] = part.residual[rows] - by_all @ step
+            x = by_all[::every, positions]
+            y = softer.whiten(x.reshape(-1, x.shape[2]).T)
+            y = y.reshape(len(y), *x.shape[:2])
+            some = slice(rows.start, rows.stop, every)
+            spread[some] = np.einsum("kni,knj->nij", y, y) + noise
+    return _Predicted(residual, spread)
 
 
 def _negative_log_density(length: Array, spread: Array) -> Array:

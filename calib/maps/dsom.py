@@ -29,7 +29,13 @@ def learn_dsom(
                 DYNAMIC.elasticity,
             )
         )
-        yield Epoch.of(u, weights, lattice, sigma, error)
+        yield Epoch.of(
+            u,
+            weights,
+            lattice,
+            sigma,
+            error,
+        )
 
 
 def present_dsom(
@@ -57,7 +63,13 @@ def present_dsom(
         if distance == 0.0:
             continue  # the source: h is zero where the winner stands on the sample
         window, h = lattice.around(
-            winner, *_widths(lattice, distance, dim, elasticity)
+            winner,
+            *_widths(
+                lattice,
+                distance,
+                dim,
+                elasticity,
+            ),
         )
         step = rate * h * away.reshape(lattice.shape)[window] / math.sqrt(dim)
         grid[window] += step[..., None] * (x - grid[window])

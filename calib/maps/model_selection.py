@@ -113,20 +113,45 @@ def select(
     ]
     if not shapes or follows_the_motion(x, held_out):
         return plain, held_out
-    candidates, stands = _candidates(motor, u, x, held_out)
+    candidates, stands = _candidates(
+        motor,
+        u,
+        x,
+        held_out,
+    )
     if not len(candidates.rows):
         return plain, held_out
     residual = x - smooth.value(u)
     choices = []
     for shape in shapes:
-        predictions = _fold_predictions(motor, u, residual, candidates, shape)
-        choices.append(_choice(motor, candidates, stands, predictions, shape))
+        predictions = _fold_predictions(
+            motor,
+            u,
+            residual,
+            candidates,
+            shape,
+        )
+        choices.append(
+            _choice(
+                motor,
+                candidates,
+                stands,
+                predictions,
+                shape,
+            )
+        )
     best = max(choices, key=lambda choice: choice.gain)
     if best.gain <= 0.0:
         return plain, held_out
     mended = held_out.copy()
     mended[candidates.rows] = best.remaining
-    models = local.fit(motor, best.nodes, u, residual, best.shape)
+    models = local.fit(
+        motor,
+        best.nodes,
+        u,
+        residual,
+        best.shape,
+    )
     return Predictor(motor, smooth, models), mended
 
 
@@ -135,7 +160,12 @@ def _candidates(
 ) -> tuple[Candidates, Mask]:
     """Return the rows that may be mended, and the nodes (nodes,) that stand among wrong rows."""
     n = len(u)
-    near = nearest_points(u, motor.scale, u, SELECTION.rows_around)[1]
+    near = nearest_points(
+        u,
+        motor.scale,
+        u,
+        SELECTION.rows_around,
+    )[1]
     # neighbours share what a smooth part misses: their difference is noise
     difference = float(np.median(_square(held_out - held_out[near[:, 1]])))
     rounding = (SELECTION.rounding * np.linalg.norm(np.ptp(x, axis=0))) ** 2
@@ -209,7 +239,12 @@ def _choice(
     total = float(sums.sum())
     if not _beyond_chance(sums, SELECTION.total_gain):
         total = 0.0
-    return Choice(shape, np.flatnonzero(talks), remaining, total)
+    return Choice(
+        shape,
+        np.flatnonzero(talks),
+        remaining,
+        total,
+    )
 
 
 def _square(residual: Array) -> Array:
@@ -244,7 +279,12 @@ def misfit(
     """
     square = np.maximum(_square(held_out), (SELECTION.rounding * extent) ** 2)
     k = min(SELECTION.rows_averaged, len(u) // 4)
-    index = nearest_points(u, scale, at, k)[1]
+    index = nearest_points(
+        u,
+        scale,
+        at,
+        k,
+    )[1]
     # without the largest: an outlier is no misfit
     here = np.sort(square[index], axis=1)[:, : k - k // 5].mean(axis=1)
     noise, low = (float(v) for v in np.quantile(here, (0.5, 0.16)))

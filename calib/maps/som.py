@@ -155,7 +155,7 @@ class SOM:
         u = scales[0].to_unit(q)
         v = scales[1].to_unit(x)
         if self.rule == "online" and kind_of(self.map) == "som":
-            return self.developed((u, v), scales)
+            return self.online_pair((u, v), scales)
         entropy = (
             self.seed.entropy
             if isinstance(self.seed, np.random.SeedSequence)
@@ -172,12 +172,12 @@ class SOM:
             wiring_of(self.links),
         )
 
-    def developed(
+    def online_pair(
         self,
         points: tuple[Array, Array],
         scales: tuple[Scale, Scale],
         shapes: tuple[Size, Size] | None = None,
-        tell: _Progress | None = None,
+        progress: _Progress | None = None,
     ) -> Association:
         """Maps and links that develop together, one sample at a time (eq. 1 to 8).
 
@@ -187,7 +187,12 @@ class SOM:
         wiring = wiring_of(self.links)
         rng = np.random.default_rng(self.seed)
         layers = [
-            self._layer(Lattice(shape_of(shape)), scale, p, rng)
+            self._layer(
+                Lattice(shape_of(shape)),
+                scale,
+                p,
+                rng,
+            )
             for shape, scale, p in zip(
                 shapes or (self.size,) * 2, scales, points, strict=True
             )
@@ -196,12 +201,23 @@ class SOM:
         radii = self._sigma(layers[0].lattice)
         history = []
         with one_blas_thread():
-            for epochs in passes(net, points, self._passes, radii, rng):
+            for epochs in passes(
+                net,
+                points,
+                self._passes,
+                radii,
+                rng,
+            ):
                 history.append([epoch.row for epoch in epochs])
-                if tell is not None:
-                    tell(len(history) / self._passes, epochs[1].error)
+                if progress is not None:
+                    progress(len(history) / self._passes, epochs[1].error)
         motor, sensory = (
-            Map(layer.weights, layer.lattice, layer.scale, past)
+            Map(
+                layer.weights,
+                layer.lattice,
+                layer.scale,
+                past,
+            )
             for layer, past in zip(
                 layers, np.array(history).swapaxes(0, 1), strict=True
             )
@@ -256,9 +272,23 @@ class SOM:
                 u, lattice.size, self._gain, self._passes, rng
             ), self._passes
         if kind == "dsom":
-            return learn_dsom(u, lattice, self._passes, rng), self._passes
+            return learn_dsom(
+                u,
+                lattice,
+                self._passes,
+                rng,
+            ), self._passes
         if self.rule == "online":
-            net = VDSOM([self._layer(lattice, scale, u, rng)])
+            net = VDSOM(
+                [
+                    self._layer(
+                        lattice,
+                        scale,
+                        u,
+                        rng,
+                    )
+                ]
+            )
             one_map = passes(
                 net,
                 [u],
@@ -274,7 +304,13 @@ class SOM:
             self._density,
         )
         epochs = sum(len(stage.sigma) for stage in stages)
-        return learn_batch(u, stages, self._gain, rng, residual), epochs
+        return learn_batch(
+            u,
+            stages,
+            self._gain,
+            rng,
+            residual,
+        ), epochs
 
     @property
     def _density(self) -> Density:

@@ -76,7 +76,7 @@ class HandEye:
 
     eye: str  # "hand": the first camera is in the hand and the board stands still; or "base"
     pictures: int
-    used: int  # motions that the fit rests on
+    used: int  # of the first camera's, those that the fit rests on
     hand: Place  # what is in the hand, in the tip's or the flange's frame
     base: Place  # what stands still, in the base's
     # mean and largest distance of corners [px]
@@ -121,7 +121,7 @@ class HandEye:
         turn = np.degrees(self.repeatability["rotation"])
         return f"{two_digits(shift)} mm and {two_digits(turn)} deg"
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> dict[str, object]:
         """All but the log and the body, as plain values."""
         names = [field.name for field in fields(self)]
         document = {name: getattr(self, name) for name in names}

@@ -12,7 +12,7 @@ from ..body.approach import learn_play
 from ..body.belief import Body
 from ..common.arrays import Array, Mask
 from ..common.rows import finite_rows, row_lengths
-from ..common.wording import unit_of_joint
+from ..common.wording import sized, unit_of_joint
 from ..errors import LogError, OptionError
 from ..model.model import Model
 from ..model.prediction import predict
@@ -23,8 +23,8 @@ from ..samples.repeatability import at_poses, noise_beside_poses
 from ..samples.samples import Samples
 from ..samples.settings import DIAGNOSIS
 from ..samples.wrong_rows import contradictions
-from .learn import TrainingOptions
-from .settings import LATE_CLOCK, PLAY
+from .options import TrainingOptions
+from .settings import DISAGREEMENT, LATE_CLOCK, PLAY
 from .smooth import Fit, SmoothPart, find_smooth_part, find_smooth_parts
 from .touched import fit_sockets
 
@@ -90,10 +90,28 @@ def prepare(
         readings = without_play(log.readings, play - log.play)
         alone[name] = replace(log, readings=readings, play=play)
     poses = {name: log.samples for name, log in alone.items()}
-    parts = find_smooth_parts(poses, options)
+    together = find_smooth_parts(poses, options)
+    prepared = []
+    for name, log in alone.items():
+        part = _of_single_readings(together[name], log.readings)
+        notes = [*log.notes, *_disagreement(log, part)]
+        prepared.append(replace(log, part=part, notes=notes))
+    return prepared
+
+
+def _disagreement(log: Prepared, together: SmoothPart) -> list[str]:
+    """Return a note where one body of all sensors misses this one's rows by far more than its own.
+
+    log : with the part of its own
+    """
+    alone = log.part
+    if alone is None or together.error < DISAGREEMENT * alone.error:
+        return []
+    unit = log.readings.unit
     return [
-        replace(log, part=_of_single_readings(parts[name], log.readings))
-        for name, log in alone.items()
+        f"sensor {log.readings.sensor} disagrees with the others about the arm: its held-out rows "
+        f"are missed by {sized(together.error, unit)}, by {sized(alone.error, unit)} where it is "
+        "fitted alone; check that its joints and positions are of the same arm"
     ]
 
 

@@ -28,7 +28,7 @@ from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.sockets import Touches
 from ..samples.tables import rows_in_words
-from .learn import TrainingOptions
+from .options import TrainingOptions
 from .settings import LEARNING, TOUCHING
 from .smooth import SmoothPart
 

@@ -213,7 +213,7 @@ def _of_training(model: Model) -> Evaluation:
         dict(about.errors),
         about.tested,
         about.left_out,
-        "rows held out in contiguous blocks",
+        "rows held out in blocks of the log",
         dict(about.within),
     )
 

@@ -74,14 +74,14 @@ def export(
         "mjcf": mjcf,
     }
     paths = {name: path for name, path in options.items() if path is not None}
+    if lerobot is not None and output is None:
+        raise BadOption(
+            "--lerobot needs -o NEW.json, where the corrected calibration goes"
+        )
     if not paths and ros2 is None:
         raise BadOption(
             "nothing to write: expected -o FILE.h, --camera, --transform, --ur or --mjcf FILE, or "
             "--ros2 FOLDER"
-        )
-    if lerobot is not None and output is None:
-        raise BadOption(
-            "--lerobot needs -o NEW.json, where the corrected calibration goes"
         )
     endings = dict(_ENDINGS)
     if lerobot is not None:

@@ -12,7 +12,7 @@ from reference import pinocchio_pose, random_joints
 import calib
 from calib.arm.gravity import GRAVITY, Loads
 from calib.arm.loading import arm_from_urdf
-from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of
+from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of, similarity
 
 BUNDLED = [entry.name for entry in calib.list_robots()]
 PLANAR = [name for name in BUNDLED if calib.load_arm(name).outputs == 2]
@@ -115,6 +115,16 @@ def test_rotations_go_round():
         assert np.abs(matrix - pin.exp3(v)).max() < 1e-12
         np.testing.assert_allclose(logarithm(matrix), v, atol=1e-9)
         np.testing.assert_allclose(matrix_of(quaternion_of(matrix)), matrix, atol=1e-12)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_similarity_is_a_rotation_unless_it_may_mirror(mirrored):
+    a = np.random.default_rng(0).normal(size=(20, 3))
+    turn, shift, scale = similarity(a, 2.0 * a * (1, 1, -1) + 0.3, mirrored=mirrored)
+    assert np.linalg.det(turn) == pytest.approx(-1.0 if mirrored else 1.0)
+    if mirrored:
+        assert scale == pytest.approx(2.0)
+        np.testing.assert_allclose(shift, 0.3, atol=1e-12)
 
 
 def test_torques_are_pinocchios_and_any_masses_are_a_sum_of_unit_weights():

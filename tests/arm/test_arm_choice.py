@@ -6,7 +6,6 @@ import pytest
 from chains import ENDLESS, SLIDE, branching, chain_urdf, joint, robot, turning
 from hypothesis import given
 from hypothesis import strategies as st
-from reference import random_joints
 
 import calib
 from calib.arm.loading import arm_from_urdf
@@ -96,18 +95,6 @@ def test_equal_arms_are_told_and_a_log_must_choose():
     assert arm_from_urdf(two_arms(0.4, "prismatic")).joint_names == ("l1", "l2")
 
 
-def test_an_arm_ends_before_its_fingers():
-    hand = robot(
-        joint("one", "base", "a", "0 0 0.1", "0 0 1"),
-        joint("two", "a", "b", "0.3 0 0", "0 1 0"),
-        joint("three", "b", "palm", "0.3 0 0", "1 0 0"),
-        joint("f1", "palm", "thumb", "0.05 0.02 0", "0 1 0"),
-        joint("f2", "palm", "index", "0.05 -0.02 0", "0 1 0"),
-    )
-    arm = arm_from_urdf(hand)
-    assert (arm.joint_names, arm.tip) == (("one", "two", "three"), "palm")
-
-
 TWO = chain_urdf(turning(), turning())
 
 
@@ -128,15 +115,6 @@ def test_a_byte_order_mark_and_a_namespace_are_no_obstacle(tmp_path):
     path.write_bytes(start + xacro.encode())
     q = [[0.1, 0.2]]
     np.testing.assert_array_equal(calib.load_arm(path).forward(q), arm_from_urdf(TWO).forward(q))
-
-
-@pytest.mark.parametrize("what", ["base", "upper_arm", "elbow", "tip"])
-@pytest.mark.parametrize("name", ["universe", "root_joint"])
-def test_names_that_mean_something_to_pinocchio_are_only_names(what, name):
-    arm = calib.load_arm("two_link")
-    renamed = arm_from_urdf(arm.urdf.replace(f'"{what}"', f'"{name}"'))
-    q = random_joints(arm, 10)
-    np.testing.assert_array_equal(renamed.forward(q), arm.forward(q))
 
 
 def test_a_range_narrows_one_joint_and_is_clipped_into_its_limits():

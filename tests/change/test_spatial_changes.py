@@ -94,6 +94,15 @@ def test_a_tool_that_is_bent_in_its_orientation_only_is_noticed(oriented):
         assert errors(model, fresh)[0] < 3 * NOISE
 
 
+def test_the_interval_of_a_bent_tool_holds(oriented):
+    bend = np.radians(0.3)
+    inside = 0
+    for seed in range(12, 18):
+        (cause,) = calib.check(oriented, posed(seed, bend)).causes
+        inside += cause.interval[0] < bend < cause.interval[1]
+    assert inside >= 5
+
+
 def test_a_tracker_that_was_turned_bends_no_tool(oriented):
     found = calib.check(oriented, posed(13, turn=np.eye(3)))
     assert [cause.cause for cause in found.causes] == ["sensor"]

@@ -155,6 +155,8 @@ CONTRACT = [
     ("check m.calib --data same.csv", 0, DRIFT),
     ("check m.calib --data moved.csv", 3, DRIFT),
     ("adapt m.calib --data moved.csv -o a.calib", 0, ADAPTED),
+    ("adapt m.calib --data same.csv -o same.calib", 3, ADAPTED),
+    ("check a.calib --data moved.csv", 0, DRIFT),
     ("recognise m.calib --data moved.csv", 3,
      {"model": TEXT_OR_NONE, "samples": int, "fits": [FIT]}),
     ("correct m.calib --input q.csv", 0,

@@ -9,17 +9,6 @@ from models import ELBOW, trained, two_link
 import calib
 
 
-def test_beyond_a_limited_elbow_the_nearest_point_has_the_elbow_at_its_limit():
-    model = trained("two_link")
-    q = np.stack([np.linspace(0.1, 1.4, 15), np.full(15, ELBOW[0])], axis=1)
-    edge = two_link(q)
-    answer = model.solve(1.3 * edge)
-    assert not answer.reachable.any()
-    np.testing.assert_allclose(answer.distance, 0.3 * np.linalg.norm(edge, axis=1), atol=1e-9)
-    np.testing.assert_allclose(answer.position, edge, atol=1e-5)
-    np.testing.assert_allclose(answer.q, q, atol=1e-4)
-
-
 @pytest.mark.parametrize(("bound", "reached"), [(1e-3, 1e-3), (0.02, 1e-2)])
 def test_a_target_counts_as_reached_within_the_expected_error_and_a_hundredth(bound, reached):
     """Within the smaller of the expected error and 1 % of the workspace's extent."""

@@ -10,7 +10,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import calib
-from calib.arm.robots import resolve_robot
 
 
 def test_no_answer_is_further_than_joints_that_are_known_to_reach():
@@ -85,7 +84,7 @@ def test_every_connected_family_is_named_once_whatever_else_is_asked(tmp_path):
     text = re.sub(
         r'<limit lower="[^"]+" upper="[^"]+"',
         lambda _: '<limit lower="{}" upper="{}"'.format(*next(limits)),
-        resolve_robot("three_link").read_text(),
+        calib.load_arm("three_link").urdf,
     )
     path = tmp_path / "wide.urdf"
     path.write_text(text)

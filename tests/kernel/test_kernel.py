@@ -9,7 +9,18 @@ from pathlib import Path
 import models
 import numpy as np
 import pytest
-from models import draw, in_pixels, in_plane, in_space, measured, six, trained, turning, warm
+from models import (
+    draw,
+    in_pixels,
+    in_plane,
+    in_space,
+    measured,
+    six,
+    trained,
+    turning,
+    warm,
+    wide,
+)
 
 import calib
 from calib import OptionError, QueryError
@@ -125,10 +136,22 @@ def test_a_position_that_nothing_reaches_is_answered_without_the_batch(kind):
         np.testing.assert_allclose(close, model.inverse(x, near=near, nearest=True), atol=1e-6)
 
 
+def poses_in_millimetres():
+    """A model of poses that a tracker in another frame tells in millimetres."""
+    arm = calib.load_arm("six_axis")
+    q = np.random.default_rng(0).uniform(0.6 * arm.lower, 0.6 * arm.upper, (60, 6))
+    x, turns = arm.pose(q)
+    log = models.log_of(arm, q, 1e3 * x + 200.0, orientation=turns, unit="mm")
+    return calib.train(log, size=3)
+
+
 @needs_compiler
-def test_one_pose_is_that_of_the_batch():
-    model, fast = six(), warm(six())
-    q = draw(model, 12, margin=0.1)
+@pytest.mark.parametrize("made", [six, poses_in_millimetres])
+def test_one_pose_is_that_of_the_batch(made):
+    model = made()
+    fast = cold(model)
+    fast.warm_up(strict=True)  # or the batch would answer for C
+    q = draw(model, 12, margin=0.25)
     x, turns = model.pose(q)
     shift = np.random.default_rng(0).uniform(-0.2, 0.2, q.shape)
     near = np.clip(q + shift, model.about.lower, model.about.upper)
@@ -137,7 +160,7 @@ def test_one_pose_is_that_of_the_batch():
         alone = fast.inverse_pose(x[k], turns[k], near[k])
         np.testing.assert_allclose(alone, together[k], rtol=0, atol=1e-6)
         place, turned = fast.pose(alone)
-        np.testing.assert_allclose(place, x[k], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(place, x[k], rtol=0, atol=1e-9 * model.reach)
         assert abs(abs(turned @ turns[k]) - 1.0) < 1e-12
 
 
@@ -163,6 +186,20 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond_and_stays
     again = cold(model)
     assert again.warm
     assert again.strict
+
+
+@needs_compiler
+def test_a_joint_of_several_turns_is_answered_on_the_turn_of_near():
+    arm = wide()
+    model = calib.train(calib.babble(arm, 1500, seed=0), size=10)
+    fast = warm(model)
+    q = np.array([[-6.0, 1.0], [-3.3, 0.8], [3.4, 1.2], [5.9, 1.1], [-2.0, 0.5]])
+    x = arm.forward(q)
+    for aside in (0.1, -0.1):
+        near = q + np.array([aside, 0.0])
+        np.testing.assert_allclose(model.inverse(x, near=near), q, atol=1e-6)
+        alone = [fast.inverse(*pair) for pair in zip(x, near, strict=True)]
+        np.testing.assert_allclose(alone, q, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import calib
 from calib import SOM, LogError, OptionError
-from calib.maps.vdsom import VDSOM, Layer, Rates
+from calib.maps.rates import Rates
+from calib.maps.vdsom import VDSOM, Layer
 
 BOUND = 0.377  # quantization error of the best (hexagonal) quantizer: 0.377 sqrt(A / N)
 
@@ -138,16 +139,6 @@ def test_a_gas_grows_to_its_size_and_follows_its_samples():
     assert network.quantization_error(x) < 1.15 * 0.377 / 10
     assert network.topographic_error(x) < 0.05
     assert network.history[0, 0] < network.history[-1, 0]
-
-
-def test_a_gas_leaves_a_hole_empty_that_a_lattice_crosses():
-    x = points(6000)
-    x = x[np.linalg.norm(x - 0.5, axis=1) > 0.3]
-    gap = {}
-    for name in ("som", "gng"):
-        w = calib.SOM((10, 10), name).fit(x).weights
-        gap[name] = int(np.sum(np.linalg.norm(w - 0.5, axis=1) < 0.22))
-    assert gap["gng"] == 0 < gap["som"]
 
 
 def test_a_dsom_unfolds_and_represents_its_samples():

@@ -41,7 +41,8 @@ def test_offset_and_rate_are_found(rate, epoch):
     x[rng.random(len(x)) < 0.05] = rng.uniform(0, 700, 2)  # jumps of the track
     x[rng.random(len(x)) < 0.1] = np.nan
     clocks = align_clocks(time, x, joint_time + epoch, q)
-    assert np.abs(clocks.joints_time(time) - (true + epoch)).max() < 2e-3
+    miss = np.abs(clocks.joints_time(time) - (true + epoch)).max()
+    assert miss < min(2e-3, 4.0 * clocks.doubt)
     assert clocks.doubt < SURE
 
 

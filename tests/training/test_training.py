@@ -290,7 +290,7 @@ def test_rows_held_out_of_few_without_a_drawing_do_not_contradict_a_bound_that_h
     assert model.about.within["covered"] > 0.9
 
 
-@pytest.mark.parametrize(("size", "share"), [(4, 0.0), (12, 0.93)])
+@pytest.mark.parametrize(("size", "share"), [(4, 0.0), (9, 0.86)])
 def test_rows_without_an_answer_do_not_speak_against_the_bound(size, share):
     """16 nodes know no place to a tenth of the reach, yet their bound covers what it should."""
     model = calib.train(log(30 * size, 0.0), size=size, body="none")

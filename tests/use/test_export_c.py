@@ -174,6 +174,20 @@ def test_a_corrected_command_brings_the_tip_to_the_nominal_place(single, tmp_pat
 
 
 @needs_compiler
+def test_a_change_beyond_the_limit_is_no_command(tmp_path, monkeypatch):
+    m = model("real")
+    q = questions(m, 500)
+    change = np.abs(answers(m, q, tmp_path)[3] - q)
+    limit = np.array([0.1, 0.02])  # in the middle of the elbow's changes
+    monkeypatch.setattr("calib.use.formats.usual_limit", lambda _: limit)
+    fixed = answers(replace(m), q, tmp_path)[3]
+    known = ~np.isnan(change[:, 0])
+    beyond = (change[known] > limit).any(axis=1)
+    assert 0.1 < beyond.mean() < 0.9
+    np.testing.assert_array_equal(np.isnan(fixed[known, 0]), beyond)
+
+
+@needs_compiler
 def test_six_joints_are_corrected_to_the_nominal_pose(tmp_path):
     m = model("six")
     rng = np.random.default_rng(2)

@@ -33,7 +33,7 @@ def path(
     batch, answered = query.read(axes)
     valid = np.flatnonzero(answered)
     longest = None if step is None else step / query.typed
-    first = joints.one_each("--from", start)
+    first = query.within_range("--from", start)
     way = query.model.path(batch.values[valid], first, longest)
     table = {
         "waypoint": valid[way.waypoint] + 1,

@@ -1,0 +1,23 @@
+"""What the rows of a log cannot tell: joints that stand still, or move together."""
+
+import numpy as np
+
+from calib.body.row_notes import warnings_of
+
+NAMES = ("pan", "lift", "elbow", "roll")
+
+
+def notes(q):
+    return warnings_of(q, NAMES, (True,) * 4)
+
+
+def test_only_joints_that_move_together_are_named():
+    q = np.random.default_rng(0).uniform(-1, 1, (60, 4))
+    assert notes(q) == ()
+    q[:, 3] = 0.5 * q[:, 1]
+    (note,) = notes(q)
+    assert note.startswith("lift, roll move together along 1 of 2 directions")
+    q[:, 0] = 0.3
+    still, together = notes(q)
+    assert still.startswith("pan never moves")
+    assert together == note
