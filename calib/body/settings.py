@@ -35,9 +35,9 @@ SHARED = 1.25
 """Factor on the parameters' spread within a bound: an error of a length is shared by the whole
 workspace.  With it 95 % of the places are covered in 19 of 20 logs, else on average over logs."""
 
-UNTOLD = 0.95
-"""Share of the prior's sd from which the rows tell nothing of the last joint's offset: with a tool
-that was turned by 12 deg it was said to be 0 within .2 deg where .757 deg was true."""
+PRIOR_SHARE = 0.95
+"""Share of the prior's sd that the last joint's offset keeps where rows tell nothing of it: with a
+tool that was turned by 12 deg it was given as 0 within .2 deg where .757 deg was true."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class PriorSettings:
 
 @dataclass(frozen=True)
 class StartSettings:
-    """Where a fit begins (`starts.py`)."""
+    """Where a fit begins."""
 
     # [nats], that no evidence tells apart
     tied: float = 1e-2
