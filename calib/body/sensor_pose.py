@@ -42,8 +42,9 @@ class SensorPose:
     # (3,) [m, rad], along and about the base's axes
     position_sd: Array
     turn_sd: Array
-    position_sd_up_to_gauge: Array  # (3,) [m], of the position but for what no reading tells, see `without_gauge`
-    turn_sd_up_to_gauge: Array  # (3,) [rad], the same of its turn
+    # (3,) [m, rad], the same but for what no reading tells, see `without_gauge`
+    position_sd_up_to_gauge: Array
+    turn_sd_up_to_gauge: Array
     first: str | None  # the joint whose offset is zero by convention
 
     @staticmethod
