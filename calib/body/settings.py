@@ -24,9 +24,13 @@ STUDENT = 6.0
 """Degrees of freedom of a log's noise: a few rows may be grossly wrong."""
 
 LOG_FLOOR = 1e-5
+POSE_FLOOR = 1e-4
+"""Least noise of a log of positions and of poses [extents, rad]: laser trackers read a reflector
+to 10 um in a metre, while cameras and probes that tell turns, too, are ten times coarser.  With
+1e-4 bounds were five times too wide for a tracker of 10 um."""
+
 SIMULATED_FLOOR = 1e-7
-"""Least noise [extents]: laser trackers read to 10 um in a metre, and rounding of exact samples.
-With 1e-4 bounds were five times too wide for a tracker of 10 um, and errors larger by a third."""
+"""Least noise of exact samples [extents, rad]: their rounding."""
 
 NATS = 3.0
 """Gain of evidence that decides for a richer member where its held-out score agrees."""
