@@ -151,7 +151,10 @@ class Map:
 
 
 def nearest_points(
-    points: Array, scale: Scale, u: Array, k: int = 1
+    points: Array,
+    scale: Scale,
+    u: Array,
+    k: int = 1,
 ) -> tuple[Array, Index]:
     """Distances and indices, (n, k), of the `k` points of the unit box nearest to each place.
 
