@@ -25,3 +25,13 @@ def test_only_joints_that_move_together_are_named():
     still, together = notes(q)
     assert still.startswith("shoulder_pan never moves")
     assert together == note
+
+
+def test_joints_that_are_tied_but_for_a_fraction_of_a_degree_are_named():
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-1, 1, (60, 4))
+    q[:, 3] = q[:, 1] + np.radians(0.3) * rng.uniform(-1, 1, 60)
+    (note,) = notes(q)
+    assert note.startswith("lift, roll move together")
+    q[:, 3] = q[:, 1] + np.radians(3.0) * rng.uniform(-1, 1, 60)
+    assert notes(q) == ()
