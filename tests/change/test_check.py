@@ -178,7 +178,7 @@ def test_a_change_beyond_the_errors_of_maps_is_drift_and_learned_from_a_stream_o
     assert drift.drifted
     assert not drift.adapts
     assert found.model is maps_alone()
-    assert any("method 'online'" in note for note in found.notes)
+    assert any("method=online" in note for note in found.notes)
 
 
 TOOL = "tip.offset=0.05,0"
