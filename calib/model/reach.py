@@ -16,6 +16,7 @@ from ..inverse.newton import Newton
 from ..inverse.postures import DrawnPostures, Postures
 from ..inverse.search import Search, Starts
 from ..inverse.settings import SEARCH
+from ..inverse.slides import settle
 from ..inverse.task import Poses, Positions, Task
 from ..inverse.ways import rank_within
 from ..kernel.compiled import CERTAIN, Compiled
@@ -121,7 +122,7 @@ class Reach:
                 order = order[:_FAMILIES]
                 goals = np.tile(target[k], (len(order), 1))
                 wishes = np.tile(wish[k], (len(order), 1))
-                stand = newton.settle(u[order], goals, wishes)
+                stand = settle(newton, u[order], goals, wishes)
                 met = newton.met(stand.miss)
                 rows[order[met]] = self._scale.from_unit(stand.u[met])
             ways[k] = rows[order]
