@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import draw, log, measured, no_arm, papers, trained, two_link
+from models import draw, log, measured, no_arm, of_a_third, papers, trained, two_link
 
 import calib
 from calib import LogError, OptionError
@@ -270,20 +270,8 @@ def test_without_a_drawing_a_chain_in_space_is_found(n, noise, most):
 
 def test_rows_held_out_of_few_without_a_drawing_do_not_contradict_a_bound_that_holds():
     # what is left without a block of 24 rows knows such an arm worse than all of them do
-    arm = calib.load_arm("six_axis")
-    limits = zip(arm.joint_names, arm.lower.tolist(), arm.upper.tolist(), strict=True)
-    third = {
-        name: (0.65 * low + 0.35 * high, 0.35 * low + 0.65 * high) for name, low, high in limits
-    }
-
-    def exact(q):
-        return arm.forward(q + 1e-3 * np.sin(9 * q + np.arange(6)))
-
-    log = calib.babble(arm, 24, seed=1, noise=2e-5, ranges=third)
-    x = log.x + exact(log.q) - arm.forward(log.q)
-    log = replace(log, x=x, simulation=None, arm=None, lower=arm.lower, upper=arm.upper)
-    model = calib.train(log, size=4)
-    q = calib.babble(arm, 400, seed=9, ranges=third).q
+    rows, exact, q = of_a_third(24, 1e-3, seed=1)
+    model = calib.train(rows, size=4)
     missed = np.linalg.norm(model.forward(q) - exact(q), axis=1)
     assert (missed <= model.expected_error(q)).mean() > 0.9
     assert model.about.bound_holds
