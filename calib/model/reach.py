@@ -16,6 +16,7 @@ from ..inverse.newton import Newton
 from ..inverse.postures import DrawnPostures, Postures
 from ..inverse.search import Search, Starts
 from ..inverse.settings import SEARCH
+from ..inverse.slides import settle
 from ..inverse.task import Poses, Positions, Task
 from ..inverse.ways import rank_within
 from ..kernel.compiled import CERTAIN, Compiled
@@ -129,7 +130,7 @@ class Reach:
             if newton.redundant:
                 goals = np.tile(target[k], (len(u), 1))
                 wishes = np.tile(wish[k], (len(u), 1))
-                stand = newton.settle(u, goals, wishes)
+                stand = settle(newton, u, goals, wishes)
                 met = newton.met(stand.miss)
                 rows[met] = self._scale.from_unit(stand.u[met])
                 u = self._unit(rows)

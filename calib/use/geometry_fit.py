@@ -351,7 +351,7 @@ def _covariance(fit: Fit) -> Array:
     gram = x.T @ x
     precision = fit.information_share * gram
     precision[inner, inner] = with_prior(
-        precision[inner, inner], fit.sd, fit.known
+        precision[inner, inner], fit.sd, fit.prior_precision
     )
     precision[outer, outer] += np.diag(other_sd[others] ** -2.0)
     spread = Factor(precision).inverse()[outer, outer]

@@ -125,6 +125,18 @@ def test_a_square_of_another_size_is_measured():
     assert (misses(rig.hand, world.camera) < 1.5).all()
 
 
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [({"focus": 5e-3}, "focal length changes by 0."), ({"stretch": 4e-3}, "poses")],
+)
+def test_a_lens_that_refocuses_and_a_stretched_board_are_part_of_the_fit(made, words):
+    world = World(1, **made)
+    rig = world.solve()
+    assert any(words in note for note in rig.notes)
+    assert max(rig.hand["position_95"]) < 1e-3
+    assert (misses(rig.hand, world.camera) < 2.0).all()
+
+
 def test_rows_that_are_wrong_are_left_out_and_a_late_table_is_refused():
     world = World(4)
     wrong = world.flange.copy()
@@ -206,6 +218,12 @@ def test_mirrored_pictures_are_refused():
 def test_turns_about_one_axis_are_refused_with_what_would_tell():
     with pytest.raises(LogError, match="turns about one axis alone"):
         World(3, axes=(0.0, 0.0, 1.0)).solve()
+    world = World(3)
+    seen = np.linalg.inv(world.camera) @ np.linalg.inv(world.flange) @ world.placed
+    seen[:, :3, :3] = seen[0, :3, :3]
+    flange = np.linalg.inv(world.camera @ seen @ np.linalg.inv(world.placed))
+    with pytest.raises(LogError, match="does not turn"):
+        calib.handeye(poses=flange, boards=seen, eye="hand")
 
 
 def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):

@@ -91,7 +91,9 @@ def test_a_log_is_told_by_the_verdict_of_check():
 
 @pytest.mark.usefixtures("unrendered")
 def test_words_of_other_models():
-    assert "rows held out" in report(measured())
+    as_drawn = report(measured())
+    assert "rows held out" in as_drawn
+    assert "As delivered" not in as_drawn
     assert "below 1 nm" in report(trained("two_link", n=3000, size=20))
     assert report(calib.train(no_arm(300), size=4))
     assert 'id="u_matrices"' in report(trained("two_link", n=400, size=4, body="none"))
@@ -112,6 +114,7 @@ def test_the_largest_cause_is_the_change_within_its_interval(robot, change, word
         rows = calib.babble(calib.load_arm(robot), 80, seed=seed, noise=1e-4, changes=[change])
         page = report(calib.train(replace(rows, simulation=None), size=4))
         told = re.search(rf"{words} ([\d.]+) ± ([\d.]+) (?:mm|deg): it moves the tip", page)
+        assert "As delivered it is off by" in page
         value, half = map(float, told.groups())
         assert abs(value - size) < half < 0.1 * size
 
