@@ -68,6 +68,9 @@ def _alone(samples: Samples, options: TrainingOptions) -> Prepared:
         if samples.simulation is None:
             sound, notes = sound_beside(samples, fit(samples))
             samples = samples.take(sound)
+        elif samples.simulation.has_outliers:
+            part = fit(samples)
+            samples, _, notes = _without_outliers(samples, part, fit)
         return Prepared(samples, rows_given, notes, None, play)
     samples, part, play, notes = fit_sound_rows(samples, fit)
     if play.any():
@@ -177,7 +180,8 @@ def fit_sound_rows(
     """
     part = fit(samples)
     if samples.simulation is not None:
-        return *freed_of_play(samples, part, fit), []
+        samples, part, notes = _without_outliers(samples, part, fit)
+        return *freed_of_play(samples, part, fit), notes
     play = np.zeros(samples.dof)
     sound, notes = sound_beside(samples, part)
     if not sound.all():
@@ -195,6 +199,25 @@ def fit_sound_rows(
         samples, part, more = freed_of_play(samples, fit(samples), fit)
         play = play + more
     return samples, part, play, [*notes, *clock_notes, *wrong_notes]
+
+
+def _without_outliers(
+    samples: Samples, part: SmoothPart, fit: Fit
+) -> tuple[Samples, SmoothPart, list[str]]:
+    """Return simulated samples without a sensor's outliers, their part, and notes.
+
+    The fit of a simulation believes every row: it finds a few outliers more each time.
+    """
+    simulation = samples.simulation
+    notes: list[str] = []
+    while simulation is not None and simulation.has_outliers:
+        sound, more = sound_beside(samples, part)
+        if sound.all():
+            break
+        samples = samples.take(sound)
+        part = fit(samples)
+        notes += more
+    return samples, part, notes
 
 
 def sound_beside(samples: Samples, part: SmoothPart) -> tuple[Mask, list[str]]:
