@@ -20,7 +20,6 @@ from .parameters import Indices
 from .rows import Part, Rows, edges_of
 from .settings import FIT, NATS
 from .start import Start
-from .structure import Structure
 
 _PARTITIONS = (0, 2, 5, 10)
 
@@ -172,22 +171,18 @@ def _negative_log_density(length: Array, spread: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Passed:
-    """The member that passed the gate, with its held-out predictions."""
+class Member:
+    """A member as rows fit it, with its held-out predictions."""
 
     name: str
     free: tuple[str, ...]  # blocks
     fit: Fit
     held_out: HeldOut
-    bent: float  # best evidence of the members with curves that were tried
-
-    def against_curves(self) -> float:
-        """Nats of evidence against joint curves; 0 where they were not tried."""
-        gain = self.fit.evidence - self.bent
-        return gain / self.fit.autocorrelation if np.isfinite(gain) else 0.0
+    # nats of evidence against joint curves; 0 where they were not tried
+    against_curves: float = 0.0
 
 
-def _wins(richer: Passed, simpler: Passed) -> bool:
+def _wins(richer: Member, simpler: Member) -> bool:
     """Whether a richer member is better in both currencies.
 
     Either its held-out score gains more than one paired standard error over the blocks and the
@@ -216,7 +211,7 @@ def _wins(richer: Passed, simpler: Passed) -> bool:
 
 def pass_gate(
     start: Start, chain: tuple[str, ...], rows: Sequence[Rows], nu: float
-) -> Passed:
+) -> Member:
     """Fit members from simple to rich, each with what has passed; a richer one must win.
 
     start : the structure, whose members they are, and parameters to begin with
@@ -224,60 +219,68 @@ def pass_gate(
     nu : degrees of freedom of the Student noise; infinite for Gaussian: samples of a simulation,
         of which nothing richer is tried where they reach their least noise
     """
-    members = start.structure.members()
-    names = {frozenset(groups): name for name, groups in members}
-    best: Passed | None = None
-    bent = -np.inf
-    tried: list[set[str]] = []
-    for member_name, groups in members:
-        name = member_name
+    structure = start.structure
+    names = {frozenset(groups): name for name, groups in structure.members()}
+    best: Member | None = None
+    tried: dict[frozenset[str], Member | None] = {}
+    for rung, groups in structure.members():
+        name = rung
         free = groups
         begin = start.beta
         # what has passed stays: a lens stays beneath the curves
         if best is not None:
             free = tuple(dict.fromkeys((*best.free, *groups)))
-            name = names.get(frozenset(free), f"{best.name} and {member_name}")
+            name = names.get(frozenset(free), f"{best.name} and {rung}")
             if set(chain) <= set(best.free):
                 begin = best.fit.beta
-        if set(free) in tried:
+        if frozenset(free) in tried:
             continue
-        tried.append(set(free))
-        try:
-            member = _member(start.structure, free, rows, begin, nu)
-            held_out = leave_blocks_out(member, (FIT.blocks,))
-        except np.linalg.LinAlgError:
+        member = _fitted(name, free, rows, Start(structure, begin), nu)
+        tried[frozenset(free)] = member
+        if member is None:
             continue
-        if "curve" in free:
-            bent = max(bent, member.evidence)
-        candidate = Passed(name, free, member, held_out, bent)
-        if best is None or _wins(candidate, best):
-            best = candidate
-        if _is_exact(member):
+        if best is None or _wins(member, best):
+            best = member
+        if _is_exact(member.fit):
             break
     if best is None:
         raise np.linalg.LinAlgError("no member of the body could be fitted")
-    return replace(best, bent=bent)
+    bent = -np.inf
+    for member in tried.values():
+        if member is not None and "curve" in member.free:
+            bent = max(bent, member.fit.evidence)
+    gain = best.fit.evidence - bent
+    if not np.isfinite(gain):
+        return best
+    return replace(best, against_curves=gain / best.fit.autocorrelation)
 
 
-def _member(
-    structure: Structure,
+def _fitted(
+    name: str,
     free: tuple[str, ...],
     rows: Sequence[Rows],
-    begin: Array,
+    begin: Start,
     nu: float,
-) -> Fit:
-    """Return a fit of a member's blocks."""
-    member = Fit(structure, rows, begin, structure.prior(free), nu=nu)
-    if np.isfinite(nu):
-        return member.maximise(steps=10, tolerance=FIT.settled)
-    # exact rows may be far along a curved valley, such as that of a lens
-    member.settle(60)
-    return member.maximise(steps=20, tolerance=1e-3)
+) -> Member | None:
+    """Return a member with some blocks free, None where the rows leave them open."""
+    structure = begin.structure
+    try:
+        fit = Fit(structure, rows, begin.beta, structure.prior(free), nu=nu)
+        if np.isfinite(nu):
+            fit.maximise(steps=10, tolerance=FIT.settled)
+        else:
+            # exact rows may be far along a curved valley, such as that of a lens
+            fit.settle(60)
+            fit.maximise(steps=20, tolerance=1e-3)
+        held_out = leave_blocks_out(fit, (FIT.blocks,))
+    except np.linalg.LinAlgError:
+        return None
+    return Member(name, free, fit, held_out)
 
 
-def _is_exact(member: Fit) -> bool:
+def _is_exact(fit: Fit) -> bool:
     """Whether samples of a simulation reach their least noise."""
-    if np.isfinite(member.nu):
+    if np.isfinite(fit.nu):
         return False
-    least = 1.5 * member.parts[0].floor
-    return bool((member.noise <= least).all())
+    least = 1.5 * fit.parts[0].floor
+    return bool((fit.noise <= least).all())

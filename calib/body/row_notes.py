@@ -11,8 +11,11 @@ from ..common.arrays import Array, Mask
 _STILL = 1e-6
 """A joint that moves by less [rad or m] stands still."""
 
-_ALIKE = 1e-3
-"""Motions of joints, of the largest one, that are too small to tell these apart."""
+_LITTLE = float(np.radians(1.0))
+"""A motion of joints through less [rad, or spans of a slide] hardly tells anything of them."""
+
+_PART = 0.03
+"""Least part in such a motion, of one, of a joint that is named."""
 
 
 def warnings_of(
@@ -30,7 +33,7 @@ def warnings_of(
     span = np.ptp(q, axis=0)
     ranges = np.full(len(span), np.inf) if travel is None else travel
     notes = [*_of_small_motions(span, ranges, joint_names, revolute)]
-    tied, directions = _tied_joints(q)
+    tied, directions = _tied_joints(q, np.asarray(revolute, dtype=bool))
     if tied.any():
         names = ", ".join(np.asarray(joint_names)[tied])
         notes.append(
@@ -54,22 +57,25 @@ def _of_small_motions(
     ):
         if moved < _STILL:
             yield f"{name} never moves: the rows cannot tell its length, offset or sign"
-        elif turns and moved < np.radians(1.0):
+        elif turns and moved < _LITTLE:
             yield f"{name} moves by {np.degrees(moved):.2g} deg only"
         elif moved < 0.1 * most < np.inf:
             yield f"{name} moves through {100 * moved / most:.2g} % of its range only"
 
 
-def _tied_joints(q: Array) -> tuple[Mask, int]:
-    """Return which joints (dof,) a linear relation ties, and in how many directions they move."""
+def _tied_joints(q: Array, turning: Mask) -> tuple[Mask, int]:
+    """Return which joints (dof,) a linear relation ties, and in how many directions they move.
+
+    Joints that hardly move by themselves are none of these.
+    """
     span = np.ptp(q, axis=0)
-    moving = np.flatnonzero(span >= _STILL)
+    moving = np.flatnonzero(span >= np.where(turning, _LITTLE, _STILL))
     tied = np.zeros(len(span), dtype=bool)
-    shares = q[:, moving] / span[moving]
-    away = shares - shares.mean(axis=0)
-    values, axes = np.linalg.eigh(away.T @ away)
-    # of ascending eigenvalues, the squares of the singular values of `away`
-    still = values < _ALIKE**2 * values.max(initial=0.0)
-    part = np.abs(axes[:, still]).max(axis=1, initial=0.0)
-    tied[moving] = part > _ALIKE**0.5
-    return tied, int(tied.sum() - still.sum())
+    unit = np.where(turning, 1.0, span)[moving]
+    away = (q[:, moving] - q[:, moving].mean(axis=0)) / unit
+    variance, axes = np.linalg.eigh(away.T @ away / len(q))
+    # of a motion that is spread evenly over so much
+    little = variance < _LITTLE**2 / 12
+    part = np.abs(axes[:, little]).max(axis=1, initial=0.0)
+    tied[moving] = part > _PART
+    return tied, int(tied.sum() - little.sum())

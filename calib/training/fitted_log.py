@@ -24,7 +24,7 @@ def fit_sound_rows(samples: Samples, fit: Fit) -> FittedLog:
     """Fit samples; of a log without its delay and without the rows that contradict the others."""
     fitted = FittedLog.of(samples, fit)
     if samples.simulation is not None:
-        return fitted.without_play()
+        return fitted.without_outliers().without_play()
     # rows that came from the other side of a joint with play contradict the others, too; but a lag
     # looks like play
     if fitted.wrong.any() and Trajectory.of(samples) is None:
@@ -72,6 +72,18 @@ class FittedLog:
             part=self.fit(samples),
             notes=(*self.notes, *notes),
         )
+
+    def without_outliers(self) -> FittedLog:
+        """A simulation without its sensor's outliers.
+
+        The fit of a simulation believes every row: it finds a few outliers more each time.
+        """
+        fitted = self
+        simulation = self.samples.simulation
+        if simulation is not None and simulation.has_outliers:
+            while fitted.wrong.any():
+                fitted = fitted.without_wrong_rows()
+        return fitted
 
     def in_time(self) -> FittedLog:
         """The log with its clocks together, where a delay is clear."""

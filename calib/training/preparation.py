@@ -67,9 +67,12 @@ def _alone(samples: Samples, options: TrainingOptions) -> Prepared:
         return find_smooth_part(at_poses(rows), options)
 
     if options.body == "none":
-        if samples.simulation is not None:
+        simulation = samples.simulation
+        if simulation is not None and not simulation.has_outliers:
             return Prepared(samples, rows_given, [], None, no_play)
-        fitted = FittedLog.of(samples, fit).without_wrong_rows()
+        fitted = FittedLog.of(samples, fit).without_outliers()
+        if simulation is None:
+            fitted = fitted.without_wrong_rows()
         notes = [*fitted.notes]
         return Prepared(fitted.samples, rows_given, notes, None, no_play)
     fitted = fit_sound_rows(samples, fit)

@@ -220,10 +220,10 @@ def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
     bound = residuals.widening * predict(model, residuals.motion).bound
     answered = np.isfinite(bound)
     rounding = 1e-12  # of an exact arm both are
-    beyond = errors[answered] > bound[answered] + rounding
+    inside = errors[answered] <= bound[answered] + rounding
     within = {
         "p95": float(np.quantile(errors, 0.95)),
-        "covered": 1.0 - np.count_nonzero(beyond) / max(len(beyond), 1),
+        "covered": float(inside.mean()) if len(inside) else 1.0,
     }
     if not answered.all():
         within["answered"] = float(answered.mean())

@@ -82,7 +82,10 @@ class Points:
         x = model.forward(q)
         valid = np.isfinite(x).all(axis=1)
         noise = float(np.nanmedian(model.bounds)) / 2.45  # sd along an axis
-        error = noise * math.sqrt(len(q) / max(model.about.samples, 10))
+        independent = max(model.about.samples, 10)
+        if model.body is None:
+            independent = min(independent, FITTING.patches)
+        error = noise * math.sqrt(len(q) / independent)
         return cls(q[valid], x[valid], unit, error)
 
 
@@ -348,7 +351,7 @@ def _covariance(fit: Fit) -> Array:
     gram = x.T @ x
     precision = fit.information_share * gram
     precision[inner, inner] = with_prior(
-        precision[inner, inner], fit.sd, fit.known
+        precision[inner, inner], fit.sd, fit.prior_precision
     )
     precision[outer, outer] += np.diag(other_sd[others] ** -2.0)
     spread = Factor(precision).inverse()[outer, outer]

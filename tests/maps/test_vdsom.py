@@ -137,3 +137,17 @@ def test_a_varying_density_helps_small_lattices_too(side):
     )
     assert varying[0] < plain[0]  # distance to the winner
     assert varying[1] < 0.02  # topographic error
+
+
+@pytest.mark.parametrize("rule", ["batch", "online"])
+def test_nodes_are_denser_at_the_contour_than_a_soms(rule):
+    """The figures of docs/paper.md: 2.4 times for 0.6 (online) and 1.0 (batch)."""
+    q = calib.babble(calib.load_arm("two_link"), 20_000, seed=0).q
+    density = {}
+    for network in ("som", "vdsom"):
+        options = {"epochs": 3} if rule == "online" else {}
+        w = calib.SOM(30, network, rule=rule, **options).fit(q).units
+        away = np.minimum(w, 1 - w).min(axis=1)
+        density[network] = np.mean(away < 0.05) / 0.19 / (np.mean(away > 0.25) / 0.25)
+    assert 2.2 < density["vdsom"] < 2.6
+    assert 0.5 < density["som"] < 1.1

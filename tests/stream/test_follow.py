@@ -113,6 +113,14 @@ def test_distortion_falls_back_under_its_threshold(change):
     assert error(adapter.model(), samples) < 1e-5
 
 
+def test_a_short_stream_links_maps_by_what_its_body_predicts():
+    samples = log("elbow.length=-20%", n=700, seed=3, noise=0.0)
+    adapted = followed(model(), samples, 3000)[1].model()
+    q = np.random.default_rng(7).uniform(arm().lower, arm().upper, (1000, 2))
+    off = adapted.forward(q, "activity") - samples.simulation.exact(q)
+    assert np.linalg.norm(off, axis=1).mean() < 7.5e-3
+
+
 def test_a_change_that_stays_inside_of_the_map_is_noticed_by_the_links():
     _, adapter = followed(model(), log("sensor.mirror=x", n=600, seed=3, noise=0.0), 3000)
     assert adapter.adapting
@@ -162,6 +170,11 @@ def test_a_change_within_a_stream(change):
     monitor = calib.monitor(model(1e-3))
     assert alarm(monitor, log(n=300)) is None
     assert alarm(monitor, log(change, n=200, seed=2)) is not None
+
+
+def test_a_window_shows_a_tenth_of_a_degree_at_a_millimetre_of_noise():
+    state = last(calib.monitor(model(1e-3)), log("elbow.offset=0.0017", n=600, seed=0))
+    assert state.drifted
 
 
 def test_an_alarm_ends_when_the_change_is_undone():

@@ -1,6 +1,7 @@
 """Correct: the compensation that a controller takes."""
 
 import csv
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -78,13 +79,13 @@ def test_answers_stay_on_the_turn_of_the_input(turning):
 
 
 def test_a_change_beyond_the_limit_is_marked_and_not_written(tmp_path, run, turning):
-    q = np.array([[0.3, 1.0], [0.4, 1.2]])
+    q = np.array([[0.3, 1.0], [0.4, 2.4]])
     found = correct(turning, q, limit=1e-4)
     assert found.exceeded.all()
     assert np.isnan(found.q).all()  # what exceeds the limit is no command
     assert np.isfinite(found.nearest).all()
     turning.save(tmp_path / "m.calib")
-    (tmp_path / "q.csv").write_text("shoulder,elbow\n0.3,1.0\n0.4,1.2\n")
+    (tmp_path / "q.csv").write_text("shoulder,elbow\n0.3,1.0\n0.4,2.4\n")
     old = tmp_path / "out.csv"
     old.write_text("old")
     line = ["correct", tmp_path / "m.calib", "--input", tmp_path / "q.csv", "--output", old]
@@ -95,11 +96,13 @@ def test_a_change_beyond_the_limit_is_marked_and_not_written(tmp_path, run, turn
     assert "--limit" in done.err
     assert done.document["beyond_limit"] == [1, 2]
     assert done.document["change"]["elbow"]["max"] == pytest.approx(0.02, abs=2e-3)
+    change = done.document["change"]["elbow"]
     done = run(*line)
     assert done.code == 0
     assert np.isfinite(np.loadtxt(old, delimiter=",", skiprows=1)).all()
-    assert "elbow" in done.out
-    assert "deg" in done.out
+    told = re.search(r"elbow ([\d.]+) deg \(largest ([\d.]+) deg\)", done.out)
+    sizes = np.degrees([change["mean"], change["max"]])
+    assert [*map(float, told.groups())] == pytest.approx(sizes, rel=5e-3)
 
 
 def test_command_answers_row_by_row_and_other_columns_go_along(tmp_path, run, turning):

@@ -77,7 +77,10 @@ def _noise(study: Study) -> list[str]:
     if model.about.bound_of != "sensor reading" or not len(bounds):
         return []
     bound = float(np.median(bounds))
-    if study.rows is None or bound >= np.quantile(study.rows.distance, 0.95):
+    rows = study.rows
+    if rows is None or (rows.verdict and not rows.verdict.bound_holds):
+        return []
+    if bound >= np.quantile(rows.distance, 0.95):
         return []  # the rows do not tell noise and errors of the model apart
     return [
         "That is the distance to noisy readings: the model's own error is below "
@@ -87,6 +90,12 @@ def _noise(study: Study) -> list[str]:
 
 def largest_cause(study: Study) -> str:
     """The largest cause in a sentence, or that there is none."""
+    verdict = None if study.rows is None else study.rows.verdict
+    if verdict is not None and verdict.changed:
+        words = [*verdict.explanations, "its cause is unknown"][0]
+        return f"{one_line(words[0].upper() + words[1:])}."
+    if study.model.body is None:
+        return "Not told: maps without a body have no parameters to compare with a drawing."
     if study.certain:
         cause = study.certain[0]
         effect = sized(cause.effect, study.model.about.unit)
