@@ -45,6 +45,7 @@ def test_offset_and_rate_are_found(rate, epoch):
     miss = np.abs(clocks.joints_time(time) - (true + epoch)).max()
     assert miss < min(2e-3, 4.0 * clocks.doubt)
     assert clocks.doubt < SURE
+    assert "sure to 1.5 ms" in clocks.words()
 
 
 @pytest.mark.parametrize("case", ["repeats itself", "another run", "rate", "still", "joints still"])
