@@ -142,9 +142,9 @@ def test_a_simulated_hobby_arm_is_learned_wherever_random_chains_end():
 
 
 def test_a_model_that_answers_few_of_its_fresh_samples_says_so_first(run, tmp_path):
-    """Gaussian noise is what a simulation has: outliers break it."""
+    """Four nodes without a body."""
     path = tmp_path / "m.calib"
-    options = ["-n", "600", "--size", "4", "--change", "sensor.outliers=10%", "-o", path]
+    options = ["-n", "600", "--size", "2", "--body", "none", "-o", path]
     done = run("train", "two_link", *options)
     assert done.code == 3
     assert done.out.startswith("TOO COARSE TO ANSWER")
@@ -286,3 +286,17 @@ def test_rows_without_an_answer_do_not_speak_against_the_bound(size, share):
     assert within.get("answered", 1.0) == pytest.approx(share, abs=0.05)
     assert within["covered"] > 0.85
     assert model.about.bound_holds == (share > 0.5)
+
+
+@pytest.mark.parametrize("body", ["auto", "none"])
+def test_outliers_of_a_simulated_sensor_are_left_out_as_those_of_a_log_are(body):
+    """They made the arm 16 mm wrong; the same rows read from a file .25 mm."""
+    arm = calib.load_arm("two_link")
+    samples = calib.babble(arm, 600, seed=0, noise=2e-4, changes=["sensor.outliers=10%"])
+    model = calib.train(samples, size=8, body=body)
+    about = model.about
+    assert 45 <= about.left_out <= 60
+    assert about.bound_holds
+    assert about.errors[model.default_readout]["forward"]["distance"]["mean"] < (
+        2e-4 if body == "auto" else 0.02
+    )
