@@ -90,6 +90,32 @@ def log(n: int, noise: float = 0.0, seed: int = 0) -> calib.Samples:
     return log_of(arm, s.q, s.x)
 
 
+def bare(robot, n: int, seed: int, *changes: str, noise: float = 2e-4) -> calib.Samples:
+    """Return rows of a robot, or of an arm by its name, that no simulation is known of."""
+    arm = calib.load_arm(robot) if isinstance(robot, str) else robot
+    return replace(calib.babble(arm, n, seed=seed, noise=noise, changes=changes), simulation=None)
+
+
+def of_a_third(n: int, waves: float, seed: int = 0):
+    """Return rows of six joints within a third of their ranges, without a drawing; truth, others.
+
+    Joints err by waves [rad]; the noise is 20 um; others are 400 joint values within that third.
+    """
+    arm = calib.load_arm("six_axis")
+    limits = zip(arm.joint_names, arm.lower.tolist(), arm.upper.tolist(), strict=True)
+    third = {
+        name: (0.65 * low + 0.35 * high, 0.35 * low + 0.65 * high) for name, low, high in limits
+    }
+
+    def exact(q):
+        return arm.forward(q + waves * np.sin(9 * q + np.arange(6)))
+
+    rows = calib.babble(arm, n, seed=seed, noise=2e-5, ranges=third)
+    x = rows.x + exact(rows.q) - arm.forward(rows.q)
+    rows = replace(rows, x=x, simulation=None, arm=None, lower=arm.lower, upper=arm.upper)
+    return rows, exact, calib.babble(arm, 400, seed=9, ranges=third).q
+
+
 def babbled(*changes: str, n: int = 60, noise: float = 0.0, seed: int = 1) -> calib.Samples:
     """Babbling of `two_link` after changes such as `elbow.length=+20%`."""
     arm = calib.load_arm("two_link")

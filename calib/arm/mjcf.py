@@ -94,7 +94,12 @@ class _Reader:
 
     def frame(self, attributes: Attributes, where: str) -> Array:
         """Transform (4, 4) of an element in the frame around it."""
-        place = numbers_of(attributes, "pos", _ZERO, where)
+        place = numbers_of(
+            attributes,
+            "pos",
+            _ZERO,
+            where,
+        )
         return _transform(self._orientation(attributes, where), place)
 
     def _orientation(self, attributes: Attributes, where: str) -> Array:
@@ -112,7 +117,14 @@ class _Reader:
             )
         form = forms[0]
         nothing = (math.nan,) * _ORIENTATIONS[form]
-        values = np.array(numbers_of(attributes, form, nothing, where))
+        values = np.array(
+            numbers_of(
+                attributes,
+                form,
+                nothing,
+                where,
+            )
+        )
         if form == "euler":
             return self._of_euler(values)
         direction = values if form == "quat" else values[:3]
@@ -164,7 +176,12 @@ class _Reader:
                     self.attributes(element), f"site {quoted(site)}"
                 )
                 joint = f"{site}:site"
-                self._add_fixed(joint, link, site, element.frame @ frame)
+                self._add_fixed(
+                    joint,
+                    link,
+                    site,
+                    element.frame @ frame,
+                )
                 self._place(joint, element, np.eye(4))
 
     def _add_body(self, element: Element, parent: str) -> None:
@@ -175,11 +192,21 @@ class _Reader:
         where = f"body {quoted(name)}"
         inertial = node.find("inertial")
         if inertial is not None:
-            (mass,) = numbers_of(inertial.attrib, "mass", (0.0,), where)
+            (mass,) = numbers_of(
+                inertial.attrib,
+                "mass",
+                (0.0,),
+                where,
+            )
             if mass > 0:
                 self.masses[name] = (
                     mass,
-                    numbers_of(inertial.attrib, "pos", _ZERO, where),
+                    numbers_of(
+                        inertial.attrib,
+                        "pos",
+                        _ZERO,
+                        where,
+                    ),
                 )
         origin = around @ self.frame(node.attrib, where)
         inherited = node.get("childclass", inherited)
@@ -198,7 +225,12 @@ class _Reader:
             origin = back
         if link != name:
             joint_name = f"{name}:frame"
-            self._add_fixed(joint_name, link, name, origin)
+            self._add_fixed(
+                joint_name,
+                link,
+                name,
+                origin,
+            )
             if not moving:
                 self._place(joint_name, element, np.eye(4))
         self.add_contents(inside, name)
@@ -246,10 +278,28 @@ class _Reader:
             limited = "true"
         limits: Range | None = None
         if limited == "true":
-            low, high = numbers_of(attributes, "range", (0.0, 0.0), where)
+            low, high = numbers_of(
+                attributes,
+                "range",
+                (0.0, 0.0),
+                where,
+            )
             limits = low, high
-        place = frame @ [*numbers_of(attributes, "pos", _ZERO, where), 1.0]
-        (reference,) = numbers_of(attributes, "ref", (0.0,), where)
+        place = frame @ [
+            *numbers_of(
+                attributes,
+                "pos",
+                _ZERO,
+                where,
+            ),
+            1.0,
+        ]
+        (reference,) = numbers_of(
+            attributes,
+            "ref",
+            (0.0,),
+            where,
+        )
         self.references[name] = (
             self.angle(reference) if kind == "hinge" else reference
         )
@@ -265,13 +315,29 @@ class _Reader:
                 limits = self.angle(limits[0]), self.angle(limits[1])
             pivot[:3, :3] = exponential(-self.angle(reference) * axis)
         direction = tuple(axis.tolist())
-        joint = Joint(name, kind, parent, "", pivot, direction, limits)
+        joint = Joint(
+            name,
+            kind,
+            parent,
+            "",
+            pivot,
+            direction,
+            limits,
+        )
         return joint, back
 
     def _add_fixed(
         self, name: str, parent: str, child: str, origin: Array
     ) -> None:
-        self.joints.append(Joint(name, "fixed", parent, child, origin))
+        self.joints.append(
+            Joint(
+                name,
+                "fixed",
+                parent,
+                child,
+                origin,
+            )
+        )
 
 
 def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
@@ -314,7 +380,14 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
     joints = tuple(
         replace(joint, mimic=coupled.get(joint.name)) for joint in reader.joints
     )
-    tree = Urdf(title, WORLD, tuple(reader.links), joints, (), reader.masses)
+    tree = Urdf(
+        title,
+        WORLD,
+        tuple(reader.links),
+        joints,
+        (),
+        reader.masses,
+    )
     return Mjcf(tree, reader.places)
 
 

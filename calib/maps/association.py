@@ -42,7 +42,12 @@ class Clusters:
     # (sensory nodes, c), motor node with the strongest link of each cluster
     core: Index
 
-    def nearest(self, nodes: Index, place: Array, scale: Scale) -> Index:
+    def nearest(
+        self,
+        nodes: Index,
+        place: Array,
+        scale: Scale,
+    ) -> Index:
         """Number of each node's cluster that is nearest to a place: (...), (..., dof) -> (...)."""
         gap = scale.difference(self.center[nodes], place[..., None, :])
         distance = np.linalg.norm(gap, axis=-1)
@@ -102,7 +107,11 @@ class Association:
 
     @staticmethod
     def learn(
-        motor: Map, u: Array, sensory: Map, v: Array, wiring: Wiring
+        motor: Map,
+        u: Array,
+        sensory: Map,
+        v: Array,
+        wiring: Wiring,
     ) -> Association:
         """Link two maps by samples (n, dof) and (n, 2) in their unit boxes."""
         a_i, a_j = side_by_side(

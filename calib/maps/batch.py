@@ -205,7 +205,10 @@ def learn_batch(
 
 
 def _sums_of_winners(
-    samples: Array, winner: Index, g: Array, nodes: int
+    samples: Array,
+    winner: Index,
+    g: Array,
+    nodes: int,
 ) -> Array:
     """Sum of the samples (n, d) that each node won, and of their weights g, (nodes, d + 1)."""
     columns = [*(g * coordinate for coordinate in samples.T), g]

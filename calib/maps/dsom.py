@@ -12,7 +12,10 @@ from .settings import DYNAMIC
 
 
 def learn_dsom(
-    u: Array, lattice: Lattice, epochs: int, rng: np.random.Generator
+    u: Array,
+    lattice: Lattice,
+    epochs: int,
+    rng: np.random.Generator,
 ) -> Iterator[Epoch]:
     """Train a dynamic map, whose rate and radius follow the distance of a sample to its winner."""
     # from one place it unfolds; scattered nodes are close to every sample and stay put
@@ -77,7 +80,10 @@ def present_dsom(
 
 
 def _widths(
-    lattice: Lattice, distance: float, dim: int, elasticity: float
+    lattice: Lattice,
+    distance: float,
+    dim: int,
+    elasticity: float,
 ) -> tuple[float, ...]:
     """Sigma along each axis [nodes] at a distance to the winner, of a lattice of unit sides."""
     wide = elasticity * distance / math.sqrt(2.0 * dim)

@@ -134,7 +134,12 @@ def present_gng(
     return float(distance.sum())
 
 
-def _move_nodes(gas: Gas, samples: Array, winner: Index, wins: Array) -> None:
+def _move_nodes(
+    gas: Gas,
+    samples: Array,
+    winner: Index,
+    wins: Array,
+) -> None:
     """Move each node towards the samples that it and its neighbours won."""
     n = len(gas.weights)
     a, b = gas.pairs.T

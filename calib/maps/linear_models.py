@@ -98,7 +98,10 @@ class LinearModels(ReadOnly):
         return LinearModels(motor, value, slope)
 
     def _blended(
-        self, u: Array, index: Index, weight: Array
+        self,
+        u: Array,
+        index: Index,
+        weight: Array,
     ) -> tuple[Array, Array]:
         """Weighted mean (n, o) of the nodes' linear models, and what each predicts (n, m, o)."""
         gap = self.motor.scale.difference(u[:, None], self.motor.units[index])

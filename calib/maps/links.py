@@ -52,7 +52,10 @@ class Wiring:
         return csr_array((a.ravel(), nodes.ravel(), rows), shape=shape)
 
     def link(
-        self, together: csr_array, motor: Array, sensory: Array
+        self,
+        together: csr_array,
+        motor: Array,
+        sensory: Array,
     ) -> Compressed:
         """Links (motor nodes, sensory nodes) at the fixed point of Oja's rule (eq. 5).
 

@@ -55,7 +55,11 @@ def monomials(z: Array, terms: Index) -> Array:
 
 
 def fit(
-    motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, int]
+    motor: Map,
+    nodes: Index,
+    u: Array,
+    residual: Array,
+    shape: tuple[int, int],
 ) -> LocalModels:
     """Kernel-weighted least squares around some of the nodes (k,); the others are silent.
 
@@ -133,7 +137,11 @@ def blend_size(dim: int) -> int:
 
 
 def blend(
-    motor: Map, u: Array, m: int, *, slope: bool = False
+    motor: Map,
+    u: Array,
+    m: int,
+    *,
+    slope: bool = False,
 ) -> tuple[Index, Array, Array]:
     """Nodes whose models speak for each point, their weights (n, m), and if asked for the slopes.
 
@@ -190,7 +198,11 @@ def contributions(models: LocalModels, index: Index, gap: Array) -> Array:
 
 
 def predict(
-    models: LocalModels, motor: Map, u: Array, *, slope: bool = False
+    models: LocalModels,
+    motor: Map,
+    u: Array,
+    *,
+    slope: bool = False,
 ) -> tuple[Array, Array]:
     """Blended correction at the points `u` (n, d), (n, m), and if asked for its slope (n, m, d)."""
     index, weight, gap = speaking(motor, u)

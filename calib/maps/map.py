@@ -21,9 +21,8 @@ if TYPE_CHECKING:
 HISTORY = ("nodes", "sigma", "quantization_error", "topographic_error")
 """Columns of a map's history: one row per epoch, errors in the unit box."""
 
-_ONE_PLACE = (
-    1e-12  # spacing of nodes that are all at one place, in the unit box
-)
+# spacing of nodes that are all at one place, in the unit box
+_ONE_PLACE = 1e-12
 _FEW = 2_000_000  # distances that take a tenth of the time of SciPy's import
 _MANY = 4_000  # places whose search is shared among threads
 
@@ -151,7 +150,10 @@ class Map:
 
 
 def nearest_points(
-    points: Array, scale: Scale, u: Array, k: int = 1
+    points: Array,
+    scale: Scale,
+    u: Array,
+    k: int = 1,
 ) -> tuple[Array, Index]:
     """Distances and indices, (n, k), of the `k` points of the unit box nearest to each place.
 

@@ -92,7 +92,11 @@ class Choice:
 
 
 def select(
-    motor: Map, u: Array, x: Array, smooth: Smooth, held_out: Array
+    motor: Map,
+    u: Array,
+    x: Array,
+    smooth: Smooth,
+    held_out: Array,
 ) -> tuple[Predictor, Array]:
     """Give nodes local models of one shape where that mends what a smooth part leaves over.
 
@@ -156,7 +160,10 @@ def select(
 
 
 def _candidates(
-    motor: Map, u: Array, x: Array, held_out: Array
+    motor: Map,
+    u: Array,
+    x: Array,
+    held_out: Array,
 ) -> tuple[Candidates, Mask]:
     """Return the rows that may be mended, and the nodes (nodes,) that stand among wrong rows."""
     n = len(u)
@@ -265,7 +272,11 @@ def _beyond_chance(parts: Array, errors: float) -> Mask:
 
 
 def misfit(
-    scale: Scale, u: Array, held_out: Array, extent: float, at: Array
+    scale: Scale,
+    u: Array,
+    held_out: Array,
+    extent: float,
+    at: Array,
 ) -> Array | None:
     """Mean square (k,) of held-out residuals around points beyond noise, None where all is noise.
 

@@ -24,7 +24,10 @@ class Rates:
 
     @staticmethod
     def training(
-        t: NDArray[np.intp], sigma: tuple[float, float], T: int, maps: int
+        t: NDArray[np.intp],
+        sigma: tuple[float, float],
+        T: int,
+        maps: int,
     ) -> Rates:
         """Rates at the times `t` of a training of `T` samples.
 
@@ -42,7 +45,10 @@ class Rates:
 
     @staticmethod
     def following(
-        t: NDArray[np.intp], start: Sequence[float], end: float, T: int
+        t: NDArray[np.intp],
+        start: Sequence[float],
+        end: float,
+        T: int,
     ) -> Rates:
         """Rates `t` samples after a change, at rest after `T`.
 

@@ -69,7 +69,12 @@ class Layer:
         )
 
     def learn(
-        self, x: Array, alpha: float, sigma: float, gain: float, progress: float
+        self,
+        x: Array,
+        alpha: float,
+        sigma: float,
+        gain: float,
+        progress: float,
     ) -> float:
         """Learn from a sample (d,) in the unit box; return its distance to the winner."""
         squares = ((self._w - x[:, None]) ** 2).sum(axis=0)
@@ -87,7 +92,12 @@ class Layer:
         grid += step * (sample - grid)  # eq. 2
         return float(squares[winner] ** 0.5)
 
-    def _printed(self, winner: int, sigma: float, progress: float) -> float:
+    def _printed(
+        self,
+        winner: int,
+        sigma: float,
+        progress: float,
+    ) -> float:
         """Neighbourhood h of eq. 8 as printed, the same for all nodes.
 
         Nothing in it falls with the distance from the winner, so that all nodes follow each
@@ -97,7 +107,12 @@ class Layer:
         rho = np.exp(-np.sum((self._w[:, winner, None] - around) ** 2))  # eq. 7
         return float((progress / rho) ** 4 * np.exp(-progress / sigma**2))
 
-    def gains(self, x: Array, sigma: float, progress: float) -> Array:
+    def gains(
+        self,
+        x: Array,
+        sigma: float,
+        progress: float,
+    ) -> Array:
         """Eq. 7 and 8 as a factor g on the update of each sample (n, d), (n,)."""
         if self.gain is None or self.gain is as_printed:
             return np.ones(len(x))

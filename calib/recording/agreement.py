@@ -58,7 +58,8 @@ def agreed(problem: Problem) -> tuple[Fit, Mask]:
     if not fits:
         raise LogError(
             "no place of camera and board explains the pictures: check that each row is of its "
-            "picture, whether it is this robot, and that camera and board were not moved"
+            "picture, that it is this robot and its tip carries what is in the hand, and that "
+            "camera and board were not moved"
         )
     scores = []
     for fit, agreeing in fits:

@@ -12,6 +12,7 @@ from ..arm.rotations import logarithm, nearest_rotation
 from ..body.spatial import structure_of
 from ..common.arrays import Array, Index, Mask
 from ..common.scale import METRES
+from ..common.wording import listed
 from ..errors import LogError
 from ..samples.motion import pose_index
 from .board_pictures import LEAST
@@ -92,7 +93,17 @@ class Problem:
 
 
 def of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
-    """The problem of joints and a drawn arm."""
+    """The problem of joints and a drawn arm.
+
+    Raises LogError where the pictures are of other joints, or say that the joints are not these.
+    """
+    for view in views:
+        names = view.shots.joint_names
+        if names != arm.joint_names:
+            raise LogError(
+                f"the pictures of {view.name} are of the joints {listed(names)}, expected "
+                f"{listed(arm.joint_names)}, those of {arm.name} up to {arm.tip}"
+            )
     rows = _rows(views)
     views = _by_pose(views, rows, _joint_values(views, rows))
     rows = _rows(views)
@@ -118,9 +129,12 @@ def of_poses(
     flange = choice.reading.flange.copy()
     sizes = np.degrees(turning(flange[most.rows])[0])
     if sizes[1] < PRIORS.turn:
+        words = "does not turn"
+        if sizes[0] > PRIORS.turn:
+            words = "turns about one axis alone"
         raise LogError(
-            f"the hand turns about one axis alone (by {sizes[0]:.2g} deg, by {sizes[1]:.2g} about "
-            "a second): where camera and board are along it is open",
+            f"the hand {words} (by {sizes[0]:.2g} deg, by {sizes[1]:.2g} about a second axis): "
+            "where camera and board are is open",
             hint="add two pictures with the hand turned by 30 deg about each of two other axes",
         )
     _refuse_mirrored(most, choice.start)

@@ -119,7 +119,10 @@ class HandEye:
         """The arm's repeatability for people."""
         shift = 1e3 * self.repeatability["position"]
         turn = np.degrees(self.repeatability["rotation"])
-        return f"{two_digits(shift)} mm and {two_digits(turn)} deg"
+        words = "less than 0.001"
+        if turn > 1e-3:
+            words = two_digits(turn)
+        return f"{two_digits(shift)} mm and {words} deg"
 
     def document(self) -> dict[str, object]:
         """All but the log and the body, as plain values."""

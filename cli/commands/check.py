@@ -39,7 +39,7 @@ def check(
         float | None,
         opt.value(
             "--tolerance S",
-            "Exit code 3 where the rows could not show a change of this size [m].",
+            "Exit 3 where rows cannot show such a change [m].",
             parsing.above_zero,
         ),
     ] = None,

@@ -15,11 +15,15 @@ def correct(
     model: opt.ModelFile,
     limit: Annotated[
         float | None,
-        opt.value("--limit L", "Largest change (3 x usual).", above_zero),
+        opt.value(
+            "--limit L",
+            "Of a joint's change (three times the usual).",
+            above_zero,
+        ),
     ] = None,
     orientation: Annotated[
         Literal["keep", "free"],
-        opt.option("--orientation", "Of six joints: the tool's turn."),
+        opt.option("--orientation", "free: the tool may turn (six joints)."),
     ] = "keep",
     input_: opt.Input = None,
     columns: opt.Columns = None,

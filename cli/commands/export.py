@@ -37,7 +37,7 @@ def export(
     ] = None,
     transform: Annotated[
         str | None,
-        opt.value("--transform FILE.json", "The sensor in the base."),
+        opt.value("--transform FILE.json", "Where the sensor stands."),
     ] = None,
     lerobot: Annotated[
         str | None,

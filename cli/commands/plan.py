@@ -43,7 +43,11 @@ def plan(
     degrees: opt.Degrees = False,
     margin: Annotated[
         float | None,
-        opt.value("--margin M", "From limits (1 deg).", parsing.not_negative),
+        opt.value(
+            "--margin M",
+            "Kept from joints' limits (1 deg).",
+            parsing.not_negative,
+        ),
     ] = None,
     start: Annotated[
         parsing.Numbers | None,

@@ -41,7 +41,7 @@ def train(
     data: opt.DataOfSensors = None,
     output: Annotated[
         str | None,
-        opt.value("--output -o MODEL", "Default ROBOT.calib, LOG.calib."),
+        opt.value("--output -o MODEL", "Default ROBOT.calib or LOG.calib."),
     ] = None,
     force: Annotated[
         bool, opt.option("--force", "Replace a model of another robot.")
@@ -75,7 +75,7 @@ def train(
     plane: opt.Planes = None,
     lens: Annotated[
         str | None,
-        opt.value("--lens lens.json", "Of a camera in space (fitted)."),
+        opt.value("--lens lens.json", "Of a camera (fitted if not given)."),
     ] = None,
     no_rows: Annotated[
         bool, opt.option("--no-rows", "Keep no rows of the log.")

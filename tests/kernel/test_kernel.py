@@ -3,7 +3,6 @@
 import pickle
 import shutil
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import models
@@ -15,6 +14,7 @@ from models import (
     in_plane,
     in_space,
     measured,
+    of_a_third,
     six,
     trained,
     turning,
@@ -37,6 +37,7 @@ MODELS = {
     "planar pixels": lambda: homography(),
     "four": in_plane,
     "six": six,
+    "six in pixels": lambda: in_pixels(40, "six_axis"),
 }
 
 
@@ -231,15 +232,7 @@ def test_what_is_no_query_is_still_refused(bad):
 def test_a_small_posterior_is_as_sure_as_the_whole_where_rows_were(waves):
     # 80 rows within a third of each range, without a drawing: a second belief, far from the first
     # in what moves nothing, and curves of which rows tell the sum with the joints' offsets
-    arm = calib.load_arm("six_axis")
-    limits = zip(arm.joint_names, arm.lower.tolist(), arm.upper.tolist(), strict=True)
-    third = {
-        name: (0.65 * low + 0.35 * high, 0.35 * low + 0.65 * high) for name, low, high in limits
-    }
-    log = calib.babble(arm, 80, noise=2e-5, ranges=third)
-    x = log.x + arm.forward(log.q + waves * np.sin(9 * log.q)) - arm.forward(log.q)
-    log = replace(log, x=x, simulation=None, arm=None, lower=arm.lower, upper=arm.upper)
-    model = calib.train(log, size=4)
-    fresh = calib.babble(arm, 300, seed=9, ranges=third).q
+    rows, _, fresh = of_a_third(80, waves)
+    model = calib.train(rows, size=4)
     ratio = model.expected_error(fresh) / model.body.bound(fresh)
     assert 0.85 < ratio.min() < ratio.max() < 1.25

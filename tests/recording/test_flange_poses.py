@@ -218,6 +218,12 @@ def test_mirrored_pictures_are_refused():
 def test_turns_about_one_axis_are_refused_with_what_would_tell():
     with pytest.raises(LogError, match="turns about one axis alone"):
         World(3, axes=(0.0, 0.0, 1.0)).solve()
+    world = World(3)
+    seen = np.linalg.inv(world.camera) @ np.linalg.inv(world.flange) @ world.placed
+    seen[:, :3, :3] = seen[0, :3, :3]
+    flange = np.linalg.inv(world.camera @ seen @ np.linalg.inv(world.placed))
+    with pytest.raises(LogError, match="does not turn"):
+        calib.handeye(poses=flange, boards=seen, eye="hand")
 
 
 def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):

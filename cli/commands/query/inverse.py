@@ -77,7 +77,7 @@ def inverse(
     ] = False,
     free: Annotated[
         Literal["x", "y", "z"] | None,
-        opt.option("--free", "Of a pose: the tool may turn about."),
+        opt.option("--free", "Tool's axis that a pose may turn about."),
     ] = None,
     on: Annotated[
         parsing.OfJoint | None,

@@ -15,7 +15,11 @@ def path(
     start: opt.StartJoints = None,
     step: Annotated[
         float | None,
-        opt.value("--step S", "Longest, or inf (default 1 % extent).", length),
+        opt.value(
+            "--step S",
+            "Between rows at most, or inf (1 % of the extent).",
+            length,
+        ),
     ] = None,
     input_: opt.Input = None,
     columns: opt.Columns = None,
