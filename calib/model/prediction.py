@@ -1,7 +1,7 @@
 """Prediction: the one way from joints to readings, step by step.
 
 clock         rows are of one moment: whoever reads a log has brought its clocks together
-              (`calib.training.preparation.in_time`)
+              (`calib.training.fitted_log.in_time`)
 approach      where the joints stand that came from a side: `Prediction.joints`
 body          the chain, then the sensor's view, then its lens: `calib.body.belief.Body.predict`
 local models  what the body leaves over around the motor map's nodes, added to the reading:

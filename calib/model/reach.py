@@ -20,8 +20,9 @@ from ..inverse.slides import settle
 from ..inverse.task import Poses, Positions, Task
 from ..inverse.ways import rank_within
 from ..kernel.compiled import CERTAIN, Compiled
-from .space import Space
+from .space import REACHED, Space
 
+_LONG = 16  # times as many steps of Newton beside a singularity
 _SAME = 1e-3  # of the joints' ranges: ways that slide to one place are one way
 _FAMILIES = 4  # ways of redundant joints to a pose that are answered
 
@@ -67,8 +68,18 @@ class Reach:
 
         Of a pose a radian of turn counts as the arm's length.
         """
-        stand = self.search.newton.refine(self._scale.to_unit(near), target)
-        return self._scale.from_unit(stand.u), stand.miss
+        newton = self.search.newton
+        stand = newton.refine(self._scale.to_unit(near), target)
+        q = self._scale.from_unit(stand.u)
+        missing = stand.miss
+        # where two axes are nearly one, a small turn of the tool is a long way for the joints
+        late = np.flatnonzero(missing > REACHED * self.space.length)
+        if len(late):
+            steps = _LONG * SEARCH.steps
+            stand = newton.refine(stand.u[late], target[late], steps=steps)
+            q[late] = self._scale.from_unit(stand.u)
+            missing[late] = stand.miss
+        return q, missing
 
     def nearest(self, target: Array, near: Array) -> Array:
         """Joints (n, dof) nearest to `near` (n, dof) for targets."""

@@ -50,7 +50,6 @@ class Readings(OfRows):
 class LogFile(OfRows):
     """What a file, or the pictures that rows were made of, say beside the rows."""
 
-    # (n,), numbers of the rows, counted below the header from 1
     # (n,), numbers of the rows, counted below the header from 1, which stand where it is empty
     rows: Index = field(default_factory=lambda: np.empty(0, np.intp))
     # columns that have other names than what they hold

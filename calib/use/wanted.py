@@ -25,6 +25,7 @@ from ..model.nominal import (
 )
 from ..model.reach import Reach
 from ..model.space import REACHED, Space, measured_chain
+from ..model.turns import joint_limits, within_limits
 from ..samples.joint_values import wrap
 from .frames import FRAME_IS_FITTED, frame_is_free, frames, is_simulated
 from .geometry_fit import fit_geometry
@@ -96,7 +97,7 @@ class Wanted:
         """Joints (n, dof), on the turn that `q` is on, and whether they reach, (n,).
 
         Of six joints or more a row is reached where its orientation is, too: beside a singularity
-        the tool is not tilted without a word.
+        the tool is not tilted without a word.  A joint within its limits is not led beyond them.
         """
         model = self.model
         about = model.about
@@ -118,9 +119,11 @@ class Wanted:
             nearest = answer.q
             reachable = answer.reachable
         turns = TURN * np.round((q - nearest) / TURN)
-        return nearest + np.where(
-            about.revolute, turns, 0.0
-        ), reachable & placed
+        answers = nearest + np.where(about.revolute, turns, 0.0)
+        within = within_limits(model, answers) | ~within_limits(model, q)
+        lower, upper = joint_limits(model).T
+        allowed = np.where(within, answers, np.clip(answers, lower, upper))
+        return allowed, reachable & placed & within.all(axis=1)
 
     def _in_range(self, q: Array) -> Array:
         """Joint values (n, dof) with those that turn moved by whole turns into their range."""
