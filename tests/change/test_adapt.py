@@ -191,6 +191,19 @@ def test_the_bound_holds_where_no_row_was(simulated, most, times):
     assert off.mean() < times * miss(simulated, q, real(q)).mean()
 
 
+def test_a_whole_log_adapts_a_drawing_as_well_as_it_trains(simulated):
+    """Waves of a size that no simulation tells are learned as training learns them."""
+    q = drawn(400, 1)
+    x = real(q) + 2e-4 * np.random.default_rng(0).standard_normal(q.shape)
+    log = calib.Samples(q, x, arm().joint_names, arm().lower, arm().upper, (True, True))
+    adapted = calib.adapt(simulated, log).model
+    probes = drawn(1000, 9)
+    alone = miss(calib.train(log), probes, real(probes)).mean()
+    off = miss(adapted, probes, real(probes))
+    assert off.mean() < 1.03 * alone
+    assert np.mean(off <= adapted.model_error(probes)) > 0.95
+
+
 def test_an_improvement_along_a_line_says_nothing_of_the_rest(simulated):
     """Strong waves along a line are not taken for lengths or a lens."""
     along = np.sort(np.random.default_rng(2).random(60))
