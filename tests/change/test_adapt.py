@@ -193,13 +193,16 @@ def test_the_bound_holds_where_no_row_was(simulated, most, times):
 
 def test_a_whole_log_adapts_a_drawing_as_well_as_it_trains(simulated):
     """Waves of a size that no simulation tells are learned as training learns them."""
-    q = drawn(400, 1)
-    x = real(q) + 2e-4 * np.random.default_rng(0).standard_normal(q.shape)
-    log = calib.Samples(q, x, arm().joint_names, arm().lower, arm().upper, (True, True))
+
+    def wavy(q):
+        waves = 3e-4 * np.sin([9.0, 14.0] * q + [0.0, 1.0])
+        return arm().forward(q + waves + [0.0, 2e-3])
+
+    log = rows_of(np.random.default_rng(1).random((400, 2)), wavy)
     adapted = calib.adapt(simulated, log).model
     probes = drawn(1000, 9)
-    alone = miss(calib.train(log), probes, real(probes)).mean()
-    off = miss(adapted, probes, real(probes))
+    alone = miss(calib.train(log), probes, wavy(probes)).mean()
+    off = miss(adapted, probes, wavy(probes))
     assert off.mean() < 1.03 * alone
     assert np.mean(off <= adapted.model_error(probes)) > 0.95
 
