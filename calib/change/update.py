@@ -7,6 +7,7 @@ residual of this log alone is a part of the fit; its size stays in the new bound
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ from ..body.normal import Factor
 from ..body.parameters import Indices
 from ..body.planar import PlanarStructure
 from ..body.rows import Rows
-from ..body.settings import STUDENT
+from ..body.settings import NATS, STUDENT
 from ..common.arrays import Array
 from ..common.rows import row_lengths, thinned
 from .evidence import Evidence
@@ -81,11 +82,13 @@ def update(evidence: Evidence) -> Update:
     explanation = _to_update_by(evidence)
     rows = thinned(len(evidence.rows), UPDATING.rows)
     body, residual = _updated(explanation, evidence.data.some(UPDATING.rows))
+    if evidence.attributed:
+        body = _as_uncertain(body, explanation, evidence.explanations)
     belief = _Belief(body, rows, residual)
-    if changed and _is_trainable(evidence):
+    if changed and _is_trainable(evidence, explanation):
         trained = _trained(explanation, evidence.data)
-        worse = row_lengths(trained.residual[rows]) - row_lengths(residual)
-        if worse.mean() < _chance(worse):
+        better = row_lengths(residual) - row_lengths(trained.residual[rows])
+        if better.mean() > 0.0:
             belief = trained
     before = evidence.rows.missed[belief.rows]
     gain = before - row_lengths(belief.residual)
@@ -124,7 +127,7 @@ def _chance(gain: Array) -> float:
     return SURE * float(means.std(ddof=1)) / math.sqrt(UPDATING.blocks)
 
 
-def _is_trainable(evidence: Evidence) -> bool:
+def _is_trainable(evidence: Evidence, explanation: Explanation) -> bool:
     """Whether rows may be fitted as training does: in the plane, of an arm that nobody measured.
 
     Waves of its joints say that it is no arm as drawn; along a line, or in a corner, they would be
@@ -133,7 +136,7 @@ def _is_trainable(evidence: Evidence) -> bool:
     """
     return (
         evidence.prior.simulated
-        and evidence.explanations[0].level.waves > CREEP
+        and explanation.level.waves > CREEP
         and evidence.rows.widespread
         and isinstance(evidence.reference.structure, PlanarStructure)
         and not evidence.reference.new
@@ -177,6 +180,29 @@ def _to_update_by(evidence: Evidence) -> Explanation:
     # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere, and
     # with the least residual that the evidence allows 1.12 times
     return next(some for some in explanations if some.level.waves <= CREEP)
+
+
+def _as_uncertain(
+    body: Body, best: Explanation, explanations: Sequence[Explanation]
+) -> Body:
+    """The belief with how far explanations are apart that the evidence hardly tells apart.
+
+    Rows of a joint that did not move, or in a corner, hardly tell lengths from offsets: one of
+    them alone was wrong by 2 mm elsewhere, under a bound of .5 mm.
+    """
+    least = max(some.evidence for some in explanations) - NATS
+    beside = [
+        some
+        for some in explanations
+        if some.reference is best.reference and some.evidence > least
+    ]
+    apart = np.stack([some.beta - best.beta for some in beside])
+    active = np.union1d(body.active, np.flatnonzero(apart.any(axis=0)))
+    scaled = apart[:, active] / (math.sqrt(len(beside)) * body.kappa)
+    covariance = scaled.T @ scaled
+    place = np.searchsorted(active, body.active)
+    covariance[np.ix_(place, place)] += body.covariance
+    return replace(body, active=active, root=root_of(covariance))
 
 
 def _is_surer(evidence: Evidence, body: Body) -> bool:
