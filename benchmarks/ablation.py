@@ -25,8 +25,9 @@ from calib.maps.association import Association
 from calib.maps.local_models import NO_MODELS
 from calib.maps.model_selection import select
 from calib.maps.predictor import Predictor
-from calib.training.learn import TrainingOptions, associate
-from calib.training.smooth import SmoothPart, find_smooth_part, wrong_around
+from calib.training.maps import associate, wrong_around
+from calib.training.options import TrainingOptions
+from calib.training.smooth import SmoothPart, find_smooth_part
 
 NETWORKS = ("vdsom:residual", "vdsom", "vdsom:rho", "som", "gng", *UNTRAINED)
 CASES = ("exact", "bump", "ripple")

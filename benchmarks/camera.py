@@ -22,13 +22,13 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from rendering import Camera, Desk, board, board_shots, tag, write_video
 
 import calib
-from calib.recording.board import Board
+from calib.recording.board import parse_board
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import load_lens
 from calib.recording.setting import Setup
 from calib.recording.tag_logs import log_pictures, log_video
 
-BOARD = Board.parse("7x5:24mm:18mm:5x5_100")
+BOARD = parse_board("7x5:24mm:18mm:5x5_100")
 LYING = board(7, 5, 0.024, 0.018, (0.36, -0.06, 0.0, 0.1))
 DESK = Desk(
     still=(LYING, tag(3, 0.03, (0.0, 0.25, 0, 0.3))),

@@ -23,7 +23,7 @@ import numpy as np
 import calib
 from calib.arm.rotations import logarithm
 from calib.body.sensor_pose import held_of
-from calib.recording.board import Board
+from calib.recording.board import parse_board
 from calib.recording.board_pictures import BoardPictures, held_poses
 from calib.recording.lens import Lens
 
@@ -102,7 +102,7 @@ def pictures(rig: Rig, seen: np.ndarray, first: int, last: int) -> BoardPictures
     """Some pictures of a rig as if their corners had been found."""
     found = tuple(dict(enumerate(seen[rig.rows == k])) for k in range(first, last))
     names = tuple(f"{k}.png" for k in range(first, last))
-    board = Board.parse("7x5:24mm:18mm:5x5_100")
+    board = parse_board("7x5:24mm:18mm:5x5_100")
     q = rig.q[first:last]
     return BoardPictures(board, rig.arm.joint_names, names, q, found, SIZE, len(names), ())
 

@@ -14,7 +14,8 @@ from calib.common.choices import MAP_READOUTS
 from calib.common.parallel import one_blas_thread
 from calib.common.scale import Scale
 from calib.maps.association import Association
-from calib.training.learn import TrainingOptions, associate
+from calib.training.maps import associate
+from calib.training.options import TrainingOptions
 
 ROBOT = "two_link"
 TESTED = 10_000

@@ -21,11 +21,11 @@ from scipy.optimize import least_squares
 
 import calib
 from calib.body.fit import Fit
-from calib.body.rows import together
+from calib.body.rows import with_measurements
 from calib.body.spatial import structure_of
-from calib.body.touch import touching
+from calib.body.touch import rows_of_touches
 from calib.samples.samples import Samples
-from calib.training.learn import TrainingOptions
+from calib.training.options import TrainingOptions
 from calib.training.touched import fit_sockets
 
 ARMS = {"panda_1": "panda", "kuka_14": "iiwa14", "dinova_1": "gen3lite"}
@@ -37,8 +37,8 @@ POSTURES = (5, 8, 12, 20, 30)
 def tool_alone(arm: calib.PlanarArm, log: Samples) -> np.ndarray:
     """Parameters of the drawing, of which the tool alone was fitted to the touches."""
     base, number = structure_of(arm, "base"), log.touch.renumbered()[0]
-    rows = [replace(touching(log.q, number, (), log.x)[0], floor=1e-4)]
-    seen = together(base, rows)
+    rows = [replace(rows_of_touches(log.q, number, (), log.x)[0], floor=1e-4)]
+    seen = with_measurements(base, rows)
     fit = Fit(seen, rows, seen.neutral(), seen.prior(("tool", "point")), nu=6.0).maximise(steps=20)
     out = base.neutral()
     out[base.groups["tool"]] = fit.beta[seen.groups["tool"]]

@@ -35,7 +35,7 @@ from .show.preview.server import preview as preview
 from .show.report.page import figures as figures
 from .show.report.page import report as report
 from .stream.follow import follow as follow
-from .training.learn import TrainingOptions as TrainingOptions
+from .training.options import TrainingOptions as TrainingOptions
 from .training.train import train as train
 from .use.correct import Corrected as Corrected
 from .use.correct import correct as correct

@@ -4,6 +4,7 @@ import io
 import os
 import signal
 import sys
+from contextlib import suppress
 
 
 def main() -> None:
@@ -21,6 +22,14 @@ def main() -> None:
     except KeyboardInterrupt:  # while modules were imported
         print("error: interrupted", file=sys.stderr)
         code = 128 + signal.SIGINT
+    except SystemExit as end:  # a polite kill
+        code = end.code if isinstance(end.code, int) else 1
+    if code > 128:
+        # a thread may still compute: it would crash while Python takes its modules away
+        with suppress(OSError, ValueError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code)
     sys.exit(code)
 
 

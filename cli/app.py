@@ -6,7 +6,7 @@ interrupted.
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, wraps
 from importlib import import_module
 from importlib.util import find_spec
@@ -21,6 +21,9 @@ from . import options as opt
 from .errors import INTERRUPTED, TRACEBACK, report_error
 from .output import SPEECH, Outcome, note, silence
 from .parsing import BadOption
+
+INPUTS = ("robot", "data", "joints_file", "poses_file")
+"""Parameters whose files no output may replace: a model may replace a model, a table a table."""
 
 FLAGS = ("--json", "--verbose", "-v", "--quiet", "-q")
 """What every command takes, wherever it stands in the line."""
@@ -43,8 +46,10 @@ def run(arguments: Sequence[str]) -> int:
         code = application(name)(
             words, prog_name="calib", standalone_mode=False
         )
-        sys.stdout.flush()
-    except BrokenPipeError:  # a reader who has seen enough
+    except SystemExit as end:
+        # so Typer ends where the reader of its help has seen enough; a signal has another code
+        if end.code != 1:
+            raise
         silence(sys.stdout)
         return 0
     except Exception as error:
@@ -145,11 +150,28 @@ def _printing(command: Callable[..., Outcome]) -> Callable[..., None]:
             raise BadOption(
                 "--json and '-' both want standard output: expected one of them"
             )
+        _keep_inputs(options)
         outcome = command(**options)
-        outcome.show(streamed=streamed)
+        try:
+            outcome.show(streamed=streamed)
+            sys.stdout.flush()
+        except BrokenPipeError:  # a reader who has seen enough
+            silence(sys.stdout)
         raise typer.Exit(outcome.code)
 
     return run_and_print
+
+
+def _keep_inputs(options: Mapping[str, object]) -> None:
+    """Refuse an output that is the file which the command reads, such as the user's log."""
+    output = options.get("output")
+    for name in INPUTS:
+        typed = options.get(name)
+        paths = typed if isinstance(typed, list) else [typed]
+        if output and output in paths and Path(str(output)).exists():
+            raise BadOption(
+                f"--output {output!r} would replace what is read: expected another file"
+            )
 
 
 def start(

@@ -54,7 +54,7 @@ def describe_error(error: Exception) -> tuple[int, dict[str, object]]:
         text = "interrupted"
     elif isinstance(error, typer.TyperException):
         code = USAGE
-        text = error.format_message().rstrip(".")
+        text = error.format_message().rstrip(".").replace("Value error, ", "")
         context = getattr(error, "ctx", None)
         if context is not None:
             text += f" (see {context.command_path} --help)"

@@ -61,7 +61,7 @@ JointsFile = Annotated[
     value("--joints-file FILE", "A row of joints for each picture."),
 ]
 DatasetCamera = Annotated[
-    str | None, value("--camera NAME", "Of a dataset with several.")
+    str | None, value("--camera NAME", "Which one of a dataset with several.")
 ]
 _TABLE = "CSV, or Parquet by its name (- stdout)."
 NewTable = Annotated[str, value("--output -o LOG", _TABLE)]
@@ -80,11 +80,17 @@ Planar = Annotated[
 ]
 Lock = Annotated[
     list[parsing.OfJoint] | None,
-    value("--lock JOINT=VALUE", "Hold it there [rad, m].", parsing.joint_value),
+    value(
+        "--lock JOINT=VALUE",
+        "Hold a joint there [rad, m].",
+        parsing.joint_value,
+    ),
 ]
 Ranges = Annotated[
     list[parsing.OfJoint] | None,
-    value("--range JOINT=LO:HI", "Part of its range.", parsing.joint_range),
+    value(
+        "--range JOINT=LO:HI", "Part of a joint's range.", parsing.joint_range
+    ),
 ]
 Degrees = Annotated[
     bool,
@@ -183,15 +189,26 @@ SensorView = Annotated[
 # logs
 TimeOffset = Annotated[
     float | None,
-    value("--time-offset auto|S", "Of positions [s].", parsing.seconds),
+    value(
+        "--time-offset auto|S",
+        "Added to the positions' times [s].",
+        parsing.seconds,
+    ),
 ]
 Columns = Annotated[
     Mapping[str, str] | None,
-    value("--columns x=U,y=V", "Columns of other names.", parsing.column_names),
+    value(
+        "--columns x=U,y=V",
+        "Columns that have other names.",
+        parsing.column_names,
+    ),
 ]
 Unit = Annotated[
     str | None,
-    value("--unit m|mm|px|..", "Of the log (default m, or the model's)."),
+    value(
+        "--unit m|mm|px|..",
+        "Of the log's positions (default m, or the model's).",
+    ),
 ]
 Prismatic = Annotated[
     Sequence[str] | None,
@@ -199,26 +216,26 @@ Prismatic = Annotated[
 ]
 LogDegrees = Annotated[
     bool | None,
-    option("--degrees/--radians", "Of the log (default: as before)."),
+    option("--degrees/--radians", "Of the log (default: as the model's)."),
 ]
 PhotoFile = Annotated[
     str | None,
-    value("--photo FILE", "Of the log's camera, to draw the map over."),
+    value("--photo FILE", "By the log's camera, to draw the map over."),
 ]
 NoPhoto = Annotated[
     bool, option("--no-photo", "Keep no photo in the model and draw none.")
 ]
 Distances = Annotated[
-    list[str] | None, value("--distance A,B=50mm", "Of touched points.")
+    list[str] | None, value("--distance A,B=50mm", "Between touched points.")
 ]
 Planes = Annotated[
-    list[str] | None, value("--plane A,B,C,D", "Touched points in a plane.")
+    list[str] | None, value("--plane A,B,C,D", "Touched points of one plane.")
 ]
 
 # queries and what else asks a model
 ReadoutKind = Annotated[
     choices.ReadoutWord | None,
-    option("--readout", "Default local, or linear."),
+    option("--readout", "How to answer: local, or linear without a body."),
 ]
 StartJoints = Annotated[
     parsing.Numbers | None,
@@ -226,14 +243,14 @@ StartJoints = Annotated[
 ]
 InFrame = Annotated[
     str,
-    value("--in SENSOR|base", "Whose frame positions are in (the first's)."),
+    value("--in SENSOR|base", "Frame of positions (the first sensor's)."),
 ]
 OfSensor = Annotated[
     str, value("--in SENSOR", "Which sensor's frame counts (the first's).")
 ]
 PositionUnit = Annotated[
     str | None,
-    value("--unit m|mm|..", "Of positions (default the model's)."),
+    value("--unit m|mm|..", "Of typed and printed positions (the model's)."),
 ]
 Input = Annotated[
     str | None,

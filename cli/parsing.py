@@ -176,6 +176,11 @@ direction = parser(
     numbers,
     lambda axis: len(axis) == 3 and any(axis),
 )
+point = parser(
+    "three numbers, a point of the base frame in m",
+    numbers,
+    lambda place: len(place) == 3,
+)
 angles = parser(
     "3 numbers: roll, pitch and yaw", numbers, lambda values: len(values) == 3
 )

@@ -55,7 +55,7 @@ def setup(
     pose: bool,
 ) -> Setup:
     """What is in pictures of a tag; a lens that is calibrated is written beside the log."""
-    from calib.recording.board import Board, parse_length
+    from calib.recording.board import Board, parse_board, parse_length
     from calib.recording.lens import load_lens
     from calib.recording.reference import MarkLayout
     from calib.recording.setting import Setup
@@ -64,7 +64,7 @@ def setup(
         raise BadOption(
             "--tag ID is missing: pictures and videos need it and --joints-file"
         )
-    pattern = None if board is None else Board.parse(board)
+    pattern = None if board is None else parse_board(board)
     marks = None if tags_at is None else MarkLayout.read(tags_at)
     glass = None
     if lens is not None:
@@ -73,6 +73,11 @@ def setup(
         say(notes)
         if marks is not None:
             pattern = None  # it served the lens alone
+    if not isinstance(pattern, Board | None):
+        raise BadOption(
+            f"--board {board}: on the desk expected a ChArUco board such as 7x5:24mm:18mm:5x5_100, "
+            "of which each corner is known from the others"
+        )
     return Setup(
         tag,
         dictionary,

@@ -16,7 +16,7 @@ from calib.common.scale import METRES
 from calib.common.wording import for_people, listed
 from calib.samples.tables import Batch, read_batch, write_table
 
-from .output import NO, Outcome, TextTable, fixed, note, say
+from .output import NO, Outcome, TextTable, fixed, note, number, say
 from .parsing import TABLES, BadOption, bad_value, check_file, refuse
 from .summary import contradicted
 from .units import JointFormat, units_of
@@ -107,7 +107,17 @@ class Query:
 
     def words(self, length: float) -> str:
         """Return a length [the model's unit] in words."""
-        return f"{length * self.factor:.4g} {self.shown}"
+        return f"{number(length * self.factor)} {self.shown}"
+
+    def within_range(
+        self, option: str, typed: Sequence[float] | None
+    ) -> list[float] | None:
+        """Return joint values [rad or m] that were typed for an option, within what was learned."""
+        q = self.joints.one_each(option, typed)
+        beyond = None if q is None else self.joints.beyond(self.model, q)
+        if beyond is not None:
+            raise BadOption(f"{option} {beyond}")
+        return q
 
     def table(
         self, q: Array, quantities: Columns, title: str = ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from calib.common.choices import READOUTS
@@ -134,7 +134,11 @@ def accuracy(
     line = f"{sized(_mean_distance(errors), unit)} on average"
     if within:
         line += f", 95 % within {sized(within['p95'], unit)}"
-        line += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
+        answered = within.get("answered", 1.0)
+        if answered > 0.0:
+            line += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
+        if 0.0 < answered < 1.0:
+            line += f" of the {100 * answered:.0f} % that have an answer"
     line += f", on {rows}"
     if left_out:
         line += f"; {left_out} left out, wrong or outside of what was learned"
@@ -201,6 +205,12 @@ def contradicted(about: About) -> list[str]:
     if about.bound_holds:
         return []
     rows = "fresh samples" if about.source == "simulation" else "rows held out"
+    answered = about.within.get("answered", 1.0)
+    if answered < 0.5:
+        return [
+            f"TOO COARSE TO ANSWER: at {100 * (1 - answered):.0f} % of {rows} the model may be off "
+            "by more than 10 % of the reach"
+        ]
     return [
         f"THE BOUND DOES NOT HOLD: the model's own 95 % bound covers "
         f"{100 * about.within['covered']:.0f} % of {rows}: do not rely on it"
@@ -212,8 +222,15 @@ def code_of(warnings: list[str]) -> int:
     return NO if warnings else 0
 
 
-def advice(model: Model, errors: Errors) -> str:
-    """Return in one line what limits the accuracy, and the one thing that would help most."""
+def advice(model: Model, errors: Errors, warnings: Sequence[str]) -> list[str]:
+    """Say in one line what limits the accuracy, and the one thing that would help most.
+
+    Nothing limits a model that does not hold: its `warnings` say what to do.
+    """
+    return [] if warnings else [_limit(model, errors)]
+
+
+def _limit(model: Model, errors: Errors) -> str:
     about = model.about
     unit = about.unit
     mean = _mean_distance(errors)
@@ -230,7 +247,9 @@ def advice(model: Model, errors: Errors) -> str:
     rng = np.random.default_rng(0)
     q = rng.uniform(about.lower, about.upper, (_POINTS, len(about.lower)))
     limits = np.nan_to_num(model.expected_error(q), nan=np.inf)
-    low, middle, high = np.quantile(limits, (0.1, 0.5, 0.9)).tolist()
+    # a quantile between two infinite values is one of them
+    shares = (0.1, 0.5, 0.9)
+    low, middle, high = np.quantile(limits, shares, method="lower").tolist()
     if not high <= _UNEVEN * low:
         return (
             "limited by few rows in parts of the range; calib plan MODEL lists where more rows "
@@ -240,9 +259,9 @@ def advice(model: Model, errors: Errors) -> str:
     if of_model < _NOISY * middle:
         return (
             f"limited by noise of the readings: the model itself is within "
-            f"{sized(of_model, unit)}; rows at rest (--still) help most"
+            f"{sized(of_model, unit)}; rows at rest help most"
         )
     return (
-        f"limited by what rows leave unexplained ({sized(mean, unit)}), noise of the readings or "
-        "more; poses measured twice tell which, rows at rest (--still) help most"
+        f"limited by {sized(mean, unit)} that the model does not explain, noise of the readings or "
+        "more; poses that are measured twice tell which, rows at rest help most"
     )

@@ -18,7 +18,7 @@ SHOWN = ("help",)
 INTRODUCTION = """\
 # Command line
 
-Written by `python docs/make_cli.py` from the program; edit the program, not this page.
+Written by `python docs/make_cli.py`; edit the program, not this page.
 
 Results go to standard output; notes, warnings and progress to standard error. Files, JSON documents
 and typed values are in rad, m and s; joint values are in degrees with `--degrees`. Logs are read
@@ -34,21 +34,20 @@ Every command takes `--json` (one document in SI units), `--verbose` or `-v` and
 | 0 | done |
 | 1 | an error, printed in one line on standard error: the value, what was expected, what to do |
 | 2 | the command was typed wrongly: an unknown option, a value that cannot be read |
-| 3 | the command ran, and its result is one that a script should act on, see the command |
+| 3 | the command ran, and its result is one that a script should act on |
 | 130 | interrupted with Ctrl-C; no incomplete file is left |
 
 ## Errors as JSON
 
-With `--json` a failure prints one object on standard output, besides the line on standard error:
+With `--json` a failure prints one object on standard output too:
 
 ```text
 {"error": {"type": "RobotError", "message": "...", "hint": "...", "parameter": "--joints",
            "value": "elbw"}}
 ```
 
-`type` is the class of the error in Python, or `UsageError` for exit code 2; `hint` says what to
-do, `parameter` names the option concerned and `value` what it was. Each of the last three may
-be `null`.
+`type` is the class of the error in Python, or `UsageError` for exit code 2; `hint` (what to
+do), `parameter` (the option) and `value` may be `null`.
 """
 
 
@@ -140,7 +139,7 @@ def page() -> str:
         INTRODUCTION,
         "`calib --version` prints the version; `--help` after any command prints its part of "
         "this page.\n",
-        "## Shared options\n\nThey mean the same in each command that has them.\n",
+        "## Shared options\n",
         "\n".join([*sorted(shared), ""]),
         *(section(name, command, shared) for name, command in every),
     ]

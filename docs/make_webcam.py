@@ -21,7 +21,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 from rendering import Desk, board, tag  # noqa: E402
 
 import calib  # noqa: E402
-from calib.recording.board import Board  # noqa: E402
+from calib.recording.board import parse_board  # noqa: E402
 from calib.recording.joint_table import read_joints  # noqa: E402
 from calib.recording.lens import Lens  # noqa: E402
 from calib.recording.photo import take_photo, write_seen  # noqa: E402
@@ -56,7 +56,7 @@ def main(target: Path) -> None:
         distortion = np.array([camera.k1, camera.k2, 0.0, 0.0, 0.0])
         lens = Lens(camera.size, np.full(2, camera.focal), camera.centre, distortion)
         table = read_joints(folder / "joints.csv")
-        board_given = Setup(7, board=Board.parse("7x5:24mm:18mm:5x5_100"), lens=lens)
+        board_given = Setup(7, board=parse_board("7x5:24mm:18mm:5x5_100"), lens=lens)
         made = log_pictures(folder / "pictures", table, Setup(7))
         photo = read_picture(list_pictures(folder / "pictures")[7], colour=True)
         write_seen(folder / "seen.png", photo, board_given, made.pixels)

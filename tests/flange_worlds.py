@@ -38,6 +38,8 @@ class World:
     axes: tuple[float, float, float] = (1.0, 1.0, 1.0)
     second: bool = False  # whether another camera sees the same
     turning: bool = False  # whether the flange turns on the spot
+    focus: float = 0.0  # sd of the focal length from picture to picture, as a share
+    stretch: float = 0.0  # by which the board is longer along x and shorter along y, as a share
 
     def __post_init__(self):
         rng = np.random.default_rng(self.seed)
@@ -75,8 +77,12 @@ class World:
         pictures = []
         for camera in self.cameras:
             there = np.linalg.inv(camera) @ moved @ self.placed
-            at = self.printed * self.pattern.points() @ there[:3, :3].T + there[:3, 3]
-            pixels = cv2.projectPoints(at, np.zeros(3), np.zeros(3), MATRIX, LENS[4:])[0]
+            board = self.printed * self.pattern.points() * (1 + self.stretch, 1 - self.stretch, 1)
+            at = board @ there[:3, :3].T + there[:3, 3]
+            lens = MATRIX.copy()
+            focus = np.random.default_rng([self.seed, self.count]).normal()
+            lens[[0, 1], [0, 1]] *= 1.0 + self.focus * focus
+            pixels = cv2.projectPoints(at, np.zeros(3), np.zeros(3), lens, LENS[4:])[0]
             pictures.append(pixels[:, 0])
         if (np.array(pictures) < 10).any() or (np.array(pictures) > np.array(SIZE) - 10).any():
             return

@@ -69,6 +69,14 @@ def turning():
     return calib.train(samples, size=15)
 
 
+@cache
+def wide():
+    """Return `two_link` with a shoulder that turns from -6.2 to 6.2 rad."""
+    text = calib.load_arm("two_link").urdf
+    limit = '<limit lower="0.0" upper="1.5707963267948966"'
+    return arm_from_urdf(text.replace(limit, '<limit lower="-6.2" upper="6.2"'))
+
+
 def log_of(arm, q: np.ndarray, x: np.ndarray, **facts) -> calib.Samples:
     """Return rows of an arm as a sensor measured them."""
     limits = arm.lower, arm.upper, arm.revolute
@@ -80,6 +88,32 @@ def log(n: int, noise: float = 0.0, seed: int = 0) -> calib.Samples:
     arm = calib.load_arm("two_link")
     s = calib.babble(arm, n, seed=seed, noise=noise)
     return log_of(arm, s.q, s.x)
+
+
+def bare(robot, n: int, seed: int, *changes: str, noise: float = 2e-4) -> calib.Samples:
+    """Return rows of a robot, or of an arm by its name, that no simulation is known of."""
+    arm = calib.load_arm(robot) if isinstance(robot, str) else robot
+    return replace(calib.babble(arm, n, seed=seed, noise=noise, changes=changes), simulation=None)
+
+
+def of_a_third(n: int, waves: float, seed: int = 0):
+    """Return rows of six joints within a third of their ranges, without a drawing; truth, others.
+
+    Joints err by waves [rad]; the noise is 20 um; others are 400 joint values within that third.
+    """
+    arm = calib.load_arm("six_axis")
+    limits = zip(arm.joint_names, arm.lower.tolist(), arm.upper.tolist(), strict=True)
+    third = {
+        name: (0.65 * low + 0.35 * high, 0.35 * low + 0.65 * high) for name, low, high in limits
+    }
+
+    def exact(q):
+        return arm.forward(q + waves * np.sin(9 * q + np.arange(6)))
+
+    rows = calib.babble(arm, n, seed=seed, noise=2e-5, ranges=third)
+    x = rows.x + exact(rows.q) - arm.forward(rows.q)
+    rows = replace(rows, x=x, simulation=None, arm=None, lower=arm.lower, upper=arm.upper)
+    return rows, exact, calib.babble(arm, 400, seed=9, ranges=third).q
 
 
 def babbled(*changes: str, n: int = 60, noise: float = 0.0, seed: int = 1) -> calib.Samples:

@@ -2,7 +2,6 @@
 
 import csv
 import io
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -10,22 +9,33 @@ import pinocchio as pin
 import calib
 
 
-def pinocchio_forward(arm, q: np.ndarray) -> np.ndarray:
-    """Tip positions by `framesForwardKinematics`, one sample at a time: (n, dof) -> (n, 2 or 3)."""
+def pinocchio_pose(arm, q: np.ndarray):
+    """Positions (n, 3), rotations (n, 3, 3) and Jacobians (n, 6, dof), one row at a time."""
     model = pin.buildModelFromXML(arm.urdf)
-    data = model.createData()
-    frame = model.getFrameId(arm.tip, pin.FrameType.BODY)
+    data, frame = model.createData(), model.getFrameId(arm.tip, pin.FrameType.BODY)
     assert frame < model.nframes
-    out = np.empty((len(q), 3))
-    for row, values in enumerate(q):
-        velocity = np.zeros(model.nv)
-        held = {**arm.locked, **dict(zip(arm.joint_names, values, strict=True))}
-        for name, value in held.items():
+    columns = [model.joints[model.getJointId(name)].idx_v for name in arm.joint_names]
+    places, turns, slopes = [], [], []
+    for row in q:
+        values = np.zeros(model.nv)
+        for name, value in arm.locked.items():
             assert model.existJointName(name)
-            velocity[model.joints[model.getJointId(name)].idx_v] = value
-        pin.framesForwardKinematics(model, data, pin.integrate(model, pin.neutral(model), velocity))
-        out[row] = data.oMf[frame].translation
-    return arm.plane.project(out) if arm.outputs == 2 else out
+            values[model.joints[model.getJointId(name)].idx_v] = value
+        values[columns] = row
+        full = pin.integrate(model, pin.neutral(model), values)
+        pin.framesForwardKinematics(model, data, full)
+        pin.computeJointJacobians(model, data, full)
+        whole = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        places.append(data.oMf[frame].translation.copy())
+        turns.append(data.oMf[frame].rotation.copy())
+        slopes.append(whole[:, columns])
+    return np.array(places), np.array(turns), np.array(slopes)
+
+
+def pinocchio_forward(arm, q: np.ndarray) -> np.ndarray:
+    """Tip positions as the arm tells them: (n, dof) -> (n, 2 or 3)."""
+    places = pinocchio_pose(arm, q)[0]
+    return arm.plane.project(places) if arm.outputs == 2 else places
 
 
 def random_joints(arm, n: int, seed: int = 0) -> np.ndarray:
@@ -41,22 +51,10 @@ class Truth:
 
     def __init__(self, robot: str, seed: int) -> None:
         self.arm = calib.load_arm(robot)
-        self.model = pin.buildModelFromUrdf(
-            str(Path(calib.__file__).parents[1] / f"robots/{robot}.urdf")
-        )
-        self.data, self.frame = self.model.createData(), self.model.getFrameId(self.arm.tip)
-        self.index = [self.model.idx_qs[self.model.getJointId(n)] for n in self.arm.joint_names]
         self.offset, self.rng = OFFSETS[robot], np.random.default_rng(seed)
 
     def pose(self, q):
-        places, turns = [], []
-        for row in np.atleast_2d(q):
-            full = pin.neutral(self.model)
-            full[self.index] = row + self.offset
-            pin.framesForwardKinematics(self.model, self.data, full)
-            places.append(self.data.oMf[self.frame].translation.copy())
-            turns.append(self.data.oMf[self.frame].rotation.copy())
-        return np.array(places), np.array(turns)
+        return pinocchio_pose(self.arm, np.atleast_2d(q) + self.offset)[:2]
 
     def draw(self, n):
         return self.rng.uniform(self.arm.lower, self.arm.upper, (n, self.arm.dof))

@@ -227,7 +227,7 @@ class Arm:
     def _index(self, joint: str, what: str) -> int:
         if joint not in self.joint_names:
             raise OptionError(
-                f"{what}: {quoted(joint)} is not an active joint: "
+                f"`{what}`: {quoted(joint)} is not an active joint: "
                 f"{suggestion(joint, self.joint_names)}"
             )
         return self.joint_names.index(joint)

@@ -7,7 +7,6 @@ arm. Joints that are not active are locked.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,26 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from ..common.wording import listed, one_line, quoted, suggestion
+from ..common.arrays import Array
+from ..common.wording import listed, one_line, quoted
 from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm
+from .choice import check_limits, check_lock, choose_chain
 from .description import parse_robot
-from .finding import (
-    FINDING,
-    TIP_NAMES,
-    Chain,
-    check_tip,
-    find_chains,
-    find_tip,
-    planar_part,
-    plane_normal,
-)
+from .finding import FINDING, Chain, check_tip, plane_normal
 from .gravity import standard
 from .plane import plane_of
 from .posture import Posture, folded, posture_of
 from .robot_text import read_urdf
 from .robots import resolve_robot
-from .urdf import Joint, Mimic, Range, Urdf
+from .urdf import Mimic, Range, Urdf
 
 __all__ = ["PlanarArm", "SpatialArm", "arm_from_urdf", "load_arm"]
 
@@ -94,9 +86,10 @@ def load_arm(
     (('shoulder', 'elbow'), 'tip', [0.55, 0.0])
     """
     path = resolve_robot(robot)
+    text = read_urdf(path)
     try:
         arm = arm_from_urdf(
-            read_urdf(path),
+            text,
             joints,
             tip,
             lock=lock,
@@ -126,67 +119,111 @@ def arm_from_urdf(
     `name` is used where the URDF gives its robot none.
     """
     urdf = parse_robot(text, name)
-    lock = dict(lock or {})
+    lock = check_lock(urdf, lock or {})
     ranges = dict(ranges or {})
-    for joint_name, value in lock.items():
-        unit = _movable(urdf, joint_name, "lock").unit
-        if not np.isfinite(value):
-            raise OptionError(
-                f"`lock` of {quoted(joint_name)} is {value}: expected a finite number [{unit}]",
-                parameter="lock",
-                value=value,
-            )
-    link = None if tip is None else _link(urdf, tip)
     posture = posture_of(urdf, lock)
-    # joints that move on their own
-    free = [
-        j
-        for j in urdf.joints
-        if j.movable and not j.mimic and j.name not in lock
-    ]
-    notes: list[str] = []
-    if joints is None:
-        usable = [j for j in free if j.name in ranges or not j.stuck]
-        chain, notes = _furthest(urdf, posture, usable, link, planar, columns)
-    else:
-        if isinstance(joints, str):
-            joints = re.split(r"\s*,\s*", joints.strip())
-        chain = _named(urdf, posture, joints, link, free)
-    tip = chain.tip
-    if link is None and not tip.lower().endswith(TIP_NAMES):
-        notes.append(f"tip {quoted(tip)} was chosen (`tip` changes it)")
+    chain, notes = choose_chain(
+        urdf, posture, joints, tip, lock, ranges, planar, columns
+    )
     active = chain.joints
     names = [joint.name for joint in active]
-    # what each joint on the way to the tip follows, of those that active ones move
+    following = _followers(urdf, chain, lock)
+    posture = posture_of(urdf, {**lock, **dict.fromkeys(following, 0.0)})
+    normal = _normal(
+        chain,
+        following,
+        posture,
+        planar,
+    )
+    limited = [joint for joint in active if joint.name not in ranges]
+    check_limits(limited)
+    locked, locked_notes = _locked_joints(
+        urdf,
+        chain,
+        following,
+        lock,
+    )
+    travel = tuple(joint.travel for joint in active)
+    parts: dict[str, Any] = {
+        "name": urdf.name,
+        "joint_names": tuple(names),
+        # set by `with_range`
+        "lower": np.zeros(len(active)),
+        "upper": np.zeros(len(active)),
+        "revolute": tuple(joint.revolute for joint in active),
+        "tip": chain.tip,
+        "locked": locked,
+        "urdf": text,
+        "notes": tuple(map(one_line, (*urdf.notes, *notes, *locked_notes))),
+        "limits": travel,
+        "travel": travel,
+        "chain": folded(
+            urdf,
+            following,
+            names,
+            chain.tip,
+            posture,
+            weighed=normal is None,
+        ),
+    }
+    arm: PlanarArm | SpatialArm
+    if normal is None:
+        arm = SpatialArm(**parts)
+    else:
+        plane = plane_of(normal, posture.place(chain.tip))
+        arm = PlanarArm(plane=plane, **parts)
+    whole = {joint.name: joint.travel for joint in limited}
+    return arm.with_range({**ranges, **whole})
+
+
+def _followers(
+    urdf: Urdf, chain: Chain, lock: Collection[str]
+) -> dict[str, Mimic]:
+    """Return what each joint that the active ones move follows, base to tip; those themselves."""
+    names = [joint.name for joint in chain.joints]
     following: dict[str, Mimic] = {}
-    for joint in urdf.path(tip):
+    for joint in urdf.path(chain.tip):
         mimic = urdf.followed(joint, lock)
         if joint.movable and mimic.leader in names:
             following[joint.name] = mimic
-    posture = posture_of(urdf, {**lock, **dict.fromkeys(following, 0.0)})
-    normal = plane_normal(active, posture, wanted=planar)
+    return following
+
+
+def _normal(
+    chain: Chain, following: Mapping[str, Mimic], posture: Posture, planar: bool
+) -> Array | None:
+    """Return the direction (3,) across the plane of a planar arm, None of one in space."""
+    names = [joint.name for joint in chain.joints]
+    normal = plane_normal(chain.joints, posture, wanted=planar)
     copies = [name for name in following if name not in names]
     if copies and planar:
         raise RobotError(
             f"joint {quoted(copies[0])} mimics the active {quoted(following[copies[0]].leader)} on "
             "the way to the tip: expected no such joint in a planar arm; choose others"
         )
-    if copies:
-        normal = None
-    if normal is not None:
-        check_tip(active[-1], tip, posture)
-    elif len(active) > FINDING.most_joints:
+    if normal is not None and not copies:
+        check_tip(chain.joints[-1], chain.tip, posture)
+        return normal
+    if len(names) > FINDING.most_joints:
         raise OptionError(
-            f"`joints` names {len(active)} joints, expected 2 to {FINDING.most_joints}",
+            f"`joints` names {len(names)} joints, expected 2 to {FINDING.most_joints}",
             hint="lock the others",
             parameter="joints",
         )
-    limited = [joint for joint in active if joint.name not in ranges]
-    _check_limits(limited)
+    return None
+
+
+def _locked_joints(
+    urdf: Urdf,
+    chain: Chain,
+    following: Collection[str],
+    lock: Mapping[str, float],
+) -> tuple[dict[str, float], list[str]]:
+    """Return the other movable joints on the way to the tip with their values, and notes."""
     values = urdf.values(lock)
     locked = {
         joint.name: values[joint.name]
-        for joint in urdf.path(tip)
+        for joint in urdf.path(chain.tip)
         if joint.movable and joint.name not in following
     }
     neutral = [
@@ -194,164 +231,7 @@ def arm_from_urdf(
         for name, value in locked.items()
         if name not in lock
     ]
-    if neutral:
-        notes.append(
-            f"locked at neutral: {listed(neutral, 8)} (`lock` changes it)"
-        )
-    travel = tuple(joint.travel for joint in active)
-    parts: dict[str, Any] = {
-        "name": urdf.name,
-        "joint_names": tuple(names),
-        "lower": np.zeros(len(active)),
-        "upper": np.zeros(len(active)),
-        "revolute": tuple(joint.revolute for joint in active),
-        "tip": tip,
-        "locked": locked,
-        "urdf": text,
-        "notes": tuple(map(one_line, (*urdf.notes, *notes))),
-        "limits": travel,
-        "travel": travel,
-        "chain": folded(
-            urdf, following, names, tip, posture, weighed=normal is None
-        ),
-    }
-    arm: PlanarArm | SpatialArm
-    if normal is None:
-        arm = SpatialArm(**parts)
-    else:
-        arm = PlanarArm(plane=plane_of(normal, posture.place(tip)), **parts)
-    return arm.with_range(
-        {**ranges, **{joint.name: joint.travel for joint in limited}}
-    )
-
-
-def _furthest(
-    urdf: Urdf,
-    posture: Posture,
-    usable: Sequence[Joint],
-    tip: str | None,
-    planar: bool,
-    columns: Collection[str] | None,
-) -> tuple[Chain, list[str]]:
-    """Return the arm for users who named no joints, and notes."""
-    free = [j for j in usable if columns is None or j.name in columns]
-    chains = find_chains(urdf, posture, free, tip)
-    if not chains:
-        stuck = [joint for joint in urdf.joints if joint.stuck]
-        stuck = [joint for joint in stuck if joint not in free]
-        if len(free) + len(stuck) > 1:
-            _check_limits(stuck)
-        hint = "name other `joints`, `tip` or `lock`"
-        if columns is not None:
-            hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
-        movable = listed(joint.name for joint in urdf.joints if joint.movable)
-        raise RobotError(
-            f"no arm{f' to {quoted(tip)}' if tip else ''}: it needs two joints in one chain; of "
-            f"the movable joints {movable} these are free: {listed(j.name for j in free)}",
-            hint=hint,
-        )
-    parts = [planar_part(chain, posture) for chain in chains]
-    flat = planar or plane_normal(chains[0].joints, posture) is not None
-    if flat:
-        chains = [
-            part or chain for part, chain in zip(parts, chains, strict=True)
-        ]
-    else:
-        chains = [
-            replace(chain, joints=chain.joints[-FINDING.most_joints :])
-            for chain in chains
-        ]
-    best = chains[0]
-    others = "; ".join(map(str, chains[1:]))
-    # a log was measured on one of them only; in simulation the first serves
-    if others and columns is not None:
-        raise RobotError(
-            f"the robot has {len(chains)} arms of one reach, choose one: {best}; {others}"
-        )
-    notes: list[str] = []
-    if others:
-        notes.append(f"chosen by reach: {best} (others: {others})")
-    if parts[0] and not flat:
-        notes.append(
-            f"the arm moves in space; `planar=True` takes its planar part: {parts[0]}"
-        )
-    if columns is not None:
-        path = urdf.path(best.tip)
-        idle = [j.name for j in usable if j in path and j.name not in columns]
-        if idle:
-            notes.append(
-                f"locked because the log has no columns for them: {listed(idle)}"
-            )
-    return best, notes
-
-
-def _named(
-    urdf: Urdf,
-    posture: Posture,
-    names: Sequence[str],
-    tip: str | None,
-    free: Sequence[Joint],
-) -> Chain:
-    """Return the arm of the joints that a user named, all of them `free` ones."""
-    joints = [_movable(urdf, name, "joints") for name in names]
-    if tip is None and joints:
-        last = max(joints, key=lambda joint: len(urdf.path(joint.child)))
-        tip = find_tip(urdf, last.child)
-    path = urdf.path(tip or "")
-    moving = [joint for joint in free if joint in path]
-    active = [joint for joint in joints if joint in moving]
-    chains = find_chains(urdf, posture, active, tip)
-    if chains and sorted(j.name for j in chains[0].joints) == sorted(names):
-        return chains[0]
-    raise OptionError(
-        f"`joints` are {listed(map(quoted, names))}: expected two or more of those that move "
-        f"the tip {quoted(tip or '')} on their own, each once: "
-        f"{listed(quoted(joint.name) for joint in moving)}",
-        parameter="joints",
-        value=list(names),
-    )
-
-
-def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
-    """Return the movable joint of a name, or say which there are."""
-    joint = urdf.joint(name)
-    if joint is None or not joint.movable:
-        what = "does not exist" if joint is None else "is fixed"
-        raise RobotError(
-            f"`{parameter}`: joint {quoted(name)} {what}",
-            hint=suggestion(name, [j.name for j in urdf.joints if j.movable]),
-            parameter=parameter,
-            value=name,
-        )
-    return joint
-
-
-def _link(urdf: Urdf, tip: str) -> str:
-    """Return the link of a frame's name: a link, or the child of a joint."""
-    joint = urdf.joint(tip)
-    if tip in urdf.links:
-        return tip
-    if joint is None:
-        raise RobotError(
-            f"`tip`: frame {quoted(tip)} does not exist",
-            hint=suggestion(tip, urdf.links),
-            parameter="tip",
-            value=tip,
-        )
-    return joint.child
-
-
-def _check_limits(joints: Sequence[Joint]) -> None:
-    """Ask for `ranges` of all joints whose limits are unusable."""
-    faulty = [joint for joint in joints if joint.fault]
-    if faulty:
-        faults = "; ".join(
-            f"joint {j.name!r} cannot be babbled, {j.fault}" for j in faulty
-        )
-        wanted = ", ".join(f"{j.name!r}: (LOWER, UPPER)" for j in faulty)
-        units = ", ".join(sorted({joint.unit for joint in faulty}))
-        raise RobotError(
-            faults,
-            hint=f"give `ranges={{{wanted}}}` [{units}]",
-            parameter="ranges",
-        )
+    if not neutral:
+        return locked, []
+    note = f"locked at neutral: {listed(neutral, 8)} (`lock` changes it)"
+    return locked, [note]

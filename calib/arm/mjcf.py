@@ -23,7 +23,7 @@ from ..common.wording import quoted
 from ..errors import RobotError
 from .robot_text import Vector, numbers_of
 from .rotations import exponential, matrix_of
-from .urdf import Joint, Range, Urdf
+from .urdf import Joint, Mimic, Range, Urdf
 
 WORLD = "world"
 """The root link."""
@@ -75,6 +75,8 @@ class _Reader:
     joints: list[Joint] = field(default_factory=list)
     masses: dict[str, tuple[float, Vector]] = field(default_factory=dict)
     places: dict[str, Placed] = field(default_factory=dict)
+    # [rad or m], value of each joint at which the model is drawn
+    references: dict[str, float] = field(default_factory=dict)
 
     def attributes(self, element: Element) -> dict[str, str]:
         """Attributes of an element, those of its class among them."""
@@ -92,7 +94,12 @@ class _Reader:
 
     def frame(self, attributes: Attributes, where: str) -> Array:
         """Transform (4, 4) of an element in the frame around it."""
-        place = numbers_of(attributes, "pos", _ZERO, where)
+        place = numbers_of(
+            attributes,
+            "pos",
+            _ZERO,
+            where,
+        )
         return _transform(self._orientation(attributes, where), place)
 
     def _orientation(self, attributes: Attributes, where: str) -> Array:
@@ -110,7 +117,14 @@ class _Reader:
             )
         form = forms[0]
         nothing = (math.nan,) * _ORIENTATIONS[form]
-        values = np.array(numbers_of(attributes, form, nothing, where))
+        values = np.array(
+            numbers_of(
+                attributes,
+                form,
+                nothing,
+                where,
+            )
+        )
         if form == "euler":
             return self._of_euler(values)
         direction = values if form == "quat" else values[:3]
@@ -162,7 +176,12 @@ class _Reader:
                     self.attributes(element), f"site {quoted(site)}"
                 )
                 joint = f"{site}:site"
-                self._add_fixed(joint, link, site, element.frame @ frame)
+                self._add_fixed(
+                    joint,
+                    link,
+                    site,
+                    element.frame @ frame,
+                )
                 self._place(joint, element, np.eye(4))
 
     def _add_body(self, element: Element, parent: str) -> None:
@@ -173,11 +192,21 @@ class _Reader:
         where = f"body {quoted(name)}"
         inertial = node.find("inertial")
         if inertial is not None:
-            (mass,) = numbers_of(inertial.attrib, "mass", (0.0,), where)
+            (mass,) = numbers_of(
+                inertial.attrib,
+                "mass",
+                (0.0,),
+                where,
+            )
             if mass > 0:
                 self.masses[name] = (
                     mass,
-                    numbers_of(inertial.attrib, "pos", _ZERO, where),
+                    numbers_of(
+                        inertial.attrib,
+                        "pos",
+                        _ZERO,
+                        where,
+                    ),
                 )
         origin = around @ self.frame(node.attrib, where)
         inherited = node.get("childclass", inherited)
@@ -196,7 +225,12 @@ class _Reader:
             origin = back
         if link != name:
             joint_name = f"{name}:frame"
-            self._add_fixed(joint_name, link, name, origin)
+            self._add_fixed(
+                joint_name,
+                link,
+                name,
+                origin,
+            )
             if not moving:
                 self._place(joint_name, element, np.eye(4))
         self.add_contents(inside, name)
@@ -244,10 +278,31 @@ class _Reader:
             limited = "true"
         limits: Range | None = None
         if limited == "true":
-            low, high = numbers_of(attributes, "range", (0.0, 0.0), where)
+            low, high = numbers_of(
+                attributes,
+                "range",
+                (0.0, 0.0),
+                where,
+            )
             limits = low, high
-        place = frame @ [*numbers_of(attributes, "pos", _ZERO, where), 1.0]
-        (reference,) = numbers_of(attributes, "ref", (0.0,), where)
+        place = frame @ [
+            *numbers_of(
+                attributes,
+                "pos",
+                _ZERO,
+                where,
+            ),
+            1.0,
+        ]
+        (reference,) = numbers_of(
+            attributes,
+            "ref",
+            (0.0,),
+            where,
+        )
+        self.references[name] = (
+            self.angle(reference) if kind == "hinge" else reference
+        )
         back = _transform(_AXES, -place[:3])
         pivot = _transform(_AXES, place[:3])
         if kind == "slide":
@@ -260,13 +315,29 @@ class _Reader:
                 limits = self.angle(limits[0]), self.angle(limits[1])
             pivot[:3, :3] = exponential(-self.angle(reference) * axis)
         direction = tuple(axis.tolist())
-        joint = Joint(name, kind, parent, "", pivot, direction, limits)
+        joint = Joint(
+            name,
+            kind,
+            parent,
+            "",
+            pivot,
+            direction,
+            limits,
+        )
         return joint, back
 
     def _add_fixed(
         self, name: str, parent: str, child: str, origin: Array
     ) -> None:
-        self.joints.append(Joint(name, "fixed", parent, child, origin))
+        self.joints.append(
+            Joint(
+                name,
+                "fixed",
+                parent,
+                child,
+                origin,
+            )
+        )
 
 
 def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
@@ -305,8 +376,18 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
             "the MJCF has no bodies: expected a robot with bodies and joints"
         )
     title = root.get("model", "").strip() or name
-    joints = tuple(reader.joints)
-    tree = Urdf(title, WORLD, tuple(reader.links), joints, (), reader.masses)
+    coupled = dict(_couplings(root, reader.references))
+    joints = tuple(
+        replace(joint, mimic=coupled.get(joint.name)) for joint in reader.joints
+    )
+    tree = Urdf(
+        title,
+        WORLD,
+        tuple(reader.links),
+        joints,
+        (),
+        reader.masses,
+    )
     return Mjcf(tree, reader.places)
 
 
@@ -324,6 +405,29 @@ def _check_supported(node: ET.Element) -> None:
             f"joint {quoted(node.get('name', ''))} is a {kind.removesuffix('joint')} joint: "
             "expected an arm of hinges and slides; remove the joint, or the body that it moves"
         )
+
+
+def _couplings(
+    root: ET.Element, references: Mapping[str, float]
+) -> Iterator[tuple[str, Mimic]]:
+    """Yield the joints that an equality ties to another by a straight line, and what they follow.
+
+    MuJoCo keeps q_1 - ref_1 = a_0 + a_1 (q_2 - ref_2).
+    """
+    straight = ("0", "1", "0", "0", "0")
+    for node in root.findall("equality/joint"):
+        name = node.get("joint1", "")
+        leader = node.get("joint2", "")
+        words = node.get("polycoef", "").split()
+        polynomial = {"polycoef": " ".join([*words, *straight[len(words) :]])}
+        where = f"the equality of joint {quoted(name)}"
+        offset, multiplier, *higher = numbers_of(
+            polynomial, "polycoef", (0.0,) * 5, where
+        )
+        known = name in references and leader in references
+        if known and node.get("active") != "false" and not any(higher):
+            offset += references[name] - multiplier * references[leader]
+            yield name, Mimic(leader, multiplier, offset)
 
 
 def _classes(root: ET.Element) -> dict[str, dict[str, Attributes]]:

@@ -49,20 +49,20 @@ def read_urdf(path: Path) -> str:
     try:
         if not path.is_file():  # some devices never end
             raise RobotError(
-                f"{path}: is no file, expected a URDF or a bundled robot"
+                f"{path.name}: is no file, expected a URDF or a bundled robot"
             )
         with path.open("rb") as file:
             text = file.read(LIMITS.size + 1).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise RobotError(
-            f"{path}: byte {error.start} is not UTF-8: save the URDF as UTF-8 text"
+            f"{path.name}: byte {error.start} is not UTF-8: expected a URDF, saved as UTF-8 text"
         ) from None
     except (OSError, ValueError) as error:
-        raise RobotError(f"{path}: cannot be read: {error}") from None
+        raise RobotError(f"{path.name}: cannot be read: {error}") from None
     if not text.strip() or len(text) > LIMITS.size:
         size = f"{LIMITS.size // 1_000_000} MB"
         raise RobotError(
-            f"{path}: is empty or above {size}, expected a URDF without its meshes"
+            f"{path.name}: is empty or above {size}, expected a URDF without its meshes"
         )
     return text
 

@@ -16,13 +16,17 @@ from ..common.rows import median_length
 from .belief import Body, Second
 from .covariance import as_kept
 from .fit import Fit
-from .gate import Passed, leave_blocks_out, pass_gate
-from .layout import joined
-from .parameters import Prior
+from .gate import Member, leave_blocks_out, pass_gate
+from .layout import with_all_sensors
+from .parameters import Hyper, Prior
 from .rows import Rows
 from .settings import FIT, LOG_FLOOR, SIMULATED_FLOOR, STUDENT
-from .starts import Start, best_start, with_other_sensors
+from .start import Start
+from .starts import best_start, with_other_sensors
 from .structure import Structure
+
+_GUARDED = ("elastic", "gravity", "lens")
+"""Blocks that the bound counts with, whether or not the member has them."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,8 @@ def fit(
     """Fit a structure to what one sensor or several saw of its chain.
 
     structure : the chain and its priors; signs and mirror are found, and without a drawing the
-        chain.  Of several sensors it is what `rows.together` or `layout.joined` makes of it.
+        chain.  Of several sensors it is what `rows.with_measurements` or
+        `layout.with_all_sensors` makes of it.
     rows : of each sensor; the first one's are what the belief predicts
     begin : (d,), parameters to begin with; by default they are found from the first sensor's rows
     seed : chooses the rows of the gate where there are many
@@ -101,7 +106,7 @@ def fit_sensors(
     rows : of each sensor by its name, in the same order
     """
     named = [replace(rows[name], sensor=name) for name in structures]
-    first = fit(joined(structures), named, seed=seed)
+    first = fit(with_all_sensors(structures), named, seed=seed)
     fits = (replace(first, beside=()), *first.beside)
     return dict(zip(structures, fits, strict=True))
 
@@ -124,14 +129,14 @@ def _fit(
         start = with_other_sensors(best, rows)
     else:
         start = Start(structure, begin)
-    passed = pass_gate(start, chain, some, nu)
-    whole = _over_all_rows(passed.fit, rows)
+    member = pass_gate(start, chain, some, nu)
+    whole = _over_all_rows(member.fit, rows)
     wide = None
     if not structure.simulated and not structure.zeros_alone:
-        wide = _wide_fit(passed, chain, some)
+        wide = _wide_fit(member, chain, some)
     root = as_kept(whole.covariance)
     fits = [
-        _seen_by(k, passed, whole, wide, root, rows[k])
+        _seen_by(k, member, whole, wide, root, rows[k])
         for k in range(len(rows))
     ]
     return replace(fits[0], beside=tuple(fits[1:]))
@@ -159,7 +164,7 @@ def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
 
 def _seen_by(
     k: int,
-    passed: Passed,
+    member: Member,
     whole: Fit,
     wide: tuple[Fit, Array] | None,
     root: Array,
@@ -189,10 +194,10 @@ def _seen_by(
         residual=np.zeros(structure.outputs),
         nu=whole.nu,
         autocorrelation=whole.autocorrelation,
-        scales=passed.fit.scales,
+        scales=member.fit.scales,
         rows=len(rows),
         simulated=simulated,
-        member=passed.name,
+        member=member.name,
         second=second,
     )
     # where the other blocks determine nothing, they predict their mean
@@ -203,32 +208,45 @@ def _seen_by(
 
 
 def _wide_fit(
-    passed: Passed, chain: tuple[str, ...], rows: Sequence[Rows]
+    member: Member, chain: tuple[str, ...], rows: Sequence[Rows]
 ) -> tuple[Fit, Array] | None:
     """Return a fit of what the member left out, for the bound: the whole chain, larger curves.
 
     Lens and elasticity too; and the root (k, k) of what rows leave of its covariance.  None where
     the member has them and the rows speak against curves.
     """
-    first = passed.fit
-    structure = first.structure
-    groups = structure.groups
-    bends = "curve" in passed.free or passed.against_curves() < FIT.no_curves
-    guarded: list[str] = []
+    structure = member.fit.structure
+    missed = [*chain]
     if len(rows[0]) >= FIT.guarded_rows:
-        blocks = ("elastic", "gravity", "lens")
-        guarded = [block for block in blocks if len(groups.get(block, ()))]
-    if not bends and {*chain, *guarded} <= set(passed.free):
+        for block in _GUARDED:
+            if len(structure.groups.get(block, ())):
+                missed.append(block)
+    if "curve" in member.free or member.against_curves < FIT.no_curves:
+        missed.append("curve")
+    elif {*missed} <= {*member.free}:
         return None
-    free = [*passed.free, *chain, *guarded]
-    if bends:
-        free.append("curve")
-    prior = structure.prior(free)
+    prior = _wide_prior(member, missed)
+    wide = member.fit.beginning(rows, prior).maximise(steps=4)
+    share = 1.0
+    if len(rows[0]) < structure.few_rows:
+        ratio = leave_blocks_out(wide).ratio()
+        share = float(np.clip(ratio, FIT.least_share, 1.0))
+    return wide, as_kept(share**2 * wide.covariance)
+
+
+def _wide_prior(member: Member, missed: Sequence[str]) -> Prior:
+    """Return the prior of what a member fits, which stays as it is, and of what it missed.
+
+    The curves are larger, and some blocks as the structure guards them.
+    """
+    first = member.fit
+    structure = first.structure
+    prior = structure.prior([*member.free, *missed])
     sd = prior.sd.copy()
-    for block in {*guarded} & structure.guards.keys():
-        sd[groups[block]] = structure.guards[block]
+    for block in {*missed} & structure.guards.keys():
+        sd[structure.groups[block]] = structure.guards[block]
     sd[first.active] = first.sd
-    hypers = []
+    hypers: list[Hyper] = []
     pseudo, rms = structure.wide
     for hyper in prior.hypers:
         if hyper.name.startswith("curve"):
@@ -239,10 +257,4 @@ def _wide_fit(
             hypers.append(hyper)
     for hyper in hypers:
         sd[hyper.indices] = hyper.scale * np.sqrt(hyper.shape)
-    wider = Prior(prior.mean, sd, tuple(hypers))
-    wide = first.beginning(rows, wider).maximise(steps=4)
-    share = 1.0
-    if len(rows[0]) < structure.few_rows:
-        ratio = leave_blocks_out(wide).ratio()
-        share = float(np.clip(ratio, FIT.least_share, 1.0))
-    return wide, as_kept(share**2 * wide.covariance)
+    return Prior(prior.mean, sd, tuple(hypers))

@@ -38,7 +38,7 @@ def spread_of(derivative: Array, root: Array) -> Array:
     """Covariances (n, p, p) of predictions: derivatives (n, p, k), root (k, r) of a covariance."""
     n, p, k = derivative.shape
     flat = derivative.reshape(n * p, k) @ root
-    y = flat.reshape(n, p, -1)
+    y = flat.reshape(n, p, root.shape[1])
     return np.asarray(y @ np.swapaxes(y, 1, 2))
 
 

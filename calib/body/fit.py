@@ -19,7 +19,7 @@ from .structure import Structure
 class Fit:
     """Some parameters of a structure fitted to rows of one sensor or several.
 
-    structure : of several sensors that which `rows.together` gives
+    structure : of several sensors that which `rows.with_measurements` gives
     rows : what each sensor saw; what is said of a fit's residuals and noise is of the first
     beta : (d,), start
     prior : parameters with a zero sd stay at the prior's mean
@@ -29,7 +29,7 @@ class Fit:
     ----------
     beta, active : (d,) and (k,)
         All parameters, and the indices of those that are fitted.
-    sd, known : (k,) and (k, k) or None
+    sd, prior_precision : (k,) and (k, k) or None
         Prior sds, with the scales that the evidence chose; or the prior's precision instead.
     parts : list of Part
         Residuals, weights and noise of each sensor.
@@ -58,7 +58,7 @@ class Fit:
         self.nu = nu
         self.active = prior.active
         self.mean = prior.mean
-        self.known = prior.known
+        self.prior_precision = prior.precision
         self.sd = prior.sd[self.active].copy()
         self.beta = np.where(prior.sd > 0, beta, prior.mean)
         place = np.full(len(prior.sd), -1)
@@ -109,7 +109,9 @@ class Fit:
     def softer(self, gram: Array) -> Factor:
         """Factor of the precision that is left of rows of information `gram` (k, k), and prior."""
         return Factor(
-            with_prior(self.information_share * gram, self.sd, self.known)
+            with_prior(
+                self.information_share * gram, self.sd, self.prior_precision
+            )
         )
 
     def without(self, blocks: slice) -> tuple[Array, Array]:
@@ -120,7 +122,7 @@ class Fit:
         # is, has a prior that is lost in the rounding of a difference
         gram = np.tensordot(others, self.grams, axes=1)
         gradient = others @ self.moments - self._pull(self.beta)
-        precision = with_prior(gram.copy(), self.sd, self.known)
+        precision = with_prior(gram.copy(), self.sd, self.prior_precision)
         return gram, Factor(precision).solve(gradient)
 
     # The search.
@@ -166,10 +168,10 @@ class Fit:
 
     def _log_evidence(self) -> float:
         """Laplace approximation of the logarithm of the evidence."""
-        if self.known is None:
+        if self.prior_precision is None:
             prior_volume = 2 * float(np.log(self.sd).sum())
         else:
-            prior_volume = -Factor(self.known).log_determinant()
+            prior_volume = -Factor(self.prior_precision).log_determinant()
         volume = prior_volume + Factor(self.precision).log_determinant()
         return -self._energy(self.beta) - 0.5 * volume
 
@@ -238,16 +240,16 @@ class Fit:
                 self.grams[k % blocks] += flat.T @ flat
                 self.moments[k % blocks] += flat.T @ missed[rows].ravel()
         gram = self.grams.sum(axis=0)
-        self.precision = with_prior(gram, self.sd, self.known)
+        self.precision = with_prior(gram, self.sd, self.prior_precision)
         self.gradient = self.moments.sum(axis=0) - self._pull(self.beta)
 
     def _learn(self, factor: Factor, variance: Array) -> None:
         """One step of EM: scales and noise; `variance` (k,) is that of the posterior."""
         away = (self.beta - self.mean)[self.active]
-        if self.known is None:
+        if self.prior_precision is None:
             prior_share = float((variance / self.sd**2).sum())
         else:
-            prior_share = float((factor.inverse() * self.known).sum())
+            prior_share = float((factor.inverse() * self.prior_precision).sum())
         determined = len(away) - prior_share  # numbers that the rows determine
         for hyper in self.hypers:
             index = hyper.indices
@@ -270,7 +272,9 @@ class Fit:
         """Gradient (k,) of the prior's energy."""
         away = (beta - self.mean)[self.active]
         return np.asarray(
-            away / self.sd**2 if self.known is None else self.known @ away
+            away / self.sd**2
+            if self.prior_precision is None
+            else self.prior_precision @ away
         )
 
     def _energy(

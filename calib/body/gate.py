@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +19,7 @@ from .fit import Fit
 from .parameters import Indices
 from .rows import Part, Rows, edges_of
 from .settings import FIT, NATS
-from .starts import Start
-from .structure import Structure
+from .start import Start
 
 _PARTITIONS = (0, 2, 5, 10)
 
@@ -88,6 +88,13 @@ def _quantiles(parts: Sequence[Array]) -> list[float]:
     return quantiles
 
 
+class _Predicted(NamedTuple):
+    """What a fit says of a sensor's rows from other rows."""
+
+    residual: Array  # (n, m); NaN where these leave the body open
+    spread: Array  # (n, p, p), covariance of positions' residuals; NaN where it was not computed
+
+
 def leave_blocks_out(
     fit: Fit, partitions: tuple[int, ...] = _PARTITIONS, *, sensor: int = 0
 ) -> HeldOut:
@@ -96,48 +103,62 @@ def leave_blocks_out(
     A block of rows is left out together with that of the other sensors.
     """
     part = fit.parts[sensor]
-    n = len(part.z)
-    p = part.structure.blocks[0]
-    every = max(1, round(n * len(fit.active) / FIT.spread_work))
     derivatives = list(part.by_blocks(fit.beta, fit.active))
-    residual = np.full_like(part.residual, np.nan)
-    score = np.full(n, np.nan)
+    outlier = part.weight[:, 0] <= FIT.outlier
+    predicted: dict[int, _Predicted] = {}
     ratios: dict[int, Array] = {}
     radii: dict[int, Array] = {}
     for count in partitions:
-        parts = max(min(count, len(derivatives)), 1)
-        limits = edges_of(len(derivatives), parts).tolist()
-        ratios[count] = np.full(n, np.nan)
-        radii[count] = np.full(n, np.nan)
-        for first, last in pairwise(limits):
-            # of no partition the fit itself
-            blocks = slice(first, last) if count else slice(0)
-            try:
-                gram, step = fit.without(blocks)
-                softer = fit.softer(gram)
-            # the other blocks leave the parameters open
-            except np.linalg.LinAlgError:
-                continue
-            for rows, by_all in derivatives[first:last]:
-                missed = part.residual[rows] - by_all @ step
-                length = np.linalg.norm(missed[::every, :p], axis=1)
-                x = by_all[::every, :p]
-                y = softer.whiten(x.reshape(-1, x.shape[2]).T)
-                y = y.reshape(len(y), *x.shape[:2])
-                spread = np.einsum("kni,knj->nij", y, y)
-                spread += np.diag(part.noise[:p] ** 2)
-                some = slice(rows.start, rows.stop, every)
-                radii[count][some] = radius_95(spread)
-                ratios[count][some] = length / radii[count][some]
-                if count and last - first == 1:
-                    residual[rows] = missed
-                    score[some] = _negative_log_density(length, spread)
-        ratios[count][part.weight[:, 0] <= FIT.outlier] = np.nan
-    widening = np.ones(n)
+        predicted[count] = _from_others(fit, part, derivatives, count)
+        radii[count] = radius_95(predicted[count].spread)
+        ratios[count] = _lengths(part, predicted[count]) / radii[count]
+        ratios[count][outlier] = np.nan
+    finest = max(partitions)
+    residual, spread = predicted[finest]
+    widening = np.ones(len(residual))
     if 0 in radii:
-        wider = radii[max(radii)] / radii[0]
+        wider = radii[finest] / radii[0]
         widening = np.where(np.isfinite(wider), np.maximum(wider, 1.0), 1.0)
+    score = _negative_log_density(_lengths(part, predicted[finest]), spread)
     return HeldOut(residual, score, part.edges, ratios, widening)
+
+
+def _lengths(part: Part, predicted: _Predicted) -> Array:
+    """Lengths (n,) of positions' residuals."""
+    positions = part.outputs[0]
+    lengths = np.linalg.norm(predicted.residual[:, positions], axis=1)
+    return np.asarray(lengths)
+
+
+def _from_others(
+    fit: Fit, part: Part, derivatives: list[tuple[slice, Array]], count: int
+) -> _Predicted:
+    """Predict the rows of each of `count` groups of blocks from the others; of none from all.
+
+    derivatives : rows of each block, and how their predictions move (n, m, k)
+    """
+    positions = part.outputs[0]
+    noise = np.diag(part.noise[positions] ** 2)
+    every = max(1, round(len(part.z) * len(fit.active) / FIT.spread_work))
+    residual = np.full_like(part.residual, np.nan)
+    spread = np.full((len(residual), *noise.shape), np.nan)
+    groups = max(min(count, len(derivatives)), 1)
+    limits = edges_of(len(derivatives), groups).tolist()
+    for first, last in pairwise(limits):
+        left_out = slice(first, last) if count else slice(0)
+        try:
+            gram, step = fit.without(left_out)
+            softer = fit.softer(gram)
+        except np.linalg.LinAlgError:  # the others leave parameters open
+            continue
+        for rows, by_all in derivatives[first:last]:
+            residual[rows] = part.residual[rows] - by_all @ step
+            x = by_all[::every, positions]
+            y = softer.whiten(x.reshape(-1, x.shape[2]).T)
+            y = y.reshape(len(y), *x.shape[:2])
+            some = slice(rows.start, rows.stop, every)
+            spread[some] = np.einsum("kni,knj->nij", y, y) + noise
+    return _Predicted(residual, spread)
 
 
 def _negative_log_density(length: Array, spread: Array) -> Array:
@@ -150,22 +171,18 @@ def _negative_log_density(length: Array, spread: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Passed:
-    """The member that passed the gate, with its held-out predictions."""
+class Member:
+    """A member as rows fit it, with its held-out predictions."""
 
     name: str
     free: tuple[str, ...]  # blocks
     fit: Fit
     held_out: HeldOut
-    bent: float  # best evidence of the members with curves that were tried
-
-    def against_curves(self) -> float:
-        """Nats of evidence against joint curves; 0 where they were not tried."""
-        gain = self.fit.evidence - self.bent
-        return gain / self.fit.autocorrelation if np.isfinite(gain) else 0.0
+    # nats of evidence against joint curves; 0 where they were not tried
+    against_curves: float = 0.0
 
 
-def _wins(richer: Passed, simpler: Passed) -> bool:
+def _wins(richer: Member, simpler: Member) -> bool:
     """Whether a richer member is better in both currencies.
 
     Either its held-out score gains more than one paired standard error over the blocks and the
@@ -194,7 +211,7 @@ def _wins(richer: Passed, simpler: Passed) -> bool:
 
 def pass_gate(
     start: Start, chain: tuple[str, ...], rows: Sequence[Rows], nu: float
-) -> Passed:
+) -> Member:
     """Fit members from simple to rich, each with what has passed; a richer one must win.
 
     start : the structure, whose members they are, and parameters to begin with
@@ -202,60 +219,68 @@ def pass_gate(
     nu : degrees of freedom of the Student noise; infinite for Gaussian: samples of a simulation,
         of which nothing richer is tried where they reach their least noise
     """
-    members = start.structure.members()
-    names = {frozenset(groups): name for name, groups in members}
-    best: Passed | None = None
-    bent = -np.inf
-    tried: list[set[str]] = []
-    for member_name, groups in members:
-        name = member_name
+    structure = start.structure
+    names = {frozenset(groups): name for name, groups in structure.members()}
+    best: Member | None = None
+    tried: dict[frozenset[str], Member | None] = {}
+    for rung, groups in structure.members():
+        name = rung
         free = groups
         begin = start.beta
         # what has passed stays: a lens stays beneath the curves
         if best is not None:
             free = tuple(dict.fromkeys((*best.free, *groups)))
-            name = names.get(frozenset(free), f"{best.name} and {member_name}")
+            name = names.get(frozenset(free), f"{best.name} and {rung}")
             if set(chain) <= set(best.free):
                 begin = best.fit.beta
-        if set(free) in tried:
+        if frozenset(free) in tried:
             continue
-        tried.append(set(free))
-        try:
-            member = _member(start.structure, free, rows, begin, nu)
-            held_out = leave_blocks_out(member, (FIT.blocks,))
-        except np.linalg.LinAlgError:
+        member = _fitted(name, free, rows, Start(structure, begin), nu)
+        tried[frozenset(free)] = member
+        if member is None:
             continue
-        if "curve" in free:
-            bent = max(bent, member.evidence)
-        candidate = Passed(name, free, member, held_out, bent)
-        if best is None or _wins(candidate, best):
-            best = candidate
-        if _is_exact(member):
+        if best is None or _wins(member, best):
+            best = member
+        if _is_exact(member.fit):
             break
     if best is None:
         raise np.linalg.LinAlgError("no member of the body could be fitted")
-    return replace(best, bent=bent)
+    bent = -np.inf
+    for member in tried.values():
+        if member is not None and "curve" in member.free:
+            bent = max(bent, member.fit.evidence)
+    gain = best.fit.evidence - bent
+    if not np.isfinite(gain):
+        return best
+    return replace(best, against_curves=gain / best.fit.autocorrelation)
 
 
-def _member(
-    structure: Structure,
+def _fitted(
+    name: str,
     free: tuple[str, ...],
     rows: Sequence[Rows],
-    begin: Array,
+    begin: Start,
     nu: float,
-) -> Fit:
-    """Return a fit of a member's blocks."""
-    member = Fit(structure, rows, begin, structure.prior(free), nu=nu)
-    if np.isfinite(nu):
-        return member.maximise(steps=10, tolerance=FIT.settled)
-    # exact rows may be far along a curved valley, such as that of a lens
-    member.settle(60)
-    return member.maximise(steps=20, tolerance=1e-3)
+) -> Member | None:
+    """Return a member with some blocks free, None where the rows leave them open."""
+    structure = begin.structure
+    try:
+        fit = Fit(structure, rows, begin.beta, structure.prior(free), nu=nu)
+        if np.isfinite(nu):
+            fit.maximise(steps=10, tolerance=FIT.settled)
+        else:
+            # exact rows may be far along a curved valley, such as that of a lens
+            fit.settle(60)
+            fit.maximise(steps=20, tolerance=1e-3)
+        held_out = leave_blocks_out(fit, (FIT.blocks,))
+    except np.linalg.LinAlgError:
+        return None
+    return Member(name, free, fit, held_out)
 
 
-def _is_exact(member: Fit) -> bool:
+def _is_exact(fit: Fit) -> bool:
     """Whether samples of a simulation reach their least noise."""
-    if np.isfinite(member.nu):
+    if np.isfinite(fit.nu):
         return False
-    least = 1.5 * member.parts[0].floor
-    return bool((member.noise <= least).all())
+    least = 1.5 * fit.parts[0].floor
+    return bool((fit.noise <= least).all())

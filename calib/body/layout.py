@@ -26,7 +26,9 @@ Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
 
 
-def chosen(ladder: Sequence[tuple[str, tuple[str, ...], bool]]) -> Ladder:
+def wanted_members(
+    ladder: Sequence[tuple[str, tuple[str, ...], bool]],
+) -> Ladder:
     """The members of a ladder that are wanted."""
     return tuple((name, groups) for name, groups, wanted in ladder if wanted)
 
@@ -296,7 +298,7 @@ class Layout:
             yield block
 
 
-def joined(structures: Mapping[str, L]) -> L:
+def with_all_sensors(structures: Mapping[str, L]) -> L:
     """Return the first structure with the sensors of all, which are of one chain, by name."""
     first, *further = structures.values()
     if any(type(structure) is not type(first) for structure in further):

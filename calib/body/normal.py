@@ -72,10 +72,10 @@ class Factor:
         return 2 * float(root.sum() - scale.sum())
 
 
-def with_prior(gram: Array, sd: Array, known: Array | None) -> Array:
-    """Add a prior's precision to an information (k, k), in place: `known`, else of sds (k,)."""
-    if known is not None:
-        gram += known
+def with_prior(gram: Array, sd: Array, precision: Array | None) -> Array:
+    """Add a prior's precision to an information (k, k), in place: `precision`, else of sds (k,)."""
+    if precision is not None:
+        gram += precision
     else:
         gram.flat[:: len(gram) + 1] += sd**-2.0
     return gram

@@ -94,7 +94,7 @@ class Prior:
     # groups whose scale the evidence chooses; `sd` holds their starting values
     hypers: tuple[Hyper, ...] = ()
     # (k, k), precision of the active parameters where they depend on each other, in place of `sd`
-    known: Array | None = None
+    precision: Array | None = None
 
     @property
     def active(self) -> Indices:

@@ -2,44 +2,62 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
 
 from ..arm.rotations import similarity
 from ..common.arrays import Array
-from .drawing import drawing_of, waves
+from .drawing import PlanarDrawing, drawing_of, waves
 from .planar import PlanarStructure
 from .settings import FIT, START
+from .start import Start
 
 
 def planar_starts(
     structure: PlanarStructure, q: Array, z: Array
-) -> list[tuple[PlanarStructure, Array]]:
-    """Candidates of signs, mirror and parameters (d,), the best linear fits first.
-
-    With a nominal geometry its signs alone, unless they do not fit or the view is not metric:
-    a camera says nothing of the servos.
-    """
+) -> list[Start]:
+    """Candidates of signs, mirror and parameters (d,), the best linear fits first."""
     drawing = structure.nominal
-    starts: list[tuple[PlanarStructure, Array]] = []
+    if drawing is None:
+        starts = [*_free_starts(structure, q, z)]
+    else:
+        starts = [*_drawn_starts(structure, drawing, q, z)]
+    starts.sort(key=lambda start: _miss(start, q, z))
+    if drawing is not None and not structure.viewpoint.seen_as.scaled:
+        # lengths tell whether the joints turn as drawn; a camera says nothing of the servos
+        as_drawn = [
+            start
+            for start in starts
+            if start.structure.directions == drawing.signs
+        ]
+        if _miss(as_drawn[0], q, z) <= FIT.doubted * structure.extent:
+            return as_drawn
+    return starts[: START.turned_ways]
+
+
+def _free_starts(
+    structure: PlanarStructure, q: Array, z: Array
+) -> Iterator[Start]:
+    """Chains of all signs and both sides that they are seen from."""
     for signs in product((1, -1), repeat=structure.dof):
-        if drawing is not None:
-            turns = np.multiply(signs, drawing.signs).tolist()
-            turned = structure.changed(signs=tuple(turns))
-            turned = turned.with_sensor(mirror=drawing.mirror)
-            starts.append(framed(turned, q, z, turned.neutral()))
-        elif _differs(signs, structure.revolute):
+        if _differs(signs, structure.revolute):
             turned = structure.changed(signs=signs)
             for mirror in (1, -1):
                 side = turned.with_sensor(mirror=mirror)
-                starts.append((side, _linear(side, q, z)))
-    starts.sort(key=lambda start: _miss(start, q, z))
-    if drawing is not None and not structure.viewpoint.seen_as.scaled:
-        drawn = [start for start in starts if start[0].signs == drawing.signs]
-        if _miss(drawn[0], q, z) <= FIT.doubted * structure.extent:
-            starts = drawn
-    return starts[: START.turned_ways]
+                yield Start(side, _linear(side, q, z))
+
+
+def _drawn_starts(
+    structure: PlanarStructure, drawing: PlanarDrawing, q: Array, z: Array
+) -> Iterator[Start]:
+    """The drawing with all signs of its joints, in front of the sensor."""
+    for turns in product((1, -1), repeat=structure.dof):
+        signs = np.multiply(turns, drawing.signs).tolist()
+        turned = structure.changed(signs=tuple(signs))
+        turned = turned.with_sensor(mirror=drawing.mirror)
+        yield Start(*framed(turned, q, z, turned.neutral()))
 
 
 def framed(
@@ -63,10 +81,9 @@ def framed(
     return structure.with_sensor(mirror=side), beta
 
 
-def _miss(start: tuple[PlanarStructure, Array], q: Array, z: Array) -> float:
+def _miss(start: Start, q: Array, z: Array) -> float:
     """Error [unit] of a start, rms."""
-    structure, beta = start
-    miss = z - structure.predict(q, beta)
+    miss = z - start.structure.predict(q, start.beta)
     return float(np.linalg.norm(miss) / np.sqrt(len(z)))
 
 

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
+
+_STILL = 1e-6
+"""A joint that moves by less [rad or m] stands still."""
+
+_LITTLE = float(np.radians(1.0))
+"""A motion of joints through less [rad, or spans of a slide] hardly tells anything of them."""
+
+_PART = 0.03
+"""Least part in such a motion, of one, of a joint that is named."""
 
 
 def warnings_of(
@@ -22,33 +31,51 @@ def warnings_of(
     travel : (dof,), joint ranges; a joint that moved through less than a tenth of its is named
     """
     span = np.ptp(q, axis=0)
-    ranges = np.full(q.shape[1], np.inf) if travel is None else travel
-    notes: list[str] = []
+    ranges = np.full(len(span), np.inf) if travel is None else travel
+    notes = [*_of_small_motions(span, ranges, joint_names, revolute)]
+    tied, directions = _tied_joints(q, np.asarray(revolute, dtype=bool))
+    if tied.any():
+        names = ", ".join(np.asarray(joint_names)[tied])
+        notes.append(
+            f"{names} move together along {directions} of {tied.sum()} directions: the rows "
+            "cannot tell them apart"
+        )
+    if len(q) < 3 * len(span) + 2:
+        notes.append(f"{len(q)} rows are few for {len(span)} joints")
+    return tuple(notes)
+
+
+def _of_small_motions(
+    span: Array,
+    ranges: Array,
+    joint_names: Sequence[str],
+    revolute: Sequence[bool],
+) -> Iterator[str]:
+    """Yield a sentence for each joint that moved through a small part (dof,) of its range."""
     for name, turns, moved, most in zip(
         joint_names, revolute, span, ranges, strict=True
     ):
-        if moved < 1e-6:
-            notes.append(
-                f"{name} never moves: the rows cannot tell its length, offset or sign"
-            )
-        elif turns and moved < np.radians(1.0):
-            notes.append(f"{name} moves by {np.degrees(moved):.2g} deg only")
+        if moved < _STILL:
+            yield f"{name} never moves: the rows cannot tell its length, offset or sign"
+        elif turns and moved < _LITTLE:
+            yield f"{name} moves by {np.degrees(moved):.2g} deg only"
         elif moved < 0.1 * most < np.inf:
-            notes.append(
-                f"{name} moves through {100 * moved / most:.2g} % of its range only"
-            )
-    moving = np.flatnonzero(span >= 1e-6)
-    rank = len(moving)
-    if rank > 1:
-        share = q[:, moving] / span[moving]
-        away = share - share.mean(axis=0)
-        rank = int(np.linalg.matrix_rank(away, rtol=1e-3))
-    if rank < len(moving):
-        names = ", ".join(joint_names[k] for k in moving.tolist())
-        notes.append(
-            f"{names} move together along {rank} of {len(moving)} directions: the rows cannot "
-            "tell them apart"
-        )
-    if len(q) < 3 * q.shape[1] + 2:
-        notes.append(f"{len(q)} rows are few for {q.shape[1]} joints")
-    return tuple(notes)
+            yield f"{name} moves through {100 * moved / most:.2g} % of its range only"
+
+
+def _tied_joints(q: Array, turning: Mask) -> tuple[Mask, int]:
+    """Return which joints (dof,) a linear relation ties, and in how many directions they move.
+
+    Joints that hardly move by themselves are none of these.
+    """
+    span = np.ptp(q, axis=0)
+    moving = np.flatnonzero(span >= np.where(turning, _LITTLE, _STILL))
+    tied = np.zeros(len(span), dtype=bool)
+    unit = np.where(turning, 1.0, span)[moving]
+    away = (q[:, moving] - q[:, moving].mean(axis=0)) / unit
+    variance, axes = np.linalg.eigh(away.T @ away / len(q))
+    # of a motion that is spread evenly over so much
+    little = variance < _LITTLE**2 / 12
+    part = np.abs(axes[:, little]).max(axis=1, initial=0.0)
+    tied[moving] = part > _PART
+    return tied, int(tied.sum() - little.sum())

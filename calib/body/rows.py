@@ -35,7 +35,7 @@ class Rows:
         return replace(self, q=self.q[rows], z=self.z[rows])
 
 
-def together(structure: S, rows: Sequence[Rows]) -> S:
+def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
     """Return the structure that measures all that rows are of, as the first of them."""
     others = tuple(
         some.sensor for some in rows if isinstance(some.sensor, Measurement)

@@ -18,7 +18,7 @@ from ..arm.gravity import GRAVITY, Loads
 from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_shape
-from .layout import Ladder, chosen
+from .layout import Ladder, wanted_members
 from .parameters import Block, Hyper, Indices
 from .sensors import InSpace
 from .settings import FIT, PRIOR, SHIFT, TURN
@@ -291,7 +291,7 @@ class SpatialStructure(Structure):
                 ("coupled", (*chain, "coupling"), gears),
             ]
         ladder.append(("curves", (*bent, "curve"), bool(turning.any())))
-        return chosen(ladder)
+        return wanted_members(ladder)
 
     def with_view(self, view: str, **fields: Any) -> SpatialStructure:
         """Return the structure with another view."""

@@ -20,6 +20,7 @@ from ..common.arrays import Array
 from .curves import HARMONICS, curve_slope, curve_value, waves_of
 from .layout import Layout
 from .parameters import Gaussian, Indices
+from .sensors import Sensor
 from .views import Moved, Placed, Sight, compose
 
 Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
@@ -59,6 +60,7 @@ class Fixed(NamedTuple):
     ]  # (e,) of each block by which joints bend, if they do
     gravity: Array  # (g,), what a load is of its levers
     links: Any  # of the chain
+    sensor: Placed
     blocks: Mapping[str, Array]  # all parameters
 
 
@@ -162,8 +164,11 @@ class Structure(Layout):
 
         Further columns than the joints' are what a row tells the measurement.
         """
+        fixed = fixed_at(self, beta)
         motion = self.move(self.joint_values(q, beta), beta)
-        return motion, self._look(q, motion, fixed_at(self, beta).blocks)
+        if isinstance(self.measurement, Sensor):
+            return motion, fixed.sensor.look(motion)
+        return motion, self._look(q, motion, fixed.blocks)
 
     def _look(
         self, q: Array, motion: Motion, blocks: Mapping[str, Array]
@@ -173,7 +178,7 @@ class Structure(Layout):
 
     def sensor(self, beta: Array) -> Placed:
         """The sensor: where it stands, its scale and its lens."""
-        return self.viewpoint.place(self.by_blocks(beta))
+        return fixed_at(self, beta).sensor
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
@@ -343,6 +348,7 @@ def _fixed(structure: Structure, parameters: bytes) -> Fixed:
         },
         gravity=structure.gravity_at(beta),
         links=structure.links(beta),
+        sensor=structure.viewpoint.place(blocks),
         blocks=blocks,
     )
 

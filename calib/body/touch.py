@@ -21,7 +21,7 @@ from .belief import Body
 from .body_fit import BodyFit, fit
 from .covariance import as_kept
 from .parameters import Block, Gaussian, Hyper, Indices
-from .rows import Rows, together
+from .rows import Rows, with_measurements
 from .settings import FINER, FIT, FREE, PRIOR
 from .spatial import SpatialStructure
 from .views import ArmSize, Measurement, Sight
@@ -86,7 +86,7 @@ class Stated(Measurement):
         return Sight(values, np.zeros((1, 3)))
 
 
-def touching(
+def rows_of_touches(
     q: Array, point: NDArray[np.intp], known: Sequence[Known], x: Array
 ) -> list[Rows]:
     """Return touches, positions, and what is known of sockets, each a measurement.
@@ -141,9 +141,9 @@ def fit_touches(
     x = np.zeros((len(q), 3)) if x is None else x
     tip = structure.pose(q, structure.neutral())[0]
     measured = point < 0
-    rows = touching(q, point, known, x)
+    rows = rows_of_touches(q, point, known, x)
     extent = float(np.sqrt(tip.var(axis=0).sum()))
-    whole = together(structure.with_sensor(extent=extent), rows)
+    whole = with_measurements(structure.with_sensor(extent=extent), rows)
     begin = whole.neutral()
     groups = whole.groups
     # each socket begins where the drawing says that the tip was on average
@@ -156,7 +156,7 @@ def fit_touches(
         begin[groups["view.shift"]] = shifts.mean(axis=0)
     of_all = fit(whole, rows, begin=begin, seed=seed)
     points = of_all.body.beta[groups["point"]].reshape(-1, 3)
-    body = restated(of_all.body, structure)
+    body = in_structure(of_all.body, structure)
     held_out = np.empty((len(q), 3))
     held_out[~measured] = _scattered(of_all.held_out, point[~measured])
     if measured.any():
@@ -166,7 +166,7 @@ def fit_touches(
     else:
         rng = np.random.default_rng(seed)
         shares = rng.random((_POSTURES, q.shape[1]))
-        body = anchored(body, lower + shares * (upper - lower))
+        body = without_whole_motion(body, lower + shares * (upper - lower))
     # of a block that has most touches of a socket the others do not tell where that is
     alike = np.ones(len(q))
     fitted = replace(of_all, body=body, held_out=held_out, widening=alike)
@@ -188,7 +188,7 @@ def _scattered(residual: Array, point: NDArray[np.intp]) -> Array:
     return out
 
 
-def restated(body: Body, structure: SpatialStructure) -> Body:
+def in_structure(body: Body, structure: SpatialStructure) -> Body:
     """Return the belief in another structure of the same arm, without what that does not have."""
     place = {label.name: k for k, label in enumerate(structure.labels)}
     to = np.array(
@@ -206,7 +206,7 @@ def restated(body: Body, structure: SpatialStructure) -> Body:
     return replace(body.changed(carried), structure=structure)
 
 
-def anchored(body: Body, q: Array) -> Body:
+def without_whole_motion(body: Body, q: Array) -> Body:
     """Return the belief without what moves the arm as a whole, on average over `q` (n, dof).
 
     No touch tells a motion of the whole arm: it stays as drawn, and intervals and bounds leave it

@@ -15,7 +15,7 @@ from ..model.model import Model
 from ..model.prediction import predict
 from ..samples.samples import Samples
 from ..stream.follow import BLOCK, HORIZON, OnlineAdapter
-from ..training.learn import Progress
+from ..training.options import Progress
 from ..training.residuals import (
     error_sizes,
 )
@@ -103,7 +103,7 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     evidence = verdict.evidence
     if learned is None or evidence is None:
         missed = rows.missed
-        why = "maps without a body learn from a stream alone: give method 'online'"
+        why = "maps without a body learn from a stream alone: give `method=online`"
         return old_model(verdict, missed, missed, "nothing", why)
     after = learned.after
     old = old_model(

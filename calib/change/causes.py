@@ -14,11 +14,11 @@ import numpy as np
 from ..body.belief import Body
 from ..body.covariance import root_of
 from ..body.parameters import Indices
-from ..body.settings import LOG_FLOOR, SHIFT, TURN
+from ..body.settings import SHIFT, TURN
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..common.arrays import Array
-from .settings import ANYWHERE, BUILT_CURVE, CREEP
+from .settings import ANYWHERE, BUILT_CURVE, CREEP, LEAST_MISFIT
 
 FRAME = ("view.rotation", "view.shift")
 """Groups that move when the sensor is put elsewhere; always freed together."""
@@ -261,8 +261,8 @@ def creep(body: Body, waves: float = CREEP) -> Array:
 def as_built(body: Body) -> Body:
     """The belief that a changed arm starts from: of a simulation, that of an arm as it is built."""
     structure: Any = body.structure
-    floor = LOG_FLOOR * np.asarray(structure.extents)
-    body = replace(body, tau=np.maximum(body.tau, floor))
+    least = LEAST_MISFIT * np.asarray(structure.extents)
+    body = replace(body, tau=np.maximum(body.tau, least))
     if not body.simulated:
         return body
     sd = _deviations(body, _arms(body), "built", BUILT_CURVE)

@@ -248,7 +248,7 @@ def _stuck(structure: Structure, beta: Array) -> Iterator[_Sense]:
 
 def _camera_anew(body: Body, q: Array, z: Array) -> Array:
     """Parameters of a camera that stands anywhere, its lens and the arm as they were."""
-    from ..body.starts import frame  # brings SciPy's linear algebra
+    from ..body.frame_starts import frame  # brings SciPy's linear algebra
 
     structure: Any = body.structure
     lens = tuple(body.beta[structure.groups["lens"]].tolist())
@@ -287,7 +287,7 @@ def _placed(
     groups: tuple[str, ...],
 ) -> Array:
     """The frame alone fitted to the rows, from a start (d,)."""
-    from ..body.starts import Start
+    from ..body.start import Start
 
     sd = np.zeros(structure.size)
     anywhere = 1e3 * max(1.0, float(structure.extents[0]))

@@ -34,6 +34,10 @@ CREEP = 0.01  # sd of a joint's curve that may creep between two logs, over that
 # the same of a curve that is freed, and of an arm as it was built
 BUILT_CURVE = 0.3
 
+LEAST_MISFIT = 1e-4
+"""Least residual sd of an arm that may have changed, beyond the noise [extents]: also of samples
+without noise."""
+
 SIMULATED_KAPPA = 1.2
 """Inflation of the bound of an arm that was only simulated: nothing has shown yet how it holds.
 Of 30 rows with waves of 2 mrad it covered 94.4 % without."""

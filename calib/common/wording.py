@@ -102,12 +102,18 @@ def sized(value: float, unit: str, half: float = 0.0) -> str:
 
     >>> sized(0.00012345, "m"), sized(0.01, "rad", 0.0005), sized(1e-12, "m")
     ('0.123 mm', '0.573 ± 0.029 deg', 'below 1 nm')
+    >>> sized(0.0039, "m", 0.00009)  # as many decimals as two digits of the interval have
+    '3.900 ± 0.090 mm'
     """
     if unit == "m" and abs(value) + half < ROUNDED_AWAY:
         return "below 1 nm"
     factor, shown = unit_for(abs(value) + half, unit)
-    interval = f" ± {number(factor * half, 2)}" if half else ""
-    return f"{number(factor * value)}{interval} {shown}"
+    if not half:
+        return f"{number(factor * value)} {shown}"
+    decimals = max(0, 1 - math.floor(math.log10(factor * half)))
+    return (
+        f"{factor * value:.{decimals}f} ± {factor * half:.{decimals}f} {shown}"
+    )
 
 
 def unit_for(largest: float, unit: str) -> tuple[float, str]:

@@ -15,6 +15,7 @@ import numpy as np
 from ..arm.rotations import exponential
 from ..arm.spatial_chain import SpatialChain
 from ..common.arrays import Array
+from ..common.scale import TURN
 
 #: Axes of a drawing meet, or are parallel, within this share of its length, or angle [rad].
 _EXACT = 1e-4
@@ -37,8 +38,9 @@ class ClosedForm:
     @staticmethod
     def of(chain: SpatialChain) -> ClosedForm | None:
         """The closed form of a chain, None where it has none."""
-        same = chain.joints == 6 and np.array_equal(chain.coupling, np.eye(6))
-        if not same or not all(chain.revolute) or chain.bias.any():
+        alone = np.array_equal(chain.coupling, np.eye(6))
+        turning = all(chain.revolute) and not chain.bias.any()
+        if chain.joints != 6 or not alone or not turning:
             return None
         axes = chain.axes
         points = chain.points
@@ -69,10 +71,11 @@ class ClosedForm:
         turns = _turns(self.axes[0], back)
         place = self.points[0] + _applied(turns, away)
         solve = self._spherical_arm if self.spherical else self._parallel_arm
-        angles = [-back, *solve(turns @ turn, place)]
-        q = np.stack(np.broadcast_arrays(*angles), axis=-1)
-        q = np.swapaxes(q.reshape(WAYS, n, 6), 0, 1)
-        return np.asarray((q + np.pi) % (2 * np.pi) - np.pi)
+        others = solve(turns @ turn, place)
+        angles = np.broadcast_arrays(-back, *others)
+        ways = np.stack(angles, axis=-1).reshape(WAYS, n, 6)
+        q = np.swapaxes(ways, 0, 1)
+        return np.asarray((q + np.pi) % TURN - np.pi)
 
     def _arm(self, place: Array, point: Array) -> tuple[Array, Array]:
         """Angles (2, ...) of joints 2 and 3 that bring a point (3,) to places (..., 3)."""
@@ -90,14 +93,15 @@ class ClosedForm:
     def _spherical_arm(self, turn: Array, place: Array) -> tuple[Array, ...]:
         """Angles of joints 2 to 6 with a spherical wrist, given the first joint."""
         upper, lower = self._arm(place, self.meeting)
-        along = _turns(self.axes[1], upper)
-        along = along @ _turns(self.axes[2], lower)
-        turn = np.swapaxes(along, -1, -2) @ turn
+        shoulder = _turns(self.axes[1], upper)
+        elbow = _turns(self.axes[2], lower)
+        # what the wrist has to turn
+        turn = np.swapaxes(shoulder @ elbow, -1, -2) @ turn
         first, second, third = self.axes[3:]
-        height = (turn @ third) @ first
-        middle = _at_height(second, third, first, height)
+        goal = turn @ third
+        middle = _at_height(second, third, first, goal @ first)
         bent = _turns(second, middle)
-        one = _angle(first, bent @ third, turn @ third)
+        one = _angle(first, bent @ third, goal)
         three = _angle(third, _back(bent, first), _back(turn, first))
         return upper, lower, one, middle, -three
 

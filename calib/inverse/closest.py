@@ -19,7 +19,7 @@ class ClosestSettings:
     still: float = 1e-10  # a step that is shorter is the last
     least_share: float = 1e-6  # of a step
     # of the largest curvature, which every direction has at least
-    flat: float = 1e-6
+    flat: float = 1e-10
 
 
 CLOSEST = ClosestSettings()

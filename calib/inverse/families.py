@@ -14,6 +14,7 @@ import numpy as np
 from ..common.arrays import Array, Index, Mask
 from .newton import Newton, lengths, shortened
 from .settings import SEARCH
+from .slides import settle
 from .ways import Ways
 
 
@@ -25,6 +26,7 @@ class FamilySettings:
     walk: int = 60  # most steps from one solution to another
     # share of the way ahead that a step has to be able to go
     stuck: float = 0.05
+    arrived: float = 0.3  # of a step: so near to its goal a walk ends
     same: float = 1e-2  # solutions that are closer are of one family
     rounds: int = 6  # pairs of members between two families that are walked
 
@@ -33,43 +35,66 @@ FAMILIES = FamilySettings()
 
 
 def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
-    """Of solutions of targets (n,) the most central one of each connected family.
-
-    Each slides as far towards the middle of the ranges as it can.  Those that arrive at one place
-    are of one family; of two families the nearest members are walked between, pair after pair.
-    """
-    u = ways.u
+    """Of solutions of targets (n, m) the most central one of each connected family."""
     goals = x[ways.target]
-    middle = np.full_like(u, 0.5)
-    stand = newton.settle(u, goals, middle, FAMILIES.step)
+    central = _slid_to_middle(newton, ways, goals)
+    family = _families(newton, ways, goals, central.u)
+    order = central.by_middle(newton.scale)
+    first = np.unique(family[order], return_index=True)[1]
+    return central.rows(order[np.sort(first)])
+
+
+def _slid_to_middle(newton: Newton, ways: Ways, goals: Array) -> Ways:
+    """Solutions as far towards the middle of the ranges as they slide."""
+    middle = np.full_like(ways.u, 0.5)
+    stand = settle(newton, ways.u, goals, middle, FAMILIES.step)
     met = newton.met(stand.miss)
-    central = np.where(met[:, None], stand.u, u)
+    u = np.where(met[:, None], stand.u, ways.u)
+    return Ways(ways.target, u, stand.miss)
+
+
+def _families(
+    newton: Newton, ways: Ways, goals: Array, central: Array
+) -> Index:
+    """Number (n,) of the family of each solution.
+
+    Those that slid to one place are of one family.  Of two families the nearest members are walked
+    between, pair after pair.
+
+    goals : (n, m), the target of each
+    central : (n, dof), where each slid to
+    """
+    count = len(ways.u)
     a, b = _pairs(ways.target)
     same = newton.away(central[a], central[b]) < FAMILIES.same
-    label = _labels(len(u), a[same], b[same])
-    order = np.argsort(newton.away(u[a], u[b]), kind="stable")
+    family = _labels(count, a[same], b[same])
+    distance = newton.away(ways.u[a], ways.u[b])
+    order = np.argsort(distance, kind="stable")
     a = a[order]
     b = b[order]
     for _ in range(FAMILIES.rounds):
-        apart = label[a] != label[b]
+        apart = family[a] != family[b]
         a = a[apart]
         b = b[apart]
-        both = np.sort([label[a], label[b]], axis=0)
-        nearest = np.unique(both, axis=1, return_index=True)[1]
+        nearest = _first_of_each_pair(family[a], family[b])
         if not len(nearest):
             break
         start = a[nearest]
         goal = b[nearest]
-        arrived = _arrives(newton, u[start], u[goal], goals[start])
-        one = label[start[arrived]]
-        other = label[goal[arrived]]
-        label = _labels(len(u), one, other)[label]
+        arrived = _arrives(newton, ways.u[start], ways.u[goal], goals[start])
+        one = family[start[arrived]]
+        other = family[goal[arrived]]
+        merged = _labels(count, one, other)
+        family = merged[family]
         a = np.delete(a, nearest)
         b = np.delete(b, nearest)
-    members = Ways(ways.target, central, stand.miss)
-    order = members.by_middle(newton.scale)
-    first = np.unique(label[order], return_index=True)[1]
-    return members.rows(order[np.sort(first)])
+    return family
+
+
+def _first_of_each_pair(a: Index, b: Index) -> Index:
+    """Where each pair of numbers (n,), in either order, comes first."""
+    pairs = np.sort([a, b], axis=0)
+    return np.asarray(np.unique(pairs, axis=1, return_index=True)[1])
 
 
 def _pairs(target: Index) -> tuple[Index, Index]:
@@ -77,7 +102,8 @@ def _pairs(target: Index) -> tuple[Index, Index]:
     edges = np.searchsorted(target, np.unique(target)).tolist()
     parts = [np.zeros((2, 0), dtype=np.intp)]
     for first, last in itertools.pairwise([*edges, len(target)]):
-        parts.append(first + np.array(np.tril_indices(last - first, -1)))
+        pairs = np.tril_indices(last - first, -1)
+        parts.append(first + np.array(pairs))
     later, earlier = np.concatenate(parts, axis=1)
     return later, earlier
 
@@ -87,8 +113,10 @@ def _labels(count: int, a: Index, b: Index) -> Index:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    graph = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
-    return np.asarray(connected_components(graph.tocsr())[1], dtype=np.intp)
+    ones = np.ones(len(a))
+    graph = coo_array((ones, (a, b)), shape=(count, count))
+    labels = connected_components(graph.tocsr())[1]
+    return np.asarray(labels, dtype=np.intp)
 
 
 def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
@@ -104,12 +132,13 @@ def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
         step = shortened(move, FAMILIES.step)
         trial = newton.refine(here.u + step, here.x, SEARCH.close)
         stand.put(rows, trial)
+        shift = newton.away(trial.u, here.u)
+        rest = newton.away(trial.u, goal[rows])
         going = newton.met(trial.miss)
         going &= lengths(move) > FAMILIES.stuck * ahead
-        going &= newton.away(trial.u, here.u) < 2 * FAMILIES.step
-        left = newton.away(trial.u, goal[rows])
-        going &= left < ahead
-        near = going & (left < 0.3 * FAMILIES.step)
+        going &= shift < 2 * FAMILIES.step
+        going &= rest < ahead
+        near = going & (rest < FAMILIES.arrived * FAMILIES.step)
         arrived[rows[near]] = True
         rows = rows[going & ~near]
         if not len(rows):
@@ -121,9 +150,11 @@ def free_directions(jacobian: Array) -> Array:
     """Directions (k, dof) that leave what a Jacobian (m, dof) reaches, each with a joint at 1."""
     from scipy.linalg import qr
 
-    _, size, vt = np.linalg.svd(jacobian)
-    null = vt[int((size > 1e-6 * size[0]).sum()) :]
+    _, size, directions = np.linalg.svd(jacobian)
+    rank = int((size > 1e-6 * size[0]).sum())
+    null = directions[rank:]
     if not len(null):
         return null
-    leading = np.sort(qr(null, mode="r", pivoting=True)[1][: len(null)])
+    pivots = qr(null, mode="r", pivoting=True)[1]
+    leading = np.sort(pivots[: len(null)])
     return np.asarray(np.linalg.solve(null[:, leading], null))

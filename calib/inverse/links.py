@@ -13,7 +13,7 @@ from .newton import Newton, shortened
 from .search import Search
 from .settings import SEARCH
 from .task import Positions
-from .ways import distinct, rank_within
+from .ways import Ways, distinct, rank_within
 
 
 @dataclass(frozen=True)
@@ -75,16 +75,17 @@ class LinkStarts:
         target, column = np.nonzero(np.isfinite(self._u[node, :, 0]))
         node = node[target]
         gap = x[target] - self._value[node, column]
-        step = _linear(self._inverse[node, column], gap)
+        inverse = self._inverse[node, column]
+        step = (inverse * gap[:, None]).sum(axis=2)
         longest = LINKS.step * self.association.motor.spacing
-        return target, self._newton.clip(
-            self._u[node, column] + shortened(step, longest)
-        )
+        u = self._u[node, column] + shortened(step, longest)
+        return target, self._newton.clip(u)
 
     def _nearest_nodes(self, x: Array) -> Index:
         """The sensory node nearest to each target (n,), made ready."""
         sensory = self.association.sensory
-        node = sensory.nearest(sensory.scale.to_unit(x))[1][:, 0]
+        place = sensory.scale.to_unit(x)
+        node = sensory.nearest(place)[1][:, 0]
         missing = node[~self._ready[node]]
         if 0 < len(missing) < LINKS.ahead:  # single queries follow each other
             count = min(LINKS.ahead, sensory.size)
@@ -95,44 +96,55 @@ class LinkStarts:
         return node
 
     def _prepare(self, nodes: Index) -> None:
-        """Refine what the links propose for sensory nodes, the best of each branch."""
-        newton = self._newton
-        motor = self.association.motor
+        """Remember the starts of sensory nodes, and how each moves with its position."""
+        ways = self._branches(self._ways(nodes))
+        column = rank_within(ways.target)
+        fits = column < self._width
+        column = column[fits]
+        ways = ways.rows(fits)
+        node = nodes[ways.target]
+        value, inverse = self._linearised(ways.u)
+        self._u[node, column] = ways.u
+        self._value[node, column] = value
+        self._inverse[node, column] = inverse
+        self._ready[nodes] = True
+
+    def _ways(self, nodes: Index) -> Ways:
+        """What links propose for sensory nodes, led there; of a node what misses it least first."""
         sensory = self.association.sensory
         x = sensory.scale.from_unit(sensory.units[nodes])
         target, u = self._proposals(nodes)
-        stand = newton.refine(u, x[target], SEARCH.close)
+        stand = self._newton.refine(u, x[target], SEARCH.close)
         order = np.lexsort((stand.miss, target))
-        target = target[order]
-        u = stand.u[order]
-        miss = stand.miss[order]
+        ways = Ways(target, stand.u, stand.miss)
+        return ways.rows(order)
+
+    def _branches(self, ways: Ways) -> Ways:
+        """The best way of each branch, of those that come close to their node."""
+        newton = self._newton
+        motor = self.association.motor
+        sensory = self.association.sensory
         spacing = sensory.spacing * float(sensory.scale.span.mean())
-        near = (miss <= LINKS.missed * spacing) | (rank_within(target) == 0)
+        near = ways.miss <= LINKS.missed * spacing
+        near |= rank_within(ways.target) == 0
+        ways = ways.rows(near)
         solved = LINKS.cell if newton.redundant else LINKS.apart
-        apart = np.where(newton.met(miss), solved, 1.0) * motor.spacing
-        target = target[near]
-        u = u[near]
-        single = distinct(newton.scale, target, u, apart[near])
-        target = target[single]
-        u = u[single]
-        place = rank_within(target)
-        fits = place < self._width
-        place = place[fits]
-        node = nodes[target[fits]]
-        value, inverse = self._linearised(u[fits])
-        self._u[node, place] = u[fits]
-        self._value[node, place] = value
-        self._inverse[node, place] = inverse
-        self._ready[nodes] = True
+        apart = np.where(newton.met(ways.miss), solved, 1.0)
+        single = distinct(
+            newton.scale, ways.target, ways.u, apart * motor.spacing
+        )
+        return ways.rows(single)
 
     def _proposals(self, nodes: Index) -> tuple[Index, Array]:
         """Joints of motor nodes that are linked to sensory nodes, the strongest of each branch."""
         motor = self.association.motor
         links = self.association.partners.take(nodes)
         order = np.lexsort((-links.data, links.rows))
-        order = order[rank_within(links.rows[order]) < LINKS.most]
+        rank = rank_within(links.rows[order])
+        order = order[rank < LINKS.most]
         target = links.rows[order]
-        u = self._newton.clip(motor.units[links.indices[order]])
+        u = motor.units[links.indices[order]]
+        u = self._newton.clip(u)
         apart = LINKS.cell * motor.spacing
         single = distinct(self._newton.scale, target, u, apart)
         return target[single], u[single]
@@ -143,8 +155,3 @@ class LinkStarts:
         stand = self._newton.at(u, origin)
         inverse = np.linalg.pinv(stand.slope, rcond=LINKS.flat)
         return -stand.gap, np.asarray(inverse)
-
-
-def _linear(inverse: Array, gap: Array) -> Array:
-    """Steps (n, dof) that inverse Jacobians (n, dof, m) take along gaps (n, m)."""
-    return np.asarray((inverse * gap[:, None]).sum(axis=2))

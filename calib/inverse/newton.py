@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,9 +25,15 @@ class Stand:
     slope: Array  # (n, m, dof)
     miss: Array  # (n,), length of the gap
 
-    def rows(self, index: Index | Mask) -> Stand:
+    def rows(self, index: Index | Mask | slice) -> Stand:
         """Some of the rows."""
-        return Stand(*(part[index] for part in vars(self).values()))
+        return Stand(
+            self.x[index],
+            self.u[index],
+            self.gap[index],
+            self.slope[index],
+            self.miss[index],
+        )
 
     def put(self, index: Index | Mask, other: Stand) -> None:
         """Put other joints in the place of some, for the same targets."""
@@ -68,7 +74,8 @@ class Newton:
         """What is missing to targets `x` (n, k) at joints (n, dof)."""
         u = self.clip(u)
         gap, slope = self.task.residual(u, x)
-        return Stand(x, u, gap, slope, lengths(gap))
+        miss = lengths(gap)
+        return Stand(x, u, gap, slope, miss)
 
     def refine(
         self,
@@ -82,145 +89,126 @@ class Newton:
         Damped Newton steps (Levenberg-Marquardt).  A target counts as met within a share
         `tolerance` of the task's size.
         """
+        return self.descend(self.at(u, x), tolerance, steps)
+
+    def descend(
+        self,
+        stand: Stand,
+        tolerance: float = ROUNDING,
+        steps: int = SEARCH.steps,
+    ) -> Stand:
+        """The same from where joints stand, which is changed in place."""
         enough = tolerance * self.task.size
         rounding = max(tolerance, 1e-12) * self.task.size
-        stand = self.at(u, x)
-        rows = np.flatnonzero(stand.miss > enough)
+        rows = (stand.miss > enough).nonzero()[0]
+        if not len(rows):
+            return stand
         here = stand.rows(rows)
         damping = np.full(len(rows), SEARCH.easy)
         for _ in range(steps):
-            if not len(rows):
-                break
-            step = self.move(here, damping)
-            trial = self.at(here.u + capped(step, SEARCH.longest), here.x)
+            move = self.move(here, damping)
+            step = capped(move, SEARCH.longest)
+            trial = self.at(here.u + step, here.x)
             gain = here.miss - trial.miss
             better = gain > 0.0
-            ends = gain < SEARCH.slow * here.miss
-            ends &= better | (here.miss < rounding)
-            ends |= np.abs(step).max(axis=1) < 1e-15
-            eased = np.maximum(damping / SEARCH.easier, SEARCH.easiest)
-            harder = np.maximum(damping * SEARCH.easier, SEARCH.hard)
-            damping = np.where(better, eased, harder)
+            slow = gain < SEARCH.slow * here.miss
+            still = np.abs(move).max(axis=1) < STILL
+            ended = slow & (better | (here.miss < rounding))
+            ended |= still
             if better.all():
                 here = trial
             else:
                 here.put(better, trial.rows(better))
-            stand.put(rows, here)
-            going = ~(ends | (damping > SEARCH.hardest) | (here.miss < enough))
-            if not going.all():
+            eased = np.maximum(damping / SEARCH.easier, SEARCH.easiest)
+            harder = np.maximum(damping * SEARCH.easier, SEARCH.hard)
+            damping = np.where(better, eased, harder)
+            ended |= damping > SEARCH.hardest
+            ended |= here.miss < enough
+            if ended.all():
+                break
+            if ended.any():
+                going = ~ended
+                stand.put(rows[ended], here.rows(ended))
                 rows = rows[going]
                 here = here.rows(going)
                 damping = damping[going]
+        stand.put(rows, here)
         return stand
 
-    def settle(
-        self, u: Array, x: Array, near: Array, longest: float = SEARCH.longest
-    ) -> Stand:
-        """Joints on targets `x` (n, k) from starts `u` (n, dof), near to `near` (n, dof).
-
-        Redundant joints that Newton has led close slide on along their self-motion, each slide at
-        most `longest`, a step that comes no nearer undone.  The length of a slide follows from the
-        last one (Barzilai and Borwein 1988): the self-motion is curved.
-        """
-        if not self.redundant:
-            return self.refine(u, x)
-        rough = SEARCH.rough * self.task.size
-        stand = self.refine(u, x, SEARCH.rough)
-        rows = np.flatnonzero(stand.miss <= rough)
-        share = np.ones(len(u))
-        before = np.zeros(u.shape)
-        slid = np.zeros(u.shape)
-        for _ in range(SEARCH.slides):
-            here = stand.rows(rows)
-            wish = self.scale.difference(near[rows], here.u)
-            pull = self.tangent(here, wish)
-            moved = slid[rows].any(axis=1)
-            fit = _slide_share(slid[rows], before[rows] - pull)
-            share[rows] = np.where(moved, fit, share[rows])
-            going = (lengths(pull) > SEARCH.settled) | ~self.met(here.miss)
-            going &= share[rows] > SEARCH.stuck
-            rows = rows[going]
-            if not len(rows):
-                break
-            here = here.rows(going)
-            before[rows] = pull[going]
-            step = self.move(here, np.full(len(rows), SEARCH.easy))
-            step += share[rows, None] * pull[going]
-            step = shortened(capped(step, SEARCH.longest), longest)
-            part = np.minimum(1.0, self._room(here.u, step))
-            trial = self.at(here.u + part[:, None] * step, here.x)
-            left = self.away(trial.u, near[rows])
-            closer = left < self.away(here.u, near[rows])
-            good = (trial.miss <= rough) & (closer | ~self.met(here.miss))
-            share[rows[~good]] /= 4
-            shift = self.scale.difference(trial.u, here.u)
-            slid[rows] = np.where(good[:, None], shift, 0.0)
-            stand.put(rows[good], trial.rows(good))
-        stand = self.refine(stand.u, x)
-        # joints that slid into a corner of their limits: where they were led without
-        lost = np.flatnonzero(~self.met(stand.miss))
-        if len(lost):
-            others = self.refine(u[lost], x[lost])
-            better = others.miss < stand.miss[lost]
-            stand.put(lost[better], others.rows(better))
-        return stand
-
-    def _room(self, u: Array, move: Array) -> Array:
-        """Share (n,) of moves (n, dof) at which the first joint reaches its limit."""
-        room = np.where(move > 0.0, 1.0 - u, u)
-        free = self.scale.periodic | (np.abs(move) < 1e-12)
-        free |= room <= SEARCH.slack  # the limit holds them
-        share = np.where(free, np.inf, room) / np.where(free, 1.0, np.abs(move))
-        return np.asarray(share.min(axis=1))
-
-    def tangent(self, stand: Stand, wish: Array) -> Array:
-        """What of a wished move (n, dof) leaves residuals as they are."""
-        damping = np.full(len(wish), SEARCH.easiest)
-        still = replace(stand, gap=np.zeros(stand.gap.shape))
-        return self.move(still, damping, wish)
-
-    def move(
-        self, stand: Stand, damping: Array, wish: Array | None = None
-    ) -> Array:
-        """The move (n, dof) that closes gaps, of all that do the nearest to a wish.
+    def move(self, stand: Stand, damping: Array) -> Array:
+        """The shortest move (n, dof) that closes gaps.
 
         A joint at a limit that the move would push further stays, and the others take over.
         """
-        u = stand.u
+        return self._limited_move(stand, stand.gap, damping)
+
+    def tangent(self, stand: Stand, wish: Array) -> Array:
+        """The move (n, dof) nearest to a wish (n, dof) that leaves gaps as they are.
+
+        A joint beside a limit that the move would push further stays, as of `move`.
+        """
+        still = np.zeros(stand.gap.shape)
+        damping = np.full(len(wish), SEARCH.easiest)
+        return self._limited_move(stand, still, damping, wish)
+
+    def _limited_move(
+        self,
+        stand: Stand,
+        gap: Array,
+        damping: Array,
+        wish: Array | None = None,
+    ) -> Array:
+        """Of all moves (n, dof) that close gaps (n, m) the one nearest to a wish, or the shortest.
+
+        Each pass holds the joints that the last one would have pushed beyond their limits.
+        """
         slope = stand.slope
         slack = 0.0 if wish is None else SEARCH.slack
-        goal = np.zeros(u.shape) if wish is None else wish
-        lowest = (u <= slack) & ~self.scale.periodic
-        highest = (u >= 1.0 - slack) & ~self.scale.periodic
-        limited = bool(lowest.any() or highest.any())
-        for _ in range(u.shape[1]):
-            rest = stand.gap
-            if wish is not None:
-                rest = rest - (slope @ goal[..., None])[..., 0]
-            move = goal + _damped_solution(slope, rest, damping)
-            if not limited:
-                break
+        turning = self.scale.periodic
+        lowest = (stand.u <= slack) & ~turning
+        highest = (stand.u >= 1.0 - slack) & ~turning
+        move = _nearest_move(slope, gap, damping, wish)
+        if not (lowest.any() or highest.any()):
+            return move
+        for _ in range(stand.u.shape[1] - 1):
             stuck = (lowest & (move < 0.0)) | (highest & (move > 0.0))
             if not stuck.any():
                 break
-            goal = np.where(stuck, 0.0, goal)
             slope = np.where(stuck[:, None], 0.0, slope)
+            if wish is not None:
+                wish = np.where(stuck, 0.0, wish)
+            move = _nearest_move(slope, gap, damping, wish)
         return move
 
 
-def _damped_solution(slope: Array, gap: Array, damping: Array) -> Array:
-    """J' (J J' + damping)^-1 gap, (n, dof), of Jacobians (n, m, dof), gaps (n, m), damping (n,)."""
+STILL = 1e-15
+"""Share of the ranges: a shorter move is none."""
+
+
+def _nearest_move(
+    slope: Array, gap: Array, damping: Array, wish: Array | None
+) -> Array:
+    """Of moves (n, dof) that close gaps (n, m) the one nearest to a wish (n, dof), if there is one.
+
+    ``wish + J' (J J' + damping)^-1 (gap - J wish)``, of Jacobians (n, m, dof), damping (n,).
+    """
     across = np.swapaxes(slope, 1, 2)
     power = slope @ across
     diagonal = np.einsum("nii->ni", power)
-    diagonal += np.maximum(damping * diagonal.sum(axis=1), 1e-200)[:, None]
-    force = np.linalg.solve(power, gap[..., None])
-    return np.asarray((across @ force)[..., 0])
+    trace = diagonal.sum(axis=1)
+    diagonal += np.maximum(damping * trace, 1e-200)[:, None]
+    rest = gap[..., None]
+    if wish is not None:
+        rest = rest - slope @ wish[..., None]
+    force = np.linalg.solve(power, rest)
+    move = np.asarray((across @ force)[..., 0])
+    return move if wish is None else wish + move
 
 
 def lengths(vectors: Array) -> Array:
     """Lengths (...,) of vectors (..., d), quicker than NumPy's norm for a few."""
-    return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1)))
+    squares = (vectors * vectors).sum(axis=-1)
+    return np.asarray(np.sqrt(squares))
 
 
 def shortened(moves: Array, longest: float) -> Array:
@@ -230,17 +218,11 @@ def shortened(moves: Array, longest: float) -> Array:
 
 def capped(moves: Array, longest: float) -> Array:
     """Moves (n, d) of which no joint goes further than that."""
-    return _scaled(moves, np.abs(moves).max(axis=1), longest)
+    size = np.abs(moves).max(axis=1)
+    return _scaled(moves, size, longest)
 
 
 def _scaled(moves: Array, size: Array, longest: float) -> Array:
+    """Moves (n, d) of sizes (n,), made smaller where they are larger than that."""
     share = np.minimum(1.0, longest / np.maximum(size, 1e-300))
     return np.asarray(moves * share[:, None])
-
-
-def _slide_share(moved: Array, turned: Array) -> Array:
-    """Share (n,) of the pull that the next slide goes, by how the pull turned on the last one."""
-    along = (moved * turned).sum(axis=1)
-    straight = along <= 0
-    fit = (moved * moved).sum(axis=1) / np.where(straight, np.inf, along)
-    return np.clip(np.where(straight, 1.5, fit), 0.1, 3.0)

@@ -33,7 +33,8 @@ class Postures:
     def of(self, x: Array) -> tuple[Index, Array]:
         """The postures nearest to places (n, 3) or poses (n, 12)."""
         row = self._tree.query(self._features(x), _NEAREST)[1]
-        return np.repeat(np.arange(len(x)), _NEAREST), self._u[row.ravel()]
+        owner = np.repeat(np.arange(len(x)), _NEAREST)
+        return owner, self._u[row.ravel()]
 
     @cached_property
     def _u(self) -> Array:
@@ -56,10 +57,10 @@ class Postures:
 
     def _features(self, x: Array) -> Array:
         place = x[:, :3] / self.length
-        turn = x[:, 3:] / np.sqrt(
-            2
-        )  # the distance of matrices is that of angles
-        return np.concatenate([place, turn], axis=1)[:, self.columns]
+        # the distance of matrices is that of angles
+        turn = x[:, 3:] / np.sqrt(2)
+        features = np.concatenate([place, turn], axis=1)
+        return features[:, self.columns]
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,8 @@ class DrawnPostures:
         q = (values - self.offset) / self.gain
         middle = self.scale.lower + 0.5 * self.scale.span
         q = q - TURN * np.round((q - middle) / TURN)
-        beyond = np.abs(q - middle) > 0.5 * self.scale.span + _ASIDE
+        furthest = 0.5 * self.scale.span + _ASIDE
+        beyond = np.abs(q - middle) > furthest
         target, way = np.nonzero(~beyond.any(axis=2))
         u = (q[target, way] - self.scale.lower) / self.scale.span
         return target, np.clip(u, 0.0, 1.0)

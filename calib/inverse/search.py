@@ -11,8 +11,10 @@ from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from .closest import closest
 from .families import representatives
+from .folds import twins
 from .newton import Newton, Stand
 from .settings import SEARCH
+from .slides import settle
 from .ways import Ways, distinct
 
 _FURTHER = 1e3
@@ -25,6 +27,56 @@ class Starts(Protocol):
     def of(self, x: Array) -> tuple[Index, Array]:
         """Joints (k, dof) of the unit box, and which of targets (n, m) each is for, ascending."""
         ...
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """For each of n targets the best way so far: the nearest to some joints; changed in place."""
+
+    newton: Newton
+    # (n, dof), joints of the unit box that answers should be near to
+    near: Array
+    stand: Stand
+    # (n,), how far the joints are from `near`; more than any distance where they miss the target
+    rank: Array
+
+    @staticmethod
+    def begun(newton: Newton, stand: Stand, near: Array) -> Nearest:
+        """The first way to each target."""
+        rank = _rank(newton, stand, near)
+        return Nearest(newton, near, stand, rank)
+
+    def missed(self) -> Index:
+        """Targets that no way has met."""
+        return (self.rank >= _FURTHER).nonzero()[0]
+
+    def further(self, distance: float) -> Index:
+        """Targets whose joints are further from `near` than that, or miss them."""
+        return (self.rank > distance).nonzero()[0]
+
+    def try_starts(self, owner: Index, start: Array) -> None:
+        """Take what starts (k, dof) of targets (k,) lead to where that is better."""
+        if not len(owner):
+            return
+        near = self.near[owner]
+        trial = settle(self.newton, start, self.stand.x[owner], near)
+        self.take(owner, trial)
+
+    def take(self, owner: Index, trial: Stand) -> None:
+        """Take ways (k,) to targets (k,) that are better than the best so far."""
+        rank = _rank(self.newton, trial, self.near[owner])
+        before = self.rank[owner]
+        np.minimum.at(self.rank, owner, rank)
+        best = rank == self.rank[owner]
+        better = best & (rank < before)
+        self.stand.put(owner[better], trial.rows(better))
+
+
+def _rank(newton: Newton, stand: Stand, near: Array) -> Array:
+    """How bad answers are, (n,): how far from `near` if they are met, else by the miss."""
+    away = newton.away(stand.u, near)
+    behind = _FURTHER + stand.miss / newton.task.size
+    return np.where(newton.met(stand.miss), away, behind)
 
 
 @dataclass(frozen=True)
@@ -74,48 +126,81 @@ class Search:
         ways = self.every(x)
         if self.redundant:
             ways = representatives(self.newton, ways, x)
-        lost = np.setdiff1d(np.arange(len(x)), ways.target)
+        targets = np.arange(len(x))
+        lost = np.setdiff1d(targets, ways.target)
         if not len(lost):
             return ways
         middle = np.full((len(lost), ways.u.shape[1]), 0.5)
         u, miss = self.solve(x[lost], middle)
-        return ways.joined(Ways(lost, u, miss), self.scale)
+        others = Ways(lost, u, miss)
+        return ways.joined(others, self.scale)
 
     def nearest(self, x: Array, near: Array) -> Stand:
         """Joints nearest to `near` (n, dof) for targets `x`, or what comes close to them."""
         newton = self.newton
         if self.sure < SEARCH.surely:
-            best = newton.at(near, x)
-            rank = self._rank(best, near)
-            close = SEARCH.rough * newton.task.size
-            rows = np.flatnonzero(best.miss <= close)
-            self._improve(best, rank, near, rows, near[rows])
+            best = self._try_all_at_once(x, near)
         else:
-            best = newton.settle(near, x, near)
-            rank = self._rank(best, near)
-        rows = np.flatnonzero(rank > self.sure)
-        if len(rows):
-            owner, start = self.starts.of(x[rows])
-            owner = rows[owner]
-            away = newton.away(start, near[owner])
-            first = rank.copy()
-            np.minimum.at(first, owner, away + 2 * SEARCH.margin)
-            likely = away <= first[owner] + SEARCH.margin
-            self._improve(best, rank, near, owner[likely], start[likely])
-            others = ~likely & (rank[owner] >= _FURTHER)
-            self._improve(best, rank, near, owner[others], start[others])
-        rows = np.flatnonzero(rank >= _FURTHER)
+            stand = settle(newton, near, x, near)
+            best = Nearest.begun(newton, stand, near)
+            rows = best.further(self.sure)
+            if len(rows):
+                self._try_likely_starts(best, rows)
+        rows = best.missed()
         if len(rows):
             owner, start = _drawn(rows, near.shape[1])
-            self._improve(best, rank, near, owner, start)
-        rows = np.flatnonzero(rank > SEARCH.beside)
-        if len(rows) and not newton.redundant:
-            row, start = twins(newton, best.rows(rows), self.folded)
-            row = rows[row]
-            away = newton.away(start, near[row])
-            likely = away <= rank[row] + SEARCH.margin
-            self._improve(best, rank, near, row[likely], start[likely])
+            best.try_starts(owner, start)
+        rows = best.further(SEARCH.beside)
+        if len(rows) and not self.redundant:
+            self._try_across_folds(best, rows)
+        return best.stand
+
+    def _try_all_at_once(self, x: Array, near: Array) -> Nearest:
+        """Lead the joints asked for, if they are close, and likely starts to targets together."""
+        newton = self.newton
+        count = len(x)
+        target, start = self.starts.of(x)
+        away = newton.away(start, near[target])
+        nearest = np.full(count, np.inf)
+        np.minimum.at(nearest, target, away)
+        likely = away <= nearest[target] + 3 * SEARCH.margin
+        owner = np.concatenate([np.arange(count), target[likely]])
+        u = np.concatenate([near, start[likely]])
+        stand = newton.at(u, x[owner])
+        hopeful = stand.miss <= SEARCH.rough * newton.task.size
+        hopeful[count:] = True
+        best = Nearest.begun(newton, stand.rows(slice(count)), near)
+        trial = newton.descend(stand.rows(hopeful))
+        best.take(owner[hopeful], trial)
+        self._try_where_missed(best, target[~likely], start[~likely])
         return best
+
+    def _try_likely_starts(self, best: Nearest, rows: Index) -> None:
+        """Try the starts of some targets that are near enough; where all miss, the others."""
+        target, start = self.starts.of(best.stand.x[rows])
+        owner = rows[target]
+        away = self.newton.away(start, best.near[owner])
+        nearest = best.rank.copy()
+        np.minimum.at(nearest, owner, away + 2 * SEARCH.margin)
+        likely = away <= nearest[owner] + SEARCH.margin
+        best.try_starts(owner[likely], start[likely])
+        self._try_where_missed(best, owner[~likely], start[~likely])
+
+    def _try_where_missed(
+        self, best: Nearest, owner: Index, start: Array
+    ) -> None:
+        """Try starts (k, dof) of targets (k,) that no way has met."""
+        missed = best.rank[owner] >= _FURTHER
+        best.try_starts(owner[missed], start[missed])
+
+    def _try_across_folds(self, best: Nearest, rows: Index) -> None:
+        """Try what lies across a fold beside the ways to some targets."""
+        here = best.stand.rows(rows)
+        place, start = twins(self.newton, here, self.folded)
+        owner = rows[place]
+        away = self.newton.away(start, best.near[owner])
+        likely = away <= best.rank[owner] + SEARCH.margin
+        best.try_starts(owner[likely], start[likely])
 
     def every(self, x: Array) -> Ways:
         """Every way to targets (n, m), sorted as those of `solve_all`.
@@ -129,64 +214,23 @@ class Search:
             target = np.concatenate([target, owner])
             start = np.concatenate([start, drawn])
         stand = newton.refine(start, x[target])
-        row = target[:0]
-        across = stand.u[:0]
-        if not newton.redundant:  # where branches meet
-            row, across = twins(newton, stand, SEARCH.folded)
-        other = newton.refine(across, stand.x[row])
         ways = Ways(target, stand.u, stand.miss)
-        others = Ways(target[row], other.u, other.miss)
-        ways = ways.joined(others, self.scale)
+        if newton.redundant:
+            ways = ways.rows(ways.by_middle(self.scale))
+        else:  # where branches meet
+            place, across = twins(newton, stand, SEARCH.folded)
+            other = newton.refine(across, stand.x[place])
+            others = Ways(target[place], other.u, other.miss)
+            ways = ways.joined(others, self.scale)
         ways = ways.rows(newton.met(ways.miss))
         single = distinct(self.scale, ways.target, ways.u, SEARCH.same)
         return ways.rows(single)
-
-    def _rank(self, stand: Stand, near: Array) -> Array:
-        """How bad answers are, (n,): how far from `near` if they are met, else by the miss."""
-        away = self.newton.away(stand.u, near)
-        behind = _FURTHER + stand.miss / self.newton.task.size
-        return np.where(self.newton.met(stand.miss), away, behind)
-
-    def _improve(
-        self, best: Stand, rank: Array, near: Array, owner: Index, start: Array
-    ) -> None:
-        """Put what starts (k, dof) of targets (k,) lead to in the place of what ranks behind it."""
-        if not len(owner):
-            return
-        trial = self.newton.settle(start, best.x[owner], near[owner])
-        trial_rank = self._rank(trial, near[owner])
-        before = rank[owner]
-        np.minimum.at(rank, owner, trial_rank)
-        better = (trial_rank < before) & (trial_rank == rank[owner])
-        best.put(owner[better], trial.rows(better))
 
 
 def _drawn(rows: Index, dof: int) -> tuple[Index, Array]:
     """For each row joints (k, dof) at random all over their ranges, many at a limit."""
     u = np.random.default_rng(0).random((SEARCH.drawn, dof))
-    u = np.clip(u + SEARCH.aside * (2.0 * u - 1.0), 0.0, 1.0)
-    return np.repeat(rows, SEARCH.drawn), np.tile(u, (len(rows), 1))
-
-
-def twins(newton: Newton, stand: Stand, folded: float) -> tuple[Index, Array]:
-    """Rows (m,) near a fold, and starts (m, dof) for the ways across it.
-
-    At a fold, where the Jacobian loses a direction, two ways meet.  Along the direction that hardly
-    moves the tip its least singular value falls linearly to zero, and the other way lies about as
-    far beyond as this one lies before.
-    """
-    sides, size, directions = np.linalg.svd(stand.slope, full_matrices=False)
-    flattest = size[:, -1] ** 2 <= folded * (size * size).sum(axis=1)
-    rows = np.flatnonzero(flattest)
-    if not len(rows):
-        return rows, stand.u[rows]
-    here = stand.rows(rows)
-    side = sides[rows, :, -1]
-    flat = directions[rows, -1]
-    ahead = newton.task.residual(here.u + SEARCH.probe * flat, here.x)[1]
-    change = side[:, None] @ (ahead - here.slope) @ flat[:, :, None]
-    rate = change[:, 0, 0] / SEARCH.probe
-    reach = -2.0 * size[rows, -1] / np.where(rate == 0.0, np.inf, rate)
-    near = (np.abs(reach) < SEARCH.beyond) & (reach != 0.0)
-    across = here.u[near] + reach[near, None] * flat[near]
-    return rows[near], newton.clip(across)
+    beyond = SEARCH.aside * (2.0 * u - 1.0)
+    u = np.clip(u + beyond, 0.0, 1.0)
+    owner = np.repeat(rows, SEARCH.drawn)
+    return owner, np.tile(u, (len(rows), 1))

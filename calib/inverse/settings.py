@@ -50,6 +50,9 @@ class SearchSettings:
     tries: int = 48  # starts of a position
     # steps of a search by compiled C from joints and what is near: .. us each
     budget: int = 2000
+    # of the workspace's extent: what redundant joints miss by less may be reached by
+    # others, as the edge is where steps are slow
+    edge: float = 2e-3
     # of redundant joints: a third once there is an answer
     spare_tries: int = 60
     # redundant joints start where this times the squared gap of the position, and the

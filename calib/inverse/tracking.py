@@ -49,35 +49,39 @@ def follow_targets(
     that moves least.  Where it ends the solutions of the next target set out, and so on.  Out of
     reach joints stay as close as they can, which is no jump; far beyond they wait.
     """
-    away = sensory.nearest(sensory.scale.to_unit(x))[0][:, 0]
-    close = away <= max(TRACKING.beyond, TRACKING.spacings * sensory.spacing)
+    close = _close_to_map(sensory, x)
     lost = not close.any()
-    close[0] |= lost  # the first alone: nothing more is learned from the others
+    if lost:  # the first alone: nothing more is learned from the others
+        close[0] = True
     near = np.flatnonzero(close)
+    targets = x[near]
     if start is None and not lost:
-        front = _front(search, x[near[0]])
+        front = _front(search, targets[0])
     else:
         wish = np.full(search.scale.span.shape, 0.5) if start is None else start
-        front = search.solve(x[near[:1]], wish[None])[0]
-    rows = np.empty((0, front.shape[1]))
+        front = search.solve(targets[:1], wish[None])[0]
+    rows = _furthest(search, targets, front)
     jumps: list[int] = []
-    while True:
-        rows = np.concatenate(
-            [rows, _furthest(search, x[near[len(rows) :]], front)]
-        )
-        if len(rows) == len(near):
-            break
+    while len(rows) < len(targets):
         jumps.append(len(rows))
-        front = _front(search, x[near[len(rows)]])
+        front = _front(search, targets[len(rows)])
         # of branches that are as good the closest one: the first counts
         gap = search.newton.away(front, rows[-1])
         front = front[np.argsort(gap, kind="stable")]
-    last = np.searchsorted(near, np.arange(len(x)), side="right") - 1
-    return (
-        rows[np.maximum(last, 0)],
-        near[np.array(jumps, dtype=np.intp)],
-        ~close,
-    )
+        further = _furthest(search, targets[len(rows) :], front)
+        rows = np.concatenate([rows, further])
+    # where joints wait: at the last target that is close
+    latest = np.searchsorted(near, np.arange(len(x)), side="right") - 1
+    joints = rows[np.maximum(latest, 0)]
+    jump_rows = near[np.array(jumps, dtype=np.intp)]
+    return joints, jump_rows, ~close
+
+
+def _close_to_map(sensory: Map, x: Array) -> Mask:
+    """Whether targets (k, m) are close enough to nodes of the map to be followed."""
+    away = sensory.nearest(sensory.scale.to_unit(x))[0][:, 0]
+    furthest = max(TRACKING.beyond, TRACKING.spacings * sensory.spacing)
+    return np.asarray(away <= furthest)
 
 
 def _front(search: Search, x: Array) -> Array:
@@ -104,7 +108,8 @@ def _furthest(search: Search, x: Array, front: Array) -> Array:
         length[alive] += search.newton.away(moved, u)
         alive = alive[going]
         history.append(rows)
-    best = alive[np.argmin(length[alive].round(6))]
+    shortest = np.argmin(length[alive].round(6))
+    best = alive[shortest]
     return np.array([rows[best] for rows in history])
 
 
@@ -122,7 +127,8 @@ def _advance(
         ahead = np.minimum(share[rows] + piece[rows], 1.0)
         targets = begin + ahead[:, None] * (end - begin)
         stand = _step(newton, u[rows], targets)
-        smooth = newton.away(stand.u, u[rows]) <= TRACKING.smooth
+        shift = newton.away(stand.u, u[rows])
+        smooth = shift <= TRACKING.smooth
         smooth &= newton.met(stand.miss) | (ahead < 1.0)
         if first and not smooth.all() and not _reaches(search, end):
             smooth[:] = True  # joints are as close as they can be
@@ -131,14 +137,16 @@ def _advance(
         u[moved] = stand.u[smooth]
         share[moved] = ahead[smooth]
         piece[rows] *= np.where(smooth, 2.0, 0.5)
-        rows = np.flatnonzero((share < 1.0) & (piece >= TRACKING.least))
+        unfinished = share < 1.0
+        rows = np.flatnonzero(unfinished & (piece >= TRACKING.least))
     return u, share == 1.0
 
 
 def _step(newton: Newton, u: Array, targets: Array) -> Stand:
     """Joints (n, dof) of the next targets (n, m); spare ones drift to their middle."""
     if newton.redundant:
-        wish = newton.scale.difference(np.full(u.shape, 0.5), u)
+        middle = np.full(u.shape, 0.5)
+        wish = newton.scale.difference(middle, u)
         here = newton.at(u, targets)
         u = u + newton.tangent(here, TRACKING.wish * wish)
     return newton.refine(u, targets, SEARCH.close, TRACKING.few)
@@ -146,6 +154,8 @@ def _step(newton: Newton, u: Array, targets: Array) -> Stand:
 
 def _reaches(search: Search, x: Array) -> bool:
     """Whether the links lead to joints that meet a target (m,)."""
+    newton = search.newton
     owner, start = search.starts.of(x[None])
-    stand = search.newton.refine(start, x[None][owner], SEARCH.close)
-    return bool(search.newton.met(stand.miss).any())
+    goals = x[None][owner]
+    stand = newton.refine(start, goals, SEARCH.close)
+    return bool(newton.met(stand.miss).any())

@@ -11,6 +11,7 @@ import numpy as np
 from ..common.arrays import Array, Index, Shape, freeze
 from ..common.choices import READOUTS
 from ..common.parallel import side_by_side
+from ..common.scale import Scale
 from ..errors import OptionError
 from .linear_models import LinearModels, regress
 from .links import WIRINGS, Compressed, Wiring
@@ -40,6 +41,18 @@ class Clusters:
     strength: Array
     # (sensory nodes, c), motor node with the strongest link of each cluster
     core: Index
+
+    def nearest(
+        self,
+        nodes: Index,
+        place: Array,
+        scale: Scale,
+    ) -> Index:
+        """Number of each node's cluster that is nearest to a place: (...), (..., dof) -> (...)."""
+        gap = scale.difference(self.center[nodes], place[..., None, :])
+        distance = np.linalg.norm(gap, axis=-1)
+        distance = np.where(self.strength[nodes] > 0, distance, np.inf)
+        return np.asarray(distance.argmin(axis=-1))
 
 
 @dataclass(frozen=True)
@@ -94,7 +107,11 @@ class Association:
 
     @staticmethod
     def learn(
-        motor: Map, u: Array, sensory: Map, v: Array, wiring: Wiring
+        motor: Map,
+        u: Array,
+        sensory: Map,
+        v: Array,
+        wiring: Wiring,
     ) -> Association:
         """Link two maps by samples (n, dof) and (n, 2) in their unit boxes."""
         a_i, a_j = side_by_side(
@@ -147,37 +164,25 @@ class Association:
         """
         scale = self.motor.scale
         clusters = self.clusters
-        a = self.wiring.activity(self.sensory, v)
-        n = len(v)
-        k = a.nnz // max(n, 1)
-        nodes = a.indices.reshape(n, k)
-        weight = a.data.reshape(n, k)
         winner = self.sensory.nearest(v)[1][:, 0]
-        away = np.linalg.norm(
-            scale.difference(clusters.center[winner], near[:, None]), axis=2
-        )
-        branch = np.where(clusters.strength[winner] > 0, away, np.inf).argmin(
-            axis=1
-        )
+        branch = clusters.nearest(winner, near, scale)
         anchor = clusters.center[winner, branch]
-        gap = scale.difference(clusters.center[nodes], anchor[:, None, None])
-        far = np.linalg.norm(gap, axis=3) + np.where(
-            clusters.strength[nodes] > 0, 0.0, np.inf
+        # of each active node the cluster on the same branch, where it has one there
+        nodes, activity = self.wiring.active_nodes(self.sensory, v)
+        cluster = clusters.nearest(nodes, anchor[:, None], scale)
+        step = scale.difference(
+            clusters.center[nodes, cluster], anchor[:, None]
         )
-        best = far.argmin(axis=2)[..., None]
-        close = (
-            np.take_along_axis(far, best, 2)[..., 0]
-            <= READOUT.core * self.motor.spacing
-        )
-        strength = np.take_along_axis(clusters.strength[nodes], best, 2)[..., 0]
-        weight = np.where(close, weight * strength, 0.0)
+        distance = np.linalg.norm(step, axis=2)
+        on_branch = distance <= READOUT.core * self.motor.spacing
+        strength = clusters.strength[nodes, cluster]
+        weight = np.where(on_branch, activity * strength, 0.0)
         weight[:, 0] += 1e-300
-        step = np.take_along_axis(gap, best[..., None], 2)[:, :, 0]
+        total = weight.sum(axis=1, keepdims=True)
+        mean = np.einsum("nk,nkd->nd", weight, step) / total
         places = _places(self.sensory, self.sensory_shifts)
-        middle, value, slope = regress(places[nodes] - v[:, None], step, weight)
-        mean = np.einsum("nk,nkd->nd", weight, step) / weight.sum(
-            axis=1, keepdims=True
-        )
+        place = places[nodes] - v[:, None]
+        middle, value, slope = regress(place, step, weight)
         return {
             "linear": anchor + value - np.einsum("nd,ndo->no", middle, slope),
             "activity": anchor + mean,
@@ -200,7 +205,7 @@ class Association:
             means,
             predicted,
             strength,
-            self.wiring.activity(motor, inside),
+            self.wiring.active_nodes(motor, inside),
         )
 
     @cached_property
@@ -226,49 +231,55 @@ class Association:
     @cached_property
     def clusters(self) -> Clusters:
         """The branches of each sensory node."""
-        from scipy.sparse import coo_array, csr_array
-        from scipy.sparse.csgraph import connected_components
-
         links = self.partners
         motor = self.motor
-        j = links.rows
-        i = links.indices.astype(np.intp)
-        # two links of one sensory node are joined where their motor nodes are close
-        link_numbers = np.arange(1, len(i) + 1)
-        columns = csr_array(
-            (link_numbers, links.indices, links.indptr), links.shape
-        ).tocsc()
-        one, two = (columns[:, nodes] for nodes in _close_nodes(motor))
-        met = one.astype(bool).multiply(two.astype(bool))
-        pairs = [csr_array(part.multiply(met)).data - 1 for part in (one, two)]
-        graph = coo_array((np.ones(len(pairs[0])), pairs), (len(i),) * 2)
-        label = connected_components(graph)[1].astype(np.intp)
-
+        sensory_node = links.rows
+        motor_node = links.indices.astype(np.intp)
+        label = _cluster_labels(links, motor)
+        # the strongest link of each cluster, and of the cluster of each link
         order = np.lexsort((-links.data, label))
-        first = order[
-            np.append(True, np.diff(label[order]) > 0)
-        ]  # strongest link of each cluster
-        core = first[label]  # the strongest link of the same cluster
-        gap = motor.scale.difference(motor.units[i], motor.units[i[core]])
-        weight = np.where(
-            np.linalg.norm(gap, axis=1) <= READOUT.core * motor.spacing,
-            links.data,
-            0.0,
-        )
+        begins = np.append(True, np.diff(label[order]) > 0)
+        strongest = order[begins]
+        core = motor.units[motor_node[strongest]]
+        gap = motor.scale.difference(motor.units[motor_node], core[label])
+        inside = np.linalg.norm(gap, axis=1) <= READOUT.core * motor.spacing
+        weight = np.where(inside, links.data, 0.0)
         total = np.bincount(label, weight)
-        shift = np.stack(
-            [np.bincount(label, weight * g) for g in gap.T], axis=1
-        )
-        center = motor.units[i[first]] + shift / total[:, None]
+        sums = [np.bincount(label, weight * g) for g in gap.T]
+        center = core + np.stack(sums, axis=1) / total[:, None]
         # clusters of each sensory node, the strongest first
-        rank = np.lexsort((-links.data[first], j[first]))
-        owner = j[first][rank]
+        owners = sensory_node[strongest]
+        rank = np.lexsort((-links.data[strongest], owners))
+        owner = owners[rank]
         column = np.arange(len(owner)) - np.searchsorted(owner, owner)
         strong = column < READOUT.most_clusters
-        table = np.full((links.shape[0], int(column[strong].max()) + 1), -1)
+        columns = int(column[strong].max()) + 1
+        table = np.full((links.shape[0], columns), -1)
         table[owner[strong], column[strong]] = rank[strong]
         strength = np.where(table >= 0, total[table], 0.0)
-        return Clusters(center[table], strength, i[first][table])
+        return Clusters(center[table], strength, motor_node[strongest][table])
+
+
+def _cluster_labels(links: Compressed, motor: Map) -> Index:
+    """Cluster of each link: those of one sensory node to motor nodes that are close to each other.
+
+    links : (sensory nodes, motor nodes)
+    """
+    from scipy.sparse import coo_array, csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    count = len(links.indices)
+    link_numbers = np.arange(1, count + 1)
+    columns = csr_array(
+        (link_numbers, links.indices, links.indptr), links.shape
+    ).tocsc()
+    # a sensory node that is linked to both nodes of a close pair joins these links
+    one, two = (columns[:, nodes] for nodes in _close_nodes(motor))
+    both = one.astype(bool).multiply(two.astype(bool))
+    pairs = [csr_array(part.multiply(both)).data - 1 for part in (one, two)]
+    graph = coo_array((np.ones(len(pairs[0])), pairs), (count, count))
+    label: Index = connected_components(graph)[1].astype(np.intp)
+    return label
 
 
 def _sums(network: Map, activity: csr_array, u: Array) -> Array:

@@ -33,7 +33,7 @@ def decay(start: float, end: float, n: int) -> Array:
 
 @dataclass(frozen=True)
 class Stage:
-    """Some epochs on one lattice; the last stage trains the one that is kept."""
+    """Some epochs on one lattice; the last stage trains the one that stays."""
 
     lattice: Lattice
     sigma: Array  # (epochs,) [nodes], neighbourhood radius of each epoch
@@ -54,66 +54,64 @@ def coarse_to_fine(
 
     A coarse lattice settles with less work and fewer folds than a fine one, which starts from its
     interpolation with a small radius.  The last stage is eq. 2; with `epochs` or `sigma` it is the
-    only one, from a random start.  Where the density varies the last radius is wider: a smooth map
-    whose border the gain holds in place is more accurate than one that follows each sample.  One
-    that grows has its gain on the coarse lattices, where an epoch costs little.
+    only one, from a random start.
     """
-    alone = epochs is not None or sigma is not None
-    longest = max(lattice.shape)
-    last = BATCH.last_radius
-    if density == "varying" or (alone and density == "growing"):
-        last = BATCH.last_radius_varying
-    if alone:
-        start, end = sigma or (max(longest / 2, last), last)
-        return [
-            Stage(lattice, decay(start, end, epochs or 20), progress=(0.0, 1.0))
-        ]
-    growth = lattice.size / BATCH.coarsest
-    levels = math.ceil(math.log(growth, BATCH.growth)) if growth >= 2 else 0
-    coarse = [
-        shrunk(lattice, BATCH.coarsest * growth ** (k / levels))
-        for k in range(levels)
-    ]
-    coarse = [small for small in coarse if small.size < lattice.size]
+    whole = max(lattice.shape) / 2
+    varies = density != "even"
+    if epochs is not None or sigma is not None:
+        last = BATCH.last_radius_varying if varies else BATCH.last_radius
+        first, last = sigma or (max(whole, last), last)
+        return [_alone(lattice, decay(first, last, epochs or 20))]
+    coarse = _coarse_lattices(lattice)
     if not coarse:
-        start = max(longest / 2, 1.0)
-        return [
-            Stage(
-                lattice, decay(start, min(last, start), 20), progress=(0.0, 1.0)
-            )
-        ]
-    if (
-        density == "varying"
-    ):  # so wide a radius comes next that one coarse lattice will do
-        coarse = coarse[:1]
-    first = Stage(coarse[0], decay(2.0, 0.7, 8))
+        first = max(whole, 1.0)
+        last = BATCH.last_radius
+        if density == "varying":
+            last = BATCH.last_radius_varying
+        return [_alone(lattice, decay(first, min(last, first), 20))]
+    ordered = Stage(coarse[0], decay(2.0, 0.7, 8))
     finer = [Stage(small, decay(2.0, 1.5, 6), BATCH.step) for small in coarse]
-    if density == "varying":
-        # the gain draws nodes to the border: that takes wide radii and more epochs
-        radii = decay(max(2 * last, longest / 5), last, 14)
-        return [first, *finer, Stage(lattice, radii, progress=(0.0, 1.0))]
-    finer.append(Stage(lattice, np.array([1.5]), BATCH.step))
+    smoothed = Stage(lattice, np.array([1.5]), BATCH.step)
     if density == "even":
-        return [
-            first,
-            *finer,
-            Stage(lattice, decay(1.0, last, 3), progress=(0.0, 1.0)),
-        ]
-    share = np.linspace(0.0, BATCH.grown, len(finer) + 1).tolist()
-    finer = [
-        replace(s, progress=part)
-        for s, part in zip(finer, pairwise(share), strict=True)
+        radii = decay(1.0, BATCH.last_radius, 3)
+        return [ordered, *finer, smoothed, _alone(lattice, radii)]
+    if density == "varying":
+        # the gain draws nodes to the border: that takes wide radii and more epochs, so wide that
+        # one coarse lattice will do; at the end a smooth map whose border the gain holds in place
+        # is more accurate than one that follows each sample
+        last = BATCH.last_radius_varying
+        radii = decay(max(2 * last, 2 * whole / 5), last, 14)
+        return [ordered, finer[0], _alone(lattice, radii)]
+    # the gain grows on the coarse lattices, where an epoch costs little
+    growing = [*finer, smoothed]
+    ends = np.linspace(0.0, BATCH.grown, len(growing) + 1).tolist()
+    growing = [
+        replace(stage, progress=part)
+        for stage, part in zip(growing, pairwise(ends), strict=True)
     ]
     side = lattice.size ** (1 / lattice.dim)
-    last = float(
-        np.clip(
-            BATCH.last_radius + 0.22 * math.log2(side / 20),
-            BATCH.last_radius,
-            0.8,
-        )
-    )
+    wider = BATCH.last_radius + 0.22 * math.log2(side / 20)
+    last = float(np.clip(wider, BATCH.last_radius, 0.8))
     radii = decay(BATCH.first_radius_growing, last, BATCH.epochs_growing)
-    return [first, *finer, Stage(lattice, radii, progress=(BATCH.grown, 1.0))]
+    return [ordered, *growing, Stage(lattice, radii, progress=(BATCH.grown, 1))]
+
+
+def _alone(lattice: Lattice, radii: Array) -> Stage:
+    """A stage of Kohonen's batch rule that sees the whole growth of a varying density."""
+    return Stage(lattice, radii, progress=(0.0, 1.0))
+
+
+def _coarse_lattices(lattice: Lattice) -> list[Lattice]:
+    """Lattices of the same proportions up to, and without, the full one; none of a small one."""
+    growth = lattice.size / BATCH.coarsest
+    if growth < 2:
+        return []
+    levels = math.ceil(math.log(growth, BATCH.growth))
+    coarse = [
+        shrunk(lattice, BATCH.coarsest * growth ** (level / levels))
+        for level in range(levels)
+    ]
+    return [small for small in coarse if small.size < lattice.size]
 
 
 def shrunk(lattice: Lattice, nodes: float) -> Lattice:
@@ -133,11 +131,15 @@ def learn_batch(
 
     In a stage without `step` each node goes to the mean of all samples, weighted by the
     neighbourhood h (eq. 3) of their winners and their gain: the fixed points of eq. 2.
+
+    u : (n, d), samples in the unit box
+    residual : (n,), how wrong a smooth model is at each sample, for a gain
     """
     order = _by_place(u)
     u = u[order]
     lattice = stages[0].lattice
     full = stages[-1].lattice
+    per_node = len(u) / full.size
     weights = rng.random((lattice.size, u.shape[1]))
     if len(stages) > 1:
         weights = spread_out(u, lattice)
@@ -148,20 +150,18 @@ def learn_batch(
         rows = np.arange(len(u))
         most = BATCH.samples_per_node * lattice.size
         if lattice != full and most < len(u):
-            rows = np.sort(
-                rng.choice(
-                    len(u),
-                    most,
-                    replace=False,
-                    shuffle=False,
-                )
+            rows = rng.choice(
+                len(u),
+                most,
+                replace=False,
+                shuffle=False,
             )
+            rows.sort()
         samples = u[rows]
-        log_order = np.argsort(
-            order[rows]
-        )  # a gain sees samples in the log's order
+        # a gain sees samples in the log's order
+        log_order = np.argsort(order[rows])
         wrong = None if residual is None else residual[order[rows[log_order]]]
-        for k, sigma in enumerate(stage.sigma.tolist()):
+        for epoch, sigma in enumerate(stage.sigma.tolist(), start=1):
             tree = search_tree(weights)
             distances, winners = nearest_nodes(tree, samples)  # eq. 1
             distance = distances[:, 0]
@@ -170,14 +170,14 @@ def learn_batch(
             if gain is not None and stage.progress is not None:
                 first, last = stage.progress
                 visit = Visit(
-                    first + (last - first) * ((k + 1) / len(stage.sigma)),
+                    first + (last - first) * (epoch / len(stage.sigma)),
                     winner[log_order],
                     distance[log_order],
                     weights,
                     lattice,
                     wrong,
                     sigma,
-                    per_node=len(u) / full.size,
+                    per_node,
                 )
                 g[log_order] = gain(visit)  # eq. 7 and 8
             topographic = topographic_error(samples, tree, lattice)
@@ -194,13 +194,21 @@ def learn_batch(
                 sigma,
                 stage.step,
             )
+            error = float(distance.mean())
             yield Epoch(
-                weights, lattice, sigma, float(distance.mean()), topographic
+                weights,
+                lattice,
+                sigma,
+                error,
+                topographic,
             )
 
 
 def _sums_of_winners(
-    samples: Array, winner: Index, g: Array, nodes: int
+    samples: Array,
+    winner: Index,
+    g: Array,
+    nodes: int,
 ) -> Array:
     """Sum of the samples (n, d) that each node won, and of their weights g, (nodes, d + 1)."""
     columns = [*(g * coordinate for coordinate in samples.T), g]
@@ -246,7 +254,12 @@ def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
         h = np.exp(
             np.arange(-reach, reach + 1) ** 2 / (-2.0 * sigma * sigma)
         )  # eq. 3
-        grid = correlate1d(grid, h, axis, mode="constant")
+        grid = correlate1d(
+            grid,
+            h,
+            axis,
+            mode="constant",
+        )
     return grid.reshape(sums.shape)
 
 

@@ -12,7 +12,10 @@ from .settings import DYNAMIC
 
 
 def learn_dsom(
-    u: Array, lattice: Lattice, epochs: int, rng: np.random.Generator
+    u: Array,
+    lattice: Lattice,
+    epochs: int,
+    rng: np.random.Generator,
 ) -> Iterator[Epoch]:
     """Train a dynamic map, whose rate and radius follow the distance of a sample to its winner."""
     # from one place it unfolds; scattered nodes are close to every sample and stay put
@@ -29,7 +32,13 @@ def learn_dsom(
                 DYNAMIC.elasticity,
             )
         )
-        yield Epoch.of(u, weights, lattice, sigma, error)
+        yield Epoch.of(
+            u,
+            weights,
+            lattice,
+            sigma,
+            error,
+        )
 
 
 def present_dsom(
@@ -57,7 +66,13 @@ def present_dsom(
         if distance == 0.0:
             continue  # the source: h is zero where the winner stands on the sample
         window, h = lattice.around(
-            winner, *_widths(lattice, distance, dim, elasticity)
+            winner,
+            *_widths(
+                lattice,
+                distance,
+                dim,
+                elasticity,
+            ),
         )
         step = rate * h * away.reshape(lattice.shape)[window] / math.sqrt(dim)
         grid[window] += step[..., None] * (x - grid[window])
@@ -65,7 +80,10 @@ def present_dsom(
 
 
 def _widths(
-    lattice: Lattice, distance: float, dim: int, elasticity: float
+    lattice: Lattice,
+    distance: float,
+    dim: int,
+    elasticity: float,
 ) -> tuple[float, ...]:
     """Sigma along each axis [nodes] at a distance to the winner, of a lattice of unit sides."""
     wide = elasticity * distance / math.sqrt(2.0 * dim)

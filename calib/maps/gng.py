@@ -54,23 +54,23 @@ def learn_gng(
     epochs : passes over the samples, each in another order; a pass ends after 15 per node
     """
     two_samples = u[rng.permutation(len(u))[:2]]
-    gas = Gas(two_samples + 1e-9 * rng.random((2, u.shape[1])), np.zeros(2))
+    apart = 1e-9 * rng.random((2, u.shape[1]))
+    gas = Gas(two_samples + apart, np.zeros(2))
     # the source's decay d = 0.995 remembers 200 samples, too few for thousands of nodes
     decay = 1.0 - 1.0 / (2.0 * max(nodes, 100))
     shown = min(len(u), GROWING.samples_per_node * nodes)
+    until_grown = GROWING.growing * epochs * shown
     done = 0
     for _ in range(epochs):
         order = u[rng.permutation(len(u))[:shown]]
         total = 0.0
         first = 0
         while first < shown:
-            block = order[
-                first : first
-                + max(1, min(GROWING.block, len(gas.weights) // 10))
-            ]
+            length = min(GROWING.block, len(gas.weights) // 10)
+            block = order[first : first + max(1, length)]
             first += len(block)
             done += len(block)
-            progress = min(1.0, done / (GROWING.growing * epochs * shown))
+            progress = min(1.0, done / until_grown)
             total += present_gng(
                 gas,
                 block,
@@ -78,11 +78,16 @@ def learn_gng(
                 gain,
                 progress,
             )
-            while len(gas.weights) < 2 + int((nodes - 2) * progress) and len(
-                gas.pairs
-            ):
+            wanted = 2 + int((nodes - 2) * progress)
+            while len(gas.weights) < wanted and len(gas.pairs):
                 insert(gas)
-        yield Epoch.of(u, gas.weights, gas.graph, 0.0, total / shown)
+        yield Epoch.of(
+            u,
+            gas.weights,
+            gas.graph,
+            0.0,
+            total / shown,
+        )
 
 
 def present_gng(
@@ -97,33 +102,44 @@ def present_gng(
     decay : factor d on every error, per sample
     Returns the sum of the samples' distances to their winners.
     """
-    distances, index = nearest_nodes(search_tree(gas.weights), samples, 2)
-    winner = index[:, 0]
-    second = index[:, 1]
-    error = distances[:, 0] ** 2
+    n = len(gas.weights)
+    tree = search_tree(gas.weights)
+    distances, nodes = nearest_nodes(tree, samples, 2)
+    distance = distances[:, 0]
+    winner = nodes[:, 0]
+    second = nodes[:, 1]
+    error = distance**2
     if gain is not None:
         visit = Visit(
             progress,
             winner,
-            distances[:, 0],
+            distance,
             gas.weights,
             gas.graph,
         )
         error = error * gain(visit)
-    n = len(gas.weights)
-    gas.error = (gas.error + np.bincount(winner, error, n)) * decay ** len(
-        samples
-    )
+    gas.error = gas.error + np.bincount(winner, error, n)
+    gas.error = gas.error * decay ** len(samples)
     wins = np.bincount(winner, minlength=n).astype(float)
     a, b = gas.pairs.T
     gas.age = gas.age + wins[a] + wins[b]
-    _move_nodes(gas, samples, winner, wins)
+    _move_nodes(
+        gas,
+        samples,
+        winner,
+        wins,
+    )
     _renew_edges(gas, winner, second)
     _remove_old_edges(gas)
-    return float(distances[:, 0].sum())
+    return float(distance.sum())
 
 
-def _move_nodes(gas: Gas, samples: Array, winner: Index, wins: Array) -> None:
+def _move_nodes(
+    gas: Gas,
+    samples: Array,
+    winner: Index,
+    wins: Array,
+) -> None:
     """Move each node towards the samples that it and its neighbours won."""
     n = len(gas.weights)
     a, b = gas.pairs.T
@@ -147,12 +163,12 @@ def _move_nodes(gas: Gas, samples: Array, winner: Index, wins: Array) -> None:
 def _renew_edges(gas: Gas, winner: Index, second: Index) -> None:
     """Join the two nearest nodes of each sample by an edge of age 0."""
     n = len(gas.weights)
-    new_keys = np.unique(
-        np.minimum(winner, second) * n + np.maximum(winner, second)
-    )
+    low = np.minimum(winner, second)
+    high = np.maximum(winner, second)
+    new_keys = np.unique(low * n + high)
+    new_pairs = np.stack(np.divmod(new_keys, n), axis=1)
     keys = gas.pairs[:, 0] * n + gas.pairs[:, 1]
     stays = ~np.isin(keys, new_keys)
-    new_pairs = np.stack(np.divmod(new_keys, n), axis=1)
     gas.pairs = np.concatenate([gas.pairs[stays], new_pairs])
     gas.age = np.concatenate([gas.age[stays], np.zeros(len(new_keys))])
 
@@ -177,17 +193,17 @@ def insert(gas: Gas) -> int:
     near = gas.neighbours(worst)
     if not len(near):
         gas.error[worst] = 0.0
-        worst = int(gas.pairs[gas.error[gas.pairs].sum(axis=1).argmax(), 0])
+        errors = gas.error[gas.pairs].sum(axis=1)
+        worst = int(gas.pairs[errors.argmax(), 0])
         near = gas.neighbours(worst)
     other = int(near[gas.error[near].argmax()])
     gas.error[[worst, other]] *= GROWING.alpha
+    gas.error = np.append(gas.error, gas.error[worst])
     new = len(gas.weights)
     between = 0.5 * (gas.weights[worst] + gas.weights[other])
     gas.weights = np.concatenate([gas.weights, between[None]])
-    gas.error = np.append(gas.error, gas.error[worst])
-    split = (gas.pairs[:, 0] == min(worst, other)) & (
-        gas.pairs[:, 1] == max(worst, other)
-    )
+    low, high = sorted((worst, other))
+    split = (gas.pairs == (low, high)).all(axis=1)
     ends = np.array([[worst, new], [other, new]], dtype=np.intp)
     gas.pairs = np.concatenate([gas.pairs[~split], ends])
     gas.age = np.concatenate([gas.age[~split], np.zeros(2)])

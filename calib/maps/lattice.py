@@ -98,19 +98,19 @@ class Lattice:
 
         widths : sigma [nodes], or one for each axis
         """
-        widths = widths * self.dim if len(widths) == 1 else widths
+        if len(widths) == 1:
+            widths = widths * self.dim
         reach = int(REACH * max(widths)) + 1
+        winner_place = np.unravel_index(winner, self.shape)
         window = []
         h = np.ones(())
-        places = np.unravel_index(winner, self.shape)
-        for n, place, width in zip(
-            self.shape, map(int, places), widths, strict=True
+        for n, r_i, sigma in zip(
+            self.shape, map(int, winner_place), widths, strict=True
         ):
-            part = slice(max(0, place - reach), min(n, place + reach + 1))
-            steps = np.arange(part.start - place, part.stop - place)
-            h = np.multiply.outer(
-                h, np.exp(steps**2 / (-2.0 * width * width))
-            )  # eq. 3
+            part = slice(max(0, r_i - reach), min(n, r_i + reach + 1))
+            r_j = np.arange(part.start, part.stop)
+            h_axis = np.exp((r_j - r_i) ** 2 / (-2.0 * sigma * sigma))  # eq. 3
+            h = np.multiply.outer(h, h_axis)
             window.append(part)
         return tuple(window), h
 
@@ -144,18 +144,17 @@ class Lattice:
         the axis, and beyond the outermost nodes the lattice is continued linearly.
         """
         grid = weights.reshape(*self.shape, -1)
-        for axis, (old, new) in enumerate(
-            zip(self.shape, finer.shape, strict=True)
-        ):
+        for axis in range(self.dim):
+            old = self.shape[axis]
+            new = finer.shape[axis]
             place = (np.arange(new) + 0.5) * (old / new) - 0.5
             low = np.clip(np.floor(place).astype(int), 0, old - 2)
-            rest = (place - low).reshape(
-                [-1 if a == axis else 1 for a in range(grid.ndim)]
-            )
-            grid = (
-                np.take(grid, low, axis) * (1 - rest)
-                + np.take(grid, low + 1, axis) * rest
-            )
+            along = [1] * grid.ndim
+            along[axis] = new
+            rest = (place - low).reshape(along)
+            below = np.take(grid, low, axis)
+            above = np.take(grid, low + 1, axis)
+            grid = below * (1 - rest) + above * rest
         return np.ascontiguousarray(grid.reshape(finer.size, -1))
 
 

@@ -7,7 +7,6 @@ at their middle; a regression on the nodes' mean activity positions continues to
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,9 +14,6 @@ from ..common.arrays import Array, Index, ReadOnly
 from .local_models import blend, blend_size
 from .map import Map
 from .settings import READOUT
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 
 def regress(
@@ -78,19 +74,18 @@ class LinearModels(ReadOnly):
         places: Array,
         partners: Array,
         strength: Array,
-        activity: csr_array,
+        active: tuple[Index, Array],
     ) -> LinearModels:
         """Regress the partners' values around each node.
 
         places : (nodes, d), mean activity position of each node, in the unit box
         partners, strength : (nodes, o), (nodes,), link-weighted mean of each node's partners [unit]
             and the sum of its links
-        activity : csr_array of shape (nodes, nodes), activity of the nodes at each node's own place
-            (eq. 6).
+        active : (nodes, k), (nodes, k), nodes around each node's own place, and their activities
+            there (eq. 6)
         """
-        n = motor.size
-        near = activity.indices.reshape(n, -1)
-        weight = activity.data.reshape(n, -1) * strength[near]
+        near, activity = active
+        weight = activity * strength[near]
         place = motor.scale.difference(places[near], motor.units[:, None])
         middle, mean, slope = regress(place, partners[near], weight)
         value = mean - np.einsum("nd,ndo->no", middle, slope)
@@ -103,7 +98,10 @@ class LinearModels(ReadOnly):
         return LinearModels(motor, value, slope)
 
     def _blended(
-        self, u: Array, index: Index, weight: Array
+        self,
+        u: Array,
+        index: Index,
+        weight: Array,
     ) -> tuple[Array, Array]:
         """Weighted mean (n, o) of the nodes' linear models, and what each predicts (n, m, o)."""
         gap = self.motor.scale.difference(u[:, None], self.motor.units[index])

@@ -30,25 +30,32 @@ class Wiring:
     mutual: bool = True
     bandwidth: float = LINKS.bandwidth  # of eq. 6, in units of the spacing.
 
-    def activity(self, network: Map, u: Array) -> csr_array:
-        """Activity a_j (n, nodes) of the nodes nearest to places (n, d) of the unit box (eq. 6).
+    def active_nodes(self, network: Map, u: Array) -> tuple[Index, Array]:
+        """Nodes nearest to places (n, d) of the unit box, and their activities, (n, k) (eq. 6).
 
-        It is relative to the winner's, which is never zero even far from every node.
+        They are relative to the winner's, which is never zero even far from every node.
         """
+        k = min(LINKS.nearest, network.size)
+        distance, nodes = network.nearest(u, k)
+        spacing = network.spacings[nodes] if self.local else network.spacing
+        exponent = (distance / (self.bandwidth * spacing)) ** 2
+        least = exponent.min(axis=1, keepdims=True)
+        return nodes, np.exp(least - exponent)  # eq. 6
+
+    def activity(self, network: Map, u: Array) -> csr_array:
+        """Activity a_j (n, nodes) of the nodes at places (n, d) of the unit box (eq. 6)."""
         from scipy.sparse import csr_array
 
-        k = min(LINKS.nearest, network.size)
-        distance, index = network.nearest(u, k)
-        spacing = network.spacings[index] if self.local else network.spacing
-        exponent = (distance / (self.bandwidth * spacing)) ** 2
-        a = np.exp(exponent.min(axis=1, keepdims=True) - exponent)  # eq. 6
-        rows = np.arange(0, a.size + 1, k)
-        return csr_array(
-            (a.ravel(), index.ravel(), rows), shape=(len(u), network.size)
-        )
+        nodes, a = self.active_nodes(network, u)
+        rows = np.arange(0, a.size + 1, a.shape[1])
+        shape = (len(u), network.size)
+        return csr_array((a.ravel(), nodes.ravel(), rows), shape=shape)
 
     def link(
-        self, together: csr_array, motor: Array, sensory: Array
+        self,
+        together: csr_array,
+        motor: Array,
+        sensory: Array,
     ) -> Compressed:
         """Links (motor nodes, sensory nodes) at the fixed point of Oja's rule (eq. 5).
 

@@ -37,29 +37,29 @@ NO_MODELS = LocalModels(
 @lru_cache(maxsize=32)
 def exponents(dim: int, degree: int) -> Index:
     """Exponents of all terms of total degree <= `degree`, (terms, dim), lowest first."""
-    every = itertools.product(range(degree + 1), repeat=dim)
-    terms = sorted(
-        (t for t in every if sum(t) <= degree), key=lambda t: (sum(t), t)
-    )
+    combinations = itertools.product(range(degree + 1), repeat=dim)
+    terms = [term for term in combinations if sum(term) <= degree]
+    terms.sort(key=lambda term: (sum(term), term))
     return np.array(terms, dtype=np.intp).reshape(-1, dim)
 
 
 def monomials(z: Array, terms: Index) -> Array:
     """Products of powers of `z` (..., d) by their exponents (terms, d), (..., terms)."""
     products = np.ones((*z.shape[:-1], len(terms)))
-    for k, column in enumerate(terms.T):
-        powers = np.cumprod(
-            np.repeat(z[..., k, None], column.max(initial=0) + 1, axis=-1),
-            axis=-1,
-        )
-        products *= np.concatenate([np.ones_like(z[..., :1]), powers], axis=-1)[
-            ..., column
-        ]
+    for axis, exponent in enumerate(terms.T):
+        powers = [np.ones(z.shape[:-1])]
+        for _ in range(exponent.max(initial=0)):
+            powers.append(powers[-1] * z[..., axis])
+        products *= np.stack(powers, axis=-1)[..., exponent]
     return products
 
 
 def fit(
-    motor: Map, nodes: Index, u: Array, residual: Array, shape: tuple[int, int]
+    motor: Map,
+    nodes: Index,
+    u: Array,
+    residual: Array,
+    shape: tuple[int, int],
 ) -> LocalModels:
     """Kernel-weighted least squares around some of the nodes (k,); the others are silent.
 
@@ -84,14 +84,7 @@ def fit(
     radius = np.maximum(distance[:, -1:], 1e-12)
     z = scale.difference(u[near], places[:, None]) / radius[..., None]
     kernel = (1.0 - (distance[:, :-1] / radius) ** 2) ** 2
-    away = np.random.default_rng(0).standard_normal((LOCAL.ring, dof))
-    away *= 0.5 / np.linalg.norm(away, axis=1, keepdims=True)
-    ring = places[:, None] + motor.spacings[nodes][:, None, None] * away
-    ring = (
-        np.where(scale.periodic, ring, np.clip(ring, 0.0, 1.0))
-        - places[:, None]
-    )
-    ring /= radius[..., None]
+    ring = _ring(motor, nodes) / radius[..., None]
     coefficients = np.zeros((motor.size, len(exponents(dof, degree)), outputs))
     shaky = np.arange(len(nodes))
     for lower in range(degree, -1, -1):
@@ -107,14 +100,14 @@ def fit(
             diagonal = np.einsum("nii->ni", moments)
             diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
             on_ring = np.swapaxes(monomials(ring[part], terms), 1, 2)
-            right_side = np.concatenate(
-                [weighted @ residual[near[part]], on_ring], axis=2
-            )
-            solved = np.linalg.solve(moments, right_side)
-            variance = np.einsum("nta,nta->na", on_ring, solved[..., outputs:])
+            values = weighted @ residual[near[part]]
+            right_side = np.concatenate([values, on_ring], axis=2)
+            solution = np.linalg.solve(moments, right_side)
+            models = solution[..., :outputs]
+            spread = solution[..., outputs:]
+            variance = np.einsum("nta,nta->na", on_ring, spread)
             firm = (variance < LOCAL.firm).all(axis=1)
-            models = solved[firm, :, :outputs]
-            coefficients[nodes[part[firm]], : len(terms)] = models
+            coefficients[nodes[part[firm]], : len(terms)] = models[firm]
             still_shaky.append(part[~firm])
         shaky = np.concatenate(still_shaky)
     reach = np.full(motor.size, motor.spacing)
@@ -127,13 +120,28 @@ def fit(
     )
 
 
+def _ring(motor: Map, nodes: Index) -> Array:
+    """Offsets (k, places, d) from nodes to places half a spacing around them, within the box."""
+    dof = motor.units.shape[1]
+    away = np.random.default_rng(0).standard_normal((LOCAL.ring, dof))
+    away *= 0.5 / np.linalg.norm(away, axis=1, keepdims=True)
+    middle = motor.units[nodes][:, None]
+    ring = middle + motor.spacings[nodes][:, None, None] * away
+    inside = np.clip(ring, 0.0, 1.0)
+    return np.where(motor.scale.periodic, ring, inside) - middle
+
+
 def blend_size(dim: int) -> int:
     """Number of nodes whose local models are blended."""
     return {1: 3, 2: 4, 3: 6}.get(dim, 8)
 
 
 def blend(
-    motor: Map, u: Array, m: int, *, slope: bool = False
+    motor: Map,
+    u: Array,
+    m: int,
+    *,
+    slope: bool = False,
 ) -> tuple[Index, Array, Array]:
     """Nodes whose models speak for each point, their weights (n, m), and if asked for the slopes.
 
@@ -144,26 +152,21 @@ def blend(
     distance, index = motor.nearest(u, m + 1)
     last = np.maximum(distance[:, -1:], 1e-300)
     ratio = (distance[:, :-1] / last) ** 2
-    raw = np.maximum(
-        (1.0 - ratio) ** 2, 1e-30
-    )  # all at the same distance weigh the same
+    # all at the same distance weigh the same
+    raw = np.maximum((1.0 - ratio) ** 2, 1e-30)
     total = raw.sum(axis=1, keepdims=True)
     weight = raw / total
     if not slope:
         return index[:, :-1], weight, np.empty(0)
-    # ratio_k = d_k^2 / d_last^2, in which both distances move with the point; then the quotient
-    # rule for raw_k / total
+    # both distances of a ratio move with the point
     gap = motor.scale.difference(u[:, None], motor.units[index])
-    tilt = (
-        2.0
-        * (gap[:, :-1] - ratio[..., None] * gap[:, -1:])
-        / (last * last)[..., None]
-    )
-    tilt *= -2.0 * (1.0 - ratio)[..., None]
-    tilt = (tilt - weight[..., None] * tilt.sum(axis=1, keepdims=True)) / total[
-        ..., None
-    ]
-    return index[:, :-1], weight, tilt
+    moved = gap[:, :-1] - ratio[..., None] * gap[:, -1:]
+    ratio_slope = 2.0 * moved / (last * last)[..., None]
+    raw_slope = ratio_slope * (-2.0 * (1.0 - ratio)[..., None])
+    # the quotient rule for raw / total
+    total_slope = raw_slope.sum(axis=1, keepdims=True)
+    tilt = raw_slope - weight[..., None] * total_slope
+    return index[:, :-1], weight, tilt / total[..., None]
 
 
 def speaking(motor: Map, u: Array) -> tuple[Index, Array, Array]:
@@ -179,10 +182,11 @@ def heard(weight: Array, talks: Mask) -> Array:
     """
     talking = np.where(talks, weight, 0.0)
     share = talking.sum(axis=1, keepdims=True)
-    t = np.clip((share - LOCAL.silent) / (LOCAL.full - LOCAL.silent), 0.0, 1.0)
-    return np.asarray(
-        talking * (t * t * (3.0 - 2.0 * t) / np.maximum(share, LOCAL.silent))
-    )
+    t = (share - LOCAL.silent) / (LOCAL.full - LOCAL.silent)
+    t = np.clip(t, 0.0, 1.0)
+    smooth_step = t * t * (3.0 - 2.0 * t)
+    loudness = smooth_step / np.maximum(share, LOCAL.silent)
+    return np.asarray(talking * loudness)
 
 
 def contributions(models: LocalModels, index: Index, gap: Array) -> Array:
@@ -194,23 +198,31 @@ def contributions(models: LocalModels, index: Index, gap: Array) -> Array:
 
 
 def predict(
-    models: LocalModels, motor: Map, u: Array, *, slope: bool = False
+    models: LocalModels,
+    motor: Map,
+    u: Array,
+    *,
+    slope: bool = False,
 ) -> tuple[Array, Array]:
     """Blended correction at the points `u` (n, d), (n, m), and if asked for its slope (n, m, d)."""
     index, weight, gap = speaking(motor, u)
-    weight = heard(weight, (models.coefficients != 0.0).any(axis=(1, 2))[index])
-    value = np.einsum("nm,nmo->no", weight, contributions(models, index, gap))
+    talks = (models.coefficients != 0.0).any(axis=(1, 2))
+    weight = heard(weight, talks[index])
+    answers = contributions(models, index, gap)
+    value = np.einsum("nm,nmo->no", weight, answers)
     if not slope:
         return value, np.empty(0)
     # of the polynomials alone: what the weights add is small where neighbours agree, and a
     # Newton step that is a little off is corrected by the next
+    dof = u.shape[1]
     radius = models.radius[index][..., None]
-    terms = exponents(u.shape[1], models.degree)
-    lower = np.maximum(terms - np.eye(u.shape[1], dtype=np.intp)[:, None], 0)
     z = gap / radius
-    slopes = np.stack(
-        [k * monomials(z, part) for k, part in zip(terms.T, lower, strict=True)]
-    )
-    slopes /= radius
+    terms = exponents(dof, models.degree)
+    by_axis = []
+    for axis in range(dof):
+        lower = terms.copy()
+        lower[:, axis] = np.maximum(lower[:, axis] - 1, 0)
+        by_axis.append(terms[:, axis] * monomials(z, lower))
+    slopes = np.stack(by_axis) / radius
     weighted = models.coefficients[index] * weight[..., None, None]
     return value, np.einsum("dnmt,nmto->nod", slopes, weighted)

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 HISTORY = ("nodes", "sigma", "quantization_error", "topographic_error")
 """Columns of a map's history: one row per epoch, errors in the unit box."""
 
+# spacing of nodes that are all at one place, in the unit box
+_ONE_PLACE = 1e-12
 _FEW = 2_000_000  # distances that take a tenth of the time of SciPy's import
 _MANY = 4_000  # places whose search is shared among threads
 
@@ -90,7 +92,7 @@ class Map:
     @cached_property
     def spacing(self) -> float:
         """Mean distance of joined nodes in the unit box: the unit of every radius."""
-        return float(self.lengths.mean())
+        return max(float(self.lengths.mean()), _ONE_PLACE)
 
     @cached_property
     def spacings(self) -> Array:
@@ -101,7 +103,7 @@ class Map:
         means = total / np.maximum(count, 1)
         # a node on top of its neighbours, or joined to none, has the spacing of the map
         alone = means <= 1e-6 * self.spacing
-        return frozen(np.where(alone, max(self.spacing, 1e-300), means))
+        return frozen(np.where(alone, self.spacing, means))
 
     @property
     def u_matrix(self) -> Array:
@@ -148,7 +150,10 @@ class Map:
 
 
 def nearest_points(
-    points: Array, scale: Scale, u: Array, k: int = 1
+    points: Array,
+    scale: Scale,
+    u: Array,
+    k: int = 1,
 ) -> tuple[Array, Index]:
     """Distances and indices, (n, k), of the `k` points of the unit box nearest to each place.
 

@@ -92,7 +92,11 @@ class Choice:
 
 
 def select(
-    motor: Map, u: Array, x: Array, smooth: Smooth, held_out: Array
+    motor: Map,
+    u: Array,
+    x: Array,
+    smooth: Smooth,
+    held_out: Array,
 ) -> tuple[Predictor, Array]:
     """Give nodes local models of one shape where that mends what a smooth part leaves over.
 
@@ -113,29 +117,62 @@ def select(
     ]
     if not shapes or follows_the_motion(x, held_out):
         return plain, held_out
-    candidates, stands = _candidates(motor, u, x, held_out)
+    candidates, stands = _candidates(
+        motor,
+        u,
+        x,
+        held_out,
+    )
     if not len(candidates.rows):
         return plain, held_out
     residual = x - smooth.value(u)
     choices = []
     for shape in shapes:
-        predictions = _fold_predictions(motor, u, residual, candidates, shape)
-        choices.append(_choice(motor, candidates, stands, predictions, shape))
+        predictions = _fold_predictions(
+            motor,
+            u,
+            residual,
+            candidates,
+            shape,
+        )
+        choices.append(
+            _choice(
+                motor,
+                candidates,
+                stands,
+                predictions,
+                shape,
+            )
+        )
     best = max(choices, key=lambda choice: choice.gain)
     if best.gain <= 0.0:
         return plain, held_out
     mended = held_out.copy()
     mended[candidates.rows] = best.remaining
-    models = local.fit(motor, best.nodes, u, residual, best.shape)
+    models = local.fit(
+        motor,
+        best.nodes,
+        u,
+        residual,
+        best.shape,
+    )
     return Predictor(motor, smooth, models), mended
 
 
 def _candidates(
-    motor: Map, u: Array, x: Array, held_out: Array
+    motor: Map,
+    u: Array,
+    x: Array,
+    held_out: Array,
 ) -> tuple[Candidates, Mask]:
     """Return the rows that may be mended, and the nodes (nodes,) that stand among wrong rows."""
     n = len(u)
-    near = nearest_points(u, motor.scale, u, SELECTION.rows_around)[1]
+    near = nearest_points(
+        u,
+        motor.scale,
+        u,
+        SELECTION.rows_around,
+    )[1]
     # neighbours share what a smooth part misses: their difference is noise
     difference = float(np.median(_square(held_out - held_out[near[:, 1]])))
     rounding = (SELECTION.rounding * np.linalg.norm(np.ptp(x, axis=0))) ** 2
@@ -209,7 +246,12 @@ def _choice(
     total = float(sums.sum())
     if not _beyond_chance(sums, SELECTION.total_gain):
         total = 0.0
-    return Choice(shape, np.flatnonzero(talks), remaining, total)
+    return Choice(
+        shape,
+        np.flatnonzero(talks),
+        remaining,
+        total,
+    )
 
 
 def _square(residual: Array) -> Array:
@@ -230,7 +272,11 @@ def _beyond_chance(parts: Array, errors: float) -> Mask:
 
 
 def misfit(
-    scale: Scale, u: Array, held_out: Array, extent: float, at: Array
+    scale: Scale,
+    u: Array,
+    held_out: Array,
+    extent: float,
+    at: Array,
 ) -> Array | None:
     """Mean square (k,) of held-out residuals around points beyond noise, None where all is noise.
 
@@ -244,7 +290,12 @@ def misfit(
     """
     square = np.maximum(_square(held_out), (SELECTION.rounding * extent) ** 2)
     k = min(SELECTION.rows_averaged, len(u) // 4)
-    index = nearest_points(u, scale, at, k)[1]
+    index = nearest_points(
+        u,
+        scale,
+        at,
+        k,
+    )[1]
     # without the largest: an outlier is no misfit
     here = np.sort(square[index], axis=1)[:, : k - k // 5].mean(axis=1)
     noise, low = (float(v) for v in np.quantile(here, (0.5, 0.16)))

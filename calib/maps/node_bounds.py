@@ -1,9 +1,8 @@
 """Expected error: a bound that holds for 95 % of the queries, learned from held-out errors."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from .local_models import blend, blend_size
 from .map import Map, nearest_points
 from .settings import BOUNDS
@@ -19,31 +18,42 @@ def learn_bounds(motor: Map, u: Array, errors: Array) -> Array:
     u, errors : (n, dof), (n,) [unit], samples in the unit box that training never saw, their errors
     Returns (nodes,) [unit].
     """
-    floor = max(1e-9 * float(errors.max(initial=0.0)), 1e-15)
+    largest = float(errors.max(initial=0.0))
+    floor = max(1e-9 * largest, 1e-15)
     k = max(1, min(BOUNDS.around, len(u) // 2))
-    near = nearest_points(u, motor.scale, np.clip(motor.units, 0.0, 1.0), k)[1]
-    border_rows = near_border(motor, u)
-    border_nodes = near_border(motor, motor.units)
-    groups = [(~border_nodes, ~border_rows), (border_nodes, border_rows)]
-    if min(np.count_nonzero(rows) for _, rows in groups) < BOUNDS.enough:
-        groups = [(np.ones_like(border_nodes), np.ones_like(border_rows))]
-    bound: Array = np.maximum(errors[near].mean(axis=1), floor)
-    index, weight, _ = blend(motor, u, blend_size(u.shape[1]))
+    places = np.clip(motor.units, 0.0, 1.0)
+    near = nearest_points(
+        u,
+        motor.scale,
+        places,
+        k,
+    )[1]
+    bound = np.maximum(errors[near].mean(axis=1), floor)
+    nodes, weight, _ = blend(motor, u, blend_size(u.shape[1]))
+    groups = _groups(motor, u)
     # both groups' nodes speak for samples between them: again, until both fit
     for _ in range(BOUNDS.passes):
         for members, rows in groups:
-            stated = np.einsum("nm,nm->n", weight[rows], bound[index[rows]])
+            stated = np.einsum("nm,nm->n", weight[rows], bound[nodes[rows]])
             ratio = np.sort(errors[rows] / stated)
             # the finite-sample quantile of conformal prediction
-            rank = min(
-                len(ratio) - 1,
-                int(np.ceil((len(ratio) + 1) * BOUNDS.coverage)) - 1,
-            )
-            bound[members] *= max(ratio[rank], BOUNDS.least)
-    return bound
+            rank = int(np.ceil((len(ratio) + 1) * BOUNDS.coverage)) - 1
+            quantile = ratio[min(rank, len(ratio) - 1)]
+            bound[members] *= max(quantile, BOUNDS.least)
+    return np.asarray(bound)
 
 
-def near_border(motor: Map, u: Array) -> NDArray[np.bool_]:
+def _groups(motor: Map, u: Array) -> list[tuple[Mask, Mask]]:
+    """Nodes (nodes,) and samples (n,) inside, and near a limit; all in one if either are few."""
+    nodes = near_border(motor, motor.units)
+    rows = near_border(motor, u)
+    at_border = np.count_nonzero(rows)
+    if min(at_border, len(rows) - at_border) < BOUNDS.enough:
+        return [(np.ones_like(nodes), np.ones_like(rows))]
+    return [(~nodes, ~rows), (nodes, rows)]
+
+
+def near_border(motor: Map, u: Array) -> Mask:
     """Whether points (n, dof) of the unit box are near a joint limit, (n,)."""
     away = np.minimum(u, 1.0 - u)
     away = np.where(motor.scale.periodic, np.inf, away)

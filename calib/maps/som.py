@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.random import SeedSequence
 
 from ..common.arrays import Array
 from ..common.choices import RULES
@@ -67,7 +68,7 @@ class SOM:
     rule: str = "batch"
     epochs: int | None = None
     sigma: tuple[float, float] | None = None
-    seed: int | np.random.SeedSequence = field(default=0)
+    seed: int | SeedSequence = field(default=0)
     links: str = "reciprocal"
 
     def __post_init__(self) -> None:
@@ -155,29 +156,21 @@ class SOM:
         u = scales[0].to_unit(q)
         v = scales[1].to_unit(x)
         if self.rule == "online" and kind_of(self.map) == "som":
-            return self.developed((u, v), scales)
-        entropy = (
-            self.seed.entropy
-            if isinstance(self.seed, np.random.SeedSequence)
-            else self.seed
-        )
-        motor_seed, sensory_seed = np.random.SeedSequence(entropy).spawn(2)
+            return self.online_pair((u, v), scales)
+        seed = self.seed
+        entropy = seed.entropy if isinstance(seed, SeedSequence) else seed
+        motor_seed, sensory_seed = SeedSequence(entropy).spawn(2)
         motor = replace(self, seed=motor_seed).fit(q, scale=scales[0])
         sensory = replace(self, seed=sensory_seed).fit(x, scale=scales[1])
-        return Association.learn(
-            motor,
-            u,
-            sensory,
-            v,
-            wiring_of(self.links),
-        )
+        wiring = wiring_of(self.links)
+        return Association.learn(motor, u, sensory, v, wiring)
 
-    def developed(
+    def online_pair(
         self,
         points: tuple[Array, Array],
         scales: tuple[Scale, Scale],
         shapes: tuple[Size, Size] | None = None,
-        tell: _Progress | None = None,
+        progress: _Progress | None = None,
     ) -> Association:
         """Maps and links that develop together, one sample at a time (eq. 1 to 8).
 
@@ -187,9 +180,9 @@ class SOM:
         wiring = wiring_of(self.links)
         rng = np.random.default_rng(self.seed)
         layers = [
-            self._layer(Lattice(shape_of(shape)), scale, p, rng)
-            for shape, scale, p in zip(
-                shapes or (self.size,) * 2, scales, points, strict=True
+            self._layer(Lattice(shape_of(shape)), scale, u, rng)
+            for shape, scale, u in zip(
+                shapes or (self.size, self.size), scales, points, strict=True
             )
         ]
         net = VDSOM(layers, wiring)
@@ -198,33 +191,27 @@ class SOM:
         with one_blas_thread():
             for epochs in passes(net, points, self._passes, radii, rng):
                 history.append([epoch.row for epoch in epochs])
-                if tell is not None:
-                    tell(len(history) / self._passes, epochs[1].error)
+                if progress is not None:
+                    progress(len(history) / self._passes, epochs[1].error)
+        histories = np.array(history).swapaxes(0, 1)
         motor, sensory = (
             Map(layer.weights, layer.lattice, layer.scale, past)
-            for layer, past in zip(
-                layers, np.array(history).swapaxes(0, 1), strict=True
-            )
+            for layer, past in zip(layers, histories, strict=True)
         )
-        return Association(
-            motor,
-            sensory,
-            without_weak(net.links),
-            wiring,
-        )
+        links = without_weak(net.links)
+        return Association(motor, sensory, links, wiring)
 
     def _layer(
-        self, lattice: Lattice, scale: Scale, u: Array, rng: np.random.Generator
+        self,
+        lattice: Lattice,
+        scale: Scale,
+        u: Array,
+        rng: np.random.Generator,
     ) -> Layer:
         """A map at its random start."""
         weights = rng.random((lattice.size, u.shape[1]))
-        return Layer(
-            weights,
-            lattice,
-            scale,
-            self._gain,
-            len(u) / lattice.size,
-        )
+        per_node = len(u) / lattice.size
+        return Layer(weights, lattice, scale, self._gain, per_node)
 
     @property
     def _gain(self) -> Gain | None:
@@ -245,36 +232,39 @@ class SOM:
         return self.epochs or (10 if kind_of(self.map) == "gng" else 5)
 
     def _training(
-        self, u: Array, scale: Scale, residual: Array | None
+        self,
+        u: Array,
+        scale: Scale,
+        residual: Array | None,
     ) -> tuple[Iterator[Epoch], int]:
         """The epochs that train, and how many they are."""
         rng = np.random.default_rng(self.seed)
         lattice = Lattice(shape_of(self.size))
-        kind = kind_of(self.map)
-        if kind == "gng":
-            return learn_gng(
-                u, lattice.size, self._gain, self._passes, rng
-            ), self._passes
-        if kind == "dsom":
-            return learn_dsom(u, lattice, self._passes, rng), self._passes
-        if self.rule == "online":
-            net = VDSOM([self._layer(lattice, scale, u, rng)])
-            one_map = passes(
-                net,
-                [u],
-                self._passes,
-                self._sigma(lattice),
-                rng,
-            )
-            return (epoch for (epoch,) in one_map), self._passes
-        stages = coarse_to_fine(
-            lattice,
-            self.epochs,
-            self.sigma,
-            self._density,
-        )
+        if self.rule == "online" or kind_of(self.map) != "som":
+            return self._one_by_one(u, lattice, scale, rng), self._passes
+        density = self._density
+        stages = coarse_to_fine(lattice, self.epochs, self.sigma, density)
         epochs = sum(len(stage.sigma) for stage in stages)
         return learn_batch(u, stages, self._gain, rng, residual), epochs
+
+    def _one_by_one(
+        self,
+        u: Array,
+        lattice: Lattice,
+        scale: Scale,
+        rng: np.random.Generator,
+    ) -> Iterator[Epoch]:
+        """The epochs of a rule that is shown one sample after another."""
+        kind = kind_of(self.map)
+        if kind == "gng":
+            nodes = lattice.size
+            return learn_gng(u, nodes, self._gain, self._passes, rng)
+        if kind == "dsom":
+            return learn_dsom(u, lattice, self._passes, rng)
+        net = VDSOM([self._layer(lattice, scale, u, rng)])
+        radii = self._sigma(lattice)
+        epochs = passes(net, [u], self._passes, radii, rng)
+        return (epoch for (epoch,) in epochs)
 
     @property
     def _density(self) -> Density:

@@ -112,10 +112,12 @@ def holds(within: Mapping[str, float], rows: int) -> bool:
     """Whether rows agree with a 95 % bound that covers the share `within["covered"]` of them.
 
     They do not where three times as many as 5 %, and two rows more, are beyond it: a few are by
-    chance.  Without a share nothing speaks against the bound.
+    chance.  Without a share nothing speaks against the bound.  Where most rows have no answer,
+    as their bound exceeds a tenth of the reach, it is no bound that helps.
     """
-    beyond = rows * (1.0 - within.get("covered", 1.0))
-    return beyond <= 0.15 * rows + 2.0
+    answered = within.get("answered", 1.0)
+    beyond = rows * answered * (1.0 - within.get("covered", 1.0))
+    return answered >= 0.5 and beyond <= 0.15 * rows * answered + 2.0
 
 
 @dataclass(frozen=True)

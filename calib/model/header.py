@@ -83,7 +83,7 @@ class Header:
         """What the C source of a model is made of; OptionError if the model has no body."""
         if model.body is None:
             raise OptionError(
-                "the model has no body, which a C header needs: train it with body='auto'"
+                "the model has no body, which a C header needs: train it with `body=auto`"
             )
         arm = KernelArm.of(model.body.structure, model.body.beta)
         nominal, correcting = nominal_for_kernel(model, arm)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..common.rows import checked_rows, number_rows
+from ..errors import QueryError
 from ..kernel.compiled import CERTAIN, NOTHING
 from ..samples.motion import Motion
 from . import answers, batches
@@ -265,8 +266,12 @@ class Model(Compilable):
 
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
-        rows = self._motion(q)[0].q
         about = self.about
+        rows, _ = number_rows(q, about.joint_names, "joint values")
+        if len(rows) != 1:
+            raise QueryError(
+                f"joint values of shape {np.shape(q)}: expected a single row, ({rows.shape[1]},)"
+            )
         if bool(self.covers(rows)[0]):
             return None
         for k, inside in enumerate(self.in_range(rows)[0]):

@@ -68,6 +68,8 @@ def solve_poses(
     none.
     """
     space = Space.of(model)
+    if frame not in ("sensor", "base"):
+        raise QueryError(f"frame {frame!r}: expected 'sensor' or 'base'")
     if frame != "base" and space.camera:
         raise QueryError(
             "pixels are no positions in space: ask with frame='base'"

@@ -1,8 +1,11 @@
-"""Prediction: the one way from joints to readings.
+"""Prediction: the one way from joints to readings, step by step.
 
-In this order, each once: where the joints stand that came from a side, the body, the local models
-on the motor map's nodes, and the sensor's view with its lens.  Rows are of one moment: whoever
-reads a log has brought its clocks together.
+clock         rows are of one moment: whoever reads a log has brought its clocks together
+              (`calib.training.fitted_log.in_time`)
+approach      where the joints stand that came from a side: `Prediction.joints`
+body          the chain, then the sensor's view, then its lens: `calib.body.belief.Body.predict`
+local models  what the body leaves over around the motor map's nodes, added to the reading:
+              `calib.maps.predictor.Predictor.value`
 """
 
 from __future__ import annotations
@@ -63,22 +66,16 @@ class Prediction:
     @property
     def slope(self) -> Array:
         """Derivative (n, m, dof) [unit / rad or m] of the readings by the joint values."""
-        slope = np.full(
-            (
-                len(self.motion),
-                len(self.model.axes),
-                len(self.model.about.lower),
-            ),
-            np.nan,
-        )
+        model = self.model
+        slope = self._unanswered(len(model.axes), len(model.about.lower))
         if self.answered.any():
-            by_unit = self.model.predictor.value_and_slope(self._unit)[1]
-            slope[self.answered] = by_unit / self.model.motor.scale.span
+            by_unit = model.predictor.value_and_slope(self._unit)[1]
+            slope[self.answered] = by_unit / model.motor.scale.span
         return slope
 
     def read(self, readout: str) -> Array:
         """Readings (n, m) [unit] of any readout."""
-        readings = np.full((len(self.motion), len(self.model.axes)), np.nan)
+        readings = self._unanswered(len(self.model.axes))
         if self.answered.any():
             readings[self.answered] = self.model.predicted(self._unit, readout)
         return readings
@@ -102,17 +99,21 @@ class Prediction:
 
     def bound_of(self, which: BoundName) -> Array:
         """95 % bound (n,) [unit], see `Parts.bound_at`."""
-        bound = np.full(len(self.motion), np.nan)
+        approach = self.model.approach
+        side = self.motion.side
+        sides: Mask | None = None
+        if approach is not None and side is not None:
+            sides = approach.known(side[self.answered])
+        bound = self._unanswered()
         if self.answered.any():
-            approach = self.model.approach
-            side = self.motion.side
-            sides: Mask | None = None
-            if approach is not None and side is not None:
-                sides = approach.known(side[self.answered])
             bound[self.answered] = self.model.bound_at(
                 self._unit, which, side_known=sides
             )
         return bound
+
+    def _unanswered(self, *shape: int) -> Array:
+        """NaN (n, *shape), what stands in rows without an answer."""
+        return np.full((len(self.motion), *shape), np.nan)
 
 
 def predict(model: Parts, motion: Motion, sensor: str = "") -> Prediction:

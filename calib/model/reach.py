@@ -9,19 +9,31 @@ from typing import Any
 import numpy as np
 
 from ..arm.rotations import quaternion_of
-from ..common.arrays import Array
+from ..common.arrays import Array, Index
 from ..common.scale import Scale
 from ..inverse.closed_form import WAYS, ClosedForm
 from ..inverse.newton import Newton
 from ..inverse.postures import DrawnPostures, Postures
 from ..inverse.search import Search, Starts
 from ..inverse.settings import SEARCH
+from ..inverse.slides import settle
 from ..inverse.task import Poses, Positions, Task
 from ..inverse.ways import rank_within
 from ..kernel.compiled import CERTAIN, Compiled
-from .space import Space
+from .space import REACHED, Space
 
+_LONG = 16  # times as many steps of Newton beside a singularity
+_SAME = 1e-3  # of the joints' ranges: ways that slide to one place are one way
 _FAMILIES = 4  # ways of redundant joints to a pose that are answered
+
+
+def _apart(newton: Newton, u: Array, order: Index) -> Index:
+    """Return the numbers of joint values (n, dof) in an order, without those that are there."""
+    chosen: list[int] = []
+    for k in order.tolist():
+        if not (newton.away(u[chosen], u[k]) < _SAME).any():
+            chosen.append(k)
+    return np.array(chosen, dtype=np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +68,18 @@ class Reach:
 
         Of a pose a radian of turn counts as the arm's length.
         """
-        stand = self.search.newton.refine(self._scale.to_unit(near), target)
-        return self._scale.from_unit(stand.u), stand.miss
+        newton = self.search.newton
+        stand = newton.refine(self._scale.to_unit(near), target)
+        q = self._scale.from_unit(stand.u)
+        missing = stand.miss
+        # where two axes are nearly one, a small turn of the tool is a long way for the joints
+        late = np.flatnonzero(missing > REACHED * self.space.length)
+        if len(late):
+            steps = _LONG * SEARCH.steps
+            stand = newton.refine(stand.u[late], target[late], steps=steps)
+            q[late] = self._scale.from_unit(stand.u)
+            missing[late] = stand.miss
+        return q, missing
 
     def nearest(self, target: Array, near: Array) -> Array:
         """Joints (n, dof) nearest to `near` (n, dof) for targets."""
@@ -116,14 +138,16 @@ class Reach:
                 ways[k] = self._scale.from_unit(some.u)
                 continue
             u = self._unit(rows)
+            if newton.redundant:
+                goals = np.tile(target[k], (len(u), 1))
+                wishes = np.tile(wish[k], (len(u), 1))
+                stand = settle(newton, u, goals, wishes)
+                met = newton.met(stand.miss)
+                rows[met] = self._scale.from_unit(stand.u[met])
+                u = self._unit(rows)
             order = np.argsort(newton.away(u, wish[k]), kind="stable")
             if newton.redundant:
-                order = order[:_FAMILIES]
-                goals = np.tile(target[k], (len(order), 1))
-                wishes = np.tile(wish[k], (len(order), 1))
-                stand = newton.settle(u[order], goals, wishes)
-                met = newton.met(stand.miss)
-                rows[order[met]] = self._scale.from_unit(stand.u[met])
+                order = _apart(newton, u, order)[:_FAMILIES]
             ways[k] = rows[order]
         return ways
 
@@ -178,9 +202,11 @@ class Reach:
         if not isinstance(self.search.starts, DrawnPostures):
             return [*question, 0 * column]
         owner, u = self.search.starts.of(target)
-        starts = np.full((len(target), WAYS, u.shape[1]), np.nan)
+        dof = u.shape[1]
+        starts = np.full((len(target), WAYS, dof), np.nan)
         starts[owner, rank_within(owner)] = self._scale.from_unit(u)
-        return [*question, WAYS * column, starts.reshape(len(target), -1)]
+        flat = starts.reshape(len(target), WAYS * dof)
+        return [*question, WAYS * column, flat]
 
     def _unit(self, q: Array) -> Array:
         return self.search.newton.clip(self._scale.to_unit(q))

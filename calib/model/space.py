@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,14 +47,18 @@ class Space:
             body = _in_base(model.body) or _drawn(model)
             if body is None:
                 raise QueryError(
-                    "the model knows no arm in space in its base frame: expected one that was "
-                    "learned from a log together with the robot that it is of"
+                    "the model knows no arm in space in its base frame: expected one of an arm "
+                    "that moves in space, learned together with its robot"
                 )
-            structure: Any = body.structure
-            length = max(structure.chain.reach, 1e-9)
+            length = max(spatial(body).chain.reach, 1e-9)
             model.remembered["space"] = Space(model, body, length)
         space: Space = model.remembered["space"]
         return space
+
+    @property
+    def structure(self) -> SpatialStructure:
+        """The chain, seen from its base."""
+        return spatial(self.body)
 
     # What the chain says.
 
@@ -66,9 +70,9 @@ class Space:
         How bending changes with the joints is a thousandth of the Jacobian and half of its time:
         steps to a target do without.
         """
-        structure = self.body.structure
+        structure = self.structure
         beta = self.body.beta
-        motion: Any = structure.move(structure.joint_values(q, beta), beta)
+        motion = structure.move(structure.joint_values(q, beta), beta)
         chained = np.concatenate(motion.joints(), axis=1)
         slope = structure.by_joints(
             q, beta if bending else self._rigid, chained
@@ -82,10 +86,9 @@ class Space:
     @cached_property
     def _rigid(self) -> Array:
         """The body's parameters (d,) without what bends its joints."""
-        structure = self.body.structure
         beta = self.body.beta.copy()
-        for block in structure.loads:
-            beta[structure.groups[block]] = 0.0
+        for block in self.structure.loads:
+            beta[self.structure.groups[block]] = 0.0
         return beta
 
     def forward(self, q: ArrayLike) -> tuple[Array, Array]:
@@ -125,10 +128,7 @@ class Space:
     @property
     def measured(self) -> bool:
         """Whether its body was learned from a log, rather than drawn."""
-        structure: Any = (
-            None if self.model.body is None else self.model.body.structure
-        )
-        return structure is not None and getattr(structure, "informed", False)
+        return measured_chain(self.model.body) is not None
 
     @property
     def camera(self) -> bool:
@@ -140,18 +140,12 @@ class Space:
     @property
     def sensor(self) -> tuple[Array, Array, float]:
         """Rotation, shift and scale of the sensor: it sees ``scale rotation point + shift``."""
-        body: Any = self.model.body
-        if (
-            body is None
-            or not isinstance(body.structure, SpatialStructure)
-            or not body.structure.informed
-        ):
-            return (
-                np.eye(3),
-                np.zeros(3),
-                1.0,
-            )  # a simulated sensor is in the base frame
-        placed = body.structure.sensor(body.beta)
+        body = self.model.body
+        structure = measured_chain(body)
+        if body is None or structure is None:
+            # a simulated sensor is in the base frame
+            return np.eye(3), np.zeros(3), 1.0
+        placed = structure.sensor(body.beta)
         return placed.rotation, placed.shift, placed.scale
 
     def to_sensor(
@@ -172,12 +166,12 @@ class Space:
         Raises QueryError if the model is of no camera, or a line of sight misses the plane.
         """
         rows, _ = checked_rows(pixel, ("x", "y"), "pixels")
-        if not self.camera:
+        body = self.model.body
+        if body is None or not self.camera:
             raise QueryError(
                 "a pixel on a plane needs a model that was learned from pixels u, v"
             )
         turn, shift, _ = self.sensor
-        body: Any = self.model.body
         ideal = _undistorted(rows, body.beta[body.structure.groups["lens"]])
         rays = np.column_stack([ideal, np.ones(len(ideal))]) @ turn
         eye = -turn.T @ shift
@@ -194,21 +188,36 @@ class Space:
 
     def sees(self, position: ArrayLike) -> Mask:
         """Whether a camera's picture shows points (n, 3) of the base frame, (n,)."""
-        body: Any = self.model.body
+        body = self.model.body
         points = np.atleast_2d(np.asarray(position, dtype=float))
-        if not self.camera:
+        if body is None or not self.camera:
             return np.ones(len(points), dtype=bool)
-        sensor = body.structure.sensor(body.beta)
-        place = points @ sensor.rotation.T + sensor.shift
+        turn, shift, _ = self.sensor
+        lens = body.beta[body.structure.groups["lens"]]
+        place = points @ turn.T + shift
         ahead = place[:, 2] > 0
-        view = pixels(sensor.lens, place.T)
-        size = self.model.about.picture or tuple(2 * sensor.lens[1:3])
+        view = pixels(lens, place.T)
+        size = self.model.about.picture or tuple(2 * lens[1:3])
         inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
         # where the lens folds over, the picture shrinks as the point moves outwards
         out = place.T * np.array([[1.0], [1.0], [0.0]])
         return np.asarray(
             ahead & inside & ((view.push(out) * out[:2]).sum(axis=0) >= 0)
         )
+
+
+def spatial(body: Body) -> SpatialStructure:
+    """The chain of a body that moves in space; QueryError if it moves in a plane."""
+    if not isinstance(body.structure, SpatialStructure):
+        raise QueryError("expected a model of an arm in space")
+    return body.structure
+
+
+def measured_chain(body: Body | None) -> SpatialStructure | None:
+    """The chain in space of a body that was learned from a log together with its drawing."""
+    if body is None or not isinstance(body.structure, SpatialStructure):
+        return None
+    return body.structure if body.structure.informed else None
 
 
 def _undistorted(pixel: Array, lens: Array) -> Array:
@@ -231,32 +240,33 @@ def _undistorted(pixel: Array, lens: Array) -> Array:
 
 def _in_base(body: Body | None) -> Body | None:
     """A drawn body without its sensor, its outputs the tip in the base frame [m], by convention."""
-    structure: Any = None if body is None else body.structure
-    if (
-        body is None
-        or not isinstance(structure, SpatialStructure)
-        or not structure.informed
-    ):
+    structure = measured_chain(body)
+    if body is None or structure is None:
         return None
-
-    def alone(belief: _Belief) -> _Belief:
-        # a base frame behind a sensor is turned about the first axis as the belief has it
-        free = structure.view != "base"
-        root = (
-            without_gauge(structure, belief, size=True) if free else belief.root
-        )
-        arm = ~np.isin(belief.active, sensor_of(structure))
-        beta = without_sensor(structure, belief.beta)[1]
-        active = belief.active[arm]
-        return replace(
-            belief, beta=beta, active=active, root=root[arm], noise=np.zeros(3)
-        )
-
-    base = without_sensor(structure, body.beta)[0]
     none = np.zeros(3)
-    second = body.second and alone(body.second)
+    second = body.second and _of_the_arm(structure, body.second)
     return replace(
-        alone(body), structure=base, tau=none, residual=none, second=second
+        _of_the_arm(structure, body),
+        structure=without_sensor(structure, body.beta)[0],
+        tau=none,
+        residual=none,
+        second=second,
+    )
+
+
+def _of_the_arm(structure: SpatialStructure, belief: _Belief) -> _Belief:
+    """What is believed of the arm, without the sensor."""
+    root = belief.root
+    if structure.view != "base":
+        # a base frame behind a sensor is turned about the first axis as the belief has it
+        root = without_gauge(structure, belief, size=True)
+    arm = ~np.isin(belief.active, sensor_of(structure))
+    return replace(
+        belief,
+        beta=without_sensor(structure, belief.beta)[1],
+        active=belief.active[arm],
+        root=root[arm],
+        noise=np.zeros(3),
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arm.description import parse_robot
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.scale import TURN
 from ..errors import CalibError
 from .parts import Parts
@@ -33,6 +33,12 @@ def joint_limits(model: Parts) -> Array:
         model.remembered["limits"] = limits
     both: Array = model.remembered["limits"]
     return both
+
+
+def within_limits(model: Parts, q: Array) -> Mask:
+    """Which joint values (n, dof) are within the limits of `joint_limits`."""
+    lower, upper = joint_limits(model).T
+    return np.asarray((q >= lower - _ROUNDED) & (q <= upper + _ROUNDED))
 
 
 def _drawn_limits(urdf: str) -> dict[str, tuple[float, float]]:

@@ -25,10 +25,6 @@ NETWORKS = ("som", "vdsom")
 _VALIDATION = 77  # stream of the points on which schedules are chosen
 
 
-def _no_report(*_: object) -> None:
-    """Report nothing."""
-
-
 @dataclass(frozen=True)
 class Setting:
     """How large the experiments are."""
@@ -41,11 +37,11 @@ class Setting:
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     # small lattices and few samples, to see that everything runs
     quick: bool = False
-    report: _Report = _no_report
+    report: _Report = lambda *_: None
 
     @staticmethod
     def of(
-        seed: int = 0, *, quick: bool = False, report: _Report = _no_report
+        seed: int = 0, *, quick: bool = False, report: _Report = lambda *_: None
     ) -> Setting:
         """The paper's setting, or a small one; the seeds start at `seed`."""
         seeds = tuple(range(seed, seed + 5))
@@ -67,9 +63,13 @@ class Setting:
         changes: Iterable[str] = (),
     ) -> Samples:
         """Babbled samples of one seed."""
-        count = n or self.samples
-        changed = tuple(changes)
-        return babble(self.arm, count, seed=seed, noise=noise, changes=changed)
+        return babble(
+            self.arm,
+            n or self.samples,
+            seed=seed,
+            noise=noise,
+            changes=tuple(changes),
+        )
 
     def validation(
         self, samples: Samples, seed: int, n: int | None = None

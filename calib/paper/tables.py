@@ -19,10 +19,10 @@ class Printed(NamedTuple):
     max: float
 
 
-COLUMNS = ("x", "y", "shoulder", "elbow")
-"""Columns of both tables: X, Y, theta_1 and theta_2 by our joints' names."""
-
 UNITS = {"x": "mm", "y": "mm", "shoulder": "deg", "elbow": "deg"}
+"""Units of both tables' columns: X, Y, theta_1 and theta_2 by our joints' names."""
+
+COLUMNS = tuple(UNITS)
 
 
 def _row(*figures: float) -> dict[str, Printed]:
@@ -65,7 +65,7 @@ class Table:
     name: str  # of the file
     title: str  # what it shows
     header: Sequence[str]  # names of the columns
-    rows: Sequence[Cells | tuple[str | float | None, ...]]
+    rows: Sequence[Sequence[str | float | None]]
 
     def csv(self) -> str:
         """Content of a CSV file, numbers in full."""
@@ -199,9 +199,7 @@ def _ratios(columns: _Columns, others: _Columns) -> dict[str, dict[str, float]]:
     }
 
 
-def _ratio_table(
-    found: Mapping[str, Mapping[str, Mapping[str, float]]],
-) -> Table:
+def _ratio_table(ratios: Mapping[str, _Columns]) -> Table:
     words = {
         "best": "best against best",
         "same_schedule": f"same schedule, {SAME_SCHEDULE}",
@@ -212,9 +210,9 @@ def _ratio_table(
     header = ["VDSOM over SOM, readout activity"]
     header += [f"{c} {k}" for c in COLUMNS for k in ("mean", "max")]
     rows: list[Cells] = []
-    for name, columns in found.items():
-        cells = [cell[k] for cell in columns.values() for k in ("mean", "max")]
-        rows.append([words[name], *cells])
+    for name, columns in ratios.items():
+        sizes = [size for cell in columns.values() for size in cell.values()]
+        rows.append([words[name], *sizes])
     return Table(
         "ratios", "errors of the VDSOM over those of the SOM", header, rows
     )
@@ -222,8 +220,10 @@ def _ratio_table(
 
 def _conditions(setting: Setting) -> str:
     """How large an experiment was, in words."""
-    size = f"{setting.samples:,} samples, {len(setting.seeds)} seeds"
-    return f"{size}, 10,000 exact test points for each"
+    return (
+        f"{setting.samples:,} samples, {len(setting.seeds)} seeds, 10,000 exact test points for "
+        "each"
+    )
 
 
 def _size_of(setting: Setting) -> dict[str, object]:

@@ -15,7 +15,8 @@ from ..maps.density import Gain
 from ..model.about import Errors
 from ..samples.motion import Motion
 from ..samples.samples import Samples
-from ..training.learn import TrainingOptions, associate, unit_box
+from ..training.maps import associate
+from ..training.options import TrainingOptions
 from ..training.residuals import Residuals, fresh_points, summarise
 from .setting import Setting
 
@@ -158,7 +159,7 @@ def association(
     seed: int,
 ) -> Association:
     """Both maps and their links alone, as ``calib train`` would learn them."""
-    scale = unit_box(samples)
+    scale = samples.unit_box
     options = TrainingOptions(
         side,
         map=network,

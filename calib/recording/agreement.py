@@ -44,6 +44,9 @@ def agreed(problem: Problem) -> tuple[Fit, Mask]:
     number = np.arange(len(problem.rows))
     half = len(number) // 2
     fits = _grown(problem, number >= 0)
+    if not fits:  # begin without those that the closed form contradicts
+        misses = problem.bundle.misses(problem.predict(problem.start))
+        fits = _grown(problem, misses < SETTINGS.far * np.median(misses))
     is_doubtful = not fits
     if fits and half >= SETTINGS.half:
         noise = fits[0][0].noise.error
@@ -55,7 +58,8 @@ def agreed(problem: Problem) -> tuple[Fit, Mask]:
     if not fits:
         raise LogError(
             "no place of camera and board explains the pictures: check that each row is of its "
-            "picture, whether it is this robot, and that camera and board were not moved"
+            "picture, that it is this robot and its tip carries what is in the hand, and that "
+            "camera and board were not moved"
         )
     scores = []
     for fit, agreeing in fits:

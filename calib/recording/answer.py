@@ -35,7 +35,6 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
     misses = bundle.misses(held_out(problem, fit, agreeing))
     off = np.linalg.norm(bundle.pixels - problem.predict(fit), axis=1)
     off = off[agreeing[bundle.motion]]
-    names = problem.names
     first = problem.views[0]
     choice = problem.choice
     carried, standing = solved.frames(0)
@@ -48,7 +47,7 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
     rig = HandEye(
         eye=first.eye,
         pictures=first.shots.count,
-        used=int(agreeing.sum()),
+        used=int(agreeing[problem.motions_of(first)].sum()),
         hand=hand,
         base=base,
         reprojection={"mean": float(off.mean()), "max": float(off.max())},
@@ -63,11 +62,11 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
         },
         board={"text": first.board.text, "points": solved.board().tolist()},
         held_out={"rms": float(np.sqrt(np.mean(misses[agreeing] ** 2)))},
-        left_out=tuple(names[k] for k in np.flatnonzero(~agreeing)),
+        left_out=problem.pictures_at(~agreeing),
         cameras=tuple(map(solved.camera, range(len(problem.views)))),
         convention=None if choice is None else choice.convention,
         frames=frames,
-        names=names,
+        names=problem.names,
         flange=bundle.motions.poses(fit.unknowns.values[layout.arm]),
         misses=misses,
         covariance=fit.covariance[np.ix_(places, places)],
@@ -231,9 +230,8 @@ class Solved:
         if arm is None:
             return None
         view = self.problem.views[0]
-        motions = np.searchsorted(self.problem.rows, view.rows)
         log = view.shots.log(self.lens(0), view.in_hand)
-        log = log.take(self.agreeing[motions])
+        log = log.take(self.agreeing[self.problem.motions_of(view)])
         return replace(
             log,
             lower=np.minimum(arm.lower, log.lower),

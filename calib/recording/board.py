@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,10 +17,11 @@ from ..errors import OptionError
 from .pictures import Picture, opencv
 from .tags import Tag, TagFinder, find_dictionary, lay_corners, tag_cells
 
+if TYPE_CHECKING:
+    from cv2.aruco import CharucoBoard, CharucoDetector
+
 LEAST_CORNERS = 8
 """Corners of a board that a picture must show."""
-
-_P = TypeVar("_P", bound="Pattern")
 
 EXAMPLES = (
     "a chessboard's squares COLSxROWS:SQUARE such as 10x7:22mm, COLSxROWS:SQUARE:MARKER:DICT such "
@@ -45,14 +46,6 @@ class Pattern(ABC):
     columns: int
     rows: int
     side: float  # of a square, or of a tag [m]
-
-    @classmethod
-    def parse(cls: type[_P], text: Pattern | str) -> _P:
-        """Read a board of this kind; see `parse_board`."""
-        board = parse_board(text)
-        if not isinstance(board, cls):
-            raise OptionError(f"board {text!r}: expected {EXAMPLES}")
-        return board
 
     @property
     def text(self) -> str:
@@ -181,18 +174,21 @@ class Board(Pattern):
         return self.columns * self.rows // 2
 
     @cached_property
-    def printed(self) -> Any:
+    def printed(self) -> CharucoBoard:
         """OpenCV's board; its y runs down."""
-        return opencv().aruco.CharucoBoard(
+        board: CharucoBoard = opencv().aruco.CharucoBoard(
             (self.columns, self.rows),
             self.side,
             self.marker,
             find_dictionary(self.dictionary),
         )
+        return board
 
     @cached_property
-    def _detector(self) -> Any:
-        return opencv().aruco.CharucoDetector(self.printed)
+    def _detector(self) -> CharucoDetector:
+        aruco = opencv().aruco
+        detector: CharucoDetector = aruco.CharucoDetector(self.printed)
+        return detector
 
     def points(self) -> Array:
         """Inner corners (n, 3) by their number [m]."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
@@ -78,8 +78,9 @@ class Lens:
     @property
     def matrix(self) -> Array:
         """The camera matrix (3, 3)."""
-        (fx, fy), (u, v) = self.focal, self.centre
-        return np.array([[fx, 0.0, u], [0.0, fy, v], [0.0, 0.0, 1.0]])
+        matrix = np.diag([*self.focal, 1.0])
+        matrix[:2, 2] = self.centre
+        return matrix
 
     def distort(self, points: ArrayLike) -> Array:
         """Return pixels (n, 2) of points (n, 2) of the plane at distance one."""
@@ -99,7 +100,7 @@ class Lens:
                 break
         return n
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return it as plain values."""
         values = {key: np.asarray(v).tolist() for key, v in vars(self).items()}
         return {"kind": "calib lens", **values}
@@ -194,11 +195,11 @@ def calibrate_lens(
 
 
 def _covariance(
-    objects: Sequence[Any],
+    objects: Sequence[NDArray[np.float32]],
     lens: Lens,
     terms: int,
-    turns: Sequence[Any],
-    shifts: Sequence[Any],
+    turns: Sequence[Array],
+    shifts: Sequence[Array],
 ) -> Array:
     """Covariance (9, 9) of a lens, from what each picture's pose leaves of its derivatives."""
     free = 4 + terms

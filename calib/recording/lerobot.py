@@ -17,7 +17,6 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -248,23 +247,32 @@ def _radians(
 
 def _resting(q: Array, time: Array, episode: Array) -> tuple[Index, bool]:
     """Return frames (k,) in which the arm rests, and whether it moves in most of them."""
-    step = np.maximum(np.diff(time, prepend=-np.inf), 1e-3)
-    speed = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1) / step
-    # a frame is as fast as the way to it and the way from it
-    speed = np.maximum(speed, np.append(speed[1:], speed[-1]))
+    speed = _speed(q, time)
+    # the slowest frame of each window
     window = np.floor(time / RESTS.window) + 1e6 * episode
     order = np.lexsort((speed, window))
-    slowest = order[np.unique(window[order], return_index=True)[1]]
+    _, first = np.unique(window[order], return_index=True)
+    slowest = order[first]
     enough = min(RESTS.least, len(slowest))
-    moving = bool(np.count_nonzero(speed[slowest] < RESTS.speed) < enough)
+    is_moving = np.count_nonzero(speed[slowest] < RESTS.speed) < enough
     limit = RESTS.speed
-    if moving:
-        limit = float(np.sort(speed[slowest])[: RESTS.most][-1])
+    if is_moving:
+        limit = np.sort(speed[slowest])[: RESTS.most][-1]
     resting: list[int] = []
     for frame in slowest[speed[slowest] <= limit].tolist():
         if not resting or np.abs(q[frame] - q[resting[-1]]).max() > RESTS.apart:
             resting.append(frame)
-    return np.array(resting)[thinned(len(resting), RESTS.most)], moving
+    some = thinned(len(resting), RESTS.most)
+    return np.array(resting)[some], bool(is_moving)
+
+
+def _speed(q: Array, time: Array) -> Array:
+    """Speed (n,) [rad/s] of the fastest joint on the way to each frame, or from it."""
+    seconds = np.diff(time, prepend=-np.inf)
+    way = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1)
+    before = way / np.maximum(seconds, 1e-3)
+    after = np.append(before[1:], before[-1])
+    return np.asarray(np.maximum(before, after))
 
 
 def _frames(
@@ -310,7 +318,7 @@ class Motors:
     """The motors of an arm, by name, and the document that they stand in."""
 
     motors: Mapping[str, Motor]
-    document: Mapping[str, Mapping[str, Any]]
+    document: Mapping[str, Mapping[str, object]]
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Motors:
@@ -343,7 +351,7 @@ class Motors:
         return angles
 
 
-def _motor(entry: Mapping[str, Any]) -> Motor:
+def _motor(entry: Mapping[str, int]) -> Motor:
     numbers = {
         key: int(entry[key])
         for key in ("homing_offset", "range_min", "range_max")

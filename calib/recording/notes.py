@@ -91,7 +91,8 @@ def _contradicting(rig: HandEye, agreeing: Mask) -> Iterator[str]:
     names = rig.left_out
     if not names:
         return
-    is_end = len(names) > 1 and not agreeing[-len(names) :].any()
+    count = np.count_nonzero(~agreeing)
+    is_end = count > 1 and not agreeing[-count:].any()
     where = f"from {names[0]} on" if is_end else "in them"
     yield (
         f"{len(names)} pictures contradict the others and are left out ({listed(names)}): {where} "

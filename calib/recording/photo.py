@@ -6,7 +6,6 @@ import io
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,7 @@ def take_photo(
     path: str | os.PathLike[str],
     x: Array,
     unit: str,
-    about: Mapping[str, Any] | None = None,
+    about: Mapping[str, object] | None = None,
 ) -> Photo:
     """Read a photo so that positions can be drawn over it.
 

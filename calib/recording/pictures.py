@@ -10,7 +10,7 @@ from contextlib import suppress
 from glob import glob
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +26,13 @@ Frame = tuple[int, str, Picture]
 """Number and name of a grey picture, and the picture."""
 
 
-def opencv() -> Any:
+def opencv() -> ModuleType:
     """Import OpenCV and silence what it writes to standard error; LogError if it is missing."""
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     return package("cv2")
 
 
-def package(name: str) -> Any:
+def package(name: str) -> ModuleType:
     """Import a package of the extra `camera`; LogError if it is missing."""
     try:
         return import_module(name)

@@ -10,9 +10,12 @@ import numpy as np
 from ..arm.arm import SpatialArm
 from ..arm.rotations import logarithm, nearest_rotation
 from ..body.spatial import structure_of
-from ..common.arrays import Array, Index
+from ..common.arrays import Array, Index, Mask
 from ..common.scale import METRES
+from ..common.wording import listed
 from ..errors import LogError
+from ..samples.motion import pose_index
+from .board_pictures import LEAST
 from .bundle import Bundle, Motions, Unknowns, bending
 from .conventions import Choice, choose
 from .fit import Fit, Noise, Prior, Scale, solve
@@ -66,6 +69,18 @@ class Problem:
             names |= zip(view.rows.tolist(), view.shots.names, strict=True)
         return tuple(names[row] for row in self.rows.tolist())
 
+    def motions_of(self, view: View) -> Index:
+        """The motion (p,) at which each of a camera's pictures was taken."""
+        return np.searchsorted(self.rows, view.rows)
+
+    def pictures_at(self, motions: Mask) -> tuple[str, ...]:
+        """Names of the pictures that were taken at some motions (n,)."""
+        names: dict[str, None] = {}
+        for view in self.views:
+            chosen = np.flatnonzero(motions[self.motions_of(view)])
+            names |= dict.fromkeys(view.shots.names[k] for k in chosen)
+        return tuple(names)
+
     def solve(self, motions: Index, start: Fit, *, learn: bool = True) -> Fit:
         """The fit to the pictures of some motions."""
         exact = start.unknowns.exact(len(motions))
@@ -78,11 +93,21 @@ class Problem:
 
 
 def of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
-    """The problem of joints and a drawn arm."""
-    rows = _rows(views)
-    q = np.zeros((len(rows), arm.dof))
+    """The problem of joints and a drawn arm.
+
+    Raises LogError where the pictures are of other joints, or say that the joints are not these.
+    """
     for view in views:
-        q[np.searchsorted(rows, view.rows)] = view.shots.q
+        names = view.shots.joint_names
+        if names != arm.joint_names:
+            raise LogError(
+                f"the pictures of {view.name} are of the joints {listed(names)}, expected "
+                f"{listed(arm.joint_names)}, those of {arm.name} up to {arm.tip}"
+            )
+    rows = _rows(views)
+    views = _by_pose(views, rows, _joint_values(views, rows))
+    rows = _rows(views)
+    q = _joint_values(views, rows)
     motions = JointMotions(q, structure_of(arm, "pose"))
     refuse_readings(motions.structure, views[0])
     return replace(_problem(views, rows, motions, PRIORS.joints), arm=arm)
@@ -104,15 +129,15 @@ def of_poses(
     flange = choice.reading.flange.copy()
     sizes = np.degrees(turning(flange[most.rows])[0])
     if sizes[1] < PRIORS.turn:
+        words = "does not turn"
+        if sizes[0] > PRIORS.turn:
+            words = "turns about one axis alone"
         raise LogError(
-            f"the hand turns about one axis alone (by {sizes[0]:.2g} deg, by {sizes[1]:.2g} about "
-            "a second): where camera and board are along it is open",
+            f"the hand {words} (by {sizes[0]:.2g} deg, by {sizes[1]:.2g} about a second axis): "
+            "where camera and board are is open",
             hint="add two pictures with the hand turned by 30 deg about each of two other axes",
         )
-    if choice.start.size == -np.inf:
-        raise LogError(
-            "the pictures are mirrored: turn that off in the camera's settings"
-        )
+    _refuse_mirrored(most, choice.start)
     if choice.start.misfit > PRIORS.misfit:
         raise LogError(
             "no convention explains the pictures: the rows of poses are not those of the "
@@ -121,12 +146,49 @@ def of_poses(
         )
     flange[:, :3, 3] /= METRES[choice.convention["unit"]]
     rows = _rows(views)
+    views = _by_pose(views, rows, flange[rows, :3].reshape(-1, 12))
+    rows = _rows(views)
     problem = _problem(views, rows, Motions(flange[rows]), PRIORS.controller)
     return replace(problem, choice=choice)
 
 
+def _refuse_mirrored(view: View, start: Start) -> None:
+    if start.size == -np.inf:
+        raise LogError(
+            f"the pictures of {view.name} are mirrored: turn that off in the camera's settings"
+        )
+
+
 def _rows(views: Sequence[View]) -> Index:
     return np.unique(np.concatenate([view.rows for view in views]))
+
+
+def _joint_values(views: Sequence[View], rows: Index) -> Array:
+    """Joints (n, dof) of rows (n,) that the cameras' pictures are of."""
+    q = np.zeros((len(rows), views[0].shots.q.shape[1]))
+    for view in views:
+        q[np.searchsorted(rows, view.rows)] = view.shots.q
+    return q
+
+
+def _by_pose(views: Sequence[View], rows: Index, poses: Array) -> list[View]:
+    """The views with one row for all pictures at one pose: the arm's error there is the same.
+
+    rows : (n,), of the pictures;  poses : (n, k), joints or flange at them [rad or m]
+    Raises LogError where too few poses are left.
+    """
+    pose = pose_index(poses)
+    first = rows[np.unique(pose, return_index=True)[1]]
+    if len(first) < LEAST:
+        raise LogError(
+            f"the pictures are of {len(first)} poses of the arm: expected {LEAST} or more",
+            hint="add pictures with the hand turned by 30 deg about each of two other axes",
+        )
+    merged = []
+    for view in views:
+        of_pose = first[pose[np.searchsorted(rows, view.rows)]]
+        merged.append(replace(view, shots=replace(view.shots, rows=of_pose)))
+    return merged
 
 
 def turning(poses: Array) -> tuple[Array, Array]:
@@ -152,6 +214,7 @@ def _problem(
     for view in views:
         there = flange[np.searchsorted(rows, view.rows)]
         start = find_start(there, view, "m")
+        _refuse_mirrored(view, start)
         board = boards.setdefault(view.in_hand, start)
         start = _from_same_end(start, board, view.board.half_turn)
         starts.append(start)
@@ -169,14 +232,17 @@ def _problem(
             mean[lens[4:]] = 0.0
         scales += _lens_scales(view, lens)
     for start, shape in zip(boards.values(), layout.shapes, strict=True):
-        size = float(np.clip(start.size, -MISSAID, MISSAID))
-        if not motions.size:
-            begin[shape[-1]] = size
-        printed = max(abs(size), PRIORS.printed[0])
+        lowest, highest = PRIORS.printed
+        size = abs(start.size)
+        if motions.size:
+            size = min(size, MISSAID)
+        else:
+            begin[shape[-1]] = start.size
+            highest = max(highest, size)
         scales += [
             Scale(shape[:-3], *PRIORS.bent),
             Scale(shape[-3:-1], *PRIORS.stretched),
-            Scale(shape[-1:], printed, *PRIORS.printed),
+            Scale(shape[-1:], max(size, lowest), lowest, highest),
         ]
     if isinstance(motions, JointMotions):
         scales += motions.scales(layout.arm)

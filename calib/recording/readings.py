@@ -61,13 +61,14 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
             f"the pictures fit the joints only if {words}", hint=hint
         )
     if not is_board and len(structure.joint_names) > 2:
-        side = f"{1e3 * view.board.points().max():.4g} mm"
+        stated = 1e3 * view.board.side
+        measured = stated * np.exp(usual.size)
         raise LogError(
-            "by the arm's motions the board's squares measure otherwise than said, by more than "
-            f"any print is off (corners span {side} as said)",
+            f"by the arm's motions the board's squares measure {measured:.3g} mm, {stated:.4g} mm "
+            "as said: more than any print is off",
             hint="degrees, order, signs, rows late and the eye were tried: check the board's "
-            "squares, the focal length, that it is this robot, and that the joints are angles and "
-            "no shares of the motors' range",
+            "squares, the focal length, that it is this robot, the joints' zeros, and that joints "
+            "are angles and no shares of the motors' range",
         )
 
 

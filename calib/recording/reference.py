@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -133,7 +132,7 @@ class PlaneReference:
         scale = np.sqrt(2.0 * np.square(half).sum(axis=(0, 2)))
         return scale, np.sqrt(variance)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return the camera's pose over the frame, as plain values."""
         rotation = self.pose.rotation.tolist()
         camera = self.pose.camera.tolist()

@@ -76,7 +76,7 @@ class HandEye:
 
     eye: str  # "hand": the first camera is in the hand and the board stands still; or "base"
     pictures: int
-    used: int  # motions that the fit rests on
+    used: int  # of the first camera's, those that the fit rests on
     hand: Place  # what is in the hand, in the tip's or the flange's frame
     base: Place  # what stands still, in the base's
     # mean and largest distance of corners [px]
@@ -119,9 +119,12 @@ class HandEye:
         """The arm's repeatability for people."""
         shift = 1e3 * self.repeatability["position"]
         turn = np.degrees(self.repeatability["rotation"])
-        return f"{two_digits(shift)} mm and {two_digits(turn)} deg"
+        words = "less than 0.001"
+        if turn > 1e-3:
+            words = two_digits(turn)
+        return f"{two_digits(shift)} mm and {words} deg"
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> dict[str, object]:
         """All but the log and the body, as plain values."""
         names = [field.name for field in fields(self)]
         document = {name: getattr(self, name) for name in names}

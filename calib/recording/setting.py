@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -44,60 +44,68 @@ class Setup:
     pose: bool = False
 
     def __post_init__(self) -> None:
-        layout = self.layout
+        refusal = self._refusal()
+        if refusal:
+            raise OptionError(refusal)
+
+    def _refusal(self) -> str:
+        """What is given together and excludes each other, or misses its other; or nothing."""
         board = self.board
-        same = (
+        marks = self.tags_at
+        layout = self.layout
+        if board is not None and marks is not None:
+            return "`board` and `tags_at` are both given: expected one of them"
+        if layout is not None and self.lens is None:
+            return (
+                "`board` or `tags_at` is given without `lens`: positions in metres may be off by "
+                "centimetres; take 10 pictures of a board and give their folder as `lens`"
+            )
+        if layout is None and self.tag_height:
+            return "`tag_height` is given without `board` or `tags_at`, above which it is measured"
+        if self.pose and (self.lens is None or self.tag_size is None):
+            return "the tag's pose needs `lens` and `tag_size`"
+        others: Collection[int] = ()
+        if marks is not None:
+            others = marks.points.keys()
+        elif (
             board is not None
             and board.dictionary.lower() == self.dictionary.lower()
-        )
-        printed = board.tags if board is not None and same else 0
-        refusals = {
-            "`board` and `tags_at` are both given: expected one of them": board
-            and self.tags_at,
-            "`board` or `tags_at` is given without `lens`: positions in metres may be off by "
-            "centimetres; take 10 pictures of a board and give their folder as `lens`": (
-                layout and self.lens is None
-            ),
-            "`tag_height` is given without `board` or `tags_at`, above which it is measured": (
-                self.tag_height and not layout
-            ),
-            "the tag's pose needs `lens` and `tag_size`": (
-                self.pose and (self.lens is None or self.tag_size is None)
-            ),
-            f"tag {self.tag} is on the tip and in `tags_at`, or printed on the board too: take "
-            "another id": self.tag < printed
-            or (self.tags_at and self.tag in self.tags_at.points),
-        }
-        for message, wrong in refusals.items():
-            if wrong:
-                raise OptionError(message)
+        ):
+            others = range(board.tags)
+        if self.tag in others:
+            return (
+                f"tag {self.tag} is on the tip and in `tags_at`, or printed on the board too: take "
+                "another id"
+            )
+        return ""
 
     @cached_property
     def layout(self) -> MarkLayout | None:
         """What positions are told in, if not pixels."""
-        return (
-            MarkLayout.of_board(self.board)
-            if self.board is not None
-            else self.tags_at
-        )
+        if self.board is not None:
+            return MarkLayout.of_board(self.board)
+        return self.tags_at
 
     @cached_property
     def finder(self) -> TagFinder:
         """Finds the tip's tag and those on the desk."""
-        at = self.tags_at.points if self.tags_at is not None else {}
-        return TagFinder(self.dictionary, {self.tag, *at})
+        wanted = {self.tag}
+        if self.tags_at is not None:
+            wanted |= self.tags_at.points.keys()
+        return TagFinder(self.dictionary, wanted)
 
     def marks(self, grey: Picture, tags: Sequence[Tag]) -> Marks:
         """Return what a picture shows of the reference."""
         if self.board is not None:
             return self.board.find(grey)
-        counts = Counter(t.number for t in tags)
-        at = self.tags_at and self.tags_at.points
-        return {
-            t.number: t.centre
-            for t in tags
-            if counts[t.number] == 1 and t.number in (at or ())
-        }
+        if self.tags_at is None:
+            return {}
+        counts = Counter(tag.number for tag in tags)
+        marks = {}
+        for tag in tags:
+            if tag.number in self.tags_at.points and counts[tag.number] == 1:
+                marks[tag.number] = tag.centre
+        return marks
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,61 +152,74 @@ def sight(
         tags are there should this one not be
     Raises LogError if the tag is there twice in more than a tenth, or nowhere.
     """
-    sharp_tags = dict[int, tuple[str, Tag]]()
-    marks = dict[int, Marks]()
-    sample = list[Picture]()
-    reasons = Counter[str]()
+    names: dict[int, str] = {}
+    sharp: dict[int, Tag] = {}
+    marks: dict[int, Marks] = {}
+    sample: list[Picture] = []
+    reasons: Counter[str] = Counter()
+    twice: list[str] = []
     size = (0, 0)
     count = 0
-    twice = list[str]()
     for number, name, grey in frames:
-        count = count + 1
+        count += 1
         size = (grey.shape[1], grey.shape[0])
-        if setting.lens is not None and setting.lens.size not in (
-            size,
-            UNSTATED,
-        ):
-            expected = "{}x{}".format(*setting.lens.size)
-            raise LogError(
-                f"{name} is {size[0]}x{size[1]}, the lens was calibrated with {expected}"
-            )
+        _refuse_size(name, size, setting.lens)
         tags = setting.finder.find(grey)
         if number % every == 0:
-            sample += [grey] * (len(sample) < LOOKS)
+            if len(sample) < LOOKS:
+                sample.append(grey)
             if setting.layout is not None:
                 marks[number] = setting.marks(grey, tags)
         tips = [tag for tag in tags if tag.number == setting.tag]
-        if len(tips) == 1 and tips[0].sharp:
-            sharp_tags[number] = name, tips[0]
+        if not tips:
+            reasons[f"tag {setting.tag} not seen"] += 1
         elif len(tips) > 1:
             twice.append(name)
             reasons[f"tag {setting.tag} is there twice"] += 1
+        elif not tips[0].sharp:
+            reasons["blurred"] += 1
         else:
-            reasons["blurred" if tips else f"tag {setting.tag} not seen"] += 1
+            names[number] = name
+            sharp[number] = tips[0]
     if len(twice) > _MOST_TWICE * count:
         raise LogError(
             f"tag {setting.tag} is there twice in {len(twice)} of {count} {what} "
             f"({listed(twice, 3)}): cover one, or print another id for the tip"
         )
-    if not sharp_tags:
-        finder = TagFinder(setting.dictionary)
-        counts = Counter(
-            n for grey in sample for n in {t.number for t in finder.find(grey)}
-        )
-        shown = listed(
-            [
-                f"{number} ({times} times)"
-                for number, times in counts.most_common()
-            ],
-            6,
-        )
+    if not sharp:
         raise LogError(
-            f"tag {setting.tag} is in none of {count} {what}: {len(sample)} of them show {shown} "
-            f"of {setting.dictionary}; check the id, the dictionary, that it is sharp and has a "
-            "white border"
+            f"tag {setting.tag} is in none of {count} {what}: {len(sample)} of them show "
+            f"{_tags_of(sample, setting.dictionary)} of {setting.dictionary}; check the id, the "
+            "dictionary, that it is sharp and has a white border"
         )
-    names, sharp = zip(*sharp_tags.values(), strict=True)
-    numbers = np.array(list(sharp_tags))
     return Sightings(
-        setting, what, numbers, names, sharp, marks, reasons, count, size
+        setting=setting,
+        what=what,
+        numbers=np.array([*sharp]),
+        names=tuple(names.values()),
+        tags=tuple(sharp.values()),
+        marks=marks,
+        reasons=reasons,
+        count=count,
+        size=size,
     )
+
+
+def _refuse_size(name: str, size: tuple[int, int], lens: Lens | None) -> None:
+    """Refuse a picture of another size (width, height) than the lens is of."""
+    if lens is None or lens.size in (size, UNSTATED):
+        return
+    raise LogError(
+        f"{name} is {size[0]}x{size[1]}, the lens was calibrated with "
+        f"{lens.size[0]}x{lens.size[1]}"
+    )
+
+
+def _tags_of(pictures: Sequence[Picture], dictionary: str) -> str:
+    """The tags that some pictures show, and in how many."""
+    finder = TagFinder(dictionary)
+    counts: Counter[int] = Counter()
+    for grey in pictures:
+        counts.update({tag.number for tag in finder.find(grey)})
+    words = [f"{tag} ({times} times)" for tag, times in counts.most_common()]
+    return listed(words, 6)

@@ -5,6 +5,7 @@ Half turns of a chessboard that looks the same from both ends follow from the mo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,9 @@ UNITS = ("m", "cm", "mm", "in")
 USUAL = 0.6
 """How far a flange is from its base, about [m]."""
 
+NEAREST = 0.06
+"""How far it is at least [m]; nearer, it is in another unit."""
+
 
 @dataclass(frozen=True, eq=False)
 class Start:
@@ -36,7 +40,7 @@ class Start:
     unit: str
     # log of the board's size over the stated one; minus infinity of one behind the camera
     size: float
-    misfit: float  # of the median picture, as the camera sees it [rad]
+    misfit: float  # of a usual picture, as the camera sees it [rad]
     turned: Mask  # (n,), pictures numbered from the board's other end
 
     @property
@@ -56,28 +60,39 @@ def find_start(flange: Array, view: View, unit: str | None = None) -> Start:
     A flange that turns on the spot fits in any unit: then it is as far from its base as usual.
 
     flange : (n, 4, 4), in the base
-    unit : of the flange's lengths; by default the one in which the board is nearest to its stated
-        size
+    unit : of the flange's lengths; by default, of those in which it is no nearer to its base than
+        flanges are, the one in which the board is nearest to its stated size
     """
-    start = _solved(flange, view, unit, None)
     distance = float(np.median(np.linalg.norm(flange[:, :3, 3], axis=1)))
-    name = unit or _nearest(max(distance, 1e-9) / USUAL)
-    sized = _solved(flange, view, unit, METRES[name])
+    far = [name for name in UNITS if distance / METRES[name] > NEAREST]
+    units = [unit] if unit else far or [*UNITS]
+    start = _solved(flange, view, units, None)
+    name = _nearest(max(distance, 1e-9) / USUAL, units)
+    sized = _solved(flange, view, [name], METRES[name])
     most = max(1.3 * start.misfit, np.radians(0.2))
     if start.is_sized:  # by chance, where a length of noise fits badly
         most = 0.5 * start.misfit
     return sized if sized.misfit < most else start
 
 
-def _nearest(length: float) -> str:
+def _usual(misses: Array) -> float:
+    """The miss of a usual picture: the median of those beyond the three that fit any reading."""
+    beyond = min(3, len(misses) - 1)
+    return float(np.median(np.sort(misses)[beyond:]))
+
+
+def _nearest(length: float, units: Sequence[str]) -> str:
     """The unit of which a metre is nearest to a length."""
-    return min(UNITS, key=lambda name: abs(np.log(length / METRES[name])))
+    return min(units, key=lambda name: abs(np.log(length / METRES[name])))
 
 
 def _solved(
-    flange: Array, view: View, unit: str | None, length: float | None
+    flange: Array, view: View, units: Sequence[str], length: float | None
 ) -> Start:
-    """Camera and board; `length` is that of a metre in the flange's unit, where boards tell it."""
+    """Camera and board; `length` is that of a metre in the flange's unit, if boards do not tell it.
+
+    units : of which the flange's lengths may be
+    """
     motions = inverse(flange) if view.in_hand else flange
     poses = view.poses
     weights = np.ones(len(motions))
@@ -93,7 +108,7 @@ def _solved(
         predicted = inverse(x) @ motions @ y
         predicted[:, :3, 3] /= scale if abs(scale) > 1e-12 else 1e-12
         misses = _gaps(predicted, poses, points)
-        misfit = float(np.median(misses))
+        misfit = _usual(misses)
         weights = 1.0 / (1.0 + (misses / (3.0 * misfit + 1e-9)) ** 2) ** 2
     if half_turn is not None and turned[0]:
         # from which end is free: the first picture's
@@ -102,7 +117,7 @@ def _solved(
         y = y @ half
         turned = ~turned
     lengths = max(scale, 1e-9)
-    unit = unit or _nearest(lengths)
+    unit = _nearest(lengths, units)
     x[:3, 3] /= METRES[unit]
     y[:3, 3] /= METRES[unit]
     size = float(np.log(lengths / METRES[unit])) if scale > 0.0 else -np.inf
@@ -145,21 +160,39 @@ def _half_turned(motions: Array, poses: Array, half_turn: Array) -> Mask:
     Turns between two pictures are as large as the flange's, wherever camera and board are: the
     leading eigenvector of how much better a pair fits turned.
     """
-    flat = motions[:, :3, :3].reshape(-1, 9)
-    plain = poses[:, :3, :3].reshape(-1, 9)
-    other = (poses @ half_turn)[:, :3, :3].reshape(-1, 9)
-    traces = flat @ flat.T
-    alike = np.abs(traces - other @ plain.T) - np.abs(traces - plain @ plain.T)
-    vector = np.linalg.eigh(alike)[1][:, -1]
-    return np.asarray(vector * vector[np.abs(vector).argmax()] < 0)
+    moved = _flat_turns(motions)
+    plain = _flat_turns(poses)
+    turned = _flat_turns(poses @ half_turn)
+    # traces of the turns between each two pictures
+    expected = moved @ moved.T
+    miss_plain = np.abs(expected - plain @ plain.T)
+    miss_turned = np.abs(expected - turned @ plain.T)
+    _, vectors = np.linalg.eigh(miss_turned - miss_plain)
+    leading = vectors[:, -1]
+    largest = leading[np.abs(leading).argmax()]
+    return np.asarray(leading * largest < 0)
+
+
+def _flat_turns(poses: Array) -> Array:
+    """Rotations of poses (n, 4, 4), each as nine numbers (n, 9)."""
+    return poses[:, :3, :3].reshape(-1, 9)
 
 
 def _gaps(predicted: Array, poses: Array, points: Array) -> Array:
     """Angle (n,) [rad] between points of a board as predicted and as they are, rms."""
-    away = points @ np.swapaxes(predicted[:, :3, :3], 1, 2)
-    away += predicted[:, None, :3, 3]
-    there = points @ np.swapaxes(poses[:, :3, :3], 1, 2) + poses[:, None, :3, 3]
-    depth = np.maximum(away[:, :, 2:], 0.05 * there[:, :, 2:])
-    gap = away[:, :, :2] / depth - there[:, :, :2] / there[:, :, 2:]
-    rms = np.sqrt((gap**2).sum(axis=2).mean(axis=1))
+    expected = _moved(predicted, points)
+    places = _moved(poses, points)
+    depth = places[:, :, 2:]
+    # a board that is predicted behind the camera is far off, in no direction
+    ahead = np.maximum(expected[:, :, 2:], 0.05 * depth)
+    gap = expected[:, :, :2] / ahead - places[:, :, :2] / depth
+    squares = (gap**2).sum(axis=2)
+    rms = np.sqrt(squares.mean(axis=1))
     return np.asarray(np.minimum(rms, 3.0))
+
+
+def _moved(poses: Array, points: Array) -> Array:
+    """Points (n, k, 3) of a board (k, 3) at its poses (n, 4, 4)."""
+    turns = np.swapaxes(poses[:, :3, :3], 1, 2)
+    shifts = poses[:, None, :3, 3]
+    return np.asarray(points @ turns + shifts)

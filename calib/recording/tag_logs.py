@@ -245,7 +245,7 @@ def _assembled(
     sightings: Sightings,
     tags: Sequence[Tag],
     notes: list[str],
-    about: dict[str, Any],
+    about: dict[str, object],
     **more: Any,
 ) -> Samples:
     """Put a log together from the tags of some pictures, and why others have none."""

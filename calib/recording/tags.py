@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from ..common.choices import DICTIONARY
 from ..common.wording import suggestion
 from ..errors import OptionError
 from .pictures import Picture, opencv
+
+if TYPE_CHECKING:
+    from cv2.aruco import CharucoBoard, Dictionary
 
 LEAST_NOISE = 0.03
 """Least standard deviation that a tag's centre is credited with, along each axis [px]."""
@@ -81,12 +84,11 @@ class Tag:
     @property
     def upright(self) -> float:
         """How far it faces the camera: about the cosine of its tilt, by its area."""
-        (x, y), (u, v) = self.corners.T, np.roll(self.corners, -1, 0).T
-        return float(
-            0.5
-            * abs((x * v - u * y).sum())
-            / max(_sides(self.corners).max() ** 2, 1e-9)
-        )
+        first = self.corners[2] - self.corners[0]
+        second = self.corners[3] - self.corners[1]
+        area = 0.5 * abs(first[0] * second[1] - first[1] * second[0])
+        longest = _sides(self.corners).max()
+        return float(area / max(longest**2, 1e-9))
 
 
 def _sides(corners: Array) -> Array:
@@ -94,22 +96,23 @@ def _sides(corners: Array) -> Array:
 
 
 @cache
-def find_dictionary(name: str) -> Any:
+def find_dictionary(name: str) -> Dictionary:
     """Return OpenCV's dictionary of a name; case, `DICT_` and `apriltag_` may be left out.
 
     Raises OptionError if there is none.
     """
     aruco = opencv().aruco
-    patterns = {
+    keys = {
         key[5:].lower(): key for key in dir(aruco) if key.startswith("DICT_")
     }
     plain = name.lower().removeprefix("dict_")
-    key = patterns.get(plain) or patterns.get(f"apriltag_{plain}")
+    key = keys.get(plain) or keys.get(f"apriltag_{plain}")
     if key is None:
         raise OptionError(
-            f"dictionary {name!r}: {suggestion(plain, sorted(patterns))}"
+            f"dictionary {name!r}: {suggestion(plain, sorted(keys))}"
         )
-    return aruco.getPredefinedDictionary(getattr(aruco, key))
+    patterns: Dictionary = aruco.getPredefinedDictionary(getattr(aruco, key))
+    return patterns
 
 
 class TagFinder:
@@ -200,7 +203,7 @@ def tag_cells(number: int, dictionary: str = DICTIONARY) -> NDArray[np.bool_]:
 
 
 def lay_corners(
-    grey: Picture, corners: Mapping[int, Array], board: Any
+    grey: Picture, corners: Mapping[int, Array], board: CharucoBoard
 ) -> dict[int, Array]:
     """Lay the surroundings of a board's corners over its picture.
 
@@ -278,7 +281,7 @@ def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
 
 
 @cache
-def _page(board: Any, k: int) -> Picture:
+def _page(board: CharucoBoard, k: int) -> Picture:
     """The picture of a board whose squares have sides of k pixels."""
     columns, rows = board.getChessboardSize()
     share = board.getMarkerLength() / board.getSquareLength()

@@ -2,7 +2,8 @@
 
 Where positions are late by d, a row shows the tip where its joints were d before: what predicts it
 misses by -J qdot d.  That regression, less what the predictor's own parameters could make of it, is
-the estimate; its interval is a sandwich over blocks of neighbouring rows.
+the estimate; its interval is the wider one of independent rows and of a sandwich over blocks of
+neighbouring ones.
 """
 
 from __future__ import annotations
@@ -177,11 +178,15 @@ def estimate_delay(
         return inverse, values, target - features @ values
 
     inverse, values, rest = fitted(late)
+    power = inverse[0] @ inverse[0]
+    gain = values[0] ** 2 / power
+    squares = rest @ rest
     score = (inverse[0] * rest)[: n * m].reshape(n, m).sum(axis=1)
     blocks = np.array_split(score, CLOCK.blocks)
-    sd = float(np.linalg.norm([block.sum() for block in blocks]))
-    gain = values[0] ** 2 / (inverse[0] @ inverse[0])
-    squares = rest @ rest
+    sandwich = float(np.linalg.norm([block.sum() for block in blocks]))
+    # of smooth columns beside it the blocks' sums show too little
+    white = float(np.sqrt(power * squares / max(n * m - len(values), 1)))
+    sd = max(sandwich, white)
     share = float(gain / (squares + gain))
     if play is not None:
         played = fitted(play[rows].reshape(n * m, -1))[2]

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arm.rotations import logarithm, matrix_of, nearest_rotation, similarity
 from ..common.arrays import Array, Mask
-from ..common.robust import solve_least_squares
+from ..common.least_squares import solve_least_squares
 from ..common.rows import finite_rows, median_length, row_lengths, thinned
 from ..common.scale import METRES
 from ..common.wording import listed
@@ -76,18 +76,6 @@ def diagnose(
     if few or not np.ptp(predicted[answered], axis=0).any():
         return []
     affine = rows.unit == "px" or predicted.shape[1] != x.shape[1]
-    if rows.unit == "m":
-        ratio = spread(x) / max(spread(predicted), 1e-300)
-        low, high = DIAGNOSIS.usual_size
-        hint = unit_hint(ratio)
-        if hint and not low < ratio < high:
-            words = f"the positions extend over {ratio:.4g} times what the robot's links allow"
-            hint = hint.removeprefix("; ")
-            return [Finding("unit", f"{words}, in m", hint, "unit", "m")]
-    if rows.orientation is not None and pose is not None:
-        wrong = _turned(*pose(q), x, rows.orientation)
-        if wrong:
-            return [wrong]
 
     def missed(q: Array, *, tool: bool = True) -> float:
         """Median distance that is left of rows read otherwise; `tool`: one of unknown size."""
@@ -100,6 +88,15 @@ def diagnose(
         place, turn = pose(q)  # positions are linear in the tool
         moved = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
         return misfit(moved[answered], x[answered], affine=True)
+
+    if rows.unit == "m":
+        wrong = _wrong_unit(missed, rows, spread(predicted))
+        if wrong:
+            return [wrong]
+    if rows.orientation is not None and pose is not None:
+        wrong = _turned(*pose(q), x, rows.orientation)
+        if wrong:
+            return [wrong]
 
     findings = []
     wrong = _other_reading(missed, rows)
@@ -121,6 +118,24 @@ def diagnose(
         )
         findings.append(Finding("mirrored", words, mistake=False))
     return findings
+
+
+def _wrong_unit(
+    missed: Callable[..., float], rows: Samples, nominal: float
+) -> Finding | None:
+    """Positions in m that extend otherwise than the nominal ones [m], and what would explain it."""
+    ratio = spread(rows.x) / max(nominal, 1e-300)
+    low, high = DIAGNOSIS.usual_size
+    hint = unit_hint(ratio).removeprefix("; ")
+    if not hint or low < ratio < high:
+        return None
+    as_it_is = missed(rows.q)
+    for q, finding in _units(rows.q, rows.revolute):
+        if missed(q) < DIAGNOSIS.far_better * as_it_is:
+            words = f"the log fits the robot only if {finding.words}"
+            return replace(finding, words=words)
+    words = f"the positions extend over {ratio:.4g} times what the robot's links allow, in m"
+    return Finding("unit", words, hint, "unit", "m")
 
 
 def _other_reading(

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arm.arm import Arm
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index
 from ..common.rows import LARGEST, finite_rows
 from ..common.scale import TURN
-from ..common.wording import for_people, unit_of_joint
+from ..common.wording import for_people, listed, unit_of_joint
 from ..errors import CalibError, LogError, OptionError
 from .settings import READING, SLIDING, TURNING
 from .tables import Source, open_source
@@ -63,13 +64,14 @@ class JointColumn:
     error: type[CalibError] = LogError
 
     def check_unit(self, values: Array, rows: Index) -> None:
-        """Refuse angles (n,) [rad] of another unit: too many turns, or in range as degrees."""
+        """Refuse angles (n,) [rad] of another unit: too many turns, or in range as the other."""
         most = float(np.abs(values).max())
         fits = False
         # small values look like degrees
-        if self.limits and not self.degrees and most > TURN:
-            as_degrees = beyond(np.deg2rad(values), *self.limits)
-            fits = beyond(values, *self.limits) > READING.slack >= as_degrees
+        if self.limits and (self.degrees or most > TURN):
+            other_unit = np.rad2deg if self.degrees else np.deg2rad
+            excess = beyond(other_unit(values), *self.limits)
+            fits = beyond(values, *self.limits) > READING.slack >= excess
         several = np.ptp(values) > 2.02 * TURN
         if not (fits or several or most > READING.most_turns * TURN):
             return
@@ -152,6 +154,68 @@ class JointColumn:
             parameter=parameter,
             value=float(values[row]) if value is None else value,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """What is known of a log's joints before it is read."""
+
+    revolute: Mapping[str, bool]  # whether each turns, base to tip
+    limits: Mapping[str, Range]  # the arm's, or what was asked for [rad or m]
+
+    def settled(
+        self,
+        label: str,
+        q: Array,
+        numbers: Index,
+        *,
+        degrees: bool,
+        anywhere: bool,
+    ) -> tuple[Array, Array, Array, list[str]]:
+        """Return joint values (n, dof) in their ranges, the ranges' ends (dof,), and notes.
+
+        numbers : (n,), of the rows in the file
+        anywhere : whether a hand has moved the arm, so that limits are no mistake
+        """
+        settled = np.empty_like(q)
+        ends = []
+        notes = []
+        for k, (name, turns) in enumerate(self.revolute.items()):
+            column = q[:, k]
+            limit = self.limits.get(name)
+            if limit and anywhere:
+                low = min(limit[0], column.min())
+                limit = (low, max(limit[1], column.max()))
+            joint = JointColumn(label, name, turns, limit, degrees)
+            settled[:, k], end, words = joint.settle(column, numbers)
+            ends.append(end)
+            notes += words
+        lower, upper = np.transpose(ends)
+        return settled, lower, upper, notes
+
+
+def limits_of(
+    names: Sequence[str],
+    arm: Arm | None,
+    ranges: Mapping[str, Range],
+    prismatic: Sequence[str],
+) -> JointLimits:
+    """Return which joints turn, and their limits: the arm's, or the ranges that were asked for."""
+    if arm is not None:
+        revolute = dict(zip(names, arm.revolute, strict=True))
+        ends = zip(arm.lower, arm.upper, strict=True)
+        limits = dict(zip(names, ends, strict=True)) | {**ranges}
+    else:
+        revolute = {name: name not in prismatic for name in names}
+        limits = {**ranges}
+        if not {*prismatic} <= {*names}:
+            raise OptionError(
+                f"{listed(prismatic)} named as sliding: expected some of the joints "
+                f"{listed(names)}",
+                parameter="prismatic",
+            )
+    check_ranges(ranges, revolute)
+    return JointLimits(revolute, limits)
 
 
 def beyond(values: Array, low: float, high: float) -> float:

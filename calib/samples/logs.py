@@ -4,37 +4,33 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arm.arm import Arm, SpatialArm
 from ..arm.plane import Plane, fit_plane
 from ..arm.urdf import Range
-from ..common.arrays import Array, Index, Mask
-from ..common.rows import LARGEST, row_lengths, whole
+from ..common.arrays import Array, Index
+from ..common.rows import whole
 from ..common.scale import METRES
 from ..common.wording import listed, vector
 from ..errors import LogError, OptionError
 from .camera import Camera, camera_of
+from .cells import read_cells, sound_rows
 from .delays import with_offset
 from .diagnosis import diagnose, refuse_mistakes, unmoved
-from .joint_values import JointColumn, check_ranges, wrap
-from .motion import directions
+from .joint_values import limits_of
 from .roles import (
-    FURTHER,
-    QUATERNION,
-    ROUNDING,
-    SOCKET,
-    Roles,
     find_roles,
     log_columns,
     quaternions,
 )
-from .samples import Samples
+from .samples import Readings, Samples
 from .settings import READING
 from .sockets import Touches
-from .tables import Document, Source, open_source, rows_in_words, write_table
+from .tables import Document, Source, open_source, write_table
 
 
 def read_log(
@@ -97,24 +93,9 @@ def read_log(
     usual = {k: v for k, v in (usual or {}).items() if v in source.header}
     roles = find_roles(source, arm, joints, {**usual, **(columns or {})})
     unit = _unit(source, "px" if roles.pixels and not unit else unit)
-    names = roles.joints
-    ranges = ranges or {}
     if arm is not None:
-        revolute = tuple(arm.revolute)
-        bounds = zip(arm.lower, arm.upper, strict=True)
-        limits = dict(zip(names, bounds, strict=True)) | {**ranges}
         outputs = outputs or arm.outputs
-    else:
-        revolute = tuple(name not in prismatic for name in names)
-        limits = {**ranges}
-        if not {*prismatic} <= {*names}:
-            raise OptionError(
-                f"{listed(prismatic)} named as sliding: expected some of the joints "
-                f"{listed(names)}",
-                parameter="prismatic",
-            )
-    turning = dict(zip(names, revolute, strict=True))
-    check_ranges(ranges, turning)
+    limits = limits_of(roles.joints, arm, ranges or {}, prismatic)
     if roles.touched:
         _check_touches(label, unit if roles.axes else "m", outputs)
     elif len(roles.axes) < (outputs or 2) and unit != "px":  # a camera sees two
@@ -124,102 +105,100 @@ def read_log(
             parameter="planar",
         )
 
-    drawn, total = source.drawn(most, seed)
-    read = roles.columns(roles.names)
-    further = [
-        name for name in FURTHER if name in source.header and name not in read
-    ]
-    table, numbers = drawn.numbers([*read, *further])
-    values, facts = np.split(table, [len(read)], axis=1)
-    if degrees:
-        turned = np.flatnonzero(revolute)
-        values[:, turned] = np.deg2rad(values[:, turned])
-    notes = []
-    q = values[:, : len(names)]
-    side = directions(q) if np.isfinite(q).all() else None
-    if total > most:
-        notes.append(
-            f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
-        )
-        side = np.zeros(q.shape)  # nobody knows where joints were before
-    points = np.full((len(q), 2), "", dtype=object)
-    if roles.touched:
-        for k, column in enumerate(roles.columns(SOCKET)):
-            if column in source.header:
-                points[:, k] = drawn.texts(column)
-    touched = points[:, 1] != ""
-    rows = sound_rows(label, values, numbers, roles, ranges, turning, touched)
+    cells = read_cells(source, roles, limits.revolute, degrees, most, seed)
+    rows = sound_rows(label, cells, roles, ranges or {}, limits.revolute)
     sound = rows.sound
-    notes += rows.notes
-    numbers = numbers[sound]
-    q, x, turns = roles.split(values[sound])
-    lower, upper = np.empty((2, len(names)))
-    for k, name in enumerate(names):
-        limit = limits.get(name)
-        if limit and roles.touched:  # wherever a hand has moved the arm
-            limit = (min(limit[0], q[:, k].min()), max(limit[1], q[:, k].max()))
-        joint = JointColumn(label, name, revolute[k], limit, degrees)
-        q[:, k], (lower[k], upper[k]), words = joint.settle(q[:, k], numbers)
-        notes += words
-    touch = None
-    plane = None
-    camera = None
-    orientation = None
+    numbers = cells.numbers[sound]
+    q, x, turns = roles.split(cells.values[sound])
+    q, lower, upper, joint_notes = limits.settled(
+        label, q, numbers, degrees=degrees, anywhere=roles.touched
+    )
+    notes = [*cells.notes, *rows.notes, *joint_notes]
     if roles.touched:
-        x = x / METRES[unit] if roles.axes else np.full((len(q), 3), np.nan)
-        touch = Touches.of(points[sound], x)
-        drawn_x = np.zeros_like(x) if arm is None else arm.forward(q)
-        x = touch.placed(x, touch.means(drawn_x))
-        unit = "m"
+        readings = _touches(cells.points[sound], q, x, unit, arm)
     else:
-        x, plane, words = _in_plane(label, x, numbers, unit, arm, outputs)
-        notes += words
-        camera = _camera(source, arm, x, lens)
-        if camera is not None and camera.note:
-            notes.append(camera.note)
-        if roles.turns and plane is None:
+        readings, reading_notes = _positions(
+            source, x, numbers, unit, arm, outputs, lens
+        )
+        if roles.turns and readings.plane is None:
             orientation = quaternions(turns, degrees=degrees)
-        size = float(np.ptp(x, axis=0).max())
-        if arm is None and unit == "m" and size > READING.largest_arm:
-            notes.append(
-                f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
-            )
+            readings = replace(readings, orientation=orientation)
+        notes += reading_notes
         # what can be nothing but a mistake is refused, what may be intended told
-        refuse_mistakes(unmoved(q, x, names), label)
-    whole_facts = {
-        name: fact
-        for name, fact in zip(further, facts[sound].T, strict=True)
-        if np.isfinite(fact).all()
-    }
+        refuse_mistakes(unmoved(q, readings.x, roles.joints), label)
+    facts, fact_notes = cells.further(sound)
     samples = Samples(
         q,
-        x,
-        names,
+        readings.x,
+        roles.joints,
         lower,
         upper,
-        revolute,
-        unit=unit,
+        tuple(limits.revolute.values()),
+        unit=readings.unit,
         arm=arm and replace(arm, lower=lower, upper=upper),
-        side=None if side is None else side[sound],
-        time=whole_facts.get("time"),
-        episode=whole_facts.get("episode"),
-        plane=plane,
-        camera=camera,
-        orientation=orientation,
-        touch=touch,
+        side=None if cells.side is None else cells.side[sound],
+        time=facts.get("time"),
+        episode=facts.get("episode"),
+        plane=readings.plane,
+        camera=readings.camera,
+        orientation=readings.orientation,
+        touch=readings.touch,
         rows=numbers,
         columns=roles.column_of,
-        degrees=degrees and any(revolute),
+        degrees=degrees and any(limits.revolute.values()),
         source=source.about,
         dropped=rows.dropped,
         left_out=rows.left_out,
     )
-    if arm is not None and touch is None:
+    notes += fact_notes
+    if arm is not None and not roles.touched:
         pose = arm.pose if isinstance(arm, SpatialArm) else None
         findings = diagnose(samples, arm.forward, pose)
         notes += refuse_mistakes(findings, label)
     samples = replace(samples, notes=tuple(notes))
     return samples if time_offset is None else with_offset(samples, time_offset)
+
+
+def _touches(
+    points: NDArray[np.object_],
+    q: Array,
+    x: Array,
+    unit: str,
+    arm: Arm | None,
+) -> Readings:
+    """Return touches of points (n, 2), with the sockets where the drawing has them.
+
+    x : (n, 3) or (n, 0) [unit], known coordinates of the points, or what a sensor measured
+    """
+    in_metres = np.full((len(q), 3), np.nan)
+    if x.shape[1]:
+        in_metres = x / METRES[unit]
+    touch = Touches.of(points, in_metres)
+    tips = np.zeros_like(in_metres) if arm is None else arm.forward(q)
+    return Readings(touch.placed(in_metres, touch.means(tips)), touch=touch)
+
+
+def _positions(
+    source: Source,
+    x: Array,
+    numbers: Index,
+    unit: str,
+    arm: Arm | None,
+    outputs: int | None,
+    lens: Document | None,
+) -> tuple[Readings, list[str]]:
+    """Return measured positions (n, 2) or (n, 3) [unit], with their plane or camera, and notes."""
+    label = source.label
+    x, plane, notes = _in_plane(label, x, numbers, unit, arm, outputs)
+    camera = _camera(source, arm, x, lens)
+    if camera is not None and camera.note:
+        notes.append(camera.note)
+    size = float(np.ptp(x, axis=0).max())
+    if arm is None and unit == "m" and size > READING.largest_arm:
+        notes.append(
+            f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
+        )
+    return Readings(x, unit=unit, plane=plane, camera=camera), notes
 
 
 def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
@@ -314,78 +293,3 @@ def _in_plane(
         f"{vector(plane.origin)}, out-of-plane rms {rms:.4g} {unit}"
     )
     return plane.project(x), plane, [words]
-
-
-@dataclass(eq=False)
-class SoundRows:
-    """Rows that are left of a log, and what is said of the others."""
-
-    label: str
-    numbers: Index  # (n,), of the rows in the file
-    sound: Mask  # (n,)
-    notes: list[str] = field(default_factory=list)
-    dropped: int = 0  # rows that miss a number
-    left_out: int = 0  # rows in which a sensor saw nothing
-
-    def leave_out(self, wrong: Mask, words: str) -> int:
-        """Leave out rows (n,), and return how many.  Raises LogError if nothing is left."""
-        wrong = wrong & self.sound
-        self.sound = self.sound & ~wrong
-        count = int(wrong.sum())
-        of_all = f"{count:,} of {len(wrong):,} rows {words}"
-        if not self.sound.any():
-            raise LogError(f"{self.label}: no row is left: {of_all}")
-        if count:
-            rows = rows_in_words(self.numbers[wrong])
-            self.notes.append(f"{of_all}; left out: {rows}")
-        return count
-
-
-def sound_rows(
-    label: str,
-    values: Array,
-    numbers: Index,
-    roles: Roles,
-    ranges: Mapping[str, Range],
-    turning: Mapping[str, bool],
-    touched: Mask,
-) -> SoundRows:
-    """Return which rows of a log are sound.
-
-    values : (n, names), of `roles`; wrong ones and those beyond a turn change
-    numbers : (n,), of the rows in the file
-    ranges : limits of some joints [rad or m]; rows outside are left out
-    turning : which joints turn
-    touched : (n,), rows without a measured position
-    """
-    rows = SoundRows(label, numbers, np.ones(len(values), dtype=bool))
-    finite = np.abs(values) < LARGEST
-    _, has_position, _ = roles.split(finite)
-    has_position[touched] = True
-    if roles.touched and not roles.axes:
-        finite &= touched[:, None]
-    columns = listed(np.array(roles.names)[~finite.all(axis=0)])
-    words = f"miss a finite number (2.5, not 2,5) of {columns}"
-    rows.dropped = rows.leave_out(np.asarray(~finite.all(axis=1)), words)
-    values[~rows.sound] = 0.0
-    for name, (low, high) in ranges.items():
-        column = values[:, roles.joints.index(name)]
-        if turning[name]:
-            column[:] = wrap(column, low, high)
-        edge = READING.rounded * (high - low)
-        away = (column < low - edge) | (column > high + edge)
-        rows.leave_out(away, f"have {name} outside of the chosen range")
-        np.clip(column, low, high, out=column)
-    q, x, turns = roles.split(values)
-    zero = rows.sound & (x == 0.0).all(axis=1) & ~touched
-    # a single row, or one place of the joints, may be the origin of the sensor
-    several = zero.sum() > 1 and np.ptp(q[zero], axis=0).any()
-    if several and not zero[rows.sound].all():
-        words = "hold zeros for a position, as where a sensor saw nothing"
-        rows.left_out = rows.leave_out(zero, words)
-    if roles.turns == QUATERNION:
-        length = row_lengths(turns)
-        wrong = rows.sound & (np.abs(length - 1) > ROUNDING)
-        words = f"qx, qy, qz, qw of length {length[np.argmax(wrong)]:.4g}, expected 1"
-        rows.left_out += rows.leave_out(wrong, f"hold no orientation: {words}")
-    return rows

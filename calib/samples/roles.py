@@ -105,7 +105,8 @@ def find_roles(
     if not {*POSITION} & there and not touched:
         raise LogError(
             f"{source.label} has no positions: expected columns x, y and z [m] of a tracker, "
-            "u and v of a camera, or point of sockets that the tip touched",
+            "u and v of a camera, or point of sockets that the tip touched; columns: "
+            f"{listed(map(repr, source.header))}",
             hint="if they have other names, give `columns={'x': 'OTHER', 'y': ..}`",
             parameter="columns",
         )

@@ -14,6 +14,7 @@ from ..arm.arm import Arm
 from ..arm.plane import Plane
 from ..common.arrays import Array, Index, frozen
 from ..common.rows import LARGEST, column_names, number_rows, whole
+from ..common.scale import Scale
 from ..errors import LogError, OptionError
 from .camera import Camera
 from .motion import Motion, OfRows, directions, pose_index
@@ -49,7 +50,6 @@ class Readings(OfRows):
 class LogFile(OfRows):
     """What a file, or the pictures that rows were made of, say beside the rows."""
 
-    # (n,), numbers of the rows, counted below the header from 1
     # (n,), numbers of the rows, counted below the header from 1, which stand where it is empty
     rows: Index = field(default_factory=lambda: np.empty(0, np.intp))
     # columns that have other names than what they hold
@@ -131,6 +131,9 @@ class Samples(LogFile, Readings, Motion):
                 q.shape,
             ),
             "orientation": (self.orientation, (n, 4)),
+            "covariance": (self.covariance, (n, 6, 6)),
+            "time": (self.time, (n,)),
+            "episode": (self.episode, (n,)),
         }
         values: dict[str, object] = {
             "joint_names": names,
@@ -149,6 +152,8 @@ class Samples(LogFile, Readings, Motion):
             values[name] = frozen(np.array(array, dtype=float))
         for name, value in values.items():
             object.__setattr__(self, name, value)
+        if self.time is not None and not np.isfinite(self.time).all():
+            raise LogError("time is not finite in every row: leave it out")
         for joint, low, high in zip(names, self.lower, self.upper, strict=True):
             if not -np.inf < low < high < np.inf:
                 raise LogError(
@@ -162,6 +167,11 @@ class Samples(LogFile, Readings, Motion):
     def dof(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def unit_box(self) -> Scale:
+        """The box of the joints' ranges."""
+        return Scale.of_range(self.lower, self.upper, self.revolute)
 
     @cached_property
     def pose_index(self) -> Index:

@@ -224,6 +224,11 @@ class Simulation:
                 arm = arm.with_tip_offset(*change.values)
         return arm
 
+    @property
+    def has_outliers(self) -> bool:
+        """Whether some of the sensor's readings are wrong."""
+        return any(change.what == "outliers" for change in self.changes)
+
     def draw(self, n: int, rng: Generator) -> Array:
         """Draw what the encoders read (n, dof) [rad or m], uniformly from the arm's range."""
         low = np.asarray(self.arm.lower)

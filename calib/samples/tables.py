@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import json
 import os
@@ -46,7 +47,8 @@ _HEAD = 1 << 16  # [bytes], of a file, in which its header is
 _POSITION_SUFFIX = ".pos"
 _REMEDIES = {
     "utf-8": ": save it as UTF-8 CSV",
-    "more fields": ": write decimals with a point, and quote text that holds a comma",
+    "more fields": ": expected the columns' names in the first line, decimals with a point, and "
+    "quotes around text that holds a comma",
 }
 
 
@@ -195,6 +197,8 @@ def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
     """The rows of a CSV file, and what it says above its header."""
     import polars as pl
 
+    if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        content = content.decode("utf-16", errors="replace").encode()
     head = content[:_HEAD].decode("utf-8-sig", errors="replace")
     lines = [line for line in head.splitlines() if line.strip()]
     about = ""
@@ -204,17 +208,35 @@ def _read_text(content: bytes, label: str) -> tuple[pl.DataFrame, str]:
         raise LogError(
             f"{label} is empty: expected a header with the names of the columns"
         )
+    separator = max(",;\t", key=lines[0].count)
     table = pl.read_csv(
         content,
-        separator=max(",;\t", key=lines[0].count),
+        separator=separator,
         comment_prefix=COMMENT,
         infer_schema=False,
     )
+    if separator != ",":
+        table = _with_points(table)
     table = table.rename(lambda name: name.strip().replace('""', '"'))
     # blank lines at the end are no rows
     is_filled = table.select(pl.any_horizontal(pl.all().is_not_null()))
     numbers = is_filled.to_series().arg_true()
     return table.head(numbers[-1] + 1 if len(numbers) else 0), about
+
+
+def _with_points(table: pl.DataFrame) -> pl.DataFrame:
+    """A table whose decimals have commas, with points; any other as it is."""
+    import polars as pl
+
+    number = r"^\s*[-+]?\d*{}\d+(?:[eE][-+]?\d+)?\s*$"
+    has_points = pl.all().str.contains(number.format(r"\.")).any()
+    if any(table.select(has_points).row(0)):
+        return table
+    is_decimal = pl.all().str.contains(number.format(","))
+    with_point = pl.all().str.replace(",", ".", literal=True)
+    return table.with_columns(
+        pl.when(is_decimal).then(with_point).otherwise(pl.all())
+    )
 
 
 def sources_by_sensor(

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..common.arrays import Array, Mask
 from ..common.rows import row_lengths, thinned
-from ..common.scale import Scale
 from .samples import Samples
 from .settings import WRONG
 from .tables import rows_in_words
@@ -39,7 +38,7 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
         return sound, []
     from scipy.spatial import cKDTree
 
-    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
+    scale = samples.unit_box
     u = scale.to_unit(samples.q)
     box = scale.periodic.astype(float) if scale.periodic.any() else None
     tree = cKDTree(u, boxsize=box)

@@ -7,6 +7,7 @@ the order of `_ORDER`, stands for all others (zeros before turned origins, lengt
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..body.belief import Body
 from ..body.curves import waves_of
@@ -70,13 +71,11 @@ def causes_of(model: Model) -> list[Cause]:
     columns = _motions_of_tip(model, body)
     sizes = np.linalg.norm(columns, axis=0)
     candidates = [k for name in _ORDER for k in structure.groups.get(name, ())]
-    of_arm = np.array([k for k in candidates if k in body.active], np.intp)
-    # the part of each column that the ones before it do not have
-    new = np.abs(np.diag(np.linalg.qr(columns[:, of_arm], mode="r")))
-    rounding = 1e-9 * sizes[of_arm].max(initial=0.0)
-    independent = new > np.maximum(SETTINGS.same * sizes[of_arm], rounding)
-    chosen = of_arm[independent]
-    others = of_arm[~independent]
+    active = [k for k in candidates if k in body.active]
+    units = [structure.labels[k].unit for k in active]
+    of_arm = _moving(np.array(active, np.intp), sizes, np.array(units))
+    chosen = _independent(of_arm, columns)
+    others = np.setdiff1d(of_arm, chosen)
     share = _in_terms_of(columns[:, chosen], columns[:, others])
     root = np.zeros((structure.size, body.root.shape[1]))
     root[body.active] = body.root
@@ -136,6 +135,30 @@ def _motions_of_tip(model: Model, body: Body) -> Array:
     columns = slope.reshape(-1, structure.size) / SETTINGS.postures**0.5
     frame = columns[:, frame_of(model)]
     return np.asarray(columns - frame @ _in_terms_of(frame, columns))
+
+
+def _moving(indices: Index, sizes: Array, units: NDArray[np.str_]) -> Index:
+    """Of parameters those that move the tip as others of their unit do.
+
+    One that hardly moves it would stand for others with hundreds of times their values.
+    """
+    largest = {unit: sizes[indices[units == unit]].max() for unit in units}
+    least = [SETTINGS.hardly * largest[unit] for unit in units]
+    return np.asarray(indices[sizes[indices] > least])
+
+
+def _independent(indices: Index, columns: Array) -> Index:
+    """Of parameters, in their order, those that move the tip as none before them does."""
+    chosen: list[int] = []
+    basis = np.zeros((len(columns), 0))
+    for k in indices.tolist():
+        column = columns[:, k]
+        rest = column - basis @ (basis.T @ column)
+        length = np.linalg.norm(rest)
+        if length > SETTINGS.same * np.linalg.norm(column):
+            chosen.append(k)
+            basis = np.column_stack([basis, rest / length])
+    return np.array(chosen, dtype=np.intp)
 
 
 def _in_terms_of(columns: Array, others: Array) -> Array:

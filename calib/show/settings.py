@@ -10,8 +10,6 @@ Z95 = 1.96
 class Settings:
     """How much is computed and drawn: a figure of 50 kB and a tenth of a second each."""
 
-    # samples of a simulated arm: they show a mean to a few percent
-    fresh: int = 1_000
     few_rows: int = 10  # of a log, fewer cannot be judged
     postures: int = 200  # that tell how parameters move the tip
     field: int = 6_000  # postures that a field of bounds is drawn with
@@ -24,6 +22,8 @@ class Settings:
 
     small_effect: float = 0.01  # of the largest: causes with less are not drawn
     same: float = 0.03  # of a column: with less of its own, others tell it
+    # of the largest column of a unit: an axis moved along itself was told as 461 mm off
+    hardly: float = 0.01
     # of a joint's longest: with less, a row says little of it
     lever: float = 0.3
     arrow: float = 0.08  # of the picture's width: the longest arrows

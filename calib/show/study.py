@@ -11,9 +11,10 @@ import numpy as np
 from ..change.judge import judge
 from ..change.verdict import Verdict
 from ..common.arrays import Array
-from ..common.robust import solve_least_squares
+from ..common.least_squares import solve_least_squares
 from ..model.model import Model
 from ..samples.samples import Samples
+from ..training.residuals import fresh_points
 from ..use.evaluate import learned_rows, simulation_of
 from .causes import Cause, causes_of, drawing_behind, frame_of
 from .settings import SETTINGS
@@ -105,7 +106,10 @@ class Study:
             mean = float(history[-1]["before"]["mean"])
             bars.append(Bar("before the change was learned", mean))
         if self.rows.learned is not None:
-            noise = ", noise included" if self.model.about.simulation else ""
+            simulation = self.model.about.simulation
+            noise = (
+                ", noise included" if simulation and simulation["noise"] else ""
+            )
             bars.append(Bar.of(f"as calibrated{noise}", self.rows.learned))
         bars.append(Bar.of(f"on {self.rows.source}", self.rows.held_out))
         return bars
@@ -171,10 +175,10 @@ def _rows_of_training(model: Model) -> StudiedRows | None:
     """Fresh samples of a simulation, or the rows that are kept of a log; None without any."""
     simulation = simulation_of(model)
     if simulation is not None:
-        rng = np.random.default_rng(model.about.seed)
-        q = simulation.draw(SETTINGS.fresh, rng)
-        x = simulation.true(q, rng)
+        # the points that its errors in `train` and `info` are of
+        q, x = fresh_points(simulation, model.about.seed)
         held_out = x - model.forward(q)
+        rng = np.random.default_rng(model.about.seed)
         noise = simulation.noise * rng.standard_normal(x.shape)
         learned = held_out + noise
         source = "fresh exact samples"

@@ -16,7 +16,8 @@ from ..maps.density import gain_of
 from ..maps.lattice import Lattice
 from ..maps.links import without_weak
 from ..maps.map import Map
-from ..maps.vdsom import VDSOM, Layer, Rates
+from ..maps.rates import Rates
+from ..maps.vdsom import VDSOM, Layer
 from ..model.model import Model
 from .settle import settled_model
 
@@ -166,7 +167,7 @@ class OnlineAdapter:
 
     def _feed(self, u: Array, v: Array) -> Step:
         motor, sensory = self._maps()
-        predicted = self._net.said(u[:: FOLLOW.glance], self._idle)
+        predicted = self._net.predict(u[:: FOLLOW.glance], self._idle)
         gap = np.linalg.norm(
             (predicted - v[:: FOLLOW.glance]) * sensory.scale.span, axis=1
         )

@@ -19,7 +19,7 @@ from ..maps.model_selection import blocks, select
 from ..maps.predictor import BodyInBox
 from ..model.about import MeasuredRows
 from ..model.model import Model
-from ..training.train import node_bounds
+from ..training.bounds import node_bounds
 
 
 @dataclass(frozen=True)

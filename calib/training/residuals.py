@@ -18,9 +18,10 @@ from ..model.prediction import predict
 from ..samples.motion import Motion
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
-from .learn import TrainingOptions
+from .maps import maps_of
+from .options import TrainingOptions
 from .settings import TESTING
-from .smooth import SmoothPart, maps_of
+from .smooth import SmoothPart
 from .touched import NOT_LEARNED
 
 Sizes = dict[str, float]
@@ -211,9 +212,19 @@ def error_sizes(error: Array) -> Sizes:
 
 
 def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
-    """What 95 % of a model's answers are within [unit], and what share within its own bound."""
+    """What 95 % of the errors are within [unit], and what share the model's own bound covers.
+
+    Of the rows that it answers; their share, "answered", where it is not all.
+    """
     errors = residuals.errors[model.default_readout]
     bound = residuals.widening * predict(model, residuals.motion).bound
+    answered = np.isfinite(bound)
     rounding = 1e-12  # of an exact arm both are
-    covered = np.mean(errors <= bound + rounding)
-    return {"p95": float(np.quantile(errors, 0.95)), "covered": float(covered)}
+    inside = errors[answered] <= bound[answered] + rounding
+    within = {
+        "p95": float(np.quantile(errors, 0.95)),
+        "covered": float(inside.mean()) if len(inside) else 1.0,
+    }
+    if not answered.all():
+        within["answered"] = float(answered.mean())
+    return within

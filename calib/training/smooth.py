@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -19,16 +18,14 @@ from ..body.rows import Rows
 from ..body.spatial import structure_of, unknown_structure
 from ..body.structure import Structure
 from ..body.views import is_camera
-from ..common.arrays import Array, Index
+from ..common.arrays import Index
 from ..common.choices import VIEWS
 from ..common.rows import row_lengths
 from ..common.scale import METRES
 from ..errors import OptionError
-from ..maps.association import Association
-from ..maps.model_selection import misfit
 from ..maps.predictor import BodyInBox
 from ..samples.samples import Samples
-from .learn import Progress, TrainingOptions, associate, unit_box
+from .options import TrainingOptions
 from .settings import LEARNING
 
 _POSED = {
@@ -172,7 +169,7 @@ class SmoothPart:
     @staticmethod
     def of(samples: Samples, fit: BodyFit, rows: Index) -> SmoothPart:
         """The body of a fit in the unit box of the samples."""
-        return SmoothPart(BodyInBox(fit.body, unit_box(samples)), fit, rows)
+        return SmoothPart(BodyInBox(fit.body, samples.unit_box), fit, rows)
 
     @property
     def error(self) -> float:
@@ -236,36 +233,3 @@ def _smooth_part(
             "`body='none'`"
         )
     return replace(part, fit=replace(fit, notes=tuple(notes)))
-
-
-def wrong_around(part: SmoothPart, samples: Samples, u: Array) -> Array | None:
-    """How wrong (k,) the body is around points `u` (k, dof) of the unit box, None within noise."""
-    scale = part.smooth.scale
-    learned = scale.to_unit(samples.q[part.rows])
-    extent = part.extent(samples)
-    return misfit(scale, learned, part.fit.held_out, extent, u)
-
-
-def maps_of(
-    samples: Samples,
-    part: SmoothPart | None,
-    options: TrainingOptions,
-    rows: slice | Index = slice(None),
-    progress: Progress | None = None,
-) -> Association:
-    """Maps and links of some rows of the samples, and of what the body of `part` imagines."""
-    scale = unit_box(samples)
-    u = scale.to_unit(samples.q[rows])
-    x = samples.x[rows]
-    if part is None:
-        return associate(scale, u, x, options, None, progress)
-    # a log may leave parts of the joints' range out, a simulation only has too few samples
-    nodes = math.prod(options.shapes[0])
-    if samples.simulation is None or len(samples) < nodes:
-        every = -(-len(u) // LEARNING.most_rows)
-        rng = np.random.default_rng(options.stream("imagined"))
-        drawn = rng.random((LEARNING.imagined * nodes, u.shape[1]))
-        u = np.concatenate([u[::every], drawn])
-        x = np.concatenate([x[::every], part.smooth.value(drawn)])
-    wrong = wrong_around(part, samples, u)
-    return associate(scale, u, x, options, wrong, progress)

@@ -11,14 +11,14 @@ from ..arm.arm import SpatialArm
 from ..body.body_fit import BodyFit
 from ..body.fit import Fit
 from ..body.parameters import Prior
-from ..body.rows import together
+from ..body.rows import with_measurements
 from ..body.settings import STUDENT
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.touch import (
     DRAWN_SIZE,
     fit_touches,
-    restated,
-    touching,
+    in_structure,
+    rows_of_touches,
     with_size,
 )
 from ..common.arrays import Array, Mask
@@ -28,7 +28,7 @@ from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.sockets import Touches
 from ..samples.tables import rows_in_words
-from .learn import TrainingOptions
+from .options import TrainingOptions
 from .settings import LEARNING, TOUCHING
 from .smooth import SmoothPart
 
@@ -267,10 +267,10 @@ def as_positions(
     q = model.about.joints_of(log)
     rows = [
         replace(measured, floor=0.5 * noise, noise=noise)
-        for measured in touching(q, number, facts, log.x)
+        for measured in rows_of_touches(q, number, facts, log.x)
     ]
-    seen = together(structure, rows)
-    belief = restated(body, seen)
+    seen = with_measurements(structure, rows)
+    belief = in_structure(body, seen)
     beta = belief.beta.copy()
     point = seen.groups["point"]
     beta[point] = touch.means(structure.pose(q, body.beta)[0])[sockets].ravel()
@@ -286,7 +286,7 @@ def as_positions(
         sd = np.sqrt(np.diag(variance))
         free = np.flatnonzero(sd)
         precision = np.asarray(np.linalg.inv(variance[np.ix_(free, free)]))
-        prior = Prior(beta, sd, known=precision)
+        prior = Prior(beta, sd, precision=precision)
         return Fit(seen, rows, beta, prior, nu=STUDENT).maximise(steps=8)
 
     may_change = np.zeros(seen.size)
@@ -297,7 +297,7 @@ def as_positions(
     changed = fitted(variance + np.diag(may_change))
     gain = changed.evidence - same.evidence
     if gain > TOUCHING.nats * changed.autocorrelation:
-        belief = restated(replace(belief, beta=changed.beta), structure)
+        belief = in_structure(replace(belief, beta=changed.beta), structure)
         sensor = structure.sensor(belief.beta)
         points = changed.beta[point].reshape(-1, 3)
         places = np.full((len(touch.sockets), 3), np.nan)

@@ -9,38 +9,36 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..arm.arm import Arm
 from ..body.approach import Approach
-from ..body.covariance import RADIUS_95
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread, side_by_side
 from ..common.rows import row_lengths
-from ..common.scale import Scale
-from ..errors import LogError, OptionError
+from ..errors import LogError
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
-from ..maps.node_bounds import learn_bounds
 from ..model.about import About, MeasuredRows
 from ..model.baseline import Seen, learn_baseline
 from ..model.model import Model
-from ..samples.motion import directions
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
-from .learn import UNFOLD, Progress, TrainingOptions, resolved
+from .bounds import node_bounds, simulated_bounds
+from .maps import maps_of
+from .options import Progress, TrainingOptions, resolved
 from .preparation import Prepared, logs_by_sensor, prepare
 from .residuals import (
+    Residuals,
     answered_within,
     fresh_residuals,
     held_out_residuals,
     summarise,
 )
 from .settings import LEARNING, TESTING
-from .smooth import maps_of
 
 
 def train(
@@ -83,7 +81,7 @@ def train(
     True
     """
     options = replace(options or TrainingOptions(), **named)
-    logs = [samples] if isinstance(samples, Samples) else [*samples]
+    logs = [samples] if isinstance(samples, Samples) else [*(samples or ())]
     if not logs:
         raise LogError("no samples: expected those of one sensor or more")
     for log in logs:
@@ -123,9 +121,7 @@ def _learned(
 ) -> Model:
     """Learn maps, links and local models on a body, and measure the errors of them all."""
     samples = prepared.samples
-    simulation = samples.simulation
     part = prepared.part
-    rows = slice(None) if part is None else part.rows
     options, size_notes = resolved(samples, options)
 
     progress(0.1, "maps", math.nan)
@@ -137,8 +133,7 @@ def _learned(
 
     progress(0.7, "local models", math.nan)
     motor = association.motor
-    scale = motor.scale
-    u = scale.to_unit(samples.q)
+    u = motor.scale.to_unit(samples.q)
     unknown = np.zeros(motor.size)
     visited = np.zeros(motor.size, dtype=bool)
     visited[motor.nearest(u)[1][:, 0]] = True
@@ -147,63 +142,101 @@ def _learned(
     held_out = None
     if part is not None:
         predictor, held_out = select(
-            motor, u[rows], samples.x[rows], part.smooth, part.fit.held_out
+            motor,
+            u[part.rows],
+            samples.x[part.rows],
+            part.smooth,
+            part.fit.held_out,
         )
         model = replace(model, local=predictor.models, body=part.fit.body)
 
     progress(0.8, "evaluation", math.nan)
-    play = prepared.play
-    approach = Approach(play) if play.any() else None
-    measured = None
-    if simulation is None:
-        tested = held_out_residuals(model, samples, part, held_out, options)
-        shown_u = scale.to_unit(tested.motion.q)
-        shown_x = tested.x
-        errors = tested.errors[model.default_readout]
-        reading, position = node_bounds(model, shown_u, errors)
-        model = replace(model, bounds=reading, model_bounds=position)
-        within = answered_within(model, tested)
-        model = replace(model, approach=approach)
-        measured = MeasuredRows.of(samples.q[rows], samples.x[rows], held_out)
+    if samples.simulation is None:
+        tested = _tested_on_log(model, prepared, held_out, options)
     else:
-        seed = options.stream("bounds")
-        (nodes, shown_u, shown_x), tested = side_by_side(
-            lambda: _simulated_bounds(model, simulation, play, seed),
-            lambda: fresh_residuals(model, simulation),
+        tested = _tested_on_arm(
+            model, samples.simulation, prepared.play, options
         )
-        model = replace(
-            model, bounds=nodes, model_bounds=nodes, approach=approach
-        )
-        within = answered_within(model, tested)
+    progress(1.0, "done", math.nan)
+    residuals = tested.residuals
+    notes = (*size_notes, *prepared.notes, *(part.fit.notes if part else ()))
     about = replace(
         about,
-        errors=summarise(tested),
-        within=within,
-        tested=len(tested.x),
-        left_out=tested.left_out + prepared.left_out,
-        notes=(*size_notes, *prepared.notes, *(part.fit.notes if part else ())),
+        errors=summarise(residuals),
+        within=answered_within(tested.model, residuals),
+        tested=len(residuals.x),
+        left_out=residuals.left_out + prepared.left_out,
+        notes=notes,
     )
     # what an undisturbed arm's distortions look like
     some = slice(None, None, max(1, len(samples) // TESTING.baseline))
     missed = row_lengths(model.predictor.value(u[some]) - samples.x[some])
-    baseline = learn_baseline(association, shown_u, shown_x, missed)
-    if part is None and simulation is None:
-        baseline = replace(baseline, seen=Seen.of(scale, shown_u))
-    progress(1.0, "done", math.nan)
+    baseline = learn_baseline(association, tested.u, tested.x, missed)
+    if part is None and samples.simulation is None:
+        baseline = replace(baseline, seen=Seen.of(motor.scale, tested.u))
+    approach = Approach(prepared.play) if prepared.play.any() else None
     return replace(
-        model,
-        about=about,
-        baseline=baseline,
-        rows=measured,
+        tested.model, about=about, baseline=baseline, approach=approach
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Tested:
+    """A model with bounds, and the rows that told them."""
+
+    model: Model
+    residuals: Residuals  # of all its readouts
+    u: Array  # (k, dof), joints of rows that it has not learned, in the unit box
+    x: Array  # (k, m) [unit], positions there
+
+
+def _tested_on_log(
+    model: Model,
+    prepared: Prepared,
+    held_out: Array | None,
+    options: TrainingOptions,
+) -> Tested:
+    """Test a model of a log on rows that were held out.
+
+    held_out : (k, m) [unit], what the default readout leaves over of the rows of the body
+    """
+    samples = prepared.samples
+    part = prepared.part
+    residuals = held_out_residuals(model, samples, part, held_out, options)
+    u = model.motor.scale.to_unit(residuals.motion.q)
+    errors = residuals.errors[model.default_readout]
+    reading, position = node_bounds(model, u, errors)
+    rows = slice(None) if part is None else part.rows
+    measured = MeasuredRows.of(samples.q[rows], samples.x[rows], held_out)
+    model = replace(model, bounds=reading, model_bounds=position, rows=measured)
+    return Tested(model, residuals, u, residuals.x)
+
+
+def _tested_on_arm(
+    model: Model,
+    simulation: Simulation,
+    play: Array,
+    options: TrainingOptions,
+) -> Tested:
+    """Test a model of a simulated arm on exact samples that it has not learned.
+
+    play : (dof,), half the play of each joint, where the direction of approach is known
+    """
+    seed = options.stream("bounds")
+    (nodes, u, x), residuals = side_by_side(
+        lambda: simulated_bounds(model, simulation, play, seed),
+        lambda: fresh_residuals(model, simulation),
+    )
+    approach = Approach(play) if play.any() else None
+    model = replace(model, bounds=nodes, model_bounds=nodes, approach=approach)
+    return Tested(model, residuals, u, x)
 
 
 def _limits(samples: Samples, arm: Arm) -> Array:
     """What each joint (dof, 2) [rad or m] may be asked for: of whole turns what the arm says."""
-    scale = Scale.of_range(samples.lower, samples.upper, samples.revolute)
     learned = np.column_stack([samples.lower, samples.upper])
     turns = np.clip(arm.travel, -LEARNING.unlimited, LEARNING.unlimited)
-    return np.where(scale.periodic[:, None], turns, learned)
+    return np.where(samples.unit_box.periodic[:, None], turns, learned)
 
 
 def _about(samples: Samples, options: TrainingOptions) -> About:
@@ -245,59 +278,3 @@ def _about(samples: Samples, options: TrainingOptions) -> About:
         sensor=samples.sensor,
         limits=None if arm is None else _limits(samples, arm),
     )
-
-
-def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
-    """Bounds (nodes,) of a log's model on what the sensor reads and on the true position.
-
-    A body's are its posterior's.  Without one, and in defects, they are learned from the errors
-    (k,) [unit] of rows that were held out, at `u` (k, dof) in the unit box.
-    """
-    motor = model.motor
-    body = model.body
-    if body is None:
-        learned = learn_bounds(motor, u, errors)
-        return (
-            learned,
-            learned,
-        )  # they hold beside the rows, see `calib.model.parts`
-    q = motor.scale.from_unit(np.clip(motor.units, 0.0, 1.0))
-    reading = body.bound(q)
-    position = body.bound(q, noise=False)
-    if model.predictor.models.degree >= 0:
-        # where held-out rows are further off than the body says, as in a local defect
-        learned = learn_bounds(motor, u, errors)
-        noise = RADIUS_95 * float(np.sqrt(np.mean(body.noise[:2] ** 2)))
-        defect = np.sqrt(np.maximum(learned**2 - noise**2, 0.0))
-        position = np.where(
-            learned > reading, np.maximum(position, defect), position
-        )
-        reading = np.maximum(reading, learned)
-    return reading, position
-
-
-def _simulated_bounds(
-    model: Model,
-    simulation: Simulation,
-    play: Array,
-    seed: np.random.SeedSequence,
-) -> tuple[Array, Array, Array]:
-    """Bounds (nodes,) [unit] by exact samples that are neither learned nor tested.
-
-    play : (dof,), half the play of each joint, where the direction of approach is known
-    Returns bounds, and joints (k, dof) in the unit box and positions (k, m) of these samples
-    """
-    rng = np.random.default_rng(seed)
-    q = simulation.draw(TESTING.drawn, rng)
-    x = simulation.true(q, rng)
-    q = q - play * directions(q)
-    inside = model.covers(q)
-    if not inside.any():
-        raise OptionError(
-            "no test sample is near the motor map's nodes", hint=UNFOLD
-        )
-    u = model.motor.scale.to_unit(q[inside])
-    errors = row_lengths(model.predictor.value(u) - x[inside])
-    nodes = learn_bounds(model.motor, u, errors)
-    rounding = TESTING.rounding * model.solver.extent
-    return np.maximum(nodes, rounding), u, x[inside]

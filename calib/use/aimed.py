@@ -21,7 +21,7 @@ from ..common.scale import Scale
 from ..errors import OptionError
 from ..inverse.newton import Newton
 from ..model.model import Model
-from ..recording.board import Board
+from ..recording.board import Pattern, parse_board
 from .pose_space import PoseSpace
 from .settings import AIMING, PLANNING
 
@@ -105,7 +105,7 @@ def at_point(
         beta = body.beta
     else:
         raise OptionError(
-            "touch: expected a robot that moves in space, or a model of one"
+            "`touch`: expected a robot that moves in space, or a model of one"
         )
     target = number_rows(
         np.ravel(point), ("x", "y", "z"), "touch", OptionError
@@ -228,7 +228,7 @@ class Scene:
 def in_sight(
     source: Arm | Model,
     space: PoseSpace,
-    board: Board | str | bool,
+    board: Pattern | str | bool,
     eye: str,
     start: Array | None,
     rng: np.random.Generator,
@@ -247,7 +247,7 @@ def in_sight(
                 "in the middle of its picture"
             )
         scene = _assumed(
-            source, np.array(Board.parse(board).size), eye == "hand", start
+            source, np.array(parse_board(board).size), eye == "hand", start
         )
     elif (
         isinstance(source, Model)
@@ -304,7 +304,7 @@ def _known(body: Body, made: dict[str, Any]) -> Scene:
     """Return the scene of a model of pictures of a board, with its lens."""
     structure = cast(SpatialStructure, body.structure).with_view("pose")
     groups = structure.groups
-    size = np.array(Board.parse(made["board"]).size)
+    size = np.array(parse_board(made["board"]).size)
     in_hand = made["eye"] == "hand"
     lens = made["lens"]
     beta = body.beta.copy()

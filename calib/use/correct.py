@@ -109,7 +109,8 @@ def correct(
     place, nearest to `q` and on the same turn.  Places are compared in the sensor's frame: that
     of a simulation is the root link's plane, and moves with what an adaptation found; that of a log
     is fitted together with joint offsets and link placements, so that only what is the arm's own
-    is compensated.
+    is compensated.  The nominal arm in space carries the tool that the log shows: a tip that is
+    further from the last joint than drawn is no error of the arm.
 
     Parameters
     ----------

@@ -57,7 +57,8 @@ class Evaluation:
         What the samples are.
     within : dict
         "p95": what 95 % of the answers' distances are within [unit]; "covered": the share that
-        the expected error bounds. Empty where it is not known.
+        the expected error bounds, of those "answered" (a share, all where it is not there). Empty
+        where it is not known.
     notes : tuple of str
         What the user should be told of the samples.
     touch : dict
@@ -212,7 +213,7 @@ def _of_training(model: Model) -> Evaluation:
         dict(about.errors),
         about.tested,
         about.left_out,
-        "rows held out in contiguous blocks",
+        "rows held out in blocks of the log",
         dict(about.within),
     )
 

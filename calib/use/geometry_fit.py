@@ -16,12 +16,12 @@ from ..arm.arm import PlanarArm, SpatialArm
 from ..arm.rotations import logarithm, similarity
 from ..body.belief import Body, knows_orientation
 from ..body.fit import Fit
+from ..body.frame_starts import drawn_frame
 from ..body.normal import Factor, with_prior
 from ..body.parameters import Hyper, Indices, Prior
 from ..body.rows import Rows
 from ..body.settings import FREE, PRIOR, SHIFT, STUDENT, UNTOLD
 from ..body.spatial import SpatialStructure, structure_of
-from ..body.starts import frame
 from ..common.arrays import Array
 from ..common.scale import METRES
 from ..errors import CalibError, OptionError
@@ -82,7 +82,10 @@ class Points:
         x = model.forward(q)
         valid = np.isfinite(x).all(axis=1)
         noise = float(np.nanmedian(model.bounds)) / 2.45  # sd along an axis
-        error = noise * math.sqrt(len(q) / max(model.about.samples, 10))
+        independent = max(model.about.samples, 10)
+        if model.body is None:
+            independent = min(independent, FITTING.patches)
+        error = noise * math.sqrt(len(q) / independent)
         return cls(q[valid], x[valid], unit, error)
 
 
@@ -176,7 +179,7 @@ def fit_in_space(
     if not freedom.probe:  # a simulation's point is the tip
         still.append(tool)
     elif start is None:
-        start = frame(structure, points.q, z)
+        start = drawn_frame(structure, points.q, z)
     nominal = structure.neutral() if start is None else start
     frame_prior = _held(structure.prior(structure.frame_groups), still)
     if len(frame_prior.active):
@@ -348,7 +351,7 @@ def _covariance(fit: Fit) -> Array:
     gram = x.T @ x
     precision = fit.information_share * gram
     precision[inner, inner] = with_prior(
-        precision[inner, inner], fit.sd, fit.known
+        precision[inner, inner], fit.sd, fit.prior_precision
     )
     precision[outer, outer] += np.diag(other_sd[others] ** -2.0)
     spread = Factor(precision).inverse()[outer, outer]

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Index
+from ..common.rows import finite_rows
 from ..errors import CalibError, LogError
 from ..model.model import Model
 from ..samples.motion import visits_of
@@ -84,13 +85,21 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
     places, pose, counts = np.unique(
         visits.pose[first], return_inverse=True, return_counts=True
     )
-    repeated = [k for k in range(len(places)) if counts[k] > 1]
-    if not repeated:
+    corrected = model.forward(joints)
+    answered = finite_rows(corrected)
+    several = [k for k in range(len(places)) if counts[k] > 1]
+    repeated = [k for k in several if answered[pose == k].all()]
+    if not several:
         raise LogError(
             "the log went to no pose twice: ISO 9283 needs poses that were attained repeatedly",
             hint=f"go to {POSES} poses {CYCLES} times each, in turn",
         )
-    corrected = model.forward(joints)
+    if not repeated:
+        raise LogError(
+            f"the {len(several)} poses that the log went to again are outside of what the model "
+            "has learned",
+            hint="measure poses within it, or train with these too",
+        )
     delivered = None
     if model.about.urdf:
         with suppress(CalibError):
@@ -113,6 +122,11 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
         tests.append(test)
     cycles = min(test.cycles for test in tests)
     notes = []
+    if len(repeated) < len(several):
+        notes.append(
+            f"{len(several) - len(repeated)} of {len(several)} poses are outside of what the "
+            "model has learned and left out"
+        )
     if len(tests) < POSES or cycles < CYCLES:
         notes.append(
             f"ISO 9283 asks for {POSES} poses with {CYCLES} cycles each: the log has "
@@ -128,7 +142,12 @@ def iso9283(model: Model, samples: Samples) -> Iso9283:
         repeatability=max(test.RP for test in tests),
         corrected=max(test.as_corrected for test in tests),
         delivered=max(
-            (t.as_delivered for t in tests if t.as_delivered), default=None
+            (
+                test.as_delivered
+                for test in tests
+                if test.as_delivered is not None
+            ),
+            default=None,
         ),
         cycles=cycles,
         notes=tuple(notes),

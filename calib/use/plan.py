@@ -20,7 +20,8 @@ from ..common.arrays import Array, Index, ReadOnly
 from ..common.choices import EYES
 from ..common.rows import whole
 from ..common.scale import Scale
-from ..errors import OptionError
+from ..errors import OptionError, require
+from ..model.model import Model
 from ..samples.tables import write_table
 from .aimed import at_point, directions, in_sight
 from .pose_space import PoseSpace, space_of, usable_postures
@@ -29,7 +30,6 @@ from .settings import PLANNING
 if TYPE_CHECKING:
     import os
 
-    from ..model.model import Model
     from ..recording.board import Board
 
 
@@ -158,6 +158,10 @@ def plan(
     """
     n = whole("n", n, 1, PLANNING.most)
     rng = np.random.default_rng(whole("seed", seed, 0, 2**63 - 1))
+    if not isinstance(source, Arm):
+        require("source", source, Model)
+    if above is not None and not np.isfinite(above):
+        raise OptionError(f"above {above!r}: expected a height [m]")
     space = space_of(source, margin, ranges)
     begin = space.start(start)
     if touch is not None and handeye is not None:
@@ -183,9 +187,10 @@ def plan(
     usable, notes = usable_postures(source, q, above)
     q = q[usable]
     if len(q) < n:
-        raise OptionError(
-            f"n {n}: {len(q)} poses were found, expected fewer to choose"
-        )
+        allowed = f"{n} poses: {len(q)} are within the limits"
+        if above is not None:
+            allowed += f" and above {above:g} m"
+        raise OptionError(f"{allowed}; ask for fewer, or allow more")
     if directions is not None:
         chosen = greedy(directions[usable], n)
     else:

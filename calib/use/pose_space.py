@@ -49,7 +49,7 @@ class PoseSpace:
             ~((values >= low - 1e-9) & (values <= high + 1e-9))
         ):
             raise OptionError(
-                f"start: {self.joint_names[k]} = {values[k]:.6g} is outside of its range "
+                f"`start`: {self.joint_names[k]} = {values[k]:.6g} is outside of its range "
                 f"{low[k]:.6g} to {high[k]:.6g}"
             )
         return values

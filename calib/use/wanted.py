@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +24,8 @@ from ..model.nominal import (
     nominal_in_plane,
 )
 from ..model.reach import Reach
-from ..model.space import REACHED, Space
+from ..model.space import REACHED, Space, measured_chain
+from ..model.turns import joint_limits, within_limits
 from ..samples.joint_values import wrap
 from .frames import FRAME_IS_FITTED, frame_is_free, frames, is_simulated
 from .geometry_fit import fit_geometry
@@ -88,7 +88,7 @@ class Wanted:
     def pose(self, q: Array) -> tuple[Array, Array]:
         """Place (n, 3) and orientation (n, 3, 3) of the nominal tool in the base frame."""
         assert self.space is not None  # noqa: S101
-        structure: Any = self.space.body.structure
+        structure = self.space.structure
         nominal = nominal_behind(structure, self.space.body.beta)
         place, turn = structure.pose(q, nominal)
         return place, turn
@@ -97,7 +97,7 @@ class Wanted:
         """Joints (n, dof), on the turn that `q` is on, and whether they reach, (n,).
 
         Of six joints or more a row is reached where its orientation is, too: beside a singularity
-        the tool is not tilted without a word.
+        the tool is not tilted without a word.  A joint within its limits is not led beyond them.
         """
         model = self.model
         about = model.about
@@ -119,9 +119,11 @@ class Wanted:
             nearest = answer.q
             reachable = answer.reachable
         turns = TURN * np.round((q - nearest) / TURN)
-        return nearest + np.where(
-            about.revolute, turns, 0.0
-        ), reachable & placed
+        answers = nearest + np.where(about.revolute, turns, 0.0)
+        within = within_limits(model, answers) | ~within_limits(model, q)
+        lower, upper = joint_limits(model).T
+        allowed = np.where(within, answers, np.clip(answers, lower, upper))
+        return allowed, reachable & placed & within.all(axis=1)
 
     def _in_range(self, q: Array) -> Array:
         """Joint values (n, dof) with those that turn moved by whole turns into their range."""
@@ -138,8 +140,7 @@ def _wanted(model: Model) -> Wanted:
     free = frame_is_free(model)
     moves = tuple(frames(model))
     body = model.body
-    body_structure: Any = None if body is None else body.structure
-    if isinstance(body_structure, PlanarStructure):
+    if body is not None and isinstance(body.structure, PlanarStructure):
         structure, nominal = nominal_in_plane(model, based=not free)
         predict = partial(structure.predict, beta=frozen(nominal))
         if (
@@ -155,11 +156,12 @@ def _wanted(model: Model) -> Wanted:
         if frame is not None:
             moves = (frame, *moves)
         return Wanted(model, free, nominal_arm(model).forward, moves)
-    if body is not None and body_structure.informed:
-        drawn = frozen(nominal_behind(body_structure, body.beta))
-        predict = partial(body_structure.predict, beta=drawn)
+    chain = measured_chain(body)
+    if body is not None and chain is not None:
+        drawn = frozen(nominal_behind(chain, body.beta))
+        predict = partial(chain.predict, beta=drawn)
         wanted = Wanted(model, free, predict)
-        if body_structure.dof >= CORRECTION.posed or body_structure.camera:
+        if chain.dof >= CORRECTION.posed or chain.camera:
             wanted = replace(wanted, space=Space.of(model))
         return wanted
     geometry = fit_geometry(model)

@@ -92,13 +92,13 @@ def adapt(
             f"no improvement: {state}",
             f"{before} as it is, {after} adapted, {rows}",
         ]
-    limit = "noise; more rows help most"
-    if result.coverage < 0.99:
-        limit = (
-            f"coverage: the log measured {100 * result.coverage:.0f} % of the learned range; "
-            "rows from the rest help most"
+    if result.improved and result.coverage < 0.99:
+        lines.append(
+            f"limited by coverage: the log measured {100 * result.coverage:.0f} % of the learned "
+            "range; rows from the rest help most"
         )
-    lines.append(f"limited by {limit}")
+    elif result.improved:
+        lines.append("limited by noise; more rows help most")
     more: list[Line] = [f"corrected: {result.correction}"]
     if result.kept:
         more.append(f"left as it was: {', '.join(result.kept)}")

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import calib
@@ -36,7 +37,11 @@ def check(
     cause: opt.WhatChanged = None,
     tolerance: Annotated[
         float | None,
-        opt.value("--tolerance S", "Exit 3 if unseen [m].", parsing.number),
+        opt.value(
+            "--tolerance S",
+            "Exit 3 where rows cannot show such a change [m].",
+            parsing.above_zero,
+        ),
     ] = None,
     columns: opt.Columns = None,
     unit: opt.Unit = None,
@@ -63,7 +68,7 @@ def check(
         "unit": drift.unit,
         "units": units_of(loaded.about, drift.unit),
     }
-    lines = _verdict(drift, f"calib adapt {model} --data {data}")
+    lines = _verdict(drift, f"calib adapt {quote(model)} --data {quote(data)}")
     if bumped and not drift.drifted:
         count = f"{len(bumped)} of {len(episodes)}"
         lines = [f"DRIFTED in {count} episodes", lines[-1]]

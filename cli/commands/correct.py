@@ -15,11 +15,15 @@ def correct(
     model: opt.ModelFile,
     limit: Annotated[
         float | None,
-        opt.value("--limit L", "Largest change (3 x usual).", above_zero),
+        opt.value(
+            "--limit L",
+            "Of a joint's change (three times the usual).",
+            above_zero,
+        ),
     ] = None,
     orientation: Annotated[
         Literal["keep", "free"],
-        opt.option("--orientation", "Of six joints: the tool's turn."),
+        opt.option("--orientation", "free: the tool may turn (six joints)."),
     ] = "keep",
     input_: opt.Input = None,
     columns: opt.Columns = None,
@@ -69,13 +73,13 @@ def correct(
     size = np.abs(result.change[result.reachable])
     if len(size):
         units = query.model.about.units_of_joints
-        for name, unit, column, bound in zip(
+        for name, kind, column, bound in zip(
             joints.names, units, size.T, result.limit.tolist(), strict=True
         ):
             mean = float(column.mean())
             largest = float(column.max())
             change[name] = {"mean": mean, "max": largest, "limit": bound}
-            words = f"{sized(mean, unit)} (largest {sized(largest, unit)})"
+            words = f"{sized(mean, kind)} (largest {sized(largest, kind)})"
             sizes.append(f"{name} {words}")
     lines = [f"mean change: {', '.join(sizes)}"] if sizes else []
     refused = result.exceeded.any() and not np.isfinite(result.q).any()

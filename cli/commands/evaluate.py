@@ -72,7 +72,7 @@ def evaluate(
         "bound_holds": result.bound_holds,
     }
     warnings = contradicted(loaded.about) if log is None else _missed_by(result)
-    limit = [] if warnings else [advice(loaded, result.errors)]
+    limit = advice(loaded, result.errors, warnings)
     if result.touch:
         document["touch"] = result.touch
         lines = [*warnings, f"{model}: {_scatter(result)}", *limit]

@@ -37,7 +37,7 @@ def export(
     ] = None,
     transform: Annotated[
         str | None,
-        opt.value("--transform FILE.json", "The sensor in the base."),
+        opt.value("--transform FILE.json", "Where the sensor stands."),
     ] = None,
     lerobot: Annotated[
         str | None,
@@ -74,14 +74,14 @@ def export(
         "mjcf": mjcf,
     }
     paths = {name: path for name, path in options.items() if path is not None}
+    if lerobot is not None and output is None:
+        raise BadOption(
+            "--lerobot needs -o NEW.json, where the corrected calibration goes"
+        )
     if not paths and ros2 is None:
         raise BadOption(
             "nothing to write: expected -o FILE.h, --camera, --transform, --ur or --mjcf FILE, or "
             "--ros2 FOLDER"
-        )
-    if lerobot is not None and output is None:
-        raise BadOption(
-            "--lerobot needs -o NEW.json, where the corrected calibration goes"
         )
     endings = dict(_ENDINGS)
     if lerobot is not None:

@@ -7,7 +7,6 @@ from calib.common.wording import printable
 from .. import options as opt
 from ..output import Line, Outcome, as_typed, sized
 from ..summary import (
-    accuracy,
     accuracy_of_sensor,
     advice,
     code_of,
@@ -72,11 +71,8 @@ def info(
         lines += ["", "body", *(f"  {printable(line)}" for line in body_lines)]
     if not about.errors:
         return Outcome(document, lines, code=code_of(warnings))
-    tested = f"{about.tested} rows"
-    line = accuracy(loaded, about.errors, about.within, tested, about.left_out)
-    lines += ["", f"accuracy: {line}", advice(loaded, about.errors)]
-    lines += [
-        accuracy_of_sensor(loaded.by(name)) for name in loaded.sensors[1:]
-    ]
+    lines += ["", "accuracy"]
+    lines += [accuracy_of_sensor(loaded.by(name)) for name in loaded.sensors]
+    lines += advice(loaded, about.errors, warnings)
     table = error_table(loaded, about.errors, "errors when it was made")
     return Outcome(document, lines, [table], code=code_of(warnings))

@@ -38,9 +38,10 @@ def noise(
     if robot is None and joints is None:
         from calib.recording.joint_table import joint_columns
 
-        joints = joint_columns(source.header)
-        names = ", ".join(joints)
-        say([f"joints are the columns {names}; --joints names others"])
+        joints = joint_columns(source.header) or None
+        if joints is not None:
+            names = ", ".join(joints)
+            say([f"joints are the columns {names}; --joints names others"])
     selection = Selection(joints, degrees=degrees)
     reading = Reading(columns, unit, prismatic=prismatic)
     result = repeatability(measured(robot, selection, source, reading))

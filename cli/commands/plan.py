@@ -43,7 +43,11 @@ def plan(
     degrees: opt.Degrees = False,
     margin: Annotated[
         float | None,
-        opt.value("--margin M", "From limits (1 deg).", parsing.not_negative),
+        opt.value(
+            "--margin M",
+            "Kept from joints' limits (1 deg).",
+            parsing.not_negative,
+        ),
     ] = None,
     start: Annotated[
         parsing.Numbers | None,
@@ -54,7 +58,7 @@ def plan(
     touch: Annotated[
         parsing.Numbers | None,
         opt.value(
-            "--touch X,Y,Z", "A point of the base frame [m].", parsing.reals
+            "--touch X,Y,Z", "A point of the base frame [m].", parsing.point
         ),
     ] = None,
     above: Annotated[
@@ -84,6 +88,11 @@ def plan(
     elif board is None:
         raise BadOption(
             "--handeye needs --board, such as 7x5:24mm:18mm:5x5_100"
+        )
+    elif start is None:
+        raise BadOption(
+            "--handeye of ROBOT needs --from, joints at which the camera sees the board in the "
+            "middle of its picture"
         )
     check_file(output, TABLES, stream=True)
     if handeye and is_model:

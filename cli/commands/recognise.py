@@ -14,7 +14,8 @@ from ..output import NO, Outcome, TextTable, number
 
 def recognise(
     models: Annotated[
-        list[str], Argument(metavar="MODEL..", help="One a state of the arm.")
+        list[str],
+        Argument(metavar="MODEL..", help="A model for each state of the arm."),
     ],
     data: opt.NewLog,
 ) -> Outcome:

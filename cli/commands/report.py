@@ -11,7 +11,7 @@ import calib
 from .. import options as opt
 from ..logs import Reading
 from ..output import Outcome, progress
-from ..parsing import BadOption, check_file
+from ..parsing import BadOption, bad_value, check_file
 from ..pictures import load_drawn, size_of_page
 from ..summary import code_of, contradicted
 
@@ -39,6 +39,9 @@ def report(
             "nothing to write: expected -o FILE.html, --figures FOLDER or --png DIR"
         )
     check_file(output, (".html", ".htm"))
+    for option, folder in (("--png", png), ("--figures", figures)):
+        if folder is not None and Path(folder).is_file():
+            raise bad_value(folder, "a folder", option)
     loaded, log = load_drawn(model, data, photo, no_photo, Reading())
     warnings = []
     if isinstance(loaded, calib.Model):

@@ -16,7 +16,7 @@ from typer import Argument
 from .. import options as opt
 from ..logs import FOR_LOGS, Reading, Selection, babbled, measured, stated
 from ..output import Outcome, progress, say
-from ..parsing import BadOption, check_file, refuse
+from ..parsing import TABLES, BadOption, check_file, refuse
 from ..pictures import photo_of_log, with_photo
 from ..summary import (
     accuracy_of_sensor,
@@ -41,7 +41,7 @@ def train(
     data: opt.DataOfSensors = None,
     output: Annotated[
         str | None,
-        opt.value("--output -o MODEL", "Default ROBOT.calib, LOG.calib."),
+        opt.value("--output -o MODEL", "Default ROBOT.calib or LOG.calib."),
     ] = None,
     force: Annotated[
         bool, opt.option("--force", "Replace a model of another robot.")
@@ -75,7 +75,7 @@ def train(
     plane: opt.Planes = None,
     lens: Annotated[
         str | None,
-        opt.value("--lens lens.json", "Of a camera in space (fitted)."),
+        opt.value("--lens lens.json", "Of a camera (fitted if not given)."),
     ] = None,
     no_rows: Annotated[
         bool, opt.option("--no-rows", "Keep no rows of the log.")
@@ -90,6 +90,14 @@ def train(
     if robot is None and not data:
         raise BadOption(
             "no source to learn from: expected ROBOT, --data LOG, or both"
+        )
+    if robot is None:
+        why = "applies to a robot: expected ROBOT too"
+        drawn = {"tip": tip, "planar": planar or None, "lock": lock}
+        refuse({**drawn, "gravity": gravity}, why)
+    elif robot.lower().endswith(TABLES):
+        raise BadOption(
+            f"ROBOT {robot!r} is a table: a log is given as --data {robot}"
         )
     if data:
         simulated = {"samples": samples, "noise": noise, "change": change}
@@ -147,7 +155,7 @@ def train(
         *warnings,
         *(accuracy_of_sensor(sensor) for sensor in sensors),
         *found_by_body(model),
-        advice(model, about.errors),
+        *advice(model, about.errors, warnings),
         f"{path}: {about.options['map']}, {model.size_in_words}, {about.samples} {learned}, {cost}",
     ]
     table = error_table(model, about.errors, f"errors on {tested_rows(about)}")

@@ -1,4 +1,4 @@
-"""Arms: kinematics against closed forms, Pinocchio and finite differences."""
+"""Arms: kinematics against closed forms, Pinocchio and differences; the bundled ones."""
 
 from dataclasses import replace
 
@@ -7,12 +7,12 @@ import pinocchio as pin
 import pytest
 from chains import FOLLOWED, MIXED, SLIDE, chain_urdf, turning
 from models import two_link
-from reference import random_joints
+from reference import pinocchio_pose, random_joints
 
 import calib
 from calib.arm.gravity import GRAVITY, Loads
 from calib.arm.loading import arm_from_urdf
-from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of
+from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of, similarity
 
 BUNDLED = [entry.name for entry in calib.list_robots()]
 PLANAR = [name for name in BUNDLED if calib.load_arm(name).outputs == 2]
@@ -22,27 +22,6 @@ BENT = chain_urdf(turning(), turning(), tip="0.12 0.16 0")  # the last link is 0
 
 def arm_of(source):
     return arm_from_urdf(source) if "<" in source else calib.load_arm(source)
-
-
-def pinocchio_pose(arm, q):
-    """Positions, orientations and Jacobians by Pinocchio, one row at a time."""
-    model = pin.buildModelFromXML(arm.urdf)
-    data, frame = model.createData(), model.getFrameId(arm.tip, pin.FrameType.BODY)
-    columns = [model.joints[model.getJointId(name)].idx_v for name in arm.joint_names]
-    places, turns, slopes = [], [], []
-    for row in q:
-        values = np.zeros(model.nv)
-        for name, value in arm.locked.items():
-            values[model.joints[model.getJointId(name)].idx_v] = value
-        values[columns] = row
-        full = pin.integrate(model, pin.neutral(model), values)
-        pin.framesForwardKinematics(model, data, full)
-        pin.computeJointJacobians(model, data, full)
-        whole = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        places.append(data.oMf[frame].translation.copy())
-        turns.append(data.oMf[frame].rotation.copy())
-        slopes.append(whole[:, columns])
-    return np.array(places), np.array(turns), np.array(slopes)
 
 
 @pytest.mark.parametrize("source", [*BUNDLED, MIXED, ASKEW])
@@ -138,6 +117,16 @@ def test_rotations_go_round():
         np.testing.assert_allclose(matrix_of(quaternion_of(matrix)), matrix, atol=1e-12)
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_similarity_is_a_rotation_unless_it_may_mirror(mirrored):
+    a = np.random.default_rng(0).normal(size=(20, 3))
+    turn, shift, scale = similarity(a, 2.0 * a * (1, 1, -1) + 0.3, mirrored=mirrored)
+    assert np.linalg.det(turn) == pytest.approx(-1.0 if mirrored else 1.0)
+    if mirrored:
+        assert scale == pytest.approx(2.0)
+        np.testing.assert_allclose(shift, 0.3, atol=1e-12)
+
+
 def test_torques_are_pinocchios_and_any_masses_are_a_sum_of_unit_weights():
     arm = calib.load_arm("six_axis")
     model = pin.buildModelFromXML(arm.urdf)
@@ -153,3 +142,45 @@ def test_torques_are_pinocchios_and_any_masses_are_a_sum_of_unit_weights():
     levers = np.zeros((6, 3, 10))
     np.add.at(levers, units.joints, units.levers(q) * share)
     np.testing.assert_allclose(levers, Loads.of_masses(chain).levers(q), atol=1e-12)
+
+
+TWO = "shoulder elbow"
+SIX = "shoulder_pan shoulder_lift elbow wrist_1 wrist_2 wrist_3"
+PROMISED = {  # joints, limits [deg, m] where they are promised, lengths of the links [m]
+    "two_link": (TWO, [(0, 90), (15, 150)], [0.30, 0.25]),
+    "two_link_full": (TWO, [(0, 90), (-150, 150)], [0.30, 0.25]),
+    "three_link": ("shoulder elbow wrist", [(0, 90), (15, 150), (-90, 90)], [0.30, 0.25, 0.15]),
+    "scara": (TWO, [(-120, 120), (-140, 140)], [0.35, 0.35]),
+    "tilted": (TWO, [(0, 90), (15, 150)], [0.30, 0.25]),
+    "polar": ("shoulder slide", None, None),
+    "spatial_three": ("shoulder_pan shoulder_lift elbow", None, [0.08, 0.301496, 0.25]),
+    "six_axis": (SIX, None, [0.12, 0.420476, 0.38, 0.1, 0.09, 0.08]),
+    "so101": (
+        "shoulder_pan shoulder_lift elbow_flex wrist_flex wrist_roll",
+        None,
+        [0.064775, 0.116, 0.135, 0.063725, 0.098445],
+    ),
+}
+
+
+def test_the_catalogue_holds_what_was_promised():
+    assert {entry.name for entry in calib.list_robots()} == set(PROMISED)
+
+
+@pytest.mark.parametrize("entry", calib.list_robots(), ids=lambda entry: entry.name)
+def test_every_entry_is_what_its_file_says(entry):
+    joints, degrees, lengths = PROMISED[entry.name]
+    arm = calib.load_arm(entry.name)
+    assert arm.joint_names == entry.joints == tuple(joints.split())
+    assert (arm.name, arm.dof, arm.locked) == (entry.name, entry.dof, {})
+    assert all(arm.revolute) == (entry.name != "polar")
+    assert [note for note in arm.notes if "planar=True" not in note] == []
+    assert entry.description
+    assert "<visual>" in arm.urdf
+    assert calib.load_arm(entry.path).joint_names == entry.joints
+    if degrees:
+        np.testing.assert_array_equal(np.stack([arm.lower, arm.upper], 1), np.deg2rad(degrees))
+    if lengths:
+        np.testing.assert_allclose(list(arm.link_lengths.values()), lengths, atol=1e-6)
+    if entry.name == "six_axis":
+        assert (arm.chain.masses > 0).all()

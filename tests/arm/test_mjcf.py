@@ -110,3 +110,23 @@ def test_a_model_is_trained_from_an_mjcf_and_written_back(run, tmp_path):
     before = np.linalg.norm(arm.forward(q) - rows[:, 6:], axis=1).mean()
     after = np.linalg.norm(written.forward(q) - rows[:, 6:], axis=1).mean()
     assert after < 0.02 * before
+
+
+def test_a_joint_that_an_equality_ties_to_another_follows_it():
+    """MuJoCo's own constraint is at rest there: a_0, a_1 and both joints' ref are in it."""
+    mujoco = pytest.importorskip("mujoco")
+    tied = EVERY_FORM.replace(
+        "</mujoco>",
+        '<equality><joint joint1="c" joint2="b" polycoef="0.1 -0.5"/>'
+        '<joint joint1="e" joint2="a" active="false"/></equality></mujoco>',
+    )
+    arm = arm_from_urdf(tied, tip="tool")
+    assert arm.joint_names == ("a", "b", "d", "e")
+    model = mujoco.MjModel.from_xml_string(tied)
+    data = mujoco.MjData(model)
+    for q in np.random.default_rng(0).uniform(-0.1, 0.1, (20, 4)):
+        data.qpos[[0, 1, 3, 4]] = q
+        data.qpos[2] = model.qpos0[2] + 0.1 - 0.5 * (q[1] - model.qpos0[1])
+        mujoco.mj_forward(model, data)
+        assert abs(data.efc_pos[0]) < 1e-12
+        np.testing.assert_allclose(arm.forward(q), data.site_xpos[0], atol=1e-12)

@@ -54,6 +54,12 @@ def test_the_direction_pays_where_there_is_backlash():
     assert np.array_equal(unknown, model.expected_error(q), equal_nan=True)
 
 
+def test_thirty_rows_show_a_play_that_is_far_above_the_noise():
+    rows = calib.babble(arm(), 30, noise=1e-5, seed=1, changes=["elbow.backlash=0.01"])
+    model = calib.train(replace(rows, simulation=None), size=4)
+    np.testing.assert_allclose(model.approach.play, [0.0, PLAY / 2], rtol=0.03)
+
+
 def test_a_log_along_a_path_shows_it_and_a_shuffled_one_does_not():
     samples = calib.babble(arm(), 2000)
     u = 0.5 + 0.5 * np.sin(np.arange(2000)[:, None] * [0.106, 0.08] + [0.3, 1.1])

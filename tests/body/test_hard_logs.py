@@ -42,6 +42,31 @@ def test_repeated_poses_show_what_is_the_sensors():
     assert model < 0.7 * reading
 
 
+def test_the_bound_of_a_reading_is_of_one_of_several_at_a_pose():
+    arm, rng, noise = calib.load_arm("two_link"), np.random.default_rng(0), 2e-4
+
+    def read(q):
+        return arm.forward(q) + noise * rng.normal(size=q.shape)
+
+    q = np.repeat(rng.uniform(arm.lower, arm.upper, (40, 2)), 6, axis=0)
+    model = calib.train(log_of(arm, q, read(q)), size=5)
+    fresh = rng.uniform(arm.lower, arm.upper, (2000, 2))
+    off = np.linalg.norm(model.forward(fresh) - read(fresh), axis=1)
+    assert 0.92 < np.mean(off <= model.expected_error(fresh)) < 0.98
+
+
+def test_a_tracker_that_reads_to_10_um_gets_bounds_of_its_own_noise():
+    arm = calib.load_arm("two_link")
+    rng = np.random.default_rng(0)
+    q = rng.uniform(arm.lower, arm.upper, (1200, 2))
+    x = arm.forward(q) + 1e-5 * rng.normal(size=q.shape)
+    model = calib.train(log_of(arm, q[:200], x[:200]), size=5)
+    miss = np.linalg.norm(model.forward(q[200:]) - x[200:], axis=1)
+    bound = model.expected_error(q[200:])
+    assert (miss <= bound).mean() > 0.9
+    assert np.median(bound) < 3 * np.median(miss)
+
+
 def one_orientation(arm, n: int, rng: np.random.Generator) -> np.ndarray:
     """Joints (n, dof) of poses that differ in position alone, as in picking and placing."""
     start = np.array([0.3, -1.2, 1.4, -1.0, -1.4, 0.2])

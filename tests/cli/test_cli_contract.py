@@ -8,173 +8,128 @@ import calib
 
 TEXT_OR_NONE = (str, None)
 NUMBER_OR_NONE = (float, None)
+
+
+def each(kind, names):
+    """Keys of one kind."""
+    return dict.fromkeys(names.split(), kind)
+
+
 UNITS = {"joints": {"*": str}, "positions": str, "seconds": str}
-ERROR = {"mean": NUMBER_OR_NONE, "max": NUMBER_OR_NONE, "p99": NUMBER_OR_NONE}
+ERROR = each(NUMBER_OR_NONE, "mean max p99")
 FITTED = {"value": float, "interval": [float], "unit": str}
-CAUSE = {
-    "cause": str,
-    "group": str,
-    "words": str,
+CAUSE = each(str, "cause group words") | {
     "value": (float, [float], None),
     "interval": ([float], None),
     "unit": TEXT_OR_NONE,
 }
-SENSOR = {
-    "name": str,
-    "kind": str,
-    "unit": str,
-    "view": TEXT_OR_NONE,
-    "noise": NUMBER_OR_NONE,
-    "rows": int,
-}
+SENSOR = each(str, "name kind unit") | {"view": TEXT_OR_NONE, "noise": NUMBER_OR_NONE, "rows": int}
 MODEL = {
-    "model": str,
-    "robot": TEXT_OR_NONE,
+    **each(str, "model map rule unit bound_of"),
+    **each(TEXT_OR_NONE, "robot tip"),
+    **each(int, "samples left_out seed"),
     "joints": [str],
-    "tip": TEXT_OR_NONE,
-    "plane": ({"origin": [float], "x": [float], "y": [float]}, None),
+    "plane": (each([float], "origin x y"), None),
     "view": {"*": (TEXT_OR_NONE, bool, FITTED)},
-    "map": str,
-    "rule": str,
-    "size": {"motor": [int], "sensory": [int]},
-    "samples": int,
-    "left_out": int,
-    "seed": int,
+    "size": each([int], "motor sensory"),
     "seconds": {"*": float},
-    "unit": str,
     "units": UNITS,
-    "bound_of": str,
     "bound_holds": bool,
     "sensors": [SENSOR],
-    "errors": {"*": {"forward": {"*": ERROR}, "inverse": {"*": ERROR}}},
+    "errors": {"*": each({"*": ERROR}, "forward inverse")},
 }
 FACTS = {
+    **each((dict, None), "simulation body"),
     "ranges": {"*": [float]},
     "joint_units": {"*": str},
     "locked": {"*": float},
     "source": str,
-    "simulation": (dict, None),
     "options": dict,
     "history": [dict],
-    "body": (dict, None),
     "rows": int,
     "notes": [str],
     "backlash": ([float], None),
 }
-EVALUATED = {
-    **MODEL,
-    "evaluated": {"source": str, "rows": int, "left_out": int},
-    "learned": int,
-}
+SOURCE = {"source": str, "rows": int, "left_out": int}
+EVALUATED = MODEL | {"evaluated": SOURCE, "learned": int}
 WORST = {"AP": NUMBER_OR_NONE, "RP": float}
 POSE_TEST = {
+    **each(float, "RP as_corrected"),
     "joints": [float],
     "cycles": int,
-    "RP": float,
     "as_delivered": NUMBER_OR_NONE,
-    "as_corrected": float,
 }
 ISO9283 = {
-    "AP": float,
-    "RP": float,
-    "as_delivered": WORST,
-    "as_corrected": WORST,
-    "poses": int,
-    "cycles": int,
+    **each(float, "AP RP"),
+    **each(WORST, "as_delivered as_corrected"),
+    **each(int, "poses cycles"),
     "each": [POSE_TEST],
     "unit": str,
     "notes": [str],
 }
-ANSWER = {"unit": str, "bound_of": str, "units": UNITS}
-BOUNDS = {"expected_error": NUMBER_OR_NONE, "model_error": NUMBER_OR_NONE}
+ANSWER = each(str, "unit bound_of") | {"units": UNITS}
+BOUNDS = each(NUMBER_OR_NONE, "expected_error model_error")
 POSITION = {"joints": {"*": float}, "position": [NUMBER_OR_NONE], **BOUNDS, **ANSWER}
 SOLUTION = {"joints": {"*": float}, "position": [float], "distance": float, **BOUNDS}
 SOLUTIONS = {"target": [float], "reachable": bool, "solutions": [SOLUTION], **ANSWER}
 COLUMNS = {"*": [NUMBER_OR_NONE]}
-BATCH = {"output": TEXT_OR_NONE, "rows": int, "invalid": [int], "out_of_reach": [int], **ANSWER}
-SIGNAL = {"value": float, "threshold": float}
+BATCH = {"output": TEXT_OR_NONE, "rows": int, **each([int], "invalid out_of_reach"), **ANSWER}
+SIGNAL = each(float, "value threshold")
 DRIFT = {
-    "model": str,
+    **each(str, "model unit"),
+    **each(int, "samples outliers left_out"),
+    **each(float, "score smallest covered threshold false_alarm"),
+    **each(bool, "adapts bound_holds"),
+    **each([str], "fired explanations"),
     "drifted": (bool, None),
-    "samples": int,
-    "outliers": int,
-    "left_out": int,
-    "score": float,
-    "smallest": float,
     "tolerance": NUMBER_OR_NONE,
-    "adapts": bool,
-    "bound_holds": bool,
-    "covered": float,
-    "threshold": float,
-    "distortion": {"motor": SIGNAL, "sensory": SIGNAL, "reverse": SIGNAL, "links": SIGNAL},
-    "fired": [str],
+    "distortion": each(SIGNAL, "motor sensory reverse links"),
     "causes": [CAUSE],
     "smallest_by_group": {"*": NUMBER_OR_NONE},
-    "explanations": [str],
-    "noise": {"now": float, "usual": float},
-    "false_alarm": float,
+    "noise": each(float, "now usual"),
     "episodes": [dict],
-    "unit": str,
     "units": UNITS,
 }
 ADAPTED = {
+    **each(str, "correction method unit"),
+    **each(int, "samples outliers left_out"),
+    **each(bool, "improved everywhere"),
+    **each([str], "kept notes"),
+    **each(ERROR, "before after"),
     "model": TEXT_OR_NONE,
-    "improved": bool,
-    "samples": int,
-    "outliers": int,
-    "left_out": int,
-    "correction": str,
-    "kept": [str],
     "coverage": float,
-    "everywhere": bool,
-    "before": ERROR,
-    "after": ERROR,
-    "method": str,
     "changed": [CAUSE],
-    "notes": [str],
-    "unit": str,
     "units": UNITS,
 }
 FIT = {"model": str, "index": int, "fits": bool, "score": float, "distance": float}
-CHANGE = {"mean": float, "max": float, "limit": float}
-QUANTITY = {"value": (float, [float]), "interval": (float, [float])}
+CHANGE = each(float, "mean max limit")
+QUANTITY = each((float, [float]), "value interval")
 GEOMETRY = {
+    **each({"*": QUANTITY}, "offsets moved"),
+    **each(float, "residual before reach"),
     "urdf": TEXT_OR_NONE,
-    "offsets": {"*": QUANTITY},
     "base": QUANTITY,
-    "moved": {"*": QUANTITY},
     "frame": {"matrix": [[float]], "shift": [float]},
     "frame_fitted": bool,
-    "residual": float,
-    "before": float,
-    "reach": float,
     "unit": str,
     "units": UNITS,
 }
 UNITS_OF_LOG = {"joints": {"*": str}, "positions": str}
 PLAN = {
-    "output": str,
-    "rows": int,
-    "joints": [str],
-    "seed": int,
+    **each(str, "output unit"),
+    **each(int, "rows seed"),
+    **each([str], "joints why"),
+    **each(float, "length random_length"),
     "travel": {"*": float},
     "poses": COLUMNS,
     "start": [float],
-    "length": float,
-    "random_length": float,
-    "unit": str,
-    "why": [str],
     "units": UNITS_OF_LOG,
 }
 NOISE = {
-    "log": str,
-    "sensor": NUMBER_OR_NONE,
-    "return": NUMBER_OR_NONE,
-    "intervals": {"sensor": [NUMBER_OR_NONE], "return": [NUMBER_OR_NONE]},
-    "poses": int,
-    "repeats": int,
-    "returns": int,
-    "unit": str,
+    **each(str, "log unit"),
+    **each(NUMBER_OR_NONE, "sensor return"),
+    **each(int, "poses repeats returns"),
+    "intervals": each([NUMBER_OR_NONE], "sensor return"),
     "units": {"positions": str},
 }
 
@@ -200,6 +155,8 @@ CONTRACT = [
     ("check m.calib --data same.csv", 0, DRIFT),
     ("check m.calib --data moved.csv", 3, DRIFT),
     ("adapt m.calib --data moved.csv -o a.calib", 0, ADAPTED),
+    ("adapt m.calib --data same.csv -o same.calib", 3, ADAPTED),
+    ("check a.calib --data moved.csv", 0, DRIFT),
     ("recognise m.calib --data moved.csv", 3,
      {"model": TEXT_OR_NONE, "samples": int, "fits": [FIT]}),
     ("correct m.calib --input q.csv", 0,

@@ -67,6 +67,26 @@ CASES = [
     ("adapt . --data few.csv", 1, "directory"),
     ("babble two_link -n 10 -o - --json", 2, "--json"),
     ("frobnicate", 2, "frobnicate"),
+    # what is read is never replaced: a log became a model
+    ("train two_link --data few.csv -o few.csv", 2, "few.csv replace"),
+    ("train truncated.urdf -o truncated.urdf", 2, "truncated.urdf replace"),
+    ("adapt good.calib --data few.csv -o few.csv", 2, "few.csv replace"),
+    # one kind of file in the place of another
+    ("train few.csv", 2, "table --data few.csv"),
+    ("train good.calib", 1, "good.calib: URDF"),
+    # options that nothing would obey
+    ("train --data few.csv --joints shoulder,elbow --tip tip", 2, "--tip ROBOT"),
+    ("train --data few.csv --joints shoulder,elbow --planar", 2, "--planar ROBOT"),
+    ("check good.calib --data few.csv --tolerance -1", 2, "--tolerance '-1' zero"),
+    # words of the options that were typed, not of the library's parameters
+    ("train two_link --rule foo", 2, "'--rule' 'foo' one of 'batch',"),
+    ("train two_link --range foo=0:1", 1, "--range: 'foo' shoulder"),
+    ("query path good.calib --input few.csv --from 9,9", 2, "--from shoulder 9 range"),
+    ("query inverse good.calib 0.1 0.4 --rpy 0,0,1", 1, "arm that moves in space"),
+    ("plan six_axis --touch 0.3,0.3 -o p.csv", 2, "--touch '0.3,0.3' three"),
+    ("plan six_axis --handeye --board 10x7:22mm -o p.csv", 2, "--from middle"),
+    ("export good.calib --lerobot old.json", 2, "--lerobot -o"),
+    ("report good.calib --figures few.csv", 2, "--figures 'few.csv' folder"),
     # endings that are not of what is written: SVG was written into tag.png
     ("tag 7 -o tag.png", 2, "tag.png"),
     ("query inverse good.calib --input few.csv --output k.xlsx", 2, "k.xlsx"),
@@ -80,7 +100,7 @@ CASES = [
     ("plan two_link --margin -1 -o p.csv", 2, "zero"),
     ("plan two_link --margin 2 -o p.csv", 1, "room shoulder"),
     ("plan two_link --from 1 -o p.csv", 2, "2 values"),
-    ("plan two_link --from 1,9 -o p.csv", 1, "elbow 9"),
+    ("plan two_link --from 1,9 -o p.csv", 1, "--from: elbow 9"),
     ("plan two_linc -o p.csv", 1, "two_link"),
     ("plan good.calib --tip t -o p.csv", 2, "--tip ROBOT"),
     ("plan good.calib --range elbow=0:9 -o p.csv", 1, "limits"),

@@ -47,14 +47,6 @@ def test_check_begins_with_the_verdict_and_says_what_to_do(run):
     assert "what may have changed" in told
 
 
-def test_what_was_adapted_is_calibrated_and_nothing_is_written_of_the_same_arm(run, tmp_path):
-    mine = tmp_path / "mine.calib"
-    assert run("adapt", "m.calib", "--data", "moved.csv", "-o", mine).code == 0
-    assert run("check", mine, "--data", "moved.csv").code == 0
-    assert run("adapt", "m.calib", "--data", "same.csv", "-o", tmp_path / "no.calib").code == 3
-    assert not (tmp_path / "no.calib").exists()
-
-
 @pytest.mark.parametrize(
     ("words", "code", "first"),
     [

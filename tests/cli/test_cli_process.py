@@ -123,6 +123,20 @@ def test_a_signal_at_any_stage_leaves_the_old_file_whole(stage, number, code, to
     assert (tmp_path / "two_link.calib").read_bytes() == b"old"
 
 
+def test_an_interrupted_process_takes_no_module_away_from_its_threads(tmp_path):
+    """A thread that went on computing crashed the process: it ended with -11 instead of 130."""
+    script = "import atexit\natexit.register(print, 'taken apart')\n" + AT
+    words = ["2", "calib.training.train.select", "train", "two_link", "--size", "6", "-n", "300"]
+    done = subprocess.run(
+        [sys.executable, "-c", script, *words],
+        capture_output=True,
+        cwd=tmp_path,
+        timeout=120,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (130, b"")
+
+
 STREAMS = [  # what a shell runs as "$@", with its code
     ('cat q.csv | "$@" query forward m.calib --input -', 0),
     ('"$@" query forward m.calib --input - <&-', 1),
@@ -142,3 +156,14 @@ def test_streams_that_are_closed_full_or_narrow_end_in_order(model, tmp_path, li
     assert done.returncode == code
     assert b"Traceback" not in done.stderr
     assert not code or done.stderr
+
+
+@pytest.mark.parametrize("command", ["robots", "--help", "train --help", "--version"])
+def test_a_reader_who_leaves_is_no_error(command):
+    """Typer ended with 1, and nothing said why."""
+    words = [sys.executable, "-m", "calib_cli", *command.split()]
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(words, stdout=writer, stderr=subprocess.PIPE, timeout=60, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, b"")

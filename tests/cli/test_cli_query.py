@@ -23,14 +23,6 @@ def rows_of(text: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
 
-def test_forward_agrees_with_the_closed_form(run, model):
-    answer = run("query", "forward", model, "0.5", "1.0", "--json").document
-    assert answer["position"] == pytest.approx(two_link(np.array([0.5, 1.0])), abs=1e-4)
-    assert 0.0 <= answer["expected_error"] < 1e-3
-    assert answer["model_error"] == answer["expected_error"]  # of a simulation
-    assert answer["bound_of"] == "true position"
-
-
 def test_what_has_no_answer_is_exit_code_3_with_one_line(run, model):
     done = run("query", "inverse", model, "2", "2", "--json")
     assert done.code == 3

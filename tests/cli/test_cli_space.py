@@ -1,4 +1,4 @@
-"""Arms in space before a camera, on the command line, against a projection of its own."""
+"""Arms in space on the command line: before a camera, and poses in a tracker's frame."""
 
 import json
 
@@ -124,3 +124,132 @@ def test_check_and_adapt_follow_a_camera_that_was_moved(run, pictures):
     assert run("adapt", folder / "m.calib", "--data", path, "-o", folder / "a.calib").code == 0
     camera = run("info", folder / "a.calib", "--json").document["view"]["camera"]
     assert camera["position"] == pytest.approx(EYE + MOVED, abs=3e-3)
+
+
+X, SHIFT = pin.exp3(np.array([-0.4, 0.9, 2.0])), np.array([2.0, -1.0, 0.5])
+TOOL = pin.exp3(np.array([0.3, -0.5, 0.8]))
+
+
+def quaternions(turns):
+    return np.array([pin.Quaternion(turn).coeffs() for turn in turns])
+
+
+@pytest.fixture(scope="module")
+def tracked(run, tmp_path_factory):
+    """The truth, a folder, and a model of 60 poses in a tracker's frame."""
+    folder, truth = tmp_path_factory.mktemp("tracked"), Truth("six_axis", 1)
+    q = truth.draw(60)
+    places, turns = seen(truth, q)
+    places = places + truth.rng.normal(0, 5e-5, places.shape)
+    turns = np.array([pin.exp3(truth.rng.normal(0, 3e-4, 3)) @ turn for turn in turns])
+    names = [*truth.arm.joint_names, "x", "y", "z", "qx", "qy", "qz", "qw"]
+    rows = np.c_[q, places, quaternions(turns)]
+    table(folder / "log.csv", names, rows)
+    angles = np.array([pin.rpy.matrixToRpy(turn) for turn in turns])
+    table(folder / "degrees.csv", [*names[:9], "roll", "pitch", "yaw"],
+          np.c_[rows[:, :9], np.degrees(angles)])  # fmt: skip
+    done = run("train", "six_axis", "--data", folder / "log.csv", "--size", 4, "-o",
+               folder / "m.calib", "--json")  # fmt: skip
+    assert done.code == 0, done.err
+    return truth, folder, done.document
+
+
+def seen(truth, q):
+    places, turns = truth.pose(q)
+    return places @ X.T + SHIFT, X @ turns @ TOOL
+
+
+def test_orientations_are_learned_and_answered(run, tracked):
+    truth, folder, document = tracked
+    assert document["view"]["kind"] == "pose"
+    assert document["errors"]["local"]["forward"]["orientation"]["mean"] < 2e-3
+    assert "orientation" not in document["errors"]["winner"]["forward"]
+    q = truth.draw(40)
+    places, turns = seen(truth, q)
+    table(folder / "q.csv", truth.arm.joint_names, q)
+    found = read(run("query", "forward", folder / "m.calib", "--input", folder / "q.csv").out)
+    said = np.stack([found[name] for name in ("qx", "qy", "qz", "qw")], axis=1)
+    away = 2 * np.arccos(np.minimum(1, np.abs((said * quaternions(turns)).sum(axis=1))))
+    assert np.degrees(away).max() < 0.05
+    assert np.linalg.norm(np.c_[found["x"], found["y"], found["z"]] - places, axis=1).max() < 2e-4
+    evaluated = run("evaluate", folder / "m.calib", "--data", folder / "log.csv", "-v").out
+    assert "orientation" in evaluated
+
+
+def test_a_pose_is_answered_by_every_branch(run, tracked):
+    truth, folder, _ = tracked
+    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
+    places, turns = seen(truth, q)
+    quaternion = ",".join(repr(v) for v in quaternions(turns)[0].tolist())
+    ask = ("query", "inverse", folder / "m.calib", *places[0], "--quaternion", quaternion)
+    found = run(*ask, "--all", "--json").document["solutions"]
+    joints = np.array([list(each["joints"].values()) for each in found])
+    again, turned = seen(truth, joints)
+    assert len(found) >= 4
+    assert np.abs(again - places).max() < 3e-4
+    assert max(np.linalg.norm(pin.log3(turn.T @ turns[0])) for turn in turned) < 2e-3
+    near = run(*ask, "--near", ",".join(map(str, q)), "--json").document["solutions"]
+    assert list(near[0]["joints"].values()) == pytest.approx(q, abs=5e-3)
+    rpy = ",".join(repr(v) for v in pin.rpy.matrixToRpy(turns[0]).tolist())
+    same = run(*ask[:6], "--rpy", rpy, "--near", ",".join(map(str, q)), "--json").document
+    assert same["solutions"][0]["joints"] == pytest.approx(near[0]["joints"], abs=1e-6)
+
+
+def test_a_table_of_poses_is_answered_row_by_row_in_either_frame(run, tracked):
+    truth, folder, _ = tracked
+    joints, near = truth.arm.joint_names, [f"near_{name}" for name in truth.arm.joint_names]
+    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3]) + truth.rng.uniform(-0.2, 0.2, (4, 6))
+    turned = quaternions(seen(truth, q)[1])
+    rows = np.c_[q + 0.01, seen(truth, q)[0], turned]
+    rows[1, 6:9] += 50.0  # out of reach
+    path = table(folder / "poses.csv", [*near, *"xyz", "qx", "qy", "qz", "qw"], rows)
+    path.write_text(path.read_text().replace(f"{rows[3, 6]:.12g}", "none"))
+    done = run("query", "inverse", folder / "m.calib", "--input", path, "--output", "-")
+    assert done.code == 1
+    assert "row 2 of 4: out of reach" in done.err
+    found = read(done.out.replace(",,", ",nan,").replace(",,", ",nan,").replace(",,", ",nan,"))
+    order = [*near, *"xyz", "qx", "qy", "qz", "qw", *joints, "distance", "turned"]
+    assert list(found) == [*order, "expected_error", "model_error", "reachable"]
+    assert found["reachable"].tolist() == [1, 0, 1, 0]
+    own = np.stack([found[name] for name in joints], axis=1)[[0, 2]]
+    np.testing.assert_allclose(own, q[[0, 2]], atol=5e-3)
+    np.testing.assert_allclose(seen(truth, own)[0], rows[[0, 2], 6:9], atol=3e-4)
+    # the base frame knows nothing of the probe's mounting: ask for what `forward` answers
+    table(folder / "q.csv", joints, q[:2])
+    ask = ("--input", folder / "q.csv", "--output", folder / "base.csv", "--in", "base")
+    assert run("query", "forward", folder / "m.calib", *ask).code == 0
+    every = ("--input", folder / "base.csv", "--in", "base", "--all", "--json")
+    told = run("query", "inverse", folder / "m.calib", *every).document
+    assert (told["rows"], told["unit"]) == (2, "m")
+    table_of = {name: np.array(column) for name, column in told["answers"].items()}
+    own = np.stack([table_of[name] for name in joints], axis=1)
+    for k in range(2):
+        mine = own[table_of["row"] == k + 1]
+        assert len(mine) >= 4
+        assert np.abs(mine - q[k]).max(axis=1).min() < 1e-6
+    assert max(table_of["distance"]) < 1e-9
+    refused = run("query", "inverse", folder / "m.calib", "--input", folder / "q.csv", "--all")
+    assert refused.code != 0
+
+
+def test_angles_in_degrees_are_told_in_one_line(run, tracked):
+    _, folder, _ = tracked
+    out = folder / "no.calib"
+    done = run("train", "six_axis", "--data", folder / "degrees.csv", "--size", 4, "-o", out)
+    assert (done.code, out.exists()) == (1, False)
+    assert "give --degrees" in done.err.splitlines()[-1]
+
+
+def test_a_tool_turns_less_where_its_orientation_is_to_stay(run, tracked):
+    truth, folder, _ = tracked
+    q = np.array([0.4, -1.0, 1.2, 0.5, 0.8, -0.3])
+    target = seen(truth, q + 0.05)[0][0]
+    ask = ("query", "inverse", folder / "m.calib", *target, "--near", ",".join(map(str, q)))
+    before = seen(truth, q)[1][0]
+    turned = []
+    for more in (("--keep-orientation",), ()):
+        answer = run(*ask, *more, "--json").document["solutions"][0]
+        places, turns = seen(truth, np.array([list(answer["joints"].values())]))
+        assert np.linalg.norm(places[0] - target) < 3e-4
+        turned.append(np.linalg.norm(pin.log3(before.T @ turns[0])))
+    assert turned[0] < 0.5 * turned[1]

@@ -194,6 +194,7 @@ NONSENSE = {  # each was once accepted, and crashed or answered nonsense later
     "with a weight that is no number": put("association.motor.units", 0, np.nan),
     "with an infinite bound": put("bounds", 0, np.inf),
     "with bounds of another map": lambda h, t: t.update(bounds=t["bounds"][:-1]),
+    "with a number beyond all sizes": lambda h, t: h["body"].update(kappa=1e300),
     "with a list for its description": lambda h, t: h.update(about=[]),
     "with a name that is a number": lambda h, t: h["about"].update(joint_names=[1, "elbow"]),
     "with a history that is text": lambda h, t: h.update(history=["adapted"]),

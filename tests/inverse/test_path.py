@@ -117,5 +117,8 @@ def test_a_joint_goes_on_over_the_seam_where_it_can_and_is_told_where_it_turns_r
     path = wide.path(corners, step=0.01)
     assert len(path.jumps) == 0
     assert np.abs(np.diff(path.q[:, 0])).max() < 0.1
+    for turn in (-TURN, 0.0):  # of two turns on which it can go on the nearer one
+        there = wide.path(corners, start=[3.0 + turn, 1.0])
+        assert there.q[0, 0] == pytest.approx(3.0 + turn, abs=1e-5)
     near = [path.q[-1, 0], 1.0]
     assert abs(wide.inverse(corners[1], near=near)[0] - near[0]) < 1.0

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import calib
-from calib.arm.robots import resolve_robot
+from calib.model.poses import solve_poses
 
 
 def test_no_answer_is_further_than_joints_that_are_known_to_reach():
@@ -85,7 +85,7 @@ def test_every_connected_family_is_named_once_whatever_else_is_asked(tmp_path):
     text = re.sub(
         r'<limit lower="[^"]+" upper="[^"]+"',
         lambda _: '<limit lower="{}" upper="{}"'.format(*next(limits)),
-        resolve_robot("three_link").read_text(),
+        calib.load_arm("three_link").urdf,
     )
     path = tmp_path / "wide.urdf"
     path.write_text(text)
@@ -98,3 +98,15 @@ def test_every_connected_family_is_named_once_whatever_else_is_asked(tmp_path):
     assert set(counts) == {1, 2, 3}
     for k in range(5):  # the same alone
         np.testing.assert_array_equal(model.inverse_all(x[k : k + 1])[0], ways[k])
+
+
+@pytest.mark.parametrize("free", ["x", "y", "z"])
+def test_ways_to_a_pose_with_an_open_turn_are_told_once_each(free):
+    """Four ways were one: the nearest of many slid to one place."""
+    model = trained("six_axis", n=400, size=4)
+    down = np.array([0.0, 1.0, 0.0, 0.0])
+    answers = solve_poses(model, np.array([[0.4, 0.1, 0.5]]), down, None, every=True, free=free)
+    assert answers.reachable.all()
+    apart = np.abs(answers.q[:, None] - answers.q[None]).max(axis=2)
+    assert len(answers.q) > 1
+    assert (apart + np.eye(len(answers.q)) > 1e-2).all()

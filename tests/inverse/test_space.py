@@ -146,3 +146,29 @@ def test_every_reachable_pose_of_seven_joints_is_reached_and_none_is_invented(fi
         np.testing.assert_allclose(reached, pinocchio_forward(arm, q), atol=1e-6)
     turned = matrix_of(arm.pose(answers)[1])
     np.testing.assert_allclose(turned, matrix_of(turns), atol=1e-5)
+
+
+@pytest.mark.skipif(not ROBOTS.exists(), reason="example-robot-data is not installed")
+def test_what_lies_just_inside_of_the_edge_of_a_redundant_arm_is_reached():
+    """Once compiled C said of 28 of these 40 positions that nothing reaches them."""
+    arm = calib.load_arm(ROBOTS / "g1_description/urdf/g1_29dof_rev_1_0.urdf")
+    model = warm(calib.train(calib.babble(arm, 1500, seed=0)))
+    directions = np.random.default_rng(5).normal(size=(40, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    middle = model.sensory.weights.mean(axis=0)
+    far = middle + 5 * model.solver.extent * directions
+    edge = model.forward(model.inverse(far, nearest=True))
+    inside = edge + 1e-4 * (middle - edge)
+    np.testing.assert_allclose(arm.forward(model.inverse(inside)), inside, atol=1e-7)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_no_rows_are_no_answers(compiled):
+    """Once bounds in space, and compiled C asked for every way, failed at an empty batch."""
+    model = warm(six()) if compiled else six()
+    none = np.empty((0, 3))
+    assert model.expected_error(np.empty((0, 6))).shape == (0,)
+    for every in (False, True):
+        answers = solve_poses(model, none, np.empty((0, 4)), every=every)
+        assert answers.q.shape == (0, 6)
+        assert answers.expected_error.shape == (0,)

@@ -3,13 +3,24 @@
 import pickle
 import shutil
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import models
 import numpy as np
 import pytest
-from models import draw, in_pixels, in_plane, in_space, measured, six, trained, turning, warm
+from models import (
+    draw,
+    in_pixels,
+    in_plane,
+    in_space,
+    measured,
+    of_a_third,
+    six,
+    trained,
+    turning,
+    warm,
+    wide,
+)
 
 import calib
 from calib import OptionError, QueryError
@@ -26,6 +37,7 @@ MODELS = {
     "planar pixels": lambda: homography(),
     "four": in_plane,
     "six": six,
+    "six in pixels": lambda: in_pixels(40, "six_axis"),
 }
 
 
@@ -125,10 +137,22 @@ def test_a_position_that_nothing_reaches_is_answered_without_the_batch(kind):
         np.testing.assert_allclose(close, model.inverse(x, near=near, nearest=True), atol=1e-6)
 
 
+def poses_in_millimetres():
+    """A model of poses that a tracker in another frame tells in millimetres."""
+    arm = calib.load_arm("six_axis")
+    q = np.random.default_rng(0).uniform(0.6 * arm.lower, 0.6 * arm.upper, (60, 6))
+    x, turns = arm.pose(q)
+    log = models.log_of(arm, q, 1e3 * x + 200.0, orientation=turns, unit="mm")
+    return calib.train(log, size=3)
+
+
 @needs_compiler
-def test_one_pose_is_that_of_the_batch():
-    model, fast = six(), warm(six())
-    q = draw(model, 12, margin=0.1)
+@pytest.mark.parametrize("made", [six, poses_in_millimetres])
+def test_one_pose_is_that_of_the_batch(made):
+    model = made()
+    fast = cold(model)
+    fast.warm_up(strict=True)  # or the batch would answer for C
+    q = draw(model, 12, margin=0.25)
     x, turns = model.pose(q)
     shift = np.random.default_rng(0).uniform(-0.2, 0.2, q.shape)
     near = np.clip(q + shift, model.about.lower, model.about.upper)
@@ -137,7 +161,7 @@ def test_one_pose_is_that_of_the_batch():
         alone = fast.inverse_pose(x[k], turns[k], near[k])
         np.testing.assert_allclose(alone, together[k], rtol=0, atol=1e-6)
         place, turned = fast.pose(alone)
-        np.testing.assert_allclose(place, x[k], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(place, x[k], rtol=0, atol=1e-9 * model.reach)
         assert abs(abs(turned @ turns[k]) - 1.0) < 1e-12
 
 
@@ -163,6 +187,20 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond_and_stays
     again = cold(model)
     assert again.warm
     assert again.strict
+
+
+@needs_compiler
+def test_a_joint_of_several_turns_is_answered_on_the_turn_of_near():
+    arm = wide()
+    model = calib.train(calib.babble(arm, 1500, seed=0), size=10)
+    fast = warm(model)
+    q = np.array([[-6.0, 1.0], [-3.3, 0.8], [3.4, 1.2], [5.9, 1.1], [-2.0, 0.5]])
+    x = arm.forward(q)
+    for aside in (0.1, -0.1):
+        near = q + np.array([aside, 0.0])
+        np.testing.assert_allclose(model.inverse(x, near=near), q, atol=1e-6)
+        alone = [fast.inverse(*pair) for pair in zip(x, near, strict=True)]
+        np.testing.assert_allclose(alone, q, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -194,15 +232,7 @@ def test_what_is_no_query_is_still_refused(bad):
 def test_a_small_posterior_is_as_sure_as_the_whole_where_rows_were(waves):
     # 80 rows within a third of each range, without a drawing: a second belief, far from the first
     # in what moves nothing, and curves of which rows tell the sum with the joints' offsets
-    arm = calib.load_arm("six_axis")
-    limits = zip(arm.joint_names, arm.lower.tolist(), arm.upper.tolist(), strict=True)
-    third = {
-        name: (0.65 * low + 0.35 * high, 0.35 * low + 0.65 * high) for name, low, high in limits
-    }
-    log = calib.babble(arm, 80, noise=2e-5, ranges=third)
-    x = log.x + arm.forward(log.q + waves * np.sin(9 * log.q)) - arm.forward(log.q)
-    log = replace(log, x=x, simulation=None, arm=None, lower=arm.lower, upper=arm.upper)
-    model = calib.train(log, size=4)
-    fresh = calib.babble(arm, 300, seed=9, ranges=third).q
+    rows, _, fresh = of_a_third(80, waves)
+    model = calib.train(rows, size=4)
     ratio = model.expected_error(fresh) / model.body.bound(fresh)
     assert 0.85 < ratio.min() < ratio.max() < 1.25

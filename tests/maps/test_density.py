@@ -1,11 +1,13 @@
-"""Readings of equations 7 and 8: what each gain says of hand-made maps."""
+"""Readings of equations 7 and 8 on hand-made maps, gains of one's own, and what none may be."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from small_maps import points
 
-from calib import Visit
+import calib
+from calib import OptionError, Visit
 from calib.maps.density import READINGS, border, error, residual, rho
 from calib.maps.lattice import Lattice
 
@@ -64,3 +66,35 @@ def test_the_default_is_the_border_times_where_a_smooth_model_is_wrong():
     share = np.clip(wrong / wrong.mean(), 0.05, 50)
     np.testing.assert_allclose(residual(told), border(plain) ** (2 / 3) * share)
     np.testing.assert_allclose(residual(replace(told, progress=0.0)), 1.0)
+
+
+X = points(600)
+
+
+def test_a_gain_draws_nodes():
+    def right(visit: calib.Visit):
+        assert visit.weights.shape == (64, 2)
+        return 1.0 + 20.0 * visit.progress * (visit.weights[visit.winners, 0] > 0.7)
+
+    drawn = calib.SOM((8, 8), map=right).fit(X)
+    plain = calib.SOM((8, 8), map="som").fit(X)
+    assert (drawn.units[:, 0] > 0.7).sum() > 1.3 * (plain.units[:, 0] > 0.7).sum()
+
+
+WRONG = {
+    "shape": lambda n: np.ones(n + 1),
+    "a scalar": lambda n: 1.0,
+    "negative": lambda n: np.where(np.arange(n) == 3, -1.0, 1.0),
+    "nan": lambda n: np.full(n, np.nan),
+    "infinite": lambda n: np.full(n, np.inf),
+    "zeros": np.zeros,
+    "text": lambda n: "gain",
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG.values(), ids=WRONG)
+@pytest.mark.parametrize("rule", ["batch", "online"])
+def test_a_gain_that_makes_no_sense_is_an_error(wrong, rule):
+    som = calib.SOM((4, 4), map=lambda visit: wrong(len(visit.winners)), rule=rule, epochs=2)
+    with pytest.raises(OptionError, match="gain returned"):
+        som.fit(X)

@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csr_array
 from small_maps import UNIT_BOX, box, points
 
-from calib import Association, Map
+from calib import SOM, Association, Map
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS, Compressed, Wiring
@@ -195,3 +195,14 @@ def test_a_branch_across_the_seam_of_a_turn_is_one_branch():
     pair = associate(motor, line([0.2, 0.8], d=2), {(0, 0): 1.0, (3, 0): 1.0, (1, 1): 1.0})
     said = pair.inverses(np.array([[0.2, 0.0]]), np.array([[0.9]]))["activity"][0, 0]
     assert min(said % 1.0, -said % 1.0) < 0.05
+
+
+@pytest.mark.parametrize("rule", ["batch", "online"])
+def test_samples_at_one_place_leave_readouts_without_a_hole(rule):
+    """All nodes of a map at one place have no spacing: nothing is divided by it."""
+    q = points(200, seed=1)
+    pair = SOM(4, rule=rule, epochs=1).fit_pair(q, np.ones_like(q))
+    np.testing.assert_allclose(pair.predict(q, "linear"), 1.0, atol=1e-9)
+    v = pair.sensory.scale.to_unit(np.ones_like(q))
+    for answer in pair.inverses(v, pair.motor.scale.to_unit(q)).values():
+        assert np.isfinite(answer).all()

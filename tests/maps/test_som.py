@@ -1,12 +1,14 @@
-"""Training of maps: equations 1 to 4 by hand, fixed points, order and determinism."""
+"""Training of maps: equations 1 to 4 by hand, fixed points, order, determinism, other maps."""
 
 import numpy as np
 import pytest
 from small_maps import UNIT_BOX, points
 from threadpoolctl import threadpool_info, threadpool_limits
 
+import calib
 from calib import SOM, LogError, OptionError
-from calib.maps.vdsom import VDSOM, Layer, Rates
+from calib.maps.rates import Rates
+from calib.maps.vdsom import VDSOM, Layer
 
 BOUND = 0.377  # quantization error of the best (hexagonal) quantizer: 0.377 sqrt(A / N)
 
@@ -128,3 +130,19 @@ def test_training_runs_with_one_thread_of_the_blas():
         after = [p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"]
     assert set(counts) == {1}
     assert set(after) == {2}
+
+
+def test_a_gas_grows_to_its_size_and_follows_its_samples():
+    x = points(3000)
+    network = calib.SOM((10, 10), "gng").fit(x)
+    assert 95 <= network.size <= 100
+    assert network.quantization_error(x) < 1.15 * 0.377 / 10
+    assert network.topographic_error(x) < 0.05
+    assert network.history[0, 0] < network.history[-1, 0]
+
+
+def test_a_dsom_unfolds_and_represents_its_samples():
+    x = points(4000)
+    network = calib.SOM((10, 10), "dsom").fit(x)
+    assert network.topographic_error(x) < 0.1
+    assert network.quantization_error(x) < 1.6 * 0.377 / 10

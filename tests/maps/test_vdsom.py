@@ -9,7 +9,8 @@ from calib import OptionError, Visit
 from calib.maps.density import READINGS
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS
-from calib.maps.vdsom import ONLINE, VDSOM, Layer, Rates, zeta
+from calib.maps.rates import Rates
+from calib.maps.vdsom import ONLINE, VDSOM, Layer, zeta
 
 
 def rates(n, sigma, alpha, maps=1, eta=0.13, beta=1.0):
@@ -68,6 +69,23 @@ def test_eq_7_and_8_weigh_a_sample_and_never_beyond_its_place():
         np.testing.assert_allclose(net.layers[0].weights, w + step * (x - w), atol=1e-3)
 
 
+def test_eq_7_and_8_as_printed_step_by_step():
+    lattice, sigma, alpha = Lattice((4, 5)), 1.5, 0.4
+    rng = np.random.default_rng(3)
+    w, x = 0.3 * rng.random((20, 2)), rng.random((4, 2))
+    net = VDSOM([Layer(w, lattice, UNIT_BOX, READINGS["printed"])])
+    told = rates(4, np.full(4, sigma), np.full(4, alpha))
+    net.show([x], told)
+    r = lattice.positions()
+    for sample, t in zip(x, told.progress, strict=True):
+        winner = np.linalg.norm(w - sample, axis=1).argmin()
+        beside = np.abs(r - r[winner]).max(axis=1) == 1  # O, diagonals included
+        rho = np.exp(-np.sum((w[winner] - w[beside]) ** 2))  # eq. 7
+        h = (t / rho) ** 4 * np.exp(-t / sigma**2)  # eq. 8
+        w = w + min(alpha * h, 1.0) * (sample - w)
+    np.testing.assert_allclose(net.layers[0].weights, w, atol=1e-12)
+
+
 def test_eq_8_as_printed_gathers_all_nodes_in_one_place_and_only_online():
     x = np.random.default_rng(0).random((2000, 2))
     printed, stable = (
@@ -100,7 +118,7 @@ def test_links_are_those_of_eq_5_and_11_step_by_step(beta):
     for i, j in zip(a, b, strict=True):
         c = c + eta * (np.outer(i, j) - beta * c * j**2)
     none = np.zeros(n)
-    net.show(samples, rates(n, none + 1, none, 2, eta, beta), maps=False)
+    net.show(samples, rates(n, none + 1, none, 2, eta, beta))
     np.testing.assert_allclose(net.links, c, rtol=2e-3)
 
 
@@ -119,3 +137,17 @@ def test_a_varying_density_helps_small_lattices_too(side):
     )
     assert varying[0] < plain[0]  # distance to the winner
     assert varying[1] < 0.02  # topographic error
+
+
+@pytest.mark.parametrize("rule", ["batch", "online"])
+def test_nodes_are_denser_at_the_contour_than_a_soms(rule):
+    """The figures of docs/paper.md: 2.4 times for 0.6 (online) and 1.0 (batch)."""
+    q = calib.babble(calib.load_arm("two_link"), 20_000, seed=0).q
+    density = {}
+    for network in ("som", "vdsom"):
+        options = {"epochs": 3} if rule == "online" else {}
+        w = calib.SOM(30, network, rule=rule, **options).fit(q).units
+        away = np.minimum(w, 1 - w).min(axis=1)
+        density[network] = np.mean(away < 0.05) / 0.19 / (np.mean(away > 0.25) / 0.25)
+    assert 2.2 < density["vdsom"] < 2.6
+    assert 0.5 < density["som"] < 1.1

@@ -1,12 +1,16 @@
-"""The examples run as they stand, and show what they promise."""
+"""Examples and benchmarks: they run as they stand, and pages name them all."""
 
+import json
 import re
 import runpy
 from pathlib import Path
 
 import pytest
+import versions
 
-FOLDER = Path(__file__).parents[2] / "examples"
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "examples"
+SCRIPTS = ROOT / "benchmarks"
 EXAMPLES = sorted(path.stem for path in FOLDER.glob("*.py"))
 
 
@@ -49,3 +53,22 @@ def test_a_loop_over_the_camera_ends_below_its_noise(printed, monkeypatch, capsy
     noise = float(re.search(r"noise +([\d.]+) mm", out)[1])
     assert at[1] > 10 * noise
     assert max(at[16], at[40]) < noise
+
+
+def test_every_script_that_a_page_names_is_there_and_every_script_is_named():
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    named = set(re.findall(r"benchmarks/(\w+)\.py", text))
+    there = {path.stem for path in SCRIPTS.glob("*.py")}
+    assert named <= there
+    scripts = [*SCRIPTS.glob("*.py"), *Path(__file__).parent.glob("*.py")]
+    text = "\n".join(path.read_text(encoding="utf-8") for path in scripts)
+    used = set(re.findall(r"^ *(?:from|import) (\w+)", text, re.MULTILINE))
+    assert {name for name in there - named - used if not name.startswith("peer_")} == set()
+
+
+def test_errors_agree_with_those_of_other_versions():
+    """Other versions of Python, NumPy and SciPy found the same."""
+    kept = json.loads((ROOT / "tests/data/errors.json").read_text(encoding="utf-8"))
+    lines = versions.differences(versions.errors(), kept)
+    assert lines == [], "was training changed on purpose? python benchmarks/versions.py --write"

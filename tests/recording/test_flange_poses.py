@@ -1,5 +1,7 @@
 """Hand-eye from a controller's flange poses: conventions, boards, cameras, what is not known."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -70,6 +72,49 @@ def test_a_flange_on_the_spot_ties_what_exchanges_axes_of_base_and_flange(seed):
     assert (misses(rig.hand, world.camera) < 2.0).all()
 
 
+@pytest.mark.parametrize("count", [4, 5])
+def test_few_pictures_fit_one_reading_although_three_of_them_fit_any(count):
+    for seed in (1, 3, 5, 19):
+        world = World(seed, seed % 2 == 0, count=count)
+        convention = world.solve().convention
+        assert not convention["inverse"]
+        assert convention["ratio"] > 5.0
+
+
+@pytest.mark.parametrize("factor", [0.01, 0.1, 10.0, 100.0])
+def test_a_board_stated_in_another_unit_is_measured_and_no_unit_of_poses(factor):
+    world = World(4)
+    shots = world.shots()
+    board = replace(shots.board, side=factor * shots.board.side)
+    rig = world.solve(shots=replace(shots, board=board))
+    assert rig.convention["unit"] == "m"
+    assert abs(rig.square["measured"] - 0.022) < 2e-4
+    assert any("squares measure" in note for note in rig.notes)
+    assert (misses(rig.hand, world.camera) < 1.5).all()
+
+
+def test_pictures_at_one_pose_are_one_measurement_of_the_arm():
+    once = World(1, count=8)
+    rig = once.solve()
+    thrice = World(1, count=8)
+    thrice.flange = np.tile(once.flange, (3, 1, 1))
+    rng = np.random.default_rng(0)
+    corners = once.corners[0] * 3
+    thrice.corners = [[c + rng.normal(0.0, 0.1, c.shape) for c in corners]]
+    thrice.count = 24
+    again = thrice.solve()
+    assert again.used == again.pictures == 24
+    assert len(again.names) == 8
+    shares = np.divide(again.hand["position_95"], rig.hand["position_95"])
+    assert 0.7 < shares.mean() < 1.4
+    three = World(1, count=3)
+    three.flange = np.tile(three.flange, (2, 1, 1))
+    three.corners = [three.corners[0] * 2]
+    three.count = 6
+    with pytest.raises(LogError, match="of 3 poses of the arm: expected 4"):
+        three.solve()
+
+
 def test_a_square_of_another_size_is_measured():
     world = World(3, printed=0.98)
     rig = world.solve()
@@ -80,6 +125,18 @@ def test_a_square_of_another_size_is_measured():
     assert (misses(rig.hand, world.camera) < 1.5).all()
 
 
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [({"focus": 5e-3}, "focal length changes by 0."), ({"stretch": 4e-3}, "poses")],
+)
+def test_a_lens_that_refocuses_and_a_stretched_board_are_part_of_the_fit(made, words):
+    world = World(1, **made)
+    rig = world.solve()
+    assert any(words in note for note in rig.notes)
+    assert max(rig.hand["position_95"]) < 1e-3
+    assert (misses(rig.hand, world.camera) < 2.0).all()
+
+
 def test_rows_that_are_wrong_are_left_out_and_a_late_table_is_refused():
     world = World(4)
     wrong = world.flange.copy()
@@ -87,6 +144,9 @@ def test_rows_that_are_wrong_are_left_out_and_a_late_table_is_refused():
     rig = world.solve(wrong)
     assert rig.left_out == ("03.png",)
     assert "03.png" in " ".join(rig.notes)
+    exchanged = world.flange.copy()
+    exchanged[[3, 9]] = exchanged[[9, 3]]
+    assert world.solve(exchanged).left_out == ("03.png", "09.png")
     with pytest.raises(LogError, match=r"row late|row early|not those of the pictures"):
         world.solve(np.roll(world.flange, 1, axis=0))
 
@@ -113,7 +173,7 @@ def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tm
     for header, row, words in (
         ("x,y,z,yaw1,b,c", "1,2,3,4,5,6", r"roll\.\.yaw"),
         ("x,y,z,qx,qy,qz,qw", "1,2,3,4,5,6,7", "quaternion of length"),
-        ("x;y;z;A;B;C", "1,5;2,5;3,5;4;5;6", "decimals with a point"),
+        ("x;y;z;A;B;C", "1,5;2.5;3,5;4;5;6", "decimals with a point"),
     ):
         path.write_text(f"{header}\n{row}\n")
         with pytest.raises(LogError, match=words):
@@ -158,6 +218,12 @@ def test_mirrored_pictures_are_refused():
 def test_turns_about_one_axis_are_refused_with_what_would_tell():
     with pytest.raises(LogError, match="turns about one axis alone"):
         World(3, axes=(0.0, 0.0, 1.0)).solve()
+    world = World(3)
+    seen = np.linalg.inv(world.camera) @ np.linalg.inv(world.flange) @ world.placed
+    seen[:, :3, :3] = seen[0, :3, :3]
+    flange = np.linalg.inv(world.camera @ seen @ np.linalg.inv(world.placed))
+    with pytest.raises(LogError, match="does not turn"):
+        calib.handeye(poses=flange, boards=seen, eye="hand")
 
 
 def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):

@@ -117,8 +117,10 @@ def test_a_wrong_board_is_measured_and_a_wrong_eye_named(in_hand):
     assert low < 24e-3 < high < 24.3e-3
     assert any("squares measure 24" in note for note in found.notes)
     assert (rig.miss(found)[1] < 1.0).all()
-    with pytest.raises(LogError, match="by more than any print"):
+    with pytest.raises(LogError, match="squares measure 24 mm, 36 mm as said"):
         rig.solve(board="7x5:36mm:18mm:5x5_100")
+    with pytest.raises(LogError, match="up to wrist_1"):
+        rig.solve(arm=calib.load_arm("six_axis", tip="wrist_1"))
     with pytest.raises(LogError, match=f"eye='{rig.eye}'"):
         rig.solve(eye="base" if in_hand else "hand")
 

@@ -12,7 +12,7 @@ from rendering import Camera, Desk, board, tag, write_video
 
 import calib
 from calib import CalibError, OptionError
-from calib.recording.board import Board
+from calib.recording.board import parse_board
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens, load_lens
 from calib.recording.setting import Setup
@@ -20,7 +20,7 @@ from calib.recording.tag_logs import log_pictures, log_video
 from calib.samples.tables import open_source
 
 CAMERA = Camera(size=(640, 480), focal=600.0)
-BOARD = Board.parse("5x4:40mm:31mm:5x5_100")
+BOARD = parse_board("5x4:40mm:31mm:5x5_100")
 AROUND = {20: (-0.02, -0.08), 21: (0.4, -0.08), 22: (0.4, 0.3), 23: (-0.02, 0.3)}
 CORNERS = tuple(tag(n, 0.04, (*at, 0.0, 0.1 * n)) for n, at in AROUND.items())
 LENS = Lens(

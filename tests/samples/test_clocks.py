@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from calib.recording.clocks import SURE, ClockError, align_clocks, joints_at
+from calib.samples.delays import estimate_delay
 
 LENGTHS = np.array([0.18, 0.14, 0.09])
 
@@ -41,8 +42,10 @@ def test_offset_and_rate_are_found(rate, epoch):
     x[rng.random(len(x)) < 0.05] = rng.uniform(0, 700, 2)  # jumps of the track
     x[rng.random(len(x)) < 0.1] = np.nan
     clocks = align_clocks(time, x, joint_time + epoch, q)
-    assert np.abs(clocks.joints_time(time) - (true + epoch)).max() < 2e-3
+    miss = np.abs(clocks.joints_time(time) - (true + epoch)).max()
+    assert miss < min(2e-3, 4.0 * clocks.doubt)
     assert clocks.doubt < SURE
+    assert "sure to 1.5 ms" in clocks.words()
 
 
 @pytest.mark.parametrize("case", ["repeats itself", "another run", "rate", "still", "joints still"])
@@ -61,3 +64,17 @@ def test_what_is_doubtful_is_refused(case):
         q = q[:1] + 0 * q
     with pytest.raises(ClockError, match="never moves" if "still" in case else "no offset"):
         align_clocks(time, x, joint_time, q)
+
+
+def test_a_delay_is_as_sure_as_its_interval_says():
+    rng = np.random.default_rng(0)
+    time = np.linspace(-1.0, 1.0, 200)
+    velocity = np.stack([np.sin(4.0 * time), np.cos(3.0 * time)], axis=1)
+    waves = [np.sin(w * time + p) for w in (1.0, 2.0, 3.0, 4.0, 5.0) for p in (0.0, 1.5)]
+    columns = np.stack([np.stack(waves), np.stack(waves)[::-1]], axis=0).transpose(2, 0, 1)
+    apart = []
+    for _ in range(200):
+        residual = 1e-3 * rng.standard_normal((200, 2)) - 0.02 * velocity
+        delay, _ = estimate_delay(residual, velocity, columns, np.full(10, 1e-6), np.zeros(10))
+        apart.append((delay.value - 0.02) / delay.sd)
+    assert 0.8 < np.std(apart) < 1.2

@@ -42,7 +42,7 @@ def read(tmp_path):
     return read
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("mm", 1e3), ("cm", 1e2), ("in", 39.37)])
+@pytest.mark.parametrize(("unit", "factor"), [("mm", 1e3), ("um", 1e6), ("in", 39.37)])
 def test_other_units_of_length_are_recognised(read, tmp_path, unit, factor):
     q, x = drawn()
     with pytest.raises(calib.LogError, match=f"unit='{unit}'") as caught:
@@ -54,6 +54,12 @@ def test_other_units_of_length_are_recognised(read, tmp_path, unit, factor):
         assert any("unit='mm'" in note for note in notes)
     with pytest.raises(calib.LogError, match="states that its positions are in m"):
         read(ARM, q, x, about={"unit": "m"}, unit=unit)
+
+
+@pytest.mark.parametrize("arm", [ARM, SIX])
+def test_radians_that_are_said_to_be_degrees_are_told(read, arm):
+    with pytest.raises(calib.LogError, match="leave out `degrees`"):
+        read(arm, *drawn(arm), degrees=True)
 
 
 MISREAD = {  # of a planar log: joints, positions, what the refusal says

@@ -66,24 +66,48 @@ def test_any_finite_numbers_come_back(tmp_path, rows, suffix):
     assert (again.x == x).all()
 
 
+@pytest.mark.parametrize(
+    ("separator", "encoding"), [(";", "utf-8"), ("\t", "utf-16"), (";", "utf-8-sig")]
+)
+def test_tables_of_spreadsheets_have_commas_in_their_decimals(separator, encoding, tmp_path):
+    rows = [["a", "b", "x", "y"], ["-0,5", "1", "2,25e-1", ",5"], ["0,5", "3,0", "4", "1,5"]]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(map(separator.join, rows)), encoding=encoding)
+    log = read_log(path, joints=["a", "b"])
+    assert log.q.tolist() == [[-0.5, 1.0], [0.5, 3.0]]
+    assert log.x.tolist() == [[0.225, 0.5], [4.0, 1.5]]
+
+
+def test_times_that_are_not_used_are_told(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("a,x,y,time\n1,2,3,0.1\n2,3,3,12:00\n3,5,4,0.3\n")
+    log = read_log(path, joints=["a"])
+    assert log.time is None
+    assert "the column time is not used, it has no number in 1 rows: row 2" in log.notes
+
+
 BAD = [  # what a file holds, what is asked of it, and what the refusal says
     ("", {}, "is empty"),
-    ("a,b,x,y\n", {}, "no row is left: 0 of 0"),
+    ("a,b,x,y\n", {}, "has no rows below its header"),
     ("a,b,x,y\n1,2,3,4\n", {}, "one usable row"),
     ("a,b,x\n1,2,3\n", {}, "no column 'y': columns: 'a', 'b', 'x'"),
     ("a,b\n0.1,0.2\n0.2,0.4\n", {}, "has no positions: expected columns x, y and z"),
     ("a,bb,x,y\n1,2,3,4\n", {}, "did you mean 'bb'"),
     ("a,b,b,x,y\n1,2,2,3,4\n", {}, "several columns 'b'"),
     ("a,b,x,y\n1,\u0661,3,4\n", {}, "1 of 1 rows miss a finite number .* of b"),
-    ("a;b;x;y\n1;0,5;3;4\n", {}, r"1 of 1 rows miss a finite number \(2.5, not 2,5\) of b"),
-    ("a,b,x,y\n1,2,3,4\n0,5,0,6,3,4\n", {}, "more fields .*: write decimals"),
+    ("a;b;x;y\n1;0,5;.3;4\n", {}, r"1 of 1 rows miss a finite number \(2.5, not 2,5\) of b"),
+    ("a,b,x,y\n1,2,3,4\n0,5,0,6,3,4\n", {}, "more fields .*, decimals with a point"),
+    (
+        "# of May\na,b,x,y\n1,2,3,4\n",
+        {},
+        "more fields .*: expected the columns' names in the first",
+    ),
     ("a,b,x,y\n1,2,,4\n2,3,,5\n", {}, "2 of 2 rows miss a finite number .* of x"),
     ("a,b,x,y\n1,,3,4\n,3,3,5\n", {}, "2 of 2 rows miss a finite number .* of a, b"),
     ("a,b,x,y\n1,2,3,4\n1,3,4,5\n", {}, "a is 1 in every row"),
     ("a,b,x,y\n1,1,3,4\n2,2,4,5\n", {}, "'a' and 'b' have the same values"),
     ("a,b,x,y\n1,2,3,4\n2,3,3,5\n", {}, "x is 3 in every row"),
     (b"a,b,x,y,c\n1,2,3,4,\xb0\n", {}, "UTF-8"),
-    (GOOD.encode("utf-16"), {}, "UTF-8|no positions"),
     (b"PAR1 and nothing else", {}, "cannot be read"),
     (b"a" * (1 << 20), {}, "no positions"),
     ('a,b,x,y\n1,2,3,"4\n' + "5" * 200_000, {}, "cannot be read"),

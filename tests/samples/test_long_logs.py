@@ -6,7 +6,6 @@ import pytest
 
 import calib
 from calib import read_log
-from calib.samples.tables import open_source
 
 N = 3000
 JOINTS = ["shoulder", "elbow"]
@@ -27,25 +26,6 @@ def files(tmp_path, rows):
     frame.write_csv(tmp_path / "log.csv")
     frame.write_parquet(tmp_path / "log.parquet", row_group_size=700)
     return [tmp_path / "log.csv", tmp_path / "log.parquet"]
-
-
-@pytest.mark.parametrize(
-    ("text", "values"),
-    [
-        (
-            "a,b,t\n1,2,x\n\n3,NA,y\n\n5,6,z\n\n",
-            [[1, 2], [np.nan] * 2, [3, np.nan], [np.nan] * 2, [5, 6]],
-        ),
-        ('a,b,t\n1,2,x\n3,4,"line\nend"\n5,6,"z"\n7,8,\n', [[1, 2], [3, 4], [5, 6], [7, 8]]),
-        ("a,b,t\r\n1,2,x\r\n3,4,y\r\n5,6,z\r\n", [[1, 2], [3, 4], [5, 6]]),
-        ('\ufeff\na,"b",t\n1,2,é\n3,4,肘\n', [[1, 2], [3, 4]]),
-        ('\ufeff# calib {"unit": "mm"}\na,b\n1,2\n3\n', [[1, 2], [3, np.nan]]),
-    ],
-)
-def test_text_that_programs_write(tmp_path, text, values):
-    path = tmp_path / "log.csv"
-    path.write_bytes(text.encode())
-    np.testing.assert_array_equal(open_source(path).numbers(["a", "b"])[0], values)
 
 
 def test_the_rows_drawn_depend_on_the_seed_alone(files, arm, rows):

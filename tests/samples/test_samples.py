@@ -1,10 +1,13 @@
-"""Samples hold what they are given, checked and read-only."""
+"""Samples and rows: checked and read-only, named columns by name, nothing but numbers."""
 
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
+from models import draw, trained
 
+import calib
 from calib import LogError, Samples
 
 
@@ -48,6 +51,9 @@ def test_take_keeps_everything_but_the_rows():
         ({"q": np.zeros((4, 3))}, r"q of shape \(4, 3\): expected"),
         ({"x": np.zeros((3, 2))}, r"x has shape \(3, 2\), expected \(4, 2\)"),
         ({"orientation": np.zeros((4, 3))}, r"orientation has shape \(4, 3\)"),
+        ({"time": [0.0, 1.0]}, r"time has shape \(2,\), expected \(4,\)"),
+        ({"time": [0.0, 1.0, np.nan, 2.0]}, "time is not finite"),
+        ({"covariance": np.zeros((4, 3, 3))}, r"covariance has shape \(4, 3, 3\)"),
         ({"upper": [1.0, np.inf]}, "'b' has the range 0:inf"),
         ({"lower": [0.0, 1.0]}, "'b' has the range 1:1"),
         ({"joint_names": ("a", "a")}, "different names"),
@@ -81,3 +87,70 @@ def test_rows_are_numbered_from_1_where_no_numbers_are_stated():
     assert make(5, rows=np.arange(9, 14)).take([2]).rows.tolist() == [11]
     other = replace(make(5), q=np.zeros((2, 2)), x=np.zeros((2, 2)), side=None)
     assert other.rows.tolist() == [1, 2]
+
+
+NAMES = ("shoulder", "elbow")
+JOINTS = np.array([[0.3, 1.0], [0.5, 1.4], [0.9, 2.0]])
+
+
+class Pandas(dict):
+    """As much of a pandas table as is needed: `columns` and columns by name."""
+
+    @property
+    def columns(self):
+        return list(self)
+
+
+def record(q):
+    table = np.zeros(len(q), dtype=[("elbow", float), ("time", float), ("shoulder", float)])
+    table["shoulder"], table["elbow"] = q.T
+    return table
+
+
+SWAPPED = {
+    "dict": lambda q: {"elbow": q[:, 1], "shoulder": q[:, 0]},
+    "polars": lambda q: pl.DataFrame({"elbow": q[:, 1], "t": q[:, 0], "shoulder": q[:, 0]}),
+    "pandas": lambda q: Pandas(elbow=q[:, 1], shoulder=q[:, 0]),
+    "record": record,
+}
+
+
+@pytest.mark.parametrize("kind", SWAPPED)
+def test_named_columns_are_taken_by_name_wherever_joint_values_go(kind):
+    swapped = SWAPPED[kind](JOINTS)
+    model, arm = trained(), calib.load_arm("two_link")
+    np.testing.assert_array_equal(model.forward(swapped), model.forward(JOINTS))
+    np.testing.assert_array_equal(model.expected_error(swapped), model.expected_error(JOINTS))
+    np.testing.assert_array_equal(arm.forward(swapped), arm.forward(JOINTS))
+    s = calib.Samples(swapped, arm.forward(JOINTS), NAMES, arm.lower, arm.upper, arm.revolute)
+    np.testing.assert_array_equal(s.q, JOINTS)
+
+
+def test_positions_and_near_are_taken_by_name_too():
+    model = trained()
+    q = draw(model, 5, margin=0.2)
+    x = model.forward(q)
+    named = {"y": x[:, 1], "x": x[:, 0]}
+    near = {"elbow": q[:, 1], "shoulder": q[:, 0]}
+    np.testing.assert_array_equal(model.inverse(named, near), model.inverse(x, q))
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"elbow": [1.0]}, "no column 'shoulder'"),
+        ({"elbow": [1.0], "sholder": [1.0]}, "did you mean sholder"),
+        (np.ma.masked_array(JOINTS, mask=JOINTS > 1.9), "masked"),
+        (np.array([["2024-01-01", "2024-01-02"]], dtype="datetime64[s]"), "datetime64"),
+        (np.array([[1, 2]], dtype="timedelta64[s]"), "timedelta64"),
+        (JOINTS + 0j, "complex"),
+        (JOINTS > 1, "bool"),
+        ([["a", "b"]], "numbers"),
+        ({"shoulder": [1.0, 2.0], "elbow": [1.0]}, "one length"),
+    ],
+)
+def test_what_is_no_table_of_numbers_is_refused_in_one_line(values, words):
+    for take in (trained().forward, calib.load_arm("two_link").forward):
+        with pytest.raises(calib.QueryError, match=words) as caught:
+            take(values)
+        assert "\n" not in str(caught.value)

@@ -77,6 +77,11 @@ def test_a_log_is_told_by_the_verdict_of_check():
     verdict = calib.judge(measured(), changed_log())
     assert f"Drifted: {verdict.causes[0].words}" in changed
     assert "calib adapt" in changed
+    # the page said beside it that nothing is off, and that the model is below 2.64 mm
+    off = re.search(r"What is off</dt><dd>([^<]*)", changed)
+    assert off is not None
+    assert off[1].lower() == f"{verdict.causes[0].words}.".lower()
+    assert "noisy readings" not in changed
     # rows that the model has learned say nothing of it
     for untold in (log(1200, 1e-3), log(5, 1e-3, seed=7)):
         page = report(measured(), untold)
@@ -86,10 +91,32 @@ def test_a_log_is_told_by_the_verdict_of_check():
 
 @pytest.mark.usefixtures("unrendered")
 def test_words_of_other_models():
-    assert "rows held out" in report(measured())
+    as_drawn = report(measured())
+    assert "rows held out" in as_drawn
+    assert "As delivered" not in as_drawn
     assert "below 1 nm" in report(trained("two_link", n=3000, size=20))
     assert report(calib.train(no_arm(300), size=4))
     assert 'id="u_matrices"' in report(trained("two_link", n=400, size=4, body="none"))
+
+
+CAUSES = [  # what was changed, what is told of it [mm or deg]
+    ("two_link", "elbow.offset=0.02", "elbow: zero", np.degrees(0.02)),
+    ("six_axis", "elbow.offset=0.01", "elbow: zero", np.degrees(0.01)),
+    ("spatial_three", "shoulder_lift.length=+2%", "elbow: origin along x", 6.0),
+]
+
+
+@pytest.mark.usefixtures("unrendered")
+@pytest.mark.parametrize(("robot", "change", "words", "size"), CAUSES)
+def test_the_largest_cause_is_the_change_within_its_interval(robot, change, words, size):
+    """Of a link 6 mm longer a report told an origin 46 m off along its own axis."""
+    for seed in (0, 1):
+        rows = calib.babble(calib.load_arm(robot), 80, seed=seed, noise=1e-4, changes=[change])
+        page = report(calib.train(replace(rows, simulation=None), size=4))
+        told = re.search(rf"{words} ([\d.]+) ± ([\d.]+) (?:mm|deg): it moves the tip", page)
+        assert "As delivered it is off by" in page
+        value, half = map(float, told.groups())
+        assert abs(value - size) < half < 0.1 * size
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -112,6 +139,22 @@ def test_names_from_a_file_reach_a_page_as_text():
     page = report(replace(model, about=about))
     assert "<script>" not in page
     assert "internal" not in page
+
+
+def test_a_joint_that_does_not_move_the_tip_has_no_error():
+    """Of wrist_3, whose axis the tip lies on, a figure showed 40,000 mrad."""
+    arm = calib.load_arm("six_axis")
+    rows = replace(calib.babble(arm, 80, seed=0, noise=1e-4), simulation=None)
+    drawn = calib.figures(calib.train(rows, size=4), names=["joints"])["joints"]
+    assert [ax.get_title("left") for ax in drawn.axes] == list(arm.joint_names[:-1])
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_a_simulation_has_the_errors_that_its_training_printed():
+    model = trained("two_link", n=3000, size=20, body="none")
+    mean = model.about.errors["linear"]["forward"]["distance"]["mean"]
+    assert f"{1e3 * mean:.3g} mm on average" in report(model)
+    assert "noise included" not in report(model)
 
 
 def test_figures_on_paper():

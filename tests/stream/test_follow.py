@@ -1,4 +1,4 @@
-"""Maps that follow a stream: the paper's eq. 9 to 12, what is reported and what is stored."""
+"""Streams: maps that follow one (eq. 9 to 12), and the monitor, one sample at a time."""
 
 from dataclasses import replace
 from functools import partial
@@ -113,6 +113,14 @@ def test_distortion_falls_back_under_its_threshold(change):
     assert error(adapter.model(), samples) < 1e-5
 
 
+def test_a_short_stream_links_maps_by_what_its_body_predicts():
+    samples = log("elbow.length=-20%", n=700, seed=3, noise=0.0)
+    adapted = followed(model(), samples, 3000)[1].model()
+    q = np.random.default_rng(7).uniform(arm().lower, arm().upper, (1000, 2))
+    off = adapted.forward(q, "activity") - samples.simulation.exact(q)
+    assert np.linalg.norm(off, axis=1).mean() < 7.5e-3
+
+
 def test_a_change_that_stays_inside_of_the_map_is_noticed_by_the_links():
     _, adapter = followed(model(), log("sensor.mirror=x", n=600, seed=3, noise=0.0), 3000)
     assert adapter.adapting
@@ -133,3 +141,61 @@ def test_what_cannot_be_followed_is_told():
         OnlineAdapter(model(), 0)
     with pytest.raises(OptionError, match="no samples"):
         OnlineAdapter(model()).feed(np.zeros((0, 2)), np.zeros((0, 2)))
+
+
+def last(monitor, samples):
+    for q, x in zip(samples.q, samples.x, strict=True):
+        monitor.update(q, x)
+    return monitor.state
+
+
+def alarm(monitor, samples):
+    for k, (q, x) in enumerate(zip(samples.q, samples.x, strict=True)):
+        if monitor.update(q, x).drifted:
+            return k
+    return None
+
+
+@pytest.mark.parametrize("trained_noise", [0.0, 1e-3])
+@pytest.mark.parametrize("noise", [1e-3, 2e-3])
+def test_a_calm_stream_raises_no_alarm(trained_noise, noise):
+    assert alarm(calib.monitor(model(trained_noise)), log(n=1500, noise=noise)) is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    ["shoulder.length=-5%", "elbow.offset=0.0174533", "sensor.rotate=0.0174533", "elbow.lock=1.0"],
+)
+def test_a_change_within_a_stream(change):
+    monitor = calib.monitor(model(1e-3))
+    assert alarm(monitor, log(n=300)) is None
+    assert alarm(monitor, log(change, n=200, seed=2)) is not None
+
+
+def test_a_window_shows_a_tenth_of_a_degree_at_a_millimetre_of_noise():
+    state = last(calib.monitor(model(1e-3)), log("elbow.offset=0.0017", n=600, seed=0))
+    assert state.drifted
+
+
+def test_an_alarm_ends_when_the_change_is_undone():
+    monitor = calib.monitor(model(1e-3))
+    assert last(monitor, log("elbow.length=+5%", n=100)).drifted
+    assert not last(monitor, log(n=1500, seed=3)).drifted
+
+
+def test_noise_and_systematic_part_are_told_apart():
+    state = last(calib.monitor(model()), log(n=2000, noise=2e-3))
+    assert state.noise == pytest.approx(2e-3, rel=0.15)
+    state = last(calib.monitor(model()), log("sensor.shift=0.01,0", n=2000, noise=2e-3))
+    assert state.links == pytest.approx(0.01, rel=0.05)
+
+
+def test_wrong_detections_raise_no_alarm():
+    assert alarm(calib.monitor(model(1e-3)), log("sensor.outliers=0.02", n=1000)) is None
+
+
+def test_samples_that_say_nothing_change_nothing():
+    monitor = calib.monitor(model(1e-3))
+    before = last(monitor, log(n=100))
+    assert monitor.update([np.nan, 1.0], [0.1, 0.1]) == before
+    assert monitor.update([9.0, 1.0], [0.1, 0.1]) == before

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import log, papers, trained
+from models import log, measured, papers, trained
 
 import calib
 from calib import LogError
@@ -38,6 +38,10 @@ def test_another_log_is_compared_row_by_row():
         assert told == pytest.approx(expected, rel=1e-5)
     assert (evaluation.rows, evaluation.left_out) == (400, 0)
     assert evaluation.source == "measured rows of the log"
+    learned = measured()
+    off = np.linalg.norm(learned.forward(fresh.q) - fresh.x, axis=1)
+    covered = np.mean(off <= learned.expected_error(fresh.q))
+    assert calib.evaluate(learned, fresh).within["covered"] == covered
 
 
 def test_rows_outside_of_what_was_learned_are_left_out_and_counted():
@@ -84,14 +88,6 @@ def test_a_frame_that_moved_is_told_and_can_be_found_anew(tmp_path, run):
     words = ["evaluate", tmp_path / "m.calib", "--data", tmp_path / "moved.csv", "--json"]
     done = run(*words, "--frame", "free")
     assert done.document["errors"]["local"]["forward"]["distance"]["mean"] < 3e-4
-
-
-def test_degrees_are_told_as_by_check_rather_than_evaluated():
-    fresh = log(100, 1e-3, seed=5)
-    degrees = {name: np.degrees(getattr(fresh, name)) for name in ("q", "lower", "upper")}
-    for ask in (calib.evaluate, calib.check):
-        with pytest.raises(LogError, match="only if its joint values are degrees"):
-            ask(papers(1e-3), replace(fresh, **degrees))
 
 
 def test_repeated_rows_count_once_where_they_are_few_too():

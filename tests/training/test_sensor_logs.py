@@ -132,3 +132,12 @@ def test_a_sensor_is_asked_by_its_name(logs, run, tmp_path):
     run("export", path, "-o", tmp_path / "first.h")
     run("export", path, "-o", tmp_path / "right.h", "--in", "right")
     assert (tmp_path / "first.h").read_bytes() != (tmp_path / "right.h").read_bytes()
+
+
+def test_a_sensor_of_another_arm_is_named(logs):
+    (left, _), (right, _) = logs
+    moved = replace(right, q=right.q + np.array([0.0, 0.05, 0.0]))
+    notes = calib.train([left, moved], size=3).by("right").about.notes
+    assert any("sensor right disagrees with the others about the arm" in note for note in notes)
+    notes = calib.train([left, right], size=3).by("right").about.notes
+    assert not any("disagrees" in note for note in notes)

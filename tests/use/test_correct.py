@@ -1,16 +1,16 @@
 """Correct: the compensation that a controller takes."""
 
 import csv
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from drifting import arm, log, model
-from models import six
+from models import six, wide
 
 import calib
 from calib import OptionError, correct
-from calib.arm.loading import arm_from_urdf
 from calib.model.nominal import nominal_behind
 
 Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
@@ -60,12 +60,8 @@ def test_a_model_without_a_urdf():
 @pytest.fixture(scope="module")
 def turning():
     """A model of an arm whose first joint turns all the way round, adapted to an offset."""
-    text = arm().urdf.replace(
-        '<limit lower="0.0" upper="1.5707963267948966"', '<limit lower="-6.2" upper="6.2"'
-    )
-    nominal = arm_from_urdf(text)
-    trained = calib.train(calib.babble(nominal, 3000, seed=0), size=15)
-    changed = calib.babble(nominal, 200, seed=1, changes=["elbow.offset=0.02"])
+    trained = calib.train(calib.babble(wide(), 3000, seed=0), size=15)
+    changed = calib.babble(wide(), 200, seed=1, changes=["elbow.offset=0.02"])
     return calib.adapt(trained, changed).model
 
 
@@ -83,13 +79,13 @@ def test_answers_stay_on_the_turn_of_the_input(turning):
 
 
 def test_a_change_beyond_the_limit_is_marked_and_not_written(tmp_path, run, turning):
-    q = np.array([[0.3, 1.0], [0.4, 1.2]])
+    q = np.array([[0.3, 1.0], [0.4, 2.4]])
     found = correct(turning, q, limit=1e-4)
     assert found.exceeded.all()
     assert np.isnan(found.q).all()  # what exceeds the limit is no command
     assert np.isfinite(found.nearest).all()
     turning.save(tmp_path / "m.calib")
-    (tmp_path / "q.csv").write_text("shoulder,elbow\n0.3,1.0\n0.4,1.2\n")
+    (tmp_path / "q.csv").write_text("shoulder,elbow\n0.3,1.0\n0.4,2.4\n")
     old = tmp_path / "out.csv"
     old.write_text("old")
     line = ["correct", tmp_path / "m.calib", "--input", tmp_path / "q.csv", "--output", old]
@@ -100,11 +96,13 @@ def test_a_change_beyond_the_limit_is_marked_and_not_written(tmp_path, run, turn
     assert "--limit" in done.err
     assert done.document["beyond_limit"] == [1, 2]
     assert done.document["change"]["elbow"]["max"] == pytest.approx(0.02, abs=2e-3)
+    change = done.document["change"]["elbow"]
     done = run(*line)
     assert done.code == 0
     assert np.isfinite(np.loadtxt(old, delimiter=",", skiprows=1)).all()
-    assert "elbow" in done.out
-    assert "deg" in done.out
+    told = re.search(r"elbow ([\d.]+) deg \(largest ([\d.]+) deg\)", done.out)
+    sizes = np.degrees([change["mean"], change["max"]])
+    assert [*map(float, told.groups())] == pytest.approx(sizes, rel=5e-3)
 
 
 def test_command_answers_row_by_row_and_other_columns_go_along(tmp_path, run, turning):
@@ -176,3 +174,21 @@ def test_beside_a_wrist_singularity_no_tool_is_tilted_without_a_word():
         ] == answered.tolist()
         for k in np.flatnonzero(answered):
             np.testing.assert_allclose(alone[k].q[0], found.q[k], atol=1e-6)
+
+
+def test_a_correction_meets_a_nearly_singular_wrist_and_no_stop():
+    arm = calib.load_arm("six_axis")
+    changes = ("shoulder_lift.offset=0.01", "elbow.length=+1%")
+    babbled = calib.babble(arm, 150, seed=1, noise=1e-4, changes=changes)
+    model = calib.train(replace(babbled, simulation=None), view="base", size=3)
+    q = calib.babble(arm, 600, seed=7).q
+    corrected = calib.correct(model, q)
+    lower, upper = np.transpose(arm.limits)
+    answered = np.isfinite(corrected.q).all(axis=1)
+    assert answered.mean() > 0.99
+    assert ((corrected.nearest >= lower - 1e-9) & (corrected.nearest <= upper + 1e-9)).all()
+    wrist = [28, 45, 561]  # whose joints change by 0.02 to 0.06 rad
+    assert corrected.reachable[wrist].all()
+    reached = babbled.simulation.exact(corrected.q[wrist])
+    assert np.linalg.norm(reached - arm.forward(q[wrist]), axis=1).max() < 2e-4
+    assert corrected.angle[wrist].max() < 1e-6

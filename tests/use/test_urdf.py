@@ -8,8 +8,8 @@ import pytest
 from chains import FOLLOWED, MIXED
 from drifting import arm, log, model
 from models import in_pixels, in_space, log_of
+from reference import pinocchio_pose
 from scipy.spatial.transform import Rotation
-from test_arm import pinocchio_pose
 
 import calib
 from calib import load_arm
@@ -191,3 +191,13 @@ def test_a_zero_is_one_number_with_an_interval_that_holds(written, tmp_path, run
         (entry["value"], entry["high"] - entry["value"]),
     ):
         assert (value, interval) == pytest.approx((zero["value"], zero["interval"]))
+
+
+@pytest.mark.parametrize(("size", "seed"), [(20, 0), (20, 2), (40, 1)])
+def test_intervals_of_maps_alone_hold_the_lengths_of_the_simulated_arm(size, seed):
+    """Errors of maps hang together: 500 nodes tell no more than a few rows."""
+    samples = calib.babble(load_arm("two_link"), 3000, seed=seed)
+    maps = calib.train(samples, size=size, seed=seed, body="none")
+    moved = fit_geometry(maps).document()["moved"].values()
+    for shift in moved:
+        assert (np.abs(shift.value) < shift.interval).all()

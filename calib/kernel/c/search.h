@@ -77,6 +77,12 @@ static inline calib_starts calib_position_starts(const calib_real x[CALIB_OUT],
 }
 #endif
 
+/* Whether a joint value is within the limits of all its turns. */
+static inline int calib_allowed(int k, calib_real value) {
+  const calib_real close = @close@ * calib_span[k];
+  return value >= calib_least[k] - close && value <= calib_most[k] + close;
+}
+
 /* Joints by whole turns as near to others as their limits allow. */
 static inline void calib_on_turn(const calib_real near[CALIB_DOF], calib_real q[CALIB_DOF]) {
   int k;
@@ -221,7 +227,9 @@ static inline int calib_inverse_within(const calib_real x[CALIB_OUT],
     /* within the expected error it may still count as reached */
     calib_starts starts = {calib_start_q[0], 0, CALIB_STARTS, 0, CALIB_STARTS, 0};
     if (calib_expected_error(search.nearest, &bound) && bound < most) most = bound;
-    if (search.budget > 0 && search.left > 2 * most) return calib_answered(&search, near, 3);
+    most *= 2;
+    if (CALIB_DOF > CALIB_OUT && most < @edge@ * @extent@) most = @edge@ * @extent@;
+    if (search.budget > 0 && search.left > most) return calib_answered(&search, near, 3);
     if (budget > CALIB_BUDGET) calib_try_starts(&search, &starts);
   }
   return calib_answered(&search, near, sure);
@@ -308,7 +316,8 @@ CALIB_API int calib_correct(const calib_real q[CALIB_DOF], calib_real out[CALIB_
       if (calib_periodic[k])
         change -= calib_span[k] * floor(change / calib_span[k] + (calib_real)0.5);
       if (!(fabs(change) <= calib_limit[k])) good = 0;
-      out[k] = q[k] + change; /* on q's own turn */
+      out[k] = q[k] + change; /* on q's own turn, not beyond a stop */
+      if (calib_allowed(k, q[k]) && !calib_allowed(k, out[k])) good = 0;
     }
   }
   for (k = 0; !good && k < CALIB_DOF; ++k) out[k] = calib_not_a_number();

@@ -206,17 +206,22 @@ def joints(study: Study) -> Figure | None:
     if rows is None or body is None:
         return None
     structure = body.structure
-    turning = np.flatnonzero(structure.revolute).tolist()
-    if not turning or structure.dof != len(about.joint_names):
+    if structure.dof != len(about.joint_names):
         return None
     some = thinned(len(rows.q), SETTINGS.dots)
     q = rows.q[some]
     offsets = structure.groups["offset"]
     slope = structure.linearise(q, body.beta, offsets)[1]
+    levers = np.linalg.norm(slope[:, : structure.blocks[0]], axis=1)
+    # a tip on a joint's axis says nothing of that joint: its errors were told as 40 rad
+    moves = levers.max(axis=0) > SETTINGS.hardly * levers.max()
+    turning = np.flatnonzero(np.asarray(structure.revolute) & moves).tolist()
+    if not turning:
+        return None
     figure, axes = panels([1.25] * len(turning))
     for ax, k in zip(axes, turning, strict=True):
         lever = slope[:, : structure.blocks[0], k]
-        length = np.linalg.norm(lever, axis=1)
+        length = levers[:, k]
         long = length > SETTINGS.lever * length.max()
         along = (rows.held_out[some] * lever).sum(axis=1)[long]
         grid = np.linspace(about.lower[k], about.upper[k], 200)

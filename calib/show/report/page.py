@@ -23,7 +23,7 @@ from ...model.about import facts
 from ...model.model import Model
 from ...recording.rig import HandEye, rig_of_model
 from ...samples.samples import Samples
-from ...training.learn import Progress
+from ...training.options import Progress
 from ..study import Study, studies_of
 from . import figures as arm
 from . import map_figures as maps

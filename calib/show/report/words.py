@@ -76,15 +76,26 @@ def _noise(study: Study) -> list[str]:
     bounds = model.model_bounds[model.visited & np.isfinite(model.model_bounds)]
     if model.about.bound_of != "sensor reading" or not len(bounds):
         return []
-    bound = sized(float(np.median(bounds)), model.about.unit)
+    bound = float(np.median(bounds))
+    rows = study.rows
+    if rows is None or (rows.verdict and not rows.verdict.bound_holds):
+        return []
+    if bound >= np.quantile(rows.distance, 0.95):
+        return []  # the rows do not tell noise and errors of the model apart
     return [
         "That is the distance to noisy readings: the model's own error is below "
-        f"{bound} (95 % bound, median over the range)."
+        f"{sized(bound, model.about.unit)} (95 % bound, median over the range)."
     ]
 
 
 def largest_cause(study: Study) -> str:
     """The largest cause in a sentence, or that there is none."""
+    verdict = None if study.rows is None else study.rows.verdict
+    if verdict is not None and verdict.changed:
+        words = [*verdict.explanations, "its cause is unknown"][0]
+        return f"{one_line(words[0].upper() + words[1:])}."
+    if study.model.body is None:
+        return "Not told: maps without a body have no parameters to compare with a drawing."
     if study.certain:
         cause = study.certain[0]
         effect = sized(cause.effect, study.model.about.unit)

@@ -79,7 +79,13 @@ def _table(query: Query, readout: str | None) -> Outcome:
     batch, valid = query.read(query.joints.names)
     q = batch.values / np.array(query.joints.typed)
     ranges = (about.joint_names, about.lower, about.upper, about.revolute)
-    check_joint_values(q, *ranges, degrees=query.degrees, error=QueryError)
+    check_joint_values(
+        q,
+        *ranges,
+        degrees=query.degrees,
+        label=str(query.input),
+        error=QueryError,
+    )
     answers = beside(batch, valid, _answers(query, q[valid], readout))
     unanswered = np.flatnonzero(valid & np.isnan(np.asarray(answers["x"])))
     rows = (unanswered + 1).tolist()

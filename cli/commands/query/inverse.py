@@ -77,7 +77,7 @@ def inverse(
     ] = False,
     free: Annotated[
         Literal["x", "y", "z"] | None,
-        opt.option("--free", "Of a pose: the tool may turn about."),
+        opt.option("--free", "Tool's axis that a pose may turn about."),
     ] = None,
     on: Annotated[
         parsing.OfJoint | None,
@@ -125,11 +125,8 @@ def inverse(
     frame = "base" if on else frame
     query = Query(model, input_, columns, output, unit, degrees, frame, target)
     search = Search(readout=readout, every=every, keep=keep, free=free)
-    anchor = query.joints.one_each("--near", near)
+    anchor = query.within_range("--near", near)
     if anchor is not None:
-        beyond = query.joints.beyond(query.model, anchor)
-        if beyond is not None:
-            raise BadOption(f"--near {beyond}")
         search = replace(search, near=np.array(anchor))
     if quaternion is not None:
         turn = np.array(quaternion) / math.hypot(*quaternion)

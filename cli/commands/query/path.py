@@ -15,7 +15,11 @@ def path(
     start: opt.StartJoints = None,
     step: Annotated[
         float | None,
-        opt.value("--step S", "Longest, or inf (default 1 % extent).", length),
+        opt.value(
+            "--step S",
+            "Between rows at most, or inf (1 % of the extent).",
+            length,
+        ),
     ] = None,
     input_: opt.Input = None,
     columns: opt.Columns = None,
@@ -33,7 +37,7 @@ def path(
     batch, answered = query.read(axes)
     valid = np.flatnonzero(answered)
     longest = None if step is None else step / query.typed
-    first = joints.one_each("--from", start)
+    first = query.within_range("--from", start)
     way = query.model.path(batch.values[valid], first, longest)
     table = {
         "waypoint": valid[way.waypoint] + 1,

@@ -1,4 +1,4 @@
-"""Learning: what a training is asked for, and the maps and links that samples get."""
+"""Options: what a training is asked for, and the lattices that samples get."""
 
 from __future__ import annotations
 
@@ -9,17 +9,12 @@ from typing import Any
 
 from numpy.random import SeedSequence
 
-from ..common.arrays import Array
 from ..common.choices import BODIES, FREED, VIEWS
-from ..common.parallel import in_turn, side_by_side
 from ..common.rows import whole
-from ..common.scale import Scale
 from ..errors import OptionError
-from ..maps.association import Association
-from ..maps.density import Gain, kind_of
+from ..maps.density import Gain
 from ..maps.lattice import Size, shape_of
 from ..maps.links import wiring_of
-from ..maps.som import SOM
 from ..samples.samples import Samples
 from .settings import LEARNING
 
@@ -128,72 +123,6 @@ class TrainingOptions:
     def stream(self, name: str) -> SeedSequence:
         """Seed of one of the independent random streams."""
         return SeedSequence(self.seed, spawn_key=(_STREAMS[name],))
-
-
-def unit_box(samples: Samples) -> Scale:
-    """The unit box of the joints' ranges."""
-    return Scale.of_range(samples.lower, samples.upper, samples.revolute)
-
-
-def associate(
-    scale: Scale,
-    u: Array,
-    x: Array,
-    options: TrainingOptions,
-    residual: Array | None = None,
-    progress: Progress | None = None,
-) -> Association:
-    """Learn both maps and the links between them: the paper's part.
-
-    u, x : (n, dof), (n, m), joints in the unit box of `scale` and positions
-    residual : (n,), how wrong the smooth part is around each sample; the default varying density
-        puts nodes there
-    """
-    box = Scale.of_data(x)
-    v = box.to_unit(x)
-    shapes = options.shapes
-    network = options.map or LATTICE
-    in_order = kind_of(network) == "som"
-    motor_som, sensory_som = (
-        SOM(
-            shape,
-            network,
-            options.rule,
-            options.epochs,
-            options.sigma,
-            options.stream(name),
-        )
-        for shape, name in zip(shapes, ("motor", "sensory"), strict=True)
-    )
-
-    def report(done: float, error: float) -> None:
-        if progress is not None:
-            progress(done, "maps", error)
-
-    if options.rule == "online" and in_order:
-        # The links that eq. 5 has made on the way lag behind the maps (30x30 nodes, five passes of
-        # 20,000 samples: `activity` 9.2 mm); kept are those at which it comes to rest (2.9 mm).
-        pair = motor_som.developed((u, v), (scale, box), shapes, report)
-        motor = pair.motor
-        sensory = pair.sensory
-    else:
-        # steps of a few samples hold the interpreter's lock: two threads would fight for it
-        run = side_by_side if in_order else in_turn
-        motor, sensory = run(
-            lambda: motor_som.fit(
-                scale.from_unit(u), scale=scale, residual=residual
-            ),
-            lambda: sensory_som.fit(
-                x, scale=box, residual=residual, progress=report
-            ),
-        )
-    for name, som in (("motor", motor), ("sensory", sensory)):
-        if not som.spacing > LEARNING.collapsed:
-            raise OptionError(
-                f"the {name} map did not unfold: its nodes collapsed",
-                hint=UNFOLD,
-            )
-    return Association.learn(motor, u, sensory, v, wiring_of(options.links))
 
 
 def resolved(

@@ -1,0 +1,222 @@
+"""Choice: the joints and the tip of an arm that users named, or those that are found for them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..common.wording import listed, quoted, suggestion
+from ..errors import OptionError, RobotError
+from .finding import (
+    FINDING,
+    TIP_NAMES,
+    Chain,
+    find_chains,
+    find_tip,
+    planar_part,
+    plane_normal,
+)
+from .posture import Posture
+from .urdf import Joint, Urdf
+
+
+def check_lock(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
+    """Return the values [rad or m] at which joints are held; they are movable and finite."""
+    for name, value in lock.items():
+        unit = _movable(urdf, name, "lock").unit
+        if not np.isfinite(value):
+            raise OptionError(
+                f"`lock` of {quoted(name)} is {value}: expected a finite number [{unit}]",
+                parameter="lock",
+                value=value,
+            )
+    return dict(lock)
+
+
+def choose_chain(
+    urdf: Urdf,
+    posture: Posture,
+    joints: Sequence[str] | None,
+    tip: str | None,
+    lock: Mapping[str, float],
+    ranges: Collection[str],
+    planar: bool,
+    columns: Collection[str] | None,
+) -> tuple[Chain, list[str]]:
+    """Return the joints and the tip that the user named, or the arm found for them, and notes."""
+    link = None if tip is None else _link(urdf, tip)
+    # joints that move on their own
+    free = [
+        joint
+        for joint in urdf.joints
+        if joint.movable and not joint.mimic and joint.name not in lock
+    ]
+    notes: list[str] = []
+    if joints is None:
+        usable = [j for j in free if j.name in ranges or not j.stuck]
+        chain, notes = _furthest(
+            urdf,
+            posture,
+            usable,
+            link,
+            planar,
+            columns,
+        )
+    else:
+        if isinstance(joints, str):
+            joints = re.split(r"\s*,\s*", joints.strip())
+        chain = _named(
+            urdf,
+            posture,
+            joints,
+            link,
+            free,
+        )
+    if link is None and not chain.tip.lower().endswith(TIP_NAMES):
+        notes.append(f"tip {quoted(chain.tip)} was chosen (`tip` changes it)")
+    return chain, notes
+
+
+def check_limits(joints: Sequence[Joint]) -> None:
+    """Ask for `ranges` of all joints whose limits are unusable."""
+    faulty = [joint for joint in joints if joint.fault]
+    if faulty:
+        faults = "; ".join(
+            f"joint {j.name!r} cannot be babbled, {j.fault}" for j in faulty
+        )
+        wanted = ", ".join(f"{j.name!r}: (LOWER, UPPER)" for j in faulty)
+        units = ", ".join(sorted({joint.unit for joint in faulty}))
+        raise RobotError(
+            faults,
+            hint=f"give `ranges={{{wanted}}}` [{units}]",
+            parameter="ranges",
+        )
+
+
+def _furthest(
+    urdf: Urdf,
+    posture: Posture,
+    usable: Sequence[Joint],
+    tip: str | None,
+    planar: bool,
+    columns: Collection[str] | None,
+) -> tuple[Chain, list[str]]:
+    """Return the arm for users who named no joints, and notes."""
+    free = [j for j in usable if columns is None or j.name in columns]
+    chains = find_chains(
+        urdf,
+        posture,
+        free,
+        tip,
+    )
+    if not chains:
+        stuck = [joint for joint in urdf.joints if joint.stuck]
+        stuck = [joint for joint in stuck if joint not in free]
+        if len(free) + len(stuck) > 1:
+            check_limits(stuck)
+        hint = "name other `joints`, `tip` or `lock`"
+        if columns is not None:
+            hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
+        movable = listed(joint.name for joint in urdf.joints if joint.movable)
+        raise RobotError(
+            f"no arm{f' to {quoted(tip)}' if tip else ''}: it needs two joints in one chain; of "
+            f"the movable joints {movable} these are free: {listed(j.name for j in free)}",
+            hint=hint,
+        )
+    parts = [planar_part(chain, posture) for chain in chains]
+    flat = planar or plane_normal(chains[0].joints, posture) is not None
+    if flat:
+        chains = [
+            part or chain for part, chain in zip(parts, chains, strict=True)
+        ]
+    else:
+        chains = [
+            replace(chain, joints=chain.joints[-FINDING.most_joints :])
+            for chain in chains
+        ]
+    best = chains[0]
+    others = "; ".join(map(str, chains[1:]))
+    # a log was measured on one of them only; in simulation the first serves
+    if others and columns is not None:
+        raise RobotError(
+            f"the robot has {len(chains)} arms of one reach, choose one: {best}; {others}"
+        )
+    notes: list[str] = []
+    if others:
+        notes.append(f"chosen by reach: {best} (others: {others})")
+    if parts[0] and not flat:
+        notes.append(
+            f"the arm moves in space; `planar=True` takes its planar part: {parts[0]}"
+        )
+    if columns is not None:
+        path = urdf.path(best.tip)
+        idle = [j.name for j in usable if j in path and j.name not in columns]
+        if idle:
+            notes.append(
+                f"locked because the log has no columns for them: {listed(idle)}"
+            )
+    return best, notes
+
+
+def _named(
+    urdf: Urdf,
+    posture: Posture,
+    names: Sequence[str],
+    tip: str | None,
+    free: Sequence[Joint],
+) -> Chain:
+    """Return the arm of the joints that a user named, all of them `free` ones."""
+    joints = [_movable(urdf, name, "joints") for name in names]
+    if tip is None and joints:
+        last = max(joints, key=lambda joint: len(urdf.path(joint.child)))
+        tip = find_tip(urdf, last.child)
+    path = urdf.path(tip or "")
+    moving = [joint for joint in free if joint in path]
+    active = [joint for joint in joints if joint in moving]
+    chains = find_chains(
+        urdf,
+        posture,
+        active,
+        tip,
+    )
+    if chains and sorted(j.name for j in chains[0].joints) == sorted(names):
+        return chains[0]
+    raise OptionError(
+        f"`joints` are {listed(map(quoted, names))}: expected two or more of those that move "
+        f"the tip {quoted(tip or '')} on their own, each once: "
+        f"{listed(quoted(joint.name) for joint in moving)}",
+        parameter="joints",
+        value=list(names),
+    )
+
+
+def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
+    """Return the movable joint of a name, or say which there are."""
+    joint = urdf.joint(name)
+    if joint is None or not joint.movable:
+        what = "does not exist" if joint is None else "is fixed"
+        raise RobotError(
+            f"`{parameter}`: joint {quoted(name)} {what}",
+            hint=suggestion(name, [j.name for j in urdf.joints if j.movable]),
+            parameter=parameter,
+            value=name,
+        )
+    return joint
+
+
+def _link(urdf: Urdf, tip: str) -> str:
+    """Return the link of a frame's name: a link, or the child of a joint."""
+    joint = urdf.joint(tip)
+    if tip in urdf.links:
+        return tip
+    if joint is None:
+        raise RobotError(
+            f"`tip`: frame {quoted(tip)} does not exist",
+            hint=suggestion(tip, urdf.links),
+            parameter="tip",
+            value=tip,
+        )
+    return joint.child

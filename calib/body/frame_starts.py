@@ -1,0 +1,209 @@
+"""Where a sensor stands before an arm in space: linear fits, then damped steps.
+
+The arm is as drawn, or as a belief has it; the sensor's frame, the tool and a camera's lens are
+found anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
+from ..common.arrays import Array
+from ..common.rows import median_length, thinned
+from ..errors import LogError
+from .parameters import Prior
+from .settings import START
+from .spatial import SpatialStructure
+from .start import Start
+
+SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
+"""Blocks of where a sensor stands, and of its lens."""
+
+
+def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> Array:
+    """Return parameters (d,) of an arm whose sensor and tool are found anew.
+
+    arm : (d,), the arm's parameters, which stay
+    """
+    return _placed(structure, q, z, arm).beta
+
+
+def drawn_frame(structure: SpatialStructure, q: Array, z: Array) -> Array:
+    """Return parameters (d,) of the nominal arm in the sensor frame that fits rows best.
+
+    Raises LogError where even these leave most of what the rows spread.
+    """
+    start = _placed(structure, q, z, structure.neutral())
+    if structure.camera:
+        # a camera's pose and its focal length help each other
+        free = [*structure.frame_groups, "offset"]
+        sd = structure.prior(free).sd
+        sd[structure.groups["offset"]] *= 20.0
+        start = start.run(q, z, Prior(start.beta, sd), 60)
+    if not structure.viewpoint.seen_as.scaled:
+        _refuse_misfit(structure, q, z, start.beta)
+    return start.beta
+
+
+def _placed(
+    structure: SpatialStructure, q: Array, z: Array, arm: Array
+) -> Start:
+    """Return the best guess of where the sensor stands, carried on over all rows."""
+    groups = [group for group in structure.frame_groups if group != "lens"]
+    sd = structure.prior(groups).sd
+    some = thinned(len(q), START.guessed_rows)
+    runs: list[Start] = []
+    for guess in _guesses(structure, q, z, arm):
+        start = Start(structure, guess)
+        prior = Prior(guess, sd)
+        runs.append(start.run(q[some], z[some], prior, START.guess_steps))
+    best = min(runs, key=lambda run: run.cost)
+    return best.run(q, z, Prior(best.beta, sd), START.steps)
+
+
+def _refuse_misfit(
+    structure: SpatialStructure, q: Array, z: Array, beta: Array
+) -> None:
+    """Refuse rows that the nominal arm does not explain; the log's reader says why."""
+    misfit = structure.residual(z, structure.predict(q, beta))
+    off = median_length(misfit[:, :3])
+    middle = np.median(z[:, :3], axis=0)
+    size = float(np.linalg.norm(z[:, :3] - middle, axis=1).max())
+    most = START.other_arm
+    what = "positions"
+    if structure.camera:
+        most = START.no_camera
+        what = "pixels"
+    if off > most * size:
+        raise LogError(
+            f"the robot does not explain the {what}: half of the rows are more than {off:.3g} off, "
+            f"of {size:.3g} that they spread; check the order of the joints, their unit and that "
+            f"of the {what}, mirrored axes, times, and whether it is this robot"
+        )
+    turned = median_length(misfit[:, 3:])
+    if turned > START.other_turns:
+        raise LogError(
+            f"the orientations do not turn as the joints do: {np.degrees(turned):.0f} deg are left "
+            "(median); check their order and unit, or leave them out"
+        )
+
+
+def _guesses(
+    structure: SpatialStructure, q: Array, z: Array, arm: Array
+) -> Iterator[Array]:
+    """Yield rough parameters (d,) from which the sensor's place is fitted."""
+    beta = arm.copy()
+    neutral = structure.neutral()
+    for group in (*SENSOR, "tool", "tool.rotation"):
+        indices = structure.groups[group]
+        beta[indices] = neutral[indices]
+    points, rotations = structure.pose(q, beta)
+    if structure.camera:
+        yield from _cameras(structure, points, z, beta)
+    elif structure.view.startswith("base"):
+        yield _with_hand(structure, beta, rotations, z)
+    else:
+        yield from _trackers(structure, points, rotations, z, beta)
+
+
+def _trackers(
+    structure: SpatialStructure,
+    points: Array,
+    rotations: Array,
+    z: Array,
+    arm: Array,
+) -> Iterator[Array]:
+    """Yield frames of a tracker for tools at the tip and to each side of it.
+
+    points, rotations : (n, 3) [m] and (n, 3, 3), the arm's tip in its root frame
+    """
+    seen = z[:, :3]
+    aside = START.tool * structure.chain.reach
+    tools = aside * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+    turns = [similarity(points + rotations @ tool, seen)[0] for tool in tools]
+    if structure.outputs == 6:
+        # without it 2 of 48 mountings of long tools were not found
+        turns.append(_turn_of_poses(rotations, exponential(z[:, 3:])))
+        tools = np.vstack([tools, np.zeros(3)])
+    groups = structure.groups
+    for tool, turn in zip(tools, turns, strict=True):
+        tip = points + rotations @ tool
+        scale = structure.metre
+        if structure.viewpoint.seen_as.scaled:
+            scale = similarity(tip, seen)[2]
+        shifts = seen - scale * tip @ turn.T
+        guess = arm.copy()
+        guess[groups["tool"]] = tool
+        guess[groups["view.rotation"]] = logarithm(turn)
+        guess[groups["view.scale"]] = np.log(scale / structure.metre)
+        guess[groups["view.shift"]] = shifts.mean(axis=0)
+        yield _with_hand(structure, guess, turn @ rotations, z)
+
+
+def _with_hand(
+    structure: SpatialStructure, guess: Array, turned: Array, z: Array
+) -> Array:
+    """Return parameters (d,) with the turn of the tool, of orientations (n, 3, 3) without it."""
+    out = guess.copy()
+    if structure.outputs == 6:
+        # A' X' Z of every row, averaged and made a rotation again
+        back = np.swapaxes(turned, 1, 2)
+        turns = back @ exponential(z[:, 3:])
+        hand = nearest_rotation(turns.sum(axis=0))
+        out[structure.groups["tool.rotation"]] = logarithm(hand)
+    return out
+
+
+def _turn_of_poses(rotations: Array, seen: Array) -> Array:
+    """Return the turn X (3, 3) of the sensor of orientations (n, 3, 3): Z_k = X A_k Y.
+
+    Relative rotations of any two rows are conjugate, so that X turns the axes of A_k A_l' into
+    those of Z_k Z_l' (Park and Martin 1994); rows are paired with their neighbours.
+    """
+    nominal = _turns_between(rotations)
+    observed = _turns_between(seen)
+    return nearest_rotation(observed.T @ nominal)
+
+
+def _turns_between(rotations: Array) -> Array:
+    """Rotation vectors (n - 1, 3) from each of orientations (n, 3, 3) to the next."""
+    before = np.swapaxes(rotations[:-1], 1, 2)
+    return logarithm(rotations[1:] @ before)
+
+
+def _cameras(
+    structure: SpatialStructure, points: Array, z: Array, arm: Array
+) -> Iterator[Array]:
+    """Yield cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
+    groups = structure.groups
+    known_focal = structure.viewpoint.lens[0]
+    principal = np.asarray(structure.viewpoint.lens[1:3])
+    middle = points.mean(axis=0)
+    centred = points - middle
+    ridge = 1e-6 * np.trace(centred.T @ centred) * np.eye(3)
+    seen = z.mean(axis=0)
+    affine = np.linalg.solve(
+        centred.T @ centred + ridge, centred.T @ (z - seen)
+    ).T
+    # the rotation nearest to the affine camera's two rows; its third axis looks ahead
+    u, s, vt = np.linalg.svd(affine, full_matrices=False)
+    right, down = u @ vt
+    upright = np.array([right, down, np.cross(right, down)])
+    # an affine camera does not tell before from behind: also a start from elsewhere, tilted
+    tilted = exponential([0.6, 0.0, 0.0]) @ upright
+    factors = [1.0]
+    if structure.viewpoint.lens_sd[0]:
+        factors += [0.7, 1.4]
+    for factor in factors:
+        focal = factor * known_focal
+        depth = focal / max(float(s.mean()), 1e-9)
+        centre = np.append((seen - principal) / focal, 1.0) * depth
+        for turn in (upright, tilted):
+            guess = arm.copy()
+            guess[groups["lens"][0]] = focal
+            guess[groups["view.rotation"]] = logarithm(turn)
+            guess[groups["view.shift"]] = centre - turn @ middle
+            yield guess

@@ -1,0 +1,132 @@
+"""Slides: redundant joints move along their self-motion towards joints that are asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..common.arrays import Array, Index, Mask
+from .newton import Newton, Stand, capped, lengths, shortened
+from .settings import SEARCH
+
+
+def settle(
+    newton: Newton,
+    u: Array,
+    x: Array,
+    near: Array,
+    longest: float = SEARCH.longest,
+) -> Stand:
+    """Joints on targets `x` (n, k) from starts `u` (n, dof), near to `near` (n, dof).
+
+    Redundant joints that Newton has led close slide on, each slide at most `longest`.  Others are
+    where Newton leads them.
+    """
+    if not newton.redundant:
+        return newton.refine(u, x)
+    stand = newton.refine(u, x, SEARCH.rough)
+    slides = Slides.begun(newton, near)
+    rows = np.flatnonzero(slides.close_to(stand))
+    for _ in range(SEARCH.slides):
+        rows = slides.next(stand, rows, longest)
+        if not len(rows):
+            break
+    stand = newton.refine(stand.u, x)
+    # joints that slid into a corner of their limits: where they were led without
+    lost = np.flatnonzero(~newton.met(stand.miss))
+    if len(lost):
+        others = newton.refine(u[lost], x[lost])
+        better = others.miss < stand.miss[lost]
+        stand.put(lost[better], others.rows(better))
+    return stand
+
+
+@dataclass(frozen=True)
+class Slides:
+    """Slides of n joints, each towards what is near to them; changed in place.
+
+    The self-motion is curved: the length of a slide follows from the last one (Barzilai and Borwein
+    1988).
+    """
+
+    newton: Newton
+    near: Array  # (n, dof)
+    share: Array  # (n,), of the pull that a slide goes
+    pull: Array  # (n, dof), at the last slide
+    shift: Array  # (n, dof), the way of the last slide, zero if it was undone
+
+    @staticmethod
+    def begun(newton: Newton, near: Array) -> Slides:
+        """No slides so far."""
+        share = np.ones(len(near))
+        pull = np.zeros(near.shape)
+        shift = np.zeros(near.shape)
+        return Slides(newton, near, share, pull, shift)
+
+    def next(self, stand: Stand, rows: Index, longest: float) -> Index:
+        """Slide some rows of a stand once, and say which have not settled.
+
+        A slide that leaves the target, or on target comes no nearer, is undone.
+        """
+        newton = self.newton
+        here = stand.rows(rows)
+        near = self.near[rows]
+        wish = newton.scale.difference(near, here.u)
+        pull = newton.tangent(here, wish)
+        self._adapt_share(rows, pull)
+        going = (lengths(pull) > SEARCH.settled) | ~newton.met(here.miss)
+        going &= self.share[rows] > SEARCH.stuck
+        rows = rows[going]
+        if not len(rows):
+            return rows
+        here = here.rows(going)
+        near = near[going]
+        pull = pull[going]
+        easy = np.full(len(rows), SEARCH.easy)
+        step = newton.move(here, easy)
+        step += self.share[rows, None] * pull
+        step = capped(step, SEARCH.longest)
+        step = shortened(step, longest)
+        step = self._within_limits(here.u, step)
+        trial = newton.at(here.u + step, here.x)
+        away = newton.away(here.u, near)
+        closer = newton.away(trial.u, near) < away
+        good = closer | ~newton.met(here.miss)
+        good &= self.close_to(trial)
+        stand.put(rows[good], trial.rows(good))
+        shift = newton.scale.difference(trial.u, here.u)
+        self.pull[rows] = pull
+        self.shift[rows] = np.where(good[:, None], shift, 0.0)
+        self.share[rows[~good]] /= 4
+        return rows
+
+    def close_to(self, stand: Stand) -> Mask:
+        """Whether joints (n,) are so close to their targets that they slide."""
+        rough = SEARCH.rough * self.newton.task.size
+        return np.asarray(stand.miss <= rough)
+
+    def _adapt_share(self, rows: Index, pull: Array) -> None:
+        """Set the share of a pull (k, dof) by how it turned on the last slide."""
+        shift = self.shift[rows]
+        turned = self.pull[rows] - pull
+        along = (shift * turned).sum(axis=1)
+        square = (shift * shift).sum(axis=1)
+        bent = along > 0.0
+        share = square / np.where(bent, along, np.inf)
+        share = np.where(bent, share, 1.5)
+        share = np.clip(share, 0.1, 3.0)
+        moved = square > 0.0
+        self.share[rows[moved]] = share[moved]
+
+    def _within_limits(self, u: Array, move: Array) -> Array:
+        """Moves (n, dof) from joints (n, dof), ended where the first joint reaches its limit."""
+        room = np.where(move > 0.0, 1.0 - u, u)
+        size = np.abs(move)
+        free = self.newton.scale.periodic | (size < 1e-12)
+        # limits hold the joints beside them
+        free |= room <= SEARCH.slack
+        size = np.where(free, 1.0, size)
+        room = np.where(free, np.inf, room)
+        share = (room / size).min(axis=1)
+        return np.asarray(np.minimum(1.0, share)[:, None] * move)

@@ -1,0 +1,229 @@
+"""A fitted log: in time, without its play, and without the rows that contradict the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.approach import learn_play
+from ..body.belief import Body
+from ..common.arrays import Array, Mask
+from ..common.rows import finite_rows
+from ..common.wording import unit_of_joint
+from ..samples.delays import Delay, Trajectory, estimate_delay
+from ..samples.motion import directions
+from ..samples.repeatability import at_poses
+from ..samples.samples import Samples
+from ..samples.wrong_rows import contradictions
+from .settings import LATE_CLOCK, PLAY
+from .smooth import Fit, SmoothPart
+
+
+def fit_sound_rows(samples: Samples, fit: Fit) -> FittedLog:
+    """Fit samples; of a log without its delay and without the rows that contradict the others."""
+    fitted = FittedLog.of(samples, fit)
+    if samples.simulation is not None:
+        return fitted.without_outliers().without_play()
+    # rows that came from the other side of a joint with play contradict the others, too; but a lag
+    # looks like play
+    if fitted.wrong.any() and Trajectory.of(samples) is None:
+        fitted = fitted.without_play()
+    fitted = fitted.without_wrong_rows().in_time().without_play()
+    if fitted.wrong.any():
+        fitted = fitted.without_wrong_rows().without_play()
+    return fitted
+
+
+@dataclass(frozen=True, eq=False)
+class FittedLog:
+    """A log with the body that is fitted to it; each method returns it with a new fit."""
+
+    samples: Samples
+    fit: Fit
+    part: SmoothPart  # of these samples
+    play: Array  # (dof,), half the play of each joint that the samples are freed of
+    notes: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(samples: Samples, fit: Fit) -> FittedLog:
+        """The log as it is."""
+        return FittedLog(samples, fit, fit(samples), np.zeros(samples.dof))
+
+    @property
+    def wrong(self) -> Mask:
+        """Which rows (n,) contradict the others."""
+        return ~self._contradictions()[0]
+
+    def _contradictions(self) -> tuple[Mask, list[str]]:
+        """Which rows (n,) are sound beside the fit, and notes on the others."""
+        predicted = self.part.fit.body.predict(self.samples.q)
+        return contradictions(self.samples, self.samples.x - predicted)
+
+    def without_wrong_rows(self) -> FittedLog:
+        """The log without the rows that contradict the others."""
+        sound, notes = self._contradictions()
+        if sound.all():
+            return self
+        samples = self.samples.take(sound)
+        return replace(
+            self,
+            samples=samples,
+            part=self.fit(samples),
+            notes=(*self.notes, *notes),
+        )
+
+    def without_outliers(self) -> FittedLog:
+        """A simulation without its sensor's outliers.
+
+        The fit of a simulation believes every row: it finds a few outliers more each time.
+        """
+        fitted = self
+        simulation = self.samples.simulation
+        if simulation is not None and simulation.has_outliers:
+            while fitted.wrong.any():
+                fitted = fitted.without_wrong_rows()
+        return fitted
+
+    def in_time(self) -> FittedLog:
+        """The log with its clocks together, where a delay is clear."""
+        samples, notes = in_time(self.samples, self.part.fit.body, fresh=True)
+        if samples is self.samples:
+            return self
+        # curves that have not followed the delay
+        part = self.fit(samples)
+        return replace(
+            self, samples=samples, part=part, notes=(*self.notes, *notes)
+        )
+
+    def without_play(self) -> FittedLog:
+        """The log without the play that its order shows."""
+        fitted = self
+        # curves and frame have taken a part of it before
+        for _ in range(PLAY.rounds):
+            more = _play_of(at_poses(fitted.samples), fitted.part)
+            if more is None:
+                break
+            samples = without_play(fitted.samples, more)
+            fitted = replace(
+                fitted,
+                samples=samples,
+                part=self.fit(samples),
+                play=fitted.play + more,
+            )
+        return fitted
+
+
+def _play_of(samples: Samples, part: SmoothPart) -> Array | None:
+    """Half the play of each joint (dof,) [rad or m], None where the rows' order shows none."""
+    simulation = samples.simulation
+    exact = simulation is not None and not simulation.hidden
+    if len(part.rows) < PLAY.fewest or exact or samples.side is None:
+        return None
+    rows = part.rows[:: -(-len(part.rows) // PLAY.most)]
+    scale = part.smooth.scale
+    u = scale.to_unit(samples.q[rows])
+    value, slope = part.smooth.value_and_slope(u)
+    # a joint near a limit mostly came from one side: its curve has taken that part already
+    surprise = samples.side[rows].copy()
+    for k, values in enumerate(np.clip(u, 0.0, 1.0).T):
+        powers = np.polynomial.chebyshev.chebvander(
+            2.0 * values - 1.0, PLAY.trend
+        )
+        trend = np.linalg.lstsq(powers, surprise[:, k])[0]
+        surprise[:, k] -= powers @ trend
+    return learn_play(samples.x[rows] - value, slope / scale.span, surprise)
+
+
+def without_play(samples: Samples, play: Array) -> Samples:
+    """Return the samples with the joints where they stood, rather than what they read."""
+    assert samples.side is not None  # noqa: S101 - as samples are made
+    return replace(samples, q=samples.q - play * samples.side)
+
+
+def play_words(samples: Samples, play: Array) -> str:
+    """One line about the backlash that the order of the rows shows."""
+    backlash = []
+    joints = zip(samples.joint_names, play, samples.revolute, strict=True)
+    for name, half, turns in joints:
+        factor, unit = unit_of_joint(turns, True)
+        if half > 0.0:
+            backlash.append(f"{name} {2 * factor * half:.3g} {unit}")
+    return (
+        f"the direction of approach counts, backlash of {', '.join(backlash)}: give it to forward "
+        "for smaller errors, else the expected error covers both sides"
+    )
+
+
+def in_time(
+    samples: Samples, body: Body, *, fresh: bool = False
+) -> tuple[Samples, list[str]]:
+    """Bring the clocks of a log along a path together where a delay is clear.
+
+    fresh : whether the body was fitted to these rows, rather than to another log
+    Returns the samples with their joints at the times of their positions, and notes.
+    """
+    trajectory = Trajectory.of(samples)
+    if trajectory is None:
+        return samples, []
+    delay = _delay(samples, trajectory, body, fresh=fresh)
+    if delay is None or not delay.clear:
+        return samples, []
+    return trajectory.moved(samples, delay.value), [delay.note()]
+
+
+def _delay(
+    samples: Samples,
+    trajectory: Trajectory,
+    body: Body,
+    *,
+    fresh: bool,
+) -> Delay | None:
+    """Estimate a delay together with the chain and its frame.
+
+    fresh : whether the body was fitted to these rows as they are: then its curves may have followed
+        the delay along a path, and are left out
+    """
+    structure = body.structure
+    if structure.outputs != samples.x.shape[1]:
+        return None
+    members = structure.members()
+    prior = structure.prior(dict(members).get("chain", members[0][1]))
+    active = prior.active
+    beta = body.beta.copy()
+    if fresh:
+        beta[prior.sd == 0] = prior.mean[prior.sd == 0]
+    middle = len(trajectory.time) // 2
+    half = LATE_CLOCK.rows // 2
+    some = slice(max(0, middle - half), middle + half)
+    total = 0.0
+    share = 0.0
+    for _ in range(LATE_CLOCK.steps):
+        q, speed = trajectory.before(total)
+        q = q[some]
+        inside = finite_rows(q)
+        if inside.mean() < 0.5:
+            return None
+        q = q[inside]
+        seen, slope = structure.predict_and_slope(q, beta)
+        step = estimate_delay(
+            structure.residual(samples.x[some][inside], seen),
+            np.einsum("nmk,nk->nm", slope, speed[some][inside]),
+            structure.linearise(q, beta, active)[1],
+            prior.sd[active] ** -2.0,
+            (prior.mean - beta)[active],
+            # joints with play err by their direction
+            play=slope * directions(q)[:, None],
+            unit=trajectory.unit,
+        )
+        if step is None:
+            return None
+        delay, change = step
+        share = share or delay.share
+        moved = np.zeros(len(beta))
+        moved[active] = change
+        beta = structure.retract(beta, moved)
+        total += delay.value
+        if abs(delay.value) < LATE_CLOCK.settled * delay.sd:
+            break
+    return Delay(total, delay.sd, delay.unit, share)

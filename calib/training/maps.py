@@ -1,0 +1,115 @@
+"""Maps: both lattices of a log or a simulation, and the links between them: the paper's part."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..common.arrays import Array, Index
+from ..common.parallel import in_turn, side_by_side
+from ..common.scale import Scale
+from ..errors import OptionError
+from ..maps.association import Association
+from ..maps.density import kind_of
+from ..maps.links import wiring_of
+from ..maps.model_selection import misfit
+from ..maps.som import SOM
+from ..samples.samples import Samples
+from .options import LATTICE, UNFOLD, Progress, TrainingOptions
+from .settings import LEARNING
+from .smooth import SmoothPart
+
+
+def maps_of(
+    samples: Samples,
+    part: SmoothPart | None,
+    options: TrainingOptions,
+    rows: slice | Index = slice(None),
+    progress: Progress | None = None,
+) -> Association:
+    """Maps and links of some rows of the samples, and of what the body of `part` imagines."""
+    scale = samples.unit_box
+    u = scale.to_unit(samples.q[rows])
+    x = samples.x[rows]
+    if part is None:
+        return associate(scale, u, x, options, None, progress)
+    # a log may leave parts of the joints' range out, a simulation only has too few samples
+    nodes = math.prod(options.shapes[0])
+    if samples.simulation is None or len(samples) < nodes:
+        every = -(-len(u) // LEARNING.most_rows)
+        rng = np.random.default_rng(options.stream("imagined"))
+        drawn = rng.random((LEARNING.imagined * nodes, u.shape[1]))
+        u = np.concatenate([u[::every], drawn])
+        x = np.concatenate([x[::every], part.smooth.value(drawn)])
+    wrong = wrong_around(part, samples, u)
+    return associate(scale, u, x, options, wrong, progress)
+
+
+def wrong_around(part: SmoothPart, samples: Samples, u: Array) -> Array | None:
+    """How wrong (k,) the body is around points `u` (k, dof) of the unit box, None within noise."""
+    scale = part.smooth.scale
+    learned = scale.to_unit(samples.q[part.rows])
+    extent = part.extent(samples)
+    return misfit(scale, learned, part.fit.held_out, extent, u)
+
+
+def associate(
+    scale: Scale,
+    u: Array,
+    x: Array,
+    options: TrainingOptions,
+    residual: Array | None = None,
+    progress: Progress | None = None,
+) -> Association:
+    """Learn both maps and the links between them: the paper's part.
+
+    u, x : (n, dof), (n, m), joints in the unit box of `scale` and positions
+    residual : (n,), how wrong the smooth part is around each sample; the default varying density
+        puts nodes there
+    """
+    box = Scale.of_data(x)
+    v = box.to_unit(x)
+    shapes = options.shapes
+    network = options.map or LATTICE
+    in_order = kind_of(network) == "som"
+    motor_som, sensory_som = (
+        SOM(
+            shape,
+            network,
+            options.rule,
+            options.epochs,
+            options.sigma,
+            options.stream(name),
+        )
+        for shape, name in zip(shapes, ("motor", "sensory"), strict=True)
+    )
+
+    def report(done: float, error: float) -> None:
+        if progress is not None:
+            progress(done, "maps", error)
+
+    if options.rule == "online" and in_order:
+        # The links that eq. 5 has made on the way lag behind the maps (30x30 nodes, five passes of
+        # 20,000 samples: `activity` 9.2 mm); kept are those at which it comes to rest (2.9 mm).
+        pair = motor_som.online_pair((u, v), (scale, box), shapes, report)
+        motor = pair.motor
+        sensory = pair.sensory
+    else:
+        # steps of a few samples hold the interpreter's lock: two threads would fight for it
+        run = side_by_side if in_order else in_turn
+        motor, sensory = run(
+            lambda: motor_som.fit(
+                scale.from_unit(u), scale=scale, residual=residual
+            ),
+            lambda: sensory_som.fit(
+                x, scale=box, residual=residual, progress=report
+            ),
+        )
+    for name, som in (("motor", motor), ("sensory", sensory)):
+        if not som.spacing > LEARNING.collapsed:
+            raise OptionError(
+                f"the {name} map did not unfold: its nodes collapsed",
+                hint=UNFOLD,
+            )
+    return Association.learn(motor, u, sensory, v, wiring_of(options.links))
