@@ -153,6 +153,7 @@ def _trained(explanation: Explanation, log: Log) -> _Belief:
     """
     reference = explanation.reference
     structure = reference.structure
+    assert isinstance(structure, PlanarStructure)  # noqa: S101 - such rows are trainable
     old = reference.body.beta
     groups = structure.groups
     drawing = PlanarDrawing(
