@@ -137,7 +137,7 @@ def accuracy(
         answered = within.get("answered", 1.0)
         if answered > 0.0:
             line += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
-        if answered < 1.0:
+        if 0.0 < answered < 1.0:
             line += f" of the {100 * answered:.0f} % that have an answer"
     line += f", on {rows}"
     if left_out:

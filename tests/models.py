@@ -90,6 +90,12 @@ def log(n: int, noise: float = 0.0, seed: int = 0) -> calib.Samples:
     return log_of(arm, s.q, s.x)
 
 
+def bare(robot, n: int, seed: int, *changes: str, noise: float = 2e-4) -> calib.Samples:
+    """Return rows of a robot, or of an arm by its name, that no simulation is known of."""
+    arm = calib.load_arm(robot) if isinstance(robot, str) else robot
+    return replace(calib.babble(arm, n, seed=seed, noise=noise, changes=changes), simulation=None)
+
+
 def of_a_third(n: int, waves: float, seed: int = 0):
     """Return rows of six joints within a third of their ranges, without a drawing; truth, others.
 

@@ -3,8 +3,8 @@
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager
-from typing import Any, TypeVar
+from contextlib import ExitStack, contextmanager
+from typing import TypeVar
 
 _S = TypeVar("_S")
 _T = TypeVar("_T")
@@ -38,7 +38,7 @@ def side_by_side(
 
 
 _lock = threading.Lock()
-_limits: list[Any] = []  # the one limit of this process, while it holds
+_limits: list[ExitStack] = []  # the one limit of this process, while it holds
 
 
 @contextmanager
@@ -54,13 +54,15 @@ def one_blas_thread() -> Iterator[None]:
             import scipy.linalg  # noqa: F401 - brings a BLAS of its own, to be found as well
             from threadpoolctl import threadpool_limits
 
-            _limits.append(threadpool_limits(1, user_api="blas"))
+            limit = ExitStack()
+            limit.enter_context(threadpool_limits(1, user_api="blas"))
+            _limits.append(limit)
     try:
         yield
     finally:
         if first:
             with _lock:
-                _limits.pop().restore_original_limits()
+                _limits.pop().close()
 
 
 def in_turn(first: Callable[[], _S], second: Callable[[], _T]) -> tuple[_S, _T]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arm.rotations import logarithm, matrix_of, nearest_rotation, similarity
 from ..common.arrays import Array, Mask
-from ..common.robust import solve_least_squares
+from ..common.least_squares import solve_least_squares
 from ..common.rows import finite_rows, median_length, row_lengths, thinned
 from ..common.scale import METRES
 from ..common.wording import listed

@@ -73,13 +73,13 @@ def correct(
     size = np.abs(result.change[result.reachable])
     if len(size):
         units = query.model.about.units_of_joints
-        for name, unit, column, bound in zip(
+        for name, kind, column, bound in zip(
             joints.names, units, size.T, result.limit.tolist(), strict=True
         ):
             mean = float(column.mean())
             largest = float(column.max())
             change[name] = {"mean": mean, "max": largest, "limit": bound}
-            words = f"{sized(mean, unit)} (largest {sized(largest, unit)})"
+            words = f"{sized(mean, kind)} (largest {sized(largest, kind)})"
             sizes.append(f"{name} {words}")
     lines = [f"mean change: {', '.join(sizes)}"] if sizes else []
     refused = result.exceeded.any() and not np.isfinite(result.q).any()

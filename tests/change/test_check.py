@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from drifting import arm, log, model
-from models import trained
+from models import bare, trained
 
 import calib
 from calib import OptionError
@@ -81,12 +81,6 @@ def test_a_log_that_nothing_explains(spoil):
     assert ("12 rows" in drift.explanations[0]) == (spoil == "lag")
     assert found.model is model(1e-3)
     assert any("nothing explains the log" in note for note in found.notes)
-
-
-def bare(robot, n, seed, *changes, noise=NOISE):
-    """A log that no simulation is known of."""
-    rows = calib.babble(calib.load_arm(robot), n, noise=noise, seed=seed, changes=changes)
-    return replace(rows, simulation=None)
 
 
 @cache
@@ -184,7 +178,7 @@ def test_a_change_beyond_the_errors_of_maps_is_drift_and_learned_from_a_stream_o
     assert drift.drifted
     assert not drift.adapts
     assert found.model is maps_alone()
-    assert any("method 'online'" in note for note in found.notes)
+    assert any("method=online" in note for note in found.notes)
 
 
 TOOL = "tip.offset=0.05,0"

@@ -23,12 +23,6 @@ def log_of(seed, n=150, turn=FRAME, shift=(1.0, 0.5, 0.2)):
     return models.log_of(ARM, q, x, unit="m")
 
 
-def bare(arm, n, seed, *changes, noise=1e-4):
-    """A log that no simulation is known of."""
-    rows = calib.babble(arm, n, seed=seed, noise=noise, changes=list(changes))
-    return replace(rows, simulation=None)
-
-
 def errors(model, rows):
     """Mean distance [m] from exact rows, and the share of them within the model's bound."""
     error = np.linalg.norm(model.forward(rows.q) - rows.x, axis=1)
@@ -39,8 +33,8 @@ def errors(model, rows):
 def test_what_ten_rows_left_open_is_no_change(seed):
     """Links 2 % longer than drawn, held as drawn by ten rows, were told as changed ever after."""
     changes = ["shoulder_lift.length=+2%", "elbow.length=-2%", "elbow.offset=0.01"]
-    model = calib.train(bare(ARM, 10, seed, *changes), size=6)
-    error, covered = errors(model, bare(ARM, 30, 9, *changes, noise=0.0))
+    model = calib.train(models.bare(ARM, 10, seed, *changes, noise=1e-4), size=6)
+    error, covered = errors(model, models.bare(ARM, 30, 9, *changes, noise=0.0))
     assert error < 5e-4
     assert covered > 0.93
     assert not calib.check(
@@ -124,14 +118,14 @@ def test_a_tracker_before_a_simulated_arm_moves_neither_its_commands_nor_its_dra
 @pytest.fixture(scope="module")
 def sparse():
     """A model of fifteen rows of a six-joint arm."""
-    return calib.train(bare(SIX, 15, 0), size=6)
+    return calib.train(models.bare(SIX, 15, 0, noise=1e-4), size=6)
 
 
 def test_fifteen_rows_mend_the_placement_of_one_joint(sparse):
     """All placements cost more than fifteen rows tell: they stayed 11.6 mm off."""
     changes = ["elbow.length=+3%", "wrist_1.length=-2%"]
     made = calib.adapt(sparse, calib.babble(SIX, 15, seed=9, noise=1e-4, changes=changes))
-    error, covered = errors(made.model, bare(SIX, 200, 9, *changes, noise=0.0))
+    error, covered = errors(made.model, models.bare(SIX, 200, 9, *changes, noise=0.0))
     assert error < 5e-4
     assert covered > 0.93
 
@@ -141,16 +135,16 @@ def test_what_nothing_mends_widens_the_bound_of_six_joints_too(sparse):
     changes = [f"{joint}.length=+{2 + k}%" for k, joint in enumerate(SIX.joint_names[1:])]
     made = calib.adapt(sparse, calib.babble(SIX, 12, seed=9, changes=changes))
     assert not made.improved
-    assert errors(made.model, bare(SIX, 200, 9, *changes, noise=0.0))[1] > 0.93
+    assert errors(made.model, models.bare(SIX, 200, 9, *changes, noise=0.0))[1] > 0.93
 
 
 def test_the_model_that_is_written_is_the_one_that_is_praised(tmp_path):
     """Of an arm without a drawing origins are held by wide priors: a linear step leads far off."""
     change = f"{SIX.joint_names[2]}.offset=0.0174533"
-    model = calib.train(replace(bare(SIX, 400, 20), arm=None), size=6)
-    found = calib.adapt(model, replace(bare(SIX, 60, 60, change), arm=None))
+    model = calib.train(replace(models.bare(SIX, 400, 20, noise=1e-4), arm=None), size=6)
+    found = calib.adapt(model, replace(models.bare(SIX, 60, 60, change, noise=1e-4), arm=None))
     found.model.save(tmp_path / "after.calib")
-    fresh = bare(SIX, 300, 5, change, noise=0.0)
+    fresh = models.bare(SIX, 300, 5, change, noise=0.0)
     error, _ = errors(calib.load(tmp_path / "after.calib"), fresh)
     assert found.improved
     assert error < 2 * found.after["mean"]  # before .17 mm was told and 12.7 mm written

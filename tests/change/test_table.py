@@ -1,10 +1,11 @@
 """What changed, what is named, in the plane and in space, through Python and the command line."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 import pytest
+from models import bare
 
 import calib
 
@@ -17,14 +18,12 @@ LINKS = {"length:elbow", "placement:wrist_1"}  # of arms in the plane, and in sp
 def world(robot):
     """An arm, and a model of 400 rows of it that no simulation is known of."""
     arm = calib.load_arm(robot)
-    rows = calib.babble(arm, 400, noise=NOISE, seed=7)
-    return arm, calib.train(replace(rows, simulation=None), size=6)
+    return arm, calib.train(bare(arm, 400, 7), size=6)
 
 
 def log_of(robot, changes, n, noise=NOISE, seed=11):
-    arm = world(robot)[0]
-    rows = calib.babble(arm, n, noise=noise, seed=seed, changes=list(changes))
-    return replace(rows, simulation=None), calib.Simulation(arm, changes=tuple(changes))
+    rows = bare(robot, n, seed, *changes, noise=noise)
+    return rows, calib.Simulation(world(robot)[0], changes=tuple(changes))
 
 
 @dataclass(frozen=True)

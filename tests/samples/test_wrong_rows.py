@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from models import bare
 
 import calib
 from calib.samples.tables import write_table
@@ -13,11 +14,6 @@ def screen(log):
     """How many rows training leaves out, and what it says of them."""
     about = calib.train(log, size=4).about
     return about.left_out, [note for note in about.notes if "left out" in note]
-
-
-def log_of(robot, n, noise=1e-3, seed=1):
-    """Simulated rows as if they had been measured."""
-    return replace(calib.babble(calib.load_arm(robot), n, seed=seed, noise=noise), simulation=None)
 
 
 def spoiled(log, share, size=0.05, seed=7):
@@ -34,13 +30,13 @@ def spoiled(log, share, size=0.05, seed=7):
 @pytest.mark.parametrize("n", [20, 140, 400])
 def test_clean_logs_lose_no_row(robot, noise, n):
     for seed in (1, 2):
-        assert screen(log_of(robot, n, noise, seed)) == (0, [])
+        assert screen(bare(robot, n, seed, noise=noise)) == (0, [])
 
 
 @pytest.mark.parametrize("n", [300, 2000])
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.15])
 def test_rows_wrong_by_centimetres_are_found_and_no_others(n, share):
-    log, wrong = spoiled(log_of("two_link", n), share)
+    log, wrong = spoiled(bare("two_link", n, 1, noise=1e-3), share)
     count, notes = screen(log)
     assert count == wrong.sum()
     assert f"{wrong.sum():,} of {n:,} rows" in notes[0]
@@ -50,7 +46,7 @@ def test_rows_wrong_by_centimetres_are_found_and_no_others(n, share):
 
 def test_a_patch_that_bends_away_is_no_outlier():
     """No smooth function of few terms follows a bump, but neighbours share it."""
-    log = log_of("two_link", 3000)
+    log = bare("two_link", 3000, 1, noise=1e-3)
     u = (log.q - log.lower) / (log.upper - log.lower)
     bump = 0.05 * np.exp(-0.5 * np.sum((u - 0.5) ** 2, axis=1) / 0.05**2)
     assert screen(replace(log, x=log.x + bump[:, None]))[0] <= 3
@@ -58,7 +54,7 @@ def test_a_patch_that_bends_away_is_no_outlier():
 
 def test_a_row_far_from_all_others_is_no_outlier():
     """What a fit to the other rows says there is a guess."""
-    log = log_of("two_link", 1000)
+    log = bare("two_link", 1000, 1, noise=1e-3)
     near = (log.q < np.quantile(log.q, 0.5, axis=0)).all(axis=1)
     alone = int(np.argmax(log.q.sum(axis=1)))
     rows = np.append(np.flatnonzero(near), alone)
