@@ -22,7 +22,7 @@ import numpy as np
 
 import calib
 from calib.arm.rotations import logarithm
-from calib.body.sensor_pose import held_of
+from calib.body.sensor_pose import hand_pose
 from calib.recording.board import parse_board
 from calib.recording.board_pictures import BoardPictures, held_poses
 from calib.recording.lens import Lens
@@ -66,7 +66,7 @@ def one(in_hand: bool, known: bool, worlds: int, more: dict) -> None:
         lens = rig.glass if known else None
         answer = calib.handeye(rig.arm, shots, eye=rig.eye, lens=lens)
         seconds = process_time() - began
-        found, true = held_of(answer.body), held_of(replace(answer.body, beta=rig.beta))
+        found, true = hand_pose(answer.body), hand_pose(replace(answer.body, beta=rig.beta))
         # the drawn tip's frame, with whatever the last joint is off by
         p, _ = rig.hand(rig.beta)
         off = found.position - true.position

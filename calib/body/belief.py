@@ -12,7 +12,7 @@ from ..common.arrays import TRIANGLE, Array, Shape
 from .covariance import radius_95, spread_of
 from .parameters import Gaussian, Indices
 from .sensor_pose import SensorPose
-from .settings import SHARED, UNTOLD
+from .settings import PRIOR_SHARE, SHARED
 from .structure import OfStructure, Structure
 from .views import is_camera
 
@@ -167,7 +167,7 @@ class Body(OfStructure):
         sd = self.deviations
         groups = self.structure.groups
         last = groups["offset"][-1]
-        vague = UNTOLD * self.scales.get("offset", np.inf)
+        vague = PRIOR_SHARE * self.scales.get("offset", np.inf)
         tool_is_free = sd[groups.get("tool", [])].any()
         if tool_is_free and self.structure.revolute[-1] and sd[last] >= vague:
             sd[last] = np.pi / 1.96

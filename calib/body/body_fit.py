@@ -20,7 +20,13 @@ from .gate import Member, leave_blocks_out, pass_gate
 from .layout import with_all_sensors
 from .parameters import Hyper, Prior
 from .rows import Rows
-from .settings import FIT, LOG_FLOOR, SIMULATED_FLOOR, STUDENT
+from .settings import (
+    FIT,
+    LOG_FLOOR,
+    POSE_FLOOR,
+    SIMULATED_FLOOR,
+    STUDENT,
+)
 from .start import Start
 from .starts import best_start, with_other_sensors
 from .structure import Structure
@@ -144,10 +150,13 @@ def _fit(
 
 def _least_noise(structure: Structure, rows: Rows) -> Array:
     """Return the least noise (m,) [unit, rad] that rows are taken to have."""
-    share = SIMULATED_FLOOR if structure.simulated else LOG_FLOOR
+    outputs = rows.z.shape[1]
+    share = LOG_FLOOR if outputs <= 3 else POSE_FLOOR
+    if structure.simulated:
+        share = SIMULATED_FLOOR
     extent = structure.as_seen_by(rows.sensor).extent
     sizes = np.array([extent, extent, extent, 1.0, 1.0, 1.0])
-    return share * sizes[: rows.z.shape[1]]
+    return share * sizes[:outputs]
 
 
 def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:

@@ -14,9 +14,6 @@ _STILL = 1e-6
 _LITTLE = float(np.radians(1.0))
 """A motion of joints through less [rad, or spans of a slide] hardly tells anything of them."""
 
-_PART = 0.03
-"""Least part in such a motion, of one, of a joint that is named."""
-
 
 def warnings_of(
     q: Array,
@@ -63,10 +60,14 @@ def _of_small_motions(
             yield f"{name} moves through {100 * moved / most:.2g} % of its range only"
 
 
-def _tied_joints(q: Array, turning: Mask) -> tuple[Mask, int]:
+def _tied_joints(
+    q: Array, turning: Mask, least_part: float = 0.03
+) -> tuple[Mask, int]:
     """Return which joints (dof,) a linear relation ties, and in how many directions they move.
 
     Joints that hardly move by themselves are none of these.
+
+    least_part : in such a relation, of one, of a joint that counts
     """
     span = np.ptp(q, axis=0)
     moving = np.flatnonzero(span >= np.where(turning, _LITTLE, _STILL))
@@ -77,5 +78,5 @@ def _tied_joints(q: Array, turning: Mask) -> tuple[Mask, int]:
     # of a motion that is spread evenly over so much
     little = variance < _LITTLE**2 / 12
     part = np.abs(axes[:, little]).max(axis=1, initial=0.0)
-    tied[moving] = part > _PART
+    tied[moving] = part > least_part
     return tied, int(tied.sum() - little.sum())

@@ -2,7 +2,7 @@
 
 No reading of a sensor that stands anywhere tells the base's turn about the first joint's axis nor
 its shift along it, a camera's not even the arm's size: of this gauge the prior alone speaks, so
-that what is known is also told without it.
+that intervals are also given without it.
 """
 
 from __future__ import annotations
@@ -42,8 +42,9 @@ class SensorPose:
     # (3,) [m, rad], along and about the base's axes
     position_sd: Array
     turn_sd: Array
-    told_sd: Array  # (3,) [m], of the position but for what no reading tells, see `without_gauge`
-    told_turn_sd: Array  # (3,) [rad], the same of its turn
+    # (3,) [m, rad], the same but for what no reading tells, see `without_gauge`
+    position_sd_up_to_gauge: Array
+    turn_sd_up_to_gauge: Array
     first: str | None  # the joint whose offset is zero by convention
 
     @staticmethod
@@ -123,7 +124,9 @@ class SensorPose:
             ).tolist(),
             "quaternion": self.quaternion.tolist(),
             "turn_95": (1.96 * self.turn_sd).tolist(),
-            "position_95_up_to_gauge": (1.96 * self.told_sd).tolist(),
+            "position_95_up_to_gauge": (
+                1.96 * self.position_sd_up_to_gauge
+            ).tolist(),
             "convention": about if self.first else None,
         }
 
@@ -148,12 +151,12 @@ class SensorPose:
         return lines
 
 
-def held_of(body: OfStructure) -> SensorPose:
-    """Return what is in the hand, in the tip's frame, as a belief of its poses knows it.
+def hand_pose(body: OfStructure) -> SensorPose:
+    """Return where what is in the hand stands in the tip's frame, by a belief of its poses.
 
     The last joint counts as its encoder says: what is in the hand turned about that joint's axis,
-    and the joint's offset the other way, give the same pictures; so does a shift along it.  What
-    is told leaves that out; the other intervals are those of a joint with an offset of its own.
+    and the joint's offset the other way, give the same pictures; so does a shift along it.  The
+    intervals up to gauge leave that out; the others are those of a joint with its own offset.
     """
     structure = body.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - poses are in space

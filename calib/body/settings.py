@@ -24,9 +24,13 @@ STUDENT = 6.0
 """Degrees of freedom of a log's noise: a few rows may be grossly wrong."""
 
 LOG_FLOOR = 1e-5
+POSE_FLOOR = 1e-4
+"""Least noise of a log of positions and of poses [extents, rad]: laser trackers read a reflector
+to 10 um in a metre, while cameras and probes that tell turns, too, are ten times coarser.  With
+1e-4 bounds were five times too wide for a tracker of 10 um."""
+
 SIMULATED_FLOOR = 1e-7
-"""Least noise [extents]: laser trackers read to 10 um in a metre, and rounding of exact samples.
-With 1e-4 bounds were five times too wide for a tracker of 10 um, and errors larger by a third."""
+"""Least noise of exact samples [extents, rad]: their rounding."""
 
 NATS = 3.0
 """Gain of evidence that decides for a richer member where its held-out score agrees."""
@@ -35,9 +39,9 @@ SHARED = 1.25
 """Factor on the parameters' spread within a bound: an error of a length is shared by the whole
 workspace.  With it 95 % of the places are covered in 19 of 20 logs, else on average over logs."""
 
-UNTOLD = 0.95
-"""Share of the prior's sd from which the rows tell nothing of the last joint's offset: with a tool
-that was turned by 12 deg it was said to be 0 within .2 deg where .757 deg was true."""
+PRIOR_SHARE = 0.95
+"""Share of the prior's sd that the last joint's offset keeps where rows tell nothing of it: with a
+tool that was turned by 12 deg it was given as 0 within .2 deg where .757 deg was true."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,7 @@ class PriorSettings:
 
 @dataclass(frozen=True)
 class StartSettings:
-    """Where a fit begins (`starts.py`)."""
+    """Where a fit begins."""
 
     # [nats], that no evidence tells apart
     tied: float = 1e-2

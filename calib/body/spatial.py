@@ -35,7 +35,7 @@ class SpatialStructure(Structure):
     wide = (200.0, 1e-3)
     # they tell how large its curves are altogether, if not where
     few_rows = FIT.shared_rows
-    # the nominal chain [m]: of a URDF, or what `spatial_starts` found without one
+    # the nominal chain [m]: of a URDF, or what `chain_starts` found without one
     chain: SpatialChain
     # active joints (dof), and all joints of the chain (m) with mimic joints
     joint_names: tuple[str, ...]

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arm.rotations import cross_matrix, quaternion_of
 from ..body.belief import Body
-from ..body.sensor_pose import SensorPose, held_of
+from ..body.sensor_pose import SensorPose, hand_pose
 from ..common.arrays import Array, Index, Mask
 from ..samples.samples import Samples
 from .agreement import agreed, held_out
@@ -120,7 +120,7 @@ class Solved:
         """What is in the hand and what stands still, of a camera in joints' terms if there are."""
         body = self.body(camera)
         if body is not None:
-            return self._gauged(held_of(body)), self._gauged(
+            return self._gauged(hand_pose(body)), self._gauged(
                 SensorPose.of(body)
             )
         carried, standing = self.frames(camera)
@@ -172,8 +172,8 @@ class Solved:
             place.quaternion,
             place.position_sd,
             place.turn_sd,
-            place.told_sd,
-            place.told_turn_sd,
+            place.position_sd_up_to_gauge,
+            place.turn_sd_up_to_gauge,
         )
 
     def _document(

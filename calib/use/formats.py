@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..arm.description import parse_robot
-from ..body.sensor_pose import SensorPose, held_of
+from ..body.sensor_pose import SensorPose, hand_pose
 from ..body.views import is_camera
 from ..common.parallel import one_blas_thread
 from ..common.wording import one_line
@@ -138,7 +138,7 @@ def static_transform(model: Model) -> str:
         )
     root = parse_robot(about.urdf, about.robot).root
     if made := about.options.get("board"):
-        mount = held_of(body)  # of the point that the log tells
+        mount = hand_pose(body)  # of the point that the log tells
         hand = replace(
             mount, position=mount.position - mount.rotation @ made["point"]
         )

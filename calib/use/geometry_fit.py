@@ -20,7 +20,7 @@ from ..body.frame_starts import drawn_frame
 from ..body.normal import Factor, with_prior
 from ..body.parameters import Hyper, Indices, Prior
 from ..body.rows import Rows
-from ..body.settings import FREE, PRIOR, SHIFT, STUDENT, UNTOLD
+from ..body.settings import FREE, PRIOR, PRIOR_SHARE, SHIFT, STUDENT
 from ..body.spatial import SpatialStructure, structure_of
 from ..common.arrays import Array
 from ..common.scale import METRES
@@ -192,7 +192,9 @@ def fit_in_space(
     metre = 1.0 if structure.camera else structure.metre
     covariance = _covariance(fit)
     last = groups["offset"][-1]
-    untold = np.sqrt(covariance[last, last]) >= UNTOLD * fit.scales["offset"]
+    untold = (
+        np.sqrt(covariance[last, last]) >= PRIOR_SHARE * fit.scales["offset"]
+    )
     if freedom.probe and arm.revolute[-1] and untold:
         # nothing tells the last joint's offset apart from the probe's place
         covariance[last] = covariance[:, last] = 0.0

@@ -16,7 +16,7 @@ from test_lerobot import REST, write_dataset
 import calib
 from calib import LogError, handeye
 from calib.arm.rotations import exponential, logarithm, matrix_of
-from calib.body.sensor_pose import held_of
+from calib.body.sensor_pose import hand_pose
 from calib.recording.board_pictures import find_board
 from calib.recording.joint_table import JointTable
 
@@ -188,10 +188,10 @@ def test_arms_of_few_joints_are_known_as_well_as_they_turn(count, most):
 def test_the_hand_is_told_as_the_last_encoder_says(in_hand):
     rig = Rig(in_hand, seed=4, pictures=16, last=True, off=2.0)
     body = rig.solve().body
-    found, true = held_of(body), held_of(replace(body, beta=rig.beta))
+    found, true = hand_pose(body), hand_pose(replace(body, beta=rig.beta))
     turned = logarithm((found.rotation @ true.rotation.T)[None])[0]
-    assert (abs(found.position - true.position) < 4 * found.told_sd).all()
-    assert (abs(turned) < 4 * found.told_turn_sd).all()
+    assert (abs(found.position - true.position) < 4 * found.position_sd_up_to_gauge).all()
+    assert (abs(turned) < 4 * found.turn_sd_up_to_gauge).all()
     assert np.linalg.norm(turned) < np.radians(0.05)
     # of the true last link it is as far turned as its encoder is off, which the interval says
     away = logarithm((rig.hand(rig.beta)[1] @ true.rotation.T)[None])[0]
