@@ -30,6 +30,9 @@ _NEAR = 0.1
 _CORNER = 0.5  # share of a joint's range below which it is said how little was covered
 # joints all over the learned range at which predictions are compared
 _PROBES = 120
+# spread of rows across, over that of the learned range, from which they are not along a line: the
+# joints of series C hang together, .29
+_LINE = 0.2
 _MOST = 1000  # rows that distortions are measured on
 
 
@@ -74,6 +77,20 @@ class LogRows(OfRows):
     def u(self) -> Array:
         """Joints (n, dof) in the unit box."""
         return self.model.motor.scale.to_unit(self.q)
+
+    @property
+    def widths(self) -> Array:
+        """Share (dof,) of each joint's learned range that the rows cover."""
+        return np.asarray(np.ptp(self.u, axis=0))
+
+    @property
+    def widespread(self) -> bool:
+        """Whether every joint moves over half of its learned range, and not along a line."""
+        # rows of uniform joints have a variance of 1 / 12 in every direction
+        spread = np.atleast_2d(np.cov(self.u.T))
+        across = float(np.linalg.eigvalsh(spread)[0])
+        wide = bool((self.widths > _CORNER).all())
+        return wide and across > _LINE**2 / 12.0
 
     @property
     def missed(self) -> Array:
@@ -186,9 +203,8 @@ def _misreadings(rows: LogRows) -> list[str]:
         pose = model.pose if knows_orientation(model.body) else None
         findings = diagnose(log, model.forward, pose)
         notes = refuse_mistakes([f for f in findings if f.kind in _MISREAD])
-    widths = np.ptp(model.motor.scale.to_unit(log.q), axis=0)
     names = model.about.joint_names
-    for name, width in zip(names, widths.tolist(), strict=True):
+    for name, width in zip(names, rows.widths.tolist(), strict=True):
         if width < _CORNER:
             notes.append(
                 f"the log covers {100 * width:.0f} % of the learned range of {name}: the result "

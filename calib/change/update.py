@@ -6,18 +6,24 @@ residual of this log alone is a part of the fit; its size stays in the new bound
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..body.belief import Body, Second
+from ..body.body_fit import fit
 from ..body.covariance import root_of
+from ..body.drawing import PlanarDrawing
 from ..body.normal import Factor
 from ..body.parameters import Indices
-from ..body.settings import STUDENT
+from ..body.planar import PlanarStructure
+from ..body.rows import Rows
+from ..body.settings import NATS, STUDENT
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import row_lengths, thinned
 from .evidence import Evidence
 from .explain import Explanation, least_residual
 from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE
@@ -59,24 +65,36 @@ class Update:
     @property
     def after(self) -> Array:
         """Their distances from the updated belief (k,) [unit]."""
-        return np.asarray(np.linalg.norm(self.residual, axis=1))
+        return row_lengths(self.residual)
+
+
+class _Belief(NamedTuple):
+    """A belief after a log, with the rows that it was judged by."""
+
+    body: Body
+    rows: Indices  # (k,), of the log
+    residual: Array  # (k, m), of these rows where they were held out [unit]
 
 
 def update(evidence: Evidence) -> Update:
     """Update a belief by the rows of a log."""
     changed = evidence.score > 1.0
     explanation = _to_update_by(evidence)
-    body, residual = _updated(explanation, evidence.data.some(UPDATING.rows))
     rows = thinned(len(evidence.rows), UPDATING.rows)
-    before = evidence.rows.missed[rows]
-    gain = before - np.linalg.norm(residual, axis=1)
-    gains = np.array(
-        [block.mean() for block in np.array_split(gain, UPDATING.blocks)]
-    )
-    chance = SURE * float(gains.std(ddof=1)) / np.sqrt(UPDATING.blocks)
+    body, residual = _updated(explanation, evidence.data.some(UPDATING.rows))
+    if evidence.attributed:
+        body = _as_uncertain(body, explanation, evidence.explanations)
+    belief = _Belief(body, rows, residual)
+    if changed and _is_trainable(evidence, explanation):
+        trained = _trained(explanation, evidence.data)
+        better = row_lengths(residual) - row_lengths(trained.residual[rows])
+        if better.mean() > 0.0:
+            belief = trained
+    before = evidence.rows.missed[belief.rows]
+    gain = before - row_lengths(belief.residual)
     share = CHANGED if changed else REFINED
-    needed = max(chance, (1.0 - share) * float(before.mean()))
-    improved = evidence.explained and float(gains.mean()) > needed
+    needed = max(_chance(gain), (1.0 - share) * float(before.mean()))
+    improved = evidence.explained and float(gain.mean()) > needed
     if not changed:
         # rows of an arm that did not change made a model of half of series A worse by 1.15
         improved = (
@@ -86,11 +104,70 @@ def update(evidence: Evidence) -> Update:
         )
     if evidence.tool.score > 1.0:
         if not improved:  # the tool alone
-            body = evidence.prior
-            residual = (evidence.rows.x - evidence.rows.predicted)[rows]
-        body = evidence.tool_beside(body.beta).of(body)
+            measured = evidence.rows.x - evidence.rows.predicted
+            belief = _Belief(evidence.prior, rows, measured[rows])
+            before = evidence.rows.missed[rows]
+        body = evidence.tool_beside(belief.body.beta).of(belief.body)
+        belief = belief._replace(body=body)
         improved = True
-    return Update(body, explanation, rows, before, residual, bool(improved))
+    return Update(
+        belief.body,
+        explanation,
+        belief.rows,
+        before,
+        belief.residual,
+        bool(improved),
+    )
+
+
+def _chance(gain: Array) -> float:
+    """What the mean of gains (k,) by rows may be by chance, as contiguous blocks differ [unit]."""
+    blocks = np.array_split(gain, UPDATING.blocks)
+    means = np.array([block.mean() for block in blocks])
+    return SURE * float(means.std(ddof=1)) / math.sqrt(UPDATING.blocks)
+
+
+def _is_trainable(evidence: Evidence, explanation: Explanation) -> bool:
+    """Whether rows may be fitted as training does: in the plane, of an arm that nobody measured.
+
+    Waves of its joints say that it is no arm as drawn; along a line, or in a corner, they would be
+    taken for all else.  What is known of the change, or of all rows together, such a fit does not
+    ask.
+    """
+    return (
+        evidence.prior.simulated
+        and explanation.level.waves > CREEP
+        and evidence.rows.widespread
+        and isinstance(evidence.reference.structure, PlanarStructure)
+        and not evidence.reference.new
+        and evidence.cause is None
+        and not evidence.data.shared
+    )
+
+
+def _trained(explanation: Explanation, log: Log) -> _Belief:
+    """The belief of training: its members by held-out rows, noise and scales by evidence.
+
+    The old belief is its drawing.  A simulation tells neither how noisy the sensor is nor how
+    large the waves of the joints are.
+    """
+    reference = explanation.reference
+    structure = reference.structure
+    assert isinstance(structure, PlanarStructure)  # noqa: S101 - such rows are trainable
+    old = reference.body.beta
+    groups = structure.groups
+    drawing = PlanarDrawing(
+        lengths=tuple(old[groups["length"]].tolist()),
+        offsets=tuple(old[groups["offset"]].tolist()),
+        rotation=float(old[groups["view.rotation"]][0]),
+        shift=tuple(old[groups["view.shift"]].tolist()),
+        mirror=structure.mirror,
+        signs=structure.signs,
+    )
+    structure = structure.changed(nominal=drawing, simulated=False)
+    rows = Rows(log.q, log.z)
+    fitted = fit(structure, [rows], begin=explanation.beta)
+    return _Belief(fitted.body, np.arange(len(rows)), fitted.held_out)
 
 
 def _to_update_by(evidence: Evidence) -> Explanation:
@@ -104,6 +181,29 @@ def _to_update_by(evidence: Evidence) -> Explanation:
     # with free waves 40 rows of another mounting made an error 1.2 times as large elsewhere, and
     # with the least residual that the evidence allows 1.12 times
     return next(some for some in explanations if some.level.waves <= CREEP)
+
+
+def _as_uncertain(
+    body: Body, best: Explanation, explanations: Sequence[Explanation]
+) -> Body:
+    """The belief with how far explanations are apart that the evidence hardly tells apart.
+
+    Rows of a joint that did not move, or in a corner, hardly tell lengths from offsets: one of
+    them alone was wrong by 2 mm elsewhere, under a bound of .5 mm.
+    """
+    least = max(some.evidence for some in explanations) - NATS
+    beside = [
+        some
+        for some in explanations
+        if some.reference is best.reference and some.evidence > least
+    ]
+    apart = np.stack([some.beta - best.beta for some in beside])
+    active = np.union1d(body.active, np.flatnonzero(apart.any(axis=0)))
+    scaled = apart[:, active] / (math.sqrt(len(beside)) * body.kappa)
+    covariance = scaled.T @ scaled
+    place = np.searchsorted(active, body.active)
+    covariance[np.ix_(place, place)] += body.covariance
+    return replace(body, active=active, root=root_of(covariance))
 
 
 def _is_surer(evidence: Evidence, body: Body) -> bool:

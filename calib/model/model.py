@@ -269,9 +269,7 @@ class Model(Compilable):
         about = self.about
         rows, _ = number_rows(q, about.joint_names, "joint values")
         if len(rows) != 1:
-            raise QueryError(
-                f"joint values of shape {np.shape(q)}: expected a single row, ({rows.shape[1]},)"
-            )
+            raise QueryError(f"{len(rows)} rows of joints: expected one")
         if bool(self.covers(rows)[0]):
             return None
         for k, inside in enumerate(self.in_range(rows)[0]):

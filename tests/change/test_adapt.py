@@ -170,6 +170,39 @@ def test_the_bound_holds_where_no_row_was(simulated, most, times):
     assert off.mean() < times * miss(simulated, q, real(q)).mean()
 
 
+def test_a_whole_log_adapts_a_drawing_as_well_as_it_trains(simulated):
+    """Waves of a size that no simulation tells are learned as training learns them."""
+
+    def wavy(q):
+        waves = 5e-4 * np.sin([9.0, 14.0] * q + [0.0, 1.0])
+        return arm().forward(q + waves + [0.0, 2e-3])
+
+    log = rows_of(np.random.default_rng(1).random((600, 2)), wavy)
+    adapted = calib.adapt(simulated, log).model
+    probes = drawn(1000, 9)
+    alone = miss(calib.train(log), probes, wavy(probes)).mean()
+    off = miss(adapted, probes, wavy(probes))
+    assert off.mean() < 1.03 * alone
+    assert np.mean(off <= adapted.model_error(probes)) > 0.95
+
+
+def test_the_bound_holds_where_a_joint_stood_still():
+    """Rows at one angle of the elbow do not tell links from offsets; the bound says so."""
+    model = calib.train(rows_of(np.random.default_rng(1).random((400, 2)), arm().forward))
+
+    def changed(q):
+        return arm().forward(q + np.array([4e-3, 3e-3]))
+
+    u = np.random.default_rng(3).random((60, 2)) * [1.0, 0.0] + [0.0, 0.5]
+    found = calib.adapt(model, rows_of(u, changed))
+    probes = drawn(1000, 9)
+    assert found.improved
+    off = miss(found.model, probes, changed(probes))
+    known = np.isfinite(off)
+    assert known.mean() > 0.5
+    assert np.mean(off[known] <= found.model.model_error(probes[known])) > 0.9
+
+
 def test_an_improvement_along_a_line_says_nothing_of_the_rest(simulated):
     """Strong waves along a line are not taken for lengths or a lens."""
     along = np.sort(np.random.default_rng(2).random(60))
