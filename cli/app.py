@@ -46,6 +46,10 @@ def run(arguments: Sequence[str]) -> int:
         code = application(name)(
             words, prog_name="calib", standalone_mode=False
         )
+        sys.stdout.flush()
+    except BrokenPipeError:  # a reader who has seen enough of the version
+        silence(sys.stdout)
+        return 0
     except SystemExit as end:
         # so Typer ends where the reader of its help has seen enough; a signal has another code
         if end.code != 1:

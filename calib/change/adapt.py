@@ -148,7 +148,7 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
         made = made.noted(where)
     frame = None
     if evidence.attributed and FRAME[0] in learned.explanation.groups:
-        frame = frame_between(evidence, learned.explanation.beta)
+        frame = frame_between(evidence, learned.body.beta)
     report(1.0, "done", made.after["mean"])
     residual = learned.residual
     judged = rows.log.q[learned.rows]
