@@ -7,8 +7,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import calib
 from calib import SOM, LogError, OptionError
-from calib.maps.rates import Rates
-from calib.maps.vdsom import VDSOM, Layer
+from calib.maps.vdsom import VDSOM, Layer, Rates
 
 BOUND = 0.377  # quantization error of the best (hexagonal) quantizer: 0.377 sqrt(A / N)
 

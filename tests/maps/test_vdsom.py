@@ -9,8 +9,7 @@ from calib import OptionError, Visit
 from calib.maps.density import READINGS
 from calib.maps.lattice import Lattice
 from calib.maps.links import WIRINGS
-from calib.maps.rates import Rates
-from calib.maps.vdsom import ONLINE, VDSOM, Layer, zeta
+from calib.maps.vdsom import ONLINE, VDSOM, Layer, Rates, zeta
 
 
 def rates(n, sigma, alpha, maps=1, eta=0.13, beta=1.0):

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.paper.setting import Setting
-from calib.paper.trial import SeedErrors, best_schedule, joined
+from calib.paper.trial import SeedErrors, Setting, best_schedule, joined
 
 
 def test_rows_of_several_seeds_are_their_mean_and_spread():
