@@ -124,7 +124,8 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
             centre=tuple(z.mean(axis=0).tolist()),
             unit="sensor" if unit == old.unit else unit,
         )
-        words = f"the log's positions are {factor:.4g} times the model's{unit_hint(factor)}"
+        hint = unit_hint(factor, old.unit)
+        words = f"the log's positions are {factor:.4g} times the model's{hint}"
         causes.append(Cause("scale", "view.scale", words, factor, None, "1"))
     start = _turned(structure, best, factor)
     shift = structure.groups["view.shift"]

@@ -52,7 +52,7 @@ def diagnose(
 ) -> list[Finding]:
     """Find what is wrong with a log, the gravest first; empty where it fits as it is.
 
-    predict : positions of an arm that may differ from the log's by some percent
+    predict : positions of an arm that may differ from the log's by some percent, in the log's unit
     pose : where known, positions and orientations of the arm; a tool of unknown size may hide a
         wrist joint that is reversed from positions alone
 
@@ -89,7 +89,7 @@ def diagnose(
         moved = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
         return misfit(moved[answered], x[answered], affine=True)
 
-    if rows.unit == "m":
+    if rows.unit in METRES:
         wrong = _wrong_unit(missed, rows, spread(predicted))
         if wrong:
             return [wrong]
@@ -123,10 +123,10 @@ def diagnose(
 def _wrong_unit(
     missed: Callable[..., float], rows: Samples, nominal: float
 ) -> Finding | None:
-    """Positions in m that extend otherwise than the nominal ones [m], and what would explain it."""
+    """Positions that extend otherwise than the nominal ones [unit], and what would explain it."""
     ratio = spread(rows.x) / max(nominal, 1e-300)
     low, high = DIAGNOSIS.usual_size
-    hint = unit_hint(ratio).removeprefix("; ")
+    hint = unit_hint(ratio, rows.unit).removeprefix("; ")
     if not hint or low < ratio < high:
         return None
     as_it_is = missed(rows.q)
@@ -134,8 +134,11 @@ def _wrong_unit(
         if missed(q) < DIAGNOSIS.far_better * as_it_is:
             words = f"the log fits the robot only if {finding.words}"
             return replace(finding, words=words)
-    words = f"the positions extend over {ratio:.4g} times what the robot's links allow, in m"
-    return Finding("unit", words, hint, "unit", "m")
+    words = (
+        f"the positions extend over {ratio:.4g} times what the robot's links allow, "
+        f"in {rows.unit}"
+    )
+    return Finding("unit", words, hint, "unit", rows.unit)
 
 
 def _other_reading(
@@ -240,10 +243,14 @@ def _signs(q: Array, names: Sequence[str], count: int) -> Iterator[_Reading]:
         yield turned, Finding("reversed", words, hint, "joints", reversed_names)
 
 
-def unit_hint(ratio: float) -> str:
-    """Return what a log's scale against its model's says of its unit, as the end of a message."""
+def unit_hint(ratio: float, unit: str) -> str:
+    """Return what a log's scale against its model's says of its unit, as the end of a message.
+
+    ratio : of the log's positions to the model's, both taken to be in `unit`
+    """
+    per_metre = ratio * METRES.get(unit, 1.0)
     for name, factor in METRES.items():
-        if name != "m" and abs(ratio / factor - 1.0) < DIAGNOSIS.same_unit:
+        if name != unit and abs(per_metre / factor - 1.0) < DIAGNOSIS.same_unit:
             return f"; if they are in {name}, give `unit={name!r}`"
     if ratio > DIAGNOSIS.pixels_ratio:
         return "; if they are pixels, give `unit='px'`"

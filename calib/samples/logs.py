@@ -153,7 +153,12 @@ def read_log(
     notes += fact_notes
     if arm is not None and not roles.touched:
         pose = arm.pose if isinstance(arm, SpatialArm) else None
-        findings = diagnose(samples, arm.forward, pose)
+        scale = METRES.get(samples.unit, 1.0)
+
+        def nominal(q: Array) -> Array:
+            return np.asarray(scale * arm.forward(q))
+
+        findings = diagnose(samples, nominal, pose)
         notes += refuse_mistakes(findings, label)
     samples = replace(samples, notes=tuple(notes))
     return samples if time_offset is None else with_offset(samples, time_offset)

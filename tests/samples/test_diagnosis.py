@@ -56,6 +56,15 @@ def test_other_units_of_length_are_recognised(read, tmp_path, unit, factor):
         read(ARM, q, x, about={"unit": "m"}, unit=unit)
 
 
+@pytest.mark.parametrize("unit", ["mm", "in"])
+def test_metres_that_are_said_to_be_another_unit_are_refused(read, unit):
+    """A model of links of .3 mm was written of them, without a word."""
+    q, x = drawn()
+    with pytest.raises(calib.LogError, match="unit='m'") as caught:
+        read(ARM, q, x, unit=unit)
+    assert caught.value.value == unit
+
+
 @pytest.mark.parametrize("arm", [ARM, SIX])
 def test_radians_that_are_said_to_be_degrees_are_told(read, arm):
     with pytest.raises(calib.LogError, match="leave out `degrees`"):
