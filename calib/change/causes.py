@@ -114,6 +114,13 @@ GROUPS = {
         "the joints' gains",
         "{joint} moves {size} % further than it says",
     ),
+    "coupling": Group(
+        0.03,
+        1e-4,
+        1e-3,
+        "the joints' coupling",
+        "{joint} moves with the joint before it, by {value:+.3g} ± {half:.2g} % more",
+    ),
     "elastic": Group(
         0.02,
         2e-5,
@@ -141,7 +148,16 @@ GROUPS = {
     ),
 }
 
-TESTED = ("offset", "length", "gain", "placement", "tool", "elastic", "payload")
+TESTED = (
+    "offset",
+    "length",
+    "gain",
+    "coupling",
+    "placement",
+    "tool",
+    "elastic",
+    "payload",
+)
 """Groups that are tested joint by joint."""
 
 _CAMERA = ("view.tilt", "view.shear", "view.scale")
