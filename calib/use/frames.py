@@ -7,7 +7,7 @@ _FRAME_IS_FITTED = (
     "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero; if the "
     "log is in the robot's root frame, train with `view='base'`"
 )
-_TOUCHED = "no touch tells the first joint's offset and where the base stands: both are taken as drawn"
+_TOUCHED = "no touch tells the first joint's offset nor where the base stands: both are as drawn"
 
 
 def frame_is_free(model: Model) -> bool:
