@@ -210,8 +210,8 @@ class FreeNoise:
 
 def everything(reference: Reference) -> Array:
     """Standard deviation (d,) by which the parameters may have changed, all together."""
-    # the unit weights of a payload would leave few rows no freedom
-    groups = set(changeable(reference.structure)) - {"payload"}
+    # the unit weights of a payload, and couplings, would leave few rows no freedom
+    groups = set(changeable(reference.structure)) - {"payload", "coupling"}
     return freedom(reference.body, groups, forgotten=reference.forgotten)
 
 
