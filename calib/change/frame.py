@@ -382,26 +382,15 @@ def turned_tool(
         sd = deviation.copy()
         sd[structure.groups["view.rotation"]] = FREE
     sd[tool] = FREE
-    turns = logarithm(matrix_of(rows.log.orientation))
-    poses = np.hstack([rows.x, turns])
-    # of positions nothing is asked
-    floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
-    fit = Fit(
-        structure.with_view("pose"),
-        [Rows(rows.q, poses, floor=floor)],
-        beta,
-        Prior(beta, sd),
-        nu=STUDENT,
-    ).maximise()
-    turns = np.stack([beta[tool], fit.beta[tool]])
-    before, after = exponential(turns)
+    fit = _fit_to_poses(rows, rows.log.orientation, structure, Prior(beta, sd))
+    before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
     turn = logarithm(before.T @ after)
-    place = np.searchsorted(fit.active, tool)
-    covariance = fit.covariance[np.ix_(place, place)]
-    place = np.searchsorted(old.active, tool)
+    in_fit = np.searchsorted(fit.active, tool)
+    covariance = fit.covariance[np.ix_(in_fit, in_fit)]
     # the model knows its own tool as well as it does
-    both = covariance + old.kappa**2 * old.covariance[np.ix_(place, place)]
-    square = float(turn @ np.linalg.solve(both, turn))
+    in_old = np.searchsorted(old.active, tool)
+    known = old.kappa**2 * old.covariance[np.ix_(in_old, in_old)]
+    square = float(turn @ np.linalg.solve(covariance + known, turn))
     # what the chain leaves over differs between regions of the workspace by about its scatter
     scatter = np.sqrt(3) * fit.noise[-1]
     score = min(
@@ -409,3 +398,15 @@ def turned_tool(
         float(np.linalg.norm(turn) / scatter),
     )
     return TurnedTool(score, turn, covariance)
+
+
+def _fit_to_poses(
+    rows: LogRows, orientation: Array, structure: Any, prior: Prior
+) -> Fit:
+    """The parameters by the rows' orientations; of their positions nothing is asked."""
+    turns = logarithm(matrix_of(orientation))
+    poses = np.hstack([rows.x, turns])
+    floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
+    measured = [Rows(rows.q, poses, floor=floor)]
+    poser = structure.with_view("pose")
+    return Fit(poser, measured, prior.mean, prior, nu=STUDENT).maximise()
