@@ -14,7 +14,7 @@ import numpy as np
 from ..body.parameters import Indices
 from ..body.settings import NATS
 from ..common.arrays import Array
-from ..common.wording import for_people
+from ..common.wording import for_people, with_interval
 from ..model.alignment import Alignment
 from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, single_causes
 from .evidence import Evidence
@@ -90,7 +90,7 @@ def _play(evidence: Evidence, play: Play) -> Cause:
     whole = 2.0 * float(play.half[play.joint])
     half = 2.0 * 1.96 * play.deviation
     words = (
-        f"{name} has {factor * whole:.2g} ± {factor * half:.2g} {shown} of play that the model "
+        f"{name} has {with_interval(factor * whole, factor * half)} {shown} of play that the model "
         "does not know: `calib train` learns it from a log that goes both ways"
     )
     cause = Cause(f"backlash:{name}", "backlash", words, whole, unit=unit)
@@ -137,8 +137,10 @@ def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
     how = "moved in its mount, what it sees by"
     if unit == "deg":
         how = "turned in its mount by"
-    size = abs(low + high) / 2
-    words = f"the {what} has {how} {factor * size:.3g} ± {factor * (high - low) / 2:.2g} {unit}"
+    size = with_interval(
+        factor * abs(low + high) / 2, factor * (high - low) / 2
+    )
+    words = f"the {what} has {how} {size} {unit}"
     once = replace(first, cause="tool", words=words)
     return [once, *(cause for cause in causes if cause not in moved)]
 
@@ -240,18 +242,18 @@ def _of_parameter(
     change = float(changes[k])
     half = _half_width(evidence, best, k)
     factor, unit = (100.0, "%") if label.unit == "1" else for_people(label.unit)
-    size = ""
+    length = ""
     if unit == "mm":
-        size = f" ({factor * abs(change):.3g} ± {factor * half:.2g} mm)"
+        length = f" ({with_interval(factor * abs(change), factor * half)} mm)"
     value = math.expm1(change) if label.group == "view.scale" else change
     words = GROUPS[label.group].changed.format(
         joint=label.joint,
         name=label.name,
         unit=unit,
-        half=factor * half,
         most=math.degrees(np.abs(changes[part]).max()),
         value=factor * value,
-        size=size,
+        size=with_interval(factor * value, factor * half, "+"),
+        length=length,
         share=f"{100 * abs(change / old) if old else math.nan:.3g} %",
         longer="longer" if change > 0 else "shorter",
     )

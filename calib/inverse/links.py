@@ -40,11 +40,10 @@ LINKS = LinkSettings()
 
 def search_by_links(association: Association, predictor: Predictor) -> Search:
     """The search for positions of a forward map, from where links say that solutions may be."""
-    scale = association.motor.scale
-    place = association.sensory.scale
-    extent = float(np.linalg.norm(place.span))
-    task = Positions(predictor.value_and_slope, len(place.span), extent)
-    newton = Newton(task, scale)
+    span = association.sensory.scale.span
+    extent = float(np.linalg.norm(span))
+    task = Positions(predictor.value_and_slope, len(span), extent)
+    newton = Newton(task, association.motor.scale)
     sure = SEARCH.surely if newton.redundant else SEARCH.beside
     starts = LinkStarts(association, newton)
     return Search(newton, starts, sure, LINKS.folded)
@@ -72,24 +71,27 @@ class LinkStarts:
     def of(self, x: Array) -> tuple[Index, Array]:
         """Starts of the nearest node, a linear step towards each target `x` (n, m) on."""
         node = self._nearest_nodes(x)
-        target, column = np.nonzero(np.isfinite(self._u[node, :, 0]))
-        node = node[target]
-        gap = x[target] - self._value[node, column]
-        inverse = self._inverse[node, column]
+        filled = np.isfinite(self._u[node, :, 0])
+        target, column = np.nonzero(filled)
+        start = node[target], column
+        gap = x[target] - self._value[start]
+        inverse = self._inverse[start]
         step = (inverse * gap[:, None]).sum(axis=2)
         longest = LINKS.step * self.association.motor.spacing
-        u = self._u[node, column] + shortened(step, longest)
+        u = self._u[start] + shortened(step, longest)
         return target, self._newton.clip(u)
 
     def _nearest_nodes(self, x: Array) -> Index:
         """The sensory node nearest to each target (n,), made ready."""
         sensory = self.association.sensory
         place = sensory.scale.to_unit(x)
-        node = sensory.nearest(place)[1][:, 0]
+        _, nodes = sensory.nearest(place)
+        node = nodes[:, 0]
         missing = node[~self._ready[node]]
         if 0 < len(missing) < LINKS.ahead:  # single queries follow each other
             count = min(LINKS.ahead, sensory.size)
-            around = sensory.nearest(sensory.units[missing], count)[1]
+            places = sensory.units[missing]
+            _, around = sensory.nearest(places, count)
             missing = around[~self._ready[around]]
         if len(missing):
             self._prepare(np.unique(missing))
@@ -100,13 +102,12 @@ class LinkStarts:
         ways = self._branches(self._ways(nodes))
         column = rank_within(ways.target)
         fits = column < self._width
-        column = column[fits]
         ways = ways.rows(fits)
-        node = nodes[ways.target]
+        place = nodes[ways.target], column[fits]
         value, inverse = self._linearised(ways.u)
-        self._u[node, column] = ways.u
-        self._value[node, column] = value
-        self._inverse[node, column] = inverse
+        self._u[place] = ways.u
+        self._value[place] = value
+        self._inverse[place] = inverse
         self._ready[nodes] = True
 
     def _ways(self, nodes: Index) -> Ways:
@@ -124,15 +125,15 @@ class LinkStarts:
         newton = self._newton
         motor = self.association.motor
         sensory = self.association.sensory
-        spacing = sensory.spacing * float(sensory.scale.span.mean())
+        span = float(sensory.scale.span.mean())
+        spacing = sensory.spacing * span
         near = ways.miss <= LINKS.missed * spacing
-        near |= rank_within(ways.target) == 0
-        ways = ways.rows(near)
+        best = rank_within(ways.target) == 0
+        ways = ways.rows(near | best)
         solved = LINKS.cell if newton.redundant else LINKS.apart
-        apart = np.where(newton.met(ways.miss), solved, 1.0)
-        single = distinct(
-            newton.scale, ways.target, ways.u, apart * motor.spacing
-        )
+        met = newton.met(ways.miss)
+        apart = np.where(met, solved, 1.0) * motor.spacing
+        single = distinct(newton.scale, ways.target, ways.u, apart)
         return ways.rows(single)
 
     def _proposals(self, nodes: Index) -> tuple[Index, Array]:
@@ -141,10 +142,10 @@ class LinkStarts:
         links = self.association.partners.take(nodes)
         order = np.lexsort((-links.data, links.rows))
         rank = rank_within(links.rows[order])
-        order = order[rank < LINKS.most]
-        target = links.rows[order]
-        u = motor.units[links.indices[order]]
-        u = self._newton.clip(u)
+        strongest = order[rank < LINKS.most]
+        target = links.rows[strongest]
+        node = links.indices[strongest]
+        u = self._newton.clip(motor.units[node])
         apart = LINKS.cell * motor.spacing
         single = distinct(self._newton.scale, target, u, apart)
         return target[single], u[single]

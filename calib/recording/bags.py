@@ -112,6 +112,8 @@ def _reader(path: Path) -> Any:
         raise LogError(
             f"reading bags needs rosbags: {INSTALL.format('ros')}"
         ) from None
+    if not path.exists():
+        raise LogError(f"{path}: no such file or folder, expected a recording")
     try:
         reader = AnyReader(
             [path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
-from ..common.choices import PICTURES
+from ..common.choices import PICTURES, VIDEOS
 from ..errors import LogError
 from ..model.about import Photo
 from .pictures import Picture, Video, opencv, read_picture
@@ -71,6 +71,11 @@ def read_photo(path: Path) -> Picture:
     """Return a picture, or the first frame of a video, as red, green, blue."""
     if path.suffix.lower() in PICTURES:
         return read_picture(path, colour=True)
+    if path.suffix.lower() not in VIDEOS:
+        kinds = ", ".join((*PICTURES, *VIDEOS))
+        raise LogError(
+            f"{path.name} is no picture or video by its name: expected {kinds}"
+        )
     grey = next((frame for _, frame in Video(path).frames()), None)
     if grey is None:
         raise LogError(f"{path.name} has no frame that can be read")

@@ -148,3 +148,26 @@ def test_the_model_that_is_written_is_the_one_that_is_praised(tmp_path):
     error, _ = errors(calib.load(tmp_path / "after.calib"), fresh)
     assert found.improved
     assert error < 2 * found.after["mean"]  # before .17 mm was told and 12.7 mm written
+
+
+def test_a_wrist_that_moves_with_its_neighbour_is_named_and_mended():
+    """It was called a noisy encoder, and the arm calibrated, .7 mm beside the bound."""
+    share = 6e-3
+
+    def rows(n, seed, coupling=share, noise=1e-4):
+        rng = np.random.default_rng(seed)
+        q = rng.uniform(SIX.lower, SIX.upper, (n, 6))
+        turned = q.copy()
+        turned[:, 4] += coupling * q[:, 3]
+        x = SIX.forward(turned) + rng.normal(0.0, noise, (n, 3))
+        return models.log_of(SIX, q, x, unit="m")
+
+    model = calib.train(rows(300, 1, 0.0), size=6)
+    assert not calib.check(model, rows(60, 3, 0.0)).drifted
+    adapted = calib.adapt(model, rows(60, 2))
+    (cause,) = adapted.changed
+    assert cause.cause == "coupling:wrist_2"
+    assert cause.interval[0] < share < cause.interval[1]
+    error, covered = errors(adapted.model, rows(200, 9, noise=0.0))
+    assert error < 1e-4
+    assert covered > 0.93
