@@ -33,15 +33,19 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
     bundle = problem.bundle
     layout = bundle.layout
     misses = bundle.misses(held_out(problem, fit, agreeing))
-    off = np.linalg.norm(bundle.pixels - problem.predict(fit), axis=1)
-    off = off[agreeing[bundle.motion]]
+    residuals = bundle.pixels - problem.predict(fit)
+    used_corners = agreeing[bundle.motion]
+    off = np.linalg.norm(residuals[used_corners], axis=1)
+    rms = float(np.sqrt(np.mean(misses[agreeing] ** 2)))
     first = problem.views[0]
     choice = problem.choice
     carried, standing = solved.frames(0)
     hand, base = solved.places(0)
+    values = fit.unknowns.values
     place = layout.shapes[0, -1]
-    measured = first.board.side * float(np.exp(fit.unknowns.values[place]))
+    measured = first.board.side * float(np.exp(values[place]))
     half = solved.half_width * measured * float(solved.sd[place])
+    cameras = range(len(problem.views))
     places = np.concatenate(layout.frames[[carried, standing]])
     turn, _, _, shift, *_ = fit.noise.error.tolist()
     rig = HandEye(
@@ -61,13 +65,13 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
             "interval": [measured - half, measured + half],
         },
         board={"text": first.board.text, "points": solved.board().tolist()},
-        held_out={"rms": float(np.sqrt(np.mean(misses[agreeing] ** 2)))},
+        held_out={"rms": rms},
         left_out=problem.pictures_at(~agreeing),
-        cameras=tuple(map(solved.camera, range(len(problem.views)))),
+        cameras=tuple(map(solved.camera, cameras)),
         convention=None if choice is None else choice.convention,
         frames=frames,
         names=problem.names,
-        flange=bundle.motions.poses(fit.unknowns.values[layout.arm]),
+        flange=bundle.motions.poses(values[layout.arm]),
         misses=misses,
         covariance=fit.covariance[np.ix_(places, places)],
         body=solved.body(0),

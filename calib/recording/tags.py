@@ -73,8 +73,8 @@ class Tag:
     def centre(self) -> Array:
         """Where the diagonals cross (2,) [px]: the middle under any perspective."""
         a, b, c, d = np.c_[self.corners - self.corners[0], np.ones(4)]
-        p = np.cross(np.cross(a, c), np.cross(b, d))
-        return np.asarray(self.corners[0] + p[:2] / p[2])
+        x, y, scale = np.cross(np.cross(a, c), np.cross(b, d))
+        return np.asarray(self.corners[0] + np.array([x, y]) / scale)
 
     @property
     def side(self) -> float:
@@ -160,14 +160,13 @@ class TagFinder:
     def _measured(self, grey: Picture, number: int, corners: Array) -> Tag:
         cells = tag_cells(number, self.dictionary)
         tag = Tag(number, corners, 0.5, sharp=False)
-        n = len(cells)
-        k = max(TAG.least_cell, round(tag.side / n))
-        pattern = np.pad(
-            np.kron(cells, np.ones((k, k))), k // 2 + 1, constant_values=1.0
-        )
+        count = len(cells)
+        k = max(TAG.least_cell, round(tag.side / count))
+        tag_pixels = np.kron(cells, np.ones((k, k)))
+        pattern = np.pad(tag_pixels, k // 2 + 1, constant_values=1.0)
         # pixels have whole centres
         low = k // 2 + 0.5
-        high = k // 2 + 0.5 + n * k
+        high = low + count * k
         square = np.array([[low, low], [high, low], [high, high], [low, high]])
         start = opencv().getPerspectiveTransform(
             square.astype(np.float32), corners.astype(np.float32)
