@@ -16,12 +16,27 @@ from ..samples.diagnosis import rows_behind
 from .explain import Explanation, explain
 from .frame import Reference, TurnedTool, turned_tool
 from .rows import LogRows
-from .settings import BEYOND, FALSE_ALARM, FEW_WRONG, MARGIN, UNEXPLAINED
+from .settings import BEYOND, FALSE_ALARM, MARGIN
 from .significance import GroupTest, Tested
 from .system import Log, System
 
-_LASTING = 10  # rows over which noise may last
 _TOOL = "tool"  # the group of where it is
+
+
+@dataclass(frozen=True)
+class EvidenceSettings:
+    """When a log is explained."""
+
+    # rows over which noise may last
+    lasting: int = 10
+    # share of the positions' spread: a log that is further off from every hypothesis is explained
+    # by none
+    unexplained: float = 0.1
+    # share of rows that may contradict all others where the rest is as near as told
+    few_wrong: float = 0.05
+
+
+EVIDENCE = EvidenceSettings()
 
 
 @dataclass(frozen=True)
@@ -91,7 +106,7 @@ def variance_of_places(rows: LogRows, residual: Array) -> float:
     from scipy.special import ndtri
 
     # of so many rows at least one is no neighbour in time: noise may last over some rows
-    lasting = _LASTING
+    lasting = EVIDENCE.lasting
     count = min(2 * lasting + 2, len(rows))
     _, neighbours = cKDTree(rows.u).query(rows.u, count)
     near = np.asarray(neighbours)
@@ -146,11 +161,11 @@ class Evidence:
     @cached_property
     def explained(self) -> bool:
         """Whether any explanation comes near the rows: to a part of their spread, or as bounded."""
-        if self.misfit < UNEXPLAINED:
+        if self.misfit < EVIDENCE.unexplained:
             return True
         # rows that lag or whose joints are exchanged come near too, but for those at each jump
         count = len(self.rows) + self.rows.wrong
-        few = self.rows.wrong <= FEW_WRONG * count
+        few = self.rows.wrong <= EVIDENCE.few_wrong * count
         return few and self.distance < self.bound.usual < np.inf
 
     @cached_property

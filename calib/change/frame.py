@@ -76,6 +76,11 @@ class Reference:
         return bool(self.causes)
 
     @property
+    def moved(self) -> bool:
+        """Whether the frame was fitted to the log."""
+        return len(self.forgotten) > 0
+
+    @property
     def structure(self) -> Structure:
         """Structure of the log."""
         return self.body.structure
@@ -108,47 +113,73 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     if is_camera(old.view):
         beta = _placed(old, q, z, _camera_anew(body, q, z), FRAME)
         return Reference(body, beta, forgotten=indices_of(old, FRAME))
+
+    # the sense of axes and joints that comes nearest, in the log's own unit
     senses = [*_senses(old, body.beta), *_stuck(old, body.beta)]
     fits = [_Placement.of(sense, q, z[:, places]) for sense in senses]
     best = min(fits, key=lambda fit: fit.cost(extent))
+    factor = best.ratio if best.rescaled else 1.0
     structure = best.sense.structure
-    causes = list(best.sense.causes)
-    factor = 1.0
-    groups: tuple[str, ...] = FRAME
-    if best.rescaled:  # in the log's own unit
-        factor = best.ratio
-        groups = (*FRAME, "view.scale")
-        structure = _with_fields(
-            structure,
-            extent=factor * old.extent,
-            centre=tuple(z.mean(axis=0).tolist()),
-            unit="sensor" if unit == old.unit else unit,
-        )
-        hint = unit_hint(factor, old.unit)
-        words = f"the log's positions are {factor:.4g} times the model's{hint}"
-        causes.append(Cause("scale", "view.scale", words, factor, None, "1"))
+    fitted: tuple[str, ...] = FRAME
+    if best.rescaled:
+        structure = _in_unit(structure, factor, z, unit)
+        fitted = (*FRAME, "view.scale")
+
+    # the frame fitted to the rows, from where that sense stands
     start = _turned(structure, best, factor)
     shift = structure.groups["view.shift"]
     residual = structure.residual(z, structure.predict(q, start))
     start[shift] += np.median(residual, axis=0)[: len(shift)]
-    beta = _placed(structure, q, z, start, groups)
+    beta = _placed(structure, q, z, start, fitted)
+
+    causes = list(best.sense.causes)
+    if best.rescaled:
+        causes.append(_other_unit(factor, old.unit))
     if causes and causes[0].cause == "mirror":
-        seen = structure.predict(q, beta)
-        if Alignment.between(predicted, seen).swapped:
+        frame = Alignment.between(predicted, structure.predict(q, beta))
+        if frame.swapped:
             words = "x and y of the log are exchanged, compared with the model"
             causes[0] = replace(causes[0], words=words)
-    view: tuple[str, ...] = FRAME
+    forgotten: tuple[str, ...] = FRAME
     if causes:
-        view = tuple(filter(is_sensors, structure.groups))
-    body = replace(
+        forgotten = tuple(filter(is_sensors, structure.groups))
+    return Reference(
+        body=_scaled(body, structure, factor),
+        beta=beta,
+        causes=tuple(causes),
+        scale=factor,
+        forgotten=indices_of(structure, forgotten),
+    )
+
+
+def _in_unit(
+    structure: Structure, factor: float, z: Array, unit: str
+) -> Structure:
+    """The structure in the unit of positions (n, m), which are `factor` times the model's."""
+    return _with_fields(
+        structure,
+        extent=factor * float(structure.extent),
+        centre=tuple(z.mean(axis=0).tolist()),
+        unit="sensor" if unit == structure.unit else unit,
+    )
+
+
+def _other_unit(factor: float, unit: str) -> Cause:
+    """Positions that are `factor` times the model's, in its unit."""
+    hint = unit_hint(factor, unit)
+    words = f"the log's positions are {factor:.4g} times the model's{hint}"
+    return Cause("scale", "view.scale", words, factor, None, "1")
+
+
+def _scaled(body: Body, structure: Structure, factor: float) -> Body:
+    """The belief with the structure of a log, and its noises in the unit of that."""
+    return replace(
         body,
         structure=structure,
         noise=factor * body.noise,
         tau=factor * body.tau,
         residual=factor * body.residual,
     )
-    forgotten = indices_of(structure, view)
-    return Reference(body, beta, tuple(causes), factor, forgotten)
 
 
 def carried_offset(

@@ -20,7 +20,7 @@ from .lens import Lens
 from .notes import limit_of, notes_of
 from .problem import Problem
 from .rig import CameraPlace, HandEye, LensFacts, Place
-from .rigid import inverse
+from .rigid import inverse, shift_of, turn_of
 
 
 def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
@@ -120,9 +120,8 @@ class Solved:
         """What is in the hand and what stands still, of a camera in joints' terms if there are."""
         body = self.body(camera)
         if body is not None:
-            return self._gauged(hand_pose(body)), self._gauged(
-                SensorPose.of(body)
-            )
+            hand = self._gauged(hand_pose(body))
+            return hand, self._gauged(SensorPose.of(body))
         carried, standing = self.frames(camera)
         return self._place(carried), self._place(standing)
 
@@ -143,16 +142,18 @@ class Solved:
         """A frame with its intervals, along the axes of its parent."""
         pose = self.fit.unknowns.frames[number]
         slope = np.eye(6)
-        slope[:3, :3] = pose[:3, :3]
+        slope[:3, :3] = turn_of(pose)
         return self._moving(pose, slope, [number])
 
     def _between(self, first: int, second: int) -> Place:
         """A camera in the frame of another."""
         one, two = self.fit.unknowns.frames[[first, second]]
-        pose = inverse(one) @ two
+        to_first = inverse(one)
+        pose = to_first @ two
         by_one = follow(np.eye(4), one, inverted=True)
-        slope = np.concatenate([by_one, follow(inverse(one), two)], axis=1)
-        slope[3:] -= cross_matrix(pose[:3, 3]) @ slope[:3]
+        by_two = follow(to_first, two)
+        slope = np.concatenate([by_one, by_two], axis=1)
+        slope[3:] -= cross_matrix(shift_of(pose)) @ slope[:3]
         return self._moving(pose, slope, [first, second])
 
     def _moving(self, pose: Array, slope: Array, frames: list[int]) -> Place:
@@ -161,8 +162,9 @@ class Solved:
         covariance = self.fit.covariance[np.ix_(places, places)]
         variances = np.diag(slope @ covariance @ slope.T)
         turn, shift = np.sqrt(np.maximum(variances, 0.0)).reshape(2, 3)
-        quaternion = quaternion_of(pose[None, :3, :3])[0]
-        return self._document(pose[:3, 3], quaternion, shift, turn, shift, turn)
+        quaternion = quaternion_of(turn_of(pose[None]))[0]
+        place = shift_of(pose)
+        return self._document(place, quaternion, shift, turn, shift, turn)
 
     def _gauged(self, place: SensorPose | None) -> Place:
         """A place that joints tell but for what no picture tells of the first and last axis."""
