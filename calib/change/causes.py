@@ -119,7 +119,7 @@ GROUPS = {
         1e-4,
         1e-3,
         "the joints' coupling",
-        "{joint} moves with the joint before it, by {value:+.3g} ± {half:.2g} % more",
+        "{joint} moves with the joint before it, by {size} % more",
     ),
     "elastic": Group(
         0.02,

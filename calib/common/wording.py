@@ -123,6 +123,8 @@ def with_interval(value: float, half: float, sign: str = "") -> str:
     >>> with_interval(0.5774, 0.0099, "+"), with_interval(1.0, 4e-9)
     ('+0.5774 ± 0.0099', '1.000000 ± 0.000001')
     """
+    if not math.isfinite(half):
+        return f"{value:{sign}.3g} ± {half:g}"
     half = float(f"{max(half, 1e-6):.1e}")
     decimals = min(max(0, 1 - math.floor(math.log10(half))), 6)
     # a value that rounds to zero has no sign

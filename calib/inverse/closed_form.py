@@ -47,12 +47,13 @@ class ClosedForm:
         points = chain.points
         size = max(chain.reach, 1e-9)
         meeting, gap = _meeting_point(axes[4:], points[4:])
-        if gap > _EXACT * size or not _parallel(axes[1], axes[2]):
+        exact = _EXACT * size
+        if gap > exact or not _parallel(axes[1], axes[2]):
             return None
         to_meeting = meeting - points[3]
         moment = np.cross(axes[3], to_meeting)
         distance = np.linalg.norm(moment)
-        spherical = bool(distance < _EXACT * size)
+        spherical = bool(distance < exact)
         if not spherical and not _parallel(axes[1], axes[3]):
             return None
         return ClosedForm(
@@ -70,7 +71,8 @@ class ClosedForm:
         # the first joint brings the wrist into the plane in which the parallel axes move it
         first, second = self.axes[:2]
         base = self.points[0]
-        height = second @ (self.meeting - base)
+        drawn_wrist = self.meeting - base
+        height = second @ drawn_wrist
         base_to_wrist = wrist - base
         back = _at_height(first, base_to_wrist, second, height)
         turns = _turns(first, back)
@@ -114,11 +116,11 @@ class ClosedForm:
         turn : (..., 3, 3), place : (..., 3) [m], what joints 2 to 6 have to reach
         """
         upper, lower = self._arm(place, self.meeting)
-        shoulder = _turns(self.axes[1], upper)
-        elbow = _turns(self.axes[2], lower)
+        shoulder_axis, elbow_axis, first, second, third = self.axes[1:]
+        shoulder = _turns(shoulder_axis, upper)
+        elbow = _turns(elbow_axis, lower)
         arm = shoulder @ elbow
         wrist = np.swapaxes(arm, -1, -2) @ turn
-        first, second, third = self.axes[3:]
         goal = wrist @ third
         height = goal @ first
         middle = _at_height(second, third, first, height)
@@ -228,7 +230,8 @@ def _at_height(
     cosine = across @ along
     sine = np.cross(axis, across) @ along
     size = np.hypot(cosine, sine)
-    raised = (vectors @ axis) * (axis @ along)
+    on_axis = vectors @ axis
+    raised = on_axis * (axis @ along)
     length = np.where(size > 0, size, 1.0)
     level = (height - raised) / length
     within = np.clip(level, -1.0, 1.0)

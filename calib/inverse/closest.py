@@ -46,8 +46,8 @@ def closest(newton: Newton, u: Array, x: Array) -> tuple[Array, Array]:
         whole_step = _curved_step(newton, here, gap)
         step = share[rows, None] * whole_step
         trial = newton.at(here.u + step, here.x)
-        after = gap + trial.gap - here.gap
-        better = lengths(after) < lengths(gap)
+        gap_after = gap + trial.gap - here.gap
+        better = lengths(gap_after) < lengths(gap)
         stand.put(rows[better], trial.rows(better))
         longer = np.minimum(1.0, 2 * share[rows])
         shorter = share[rows] / 4
@@ -78,22 +78,27 @@ def _curved_step(newton: Newton, stand: Stand, gap: Array) -> Array:
     stuck &= ~newton.scale.periodic
     push[stuck] = 0.0
     curvature = np.swapaxes(slope, 1, 2) @ slope
-    probes = SEARCH.probe * np.eye(u.shape[1])
+    dof = u.shape[1]
+    probes = SEARCH.probe * np.eye(dof)
     for k, probe in enumerate(probes):
         _, ahead = newton.task.residual(u + probe, stand.x)
         change = (ahead - slope) / SEARCH.probe
-        curvature[:, k] -= (change * column).sum(axis=1)
-    curvature += np.swapaxes(curvature, 1, 2).copy()
+        bend = change * column
+        curvature[:, k] -= bend.sum(axis=1)
+    transposed = np.swapaxes(curvature, 1, 2)
+    curvature = curvature + transposed
     # joints that are stuck have neither rows nor columns
     curvature[stuck] = 0.0
-    np.swapaxes(curvature, 1, 2)[stuck] = 0.0
+    columns = np.swapaxes(curvature, 1, 2)
+    columns[stuck] = 0.0
     signed, axes = np.linalg.eigh(0.5 * curvature)
     size = np.abs(signed)
     largest = size.max(axis=1, keepdims=True)
     least = np.maximum(CLOSEST.flat * largest, 1e-300)
     size = np.maximum(size, least)
-    along = (push[:, None] @ axes)[:, 0]
-    amounts = along / size
-    step = (axes @ amounts[..., None])[..., 0]
+    along = push[:, None] @ axes
+    amounts = along[:, 0] / size
+    steps = axes @ amounts[..., None]
+    step = steps[..., 0]
     free_step = np.where(stuck, 0.0, step)
     return shortened(free_step, CLOSEST.far)

@@ -49,8 +49,9 @@ def _slid_to_middle(newton: Newton, ways: Ways, goals: Array) -> Ways:
     """Solutions as far towards the middle of the ranges as they slide."""
     middle = np.full_like(ways.u, 0.5)
     stand = settle(newton, ways.u, goals, middle, FAMILIES.step)
-    met = newton.met(stand.miss)
-    u = np.where(met[:, None], stand.u, ways.u)
+    u = stand.u
+    lost = ~newton.met(stand.miss)
+    u[lost] = ways.u[lost]
     return Ways(ways.target, u, stand.miss)
 
 
@@ -105,7 +106,8 @@ def _pairs(target: Index) -> tuple[Index, Index]:
     """Pairs of solutions (n,) of one target."""
     begins = np.searchsorted(target, np.unique(target))
     edges = [*begins.tolist(), len(target)]
-    parts = [np.zeros((2, 0), dtype=np.intp)]
+    none = np.zeros((2, 0), dtype=np.intp)
+    parts = [none]
     for first, last in itertools.pairwise(edges):
         pairs = np.tril_indices(last - first, -1)
         parts.append(first + np.array(pairs))
@@ -136,8 +138,8 @@ def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
         ahead = lengths(wish)
         move = newton.tangent(here, wish)
         possible = lengths(move)
-        step = shortened(move, FAMILIES.step)
-        trial = newton.refine(here.u + step, here.x, SEARCH.close)
+        u = here.u + shortened(move, FAMILIES.step)
+        trial = newton.refine(u, here.x, SEARCH.close)
         stand.put(rows, trial)
         shift = newton.away(trial.u, here.u)
         rest = newton.away(trial.u, goal[rows])

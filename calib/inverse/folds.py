@@ -28,10 +28,11 @@ def twins(newton: Newton, stand: Stand, folded: float) -> tuple[Index, Array]:
     here = stand.rows(rows)
     flat = directions[rows, -1]
     side = sides[rows, :, -1]
-    probe = SEARCH.probe * flat
-    _, ahead = newton.task.residual(here.u + probe, here.x)
+    probe = here.u + SEARCH.probe * flat
+    _, ahead = newton.task.residual(probe, here.x)
     change = (ahead - here.slope) / SEARCH.probe
-    along = (change @ flat[:, :, None])[:, :, 0]
+    columns = change @ flat[:, :, None]
+    along = columns[:, :, 0]
     rate = (side * along).sum(axis=1)
     rate[rate == 0.0] = np.inf
     least = size[rows, -1]

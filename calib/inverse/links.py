@@ -63,10 +63,11 @@ class LinkStarts:
         dof = association.motor.units.shape[1]
         outputs = association.sensory.units.shape[1]
         self._width = LINKS.spare_width if newton.redundant else LINKS.width
+        starts = nodes, self._width
         self._ready = np.zeros(nodes, dtype=bool)
-        self._u = np.full((nodes, self._width, dof), np.nan)
-        self._value = np.zeros((nodes, self._width, outputs))
-        self._inverse = np.zeros((nodes, self._width, dof, outputs))
+        self._u = np.full((*starts, dof), np.nan)
+        self._value = np.zeros((*starts, outputs))
+        self._inverse = np.zeros((*starts, dof, outputs))
 
     def of(self, x: Array) -> tuple[Index, Array]:
         """Starts of the nearest node, a linear step towards each target `x` (n, m) on."""
@@ -76,7 +77,8 @@ class LinkStarts:
         start = node[target], column
         gap = x[target] - self._value[start]
         inverse = self._inverse[start]
-        step = (inverse * gap[:, None]).sum(axis=2)
+        parts = inverse * gap[:, None]
+        step = parts.sum(axis=2)
         longest = LINKS.step * self.association.motor.spacing
         u = self._u[start] + shortened(step, longest)
         return target, self._newton.clip(u)
@@ -99,7 +101,8 @@ class LinkStarts:
 
     def _prepare(self, nodes: Index) -> None:
         """Remember the starts of sensory nodes, and how each moves with its position."""
-        ways = self._branches(self._ways(nodes))
+        proposals = self._ways(nodes)
+        ways = self._branches(proposals)
         column = rank_within(ways.target)
         fits = column < self._width
         ways = ways.rows(fits)
@@ -113,7 +116,8 @@ class LinkStarts:
     def _ways(self, nodes: Index) -> Ways:
         """What links propose for sensory nodes, led there; of a node what misses it least first."""
         sensory = self.association.sensory
-        x = sensory.scale.from_unit(sensory.units[nodes])
+        places = sensory.units[nodes]
+        x = sensory.scale.from_unit(places)
         target, u = self._proposals(nodes)
         stand = self._newton.refine(u, x[target], SEARCH.close)
         order = np.lexsort((stand.miss, target))
@@ -142,7 +146,8 @@ class LinkStarts:
         links = self.association.partners.take(nodes)
         order = np.lexsort((-links.data, links.rows))
         rank = rank_within(links.rows[order])
-        strongest = order[rank < LINKS.most]
+        strong = rank < LINKS.most
+        strongest = order[strong]
         target = links.rows[strongest]
         node = links.indices[strongest]
         u = self._newton.clip(motor.units[node])
@@ -152,7 +157,8 @@ class LinkStarts:
 
     def _linearised(self, u: Array) -> tuple[Array, Array]:
         """Position (n, m) and inverse Jacobian (n, dof, m) at joints (n, dof)."""
-        origin = np.zeros((len(u), self._newton.task.count))
+        count = self._newton.task.count
+        origin = np.zeros((len(u), count))
         stand = self._newton.at(u, origin)
         inverse = np.linalg.pinv(stand.slope, rcond=LINKS.flat)
         return -stand.gap, np.asarray(inverse)

@@ -59,7 +59,8 @@ class Nearest:
         if not len(owner):
             return
         near = self.near[owner]
-        trial = settle(self.newton, start, self.stand.x[owner], near)
+        targets = self.stand.x[owner]
+        trial = settle(self.newton, start, targets, near)
         self.take(owner, trial)
 
     def take(self, owner: Index, trial: Stand) -> None:
@@ -74,9 +75,10 @@ class Nearest:
 
 def _rank(newton: Newton, stand: Stand, near: Array) -> Array:
     """How bad answers are, (n,): how far from `near` if they are met, else by the miss."""
+    met = newton.met(stand.miss)
     away = newton.away(stand.u, near)
     behind = _FURTHER + stand.miss / newton.task.size
-    return np.where(newton.met(stand.miss), away, behind)
+    return np.where(met, away, behind)
 
 
 @dataclass(frozen=True)

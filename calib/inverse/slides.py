@@ -100,8 +100,9 @@ class Slides:
         good &= self.close_to(trial)
         stand.put(rows[good], trial.rows(good))
         shift = newton.scale.difference(trial.u, here.u)
+        shift[~good] = 0.0
         self.pull[rows] = pull
-        self.shift[rows] = np.where(good[:, None], shift, 0.0)
+        self.shift[rows] = shift
         self.share[rows[~good]] /= 4
         return rows
 

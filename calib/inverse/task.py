@@ -98,11 +98,14 @@ class Poses:
         if self.free is not None:  # along the tip's two other axes
             axes = np.swapaxes(turn, 1, 2)
             sides = np.delete(axes, self.free, axis=1)
-            rest = (sides @ rest[:, :, None])[:, :, 0]
+            columns = sides @ rest[:, :, None]
+            rest = columns[:, :, 0]
             spin = sides @ spin
         missing = goal_place - place
-        gap = np.concatenate([missing, self.lever * rest], axis=1)
-        slope = np.concatenate([linear, self.lever * spin], axis=1)
+        missing_turn = self.lever * rest
+        gap = np.concatenate([missing, missing_turn], axis=1)
+        angular = self.lever * spin
+        slope = np.concatenate([linear, angular], axis=1)
         return gap, slope * self.scale.span
 
 

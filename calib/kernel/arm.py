@@ -136,11 +136,12 @@ class KernelArm:
         eye = np.eye(3)
         coordinates = motion.position[:, None]
         linear = eye[:, None, :, None] * coordinates
-        shifts = np.repeat(eye[:, :, None], len(q), axis=2)
+        n = len(q)
+        shifts = np.repeat(eye[:, :, None], n, axis=2)
         chained = self.view @ motion.joints()[0]
         joints = np.tensordot(self.chain.coupling.T, chained, axes=1)
         parts = {
-            "view": np.vstack([linear.reshape(9, 3, -1), shifts]),
+            "view": np.vstack([linear.reshape(9, 3, n), shifts]),
             "shift": self.view @ np.swapaxes(motion.frames, 1, 2),
             "turn": self.view @ motion.turns()[0],
             "offset": joints,
@@ -156,11 +157,13 @@ class KernelArm:
             sums = np.cumsum(self.way * q, axis=1).T
             bent = []
             for k, angle in enumerate(sums):
-                waves = np.stack([np.cos(angle), np.sin(angle)])
+                cosine = np.cos(angle)
+                sine = np.sin(angle)
+                waves = np.stack([cosine, sine])
                 moved = joints[: k + 1, None] * waves[:, None]
-                bent.append(moved.reshape(-1, 3, len(q)))
+                bent.append(moved.reshape(-1, 3, n))
             parts["flex"] = np.concatenate(bent)
-        shape = (-1, 3, len(q))
+        shape = (-1, 3, n)
         parts = {name: part.reshape(shape) for name, part in parts.items()}
         if self.lens is None:
             outputs = self.outputs

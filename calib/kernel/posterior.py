@@ -17,6 +17,7 @@ from ..body.belief import Body, Second
 from ..body.covariance import radius_95
 from ..body.curves import HARMONICS, waves_of
 from ..body.settings import SHARED
+from ..body.structure import Structure
 from ..common.arrays import Array
 from ..errors import OptionError
 from .arm import KernelArm
@@ -69,7 +70,8 @@ class CompactPosterior:
         structure = body.structure
         arm = KernelArm.of(structure, body.beta)
         shape = COMPACT.rows, structure.dof
-        q = np.random.default_rng(0).uniform(lower, upper, shape)
+        rng = np.random.default_rng(0)
+        q = rng.uniform(lower, upper, shape)
         outputs = structure.blocks[0]
         beliefs: list[Body | Second] = [body]
         if body.second is not None:
@@ -89,12 +91,7 @@ class CompactPosterior:
         geometry = np.zeros((basis.shape[1], *size))
         alone = []
         for b, belief in enumerate(beliefs):
-            # where the belief is: what moves nothing there, by which it is hardly known, moves
-            # positions at the parameters of another
-            _, slope = structure.linearise(q, belief.beta, belief.active)
-            of_positions = slope[:, :outputs]
-            moves = np.zeros((len(basis), structure.size))
-            moves[:, belief.active] = of_positions.reshape(len(basis), -1)
+            moves = _moves(structure, belief, q)
             root = np.zeros((structure.size, belief.root.shape[1]))
             root[belief.active] = belief.root
             directions, of_curves = _split(root, curved)
@@ -126,7 +123,8 @@ class CompactPosterior:
         edges = np.cumsum(sizes)[:-1]
         of_parts = np.split(geometry, edges)
         # as in `Body.bound`: the first belief is inflated, the second not
-        scale = np.array([(body.kappa, SHARED**2), (1.0, 1.0)][: len(beliefs)])
+        factors = [(body.kappa, SHARED**2), (1.0, 1.0)]
+        scale = np.array(factors[: len(beliefs)])
         model = body.unexplained(noise=False)
         return CompactPosterior(
             arm,
@@ -154,6 +152,19 @@ class CompactPosterior:
             bounds.append(bound)
         return np.concatenate(bounds)
 
+    def _alone_at(self, q: Array) -> Array:
+        """Variances (b, dof, n) of curves by themselves at joint values (n, dof)."""
+        turns = q.T / (2 * np.pi)
+        place = np.mod(turns, 1.0) * COMPACT.knots
+        knots = np.arange(COMPACT.knots)
+        size = np.zeros((len(self.alone), *place.shape))
+        for b, variances in enumerate(self.alone):
+            for k, variance in enumerate(variances):
+                size[b, k] = np.interp(
+                    place[k], knots, variance, period=COMPACT.knots
+                )
+        return size
+
     def _spread(self, q: Array) -> tuple[Array, Array]:
         """Covariances (b, n, m, m) of beliefs, and how far they are apart (n, b)."""
         parts, by_joints = self.arm.derivatives(q)
@@ -161,19 +172,11 @@ class CompactPosterior:
         geometry = np.concatenate(list(self.geometry.values()))
         harmonics = np.arange(1, HARMONICS + 1)
         angles = q.T[:, :, None] * harmonics
-        waves = np.concatenate([np.cos(angles), np.sin(angles)], axis=2)
+        cosines = np.cos(angles)
+        sines = np.sin(angles)
+        waves = np.concatenate([cosines, sines], axis=2)
         along = np.einsum("knh,khbw->bnkw", waves, self.curves, optimize=True)
-        turns = q.T / (2 * np.pi)
-        place = np.mod(turns, 1.0) * COMPACT.knots
-        knots = np.arange(COMPACT.knots)
-        alone = [
-            [
-                np.interp(at, knots, variance, period=COMPACT.knots)
-                for at, variance in zip(place, belief, strict=True)
-            ]
-            for belief in self.alone
-        ]
-        size = np.array(alone)  # (b, dof, n)
+        size = self._alone_at(q)
         joints = by_joints.transpose(2, 1, 0)  # (n, m, dof)
         # (b, n, m, w), how each direction moves positions
         along_geometry = np.tensordot(by_geometry, geometry, (0, 0))
@@ -187,6 +190,21 @@ class CompactPosterior:
         gaps = moves[..., -1]
         apart = np.linalg.norm(gaps, axis=2).T
         return spread, apart
+
+
+def _moves(structure: Structure, belief: Body | Second, q: Array) -> Array:
+    """How positions at joints (n, dof) move with a body's parameters, (n m, d).
+
+    Where the belief is: what moves nothing there, by which it is hardly known, moves positions at
+    the parameters of another.
+    """
+    _, slope = structure.linearise(q, belief.beta, belief.active)
+    outputs = structure.blocks[0]
+    numbers = len(q) * outputs
+    of_positions = slope[:, :outputs]
+    moves = np.zeros((numbers, structure.size))
+    moves[:, belief.active] = of_positions.reshape(numbers, -1)
+    return moves
 
 
 def _amounts(basis: Array, moves: Array, least: float) -> Array:
@@ -225,7 +243,8 @@ def _ordered(root: Array, moves: Array) -> Array:
 def _curves_alone(root: Array, groups: list[NDArray[np.intp]]) -> Array:
     """Variances (dof, knots) of curves by themselves, from a root (d, k) of their covariance."""
     alone = np.zeros((len(groups), COMPACT.knots))
-    turn: Array = np.linspace(0.0, 2 * np.pi, COMPACT.knots, endpoint=False)
+    whole_turn = 2 * np.pi
+    turn: Array = np.linspace(0.0, whole_turn, COMPACT.knots, endpoint=False)
     waves = waves_of(turn).T
     for k, group in enumerate(groups):
         if len(group):

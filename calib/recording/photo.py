@@ -57,7 +57,8 @@ def take_photo(
             f"positions in {unit}, {x.shape[1]} coordinates, are not drawn over a photo: expected "
             "x and y in px"
         )
-    inside = ((x > -0.5) & (x < np.array([width, height]) - 0.5)).all(axis=1)
+    edge = np.array([width, height]) - 0.5
+    inside = ((x > -0.5) & (x < edge)).all(axis=1)
     if inside.mean() < 0.25:
         raise LogError(
             f"{name} shows {100 * inside.mean():.0f} % of the positions only: expected a picture "

@@ -128,7 +128,7 @@ def test_a_log_of_another_unit_or_frame_is_told(run, tmp_path, factor, offset):
     looked = run("check", "m.calib", "--data", path, "-v")
     assert looked.code == 3
     assert "check the log's unit before calib adapt" in looked.out
-    assert "smallest [sensor]" in looked.out
+    assert "smallest [sensor units]" in looked.out
     assert "`" not in looked.out
 
 
