@@ -263,6 +263,8 @@ def number(value: float | None) -> str:
 def sized(value: float, unit: str) -> str:
     """Return a length or an angle with the unit that people read, mm or degrees."""
     factor, shown = for_people(unit)
+    if 0.0 < abs(factor * value) < _ROUNDING:
+        return f"below {_ROUNDING:.6f} {shown}"
     return f"{number(factor * value)} {shown}"
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm, quaternion_of
 from ..common.arrays import Array
+from ..common.wording import with_interval
 from .parameters import Gaussian, Indices
 from .spatial import SpatialStructure
 from .structure import OfStructure, Structure
@@ -134,10 +135,7 @@ class SensorPose:
         """Lines on where it stands; `what` it is."""
         coordinates: list[str] = []
         for value, sd in zip(self.position, self.position_sd, strict=True):
-            # a value that rounds to zero has no sign
-            coordinates.append(
-                f"{round(1e3 * value, 1) + 0.0:.1f} ± {1.96e3 * sd:.2g}"
-            )
+            coordinates.append(with_interval(1e3 * value, 1.96e3 * sd))
         quaternion = ", ".join(f"{v:.5f}" for v in self.quaternion)
         lines = [
             f"{what} at ({', '.join(coordinates)}) mm in the base frame, turned within "

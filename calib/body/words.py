@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..common.arrays import Array
+from ..common.wording import number, with_interval
 from .parameters import Indices
 from .structure import Structure
 
@@ -54,7 +55,7 @@ def _of_joints(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
         size = float(np.linalg.norm(away[indices]))
         width = float(np.sqrt((half[indices] ** 2).mean()))
         if group == "curve":
-            text = f"joint curve {1e3 * size / np.sqrt(2):.2f} mrad rms"
+            text = f"joint curve {number(1e3 * size / np.sqrt(2))} mrad rms"
         elif group == "offset":
             text = _interval(float(away[indices[0]]), width, unit, "+")
             if unit == "rad" and width >= np.pi:
@@ -85,7 +86,7 @@ def _of_gravity(
     largest = np.abs(structure.bends(postures, beta)).max(axis=1)
     for joint, bend in zip(structure.chain_names, largest, strict=True):
         if bend >= LEAST_BEND:
-            yield f"{joint}: bends by up to {1e3 * bend:.2f} mrad under load"
+            yield f"{joint}: bends by up to {number(1e3 * bend)} mrad under load"
     angles: Sequence[int] | Indices = groups.get("gravity", [])
     tilt = float(np.linalg.norm(beta[angles]))
     both = float(np.linalg.norm(half[angles]))
@@ -106,10 +107,7 @@ def _interval(value: float, half: float, unit: str, sign: str = "") -> str:
         value *= 1e3
         half *= 1e3
         suffix = " mm"
-    # two digits of the interval
-    power = np.floor(np.log10(max(half, 1e-9)))
-    digits = int(np.clip(1 - power, 0, 10))
-    return f"{value:{sign}.{digits}f} ± {half:.{digits}f}{suffix}"
+    return f"{with_interval(value, half, sign)}{suffix}"
 
 
 def _of_sensor(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
@@ -120,13 +118,13 @@ def _of_sensor(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
     ):
         index: Sequence[int] | Indices = structure.groups.get(group, [])
         if half[index].any():
-            # a value that rounds to zero has no sign
-            shift = ", ".join(
-                f"{round(1e3 * v, 1) + 0.0:.1f}" for v in beta[index]
-            )
             mean = float((half[index] ** 2).mean())
             width = 1e3 * np.sqrt(mean)
-            yield f"{group} ({shift}) ± {width:.2f} mm from {place}"
+            parts = [
+                with_interval(1e3 * v, width).split(" ± ") for v in beta[index]
+            ]
+            shift = ", ".join(value for value, _ in parts)
+            yield f"{group} ({shift}) ± {parts[0][1]} mm from {place}"
     lens = [k for k in structure.groups["lens"] if half[k]]
     words: list[str] = []
     for k in lens:

@@ -53,6 +53,13 @@ class AdaptationSettings:
     baseline: int = 6000
     # rows that the readouts are evaluated on
     evaluated: int = 500
+    # drawn joints, beside each node, that what maps add to a body is learned from
+    per_node: int = 5
+    # of local models where there were none, and the least samples of one
+    degree: int = 2
+    samples: int = 20
+    # of the extent: less is nothing to keep
+    nothing: float = 1e-9
 
 
 ADAPTING = AdaptationSettings()
@@ -263,13 +270,6 @@ def _errors(fresh: Model, rows: LogRows, residual: Array) -> ErrorTable:
     return errors
 
 
-_PER_NODE = 5  # drawn joints that what maps add to a body is learned from
-# of local models where there were none
-_DEGREE = 2
-_SAMPLES = 20
-_NOTHING = 1e-9  # of the extent: less is nothing to keep
-
-
 def rebuilt(model: Model, old: Body, body: Body, u: Array) -> Model:
     """The model with an updated body, maps that follow it, and new bounds.
 
@@ -279,19 +279,21 @@ def rebuilt(model: Model, old: Body, body: Body, u: Array) -> Model:
     motor = model.motor
     nodes = np.clip(model.motor.units, 0.0, 1.0)
     drawn = np.random.default_rng(0).random(
-        (_PER_NODE * motor.size, nodes.shape[1])
+        (ADAPTING.per_node * motor.size, nodes.shape[1])
     )
     asked = np.concatenate([nodes, drawn])
     q = motor.scale.from_unit(asked)
     before = model.predictor.value(asked)
     added = before - old.predict(q)
     models = NO_MODELS
-    if float(np.abs(added).max()) > _NOTHING * float(
+    if float(np.abs(added).max()) > ADAPTING.nothing * float(
         np.linalg.norm(np.ptp(before, axis=0))
     ):
         added = carried_offset(old, body, body.beta, q, added)
-        degree = max(model.predictor.models.degree, _DEGREE)
-        samples = max(_SAMPLES, 2 * len(exponents(asked.shape[1], degree)))
+        degree = max(model.predictor.models.degree, ADAPTING.degree)
+        samples = max(
+            ADAPTING.samples, 2 * len(exponents(asked.shape[1], degree))
+        )
         models = local_models.fit(
             motor, np.arange(motor.size), asked, added, (degree, samples)
         )

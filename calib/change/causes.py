@@ -61,7 +61,7 @@ class Group(NamedTuple):
     built: float = 0.0  # of an arm as it was built, from its drawing
     # of what an adaptation leaves as it was; "" where that is not told
     kept: str = ""
-    changed: str = "{name} changed by {value:+.3g} ± {half:.2g} {unit}"
+    changed: str = "{name} changed by {size} {unit}"
     whole: bool = False  # whether all of its parameters are one cause
 
 
@@ -98,28 +98,28 @@ GROUPS = {
         1e-4,
         1e-3,
         "the links' lengths",
-        "the link of {joint} is {share}{size} {longer}",
+        "the link of {joint} is {share}{length} {longer}",
     ),
     "offset": Group(
         5 * _DEGREE,
         0.02 * _DEGREE,
         0.1 * _DEGREE,
         "the joints' offsets",
-        "{joint} is off by {value:+.3g} ± {half:.2g} {unit}",
+        "{joint} is off by {size} {unit}",
     ),
     "gain": Group(
         0.03,
         1e-4,
         1e-3,
         "the joints' gains",
-        "{joint} moves {value:+.3g} ± {half:.2g} % further than it says",
+        "{joint} moves {size} % further than it says",
     ),
     "coupling": Group(
         0.03,
         1e-4,
         1e-3,
         "the joints' coupling",
-        "{joint} moves with the joint before it, by {value:+.3g} ± {half:.2g} % more",
+        "{joint} moves with the joint before it, by {size} % more",
     ),
     "elastic": Group(
         0.02,

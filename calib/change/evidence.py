@@ -16,12 +16,27 @@ from ..samples.diagnosis import rows_behind
 from .explain import Explanation, explain
 from .frame import Reference, TurnedTool, turned_tool
 from .rows import LogRows
-from .settings import BEYOND, FALSE_ALARM, FEW_WRONG, MARGIN, UNEXPLAINED
+from .settings import BEYOND, FALSE_ALARM, MARGIN
 from .significance import GroupTest, Tested
 from .system import Log, System
 
-_LASTING = 10  # rows over which noise may last
 _TOOL = "tool"  # the group of where it is
+
+
+@dataclass(frozen=True)
+class EvidenceSettings:
+    """When a log is explained."""
+
+    # rows over which noise may last
+    lasting: int = 10
+    # share of the positions' spread: a log that is further off from every hypothesis is explained
+    # by none
+    unexplained: float = 0.1
+    # share of rows that may contradict all others where the rest is as near as told
+    few_wrong: float = 0.05
+
+
+EVIDENCE = EvidenceSettings()
 
 
 @dataclass(frozen=True)
@@ -57,32 +72,44 @@ def bound_test(
     """
     from scipy.special import bdtrc, chdtri
 
-    away = rows.x - rows.predicted
+    residual = rows.x - rows.predicted
+    square = (residual**2).sum(axis=1)
     usual = float(np.median(limit))
-    square = (away**2).sum(axis=1)
-    outputs = away.shape[1]
     # squared, of 95 % of a Gaussian, in deviations
-    radius = float(chdtri(outputs, 0.05))
-    # half of the rows of a noisier sensor are nearer than its median
-    median = float(np.median(square)) / float(chdtri(outputs, 0.5))
-    noise = max(tests.noise**2, median) - tests.usual**2
-    if noise > 0.0 and variance_of_places(rows, away) * radius > usual**2:
+    radius = float(chdtri(residual.shape[1], 0.05))
+    noise = _noise_of_sensor(square, residual.shape[1], tests)
+    # rows of like joints that err alike are no noisier sensor
+    if noise > 0.0 and variance_of_places(rows, residual) * radius > usual**2:
         noise = 0.0
-    variance = np.full(len(away), max(noise, 0.0))
-    if tests.noisy is not None:
-        joint, sd = tests.noisy
-        slope = rows.body.structure.slope(rows.q, rows.body.beta)
-        variance += sd**2 * (slope[..., joint] ** 2).sum(axis=1)
-    over = square > limit**2 + radius * (shared + variance)
+    variance = noise + _noise_of_joint(rows, tests)
+    by_more_noise = square > limit**2 + radius * (shared + variance)
     # rows that err together count once
     time = 1.0
-    if over.any():
-        time = autocorrelation_time(over[:, None].astype(float))
-    count = int(over.sum() / time)
-    independent = math.ceil(len(over) / time)
+    if by_more_noise.any():
+        time = autocorrelation_time(by_more_noise[:, None].astype(float))
+    count = int(by_more_noise.sum() / time)
+    independent = math.ceil(len(square) / time)
     chance = float(bdtrc(count - 1, independent, BEYOND)) if count else 1.0
     beyond = float(np.mean(square > limit**2 + radius * shared))
     return BoundTest(beyond, usual, GroupTest("bound", chance))
+
+
+def _noise_of_sensor(square: Array, outputs: int, tests: Tested) -> float:
+    """Variance of an axis [unit^2] beyond the usual one, of squared distances (n,)."""
+    from scipy.special import chdtri
+
+    # half of the rows of a noisier sensor are nearer than its median
+    median = float(np.median(square)) / float(chdtri(outputs, 0.5))
+    return max(max(tests.noise**2, median) - tests.usual**2, 0.0)
+
+
+def _noise_of_joint(rows: LogRows, tests: Tested) -> Array:
+    """Variance (n,) [unit^2] of the rows by a joint whose encoder is noisy."""
+    if tests.noisy is None:
+        return np.zeros(len(rows))
+    joint, sd = tests.noisy
+    slope = rows.body.structure.slope(rows.q, rows.body.beta)
+    return np.asarray(sd**2 * (slope[..., joint] ** 2).sum(axis=1))
 
 
 def variance_of_places(rows: LogRows, residual: Array) -> float:
@@ -91,7 +118,7 @@ def variance_of_places(rows: LogRows, residual: Array) -> float:
     from scipy.special import ndtri
 
     # of so many rows at least one is no neighbour in time: noise may last over some rows
-    lasting = _LASTING
+    lasting = EVIDENCE.lasting
     count = min(2 * lasting + 2, len(rows))
     _, neighbours = cKDTree(rows.u).query(rows.u, count)
     near = np.asarray(neighbours)
@@ -146,11 +173,11 @@ class Evidence:
     @cached_property
     def explained(self) -> bool:
         """Whether any explanation comes near the rows: to a part of their spread, or as bounded."""
-        if self.misfit < UNEXPLAINED:
+        if self.misfit < EVIDENCE.unexplained:
             return True
         # rows that lag or whose joints are exchanged come near too, but for those at each jump
         count = len(self.rows) + self.rows.wrong
-        few = self.rows.wrong <= FEW_WRONG * count
+        few = self.rows.wrong <= EVIDENCE.few_wrong * count
         return few and self.distance < self.bound.usual < np.inf
 
     @cached_property

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import chain
 from operator import attrgetter
 from typing import NamedTuple
@@ -35,7 +36,7 @@ from .settings import (
     OWN,
     Level,
 )
-from .system import System
+from .system import Products, System
 
 
 @dataclass(frozen=True)
@@ -146,6 +147,40 @@ class Information(NamedTuple):
         return evidence, np.linalg.solve(power[best], pull[best])
 
 
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where the freed parameters of a set may be, and how the rows lie there."""
+
+    moved: Array  # (p,), from the reference, in the standard deviations by which they are free
+    beta: Array  # (d,), all parameters
+    residual: Array  # (n, m) [unit]
+    products: Products
+    noise: float  # of the greatest likelihood, in `Reference.sizes`
+    temper: float  # rows that count for one
+
+    @cached_property
+    def fit(self) -> float:
+        """Logarithm of the tempered posterior [nats]."""
+        likelihood = float(self.products.likelihood(self.noise)[0])
+        prior = 0.5 * float((self.moved**2).sum())
+        return likelihood / self.temper - prior
+
+    @cached_property
+    def _information(self) -> tuple[Array, Array]:
+        return self.products.information(self.noise)
+
+    @cached_property
+    def precision(self) -> Factor:
+        """Of the posterior, (p, p)."""
+        power = self._information[0] / self.temper
+        return Factor(power + np.eye(len(power)))
+
+    @property
+    def gradient(self) -> Array:
+        """Of the logarithm of the posterior, (p,)."""
+        return self._information[1] / self.temper - self.moved
+
+
 class Search:
     """Sets of causes of a log beside a reference.
 
@@ -249,60 +284,63 @@ class Search:
 
     def fitted(self, candidate: Candidate) -> Explanation:
         """Fit a set by damped Gauss-Newton steps: its noise by likelihood, its evidence."""
-        system = self.system
-        reference = system.reference
-        structure = reference.structure
-        unknown = system.unknown(candidate.level)
-        free = candidate.indices
-        sd = np.zeros(structure.size)
-        sd[free] = self.sd[free]
-        cost = self.cost * len(candidate.causes)
         best = None
-        best_fit = -np.inf
-        moved = np.zeros(len(free))  # in standard deviations
+        moved = np.zeros(len(candidate.indices))
         step = candidate.step
         for _ in range(SEARCH.steps):
-            full = np.zeros(structure.size)
-            full[free] = sd[free] * (moved + step)
-            beta = structure.retract(reference.beta, full)
-            residual, columns = system.residual(beta, free)
-            fit = -np.inf
-            if np.isfinite(residual).all():
-                y = system.whiten(residual)
-                products = unknown.products(y, columns * sd[free])
-                noise = products.most_likely_noise()
-                fit = float(products.likelihood(noise)[0]) / self.temper
-                fit -= 0.5 * float(((moved + step) ** 2).sum())
-            if not fit > best_fit:
+            place = self._place(candidate, moved + step)
+            if place is None or not place.fit > (best.fit if best else -np.inf):
                 step = SEARCH.shorter * step
                 continue
-            moved = moved + step
-            best_fit = fit
-            power, pull = products.information(noise)
-            factor = Factor(power / self.temper + np.eye(len(free)))
-            variance = np.diag(factor.inverse())
-            deviation = np.zeros(structure.size)
-            deviation[free] = sd[free] * np.sqrt(variance)
-            best = Explanation(
-                causes=candidate.causes,
-                level=candidate.level,
-                reference=reference,
-                indices=free,
-                beta=beta,
-                sd=sd,
-                evidence=fit - 0.5 * factor.log_determinant() - cost,
-                temper=self.temper,
-                deviation=deviation,
-                noise=noise,
-                residual=residual,
-            )
-            lead = pull / self.temper - moved
-            step = factor.solve(lead)
+            best = place
+            moved = place.moved
+            lead = place.gradient
+            step = place.precision.solve(lead)
             if float(lead @ step) < SEARCH.nothing_left:
                 break
         if best is None:
             raise np.linalg.LinAlgError("no prediction is a number")
-        return best
+        return self._explanation(candidate, best)
+
+    def _place(self, candidate: Candidate, moved: Array) -> Place | None:
+        """Compare the rows with a set whose parameters moved so far, None without a prediction."""
+        reference = self.system.reference
+        free = candidate.indices
+        sd = self.sd[free]
+        full = np.zeros(reference.structure.size)
+        full[free] = sd * moved
+        beta = reference.structure.retract(reference.beta, full)
+        residual, columns = self.system.residual(beta, free)
+        if not np.isfinite(residual).all():
+            return None
+        unknown = self.system.unknown(candidate.level)
+        products = unknown.products(self.system.whiten(residual), columns * sd)
+        noise = products.most_likely_noise()
+        return Place(moved, beta, residual, products, noise, self.temper)
+
+    def _explanation(self, candidate: Candidate, place: Place) -> Explanation:
+        """The set of causes at the place of its best fit, with its evidence by Laplace."""
+        free = candidate.indices
+        sd = np.zeros(len(place.beta))
+        sd[free] = self.sd[free]
+        precision = place.precision
+        variance = np.diag(precision.inverse())
+        deviation = np.zeros(len(place.beta))
+        deviation[free] = sd[free] * np.sqrt(variance)
+        cost = self.cost * len(candidate.causes)
+        return Explanation(
+            causes=candidate.causes,
+            level=candidate.level,
+            reference=self.system.reference,
+            indices=free,
+            beta=place.beta,
+            sd=sd,
+            evidence=place.fit - 0.5 * precision.log_determinant() - cost,
+            temper=self.temper,
+            deviation=deviation,
+            noise=place.noise,
+            residual=place.residual,
+        )
 
     def explanations(self, *, calm: bool) -> list[Explanation]:
         """Fit the best sets; set the system up again where that leads far.
@@ -348,7 +386,7 @@ def explain(
     for system in systems:
         reference = system.reference
         always = turned
-        if len(reference.forgotten):
+        if reference.moved:
             always = (*FRAME, *turned)
         search = Search(system, cause, always, temper)
         explanations += search.explanations(calm=calm)

@@ -76,6 +76,11 @@ class Reference:
         return bool(self.causes)
 
     @property
+    def moved(self) -> bool:
+        """Whether the frame was fitted to the log."""
+        return len(self.forgotten) > 0
+
+    @property
     def structure(self) -> Structure:
         """Structure of the log."""
         return self.body.structure
@@ -108,47 +113,73 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     if is_camera(old.view):
         beta = _placed(old, q, z, _camera_anew(body, q, z), FRAME)
         return Reference(body, beta, forgotten=indices_of(old, FRAME))
+
+    # the sense of axes and joints that comes nearest, in the log's own unit
     senses = [*_senses(old, body.beta), *_stuck(old, body.beta)]
     fits = [_Placement.of(sense, q, z[:, places]) for sense in senses]
     best = min(fits, key=lambda fit: fit.cost(extent))
+    factor = best.ratio if best.rescaled else 1.0
     structure = best.sense.structure
-    causes = list(best.sense.causes)
-    factor = 1.0
-    groups: tuple[str, ...] = FRAME
-    if best.rescaled:  # in the log's own unit
-        factor = best.ratio
-        groups = (*FRAME, "view.scale")
-        structure = _with_fields(
-            structure,
-            extent=factor * old.extent,
-            centre=tuple(z.mean(axis=0).tolist()),
-            unit="sensor" if unit == old.unit else unit,
-        )
-        hint = unit_hint(factor, old.unit)
-        words = f"the log's positions are {factor:.4g} times the model's{hint}"
-        causes.append(Cause("scale", "view.scale", words, factor, None, "1"))
+    fitted: tuple[str, ...] = FRAME
+    if best.rescaled:
+        structure = _in_unit(structure, factor, z, unit)
+        fitted = (*FRAME, "view.scale")
+
+    # the frame fitted to the rows, from where that sense stands
     start = _turned(structure, best, factor)
     shift = structure.groups["view.shift"]
     residual = structure.residual(z, structure.predict(q, start))
     start[shift] += np.median(residual, axis=0)[: len(shift)]
-    beta = _placed(structure, q, z, start, groups)
+    beta = _placed(structure, q, z, start, fitted)
+
+    causes = list(best.sense.causes)
+    if best.rescaled:
+        causes.append(_other_unit(factor, old.unit))
     if causes and causes[0].cause == "mirror":
-        seen = structure.predict(q, beta)
-        if Alignment.between(predicted, seen).swapped:
+        frame = Alignment.between(predicted, structure.predict(q, beta))
+        if frame.swapped:
             words = "x and y of the log are exchanged, compared with the model"
             causes[0] = replace(causes[0], words=words)
-    view: tuple[str, ...] = FRAME
+    forgotten: tuple[str, ...] = FRAME
     if causes:
-        view = tuple(filter(is_sensors, structure.groups))
-    body = replace(
+        forgotten = tuple(filter(is_sensors, structure.groups))
+    return Reference(
+        body=_scaled(body, structure, factor),
+        beta=beta,
+        causes=tuple(causes),
+        scale=factor,
+        forgotten=indices_of(structure, forgotten),
+    )
+
+
+def _in_unit(
+    structure: Structure, factor: float, z: Array, unit: str
+) -> Structure:
+    """The structure in the unit of positions (n, m), which are `factor` times the model's."""
+    return _with_fields(
+        structure,
+        extent=factor * float(structure.extent),
+        centre=tuple(z.mean(axis=0).tolist()),
+        unit="sensor" if unit == structure.unit else unit,
+    )
+
+
+def _other_unit(factor: float, unit: str) -> Cause:
+    """Positions that are `factor` times the model's, in its unit."""
+    hint = unit_hint(factor, unit)
+    words = f"the log's positions are {factor:.4g} times the model's{hint}"
+    return Cause("scale", "view.scale", words, factor, None, "1")
+
+
+def _scaled(body: Body, structure: Structure, factor: float) -> Body:
+    """The belief with the structure of a log, and its noises in the unit of that."""
+    return replace(
         body,
         structure=structure,
         noise=factor * body.noise,
         tau=factor * body.tau,
         residual=factor * body.residual,
     )
-    forgotten = indices_of(structure, view)
-    return Reference(body, beta, tuple(causes), factor, forgotten)
 
 
 def carried_offset(
@@ -351,26 +382,15 @@ def turned_tool(
         sd = deviation.copy()
         sd[structure.groups["view.rotation"]] = FREE
     sd[tool] = FREE
-    turns = logarithm(matrix_of(rows.log.orientation))
-    poses = np.hstack([rows.x, turns])
-    # of positions nothing is asked
-    floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
-    fit = Fit(
-        structure.with_view("pose"),
-        [Rows(rows.q, poses, floor=floor)],
-        beta,
-        Prior(beta, sd),
-        nu=STUDENT,
-    ).maximise()
-    turns = np.stack([beta[tool], fit.beta[tool]])
-    before, after = exponential(turns)
+    fit = _fit_to_poses(rows, rows.log.orientation, structure, Prior(beta, sd))
+    before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
     turn = logarithm(before.T @ after)
-    place = np.searchsorted(fit.active, tool)
-    covariance = fit.covariance[np.ix_(place, place)]
-    place = np.searchsorted(old.active, tool)
+    in_fit = np.searchsorted(fit.active, tool)
+    covariance = fit.covariance[np.ix_(in_fit, in_fit)]
     # the model knows its own tool as well as it does
-    both = covariance + old.kappa**2 * old.covariance[np.ix_(place, place)]
-    square = float(turn @ np.linalg.solve(both, turn))
+    in_old = np.searchsorted(old.active, tool)
+    known = old.kappa**2 * old.covariance[np.ix_(in_old, in_old)]
+    square = float(turn @ np.linalg.solve(covariance + known, turn))
     # what the chain leaves over differs between regions of the workspace by about its scatter
     scatter = np.sqrt(3) * fit.noise[-1]
     score = min(
@@ -378,3 +398,15 @@ def turned_tool(
         float(np.linalg.norm(turn) / scatter),
     )
     return TurnedTool(score, turn, covariance)
+
+
+def _fit_to_poses(
+    rows: LogRows, orientation: Array, structure: Any, prior: Prior
+) -> Fit:
+    """The parameters by the rows' orientations; of their positions nothing is asked."""
+    turns = logarithm(matrix_of(orientation))
+    poses = np.hstack([rows.x, turns])
+    floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
+    measured = [Rows(rows.q, poses, floor=floor)]
+    poser = structure.with_view("pose")
+    return Fit(poser, measured, prior.mean, prior, nu=STUDENT).maximise()

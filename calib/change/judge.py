@@ -6,8 +6,9 @@ is not known::
     y = X d + e,    e ~ N(0, K + s^2),    d ~ N(0, diag(sd^2)) of a cause that is freed, else 0
 
 X has a column for each parameter of the arm and its sensor; K is the model's own posterior, a
-creep, and a smooth residual of this log alone.  Tests, evidences and estimates are sub-blocks of
-the same equations.  `check`, `adapt`, `recognise` and the command line show the verdict.
+creep, and a smooth residual of this log alone.  Tests (p), evidences (log p(y | causes)) and
+estimates (d) are sub-blocks of the same equations; `_of_body` takes them in turn.  `check`,
+`adapt`, `recognise` and the command line show the verdict.
 """
 
 from __future__ import annotations
@@ -91,68 +92,69 @@ def judge(
         return _of_body(rows, cause or rows.cause, learn)
 
 
-def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
-    body = rows.body
+def _of_body(logged: LogRows, cause: str | None, learn: bool) -> Verdict:
+    """The verdict on a model with a body."""
+    body = logged.body
 
-    # The belief that a changed arm starts from, in the frame of the log.
+    # 1. y: the log beside the belief that a changed arm starts from, in the frame of the log.
     prior = as_drawn(body) if cause == "offsets" else as_built(body)
-    reference = reference_of(prior, rows.q, rows.x - rows.added, rows.unit)
-    rows, data = sound_data(rows, reference, cause)
+    positions = logged.x - logged.added
+    reference = reference_of(prior, logged.q, positions, logged.unit)
+    rows, readings = sound_data(logged, reference, cause)
 
-    # Is anything wrong, and could these rows say so?
+    # 2. s: the noise where everything may have changed; a joint's play is found beside it, and
+    # taken up.  A frame that no posterior tells of leaves no old one to compare with.
     old = reference if reference.new else Reference(body, body.beta)
-    is_moved = len(reference.forgotten) > 0
-    near = reference if is_moved else old
-    noise = FreeNoise(System(near, data))
-    play = find_play(noise, rows)
-    if play is not None:
-        data = replace(data, q=data.q - play.half * rows.side)
-        noise = FreeNoise(System(near, data))
+    nearest = reference if reference.moved else old
+    noise_of_readings = FreeNoise(System(nearest, readings))
+    play = find_play(noise_of_readings, rows)
+    if play is None:
+        data = readings
+        noise = noise_of_readings
+    else:
+        data = replace(readings, q=readings.q - play.half * rows.side)
+        noise = FreeNoise(System(nearest, data))
     temper = max(body.kappa**2, 1.0, noise.temper)
-    if near is not old:
-        noise = FreeNoise(System(old, data))
-    tests = group_tests(noise, rows.probes)
-    limit = np.maximum(rows.bound, prior.bound(rows.q))
-    shared = shared_variance(reference, data)
-    bound = bound_test(rows, limit, shared, tests)
-    suspicious = max(tests.score, bound.test.score) > 1.0
-    calm = not (suspicious or bound.beyond > BEYOND or reference.new)
 
-    # Which causes explain it?
-    if not learn:  # a wider belief is for the bound of a model to write
-        narrow = replace(reference.body, second=None)
-        reference = replace(reference, body=narrow)
-    systems = [System(reference, data)]
-    if is_moved and not reference.new:  # the frame may be where it was
-        there = Reference(reference.body, body.beta)
+    # 3. p: the chance of such rows where nothing changed, by groups of parameters and by the bound.
+    old_noise = noise if old is nearest else FreeNoise(System(old, data))
+    tests = group_tests(old_noise, rows.probes)
+    limit = np.maximum(rows.bound, prior.bound(rows.q))
+    bound = bound_test(rows, limit, shared_variance(reference, data), tests)
+
+    # 4. log p(y | causes): which sets of causes explain the rows?
+    fired = max(tests.score, bound.test.score) > 1.0
+    calm = not (fired or bound.beyond > BEYOND or reference.new)
+    start = reference if learn else _without_second(reference)
+    systems = [System(start, data)]
+    if start.moved and not start.new:  # the frame may be where it was
+        there = Reference(start.body, body.beta)
         systems.insert(0, System(there, data))
-    evidence = Evidence(
+    by_positions = Evidence(
         rows=rows,
         cause=cause,
         prior=prior,
-        reference=reference,
+        reference=start,
         data=data,
         tests=tests,
         bound=bound,
         explanations=explain(systems, cause, temper=temper, calm=calm),
     )
-    evidence = with_orientations(evidence, systems, temper)
+    evidence = with_orientations(by_positions, systems, temper)
 
-    # The winner fitted to the rows, and held-out rows as they are and as explained.
+    # 5. d: the best explanation fitted to the rows, judged by rows that are held out.
     better = None
     if learn or evidence.score > 1.0:
         better = update(evidence)
 
-    # Words.
+    # 6. Words.
+    causes, notes = causes_of(evidence, play)
     score = max(evidence.score, evidence.tool.score)
     if play is not None and evidence.explained:
         score = max(score, play.score)
-    causes, notes = causes_of(evidence, play)
-    changed: bool | None = score > 1.0
-    if not changed and tests.too_few:
-        changed = None
+    unsure = score <= 1.0 and tests.too_few
     return Verdict(
-        changed=changed,
+        changed=None if unsure else score > 1.0,
         causes=causes,
         score=score,
         notes=(*notes_of(rows, bound, score), *notes),
@@ -162,6 +164,11 @@ def _of_body(rows: LogRows, cause: str | None, learn: bool) -> Verdict:
         update=better,
         evidence=evidence,
     )
+
+
+def _without_second(reference: Reference) -> Reference:
+    """The reference without its body's second belief, which only the bound of a new model needs."""
+    return replace(reference, body=replace(reference.body, second=None))
 
 
 def check_choice(name: str, value: str | None, choices: Sequence[str]) -> None:

@@ -25,15 +25,29 @@ from ..training.touched import as_positions
 LEAST_ROWS = 10
 REPEATED = "{} repeated rows count once"
 _MISREAD = ("exchanged", "turns")
-# share of the positions' spread: rows that are missed by less are not read wrongly
-_NEAR = 0.1
-_CORNER = 0.5  # share of a joint's range below which it is said how little was covered
-# joints all over the learned range at which predictions are compared
-_PROBES = 120
-# spread of rows across, over that of the learned range, from which they are not along a line: the
-# joints of series C hang together, .29
-_LINE = 0.2
-_MOST = 1000  # rows that distortions are measured on
+
+
+@dataclass(frozen=True)
+class RowSettings:
+    """When rows are as they should be, and how many are looked at."""
+
+    # share of the positions' spread: rows that are missed by less are not read wrongly
+    near: float = 0.1
+    # share of a joint's range below which it is said how little was covered
+    corner: float = 0.5
+    # spread of rows across, over that of the learned range, from which they are not along a line:
+    # the joints of series C hang together, .29
+    line: float = 0.2
+    # joints all over the learned range at which predictions are compared
+    probes: int = 120
+    # rows that distortions are measured on
+    most: int = 1000
+    # share of the rows that the model answers: of a log in its unit, and of one in another
+    answered: float = 0.5
+    answered_in_other: float = 0.9
+
+
+ROWS = RowSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +103,8 @@ class LogRows(OfRows):
         # rows of uniform joints have a variance of 1 / 12 in every direction
         spread = np.atleast_2d(np.cov(self.u.T))
         across = float(np.linalg.eigvalsh(spread)[0])
-        wide = bool((self.widths > _CORNER).all())
-        return wide and across > _LINE**2 / 12.0
+        wide = bool((self.widths > ROWS.corner).all())
+        return wide and across > ROWS.line**2 / 12.0
 
     @property
     def missed(self) -> Array:
@@ -106,7 +120,7 @@ class LogRows(OfRows):
     def probes(self) -> Array:
         """Joints (p, dof) all over the learned range [rad or m]."""
         about = self.model.about
-        shape = (_PROBES, len(about.joint_names))
+        shape = (ROWS.probes, len(about.joint_names))
         u = np.random.default_rng(0).random(shape)
         return np.asarray(about.lower + u * (about.upper - about.lower))
 
@@ -199,13 +213,16 @@ def _misreadings(rows: LogRows) -> list[str]:
     notes: list[str] = []
     middle = np.median(log.x, axis=0)
     spread = np.median(np.abs(log.x - middle))
-    if log.orientation is not None or np.median(rows.missed) > _NEAR * spread:
+    if (
+        log.orientation is not None
+        or np.median(rows.missed) > ROWS.near * spread
+    ):
         pose = model.pose if knows_orientation(model.body) else None
         findings = diagnose(log, model.forward, pose)
         notes = refuse_mistakes([f for f in findings if f.kind in _MISREAD])
     names = model.about.joint_names
     for name, width in zip(names, rows.widths.tolist(), strict=True):
-        if width < _CORNER:
+        if width < ROWS.corner:
             notes.append(
                 f"the log covers {100 * width:.0f} % of the learned range of {name}: the result "
                 "says little about the rest"
@@ -217,11 +234,11 @@ def _refuse_degrees(model: Model, log: Samples) -> None:
     """Refuse a log of joints in another unit, most of which the model has not learned."""
     about = model.about
     q = about.joints_of(log)
-    if np.isfinite(model.expected_error(q)).mean() > 0.5:
+    if np.isfinite(model.expected_error(q)).mean() > ROWS.answered:
         return
     units, *_ = readings(q, about.joint_names, about.revolute, any_order=False)
     for q, other in units if any(about.revolute) else ():
-        if np.isfinite(model.expected_error(q)).mean() > 0.9:
+        if np.isfinite(model.expected_error(q)).mean() > ROWS.answered_in_other:
             raise LogError(
                 f"the log fits the model only if {other.words}", hint=other.hint
             )
@@ -240,7 +257,7 @@ def distortions(rows: LogRows) -> dict[str, Signal]:
     "reverse" is the mean squared distance of the nodes predicted for the joints to those that the
     positions visit, in the unit box; "links" the root mean square of the residuals [unit].
     """
-    rows = rows.take(thinned(len(rows), _MOST))
+    rows = rows.take(thinned(len(rows), ROWS.most))
     model = rows.model
     baseline = model.baseline
     assert baseline is not None  # noqa: S101 - checked where the rows are read

@@ -1,7 +1,8 @@
-"""Settings: the tuned numbers of this room, each with its unit, its reason and its measurement."""
+"""Settings: tuned numbers of this room, each with its unit, its reason and its measurement."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 # Share of undisturbed logs for which `check` may call anything changed, after Bonferroni
@@ -13,18 +14,8 @@ PSEUDO = 4.0  # observations that the old noise counts for
 NOISIER = 1.5
 # Least residual of one log, of the extents; 1e-4 hid a sensor that was moved by .1 mm
 LEAST_OWN = 1e-6
-# Times the noise of a change that rows have to be able to show: 10 rows of two joints, which hardly
-# tell the noise, show those of 11 to 37 times on, 12 rows 4 times
-LARGE = 10.0
 # Share of rows beyond a 95 % bound that fails for sure: halves of A and C have 13 % at most
 BEYOND = 0.2
-# Share of the held-out error that a change may leave at most, and standard errors by which five
-# held-out blocks must gain
-CHANGED = 0.95
-SURE = 2.0
-# The same where nothing changed, and of the error that a belief expects of itself: rows of half of
-# series A were added to a model of the other, which was then 1.15 times as far off
-REFINED = 0.85
 
 CREPT = 0.25
 """Of the usual creep of an unchanged arm's parameters, what the tests allow for: the last rows of
@@ -37,10 +28,6 @@ BUILT_CURVE = 0.3
 LEAST_MISFIT = 1e-4
 """Least residual sd of an arm that may have changed, beyond the noise [extents]: also of samples
 without noise."""
-
-SIMULATED_KAPPA = 1.2
-"""Inflation of the bound of an arm that was only simulated: nothing has shown yet how it holds.
-Of 30 rows with waves of 2 mrad it covered 94.4 % without."""
 
 
 class Level(NamedTuple):
@@ -71,8 +58,32 @@ rows had not learned of a real UR10, and did harm where they were taken for a ch
 # Nats by which a change must be better than none, and within which explanations are averaged
 MARGIN = 5.0
 
-UNEXPLAINED = 0.1
-"""Share of the positions' spread: a log that is further off from every hypothesis is explained by
-none."""
 
-FEW_WRONG = 0.05  # share of rows that may contradict all others where the rest is as near as told
+@dataclass(frozen=True)
+class UpdateSettings:
+    """How a belief is updated."""
+
+    # that an update takes: linear in them
+    rows: int = 600
+    # contiguous ones that are held out in turn, each of which tells a gain
+    blocks: int = 5
+    # linearisations at most
+    steps: int = 60
+    # nats (twice) that one has to gain.  Along the ways in which an arm without a drawing may be
+    # put together the fit betters by little for long, and predictions no more
+    nothing_left: float = 1.0
+    # of ever more damped steps, the share of the rows' information of each parameter that is added
+    dampings: tuple[float, ...] = (0.0, *(1e-4 * 8.0**k for k in range(8)))
+    # share of the held-out error that a change may leave at most
+    changed: float = 0.95
+    # The same where nothing changed, and of the error that a belief expects of itself: rows of half
+    # of series A were added to a model of the other, which was then 1.15 times as far off
+    refined: float = 0.85
+    # standard errors by which the held-out blocks must gain
+    sure: float = 2.0
+    # Inflation of the bound of an arm that was only simulated: nothing has shown yet how it holds.
+    # Of 30 rows with waves of 2 mrad it covered 94.4 % without.
+    simulated_kappa: float = 1.2
+
+
+UPDATING = UpdateSettings()

@@ -21,7 +21,7 @@ from ..common.rows import thinned
 from .causes import FRAME, changeable, freedom, indices_of, single_causes
 from .frame import Reference
 from .rows import LogRows
-from .settings import CREPT, FALSE_ALARM, LARGE, NOISIER, OWN
+from .settings import CREPT, FALSE_ALARM, NOISIER, OWN
 from .system import (
     SYSTEM,
     NoisyJoint,
@@ -40,6 +40,9 @@ class SignificanceSettings:
     joint_noises: tuple[float, ...] = tuple(2.0 ** np.arange(-1.0, 6.5, 0.5))
     # share of logs in which the smallest change that is told would be found
     power: float = 0.9
+    # times the noise of a change that rows have to be able to show: 10 rows of two joints, which
+    # hardly tell the noise, show those of 11 to 37 times on, 12 rows 4 times
+    large: float = 10.0
     # statistic beyond which no size of a change is computed
     largest: float = 1e8
     # Of the play that a model knows, by which that may be wrong: 20 mrad were learned as 19.1
@@ -112,7 +115,7 @@ class Tested:
     def too_few(self) -> bool:
         """Whether the rows could not show a large change of any group."""
         least = min(self._sizes, default=np.inf)
-        return least > LARGE * max(self.noise, self.usual)
+        return least > SIGNIFICANCE.large * max(self.noise, self.usual)
 
     @property
     def smallest(self) -> float:
@@ -322,7 +325,7 @@ def group_tests(noise: FreeNoise, probes: Array) -> Tested:
     reference = noise.system.reference
     structure = reference.structure
     groups = groups_of(structure)
-    noisier = not len(reference.forgotten) and noise.larger
+    noisier = not reference.moved and noise.larger
     if noisier:
         noise = noise.of_one_joint()
         noisier = noise.larger

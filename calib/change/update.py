@@ -26,28 +26,8 @@ from ..common.arrays import Array
 from ..common.rows import row_lengths, thinned
 from .evidence import Evidence
 from .explain import Explanation, least_residual
-from .settings import CHANGED, CREEP, REFINED, SIMULATED_KAPPA, SURE
+from .settings import CREEP, UPDATING
 from .system import Log, own_columns, prior_columns, shared_columns
-
-
-@dataclass(frozen=True)
-class UpdateSettings:
-    """How a belief is updated."""
-
-    # that an update takes: linear in them
-    rows: int = 600
-    # contiguous ones that are held out in turn, each of which tells a gain
-    blocks: int = 5
-    # linearisations at most
-    steps: int = 60
-    # nats (twice) that one has to gain.  Along the ways in which an arm without a drawing may be
-    # put together the fit betters by little for long, and predictions no more
-    nothing_left: float = 1.0
-    # of ever more damped steps, the share of the rows' information of each parameter that is added
-    dampings: tuple[float, ...] = (0.0, *(1e-4 * 8.0**k for k in range(8)))
-
-
-UPDATING = UpdateSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,53 +58,65 @@ class _Belief(NamedTuple):
 
 def update(evidence: Evidence) -> Update:
     """Update a belief by the rows of a log."""
-    changed = evidence.score > 1.0
     explanation = _to_update_by(evidence)
+    belief = _after(evidence, explanation)
+    improved = _is_better(evidence, belief)
+    if evidence.tool.score > 1.0:
+        if not improved:  # the tool alone
+            belief = _as_it_was(evidence)
+        tool = evidence.tool_beside(belief.body.beta)
+        belief = belief._replace(body=tool.of(belief.body))
+        improved = True
+    return Update(
+        body=belief.body,
+        explanation=explanation,
+        rows=belief.rows,
+        before=evidence.rows.missed[belief.rows],
+        residual=belief.residual,
+        improved=improved,
+    )
+
+
+def _after(evidence: Evidence, explanation: Explanation) -> _Belief:
+    """The posterior under an explanation, or that of training where it errs less."""
     rows = thinned(len(evidence.rows), UPDATING.rows)
     body, residual = _updated(explanation, evidence.data.some(UPDATING.rows))
     if evidence.attributed:
         body = _as_uncertain(body, explanation, evidence.explanations)
-    belief = _Belief(body, rows, residual)
-    if changed and _is_trainable(evidence, explanation):
+    if evidence.score > 1.0 and _is_trainable(evidence, explanation):
         trained = _trained(explanation, evidence.data)
         better = row_lengths(residual) - row_lengths(trained.residual[rows])
         if better.mean() > 0.0:
-            belief = trained
+            return trained
+    return _Belief(body, rows, residual)
+
+
+def _as_it_was(evidence: Evidence) -> _Belief:
+    """The belief before the log, judged by the rows as the model predicts them."""
+    rows = thinned(len(evidence.rows), UPDATING.rows)
+    measured = evidence.rows.x - evidence.rows.predicted
+    return _Belief(evidence.prior, rows, measured[rows])
+
+
+def _is_better(evidence: Evidence, belief: _Belief) -> bool:
+    """Whether held-out rows gain by more than chance, and by the share that is needed."""
+    changed = evidence.score > 1.0
     before = evidence.rows.missed[belief.rows]
     gain = before - row_lengths(belief.residual)
-    share = CHANGED if changed else REFINED
+    share = UPDATING.changed if changed else UPDATING.refined
     needed = max(_chance(gain), (1.0 - share) * float(before.mean()))
-    improved = evidence.explained and float(gain.mean()) > needed
-    if not changed:
-        # rows of an arm that did not change made a model of half of series A worse by 1.15
-        improved = (
-            improved
-            and evidence.tests.noisy is None
-            and _is_surer(evidence, body)
-        )
-    if evidence.tool.score > 1.0:
-        if not improved:  # the tool alone
-            measured = evidence.rows.x - evidence.rows.predicted
-            belief = _Belief(evidence.prior, rows, measured[rows])
-            before = evidence.rows.missed[rows]
-        body = evidence.tool_beside(belief.body.beta).of(belief.body)
-        belief = belief._replace(body=body)
-        improved = True
-    return Update(
-        belief.body,
-        explanation,
-        belief.rows,
-        before,
-        belief.residual,
-        bool(improved),
-    )
+    gains = evidence.explained and float(gain.mean()) > needed
+    if changed or not gains:
+        return gains
+    # rows of an arm that did not change made a model of half of series A worse by 1.15
+    return evidence.tests.noisy is None and _is_surer(evidence, belief.body)
 
 
 def _chance(gain: Array) -> float:
     """What the mean of gains (k,) by rows may be by chance, as contiguous blocks differ [unit]."""
     blocks = np.array_split(gain, UPDATING.blocks)
     means = np.array([block.mean() for block in blocks])
-    return SURE * float(means.std(ddof=1)) / math.sqrt(UPDATING.blocks)
+    return UPDATING.sure * float(means.std(ddof=1)) / math.sqrt(UPDATING.blocks)
 
 
 def _is_trainable(evidence: Evidence, explanation: Explanation) -> bool:
@@ -215,66 +207,54 @@ def _is_surer(evidence: Evidence, body: Body) -> bool:
         spread = belief.spread(evidence.rows.probes)
         own = float(np.einsum("nii->n", spread).mean())
         variances.append(own * old.kappa**2 + unexplained)
-    return variances[0] < REFINED**2 * variances[1]
+    return variances[0] < UPDATING.refined**2 * variances[1]
 
 
 def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
     """The posterior as a body, and held-out residuals (n, m) [unit]."""
     reference = explanation.reference
     old = reference.body
-    noise = explanation.noise * reference.sizes
-    second = old.second
-    if second is not None:  # after the same log
-        apart = second.beta - old.beta
-        wide = replace(
-            old,
-            beta=second.beta,
-            active=second.active,
-            root=second.root,
-            kappa=1.0,
-        )
-        there = replace(reference, body=wide, beta=reference.beta + apart)
-        beyond = replace(
-            explanation, reference=there, beta=explanation.beta + apart
-        )
-        wider = _fitted(beyond, log).posterior
-        second = Second(
-            wider.beta,
-            wider.active,
-            wider.root,
-            np.maximum(noise, second.noise),
-        )
-    fit = _fitted(explanation, log)
-    posterior = fit.posterior
+    fit = _Fit(explanation, log).maximise()
+    kappa = old.kappa
+    if old.simulated:
+        kappa = max(kappa, UPDATING.simulated_kappa)
+    smooth = explanation.level.residual * reference.own_sd
     body = replace(
         old,
-        beta=posterior.beta,
-        active=posterior.active,
+        beta=fit.beta,
+        active=fit.active,
         # the bound inflates by kappa what is kept here without it
-        root=posterior.root / old.kappa,
-        kappa=max(old.kappa, SIMULATED_KAPPA) if old.simulated else old.kappa,
-        noise=noise,
-        residual=np.maximum(
-            old.residual, explanation.level.residual * reference.own_sd
-        ),
-        second=second,
+        root=fit.root / old.kappa,
+        kappa=kappa,
+        noise=explanation.noise * reference.sizes,
+        residual=np.maximum(old.residual, smooth),
+        second=_second_after(explanation, log),
     )
     return body, fit.held_out()
 
 
-class _Posterior(NamedTuple):
-    """All parameters after a log."""
-
-    beta: Array
-    active: Indices
-    root: Array
-
-
-def _fitted(explanation: Explanation, log: Log) -> _Fit:
-    """All parameters at the maximum of their posterior under an explanation."""
-    fit = _Fit(explanation, log)
-    fit.maximise()
-    return fit
+def _second_after(explanation: Explanation, log: Log) -> Second | None:
+    """The second belief of a body after the same log, under the same changes."""
+    reference = explanation.reference
+    old = reference.body
+    if old.second is None:
+        return None
+    apart = old.second.beta - old.beta
+    body = replace(
+        old,
+        beta=old.second.beta,
+        active=old.second.active,
+        root=old.second.root,
+        kappa=1.0,
+    )
+    there = replace(reference, body=body, beta=reference.beta + apart)
+    beta = explanation.beta + apart
+    shifted = replace(explanation, reference=there, beta=beta)
+    fit = _Fit(shifted, log).maximise()
+    noise = explanation.noise * reference.sizes
+    return Second(
+        fit.beta, fit.active, fit.root, np.maximum(noise, old.second.noise)
+    )
 
 
 class _Fit:
@@ -302,7 +282,7 @@ class _Fit:
         # root of that of each number (n m,), for Student noise
         self.weight = np.ones(log.z.size)
 
-    def maximise(self) -> None:
+    def maximise(self) -> _Fit:
         """Go to the maximum of the posterior, by damped steps (Levenberg 1944, Marquardt 1963).
 
         Attributes of its end are the weighted columns (n m, k) of all normals, the residuals
@@ -331,6 +311,7 @@ class _Fit:
             by_parameter = (moved**2).sum(axis=0)[:, None] * self.prior
             stiffness = self.prior.T @ by_parameter
             gain = self._descend(cost, own, stiffness)
+        return self
 
     def held_out(self) -> Array:
         """Residuals (n, m) of blocks of rows that the fit leaves out in turn [unit].
@@ -355,12 +336,11 @@ class _Fit:
         return np.asarray(unit)
 
     @property
-    def posterior(self) -> _Posterior:
-        """The belief at the maximum."""
+    def root(self) -> Array:
+        """Root (k, r) of the posterior covariance of the active parameters."""
         size = self.prior.shape[1]
         inverse = Factor(_with_ones(self.information)).inverse()[:size, :size]
-        root = root_of(self.prior @ inverse @ self.prior.T)
-        return _Posterior(self.beta, self.active, root)
+        return root_of(self.prior @ inverse @ self.prior.T)
 
     def _descend(self, cost: float, own: Array, stiffness: Array) -> float:
         """Move by the first of ever more damped steps that gains, and return the gain."""

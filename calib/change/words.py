@@ -13,8 +13,8 @@ import numpy as np
 
 from ..body.parameters import Indices
 from ..body.settings import NATS
-from ..common.arrays import Array
-from ..common.wording import for_people
+from ..common.arrays import Array, Mask
+from ..common.wording import for_people, with_interval
 from ..model.alignment import Alignment
 from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, single_causes
 from .evidence import Evidence
@@ -90,7 +90,7 @@ def _play(evidence: Evidence, play: Play) -> Cause:
     whole = 2.0 * float(play.half[play.joint])
     half = 2.0 * 1.96 * play.deviation
     words = (
-        f"{name} has {factor * whole:.2g} ± {factor * half:.2g} {shown} of play that the model "
+        f"{name} has {with_interval(factor * whole, factor * half)} {shown} of play that the model "
         "does not know: `calib train` learns it from a log that goes both ways"
     )
     cause = Cause(f"backlash:{name}", "backlash", words, whole, unit=unit)
@@ -137,8 +137,10 @@ def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
     how = "moved in its mount, what it sees by"
     if unit == "deg":
         how = "turned in its mount by"
-    size = abs(low + high) / 2
-    words = f"the {what} has {how} {factor * size:.3g} ± {factor * (high - low) / 2:.2g} {unit}"
+    size = with_interval(
+        factor * abs(low + high) / 2, factor * (high - low) / 2
+    )
+    words = f"the {what} has {how} {size} {unit}"
     once = replace(first, cause="tool", words=words)
     return [once, *(cause for cause in causes if cause not in moved)]
 
@@ -152,43 +154,66 @@ def _of_change(evidence: Evidence) -> list[Cause]:
         words = "the joints have waves that the model does not know: gears, or their sensors"
         waves = Cause("curve", "curve", words)
         return [waves] if best.level.waves > CREEP else []
-    structure = best.reference.structure
-    change = best.beta - evidence.prior.beta
-    clear = np.abs(change) > WORDS.clear * best.deviation
+    change = np.abs(best.beta - evidence.prior.beta)
+    clear = change > WORDS.clear * best.deviation
     clear &= best.deviation > 0.0
-    # root mean square displacement by the change of each parameter
-    probes = evidence.rows.probes
-    moves = structure.linearise(probes, best.beta, best.indices)[1]
-    effect = np.zeros(len(change))
-    square = (moves**2).sum(axis=1)
-    effect[best.indices] = np.sqrt(square.mean(axis=0))
-    effect *= np.abs(change)
+    effects = _effects(evidence, best)
     loud = {cause.cause for cause in evidence.reference.causes}
-    causes: list[tuple[float, Cause]] = []
+    effects_and_causes: list[tuple[float, Cause]] = []
     for group in best.groups:
-        indices = indices_of(structure, (group,))
-        telling = indices[clear[indices]]
         if group in FRAME or (group == "view.scale" and "scale" in loud):
             continue
-        if GROUPS[group].whole and len(telling):  # by its largest one
-            k = telling[np.argmax(effect[telling])]
-            moved = float(np.linalg.norm(effect[indices]))
-            causes.append((moved, _of_parameter(evidence, best, k, indices)))
-            continue
-        for k in telling:
-            cause = _of_parameter(evidence, best, k, np.array([k]))
-            causes.append((float(effect[k]), cause))
+        effects_and_causes += _of_group(evidence, best, group, clear, effects)
     if FRAME[0] in best.groups:
-        frame = indices_of(structure, FRAME)
-        moved = float(np.linalg.norm(effect[frame]))
+        frame = indices_of(best.reference.structure, FRAME)
+        effect = float(np.linalg.norm(effects[frame]))
         if loud & {"mirror", "scale"}:
-            moved = math.inf
-        if math.isinf(moved) or clear[frame].any():
-            causes.append((moved, _moved_sensor(evidence, best)))
-    causes.sort(key=lambda pair: -pair[0])
-    finite = [moved for moved, _ in causes if math.isfinite(moved)]
+            effect = math.inf
+        if math.isinf(effect) or clear[frame].any():
+            effects_and_causes.append((effect, _moved_sensor(evidence, best)))
+    effects_and_causes.sort(key=lambda pair: -pair[0])
+    finite = [e for e, _ in effects_and_causes if math.isfinite(e)]
     least = WORDS.matters * max(finite, default=0.0)
-    return [cause for moved, cause in causes if moved >= least]
+    return [cause for effect, cause in effects_and_causes if effect >= least]
+
+
+def _effects(evidence: Evidence, best: Explanation) -> Array:
+    """Displacement (d,) by the change of each parameter, root mean square [unit]."""
+    probes = evidence.rows.probes
+    structure = best.reference.structure
+    moves = structure.linearise(probes, best.beta, best.indices)[1]
+    square = (moves**2).sum(axis=1)
+    effects = np.zeros(structure.size)
+    effects[best.indices] = np.sqrt(square.mean(axis=0))
+    return np.asarray(effects * np.abs(best.beta - evidence.prior.beta))
+
+
+def _of_group(
+    evidence: Evidence,
+    best: Explanation,
+    group: str,
+    clear: Mask,
+    effects: Array,
+) -> list[tuple[float, Cause]]:
+    """Causes of the clear changes of a group, each with its effect [unit].
+
+    A group that is one cause is told by its largest change.
+
+    clear, effects : (d,), whether a parameter clearly changed, and its displacement [unit]
+    """
+    indices = indices_of(best.reference.structure, (group,))
+    telling = indices[clear[indices]]
+    if GROUPS[group].whole and len(telling):
+        largest = telling[np.argmax(effects[telling])]
+        effect = float(np.linalg.norm(effects[indices]))
+        return [(effect, _of_parameter(evidence, best, largest, indices))]
+    return [
+        (
+            float(effects[k]),
+            _of_parameter(evidence, best, k, np.array([k])),
+        )
+        for k in telling
+    ]
 
 
 def _by_test(evidence: Evidence) -> Explanation:
@@ -240,18 +265,18 @@ def _of_parameter(
     change = float(changes[k])
     half = _half_width(evidence, best, k)
     factor, unit = (100.0, "%") if label.unit == "1" else for_people(label.unit)
-    size = ""
+    length = ""
     if unit == "mm":
-        size = f" ({factor * abs(change):.3g} ± {factor * half:.2g} mm)"
+        length = f" ({with_interval(factor * abs(change), factor * half)} mm)"
     value = math.expm1(change) if label.group == "view.scale" else change
     words = GROUPS[label.group].changed.format(
         joint=label.joint,
         name=label.name,
         unit=unit,
-        half=factor * half,
         most=math.degrees(np.abs(changes[part]).max()),
         value=factor * value,
-        size=size,
+        size=with_interval(factor * value, factor * half, "+"),
+        length=length,
         share=f"{100 * abs(change / old) if old else math.nan:.3g} %",
         longer="longer" if change > 0 else "shorter",
     )

@@ -75,9 +75,13 @@ def suggestion(name: str, names: Iterable[str]) -> str:
 def for_people(unit: str) -> tuple[float, str]:
     """Return the factor from a unit to the one that tables and figures show, and its name.
 
-    Metres become mm and radians degrees; the sensor's own unit stays.
+    Metres become mm and radians degrees; a unit that is not known is the sensor's own.
     """
-    named = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "deg")}
+    named = {
+        "m": (1e3, "mm"),
+        "rad": (math.degrees(1.0), "deg"),
+        "sensor": (1.0, "sensor units"),
+    }
     return named.get(unit, (1.0, unit))
 
 
@@ -110,10 +114,22 @@ def sized(value: float, unit: str, half: float = 0.0) -> str:
     factor, shown = unit_for(abs(value) + half, unit)
     if not half:
         return f"{number(factor * value)} {shown}"
-    decimals = max(0, 1 - math.floor(math.log10(factor * half)))
-    return (
-        f"{factor * value:.{decimals}f} ± {factor * half:.{decimals}f} {shown}"
-    )
+    return f"{with_interval(factor * value, factor * half)} {shown}"
+
+
+def with_interval(value: float, half: float, sign: str = "") -> str:
+    """Return a value and half of its interval, both to two digits of that and six decimals at most.
+
+    >>> with_interval(0.5774, 0.0099, "+"), with_interval(1.0, 4e-9)
+    ('+0.5774 ± 0.0099', '1.000000 ± 0.000001')
+    """
+    if not math.isfinite(half):
+        return f"{value:{sign}.3g} ± {half:g}"
+    half = float(f"{max(half, 1e-6):.1e}")
+    decimals = min(max(0, 1 - math.floor(math.log10(half))), 6)
+    # a value that rounds to zero has no sign
+    rounded = round(value, decimals) + 0.0
+    return f"{rounded:{sign}.{decimals}f} ± {half:.{decimals}f}"
 
 
 def unit_for(largest: float, unit: str) -> tuple[float, str]:

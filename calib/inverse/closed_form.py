@@ -38,18 +38,22 @@ class ClosedForm:
     @staticmethod
     def of(chain: SpatialChain) -> ClosedForm | None:
         """The closed form of a chain, None where it has none."""
-        alone = np.array_equal(chain.coupling, np.eye(6))
-        turning = all(chain.revolute) and not chain.bias.any()
-        if chain.joints != 6 or not alone or not turning:
+        if chain.joints != 6 or not all(chain.revolute) or chain.bias.any():
+            return None
+        independent = np.array_equal(chain.coupling, np.eye(6))
+        if not independent:
             return None
         axes = chain.axes
         points = chain.points
         size = max(chain.reach, 1e-9)
         meeting, gap = _meeting_point(axes[4:], points[4:])
-        if gap > _EXACT * size or not _parallel(axes[1], axes[2]):
+        exact = _EXACT * size
+        if gap > exact or not _parallel(axes[1], axes[2]):
             return None
-        away = np.linalg.norm(np.cross(axes[3], meeting - points[3]))
-        spherical = bool(away < _EXACT * size)
+        to_meeting = meeting - points[3]
+        moment = np.cross(axes[3], to_meeting)
+        distance = np.linalg.norm(moment)
+        spherical = bool(distance < exact)
         if not spherical and not _parallel(axes[1], axes[3]):
             return None
         return ClosedForm(
@@ -61,103 +65,148 @@ class ClosedForm:
 
         Every angle that there are two of gets an axis of its own in front.
         """
-        n = len(position)
         turn = rotation @ self.rotation.T
-        place = position + turn @ (self.meeting - self.tip)
+        tip_to_wrist = self.meeting - self.tip
+        wrist = position + turn @ tip_to_wrist
         # the first joint brings the wrist into the plane in which the parallel axes move it
-        away = place - self.points[0]
-        height = self.axes[1] @ (self.meeting - self.points[0])
-        back = _at_height(self.axes[0], away, self.axes[1], height)
-        turns = _turns(self.axes[0], back)
-        place = self.points[0] + _applied(turns, away)
-        solve = self._spherical_arm if self.spherical else self._parallel_arm
-        others = solve(turns @ turn, place)
+        first, second = self.axes[:2]
+        base = self.points[0]
+        drawn_wrist = self.meeting - base
+        height = second @ drawn_wrist
+        base_to_wrist = wrist - base
+        back = _at_height(first, base_to_wrist, second, height)
+        turns = _turns(first, back)
+        in_plane = base + _applied(turns, base_to_wrist)
+        turn_left = turns @ turn
+        if self.spherical:
+            others = self._spherical_arm(turn_left, in_plane)
+        else:
+            others = self._parallel_arm(turn_left, in_plane)
         angles = np.broadcast_arrays(-back, *others)
-        ways = np.stack(angles, axis=-1).reshape(WAYS, n, 6)
+        stacked = np.stack(angles, axis=-1)
+        ways = stacked.reshape(WAYS, len(position), 6)
         q = np.swapaxes(ways, 0, 1)
-        return np.asarray((q + np.pi) % TURN - np.pi)
+        within_turn = (q + np.pi) % TURN
+        return np.asarray(within_turn - np.pi)
 
     def _arm(self, place: Array, point: Array) -> tuple[Array, Array]:
-        """Angles (2, ...) of joints 2 and 3 that bring a point (3,) to places (..., 3)."""
+        """Angles (2, ...) of joints 2 and 3 that bring a point (3,) to places (..., 3).
+
+        Upper arm ``a``, forearm ``f`` and goal ``g`` across the parallel axes are a triangle: the
+        turn R of joint 3 has ``|a + R f| = |g|``, hence ``a . R f = (g . g - a . a - f . f) / 2``.
+        """
         axis = self.axes[1]
-        link = _across(axis, self.points[2] - self.points[1])
-        fore = _across(axis, point - self.points[2])
-        goal = _across(axis, place - self.points[1])
-        # |link + R fore| = |goal|
+        shoulder, elbow = self.points[1:3]
+        upper_arm = _across(axis, elbow - shoulder)
+        forearm = _across(axis, point - elbow)
+        goal = _across(axis, place - shoulder)
         squared = (goal**2).sum(axis=-1)
-        height = (squared - link @ link - fore @ fore) / 2
-        lower = _at_height(self.axes[2], fore, link, height)
-        reached = link + _turns(self.axes[2], lower) @ fore
-        return _angle(axis, reached, goal), lower
+        upper_squared = upper_arm @ upper_arm
+        forearm_squared = forearm @ forearm
+        rest = squared - upper_squared - forearm_squared
+        bend_axis = self.axes[2]
+        lower = _at_height(bend_axis, forearm, upper_arm, rest / 2)
+        bent_forearm = _turns(bend_axis, lower) @ forearm
+        upper = _angle(axis, upper_arm + bent_forearm, goal)
+        return upper, lower
 
     def _spherical_arm(self, turn: Array, place: Array) -> tuple[Array, ...]:
-        """Angles of joints 2 to 6 with a spherical wrist, given the first joint."""
+        """Angles of joints 2 to 6 with a spherical wrist, given the first joint.
+
+        turn : (..., 3, 3), place : (..., 3) [m], what joints 2 to 6 have to reach
+        """
         upper, lower = self._arm(place, self.meeting)
-        shoulder = _turns(self.axes[1], upper)
-        elbow = _turns(self.axes[2], lower)
-        # what the wrist has to turn
-        turn = np.swapaxes(shoulder @ elbow, -1, -2) @ turn
-        first, second, third = self.axes[3:]
-        goal = turn @ third
-        middle = _at_height(second, third, first, goal @ first)
+        shoulder_axis, elbow_axis, first, second, third = self.axes[1:]
+        shoulder = _turns(shoulder_axis, upper)
+        elbow = _turns(elbow_axis, lower)
+        arm = shoulder @ elbow
+        wrist = np.swapaxes(arm, -1, -2) @ turn
+        goal = wrist @ third
+        height = goal @ first
+        middle = _at_height(second, third, first, height)
         bent = _turns(second, middle)
-        one = _angle(first, bent @ third, goal)
-        three = _angle(third, _back(bent, first), _back(turn, first))
-        return upper, lower, one, middle, -three
+        fourth = _angle(first, bent @ third, goal)
+        start = _back(bent, first)
+        end = _back(wrist, first)
+        sixth = -_angle(third, start, end)
+        return upper, lower, fourth, middle, sixth
 
     def _parallel_arm(self, turn: Array, place: Array) -> tuple[Array, ...]:
-        """Angles of joints 2 to 6 with parallel axes 2, 3 and 4, given the first joint."""
+        """Angles of joints 2 to 6 with parallel axes 2, 3 and 4, given the first joint.
+
+        turn : (..., 3, 3), place : (..., 3) [m], what joints 2 to 6 have to reach
+        """
         axis = self.axes[1]
         fifth = self.axes[4]
         sixth = self.axes[5]
-        tilt = _at_height(fifth, sixth, axis, (turn @ sixth) @ axis)
+        goal = turn @ sixth
+        height = goal @ axis
+        tilt = _at_height(fifth, sixth, axis, height)
         bent = _turns(fifth, tilt)
-        spin = -_angle(sixth, _back(bent, axis), _back(turn, axis))
-        # what is left of the turn is about the parallel axes
+        start = _back(bent, axis)
+        end = _back(turn, axis)
+        spin = -_angle(sixth, start, end)
         wrist = bent @ _turns(sixth, spin)
+        # what is left of the turn is about the parallel axes
         rest = turn @ np.swapaxes(wrist, -1, -2)
         steepest = np.argmin(np.abs(axis))
         side = _across(axis, np.eye(3)[steepest])
         total = _angle(axis, side, rest @ side)
-        elbow = place - rest @ (self.meeting - self.points[3])
-        upper, lower = self._arm(elbow, self.points[3])
-        signs = self.axes[2:4] @ axis  # an axis may point the other way
-        last = (total - upper - lower * signs[0]) * signs[1]
+        hand = self.meeting - self.points[3]
+        forearm_end = place - rest @ hand
+        upper, lower = self._arm(forearm_end, self.points[3])
+        # an axis may point the other way
+        signs = self.axes[2:4] @ axis
+        rest_angle = total - upper - lower * signs[0]
+        last = rest_angle * signs[1]
         return upper, lower, last, tilt, spin
 
 
 def _meeting_point(axes: Array, points: Array) -> tuple[Array, float]:
-    """The point (3,) nearest to two lines, and its distance from them."""
-    # projections across each line
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    wanted = (across @ points[:, :, None]).sum(axis=0)[:, 0]
-    point = np.linalg.lstsq(across.sum(axis=0), wanted, rcond=None)[0]
-    gaps = (across @ (point - points)[:, :, None])[..., 0]
-    return point, float(np.linalg.norm(gaps, axis=1).max())
+    """The point (3,) nearest to two lines, and its distance from them.
+
+    With projections P = I - a a' across lines of directions a through points p it solves
+    ``sum(P) x = sum(P p)``.
+    """
+    outer = axes[:, :, None] * axes[:, None, :]
+    across = np.eye(3) - outer
+    projected = _applied(across, points)
+    normal = across.sum(axis=0)
+    wanted = projected.sum(axis=0)
+    point = np.linalg.lstsq(normal, wanted, rcond=None)[0]
+    gaps = _applied(across, point - points)
+    distances = np.linalg.norm(gaps, axis=1)
+    return point, float(distances.max())
 
 
 def _parallel(a: Array, b: Array) -> bool:
-    return bool(np.linalg.norm(np.cross(a, b)) < _EXACT)
+    sine = np.linalg.norm(np.cross(a, b))
+    return bool(sine < _EXACT)
 
 
 def _turns(axis: Array, angle: Array) -> Array:
     """Rotations (..., 3, 3) about an axis (3,) by angles (...)."""
-    return exponential(angle[..., None] * axis)
+    vectors = angle[..., None] * axis
+    return exponential(vectors)
 
 
 def _applied(rotation: Array, vectors: Array) -> Array:
     """Vectors (..., 3) turned by rotations (..., 3, 3)."""
-    return np.asarray((rotation @ vectors[..., None])[..., 0])
+    columns = rotation @ vectors[..., None]
+    return np.asarray(columns[..., 0])
 
 
 def _back(rotation: Array, vector: Array) -> Array:
     """A vector (3,) turned back by rotations (..., 3, 3)."""
-    return np.asarray(np.swapaxes(rotation, -1, -2) @ vector)
+    inverse = np.swapaxes(rotation, -1, -2)
+    return np.asarray(inverse @ vector)
 
 
 def _across(axis: Array, vectors: Array) -> Array:
     """What of vectors (..., 3) lies across an axis (3,)."""
-    return np.asarray(vectors - (vectors @ axis)[..., None] * axis)
+    height = vectors @ axis
+    along = height[..., None] * axis
+    return np.asarray(vectors - along)
 
 
 def _angle(axis: Array, start: Array, goal: Array) -> Array:
@@ -165,7 +214,8 @@ def _angle(axis: Array, start: Array, goal: Array) -> Array:
     start = _across(axis, start)
     goal = _across(axis, goal)
     sine = np.cross(start, goal) @ axis
-    return np.asarray(np.arctan2(sine, (start * goal).sum(axis=-1)))
+    cosine = (start * goal).sum(axis=-1)
+    return np.asarray(np.arctan2(sine, cosine))
 
 
 def _at_height(
@@ -173,15 +223,18 @@ def _at_height(
 ) -> Array:
     """Angles (2, ...) about an axis that bring vectors (..., 3) to heights along a direction.
 
-    Both of each; where none does, the nearest.
+    The height is ``c cos(angle) + s sin(angle)`` and what lies along the axis: both angles of each;
+    where none does, the nearest.
     """
     across = _across(axis, vectors)
     cosine = across @ along
     sine = np.cross(axis, across) @ along
     size = np.hypot(cosine, sine)
-    raised = (vectors @ axis) * (axis @ along)
+    on_axis = vectors @ axis
+    raised = on_axis * (axis @ along)
     length = np.where(size > 0, size, 1.0)
     level = (height - raised) / length
-    half = np.arccos(np.clip(level, -1.0, 1.0))
+    within = np.clip(level, -1.0, 1.0)
+    half = np.arccos(within)
     middle = np.arctan2(sine, cosine)
     return np.stack([middle + half, middle - half])

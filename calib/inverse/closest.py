@@ -33,47 +33,72 @@ def closest(newton: Newton, u: Array, x: Array) -> tuple[Array, Array]:
     for all targets along one normal of its edge.
     """
     # what is missing to the origin: far targets have no digits left to compare
-    stand = newton.at(u, np.zeros(x.shape))
+    origin = np.zeros(x.shape)
+    stand = newton.at(u, origin)
     share = np.ones(len(u))
     rows = np.arange(len(u))
     for _ in range(SEARCH.steps):
         if not len(rows):
             break
         here = stand.rows(rows)
-        gap = shortened(x[rows] + here.gap, newton.task.size)
-        step = share[rows, None] * _curved_step(newton, here, gap)
+        missing = x[rows] + here.gap
+        gap = shortened(missing, newton.task.size)
+        whole_step = _curved_step(newton, here, gap)
+        step = share[rows, None] * whole_step
         trial = newton.at(here.u + step, here.x)
-        after = gap + trial.gap - here.gap
-        better = lengths(after) < lengths(gap)
+        gap_after = gap + trial.gap - here.gap
+        better = lengths(gap_after) < lengths(gap)
         stand.put(rows[better], trial.rows(better))
         longer = np.minimum(1.0, 2 * share[rows])
-        share[rows] = np.where(better, longer, share[rows] / 4)
+        shorter = share[rows] / 4
+        share[rows] = np.where(better, longer, shorter)
         moved = newton.scale.difference(trial.u, here.u)
-        going = np.abs(moved).max(axis=1) > CLOSEST.still
-        rows = rows[going & (share[rows] > CLOSEST.least_share)]
-    return stand.u, lengths(x + stand.gap)
+        furthest = np.abs(moved).max(axis=1)
+        going = furthest > CLOSEST.still
+        going &= share[rows] > CLOSEST.least_share
+        rows = rows[going]
+    missing = x + stand.gap
+    return stand.u, lengths(missing)
 
 
 def _curved_step(newton: Newton, stand: Stand, gap: Array) -> Array:
-    """Newton step (n, dof) of half the squared distance, with the joints that may move."""
+    """Newton step (n, dof) of half the squared distance, with the joints that may move.
+
+    ``H^-1 J' gap`` with the curvature ``H = J' J - sum(gap_i J_i')`` of Jacobians (n, m, dof), by
+    the sizes of its eigenvalues: a saddle is left as a top is.
+    """
     u = stand.u
-    push = (stand.slope * gap[:, :, None]).sum(axis=1)
-    below = (u <= 0.0) & (push < 0.0)
-    above = (u >= 1.0) & (push > 0.0)
-    stuck = (below | above) & ~newton.scale.periodic
+    slope = stand.slope
+    column = gap[:, :, None]
+    push = (slope * column).sum(axis=1)
+    at_lower = u <= 0.0
+    at_upper = u >= 1.0
+    stuck = at_lower & (push < 0.0)
+    stuck |= at_upper & (push > 0.0)
+    stuck &= ~newton.scale.periodic
     push[stuck] = 0.0
-    curvature = np.swapaxes(stand.slope, 1, 2) @ stand.slope
-    probes = SEARCH.probe * np.eye(u.shape[1])
+    curvature = np.swapaxes(slope, 1, 2) @ slope
+    dof = u.shape[1]
+    probes = SEARCH.probe * np.eye(dof)
     for k, probe in enumerate(probes):
         _, ahead = newton.task.residual(u + probe, stand.x)
-        change = (ahead - stand.slope) / SEARCH.probe
-        curvature[:, k] -= (change * gap[:, :, None]).sum(axis=1)
-    curvature += np.swapaxes(curvature, 1, 2).copy()
-    curvature[stuck[:, :, None] | stuck[:, None, :]] = 0.0
-    size, axes = np.linalg.eigh(0.5 * curvature)
-    size = np.abs(size)
-    least = CLOSEST.flat * size.max(axis=1, keepdims=True)
-    size = np.maximum(size, np.maximum(least, 1e-300))
-    along = (push[:, None] @ axes)[:, 0] / size
-    step = (axes @ along[..., None])[..., 0]
-    return shortened(np.where(stuck, 0.0, step), CLOSEST.far)
+        change = (ahead - slope) / SEARCH.probe
+        bend = change * column
+        curvature[:, k] -= bend.sum(axis=1)
+    transposed = np.swapaxes(curvature, 1, 2)
+    curvature = curvature + transposed
+    # joints that are stuck have neither rows nor columns
+    curvature[stuck] = 0.0
+    columns = np.swapaxes(curvature, 1, 2)
+    columns[stuck] = 0.0
+    signed, axes = np.linalg.eigh(0.5 * curvature)
+    size = np.abs(signed)
+    largest = size.max(axis=1, keepdims=True)
+    least = np.maximum(CLOSEST.flat * largest, 1e-300)
+    size = np.maximum(size, least)
+    along = push[:, None] @ axes
+    amounts = along[:, 0] / size
+    steps = axes @ amounts[..., None]
+    step = steps[..., 0]
+    free_step = np.where(stuck, 0.0, step)
+    return shortened(free_step, CLOSEST.far)

@@ -40,16 +40,18 @@ def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
     central = _slid_to_middle(newton, ways, goals)
     family = _families(newton, ways, goals, central.u)
     order = central.by_middle(newton.scale)
-    first = np.unique(family[order], return_index=True)[1]
-    return central.rows(order[np.sort(first)])
+    _, first = np.unique(family[order], return_index=True)
+    first = np.sort(first)
+    return central.rows(order[first])
 
 
 def _slid_to_middle(newton: Newton, ways: Ways, goals: Array) -> Ways:
     """Solutions as far towards the middle of the ranges as they slide."""
     middle = np.full_like(ways.u, 0.5)
     stand = settle(newton, ways.u, goals, middle, FAMILIES.step)
-    met = newton.met(stand.miss)
-    u = np.where(met[:, None], stand.u, ways.u)
+    u = stand.u
+    lost = ~newton.met(stand.miss)
+    u[lost] = ways.u[lost]
     return Ways(ways.target, u, stand.miss)
 
 
@@ -64,27 +66,29 @@ def _families(
     goals : (n, m), the target of each
     central : (n, dof), where each slid to
     """
-    count = len(ways.u)
+    u = ways.u
+    count = len(u)
     a, b = _pairs(ways.target)
-    same = newton.away(central[a], central[b]) < FAMILIES.same
+    apart = newton.away(central[a], central[b])
+    same = apart < FAMILIES.same
     family = _labels(count, a[same], b[same])
-    distance = newton.away(ways.u[a], ways.u[b])
+    distance = newton.away(u[a], u[b])
     order = np.argsort(distance, kind="stable")
     a = a[order]
     b = b[order]
     for _ in range(FAMILIES.rounds):
-        apart = family[a] != family[b]
-        a = a[apart]
-        b = b[apart]
+        separate = family[a] != family[b]
+        a = a[separate]
+        b = b[separate]
         nearest = _first_of_each_pair(family[a], family[b])
         if not len(nearest):
             break
         start = a[nearest]
         goal = b[nearest]
-        arrived = _arrives(newton, ways.u[start], ways.u[goal], goals[start])
-        one = family[start[arrived]]
-        other = family[goal[arrived]]
-        merged = _labels(count, one, other)
+        arrived = _arrives(newton, u[start], u[goal], goals[start])
+        start = start[arrived]
+        goal = goal[arrived]
+        merged = _labels(count, family[start], family[goal])
         family = merged[family]
         a = np.delete(a, nearest)
         b = np.delete(b, nearest)
@@ -94,14 +98,17 @@ def _families(
 def _first_of_each_pair(a: Index, b: Index) -> Index:
     """Where each pair of numbers (n,), in either order, comes first."""
     pairs = np.sort([a, b], axis=0)
-    return np.asarray(np.unique(pairs, axis=1, return_index=True)[1])
+    _, first = np.unique(pairs, axis=1, return_index=True)
+    return np.asarray(first)
 
 
 def _pairs(target: Index) -> tuple[Index, Index]:
     """Pairs of solutions (n,) of one target."""
-    edges = np.searchsorted(target, np.unique(target)).tolist()
-    parts = [np.zeros((2, 0), dtype=np.intp)]
-    for first, last in itertools.pairwise([*edges, len(target)]):
+    begins = np.searchsorted(target, np.unique(target))
+    edges = [*begins.tolist(), len(target)]
+    none = np.zeros((2, 0), dtype=np.intp)
+    parts = [none]
+    for first, last in itertools.pairwise(edges):
         pairs = np.tril_indices(last - first, -1)
         parts.append(first + np.array(pairs))
     later, earlier = np.concatenate(parts, axis=1)
@@ -114,8 +121,9 @@ def _labels(count: int, a: Index, b: Index) -> Index:
     from scipy.sparse.csgraph import connected_components
 
     ones = np.ones(len(a))
-    graph = coo_array((ones, (a, b)), shape=(count, count))
-    labels = connected_components(graph.tocsr())[1]
+    pairs = (a, b)
+    graph = coo_array((ones, pairs), shape=(count, count))
+    _, labels = connected_components(graph.tocsr())
     return np.asarray(labels, dtype=np.intp)
 
 
@@ -129,17 +137,19 @@ def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
         wish = newton.scale.difference(goal[rows], here.u)
         ahead = lengths(wish)
         move = newton.tangent(here, wish)
-        step = shortened(move, FAMILIES.step)
-        trial = newton.refine(here.u + step, here.x, SEARCH.close)
+        possible = lengths(move)
+        u = here.u + shortened(move, FAMILIES.step)
+        trial = newton.refine(u, here.x, SEARCH.close)
         stand.put(rows, trial)
         shift = newton.away(trial.u, here.u)
         rest = newton.away(trial.u, goal[rows])
         going = newton.met(trial.miss)
-        going &= lengths(move) > FAMILIES.stuck * ahead
+        going &= possible > FAMILIES.stuck * ahead
         going &= shift < 2 * FAMILIES.step
         going &= rest < ahead
-        near = going & (rest < FAMILIES.arrived * FAMILIES.step)
-        arrived[rows[near]] = True
+        near = rest < FAMILIES.arrived * FAMILIES.step
+        there = rows[going & near]
+        arrived[there] = True
         rows = rows[going & ~near]
         if not len(rows):
             break
@@ -151,10 +161,12 @@ def free_directions(jacobian: Array) -> Array:
     from scipy.linalg import qr
 
     _, size, directions = np.linalg.svd(jacobian)
-    rank = int((size > 1e-6 * size[0]).sum())
+    independent = size > 1e-6 * size[0]
+    rank = np.count_nonzero(independent)
     null = directions[rank:]
     if not len(null):
         return null
     pivots = qr(null, mode="r", pivoting=True)[1]
     leading = np.sort(pivots[: len(null)])
-    return np.asarray(np.linalg.solve(null[:, leading], null))
+    square = null[:, leading]
+    return np.asarray(np.linalg.solve(square, null))

@@ -12,26 +12,33 @@ from .settings import SEARCH
 def twins(newton: Newton, stand: Stand, folded: float) -> tuple[Index, Array]:
     """Rows (k,) near a fold, and starts (k, dof) for the ways across it.
 
-    Along the direction that hardly moves the tip the least singular value falls linearly to zero,
-    and the other way lies about as far beyond as this one lies before.
+    Along the direction v that hardly moves the tip the least singular value s = w' J v falls
+    linearly to zero, at a rate ``w' (dJ/dv) v``, and the other way lies about as far beyond as this
+    one lies before.
 
     folded : least singular value beside a fold, of the Jacobian's squares
     """
     sides, size, directions = np.linalg.svd(stand.slope, full_matrices=False)
     squares = size * size
-    least = folded * squares.sum(axis=1)
-    rows = np.flatnonzero(squares[:, -1] <= least)
+    power = squares.sum(axis=1)
+    folds = squares[:, -1] <= folded * power
+    rows = np.flatnonzero(folds)
     if not len(rows):
         return rows, stand.u[rows]
     here = stand.rows(rows)
     flat = directions[rows, -1]
     side = sides[rows, :, -1]
-    ahead = newton.task.residual(here.u + SEARCH.probe * flat, here.x)[1]
+    probe = here.u + SEARCH.probe * flat
+    _, ahead = newton.task.residual(probe, here.x)
     change = (ahead - here.slope) / SEARCH.probe
-    along = (change @ flat[:, :, None])[:, :, 0]
+    columns = change @ flat[:, :, None]
+    along = columns[:, :, 0]
     rate = (side * along).sum(axis=1)
     rate[rate == 0.0] = np.inf
-    reach = -2.0 * size[rows, -1] / rate
-    near = (np.abs(reach) < SEARCH.beyond) & (reach != 0.0)
-    across = here.u[near] + reach[near, None] * flat[near]
+    least = size[rows, -1]
+    reach = -2.0 * least / rate
+    near = np.abs(reach) < SEARCH.beyond
+    near &= reach != 0.0
+    shift = reach[near, None] * flat[near]
+    across = here.u[near] + shift
     return rows[near], newton.clip(across)

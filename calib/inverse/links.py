@@ -40,11 +40,10 @@ LINKS = LinkSettings()
 
 def search_by_links(association: Association, predictor: Predictor) -> Search:
     """The search for positions of a forward map, from where links say that solutions may be."""
-    scale = association.motor.scale
-    place = association.sensory.scale
-    extent = float(np.linalg.norm(place.span))
-    task = Positions(predictor.value_and_slope, len(place.span), extent)
-    newton = Newton(task, scale)
+    span = association.sensory.scale.span
+    extent = float(np.linalg.norm(span))
+    task = Positions(predictor.value_and_slope, len(span), extent)
+    newton = Newton(task, association.motor.scale)
     sure = SEARCH.surely if newton.redundant else SEARCH.beside
     starts = LinkStarts(association, newton)
     return Search(newton, starts, sure, LINKS.folded)
@@ -64,32 +63,37 @@ class LinkStarts:
         dof = association.motor.units.shape[1]
         outputs = association.sensory.units.shape[1]
         self._width = LINKS.spare_width if newton.redundant else LINKS.width
+        starts = nodes, self._width
         self._ready = np.zeros(nodes, dtype=bool)
-        self._u = np.full((nodes, self._width, dof), np.nan)
-        self._value = np.zeros((nodes, self._width, outputs))
-        self._inverse = np.zeros((nodes, self._width, dof, outputs))
+        self._u = np.full((*starts, dof), np.nan)
+        self._value = np.zeros((*starts, outputs))
+        self._inverse = np.zeros((*starts, dof, outputs))
 
     def of(self, x: Array) -> tuple[Index, Array]:
         """Starts of the nearest node, a linear step towards each target `x` (n, m) on."""
         node = self._nearest_nodes(x)
-        target, column = np.nonzero(np.isfinite(self._u[node, :, 0]))
-        node = node[target]
-        gap = x[target] - self._value[node, column]
-        inverse = self._inverse[node, column]
-        step = (inverse * gap[:, None]).sum(axis=2)
+        filled = np.isfinite(self._u[node, :, 0])
+        target, column = np.nonzero(filled)
+        start = node[target], column
+        gap = x[target] - self._value[start]
+        inverse = self._inverse[start]
+        parts = inverse * gap[:, None]
+        step = parts.sum(axis=2)
         longest = LINKS.step * self.association.motor.spacing
-        u = self._u[node, column] + shortened(step, longest)
+        u = self._u[start] + shortened(step, longest)
         return target, self._newton.clip(u)
 
     def _nearest_nodes(self, x: Array) -> Index:
         """The sensory node nearest to each target (n,), made ready."""
         sensory = self.association.sensory
         place = sensory.scale.to_unit(x)
-        node = sensory.nearest(place)[1][:, 0]
+        _, nodes = sensory.nearest(place)
+        node = nodes[:, 0]
         missing = node[~self._ready[node]]
         if 0 < len(missing) < LINKS.ahead:  # single queries follow each other
             count = min(LINKS.ahead, sensory.size)
-            around = sensory.nearest(sensory.units[missing], count)[1]
+            places = sensory.units[missing]
+            _, around = sensory.nearest(places, count)
             missing = around[~self._ready[around]]
         if len(missing):
             self._prepare(np.unique(missing))
@@ -97,22 +101,23 @@ class LinkStarts:
 
     def _prepare(self, nodes: Index) -> None:
         """Remember the starts of sensory nodes, and how each moves with its position."""
-        ways = self._branches(self._ways(nodes))
+        proposals = self._ways(nodes)
+        ways = self._branches(proposals)
         column = rank_within(ways.target)
         fits = column < self._width
-        column = column[fits]
         ways = ways.rows(fits)
-        node = nodes[ways.target]
+        place = nodes[ways.target], column[fits]
         value, inverse = self._linearised(ways.u)
-        self._u[node, column] = ways.u
-        self._value[node, column] = value
-        self._inverse[node, column] = inverse
+        self._u[place] = ways.u
+        self._value[place] = value
+        self._inverse[place] = inverse
         self._ready[nodes] = True
 
     def _ways(self, nodes: Index) -> Ways:
         """What links propose for sensory nodes, led there; of a node what misses it least first."""
         sensory = self.association.sensory
-        x = sensory.scale.from_unit(sensory.units[nodes])
+        places = sensory.units[nodes]
+        x = sensory.scale.from_unit(places)
         target, u = self._proposals(nodes)
         stand = self._newton.refine(u, x[target], SEARCH.close)
         order = np.lexsort((stand.miss, target))
@@ -124,15 +129,15 @@ class LinkStarts:
         newton = self._newton
         motor = self.association.motor
         sensory = self.association.sensory
-        spacing = sensory.spacing * float(sensory.scale.span.mean())
+        span = float(sensory.scale.span.mean())
+        spacing = sensory.spacing * span
         near = ways.miss <= LINKS.missed * spacing
-        near |= rank_within(ways.target) == 0
-        ways = ways.rows(near)
+        best = rank_within(ways.target) == 0
+        ways = ways.rows(near | best)
         solved = LINKS.cell if newton.redundant else LINKS.apart
-        apart = np.where(newton.met(ways.miss), solved, 1.0)
-        single = distinct(
-            newton.scale, ways.target, ways.u, apart * motor.spacing
-        )
+        met = newton.met(ways.miss)
+        apart = np.where(met, solved, 1.0) * motor.spacing
+        single = distinct(newton.scale, ways.target, ways.u, apart)
         return ways.rows(single)
 
     def _proposals(self, nodes: Index) -> tuple[Index, Array]:
@@ -141,17 +146,19 @@ class LinkStarts:
         links = self.association.partners.take(nodes)
         order = np.lexsort((-links.data, links.rows))
         rank = rank_within(links.rows[order])
-        order = order[rank < LINKS.most]
-        target = links.rows[order]
-        u = motor.units[links.indices[order]]
-        u = self._newton.clip(u)
+        strong = rank < LINKS.most
+        strongest = order[strong]
+        target = links.rows[strongest]
+        node = links.indices[strongest]
+        u = self._newton.clip(motor.units[node])
         apart = LINKS.cell * motor.spacing
         single = distinct(self._newton.scale, target, u, apart)
         return target[single], u[single]
 
     def _linearised(self, u: Array) -> tuple[Array, Array]:
         """Position (n, m) and inverse Jacobian (n, dof, m) at joints (n, dof)."""
-        origin = np.zeros((len(u), self._newton.task.count))
+        count = self._newton.task.count
+        origin = np.zeros((len(u), count))
         stand = self._newton.at(u, origin)
         inverse = np.linalg.pinv(stand.slope, rcond=LINKS.flat)
         return -stand.gap, np.asarray(inverse)

@@ -113,8 +113,8 @@ class Newton:
             better = gain > 0.0
             slow = gain < SEARCH.slow * here.miss
             still = np.abs(move).max(axis=1) < STILL
-            ended = slow & (better | (here.miss < rounding))
-            ended |= still
+            final = better | (here.miss < rounding)
+            ended = (slow & final) | still
             if better.all():
                 here = trial
             else:
@@ -171,7 +171,9 @@ class Newton:
         if not (lowest.any() or highest.any()):
             return move
         for _ in range(stand.u.shape[1] - 1):
-            stuck = (lowest & (move < 0.0)) | (highest & (move > 0.0))
+            below = lowest & (move < 0.0)
+            above = highest & (move > 0.0)
+            stuck = below | above
             if not stuck.any():
                 break
             slope = np.where(stuck[:, None], 0.0, slope)
@@ -196,7 +198,8 @@ def _nearest_move(
     power = slope @ across
     diagonal = np.einsum("nii->ni", power)
     trace = diagonal.sum(axis=1)
-    diagonal += np.maximum(damping * trace, 1e-200)[:, None]
+    added = np.maximum(damping * trace, 1e-200)
+    diagonal += added[:, None]
     rest = gap[..., None]
     if wish is not None:
         rest = rest - slope @ wish[..., None]

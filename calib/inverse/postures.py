@@ -32,9 +32,11 @@ class Postures:
 
     def of(self, x: Array) -> tuple[Index, Array]:
         """The postures nearest to places (n, 3) or poses (n, 12)."""
-        row = self._tree.query(self._features(x), _NEAREST)[1]
-        owner = np.repeat(np.arange(len(x)), _NEAREST)
-        return owner, self._u[row.ravel()]
+        features = self._features(x)
+        _, rows = self._tree.query(features, _NEAREST)
+        targets = np.arange(len(x))
+        owner = np.repeat(targets, _NEAREST)
+        return owner, self._u[rows.ravel()]
 
     @cached_property
     def _u(self) -> Array:
@@ -43,16 +45,20 @@ class Postures:
         golden = 2.0  # the root of g^(dof + 1) = g + 1
         for _ in range(SEARCH.steps):
             golden = (1.0 + golden) ** (1.0 / (dof + 1))
-        shares = golden ** -np.arange(1.0, dof + 1.0)
+        powers = np.arange(1.0, dof + 1.0)
+        shares = golden**-powers
         count = np.arange(1.0, SEARCH.postures + 1.0)
-        return np.asarray((0.5 + count[:, None] * shares) % 1.0)
+        multiples = count[:, None] * shares
+        return np.asarray((0.5 + multiples) % 1.0)
 
     @cached_property
     def _tree(self) -> KDTree:
         from scipy.spatial import KDTree
 
-        place, turn, _ = self.evaluate(self.scale.from_unit(self._u))
-        poses = np.concatenate([place, turn.reshape(-1, 9)], axis=1)
+        q = self.scale.from_unit(self._u)
+        place, turn, _ = self.evaluate(q)
+        numbers = turn.reshape(-1, 9)
+        poses = np.concatenate([place, numbers], axis=1)
         return KDTree(self._features(poses))
 
     def _features(self, x: Array) -> Array:
@@ -75,12 +81,17 @@ class DrawnPostures:
 
     def of(self, x: Array) -> tuple[Index, Array]:
         """Joints of every way to poses (n, 12), without those beyond the limits."""
-        values = self.closed.joints(x[:, :3], x[:, 3:].reshape(-1, 3, 3))
+        place = x[:, :3]
+        turn = x[:, 3:].reshape(-1, 3, 3)
+        values = self.closed.joints(place, turn)
         q = (values - self.offset) / self.gain
-        middle = self.scale.lower + 0.5 * self.scale.span
-        q = q - TURN * np.round((q - middle) / TURN)
-        furthest = 0.5 * self.scale.span + _ASIDE
-        beyond = np.abs(q - middle) > furthest
-        target, way = np.nonzero(~beyond.any(axis=2))
-        u = (q[target, way] - self.scale.lower) / self.scale.span
+        lower = self.scale.lower
+        half = 0.5 * self.scale.span
+        middle = lower + half
+        turns = np.round((q - middle) / TURN)
+        q = q - TURN * turns
+        beyond = np.abs(q - middle) > half + _ASIDE
+        inside = ~beyond.any(axis=2)
+        target, way = np.nonzero(inside)
+        u = (q[target, way] - lower) / self.scale.span
         return target, np.clip(u, 0.0, 1.0)

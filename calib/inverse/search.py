@@ -59,7 +59,8 @@ class Nearest:
         if not len(owner):
             return
         near = self.near[owner]
-        trial = settle(self.newton, start, self.stand.x[owner], near)
+        targets = self.stand.x[owner]
+        trial = settle(self.newton, start, targets, near)
         self.take(owner, trial)
 
     def take(self, owner: Index, trial: Stand) -> None:
@@ -74,9 +75,10 @@ class Nearest:
 
 def _rank(newton: Newton, stand: Stand, near: Array) -> Array:
     """How bad answers are, (n,): how far from `near` if they are met, else by the miss."""
+    met = newton.met(stand.miss)
     away = newton.away(stand.u, near)
     behind = _FURTHER + stand.miss / newton.task.size
-    return np.where(newton.met(stand.miss), away, behind)
+    return np.where(met, away, behind)
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,8 @@ class Search:
         stand = self.nearest(x, near)
         u = stand.u
         miss = stand.miss
-        lost = np.flatnonzero(~self.newton.met(miss))
+        met = self.newton.met(miss)
+        lost = np.flatnonzero(~met)
         if len(lost):
             u[lost], miss[lost] = closest(self.newton, u[lost], x[lost])
         return u, miss
@@ -130,7 +133,8 @@ class Search:
         lost = np.setdiff1d(targets, ways.target)
         if not len(lost):
             return ways
-        middle = np.full((len(lost), ways.u.shape[1]), 0.5)
+        dof = ways.u.shape[1]
+        middle = np.full((len(lost), dof), 0.5)
         u, miss = self.solve(x[lost], middle)
         others = Ways(lost, u, miss)
         return ways.joined(others, self.scale)
@@ -163,13 +167,16 @@ class Search:
         away = newton.away(start, near[target])
         nearest = np.full(count, np.inf)
         np.minimum.at(nearest, target, away)
-        likely = away <= nearest[target] + 3 * SEARCH.margin
-        owner = np.concatenate([np.arange(count), target[likely]])
+        furthest = nearest[target] + 3 * SEARCH.margin
+        likely = away <= furthest
+        targets = np.arange(count)
+        owner = np.concatenate([targets, target[likely]])
         u = np.concatenate([near, start[likely]])
         stand = newton.at(u, x[owner])
+        first = stand.rows(slice(count))
+        best = Nearest.begun(newton, first, near)
         hopeful = stand.miss <= SEARCH.rough * newton.task.size
         hopeful[count:] = True
-        best = Nearest.begun(newton, stand.rows(slice(count)), near)
         trial = newton.descend(stand.rows(hopeful))
         best.take(owner[hopeful], trial)
         self._try_where_missed(best, target[~likely], start[~likely])
@@ -177,12 +184,13 @@ class Search:
 
     def _try_likely_starts(self, best: Nearest, rows: Index) -> None:
         """Try the starts of some targets that are near enough; where all miss, the others."""
-        target, start = self.starts.of(best.stand.x[rows])
+        targets = best.stand.x[rows]
+        target, start = self.starts.of(targets)
         owner = rows[target]
         away = self.newton.away(start, best.near[owner])
-        nearest = best.rank.copy()
-        np.minimum.at(nearest, owner, away + 2 * SEARCH.margin)
-        likely = away <= nearest[owner] + SEARCH.margin
+        furthest = best.rank.copy()
+        np.minimum.at(furthest, owner, away + 2 * SEARCH.margin)
+        likely = away <= furthest[owner] + SEARCH.margin
         best.try_starts(owner[likely], start[likely])
         self._try_where_missed(best, owner[~likely], start[~likely])
 
@@ -210,7 +218,8 @@ class Search:
         newton = self.newton
         target, start = self.starts.of(x)
         if newton.redundant:
-            owner, drawn = _drawn(np.arange(len(x)), start.shape[1])
+            targets = np.arange(len(x))
+            owner, drawn = _drawn(targets, start.shape[1])
             target = np.concatenate([target, owner])
             start = np.concatenate([start, drawn])
         stand = newton.refine(start, x[target])
@@ -222,15 +231,18 @@ class Search:
             other = newton.refine(across, stand.x[place])
             others = Ways(target[place], other.u, other.miss)
             ways = ways.joined(others, self.scale)
-        ways = ways.rows(newton.met(ways.miss))
+        met = newton.met(ways.miss)
+        ways = ways.rows(met)
         single = distinct(self.scale, ways.target, ways.u, SEARCH.same)
         return ways.rows(single)
 
 
 def _drawn(rows: Index, dof: int) -> tuple[Index, Array]:
     """For each row joints (k, dof) at random all over their ranges, many at a limit."""
-    u = np.random.default_rng(0).random((SEARCH.drawn, dof))
+    rng = np.random.default_rng(0)
+    u = rng.random((SEARCH.drawn, dof))
     beyond = SEARCH.aside * (2.0 * u - 1.0)
     u = np.clip(u + beyond, 0.0, 1.0)
     owner = np.repeat(rows, SEARCH.drawn)
-    return owner, np.tile(u, (len(rows), 1))
+    repeated = np.tile(u, (len(rows), 1))
+    return owner, repeated

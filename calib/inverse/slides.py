@@ -34,7 +34,8 @@ def settle(
             break
     stand = newton.refine(stand.u, x)
     # joints that slid into a corner of their limits: where they were led without
-    lost = np.flatnonzero(~newton.met(stand.miss))
+    met = newton.met(stand.miss)
+    lost = np.flatnonzero(~met)
     if len(lost):
         others = newton.refine(u[lost], x[lost])
         better = others.miss < stand.miss[lost]
@@ -75,12 +76,15 @@ class Slides:
         wish = newton.scale.difference(near, here.u)
         pull = newton.tangent(here, wish)
         self._adapt_share(rows, pull)
-        going = (lengths(pull) > SEARCH.settled) | ~newton.met(here.miss)
+        unmet = ~newton.met(here.miss)
+        unsettled = lengths(pull) > SEARCH.settled
+        going = unsettled | unmet
         going &= self.share[rows] > SEARCH.stuck
         rows = rows[going]
         if not len(rows):
             return rows
         here = here.rows(going)
+        unmet = unmet[going]
         near = near[going]
         pull = pull[going]
         easy = np.full(len(rows), SEARCH.easy)
@@ -92,12 +96,13 @@ class Slides:
         trial = newton.at(here.u + step, here.x)
         away = newton.away(here.u, near)
         closer = newton.away(trial.u, near) < away
-        good = closer | ~newton.met(here.miss)
+        good = closer | unmet
         good &= self.close_to(trial)
         stand.put(rows[good], trial.rows(good))
         shift = newton.scale.difference(trial.u, here.u)
+        shift[~good] = 0.0
         self.pull[rows] = pull
-        self.shift[rows] = np.where(good[:, None], shift, 0.0)
+        self.shift[rows] = shift
         self.share[rows[~good]] /= 4
         return rows
 
@@ -107,7 +112,10 @@ class Slides:
         return np.asarray(stand.miss <= rough)
 
     def _adapt_share(self, rows: Index, pull: Array) -> None:
-        """Set the share of a pull (k, dof) by how it turned on the last slide."""
+        """Set the share of a pull (k, dof) by how it turned on the last slide.
+
+        After a shift s that changed the pull by -y it is ``s.s / s.y``, one over the curvature.
+        """
         shift = self.shift[rows]
         turned = self.pull[rows] - pull
         along = (shift * turned).sum(axis=1)
@@ -128,5 +136,6 @@ class Slides:
         free |= room <= SEARCH.slack
         size = np.where(free, 1.0, size)
         room = np.where(free, np.inf, room)
-        share = (room / size).min(axis=1)
-        return np.asarray(np.minimum(1.0, share)[:, None] * move)
+        shares = room / size
+        share = np.minimum(1.0, shares.min(axis=1))
+        return np.asarray(share[:, None] * move)

@@ -51,8 +51,10 @@ class Positions:
         """Positions [m] of a chain of some length [m] in its base frame."""
 
         def value_and_slope(u: Array) -> tuple[Array, Array]:
-            place, _, slope = evaluate(scale.from_unit(u))
-            return place, slope[:, :3] * scale.span
+            q = scale.from_unit(u)
+            place, _, slope = evaluate(q)
+            linear = slope[:, :3]
+            return place, linear * scale.span
 
         return Positions(value_and_slope, 3, length)
 
@@ -81,33 +83,47 @@ class Poses:
     @staticmethod
     def target(position: Array, rotation: Array) -> Array:
         """Targets (n, 12) of positions (n, 3) [m] and orientations (n, 3, 3)."""
-        return np.concatenate([position, rotation.reshape(-1, 9)], axis=1)
+        turn = rotation.reshape(-1, 9)
+        return np.concatenate([position, turn], axis=1)
 
     def residual(self, u: Array, target: Array) -> tuple[Array, Array]:
         """Gaps of position and of turn, (n, 6) or (n, 5), and the Jacobian."""
-        place, turn, slope = self.evaluate(self.scale.from_unit(u))
-        goal = target[:, 3:].reshape(-1, 3, 3)
+        q = self.scale.from_unit(u)
+        place, turn, slope = self.evaluate(q)
+        linear = slope[:, :3]
         spin = slope[:, 3:]
-        rest = turn_left(turn, goal, self.free)
+        goal_place = target[:, :3]
+        goal_turn = target[:, 3:].reshape(-1, 3, 3)
+        rest = turn_left(turn, goal_turn, self.free)
         if self.free is not None:  # along the tip's two other axes
-            sides = np.delete(np.swapaxes(turn, 1, 2), self.free, axis=1)
-            rest = (sides @ rest[:, :, None])[:, :, 0]
+            axes = np.swapaxes(turn, 1, 2)
+            sides = np.delete(axes, self.free, axis=1)
+            columns = sides @ rest[:, :, None]
+            rest = columns[:, :, 0]
             spin = sides @ spin
-        gap = np.concatenate([target[:, :3] - place, self.lever * rest], axis=1)
-        slope = np.concatenate([slope[:, :3], self.lever * spin], axis=1)
+        missing = goal_place - place
+        missing_turn = self.lever * rest
+        gap = np.concatenate([missing, missing_turn], axis=1)
+        angular = self.lever * spin
+        slope = np.concatenate([linear, angular], axis=1)
         return gap, slope * self.scale.span
 
 
 def turn_left(start: Array, goal: Array, axis: int | None = None) -> Array:
     """Rotation vectors (n, 3) from orientations (n, 3, 3) to others.
 
-    Where the turn about an axis of the tip is open, the others are those nearest to the first.
+    Where the turn about an axis of the tip is open, the others are those nearest to the first: of
+    all turns about the axis the one after which ``trace(goal' start)`` is largest.
     """
     if axis is not None:
         i = (axis + 1) % 3
         j = (axis + 2) % 3
         apart = np.swapaxes(goal, 1, 2) @ start
         sine = apart[:, j, i] - apart[:, i, j]
-        angle = np.arctan2(sine, apart[:, i, i] + apart[:, j, j])
-        goal = goal @ exponential(angle[:, None] * np.eye(3)[axis])
-    return logarithm(goal @ np.swapaxes(start, 1, 2))
+        cosine = apart[:, i, i] + apart[:, j, j]
+        angle = np.arctan2(sine, cosine)
+        open_axis = np.eye(3)[axis]
+        turn = exponential(angle[:, None] * open_axis)
+        goal = goal @ turn
+    back = np.swapaxes(start, 1, 2)
+    return logarithm(goal @ back)

@@ -58,30 +58,37 @@ def follow_targets(
     if start is None and not lost:
         front = _front(search, targets[0])
     else:
-        wish = np.full(search.scale.span.shape, 0.5) if start is None else start
-        front = search.solve(targets[:1], wish[None])[0]
+        wish = start
+        if wish is None:
+            wish = np.full(search.scale.span.shape, 0.5)
+        front, _ = search.solve(targets[:1], wish[None])
     rows = _furthest(search, targets, front)
     jumps: list[int] = []
     while len(rows) < len(targets):
+        rest = targets[len(rows) :]
         jumps.append(len(rows))
-        front = _front(search, targets[len(rows)])
+        front = _front(search, rest[0])
         # of branches that are as good the closest one: the first counts
         gap = search.newton.away(front, rows[-1])
-        front = front[np.argsort(gap, kind="stable")]
-        further = _furthest(search, targets[len(rows) :], front)
+        order = np.argsort(gap, kind="stable")
+        further = _furthest(search, rest, front[order])
         rows = np.concatenate([rows, further])
     # where joints wait: at the last target that is close
-    latest = np.searchsorted(near, np.arange(len(x)), side="right") - 1
+    places = np.arange(len(x))
+    latest = np.searchsorted(near, places, side="right") - 1
     joints = rows[np.maximum(latest, 0)]
-    jump_rows = near[np.array(jumps, dtype=np.intp)]
+    jump_places = np.array(jumps, dtype=np.intp)
+    jump_rows = near[jump_places]
     return joints, jump_rows, ~close
 
 
 def _close_to_map(sensory: Map, x: Array) -> Mask:
     """Whether targets (k, m) are close enough to nodes of the map to be followed."""
-    away = sensory.nearest(sensory.scale.to_unit(x))[0][:, 0]
-    furthest = max(TRACKING.beyond, TRACKING.spacings * sensory.spacing)
-    return np.asarray(away <= furthest)
+    place = sensory.scale.to_unit(x)
+    away, _ = sensory.nearest(place)
+    spacings = TRACKING.spacings * sensory.spacing
+    furthest = max(TRACKING.beyond, spacings)
+    return np.asarray(away[:, 0] <= furthest)
 
 
 def _front(search: Search, x: Array) -> Array:
@@ -90,7 +97,8 @@ def _front(search: Search, x: Array) -> Array:
     if not search.redundant:
         return families
     others = search.every(x[None]).u
-    return np.concatenate([families, others])[: TRACKING.front]
+    front = np.concatenate([families, others])
+    return front[: TRACKING.front]
 
 
 def _furthest(search: Search, x: Array, front: Array) -> Array:
@@ -99,18 +107,19 @@ def _furthest(search: Search, x: Array, front: Array) -> Array:
     length = np.zeros(len(front))
     alive = np.arange(len(front))
     for before, target in itertools.pairwise(x):
-        u = history[-1][alive]
+        rows = history[-1].copy()
+        u = rows[alive]
         moved, going = _advance(search, u, before, target)
         if not going.any():
             break
-        rows = history[-1].copy()
         rows[alive] = moved
         length[alive] += search.newton.away(moved, u)
         alive = alive[going]
         history.append(rows)
-    shortest = np.argmin(length[alive].round(6))
+    lengths = length[alive].round(6)
+    shortest = np.argmin(lengths)
     best = alive[shortest]
-    return np.array([rows[best] for rows in history])
+    return np.stack(history)[:, best]
 
 
 def _advance(
@@ -118,6 +127,7 @@ def _advance(
 ) -> tuple[Array, Mask]:
     """Joints (n, dof) moved along a line, in pieces if far, and whether they kept to it."""
     newton = search.newton
+    line = end - begin
     u = start.copy()
     share = np.zeros(len(u))  # of the line that joints have followed
     piece = np.ones(len(u))
@@ -125,11 +135,12 @@ def _advance(
     first = True
     while len(rows):
         ahead = np.minimum(share[rows] + piece[rows], 1.0)
-        targets = begin + ahead[:, None] * (end - begin)
+        targets = begin + ahead[:, None] * line
         stand = _step(newton, u[rows], targets)
         shift = newton.away(stand.u, u[rows])
         smooth = shift <= TRACKING.smooth
-        smooth &= newton.met(stand.miss) | (ahead < 1.0)
+        met = newton.met(stand.miss)
+        smooth &= met | (ahead < 1.0)
         if first and not smooth.all() and not _reaches(search, end):
             smooth[:] = True  # joints are as close as they can be
         first = False
@@ -137,8 +148,9 @@ def _advance(
         u[moved] = stand.u[smooth]
         share[moved] = ahead[smooth]
         piece[rows] *= np.where(smooth, 2.0, 0.5)
-        unfinished = share < 1.0
-        rows = np.flatnonzero(unfinished & (piece >= TRACKING.least))
+        going = share < 1.0
+        going &= piece >= TRACKING.least
+        rows = np.flatnonzero(going)
     return u, share == 1.0
 
 
@@ -148,14 +160,16 @@ def _step(newton: Newton, u: Array, targets: Array) -> Stand:
         middle = np.full(u.shape, 0.5)
         wish = newton.scale.difference(middle, u)
         here = newton.at(u, targets)
-        u = u + newton.tangent(here, TRACKING.wish * wish)
+        drift = newton.tangent(here, TRACKING.wish * wish)
+        u = u + drift
     return newton.refine(u, targets, SEARCH.close, TRACKING.few)
 
 
 def _reaches(search: Search, x: Array) -> bool:
     """Whether the links lead to joints that meet a target (m,)."""
     newton = search.newton
-    owner, start = search.starts.of(x[None])
-    goals = x[None][owner]
-    stand = newton.refine(start, goals, SEARCH.close)
-    return bool(newton.met(stand.miss).any())
+    targets = x[None]
+    owner, start = search.starts.of(targets)
+    stand = newton.refine(start, targets[owner], SEARCH.close)
+    met = newton.met(stand.miss)
+    return bool(met.any())

@@ -43,7 +43,9 @@ class Ways:
 
 def rank_within(owner: Index) -> Index:
     """Index of each row within those of its owner, of owners (n,) that ascend."""
-    return np.arange(len(owner)) - np.searchsorted(owner, owner)
+    row = np.arange(len(owner))
+    first_row = np.searchsorted(owner, owner)
+    return row - first_row
 
 
 def distinct(
@@ -52,12 +54,16 @@ def distinct(
     """Which joints (n, dof), sorted by target, are `apart` from all earlier ones that stay."""
     stays = np.ones(len(u), dtype=bool)
     apart = np.broadcast_to(apart, len(u))
-    most = np.bincount(target).max(initial=0)
-    for lag in range(1, int(most)):
-        later = np.flatnonzero(target[lag:] == target[:-lag]) + lag
-        earlier = later - lag
-        away = np.abs(scale.difference(u[later], u[earlier]))
-        same = away.max(axis=1) < np.minimum(apart[later], apart[earlier])
+    counts = np.bincount(target)
+    most = int(counts.max(initial=0))
+    for lag in range(1, most):
+        of_one_target = target[lag:] == target[:-lag]
+        earlier = np.flatnonzero(of_one_target)
+        later = earlier + lag
+        difference = scale.difference(u[later], u[earlier])
+        away = np.abs(difference).max(axis=1)
+        least = np.minimum(apart[later], apart[earlier])
+        same = away < least
         same &= stays[earlier]
         stays[later[same]] = False
     return stays

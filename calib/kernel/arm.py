@@ -57,7 +57,8 @@ class Sag:
         """Mass and moment [kg, kg m] of each load on each link, in the link's frame, (e, m, 4)."""
         loads = self.loads
         arms = loads.points - loads.chain.points[loads.links]
-        moments = np.column_stack([np.ones(len(arms)), arms])
+        masses = np.ones(len(arms))
+        moments = np.column_stack([masses, arms])
         link = np.arange(loads.chain.joints)[:, None] == loads.links
         beyond = loads.weights * (loads.links >= loads.joints[:, None])
         return np.asarray(np.einsum("ep,mp,pk->emk", beyond, link, moments))
@@ -101,18 +102,15 @@ class KernelArm:
     shift: Array  # (3,)
     aim: Array  # (3, 3), orientation of the sensor
     outputs: int  # coordinates of a position: 2 or 3
-    lens: (
-        Array | None
-    )  # (4,), focal length, centre, k1; None where nothing is divided by a depth
+    # (4,), focal length, centre, k1; None where nothing is divided by a depth
+    lens: Array | None
     curves: Array  # (dof, 96), or (0, 96) where there are none
     # (dof, dof) each, cosines and sines of the summed angles up to joint k that bend joint i
     flex: Array | None = None
-    way: Array = field(
-        default_factory=lambda: np.zeros(0)
-    )  # (dof,), sense of joints that turn
-    coupling: Array = field(
-        default_factory=lambda: np.zeros(0)
-    )  # (dof - 1,), to the joint before
+    # (dof,), sense of joints that turn
+    way: Array = field(default_factory=lambda: np.zeros(0))
+    # (dof - 1,), to the joint before
+    coupling: Array = field(default_factory=lambda: np.zeros(0))
     sag: Sag | None = None
 
     @staticmethod
@@ -136,12 +134,14 @@ class KernelArm:
         """How positions move with each part of it (k, m, n), and with joints (dof, m, n)."""
         motion = move(self.links, self.joints(q))
         eye = np.eye(3)
-        linear = eye[:, None, :, None] * motion.position[:, None]
-        shifts = np.repeat(eye[:, :, None], len(q), axis=2)
+        coordinates = motion.position[:, None]
+        linear = eye[:, None, :, None] * coordinates
+        n = len(q)
+        shifts = np.repeat(eye[:, :, None], n, axis=2)
         chained = self.view @ motion.joints()[0]
         joints = np.tensordot(self.chain.coupling.T, chained, axes=1)
         parts = {
-            "view": np.vstack([linear.reshape(9, 3, -1), shifts]),
+            "view": np.vstack([linear.reshape(9, 3, n), shifts]),
             "shift": self.view @ np.swapaxes(motion.frames, 1, 2),
             "turn": self.view @ motion.turns()[0],
             "offset": joints,
@@ -157,18 +157,18 @@ class KernelArm:
             sums = np.cumsum(self.way * q, axis=1).T
             bent = []
             for k, angle in enumerate(sums):
-                waves = np.stack([np.cos(angle), np.sin(angle)])
+                cosine = np.cos(angle)
+                sine = np.sin(angle)
+                waves = np.stack([cosine, sine])
                 moved = joints[: k + 1, None] * waves[:, None]
-                bent.append(moved.reshape(-1, 3, len(q)))
+                bent.append(moved.reshape(-1, 3, n))
             parts["flex"] = np.concatenate(bent)
-        parts = {
-            name: part.reshape(-1, 3, len(q)) for name, part in parts.items()
-        }
+        shape = (-1, 3, n)
+        parts = {name: part.reshape(shape) for name, part in parts.items()}
         if self.lens is None:
-            seen = {
-                name: part[:, : self.outputs] for name, part in parts.items()
-            }
-            return seen, joints[:, : self.outputs]
+            outputs = self.outputs
+            seen = {name: part[:, :outputs] for name, part in parts.items()}
+            return seen, joints[:, :outputs]
         point = self.view @ motion.position + self.shift[:, None]
         sight = pixels(self.lens, point)
         seen = {name: sight.push(part) for name, part in parts.items()}
@@ -217,8 +217,11 @@ def _planar(structure: PlanarStructure, beta: Array) -> KernelArm:
     way = np.asarray(structure.signs, dtype=float)
     offset = beta[groups["offset"]]
     up = np.array([0.0, 0.0, 1.0])
-    along = exponential(np.outer(np.where(turns, 0.0, offset), up))[:, :, 0]
-    ends = np.cumsum(beta[groups["length"], None] * along, axis=0)
+    turned = np.where(turns, 0.0, offset)
+    # (dof, 3), of each link
+    along = exponential(np.outer(turned, up))[:, :, 0]
+    links = beta[groups["length"], None] * along
+    ends = np.cumsum(links, axis=0)
     chain = SpatialChain(
         np.where(turns[:, None], up, along),
         np.vstack([np.zeros(3), ends[:-1]]),
@@ -229,16 +232,15 @@ def _planar(structure: PlanarStructure, beta: Array) -> KernelArm:
         np.zeros(dof),
     )
     flex = np.zeros((2, dof, dof))
-    for (i, k), pair in zip(
-        structure.loads["elastic"].pairs,
-        beta[groups["elastic"]].reshape(-1, 2),
-        strict=True,
-    ):
-        flex[:, i, k] = pair
+    pairs = structure.loads["elastic"].pairs
+    waves = beta[groups["elastic"]].reshape(-1, 2)
+    for (joint, last), wave in zip(pairs, waves, strict=True):
+        flex[:, joint, last] = wave
     sensor = structure.sensor(beta)
     view = np.zeros((3, 4))
     size = len(sensor.matrix)
-    view[:size, :2], view[:size, 3] = sensor.matrix[:, :2], sensor.shift
+    view[:size, :2] = sensor.matrix[:, :2]
+    view[:size, 3] = sensor.shift
     return KernelArm(
         structure,
         beta,

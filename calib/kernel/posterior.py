@@ -17,6 +17,7 @@ from ..body.belief import Body, Second
 from ..body.covariance import radius_95
 from ..body.curves import HARMONICS, waves_of
 from ..body.settings import SHARED
+from ..body.structure import Structure
 from ..common.arrays import Array
 from ..errors import OptionError
 from .arm import KernelArm
@@ -69,7 +70,8 @@ class CompactPosterior:
         structure = body.structure
         arm = KernelArm.of(structure, body.beta)
         shape = COMPACT.rows, structure.dof
-        q = np.random.default_rng(0).uniform(lower, upper, shape)
+        rng = np.random.default_rng(0)
+        q = rng.uniform(lower, upper, shape)
         outputs = structure.blocks[0]
         beliefs: list[Body | Second] = [body]
         if body.second is not None:
@@ -79,20 +81,17 @@ class CompactPosterior:
             for k in range(structure.dof)
         ]
         curved = np.concatenate(groups)
-        parts = arm.derivatives(q)[0]
-        basis = np.concatenate(list(parts.values()))
-        basis = basis.transpose(2, 1, 0).reshape(len(q) * outputs, -1)
+        parts, _ = arm.derivatives(q)
+        stacked = np.concatenate(list(parts.values()))
+        by_row = stacked.transpose(2, 1, 0)
+        basis = by_row.reshape(len(q) * outputs, -1)
         here = structure.predict(q, body.beta)
         size = len(beliefs), COMPACT.ways + 1
         curves = np.zeros((structure.dof, 2 * HARMONICS, *size))
         geometry = np.zeros((basis.shape[1], *size))
         alone = []
         for b, belief in enumerate(beliefs):
-            # where the belief is: what moves nothing there, by which it is hardly known, moves
-            # positions at the parameters of another
-            slope = structure.linearise(q, belief.beta, belief.active)[1]
-            moves = np.zeros((len(basis), structure.size))
-            moves[:, belief.active] = slope[:, :outputs].reshape(len(basis), -1)
+            moves = _moves(structure, belief, q)
             root = np.zeros((structure.size, belief.root.shape[1]))
             root[belief.active] = belief.root
             directions, of_curves = _split(root, curved)
@@ -107,7 +106,8 @@ class CompactPosterior:
             moves[:, curved] = 0.0
             moved = moves @ directions
             amounts = _amounts(basis, moved, COMPACT.least)
-            rest = np.linalg.norm(basis @ amounts - moved)
+            left_over = basis @ amounts - moved
+            rest = np.linalg.norm(left_over)
             most = COMPACT.unexplained * np.linalg.norm(moved)
             if belief is body and rest > most:  # the basis is at its parameters
                 raise OptionError(
@@ -116,15 +116,19 @@ class CompactPosterior:
             geometry[:, b, :ways] = amounts
             apart[curved] = 0.0
             there = structure.predict(q, body.beta + apart)
-            gap = (there - here)[:, :outputs].reshape(-1, 1)
-            geometry[:, b, -1:] = _amounts(basis, gap, COMPACT.apart)
-        edges = np.cumsum([len(part) for part in parts.values()])[:-1]
+            gaps = (there - here)[:, :outputs]
+            column = gaps.reshape(-1, 1)
+            geometry[:, b, -1:] = _amounts(basis, column, COMPACT.apart)
+        sizes = [len(part) for part in parts.values()]
+        edges = np.cumsum(sizes)[:-1]
+        of_parts = np.split(geometry, edges)
         # as in `Body.bound`: the first belief is inflated, the second not
-        scale = np.array([(body.kappa, SHARED**2), (1.0, 1.0)][: len(beliefs)])
+        factors = [(body.kappa, SHARED**2), (1.0, 1.0)]
+        scale = np.array(factors[: len(beliefs)])
         model = body.unexplained(noise=False)
         return CompactPosterior(
             arm,
-            dict(zip(parts, np.split(geometry, edges), strict=True)),
+            dict(zip(parts, of_parts, strict=True)),
             curves,
             np.array(alone),
             scale,
@@ -134,47 +138,73 @@ class CompactPosterior:
 
     def bound(self, q: Array, *, noise: bool) -> Array:
         """95 % bounds (n,) on positions at joint values (n, dof), as `Body.bound`."""
-        extra = np.diag(self.residual + (self.noise if noise else 0.0))
+        variance = self.residual + self.noise if noise else self.residual
+        extra = np.diag(variance)
         bounds = [np.zeros(0)]
         for start in range(0, len(q), COMPACT.chunk):
             rows = q[start : start + COMPACT.chunk]
             spread, apart = self._spread(rows)
             bound = np.zeros(len(rows))
             for b, (factor, share) in enumerate(self.scale):
-                radius = factor * radius_95(share * spread[b] + extra)
+                covariance = share * spread[b] + extra
+                radius = factor * radius_95(covariance)
                 bound = np.maximum(bound, apart[:, b] + radius)
             bounds.append(bound)
         return np.concatenate(bounds)
+
+    def _alone_at(self, q: Array) -> Array:
+        """Variances (b, dof, n) of curves by themselves at joint values (n, dof)."""
+        turns = q.T / (2 * np.pi)
+        place = np.mod(turns, 1.0) * COMPACT.knots
+        knots = np.arange(COMPACT.knots)
+        size = np.zeros((len(self.alone), *place.shape))
+        for b, variances in enumerate(self.alone):
+            for k, variance in enumerate(variances):
+                size[b, k] = np.interp(
+                    place[k], knots, variance, period=COMPACT.knots
+                )
+        return size
 
     def _spread(self, q: Array) -> tuple[Array, Array]:
         """Covariances (b, n, m, m) of beliefs, and how far they are apart (n, b)."""
         parts, by_joints = self.arm.derivatives(q)
         by_geometry = np.concatenate(list(parts.values()))
         geometry = np.concatenate(list(self.geometry.values()))
-        angles = q.T[:, :, None] * np.arange(1, HARMONICS + 1)
-        waves = np.concatenate([np.cos(angles), np.sin(angles)], axis=2)
+        harmonics = np.arange(1, HARMONICS + 1)
+        angles = q.T[:, :, None] * harmonics
+        cosines = np.cos(angles)
+        sines = np.sin(angles)
+        waves = np.concatenate([cosines, sines], axis=2)
         along = np.einsum("knh,khbw->bnkw", waves, self.curves, optimize=True)
-        place = np.mod(q.T / (2 * np.pi), 1.0) * COMPACT.knots
-        knots = np.arange(COMPACT.knots)
-        alone = [
-            [
-                np.interp(at, knots, variance, period=COMPACT.knots)
-                for at, variance in zip(place, belief, strict=True)
-            ]
-            for belief in self.alone
-        ]
-        size = np.array(alone)  # (b, dof, n)
+        size = self._alone_at(q)
         joints = by_joints.transpose(2, 1, 0)  # (n, m, dof)
         # (b, n, m, w), how each direction moves positions
-        z = np.tensordot(by_geometry, geometry, (0, 0)).transpose(2, 1, 0, 3)
-        z = z + joints @ along
-        ways = z[..., :-1]
+        along_geometry = np.tensordot(by_geometry, geometry, (0, 0))
+        moves = along_geometry.transpose(2, 1, 0, 3) + joints @ along
+        ways = moves[..., :-1]
         spread = ways @ np.swapaxes(ways, 2, 3)
         # (b, n, m, dof), what each curve moves by itself
-        curves = joints * size.transpose(0, 2, 1)[:, :, None]
+        size_of_row = size.transpose(0, 2, 1)
+        curves = joints * size_of_row[:, :, None]
         spread += curves @ np.swapaxes(joints, 1, 2)
-        apart = np.linalg.norm(z[..., -1], axis=2).T
+        gaps = moves[..., -1]
+        apart = np.linalg.norm(gaps, axis=2).T
         return spread, apart
+
+
+def _moves(structure: Structure, belief: Body | Second, q: Array) -> Array:
+    """How positions at joints (n, dof) move with a body's parameters, (n m, d).
+
+    Where the belief is: what moves nothing there, by which it is hardly known, moves positions at
+    the parameters of another.
+    """
+    _, slope = structure.linearise(q, belief.beta, belief.active)
+    outputs = structure.blocks[0]
+    numbers = len(q) * outputs
+    of_positions = slope[:, :outputs]
+    moves = np.zeros((numbers, structure.size))
+    moves[:, belief.active] = of_positions.reshape(numbers, -1)
+    return moves
 
 
 def _amounts(basis: Array, moves: Array, least: float) -> Array:
@@ -197,9 +227,10 @@ def _split(root: Array, curved: NDArray[np.intp]) -> tuple[Array, Array]:
     """
     geometric = np.delete(np.arange(len(root)), curved)
     geometric = geometric[root[geometric].any(axis=1)]
-    turn = np.linalg.qr(root[geometric].T, mode="complete")[0]
+    turn, _ = np.linalg.qr(root[geometric].T, mode="complete")
     turned = root @ turn
-    return turned[:, : len(geometric)], turned[:, len(geometric) :]
+    count = len(geometric)
+    return turned[:, :count], turned[:, count:]
 
 
 def _ordered(root: Array, moves: Array) -> Array:
@@ -212,9 +243,11 @@ def _ordered(root: Array, moves: Array) -> Array:
 def _curves_alone(root: Array, groups: list[NDArray[np.intp]]) -> Array:
     """Variances (dof, knots) of curves by themselves, from a root (d, k) of their covariance."""
     alone = np.zeros((len(groups), COMPACT.knots))
-    turn: Array = np.linspace(0.0, 2 * np.pi, COMPACT.knots, endpoint=False)
+    whole_turn = 2 * np.pi
+    turn: Array = np.linspace(0.0, whole_turn, COMPACT.knots, endpoint=False)
     waves = waves_of(turn).T
     for k, group in enumerate(groups):
         if len(group):
-            alone[k] = ((waves @ root[group]) ** 2).sum(axis=1)
+            moved = waves @ root[group]
+            alone[k] = (moved**2).sum(axis=1)
     return alone

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import for_people
+from ..common.wording import for_people, number
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Alignment:
     def words(self, unit: str) -> str:
         """The whole map in words."""
         factor, name = for_people(unit)
-        shift = ", ".join(f"{factor * part:.4g}" for part in self.shift)
+        shift = ", ".join(number(factor * part, 4) for part in self.shift)
         return (
             f"{'mirrored, ' * self.mirrored}turned {math.degrees(self.angle):.3g} deg, "
             f"scaled {self.scale:.5g}, shifted {shift} {name}"

@@ -19,7 +19,7 @@ from ..inverse.settings import SEARCH
 from ..inverse.tracking import follow_targets
 from ..kernel.compiled import NOTHING
 from .parts import Parts
-from .turns import on_turn, unwound
+from .turns import nearest_turn, on_turn, unwound
 
 SURE = 1e-2
 """Share of the extent: a larger expected error does not make a target reachable."""
@@ -107,11 +107,8 @@ def inverse(
     wish = anchor(model, near, len(x))
     there = model.motor.scale.from_unit(wish)
     if near is not None:
-        there = on_turn(
-            model,
-            there,
-            rows_for(near, model.about.joint_names, "near", len(x)),
-        )
+        rows = rows_for(near, model.about.joint_names, "near", len(x))
+        there = nearest_turn(model, there, rows)
     q = np.full_like(there, np.nan)
     rest = np.arange(len(x))
     if model.kernel is not None:

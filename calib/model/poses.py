@@ -23,7 +23,7 @@ from .parts import Parts
 from .prediction import predict
 from .reach import Reach
 from .space import REACHED, Space
-from .turns import on_turn
+from .turns import nearest_turn, on_turn
 
 
 class PoseAnswers(NamedTuple):
@@ -80,9 +80,8 @@ def solve_poses(
     wish = model.motor.scale.from_unit(anchor(model, near, n))
     wanted_joints = wish
     if near is not None:
-        wanted_joints = on_turn(
-            model, wish, rows_for(near, model.about.joint_names, "near", n)
-        )
+        rows = rows_for(near, model.about.joint_names, "near", n)
+        wanted_joints = nearest_turn(model, wish, rows)
     axis = free_axis(free)
     if frame != "base":
         same = np.tile(np.eye(3), (n, 1, 1)) if r is None else r

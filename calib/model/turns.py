@@ -50,13 +50,19 @@ def _drawn_limits(urdf: str) -> dict[str, tuple[float, float]]:
     return {joint.name: joint.travel for joint in joints}
 
 
+def nearest_turn(model: Parts, q: Array, near: Array) -> Array:
+    """Joints (n, dof) by whole turns as near to others (n, dof) as can be, beyond limits too."""
+    turns = np.round((near - q) / TURN)
+    return np.where(model.motor.scale.periodic, q + TURN * turns, q)
+
+
 def on_turn(model: Parts, q: Array, near: Array) -> Array:
     """Joints (n, dof) by whole turns as near to others (n, dof) as their limits allow."""
     periodic = model.motor.scale.periodic
     if not periodic.any():
         return q
     lower, upper = joint_limits(model).T
-    moved = q + TURN * np.round((near - q) / TURN)
+    moved = nearest_turn(model, q, near)
     moved = moved - TURN * np.ceil(
         np.maximum(moved - upper - _ROUNDED, 0.0) / TURN
     )

@@ -63,11 +63,13 @@ def agreed(problem: Problem) -> tuple[Fit, Mask]:
         )
     scores = []
     for fit, agreeing in fits:
-        misses = problem.bundle.misses(problem.predict(fit))[agreeing]
-        scores.append(np.sqrt(np.mean(misses**2)) / agreeing.mean())
+        misses = problem.bundle.misses(problem.predict(fit))
+        rms = np.sqrt(np.mean(misses[agreeing] ** 2))
+        scores.append(rms / agreeing.mean())
     # one half by itself has to fit far better, since few pictures always fit well
     best = int(np.argmin(scores))
-    return fits[best if scores[best] < SETTINGS.better * scores[0] else 0]
+    is_better = scores[best] < SETTINGS.better * scores[0]
+    return fits[best if is_better else 0]
 
 
 def _grown(problem: Problem, agreeing: Mask) -> list[tuple[Fit, Mask]]:

@@ -20,7 +20,7 @@ from .lens import Lens
 from .notes import limit_of, notes_of
 from .problem import Problem
 from .rig import CameraPlace, HandEye, LensFacts, Place
-from .rigid import inverse
+from .rigid import inverse, shift_of, turn_of
 
 
 def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
@@ -33,15 +33,19 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
     bundle = problem.bundle
     layout = bundle.layout
     misses = bundle.misses(held_out(problem, fit, agreeing))
-    off = np.linalg.norm(bundle.pixels - problem.predict(fit), axis=1)
-    off = off[agreeing[bundle.motion]]
+    residuals = bundle.pixels - problem.predict(fit)
+    used_corners = agreeing[bundle.motion]
+    off = np.linalg.norm(residuals[used_corners], axis=1)
+    rms = float(np.sqrt(np.mean(misses[agreeing] ** 2)))
     first = problem.views[0]
     choice = problem.choice
     carried, standing = solved.frames(0)
     hand, base = solved.places(0)
+    values = fit.unknowns.values
     place = layout.shapes[0, -1]
-    measured = first.board.side * float(np.exp(fit.unknowns.values[place]))
+    measured = first.board.side * float(np.exp(values[place]))
     half = solved.half_width * measured * float(solved.sd[place])
+    cameras = range(len(problem.views))
     places = np.concatenate(layout.frames[[carried, standing]])
     turn, _, _, shift, *_ = fit.noise.error.tolist()
     rig = HandEye(
@@ -61,13 +65,13 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
             "interval": [measured - half, measured + half],
         },
         board={"text": first.board.text, "points": solved.board().tolist()},
-        held_out={"rms": float(np.sqrt(np.mean(misses[agreeing] ** 2)))},
+        held_out={"rms": rms},
         left_out=problem.pictures_at(~agreeing),
-        cameras=tuple(map(solved.camera, range(len(problem.views)))),
+        cameras=tuple(map(solved.camera, cameras)),
         convention=None if choice is None else choice.convention,
         frames=frames,
         names=problem.names,
-        flange=bundle.motions.poses(fit.unknowns.values[layout.arm]),
+        flange=bundle.motions.poses(values[layout.arm]),
         misses=misses,
         covariance=fit.covariance[np.ix_(places, places)],
         body=solved.body(0),
@@ -120,9 +124,8 @@ class Solved:
         """What is in the hand and what stands still, of a camera in joints' terms if there are."""
         body = self.body(camera)
         if body is not None:
-            return self._gauged(hand_pose(body)), self._gauged(
-                SensorPose.of(body)
-            )
+            hand = self._gauged(hand_pose(body))
+            return hand, self._gauged(SensorPose.of(body))
         carried, standing = self.frames(camera)
         return self._place(carried), self._place(standing)
 
@@ -143,16 +146,18 @@ class Solved:
         """A frame with its intervals, along the axes of its parent."""
         pose = self.fit.unknowns.frames[number]
         slope = np.eye(6)
-        slope[:3, :3] = pose[:3, :3]
+        slope[:3, :3] = turn_of(pose)
         return self._moving(pose, slope, [number])
 
     def _between(self, first: int, second: int) -> Place:
         """A camera in the frame of another."""
         one, two = self.fit.unknowns.frames[[first, second]]
-        pose = inverse(one) @ two
+        to_first = inverse(one)
+        pose = to_first @ two
         by_one = follow(np.eye(4), one, inverted=True)
-        slope = np.concatenate([by_one, follow(inverse(one), two)], axis=1)
-        slope[3:] -= cross_matrix(pose[:3, 3]) @ slope[:3]
+        by_two = follow(to_first, two)
+        slope = np.concatenate([by_one, by_two], axis=1)
+        slope[3:] -= cross_matrix(shift_of(pose)) @ slope[:3]
         return self._moving(pose, slope, [first, second])
 
     def _moving(self, pose: Array, slope: Array, frames: list[int]) -> Place:
@@ -161,8 +166,9 @@ class Solved:
         covariance = self.fit.covariance[np.ix_(places, places)]
         variances = np.diag(slope @ covariance @ slope.T)
         turn, shift = np.sqrt(np.maximum(variances, 0.0)).reshape(2, 3)
-        quaternion = quaternion_of(pose[None, :3, :3])[0]
-        return self._document(pose[:3, 3], quaternion, shift, turn, shift, turn)
+        quaternion = quaternion_of(turn_of(pose[None]))[0]
+        place = shift_of(pose)
+        return self._document(place, quaternion, shift, turn, shift, turn)
 
     def _gauged(self, place: SensorPose | None) -> Place:
         """A place that joints tell but for what no picture tells of the first and last axis."""

@@ -112,6 +112,8 @@ def _reader(path: Path) -> Any:
         raise LogError(
             f"reading bags needs rosbags: {INSTALL.format('ros')}"
         ) from None
+    if not path.exists():
+        raise LogError(f"{path}: no such file or folder, expected a recording")
     try:
         reader = AnyReader(
             [path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)
@@ -270,6 +272,7 @@ def _row(stamped: Any, received: float) -> list[float]:
 
 def _turns(rows: Array) -> bool:
     """Whether quaternions (n, 4) differ from each other; q and -q are one orientation."""
-    return bool(
-        rows.any() and np.abs(np.abs(rows @ rows[0]) - 1).max() >= _SAME
-    )
+    if not rows.any():
+        return False
+    cosines = np.abs(rows @ rows[0])  # of half the angles from the first
+    return bool(np.abs(cosines - 1).max() >= _SAME)

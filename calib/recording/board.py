@@ -279,7 +279,8 @@ def _is_upward(tags: list[Tag], columns: int) -> bool:
     corners = np.array([tag.corners for tag in tags]).reshape(-1, 4, 2)
     down = (corners[:, 3] - corners[:, 0]).sum(axis=0)
     heights = corners.mean(axis=1) @ down
-    return bool((rows - rows.sum() / max(len(rows), 1)) @ heights < 0.0)
+    middle = rows.sum() / max(len(rows), 1)
+    return bool((rows - middle) @ heights < 0.0)
 
 
 def parse_board(board: Pattern | str) -> Pattern:

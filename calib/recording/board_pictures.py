@@ -21,7 +21,7 @@ from .lens import Lens, calibrate_lens, lens_of_model
 from .lerobot import is_dataset, read_dataset
 from .pictures import Picture
 from .reference import Pose, find_pose, matrices
-from .rigid import inverse, rigid
+from .rigid import inverse, place_points, rigid, shift_of, turn_of
 
 LEAST = 4
 """Pictures of the board that tell where it is, and in which another one is looked for."""
@@ -88,10 +88,11 @@ class BoardPictures:
         """
         poses = self.poses(lens)
         hand = held_poses(poses, in_hand)
-        turns = hand[:, :3, :3]
+        turns = turn_of(hand)
         # a small turn and a shift of the board, in the camera's axes, move and turn what is told
         if in_hand:
-            at = AHEAD * float(np.hypot(*self.board.size)) * np.eye(3)[2]
+            diagonal = float(np.hypot(*self.board.size))
+            at = np.array([0.0, 0.0, AHEAD * diagonal])
             back = -turns
             arm = at - np.array([pose.shift for pose in poses])
         else:
@@ -102,9 +103,10 @@ class BoardPictures:
         change[:, :3, :3] = -back @ cross_matrix(arm)
         change[:, :3, 3:] = back
         change[:, 3:, :3] = back
-        covariance = change @ np.array([p.covariance[:6, :6] for p in poses])
-        covariance = covariance @ np.swapaxes(change, 1, 2)
-        noise = np.sqrt(np.einsum("njj->n", covariance[:, :3, :3]).mean() / 3)
+        of_poses = np.array([pose.covariance[:6, :6] for pose in poses])
+        covariance = change @ of_poses @ np.swapaxes(change, 1, 2)
+        variances = np.einsum("njj->n", covariance[:, :3, :3])
+        noise = np.sqrt(variances.mean() / 3)
         source = {
             "source": "board",
             "eye": "hand" if in_hand else "base",
@@ -118,7 +120,7 @@ class BoardPictures:
         }
         return Samples(
             self.q,
-            turns @ at + hand[:, :3, 3],
+            turns @ at + shift_of(hand),
             self.joint_names,
             source=source,
             notes=self.notes,
@@ -293,20 +295,18 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
     if in_hand:  # the pose is the camera's, in the board's frame
         boards = inverse(boards)
     board = parse_board(source["board"]).points()
-    poses = []
-    for pose in boards:
-        points_ahead = board @ pose[:3, :3].T + pose[:3, 3]
-        pixels = log_lens.distort(points_ahead[:, :2] / points_ahead[:, 2:])
-        poses.append(find_pose(lens, board, pixels))
+    places = place_points(boards, board)
+    pixels = log_lens.distort(places[:, :, :2] / places[:, :, 2:])
+    poses = [find_pose(lens, board, corners) for corners in pixels]
     hand = held_poses(poses, in_hand)
-    turns = hand[:, :3, :3]
+    turns = turn_of(hand)
     note = (
         f"poses are told with the model's lens: of these pictures alone the focal length was "
         f"{growth:+.2%} off it"
     )
     return replace(
         log,
-        x=turns @ point + hand[:, :3, 3],
+        x=turns @ point + shift_of(hand),
         orientation=quaternion_of(turns),
         source={**source, "lens": lens.to_json()},
         notes=(*log.notes, note),

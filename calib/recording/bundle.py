@@ -14,10 +14,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arm.rotations import cross_matrix, exponential
+from ..arm.rotations import cross_matrix
 from ..common.arrays import Array, Index
 from .pictures import opencv
-from .rigid import inverse
+from .rigid import inverse, shift_of, step_from, turn_of
 
 LENS = 9
 """Numbers of a lens: focal lengths, centre, k1, k2, p1, p2, k3."""
@@ -89,10 +89,9 @@ class Unknowns:
 
     def moved(self, step: Array, errors: Array) -> Unknowns:
         """The unknowns after a step (s,) and one of the errors (n, e)."""
-        turns = step[: POSE * len(self.frames)].reshape(-1, POSE)
-        frames = self.frames.copy()
-        frames[:, :3, :3] = frames[:, :3, :3] @ exponential(turns[:, :3])
-        frames[:, :3, 3] += turns[:, 3:]
+        width = POSE * len(self.frames)
+        steps = step[:width].reshape(-1, POSE)
+        frames = step_from(self.frames, steps)
         return Unknowns(frames, self.values + step, self.errors + errors)
 
     def exact(self, count: int) -> Unknowns:
@@ -162,10 +161,8 @@ class Bundle:
     def look(self, unknowns: Unknowns) -> Sight:
         """What the cameras see."""
         arm = unknowns.values[self.layout.arm]
-        errors = unknowns.errors
-        flange = self.motions.poses(arm).copy()
-        flange[:, :3, :3] = flange[:, :3, :3] @ exponential(errors[:, :3])
-        flange[:, :3, 3] += errors[:, 3:POSE]
+        poses = self.motions.poses(arm)
+        flange = step_from(poses, unknowns.errors[:, :POSE])
         by_arm = self.motions.slopes(arm)
         cameras = range(len(self.in_hand))
         sights = [self._look(k, unknowns, flange, by_arm) for k in cameras]
@@ -186,32 +183,43 @@ class Bundle:
         y = unknowns.frames[board_frame]
         shape = unknowns.values[layout.shapes[board]]
         lens = unknowns.values[layout.lenses[number]]
+        to_camera = inverse(x)
+        moved = inverse(flange) if in_hand else flange
         # what is beyond the motion, before the camera
-        arm_side = inverse(x) @ (inverse(flange) if in_hand else flange)
-        scene = (arm_side @ y)[motion]
+        arm_side = to_camera @ moved
+        scenes = arm_side @ y
+        scene = scenes[motion]
+        turns = turn_of(scene)
         scale = np.exp(shape[-1])
-        points = scale * (self.points[rows] + bends @ shape[:-1])
-        turns = scene[:, :3, :3]
-        places = np.einsum("nij,nj->ni", turns, points) + scene[:, :3, 3]
-        focus = np.exp(unknowns.errors[motion, POSE + number])
+        points = self.points[rows] + bends @ shape[:-1]
+        points *= scale
+        places = np.einsum("nij,nj->ni", turns, points)
+        places += shift_of(scene)
+        focal = POSE + number
+        focus = np.exp(unknowns.errors[motion, focal])
         pixels, by_point, by_lens = project(lens, focus, places)
         by_turn = np.cross(places[:, None], by_point)
         by_scene = np.concatenate([by_turn, by_point], axis=2)
-        inward = by_point @ turns
-        by_flange = follow(inverse(x), flange, in_hand)[motion]
-        by_errors = by_scene @ by_flange
-        by_camera = by_scene @ follow(np.eye(4), x, inverted=True)
-        by_board = by_scene @ follow(arm_side, y)[motion]
-        slopes = np.zeros((len(points), 2, layout.size + layout.errors))
-        slopes[:, :, layout.frames[number]] = by_camera
-        slopes[:, :, layout.frames[board_frame]] = by_board
-        slopes[:, :, layout.lenses[number]] = by_lens
-        slopes[:, :, layout.shapes[board, :-1]] = scale * inward @ bends
-        slopes[:, :, layout.shapes[board, -1:]] = inward @ points[:, :, None]
-        slopes[:, :, layout.arm] = by_errors @ by_arm[motion]
-        slopes[:, :, layout.size : layout.size + POSE] = by_errors
-        focal = layout.size + POSE + number
-        slopes[:, :, focal] = by_lens[:, :, :2] @ lens[:2]
+        by_place = by_point @ turns
+        flange_slopes = follow(to_camera, flange, in_hand)
+        camera_slopes = follow(np.eye(4), x, inverted=True)
+        board_slopes = follow(arm_side, y)
+        by_errors = by_scene @ flange_slopes[motion]
+        width = layout.size + layout.errors
+        slopes = np.zeros((len(points), 2, width))
+        slopes[..., layout.frames[number]] = by_scene @ camera_slopes
+        by_board = by_scene @ board_slopes[motion]
+        slopes[..., layout.frames[board_frame]] = by_board
+        slopes[..., layout.lenses[number]] = by_lens
+        *bend_columns, size_column = layout.shapes[board]
+        slopes[..., bend_columns] = scale * by_place @ bends
+        by_size = by_place @ points[:, :, None]
+        slopes[..., [size_column]] = by_size
+        slopes[..., layout.arm] = by_errors @ by_arm[motion]
+        # the errors stand behind the unknowns
+        error_slopes = slopes[..., layout.size :]
+        error_slopes[..., :POSE] = by_errors
+        error_slopes[..., focal] = by_lens[..., :2] @ lens[:2]
         return pixels, by_scene, slopes
 
 
@@ -222,15 +230,16 @@ def follow(before: Array, frame: Array, inverted: bool = False) -> Array:
     is ``before @ inverse(frame) @ ..``.
     """
     through = before if inverted else before @ frame
-    turn = through[..., :3, :3]
-    along = before[..., :3, :3]
+    turn = turn_of(through)
+    along = turn_of(before)
     if inverted:
         turn = -turn
-        along = turn @ np.swapaxes(frame[..., :3, :3], -1, -2)
-    slopes = np.zeros(np.broadcast_shapes(turn.shape, along.shape))
-    slopes = np.tile(slopes, (2, 2))
+        along = turn @ np.swapaxes(turn_of(frame), -1, -2)
+    arms = cross_matrix(shift_of(through))
+    shape = np.broadcast_shapes(turn.shape, along.shape)
+    slopes = np.zeros((*shape[:-2], POSE, POSE))
     slopes[..., :3, :3] = turn
-    slopes[..., 3:, :3] = cross_matrix(through[..., :3, 3]) @ turn
+    slopes[..., 3:, :3] = arms @ turn
     slopes[..., 3:, 3:] = along
     return slopes
 
@@ -240,19 +249,25 @@ def bending(points: Array, outline: Array) -> Array:
     low = outline.min(axis=0)
     high = outline.max(axis=0)
     half = float(np.linalg.norm(high - low)) / 2
+    middle = (low + high) / 2
 
     def terms(places: Array) -> tuple[Array, Array]:
-        flat = (places[:, :2] - (low + high)[:2] / 2) / half
-        heights = [flat[:, 0] ** i * flat[:, 1] ** k for i, k in BENDS]
-        return np.insert(flat, 2, 1.0, axis=1), np.column_stack(heights)
+        """A plane's terms (k, 3), x, y and 1, and those of heights."""
+        flat = (places - middle) / half
+        x, y, _ = flat.T
+        flat[:, 2] = 1.0
+        heights = [x**i * y**k for i, k in BENDS]
+        return flat, np.column_stack(heights)
 
     # a plane is the board's place
     level = np.linalg.lstsq(*terms(outline), rcond=None)[0]
-    flat, heights = terms(points)
+    plane, heights = terms(points)
+    bent = heights - plane @ level
+    x, y, _ = half * plane.T
     out = np.zeros((len(points), 3, SHAPE - 1))
-    out[:, 2, :-2] = half * (heights - flat @ level)
-    out[:, :2, -2] = half * flat[:, :2] * (1.0, -1.0)
-    out[:, :2, -1] = half * flat[:, 1::-1]
+    out[:, 2, :-2] = half * bent
+    out[:, :2, -2] = np.column_stack([x, -y])
+    out[:, :2, -1] = np.column_stack([y, x])
     return out
 
 
@@ -264,12 +279,17 @@ def project(
     focus : (N,), factors of the focal lengths
     """
     origin = np.zeros(3)
-    matrix = np.diag([lens[0], lens[1], 1.0])
-    matrix[:2, 2] = lens[2:4]
+    centre = lens[2:4]
+    matrix = np.diag([*lens[:2], 1.0])
+    matrix[:2, 2] = centre
     pixels, slopes = opencv().projectPoints(
-        points.reshape(-1, 1, 3), origin, origin, matrix, lens[4:]
+        points[:, None], origin, origin, matrix, lens[4:]
     )
-    slopes = slopes.reshape(len(points), 2, -1) * focus[:, None, None]
-    slopes[:, :, 8:10] /= focus[:, None, None]  # by the centre
-    pixels = lens[2:4] + focus[:, None] * (pixels.reshape(-1, 2) - lens[2:4])
-    return pixels, slopes[:, :, 3:6], slopes[:, :, 6:15]
+    factors = focus[:, None]
+    pixels = pixels[:, 0] - centre
+    slopes = slopes.reshape(len(points), 2, -1)
+    slopes = slopes * factors[:, None]
+    by_centre = slopes[..., 8:10]
+    by_centre /= factors[:, None]
+    pixels = centre + factors * pixels
+    return pixels, slopes[..., 3:6], slopes[..., 6:15]

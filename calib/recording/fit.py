@@ -68,6 +68,16 @@ class Noise:
 
 
 @dataclass(frozen=True, eq=False)
+class Step:
+    """A step of a fit, and how far it is certain."""
+
+    unknowns: Array  # (s,)
+    errors: Array  # (n, e), of each motion
+    covariance: Array  # (s, s), of the unknowns
+    variances: Array  # (n, e), of the errors
+
+
+@dataclass(frozen=True, eq=False)
 class Fit:
     """Unknowns and noise: where a fit begins, or ends."""
 
@@ -89,12 +99,11 @@ def solve(
     sight = bundle.look(fit.unknowns)
     damping = 1e-4
     for count in range(SETTINGS.steps if learn else SETTINGS.few_steps):
-        step, errors, covariance, variances = _step(
-            bundle, prior, fit, sight, damping
-        )
-        if not np.isfinite(step).all():
+        step = _step(bundle, prior, fit, sight, damping)
+        if not np.isfinite(step.unknowns).all():
             raise np.linalg.LinAlgError("the fit of corners diverged")
-        ahead = replace(fit, unknowns=fit.unknowns.moved(step, errors))
+        unknowns = fit.unknowns.moved(step.unknowns, step.errors)
+        ahead = replace(fit, unknowns=unknowns)
         sight_ahead = bundle.look(ahead.unknowns)
         cost = _cost(bundle, prior, fit, sight)
         if _cost(bundle, prior, ahead, sight_ahead) > (1 + 1e-9) * cost:
@@ -104,10 +113,10 @@ def solve(
             continue
         damping *= 0.1
         before = fit.noise
-        fit = replace(ahead, covariance=covariance)
+        fit = replace(ahead, covariance=step.covariance)
         sight = sight_ahead
         if learn:
-            fit = _learn(bundle, prior, fit, sight, variances)
+            fit = _learn(bundle, prior, fit, sight, step.variances)
         if count > 4 and _is_settled(before, fit.noise):
             break
     return fit
@@ -147,48 +156,71 @@ def _residuals(
 
 def _step(
     bundle: Bundle, prior: Prior, fit: Fit, sight: Sight, damping: float
-) -> tuple[Array, Array, Array, Array]:
-    """Eliminate the motions' errors and solve for the free unknowns.
-
-    Returns steps of the unknowns (s,) and of the errors (n, e), their covariance (s, s) and
-    variances (n, e).
-    """
+) -> Step:
+    """Eliminate the motions' errors and solve for the free unknowns."""
+    noise = fit.noise
     size = bundle.layout.size
-    products, pulls = information(bundle, fit.noise, sight)
-    free = np.flatnonzero(fit.noise.prior > 0.0)
-    precision = fit.noise.prior[free] ** -2.0
-    certain = fit.noise.error**-2.0
-    spread = np.linalg.inv(products[:, size:, size:] + np.diag(certain))
-    pull = pulls[:, size:] - certain * fit.unknowns.errors
+    products, pulls = information(bundle, noise, sight)
+    free = np.flatnonzero(noise.prior > 0.0)
+    both_free = np.ix_(free, free)
+    # the errors (n, e) of each motion by themselves
+    error_precision = noise.error**-2.0
+    error_products = products[:, size:, size:]
+    error_products = error_products + np.diag(error_precision)
+    spread = np.linalg.inv(error_products)
+    pull = pulls[:, size:] - error_precision * fit.unknowns.errors
+    # what of the free unknowns (k,) they take away
     across = products[:, free, size:]
     gain = across @ spread
-    whole = products.sum(axis=0)[np.ix_(free, free)] + np.diag(precision)
-    least = 1e-12 * np.diag(whole)
-    whole -= np.tensordot(gain, across, ([0, 2], [0, 2]))
-    target = pulls[:, free].sum(axis=0) - np.einsum("nij,nj->i", gain, pull)
-    target -= precision * (fit.unknowns.values - prior.mean)[free]
-    ruler = np.sqrt(np.maximum(np.diag(whole), least))
-    normal = whole / np.outer(ruler, ruler)
-    known = np.linalg.pinv(normal, rcond=1e-13, hermitian=True)
-    known /= np.outer(ruler, ruler)
-    step = np.zeros(size)
-    damped = normal + damping * np.eye(len(free))
-    step[free] = np.linalg.solve(damped, target / ruler) / ruler
-    errors = (spread @ pull[:, :, None])[:, :, 0] - step[free] @ gain
-    variances = np.einsum("nii->ni", spread) + (gain * (known @ gain)).sum(1)
-    covariance = np.zeros((size, size))
-    covariance[np.ix_(free, free)] = known
-    return step, errors, covariance, variances
+    pull_lost = np.einsum("nij,nj->i", gain, pull)
+    precision = noise.prior[free] ** -2.0
+    normal = products.sum(axis=0)[both_free] + np.diag(precision)
+    least = 1e-12 * np.diag(normal)
+    normal -= np.tensordot(gain, across, ([0, 2], [0, 2]))
+    target = pulls[:, free].sum(axis=0) - pull_lost
+    away = fit.unknowns.values - prior.mean
+    target -= precision * away[free]
+    step, covariance = _solved(normal, least, target, damping)
+    # and back to the errors
+    errors = (spread @ pull[:, :, None])[:, :, 0]
+    errors -= step @ gain
+    follows = gain * (covariance @ gain)
+    variances = np.einsum("nii->ni", spread) + follows.sum(axis=1)
+    unknowns = np.zeros(size)
+    unknowns[free] = step
+    covariances = np.zeros((size, size))
+    covariances[both_free] = covariance
+    return Step(unknowns, errors, covariances, variances)
+
+
+def _solved(
+    normal: Array, least: Array, target: Array, damping: float
+) -> tuple[Array, Array]:
+    """Damped solution (k,) of normal equations (k, k) and undamped inverse, each in its scale.
+
+    least : (k,), of the diagonal
+    """
+    diagonal = np.maximum(np.diag(normal), least)
+    scale = np.sqrt(diagonal)
+    scales = np.outer(scale, scale)
+    normal = normal / scales
+    covariance = np.linalg.pinv(normal, rcond=1e-13, hermitian=True)
+    damped = normal + damping * np.eye(len(scale))
+    solution = np.linalg.solve(damped, target / scale)
+    return solution / scale, covariance / scales
 
 
 def _cost(bundle: Bundle, prior: Prior, fit: Fit, sight: Sight) -> float:
     noise = fit.noise
     residuals, weights = _residuals(bundle, noise, sight)
     weights = weights / noise.corner[bundle.camera] ** 2
+    corners = weights[:, None] * residuals**2
     free = noise.prior > 0.0
-    away = (fit.unknowns.values - prior.mean)[free] / noise.prior[free]
-    total = (weights[:, None] * residuals**2).sum() + (away**2).sum()
-    return float(total + ((fit.unknowns.errors / noise.error) ** 2).sum())
+    away = fit.unknowns.values - prior.mean
+    away = away[free] / noise.prior[free]
+    errors = fit.unknowns.errors / noise.error
+    total = corners.sum() + (away**2).sum()
+    return float(total + (errors**2).sum())
 
 
 def _learn(
@@ -198,33 +230,47 @@ def _learn(
 
     variances : (n, e), of the motions' errors
     """
+    error, freedom = _error_noise(fit, variances)
+    corner = _corner_noise(bundle, fit, sight, freedom)
+    noise = Noise(corner, error, _prior_noise(prior, fit))
+    return replace(fit, noise=noise, freedom=freedom)
+
+
+def _error_noise(fit: Fit, variances: Array) -> tuple[Array, float]:
+    """Sd (e,) of the motions' errors, and the degrees of freedom of their turns and shifts."""
     noise = fit.noise
     columns = len(noise.error)
     starts = [0, 3, *range(POSE, columns)]  # of turn, shift, each focal length
     # what corners tell of an error beyond its prior counts as known numbers
-    numbers = (1.0 - variances / noise.error**2).sum(axis=0)
-    counts = np.maximum(np.add.reduceat(numbers, starts), 0.5)
-    squares = (fit.unknowns.errors**2).sum(axis=0)
-    squares = np.add.reduceat(squares, starts) / counts
-    sizes = _grown(noise.error[starts], squares, 1.7)
+    shares = 1.0 - variances / noise.error**2
+    numbers = np.add.reduceat(shares.sum(axis=0), starts)
+    counts = np.maximum(numbers, 0.5)
+    squares = fit.unknowns.errors**2
+    sums = np.add.reduceat(squares.sum(axis=0), starts)
+    sizes = _grown(noise.error[starts], sums / counts, 1.7)
     focus = sizes[2:]
     focus[focus < SETTINGS.least_focus] = 0.0
     sizes[2:] = np.minimum(focus, SETTINGS.most_focus)
     sizes = np.maximum(sizes, SETTINGS.least_error)
-    error = np.repeat(sizes, np.diff([*starts, columns]))
-    freedom = float(counts[:2].sum())
-    corner = _corner_noise(bundle, fit, sight, freedom)
-    prior_sd = noise.prior.copy()
-    away = (fit.unknowns.values - prior.mean) ** 2
-    spread = np.diag(fit.covariance)
+    widths = np.diff([*starts, columns])
+    return np.repeat(sizes, widths), float(counts[:2].sum())
+
+
+def _prior_noise(prior: Prior, fit: Fit) -> Array:
+    """Prior sd (s,) of the unknowns."""
+    sizes = fit.noise.prior.copy()
+    squares = (fit.unknowns.values - prior.mean) ** 2
+    variances = np.diag(fit.covariance)
     for scale in prior.scales:
-        some = scale.indices[prior_sd[scale.indices] > 0.0]
+        free = sizes[scale.indices] > 0.0
+        some = scale.indices[free]
         if len(some):
-            sd = prior_sd[some]
-            number = max((1.0 - spread[some] / sd**2).sum(), 0.05)
-            size = _grown(sd, away[some].sum() / number, 2.0)
-            prior_sd[some] = np.clip(size, scale.lowest, scale.highest)
-    return replace(fit, noise=Noise(corner, error, prior_sd), freedom=freedom)
+            sd = sizes[some]
+            shares = 1.0 - variances[some] / sd**2
+            number = max(shares.sum(), 0.05)
+            size = _grown(sd, squares[some].sum() / number, 2.0)
+            sizes[some] = np.clip(size, scale.lowest, scale.highest)
+    return sizes
 
 
 def _corner_noise(

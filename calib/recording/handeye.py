@@ -28,6 +28,7 @@ from .lens import Lens
 from .lerobot import is_dataset
 from .problem import of_joints, of_poses
 from .rig import HandEye as HandEye
+from .rigid import place_points, shift_of, turn_of
 from .view import view_of
 
 Path_ = str | os.PathLike[str]
@@ -143,8 +144,8 @@ def _flange_table(poses: Path_ | FlangeTable | Array) -> FlangeTable:
     if isinstance(poses, FlangeTable):
         return poses
     matrices = _matrices("poses", poses)
-    turns = matrices[:, :3, :3].reshape(-1, 9)
-    numbers = np.column_stack([matrices[:, :3, 3], turns])
+    turns = turn_of(matrices).reshape(-1, 9)
+    numbers = np.column_stack([shift_of(matrices), turns])
     return FlangeTable("poses", numbers, None, "matrix")
 
 
@@ -166,8 +167,7 @@ def pictures_of_boards(boards: Array) -> tuple[BoardPictures, Lens]:
     pattern = TagGrid(2, 2, side, side)
     middle = np.array([1000.0, 1000.0])
     lens = Lens((2000, 2000), middle, middle, np.zeros(5))
-    places = pattern.points() @ np.swapaxes(boards[:, :3, :3], 1, 2)
-    places += boards[:, None, :3, 3]
+    places = place_points(boards, pattern.points())
     pixels = lens.distort(places[:, :, :2] / places[:, :, 2:])
     count = len(boards)
     names = tuple(f"pose {k + 1}" for k in range(count))

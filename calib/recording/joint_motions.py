@@ -14,7 +14,7 @@ from ..body.spatial import SpatialStructure
 from ..common.arrays import Array, Index
 from .bundle import Layout, Motions, follow
 from .fit import Fit, Scale
-from .rigid import inverse, rigid
+from .rigid import inverse, rigid, shift_of, turn_of
 
 FREE = ("placement", "offset")
 """Groups of the arm's parameters that the pictures correct."""
@@ -48,12 +48,14 @@ class JointMotions(Motions):
         """Turn in the tip's axes and shift in the base's, (n, 6, k), by the parameters."""
         beta = self.beta(arm)
         places, turns = self._base.pose(self.rows, beta)
-        moved = self._base.linearise(self.rows, beta, self.active)[1]
-        slopes = np.zeros((len(self.rows), 6, self.size))
-        slopes[:, :3, :-1] = np.swapaxes(turns, 1, 2) @ moved[:, 3:]
-        slopes[:, 3:, :-1] = np.exp(arm[-1]) * moved[:, :3]
-        slopes[:, 3:, -1] = np.exp(arm[-1]) * places
-        return slopes
+        _, moved = self._base.linearise(self.rows, beta, self.active)
+        shift, turn = np.split(moved, 2, axis=1)
+        scale = np.exp(arm[-1])
+        own_turn = np.swapaxes(turns, 1, 2) @ turn
+        by_arm = np.concatenate([own_turn, scale * shift], axis=1)
+        still = np.zeros_like(places)
+        by_size = np.concatenate([still, scale * places], axis=1)
+        return np.concatenate([by_arm, by_size[:, :, None]], axis=2)
 
     def beta(self, arm: Array) -> Array:
         """The structure's parameters (d,)."""
@@ -89,15 +91,16 @@ class JointMotions(Motions):
         structure = self.structure
         groups = structure.groups
         hand = fit.unknowns.frames[carried]
-        view = inverse(fit.unknowns.frames[standing])
+        base = fit.unknowns.frames[standing]
+        view = inverse(base)
+        turns = logarithm(turn_of(np.stack([hand, view])))
         beta = self.beta(fit.unknowns.values[layout.arm])
-        beta[groups["tool"]] = hand[:3, 3]
-        beta[groups["tool.rotation"]] = logarithm(hand[None, :3, :3])[0]
-        beta[groups["view.shift"]] = view[:3, 3]
-        beta[groups["view.rotation"]] = logarithm(view[None, :3, :3])[0]
+        beta[groups["tool"]] = shift_of(hand)
+        beta[groups["view.shift"]] = shift_of(view)
+        beta[groups["tool.rotation"]], beta[groups["view.rotation"]] = turns
         # a step of the standing frame, in its own axes and the base's, as one of its inverse
-        back = follow(np.eye(4), fit.unknowns.frames[standing], inverted=True)
-        back[3:] -= cross_matrix(view[:3, 3]) @ back[:3]
+        back = follow(np.eye(4), base, inverted=True)
+        back[3:] -= cross_matrix(shift_of(view)) @ back[:3]
         scene = [*groups["view.rotation"], *groups["view.shift"]]
         tool = [*groups["tool.rotation"], *groups["tool"]]
         slope = np.zeros((structure.size, layout.size))
@@ -106,13 +109,15 @@ class JointMotions(Motions):
         slope[self.active, layout.arm[:-1]] = 1.0
         covariance = slope @ fit.covariance @ slope.T
         active = np.flatnonzero(np.diag(covariance) > 0.0)
-        values, vectors = np.linalg.eigh(covariance[np.ix_(active, active)])
+        uncertain = covariance[np.ix_(active, active)]
+        values, vectors = np.linalg.eigh(uncertain)
+        sds = np.sqrt(np.maximum(values, 0.0))
         none = np.zeros(6)
         return Body(
             structure,
             beta,
             active,
-            root=vectors * np.sqrt(np.maximum(values, 0.0)),
+            root=vectors * sds,
             noise=np.ones(6),
             kappa=1.0,
             tau=none,

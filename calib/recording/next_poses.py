@@ -65,6 +65,44 @@ def next_poses(
 
 def _gains(rig: HandEye, flange: Array) -> tuple[Mask, Array]:
     """Which poses (n,) show the whole board, and what each tells of hand and base (n, 12, 12)."""
+    bundle, unknowns = _ahead(rig, flange)
+    layout = bundle.layout
+    sight = bundle.look(unknowns)
+    noise = _noise(rig, layout.size)
+    exact_bundle = replace(bundle, pixels=sight.pixels)
+    products, _ = information(exact_bundle, noise, sight)
+    places = layout.frames
+    if rig.eye == "base":
+        places = places[::-1]
+    some = places.ravel()
+    errors = products[:, layout.size :, layout.size :]
+    across = products[:, some, layout.size :]
+    precision = np.diag(noise.error**-2.0)
+    spread = np.linalg.inv(errors + precision)
+    gain = products[:, some[:, None], some]
+    gain = gain - across @ spread @ np.swapaxes(across, 1, 2)
+    size = np.array(rig.lens["size"])
+    margin = SETTINGS.edge * size
+    inside = (sight.pixels > margin) & (sight.pixels < size - margin)
+    inside = inside.reshape(len(flange), -1)
+    is_in_view: Mask = np.asarray(inside.all(axis=1))
+    return is_in_view, gain
+
+
+def _noise(rig: HandEye, size: int) -> Noise:
+    """The noise of pictures to come, of a number of free unknowns."""
+    turn = max(rig.repeatability["rotation"], 1e-5)
+    shift = max(rig.repeatability["position"], 1e-5)
+    corner = max(rig.reprojection["mean"], 0.1)
+    return Noise(
+        corner=np.array([SETTINGS.careful * corner]),
+        error=np.repeat([turn, shift, 1e-6], [3, 3, 1]),
+        prior=np.full(size, np.inf),
+    )
+
+
+def _ahead(rig: HandEye, flange: Array) -> tuple[Bundle, Unknowns]:
+    """The board's corners at poses (n, 4, 4), whose pixels are open, and the rig as unknowns."""
     points = np.array(rig.board["points"])
     corners = np.tile(points, (len(flange), 1))
     bundle = Bundle(
@@ -83,33 +121,10 @@ def _gains(rig: HandEye, flange: Array) -> tuple[Mask, Array]:
     values[layout.lenses[0]] = [*focal, *lens["centre"], *lens["distortion"]]
     # the camera's frame is the first, then the board's
     frames = np.stack([frame_of(rig.hand), frame_of(rig.base)])
-    places = layout.frames
     if rig.eye == "base":
         frames = frames[::-1]
-        places = places[::-1]
     exact = np.zeros((len(flange), layout.errors))
-    sight = bundle.look(Unknowns(frames, values, exact))
-    size = np.array(lens["size"])
-    margin = SETTINGS.edge * size
-    inside = (sight.pixels > margin) & (sight.pixels < size - margin)
-    turn = max(rig.repeatability["rotation"], 1e-5)
-    shift = max(rig.repeatability["position"], 1e-5)
-    noise = Noise(
-        corner=SETTINGS.careful
-        * np.array([max(rig.reprojection["mean"], 0.1)]),
-        error=np.repeat([turn, shift, 1e-6], [3, 3, 1]),
-        prior=np.full(layout.size, np.inf),
-    )
-    exact_bundle = replace(bundle, pixels=sight.pixels)
-    products = information(exact_bundle, noise, sight)[0]
-    some = places.ravel()
-    errors = products[:, layout.size :, layout.size :]
-    across = products[:, some, layout.size :]
-    spread = np.linalg.inv(errors + np.diag(noise.error**-2.0))
-    gain = products[:, some[:, None], some]
-    gain = gain - across @ spread @ np.swapaxes(across, 1, 2)
-    is_in_view: Mask = np.asarray(inside.reshape(len(flange), -1).all(axis=1))
-    return is_in_view, gain
+    return bundle, Unknowns(frames, values, exact)
 
 
 def frame_of(place: Place) -> Array:

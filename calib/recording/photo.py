@@ -11,7 +11,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
-from ..common.choices import PICTURES
+from ..common.choices import PICTURES, VIDEOS
 from ..errors import LogError
 from ..model.about import Photo
 from .pictures import Picture, Video, opencv, read_picture
@@ -57,7 +57,8 @@ def take_photo(
             f"positions in {unit}, {x.shape[1]} coordinates, are not drawn over a photo: expected "
             "x and y in px"
         )
-    inside = ((x > -0.5) & (x < np.array([width, height]) - 0.5)).all(axis=1)
+    edge = np.array([width, height]) - 0.5
+    inside = ((x > -0.5) & (x < edge)).all(axis=1)
     if inside.mean() < 0.25:
         raise LogError(
             f"{name} shows {100 * inside.mean():.0f} % of the positions only: expected a picture "
@@ -71,6 +72,11 @@ def read_photo(path: Path) -> Picture:
     """Return a picture, or the first frame of a video, as red, green, blue."""
     if path.suffix.lower() in PICTURES:
         return read_picture(path, colour=True)
+    if path.suffix.lower() not in VIDEOS:
+        kinds = ", ".join((*PICTURES, *VIDEOS))
+        raise LogError(
+            f"{path.name} is no picture or video by its name: expected {kinds}"
+        )
     grey = next((frame for _, frame in Video(path).frames()), None)
     if grey is None:
         raise LogError(f"{path.name} has no frame that can be read")

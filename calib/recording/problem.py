@@ -22,6 +22,7 @@ from .fit import Fit, Noise, Prior, Scale, solve
 from .flange_table import FlangeTable
 from .joint_motions import JointMotions
 from .readings import refuse_readings
+from .rigid import turn_of
 from .start import MISSAID, Start, find_start
 from .view import View
 
@@ -193,7 +194,7 @@ def _by_pose(views: Sequence[View], rows: Index, poses: Array) -> list[View]:
 
 def turning(poses: Array) -> tuple[Array, Array]:
     """Rms turns (3,) [rad] of poses (n, 4, 4) about three axes (3, 3) of theirs, largest first."""
-    turns = poses[:, :3, :3]
+    turns = turn_of(poses)
     vectors = logarithm(nearest_rotation(turns.sum(axis=0)).T @ turns)
     vectors -= vectors.mean(axis=0)
     _, sizes, axes = np.linalg.svd(vectors, full_matrices=False)
@@ -232,18 +233,10 @@ def _problem(
             mean[lens[4:]] = 0.0
         scales += _lens_scales(view, lens)
     for start, shape in zip(boards.values(), layout.shapes, strict=True):
-        lowest, highest = PRIORS.printed
-        size = abs(start.size)
-        if motions.size:
-            size = min(size, MISSAID)
-        else:
+        is_sized = motions.size > 0  # by a drawn arm
+        if not is_sized:
             begin[shape[-1]] = start.size
-            highest = max(highest, size)
-        scales += [
-            Scale(shape[:-3], *PRIORS.bent),
-            Scale(shape[-3:-1], *PRIORS.stretched),
-            Scale(shape[-1:], max(size, lowest), lowest, highest),
-        ]
+        scales += _board_scales(start, shape, is_sized)
     if isinstance(motions, JointMotions):
         scales += motions.scales(layout.arm)
     frames = [start.camera for start in starts]
@@ -269,10 +262,9 @@ def _from_same_end(
     if half_turn is None:
         return start
     board = start.board @ half_turn
-    far, near = (
-        np.linalg.norm(end - other.board) for end in (start.board, board)
-    )
-    if near < far:
+    plain = np.linalg.norm(start.board - other.board)
+    turned = np.linalg.norm(board - other.board)
+    if turned < plain:
         return replace(start, board=board, turned=~start.turned)
     return start
 
@@ -288,10 +280,11 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
         bent = bending(outline, outline)
         motion = np.searchsorted(rows, view.rows)
         for k in np.argsort(motion, kind="stable"):
-            shown = list(view.shots.corners[k])
+            corners = view.shots.corners[k]
+            shown = list(corners)
             points.append(outline[shown])
             bends.append(bent[shown])
-            pixels.append(np.array([*view.shots.corners[k].values()]))
+            pixels.append(np.array([*corners.values()]))
             labels += [(number, motion[k])] * len(shown)
     camera, motion = np.array(labels).T
     return Bundle(
@@ -303,6 +296,21 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
         camera,
         motion,
     )
+
+
+def _board_scales(start: Start, shape: Index, is_sized: bool) -> list[Scale]:
+    """Priors of a board; its size is looked for around the stated one where the arm is sized."""
+    lowest, highest = PRIORS.printed
+    size = abs(start.size)
+    if is_sized:
+        size = min(size, MISSAID)
+    else:
+        highest = max(highest, size)
+    return [
+        Scale(shape[:-3], *PRIORS.bent),
+        Scale(shape[-3:-1], *PRIORS.stretched),
+        Scale(shape[-1:], max(size, lowest), lowest, highest),
+    ]
 
 
 def _lens_scales(view: View, places: Index) -> Iterator[Scale]:

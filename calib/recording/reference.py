@@ -76,7 +76,8 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     for start in zip(turns, shifts, strict=True):
         turn, shift = cv2.solvePnPRefineLM(points, pixels, *camera, *start)
         projected, slopes = cv2.projectPoints(points, turn, shift, *camera)
-        square = float(((pixels - projected.reshape(-1, 2)) ** 2).sum())
+        residuals = pixels - projected.reshape(-1, 2)
+        square = float((residuals**2).sum())
         if square < least:
             least = square
             best = (turn.ravel(), shift.ravel(), slopes)
@@ -86,11 +87,12 @@ def find_pose(lens: Lens, points: Array, pixels: Array) -> Pose:
     by_turn = -by @ cross_matrix(points @ rotation.T)
     by_pose = np.concatenate([by_turn, by], axis=2).reshape(-1, 6)
     # where the lens is not as it was taken to be, the pose follows it
-    follows = np.vstack(
-        [-np.linalg.lstsq(by_pose, slopes[:, 6:15], rcond=None)[0], np.eye(9)]
-    )
+    by_lens = slopes[:, 6:15]
+    pose_by_lens = -np.linalg.lstsq(by_pose, by_lens, rcond=None)[0]
+    follows = np.vstack([pose_by_lens, np.eye(9)])
     covariance = follows @ lens.covariance @ follows.T
-    variance = max(least / max(len(by_pose) - 6, 1), SETTINGS.noise**2)
+    freedom = max(len(by_pose) - 6, 1)
+    variance = max(least / freedom, SETTINGS.noise**2)
     covariance[:6, :6] += np.linalg.pinv(by_pose.T @ by_pose) * variance
     return Pose(rotation, shift, covariance)
 
@@ -110,9 +112,8 @@ class PlaneReference:
         rays = np.c_[flat, np.ones(len(flat))] @ self.pose.rotation
         with np.errstate(divide="ignore", invalid="ignore"):
             far = (self.height - camera[2]) / rays[:, 2:]
-            return np.asarray(
-                np.where(far > 0.0, camera[:2] + far * rays[:, :2], np.nan)
-            )
+            places = camera[:2] + far * rays[:, :2]
+        return np.asarray(np.where(far > 0.0, places, np.nan))
 
     def noise(self, pixels: Array) -> tuple[Array, Array]:
         """Return the scale of a pixel (n,), and the sd (n,) that pose and lens make for all [m]."""
@@ -167,8 +168,10 @@ class MarkLayout:
         """
         source = open_source(path)
         rows = source.numbers(["tag", "x", "y"])[0]
-        good = (rows[:, 0] % 1 == 0) & (np.abs(rows[:, 1:]) < 20.0).all(axis=1)
-        points = {int(row[0]): row[1:] for row in rows[good]}
+        is_number = rows[:, 0] % 1 == 0
+        is_near = (np.abs(rows[:, 1:]) < 20.0).all(axis=1)
+        good = rows[is_number & is_near]
+        points = {int(row[0]): row[1:] for row in good}
         if len(rows) < 4 or len(points) < len(rows):
             raise LogError(
                 f"{source.label} has {len(rows)} rows, {len(points)} tags: expected four or more "

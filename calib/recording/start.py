@@ -13,7 +13,7 @@ import numpy as np
 from ..arm.rotations import nearest_rotation
 from ..common.arrays import Array, Mask
 from ..common.scale import METRES
-from .rigid import inverse, rigid
+from .rigid import inverse, place_points, rigid, shift_of, turn_of
 from .view import View
 
 MISSAID = 0.3
@@ -63,7 +63,8 @@ def find_start(flange: Array, view: View, unit: str | None = None) -> Start:
     unit : of the flange's lengths; by default, of those in which it is no nearer to its base than
         flanges are, the one in which the board is nearest to its stated size
     """
-    distance = float(np.median(np.linalg.norm(flange[:, :3, 3], axis=1)))
+    distances = np.linalg.norm(shift_of(flange), axis=1)
+    distance = float(np.median(distances))
     far = [name for name in UNITS if distance / METRES[name] > NEAREST]
     units = [unit] if unit else far or [*UNITS]
     start = _solved(flange, view, units, None)
@@ -106,21 +107,26 @@ def _solved(
     for _ in range(ROUNDS):
         x, y, scale = _closed_form(motions, poses, weights, length)
         predicted = inverse(x) @ motions @ y
-        predicted[:, :3, 3] /= scale if abs(scale) > 1e-12 else 1e-12
+        shifts = shift_of(predicted)
+        shifts /= scale if abs(scale) > 1e-12 else 1e-12
         misses = _gaps(predicted, poses, points)
         misfit = _usual(misses)
-        weights = 1.0 / (1.0 + (misses / (3.0 * misfit + 1e-9)) ** 2) ** 2
+        far = misses / (3.0 * misfit + 1e-9)
+        weights = 1.0 / (1.0 + far**2) ** 2
     if half_turn is not None and turned[0]:
         # from which end is free: the first picture's
         half = half_turn.copy()
         half[:3, 3] *= scale
         y = y @ half
         turned = ~turned
-    lengths = max(scale, 1e-9)
-    unit = _nearest(lengths, units)
-    x[:3, 3] /= METRES[unit]
-    y[:3, 3] /= METRES[unit]
-    size = float(np.log(lengths / METRES[unit])) if scale > 0.0 else -np.inf
+    length = max(scale, 1e-9)
+    unit = _nearest(length, units)
+    metre = METRES[unit]
+    x[:3, 3] /= metre
+    y[:3, 3] /= metre
+    size = -np.inf
+    if scale > 0.0:
+        size = float(np.log(length / metre))
     return Start(x, y, unit, size, misfit, turned)
 
 
@@ -132,19 +138,23 @@ def _closed_form(
     motions M, poses B : (n, 4, 4);  weights : (n,)
     size : the motions' lengths in one of the boards', where that is known
     """
-    turns = motions[:, :3, :3]
-    pairs = np.einsum("i,iba,idc->acbd", weights, turns, poses[:, :3, :3])
+    turns = turn_of(motions)
+    board_turns = turn_of(poses)
+    pairs = np.einsum("i,iba,idc->acbd", weights, turns, board_turns)
     # M' X B = Y: the pair of the largest singular value, which is 1 without noise
     left, _, right = np.linalg.svd(pairs.reshape(9, 9))
-    sign = np.sign(np.linalg.det(right[0].reshape(3, 3)))
-    x = nearest_rotation(sign * right[0].reshape(3, 3))
-    y = nearest_rotation(sign * left[:, 0].reshape(3, 3))
-    places = poses[:, :3, 3] @ x.T
+    first = right[0].reshape(3, 3)
+    second = left[:, 0].reshape(3, 3)
+    sign = np.sign(np.linalg.det(first))
+    x = nearest_rotation(sign * first)
+    y = nearest_rotation(sign * second)
+    places = shift_of(poses) @ x.T
     same = np.broadcast_to(np.eye(3), turns.shape)
-    rows = np.concatenate([same, -turns, places[:, :, None]], axis=2)
+    columns = [same, -turns, places[:, :, None]]
     root = np.sqrt(weights)[:, None]
-    rows = (rows * root[:, :, None]).reshape(-1, 7)
-    target = (motions[:, :3, 3] * root).ravel()
+    rows = np.concatenate(columns, axis=2) * root[:, :, None]
+    rows = rows.reshape(-1, 7)
+    target = (shift_of(motions) * root).ravel()
     if size is None:
         shift = np.linalg.lstsq(rows, target, rcond=1e-10)[0]
     else:
@@ -175,13 +185,13 @@ def _half_turned(motions: Array, poses: Array, half_turn: Array) -> Mask:
 
 def _flat_turns(poses: Array) -> Array:
     """Rotations of poses (n, 4, 4), each as nine numbers (n, 9)."""
-    return poses[:, :3, :3].reshape(-1, 9)
+    return turn_of(poses).reshape(-1, 9)
 
 
 def _gaps(predicted: Array, poses: Array, points: Array) -> Array:
     """Angle (n,) [rad] between points of a board as predicted and as they are, rms."""
-    expected = _moved(predicted, points)
-    places = _moved(poses, points)
+    expected = place_points(predicted, points)
+    places = place_points(poses, points)
     depth = places[:, :, 2:]
     # a board that is predicted behind the camera is far off, in no direction
     ahead = np.maximum(expected[:, :, 2:], 0.05 * depth)
@@ -189,10 +199,3 @@ def _gaps(predicted: Array, poses: Array, points: Array) -> Array:
     squares = (gap**2).sum(axis=2)
     rms = np.sqrt(squares.mean(axis=1))
     return np.asarray(np.minimum(rms, 3.0))
-
-
-def _moved(poses: Array, points: Array) -> Array:
-    """Points (n, k, 3) of a board (k, 3) at its poses (n, 4, 4)."""
-    turns = np.swapaxes(poses[:, :3, :3], 1, 2)
-    shifts = poses[:, None, :3, 3]
-    return np.asarray(points @ turns + shifts)

@@ -26,6 +26,7 @@ from .clocks import Clocks, align_clocks
 from .joint_table import JointTable, read_shots
 from .pictures import Frame, Video
 from .reference import find_pose, matrices
+from .rigid import shift_of, turn_of
 from .setting import LOOKS, Setup, Sightings, sight
 from .tags import LEAST_NOISE, Tag
 from .track import jumps, row_shift
@@ -277,8 +278,8 @@ def _assembled(
         corners = [[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]
         square = 0.5 * size * np.array(corners)
         places = matrices([find_pose(lens, square, t.corners) for t in tags])
-        turns = places[:, :3, :3]
-        x = places[:, :3, 3]
+        turns = turn_of(places)
+        x = shift_of(places)
         if reference is None:
             scale = x[:, 2] / lens.focal.mean()
         else:
@@ -294,7 +295,8 @@ def _assembled(
         f"{count} {sightings.what} left out: {why}"
         for why, count in dropped.items()
     ]
-    about["noise"] = float(np.hypot(np.sqrt(np.mean(noise**2)), shared))
+    rms = np.sqrt(np.mean(noise**2))
+    about["noise"] = float(np.hypot(rms, shared))
     about["noise_of_reference"] = shared
     about["dropped"] = dropped
     return Samples(

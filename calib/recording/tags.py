@@ -73,8 +73,8 @@ class Tag:
     def centre(self) -> Array:
         """Where the diagonals cross (2,) [px]: the middle under any perspective."""
         a, b, c, d = np.c_[self.corners - self.corners[0], np.ones(4)]
-        p = np.cross(np.cross(a, c), np.cross(b, d))
-        return np.asarray(self.corners[0] + p[:2] / p[2])
+        x, y, scale = np.cross(np.cross(a, c), np.cross(b, d))
+        return np.asarray(self.corners[0] + np.array([x, y]) / scale)
 
     @property
     def side(self) -> float:
@@ -160,14 +160,13 @@ class TagFinder:
     def _measured(self, grey: Picture, number: int, corners: Array) -> Tag:
         cells = tag_cells(number, self.dictionary)
         tag = Tag(number, corners, 0.5, sharp=False)
-        n = len(cells)
-        k = max(TAG.least_cell, round(tag.side / n))
-        pattern = np.pad(
-            np.kron(cells, np.ones((k, k))), k // 2 + 1, constant_values=1.0
-        )
+        count = len(cells)
+        k = max(TAG.least_cell, round(tag.side / count))
+        tag_pixels = np.kron(cells, np.ones((k, k)))
+        pattern = np.pad(tag_pixels, k // 2 + 1, constant_values=1.0)
         # pixels have whole centres
         low = k // 2 + 0.5
-        high = k // 2 + 0.5 + n * k
+        high = low + count * k
         square = np.array([[low, low], [high, low], [high, high], [low, high]])
         start = opencv().getPerspectiveTransform(
             square.astype(np.float32), corners.astype(np.float32)
@@ -217,17 +216,17 @@ def lay_corners(
     over = opencv().findHomography(flat, pixels, opencv().RANSAC, 3.0)[0]
     if over is None:
         return {}
-    side = np.linalg.norm(
-        _mapped(over, flat + 0.5) - _mapped(over, flat - 0.5), axis=1
-    )
-    k = int(
-        np.clip(round(TAG.dense * np.median(side) / np.sqrt(2)), *TAG.squares)
-    )
+    diagonals = _mapped(over, flat + 0.5) - _mapped(over, flat - 0.5)
+    diagonal = np.median(np.linalg.norm(diagonals, axis=1))
+    fine = round(TAG.dense * diagonal / np.sqrt(2))
+    k = int(np.clip(fine, *TAG.squares))
     page = _page(board, k)
     refined = {}
     for number, place, there in zip(corners, flat, pixels, strict=True):
-        at = np.maximum(np.round((place - TAG.around) * k).astype(int), 0)
+        low = np.round((place - TAG.around) * k).astype(int)
+        at = np.maximum(low, 0)
         end = np.round((place + TAG.around) * k).astype(int)
+        patch = page[at[1] : end[1], at[0] : end[0]]
         # of the patch's pixels, via squares, to the picture; the lens shifts it by little
         scale = np.array(
             [
@@ -238,9 +237,7 @@ def lay_corners(
         )
         shift = np.eye(3)
         shift[:2, 2] = there - _mapped(over, place[None])[0]
-        homography, likeness = _laid(
-            grey, page[at[1] : end[1], at[0] : end[0]], shift @ over @ scale
-        )
+        homography, likeness = _laid(grey, patch, shift @ over @ scale)
         moved = _mapped(homography, (place * k - 0.5 - at)[None])[0]
         if likeness > 0.0 and np.linalg.norm(moved - there) < TAG.farthest:
             refined[number] = moved
@@ -251,9 +248,8 @@ def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
     """The homography (3, 3) that lays a pattern on a picture best, and its correlation, or 0."""
     cv2 = opencv()
     high, wide = pattern.shape
-    outline = _mapped(
-        start, np.array([[0, 0], [wide, 0], [wide, high], [0, high]]) - 0.5
-    )
+    corners = np.array([[0, 0], [wide, 0], [wide, high], [0, high]]) - 0.5
+    outline = _mapped(start, corners)
     if not np.abs(outline).max() < 1e5:
         return start, 0.0
     low = np.maximum(np.floor(outline.min(0)).astype(int) - 8, 0)
@@ -288,17 +284,17 @@ def _page(board: CharucoBoard, k: int) -> Picture:
     cells = board.getDictionary().markerSize + 2
     # drawn finer and shrunk, at a size at which tags and their cells begin on whole pixels
     sizes = np.arange(TAG.finer[0] * k, TAG.finer[1] * k)
-    ends = np.stack([0.5 * (1.0 - share) * sizes, share / cells * sizes])
-    fine = int(
-        sizes[np.argmin(np.abs(ends - np.round(ends)).sum(axis=0).round(6))]
-    )
-    drawn = board.generateImage(
-        (columns * fine, rows * fine), marginSize=0, borderBits=1
-    )
+    margins = 0.5 * (1.0 - share) * sizes
+    cell_sides = share / cells * sizes
+    ends = np.stack([margins, cell_sides])
+    rests = np.abs(ends - np.round(ends)).sum(axis=0)
+    fine = int(sizes[np.argmin(rests.round(6))])
+    fine_size = (columns * fine, rows * fine)
+    drawn = board.generateImage(fine_size, marginSize=0, borderBits=1)
     size = (columns * k, rows * k)
-    return np.asarray(
-        opencv().resize(drawn, size, interpolation=opencv().INTER_AREA)
-    )
+    cv2 = opencv()
+    page = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(page)
 
 
 def _mapped(homography: Array, places: Array) -> Array:

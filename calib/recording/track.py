@@ -38,8 +38,9 @@ def _harmonics(q: Array, other: Array) -> Array:
     """Covariance (n, m) of harmonics up to the second of each joint, and of a free mean."""
     result = np.ones((len(q), len(other)))
     for a, b in zip(q.T, other.T, strict=True):
-        c = np.cos(a[:, None] - b[None])
-        result *= 0.45 + 0.45 * c + 0.1 * (2.0 * c**2 - 1.0)
+        first = np.cos(a[:, None] - b[None])
+        second = 2.0 * first**2 - 1.0
+        result *= 0.45 + 0.45 * first + 0.1 * second
     return result + 1.0
 
 
@@ -51,26 +52,24 @@ class Judge:
 
     def __init__(self, q: Array) -> None:
         self.q = q
-        self._inverse = np.linalg.inv(_harmonics(q, q) + SOFT * np.eye(len(q)))
+        ridge = SOFT * np.eye(len(q))
+        self._inverse = np.linalg.inv(_harmonics(q, q) + ridge)
 
     def miss(self, x: Array) -> Array:
         """Return what the other blocks' fit leaves of values (n, d): linear in them."""
         weights = self._inverse @ (x - x.mean(0))
         miss: Array = np.empty_like(weights)
-        for part in np.array_split(
-            np.arange(len(x)), min(TRACK.blocks, len(x))
-        ):
-            miss[part] = np.linalg.solve(
-                self._inverse[np.ix_(part, part)], weights[part]
-            )
+        count = min(TRACK.blocks, len(x))
+        for block in np.array_split(np.arange(len(x)), count):
+            inverse = self._inverse[np.ix_(block, block)]
+            miss[block] = np.linalg.solve(inverse, weights[block])
         return miss
 
     def predict(self, q: Array, x: Array) -> Array:
         """Return what the fit to values (n, d) of all rows says at joints (m, joints)."""
         middle = x.mean(0)
-        return np.asarray(
-            _harmonics(q, self.q) @ (self._inverse @ (x - middle)) + middle
-        )
+        weights = self._inverse @ (x - middle)
+        return np.asarray(_harmonics(q, self.q) @ weights + middle)
 
 
 def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
@@ -80,24 +79,20 @@ def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
     """
 
     def error(shift: int) -> float:
-        rows = np.arange(max(0, -shift), min(len(q), len(q) - shift))
+        first = max(0, -shift)
+        end = min(len(q), len(q) - shift)
+        rows = np.arange(first, end)
         rows = rows[thinned(len(rows), TRACK.searched)]
-        return float(
-            np.linalg.norm(Judge(q[rows + shift]).miss(x[rows]), axis=1).mean()
-        )
+        miss = Judge(q[rows + shift]).miss(x[rows])
+        return float(np.linalg.norm(miss, axis=1).mean())
 
     if len(q) < TRACK.fewest:
         return 0, np.nan, np.nan
-    errors = {
-        shift: error(shift)
-        for shift in range(-TRACK.farthest, TRACK.farthest + 1)
-    }
+    shifts = range(-TRACK.farthest, TRACK.farthest + 1)
+    errors = {shift: error(shift) for shift in shifts}
     best = min(errors, key=lambda shift: errors[shift])
-    return (
-        best if errors[best] < 0.4 * errors[0] else 0,
-        errors[0],
-        errors[best],
-    )
+    is_better = errors[best] < 0.4 * errors[0]
+    return best if is_better else 0, errors[0], errors[best]
 
 
 def jumps(x: Array) -> Mask:
@@ -109,14 +104,13 @@ def jumps(x: Array) -> Mask:
 
     result = np.zeros(len(x), bool)
     visible = np.isfinite(x[:, 0])
-    if visible.sum() >= TRACK.window:
-        away = x[visible] - median_filter(
-            x[visible], (TRACK.window, 1), mode="nearest"
-        )
-        scale = 1.48 * median_filter(
-            np.abs(away), (TRACK.window, 1), mode="nearest"
-        ).max(axis=1)
-        result[visible] = np.linalg.norm(away, axis=1) > 6.0 * np.maximum(
-            scale, 1.0
-        )
+    if visible.sum() < TRACK.window:
+        return result
+    places = x[visible]
+    window = (TRACK.window, 1)
+    away = places - median_filter(places, window, mode="nearest")
+    usual = median_filter(np.abs(away), window, mode="nearest")
+    scale = 1.48 * usual.max(axis=1)
+    distances = np.linalg.norm(away, axis=1)
+    result[visible] = distances > 6.0 * np.maximum(scale, 1.0)
     return result

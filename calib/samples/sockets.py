@@ -143,15 +143,20 @@ class Touches(OfRows):
         facts: list[Known] = []
         for text in distances:
             points, value, tolerance = _distance(text)
-            sockets = self._in_each_setup(text, points, 2)
+            sockets = self._in_each_setup(text, points, "two points")
             facts += [Known(some, value, tolerance) for some in sockets]
         for text in planes:
-            sockets = self._in_each_setup(text, text.split(","), 4)
+            points = text.split(",")
+            if len(points) < 4:
+                raise OptionError(
+                    f"plane {text!r}: expected four points or more"
+                )
+            sockets = self._in_each_setup(text, points, "the points of a plane")
             facts += [Known(some, None) for some in sockets]
         return self.with_facts(facts)
 
     def _in_each_setup(
-        self, text: str, points: Sequence[str], least: int
+        self, text: str, points: Sequence[str], what: str
     ) -> list[tuple[int, ...]]:
         """Numbers of some points in the setups that have all of them."""
         numbers = []
@@ -159,10 +164,10 @@ class Touches(OfRows):
             sockets = [(setup, point.strip()) for point in points]
             if {*sockets} <= {*self.sockets}:
                 numbers.append(tuple(map(self.sockets.index, sockets)))
-        if not numbers or len(points) < least:
+        if not numbers:
             choices = listed(sorted({point for _, point in self.sockets}))
             raise OptionError(
-                f"{text!r}: expected points of one setup, four points of a plane: {choices}"
+                f"{text!r}: expected {what} of one setup, of {choices}"
             )
         return numbers
 

@@ -36,6 +36,7 @@ class StudiedRows:
     # (k, m) [unit], positions of rows that take no part
     left_out: Array | None = None
     verdict: Verdict | None = None  # on a new log
+    answered: float = 1.0  # share of the rows for which the model has an answer
 
     @property
     def distance(self) -> Array:
@@ -196,5 +197,10 @@ def _rows_of_training(model: Model) -> StudiedRows | None:
     if not answered.any():
         return None
     return StudiedRows(
-        q[answered], x[answered], held_out[answered], learned[answered], source
+        q[answered],
+        x[answered],
+        held_out[answered],
+        learned[answered],
+        source,
+        answered=float(answered.mean()),
     )

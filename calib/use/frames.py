@@ -3,11 +3,11 @@
 from ..model.alignment import Alignment
 from ..model.model import Model
 
-FRAME_IS_FITTED = (
+_FRAME_IS_FITTED = (
     "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero; if the "
     "log is in the robot's root frame, train with `view='base'`"
 )
-"""What is assumed where nothing says how the sensor's frame lies."""
+_TOUCHED = "no touch tells the first joint's offset nor where the base stands: both are as drawn"
 
 
 def frame_is_free(model: Model) -> bool:
@@ -18,6 +18,13 @@ def frame_is_free(model: Model) -> bool:
     """
     based = model.about.options.get("view") == "base"
     return not is_simulated(model) and not based
+
+
+def assumption(model: Model) -> str:
+    """What is assumed of a model where nothing says how the sensor's frame lies."""
+    # in the base's frame without the option: the arm touched points, there is no sensor
+    touched = model.body is not None and model.body.structure.view == "base"
+    return _TOUCHED if touched else _FRAME_IS_FITTED
 
 
 def is_simulated(model: Model) -> bool:

@@ -143,6 +143,8 @@ def usable_postures(
     notes = []
 
     def leave_out(bad: Mask, why: str) -> None:
+        if not bad[usable].any():
+            return
         share = f"{bad[usable].mean():.1%} of the candidates were left out"
         notes.append(f"{share} because {why}")
         usable[bad] = False
@@ -158,9 +160,9 @@ def usable_postures(
         if height is not None:
             leave_out(
                 lowest <= height,
-                f"the tip or a joint is below z = {height:g} m there; what is mounted beyond the "
-                "tip needs room of its own",
+                f"the tip or a joint is below z = {height:g} m there",
             )
+            unchecked = f"{unchecked}, what is mounted beyond the tip"
         elif lowest.min() < 0.0:
             notes.append(
                 f"the arm goes down to z = {lowest.min():.3f} m of its base frame: if a table is "
@@ -177,8 +179,9 @@ def usable_postures(
         chain = Space.of(source)
         leave_out(
             ~chain.sees(chain.evaluate(q)[0]),
-            "the tip is outside of the camera's picture there; that a link hides it is not checked",
+            "the tip is outside of the camera's picture there",
         )
+        unchecked = f"{unchecked}, links that hide the tip"
     notes.append(f"{unchecked} are not checked: move slowly the first time")
     return usable, notes
 

@@ -27,7 +27,7 @@ from ..model.reach import Reach
 from ..model.space import REACHED, Space, measured_chain
 from ..model.turns import joint_limits, within_limits
 from ..samples.joint_values import wrap
-from .frames import FRAME_IS_FITTED, frame_is_free, frames, is_simulated
+from .frames import assumption, frame_is_free, frames, is_simulated
 from .geometry_fit import fit_geometry
 from .settings import CORRECTION
 
@@ -73,7 +73,7 @@ class Wanted:
         """What was assumed."""
         notes: list[str] = []
         if self.free:
-            notes.append(FRAME_IS_FITTED)
+            notes.append(assumption(self.model))
         if moves_in_space(self.model) and not self.posed:
             notes.append(_POSITIONS)
         return tuple(notes)

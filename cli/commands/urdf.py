@@ -29,7 +29,7 @@ def urdf(
 ) -> Outcome:
     import calib
     from calib.common.atomic import atomic_write
-    from calib.use.frames import FRAME_IS_FITTED
+    from calib.use.frames import assumption
     from calib.use.geometry_fit import fit_geometry
     from calib.use.urdf import (
         MOST_UNEXPLAINED,
@@ -53,7 +53,7 @@ def urdf(
         "units": units_of(loaded.about, unit),
     }
     if geometry.free:
-        say([FRAME_IS_FITTED])
+        say([assumption(loaded)])
     share = 100.0 * geometry.residual / geometry.reach
     rms = f"{sized(geometry.residual, unit)} rms ({share:.3g} % of the reach)"
     if not explained:

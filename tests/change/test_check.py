@@ -1,5 +1,6 @@
 """Check and recognise: what undisturbed, changed and misread logs look like to a model."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -43,10 +44,11 @@ def test_the_size_of_a_change_is_told():
     assert length.unit == "m"
     assert length.value == pytest.approx(0.02, rel=1e-3)
     assert length.interval[0] < 0.02 < length.interval[1]
-    assert length.words.startswith("the link of elbow is 8 % (20 ± ")
-    assert length.words.endswith("mm) longer")
+    assert length.words == "the link of elbow is 8 % (20.0 ± 2.0 mm) longer"
     drift = calib.check(model(), log("elbow.offset=0.05", noise=0.0))
-    assert any("elbow is off by +2.86 ± " in text for text in drift.explanations)
+    # as many decimals as the interval has
+    sizes = re.findall(r"elbow is off by \+2\.86(\d*) ± 0\.(\d+) deg", drift.explanations[0])
+    assert [2 + len(value) for value, _ in sizes] == [len(half) for _, half in sizes] != []
 
 
 def test_rows_that_show_too_little_say_so():

@@ -122,13 +122,13 @@ def test_a_log_of_another_unit_or_frame_is_told(run, tmp_path, factor, offset):
     assert "--unit mm" in done.err
     adapt = ("adapt", "m.calib", "--data", path, "-o", tmp_path / "a.calib")
     raw, converted = run(*adapt, "-v"), run(*adapt, "--unit", "mm", "--json")
-    assert " sensor before" in raw.out  # and not mm, which it was not told
+    assert " sensor units before" in raw.out  # and not mm, which it was not told
     assert "--unit mm" in raw.out
     assert converted.document["unit"] == "m"
     looked = run("check", "m.calib", "--data", path, "-v")
     assert looked.code == 3
     assert "check the log's unit before calib adapt" in looked.out
-    assert "smallest [sensor]" in looked.out
+    assert "smallest [sensor units]" in looked.out
     assert "`" not in looked.out
 
 

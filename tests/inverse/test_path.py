@@ -122,3 +122,12 @@ def test_a_joint_goes_on_over_the_seam_where_it_can_and_is_told_where_it_turns_r
         assert there.q[0, 0] == pytest.approx(3.0 + turn, abs=1e-5)
     near = [path.q[-1, 0], 1.0]
     assert abs(wide.inverse(corners[1], near=near)[0] - near[0]) < 1.0
+
+
+def test_near_beyond_the_limits_of_several_turns_asks_for_the_turn_beside_them():
+    model = replace(turning())
+    model.remembered["limits"] = np.array([[-TURN, TURN], [0.3, 2.5]])
+    x = two_link(np.array([[-0.383, 1.0]]))
+    near = [8.4, 1.0]  # 2.5 from 5.9, and 8.8 from -.383
+    for answer in (model.inverse(x, near=near)[0], model.inverse(x[0], near=near)):
+        np.testing.assert_allclose(answer, [-0.383 + TURN, 1.0], atol=1e-6)

@@ -29,6 +29,8 @@ def made(tmp_path_factory, run):
     Image.fromarray(np.hstack([left, right])).save(folder / "seen.png")
     train = ("train", "--data", folder / "log.csv", "--joints", "a,b", "--size", 8)
     shown = ("--photo", folder / "seen.png", "-o", folder / "with.calib")
+    wrong = run(*train, "--photo", folder / "log.csv", "-o", folder / "with.calib")
+    assert "log.csv is no picture or video" in wrong.err
     for line in (shown, ("--no-photo", "-o", folder / "bare.calib")):
         done = run(*train, *line)
         assert done.code == 0, done.err

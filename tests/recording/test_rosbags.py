@@ -154,6 +154,8 @@ def test_time_offset_undoes_latency(tmp_path):
 
 
 def test_topics_are_listed(tmp_path):
+    with pytest.raises(LogError, match="nofile: no such file or folder"):
+        read_bag("nofile")
     path = write(tmp_path / "a")
     with pytest.raises(
         LogError, match=r"0 topics '/tip' .*/joint_states.*/tracker \(PointStamped\)"

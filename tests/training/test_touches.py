@@ -57,6 +57,9 @@ def test_a_model_is_learned_evaluated_and_asked(log, tmp_path, run):
     assert "scatter" in text
     assert run("report", model, "--data", path, "-o", tmp_path / "report.html").code == 0
     assert run("query", "forward", model, *world.q[0]).code == 0
+    note = run("urdf", model, "-o", tmp_path / "mended.urdf").err
+    assert "no touch tells the first joint's offset" in note
+    assert "train with" not in note
     assert run("check", model, "--data", path).code == 0
     assert run("adapt", model, "--data", path, "-o", tmp_path / "new.calib").code == 3
 
@@ -121,6 +124,8 @@ def test_points_of_a_plane_are_stated_on_the_command_line(tmp_path, run):
     out_of_plane = np.linalg.svd(means - means.mean(axis=0))[1][2]
     assert out_of_plane < 1e-4
     assert "four points" in run(*told, "--plane", "A,B,C").err
+    wrong = run(*told, "--distance", "A,Z=50mm").err
+    assert "expected two points of one setup, of A, B, C, D" in wrong
 
 
 def test_touches_that_tell_nothing_or_are_wrong_are_told():

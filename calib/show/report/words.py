@@ -59,7 +59,7 @@ def _accuracy(study: Study, start: str) -> list[str]:
     most = float(np.quantile(rows.distance, 0.95))
     sentences = [
         f"{start} tip is predicted to {sized(rows.distance.mean(), unit)} on average, "
-        f"to {sized(most, unit)} in 95 of 100 {rows.source}."
+        f"to {sized(most, unit)} in 95 of 100 {rows.source}{_of_answered(rows.answered)}."
     ]
     if study.delivered is not None:
         delivered = float(np.linalg.norm(study.delivered, axis=1).mean())
@@ -68,6 +68,13 @@ def _accuracy(study: Study, start: str) -> list[str]:
                 f"As delivered it is off by {sized(delivered, unit)}."
             )
     return sentences
+
+
+def _of_answered(share: float) -> str:
+    """Which share of the rows is spoken of, where the model has no answer for the others."""
+    if share == 1.0:
+        return ""
+    return f", of the {100 * share:.0f} % that have an answer"
 
 
 def _noise(study: Study) -> list[str]:
@@ -124,6 +131,7 @@ def still_true(study: Study) -> str:
         covered = about.within["covered"]
         rows = f"{about.tested:,} rows"
         holds = about.bound_holds
+        rows += _of_answered(about.within.get("answered", 1.0))
     answer = "it holds" if holds else "it does not hold here"
     return f"The 95 % bound covers {100 * covered:.0f} % of {rows}: {answer}."
 
