@@ -1,4 +1,4 @@
-"""Arms that sag: with and without masses in the drawing, on a wall, and with coupled wrists."""
+"""Arms that sag, with and without masses in the drawing, on a wall; coupled wrists, wrong gears."""
 
 import re
 from dataclasses import replace
@@ -98,3 +98,17 @@ def test_a_wrist_that_moves_with_its_neighbours_motor_is_found():
     found = model.body.beta[model.body.structure.groups["coupling"]]
     np.testing.assert_allclose(found, [0, 0, 0, 2e-3, 0], atol=3e-4)
     assert errors(model, q[250:], FULL.forward(turned[250:]))[0] < 5e-5
+
+
+def test_a_gear_that_is_two_percent_wrong_is_found():
+    """A chain alone missed by 7 mm of it."""
+    q = random_joints(FULL, 300)
+    gains = np.array([1.0, 1.0, 1.02, 1.0, 0.997, 1.0])
+    x = FULL.forward(gains * q) + np.random.default_rng(0).normal(0.0, NOISE / 4, (len(q), 3))
+    model = trained(FULL, q[:150], x[:150])
+    assert "geared" in model.body.member
+    found = model.body.beta[model.body.structure.groups["gain"]]
+    np.testing.assert_allclose(found[1:5], gains[1:5], atol=1e-3)
+    error, covered = errors(model, q[150:], FULL.forward(gains * q[150:]))
+    assert error < 1e-4
+    assert covered > 0.93
