@@ -21,19 +21,22 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.wording import quoted
 from ..errors import RobotError
+from .mjcf_text import (
+    Attributes,
+    check_supported,
+    couplings,
+    defaults_by_class,
+)
 from .robot_text import Vector, numbers_of
 from .rotations import exponential, matrix_of
-from .urdf import Joint, Mimic, Range, Urdf
+from .urdf import Joint, Range, Urdf
 
 WORLD = "world"
 """The root link."""
 
 _ORIENTATIONS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "euler": 3}
-_REFUSED = ("include", "attach", "replicate", "composite", "flexcomp")
 _ZERO = (0.0, 0.0, 0.0)
 _AXES = np.eye(3)
-
-Attributes = Mapping[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,7 +350,7 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
     Raises RobotError: what is wrong or not supported, by name, and what to do.
     """
     for node in root.iter():
-        _check_supported(node)
+        check_supported(node)
     compiler: dict[str, str] = {}
     for node in root.findall("compiler"):
         compiler.update(node.attrib)
@@ -362,7 +365,7 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
         )
     reader = _Reader(
         numbers={node: number for number, node in enumerate(root.iter())},
-        classes=_classes(root),
+        classes=defaults_by_class(root),
         degrees=compiler.get("angle", "degree") == "degree",
         sequence=sequence,
         autolimits=compiler.get("autolimits", "true") == "true",
@@ -376,7 +379,7 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
             "the MJCF has no bodies: expected a robot with bodies and joints"
         )
     title = root.get("model", "").strip() or name
-    coupled = dict(_couplings(root, reader.references))
+    coupled = dict(couplings(root, reader.references))
     joints = tuple(
         replace(joint, mimic=coupled.get(joint.name)) for joint in reader.joints
     )
@@ -389,68 +392,6 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
         reader.masses,
     )
     return Mjcf(tree, reader.places)
-
-
-def _check_supported(node: ET.Element) -> None:
-    """Refuse an element that stands for others, or a joint of several values."""
-    if node.tag in _REFUSED:
-        name = node.get("file") or node.get("name") or node.get("model") or ""
-        raise RobotError(
-            f"the MJCF has <{node.tag}> {quoted(name)}: expected one file that is written out, "
-            "as `mujoco.mj_saveLastXML` writes it"
-        )
-    kind = node.get("type", "hinge") if node.tag == "joint" else node.tag
-    if kind in ("free", "ball", "freejoint"):
-        raise RobotError(
-            f"joint {quoted(node.get('name', ''))} is a {kind.removesuffix('joint')} joint: "
-            "expected an arm of hinges and slides; remove the joint, or the body that it moves"
-        )
-
-
-def _couplings(
-    root: ET.Element, references: Mapping[str, float]
-) -> Iterator[tuple[str, Mimic]]:
-    """Yield the joints that an equality ties to another by a straight line, and what they follow.
-
-    MuJoCo keeps q_1 - ref_1 = a_0 + a_1 (q_2 - ref_2).
-    """
-    straight = ("0", "1", "0", "0", "0")
-    for node in root.findall("equality/joint"):
-        name = node.get("joint1", "")
-        leader = node.get("joint2", "")
-        words = node.get("polycoef", "").split()
-        polynomial = {"polycoef": " ".join([*words, *straight[len(words) :]])}
-        where = f"the equality of joint {quoted(name)}"
-        offset, multiplier, *higher = numbers_of(
-            polynomial, "polycoef", (0.0,) * 5, where
-        )
-        known = name in references and leader in references
-        if known and node.get("active") != "false" and not any(higher):
-            offset += references[name] - multiplier * references[leader]
-            yield name, Mimic(leader, multiplier, offset)
-
-
-def _classes(root: ET.Element) -> dict[str, dict[str, Attributes]]:
-    """Attributes of elements by class and tag, with those of the classes around it."""
-    classes: dict[str, dict[str, Attributes]] = {"main": {}}
-
-    def add(
-        node: ET.Element, name: str, around: Mapping[str, Attributes]
-    ) -> None:
-        defaults = {**around, **classes.get(name, {})}
-        for child in node:
-            if child.tag != "default":
-                defaults[child.tag] = {
-                    **defaults.get(child.tag, {}),
-                    **child.attrib,
-                }
-        classes[name] = defaults
-        for child in node.findall("default"):
-            add(child, child.get("class", ""), defaults)
-
-    for node in root.findall("default"):
-        add(node, node.get("class", "main"), {})
-    return classes
 
 
 def _transform(rotation: Array, place: Array | Vector) -> Array:

@@ -85,6 +85,14 @@ def a_payload():
     return random_rows(Robot(elastic=-2e-3, payload=-2e-3), noise=5e-5)
 
 
+def wrong_gears():
+    return random_rows(Robot(gain=(1.0, 1.02, 0.997)))
+
+
+def coupled_joints():
+    return random_rows(Robot(coupling=(0.0, 6e-3)))
+
+
 def a_scale():
     return [replace(log, x=1.7 * log.x, unit="sensor") for log in random_rows(Robot())]
 
@@ -193,6 +201,8 @@ ABILITIES = {
         joint_curves,
         elasticity,
         a_payload,
+        wrong_gears,
+        coupled_joints,
         a_scale,
         millimetres,
         a_lens,

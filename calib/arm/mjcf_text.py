@@ -1,0 +1,79 @@
+"""The text of an MJCF: what of it is read, the defaults of its classes, joints that are tied."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
+
+from ..common.wording import quoted
+from ..errors import RobotError
+from .robot_text import numbers_of
+from .urdf import Mimic
+
+REFUSED = ("include", "attach", "replicate", "composite", "flexcomp")
+"""Elements that stand for others."""
+
+Attributes = Mapping[str, str]
+"""Attributes of an element by name."""
+
+
+def check_supported(node: ET.Element) -> None:
+    """Refuse an element that stands for others, or a joint of several values."""
+    if node.tag in REFUSED:
+        name = node.get("file") or node.get("name") or node.get("model") or ""
+        raise RobotError(
+            f"the MJCF has <{node.tag}> {quoted(name)}: expected one file that is written out, "
+            "as `mujoco.mj_saveLastXML` writes it"
+        )
+    kind = node.get("type", "hinge") if node.tag == "joint" else node.tag
+    if kind in ("free", "ball", "freejoint"):
+        raise RobotError(
+            f"joint {quoted(node.get('name', ''))} is a {kind.removesuffix('joint')} joint: "
+            "expected an arm of hinges and slides; remove the joint, or the body that it moves"
+        )
+
+
+def couplings(
+    root: ET.Element, references: Mapping[str, float]
+) -> Iterator[tuple[str, Mimic]]:
+    """Yield the joints that an equality ties to another by a straight line, and what they follow.
+
+    MuJoCo keeps q_1 - ref_1 = a_0 + a_1 (q_2 - ref_2).
+    """
+    straight = ("0", "1", "0", "0", "0")
+    for node in root.findall("equality/joint"):
+        name = node.get("joint1", "")
+        leader = node.get("joint2", "")
+        words = node.get("polycoef", "").split()
+        polynomial = {"polycoef": " ".join([*words, *straight[len(words) :]])}
+        where = f"the equality of joint {quoted(name)}"
+        offset, multiplier, *higher = numbers_of(
+            polynomial, "polycoef", (0.0,) * 5, where
+        )
+        known = name in references and leader in references
+        if known and node.get("active") != "false" and not any(higher):
+            offset += references[name] - multiplier * references[leader]
+            yield name, Mimic(leader, multiplier, offset)
+
+
+def defaults_by_class(root: ET.Element) -> dict[str, dict[str, Attributes]]:
+    """Attributes of elements by class and tag, with those of the classes around it."""
+    classes: dict[str, dict[str, Attributes]] = {"main": {}}
+
+    def add(
+        node: ET.Element, name: str, around: Mapping[str, Attributes]
+    ) -> None:
+        defaults = {**around, **classes.get(name, {})}
+        for child in node:
+            if child.tag != "default":
+                defaults[child.tag] = {
+                    **defaults.get(child.tag, {}),
+                    **child.attrib,
+                }
+        classes[name] = defaults
+        for child in node.findall("default"):
+            add(child, child.get("class", ""), defaults)
+
+    for node in root.findall("default"):
+        add(node, node.get("class", "main"), {})
+    return classes
