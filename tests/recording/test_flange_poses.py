@@ -32,6 +32,15 @@ def test_camera_board_and_lens_are_found_with_intervals_that_hold(in_hand):
     assert np.mean(inside) > 0.85
 
 
+def test_threads_of_opencv_leave_no_trace():
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(4)
+    lenses = {World(3).shots().lens().parameters.tobytes() for _ in range(8)}
+    assert cv2.getNumThreads() == 4
+    cv2.setNumThreads(threads)
+    assert len(lenses) == 1
+
+
 @pytest.mark.parametrize("rotation", list(CONVENTIONS))
 def test_what_a_table_means_is_found(rotation, tmp_path):
     number = list(CONVENTIONS).index(rotation)
