@@ -28,9 +28,8 @@ class Limits:
     focal: float = 2e-3  # of the focal length of a lens that was given
     doubtful: float = 0.01  # of the focal length, half of its interval
     focus: float = 1e-3  # sd of the focal length from picture to picture
-    corner: float = (
-        0.5  # [px], sd of a corner beyond what lens and board explain
-    )
+    # [px], sd of a corner beyond what lens and board explain
+    corner: float = 0.5
     repeats: tuple[float, float] = (1e-4, 3.5e-4)  # of joints [m, rad]
     # of joint origins, that no drawing is off by [m, rad]
     drawing: tuple[float, float] = (5e-3, float(np.radians(1.0)))
