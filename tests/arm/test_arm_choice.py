@@ -6,6 +6,7 @@ import pytest
 from chains import ENDLESS, SLIDE, branching, chain_urdf, joint, robot, turning
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refused
 
 import calib
 from calib.arm.loading import arm_from_urdf
@@ -154,12 +155,10 @@ def test_one_turn_lies_within_its_range_as_near_to_zero_as_it_can(lower, excess)
 
 def test_a_range_mends_limits_that_are_missing_or_unusable():
     text = chain_urdf(turning(), turning(lower="2", upper="-2"))
-    with pytest.raises(calib.RobotError, match=r"2 to -2 rad are unusable.*ranges=.*j2"):
-        arm_from_urdf(text)
+    refused(calib.RobotError, r"2 to -2 rad are unusable.*ranges=.*j2", arm_from_urdf, text)
     assert arm_from_urdf(text, ranges={"j2": (-2, 2)}).upper[1] == 2
     text = chain_urdf(*[turning().split("<limit")[0]] * 2)
-    with pytest.raises(calib.RobotError, match=r"j1' .*no limits.*j2' .*no limits"):
-        arm_from_urdf(text)
+    refused(calib.RobotError, r"j1' .*no limits.*j2' .*no limits", arm_from_urdf, text)
     arm = arm_from_urdf(text, ranges={"j1": (-1, 1), "j2": (0, 1)})
     np.testing.assert_array_equal([arm.lower, arm.upper], [[-1, 0], [1, 1]])
 
@@ -171,5 +170,4 @@ def test_a_slides_range_is_a_travel_that_can_be_and_a_turns_is_one_turn():
         arm_from_urdf(text, ["j1", "j2"], ranges={"j2": (0, 2000)})
     arm = arm_from_urdf(text, ["j1", "j2"], ranges={"j2": (-500, 500), "j1": (-5000, 5000)})
     np.testing.assert_allclose([arm.lower, arm.upper], [[-np.pi, -500], [np.pi, 500]])
-    with pytest.raises(calib.RobotError, match=r"m are unusable.*ranges=.*j2"):
-        arm_from_urdf(text, ["j1", "j2"])
+    refused(calib.RobotError, r"m are unusable.*ranges=.*j2", arm_from_urdf, text, ["j1", "j2"])

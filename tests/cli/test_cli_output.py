@@ -20,8 +20,7 @@ def folder(tmp_path_factory, run):
         "moved": "-n 60 --noise 1e-4 --seed 5 --change elbow.offset=0.02",
     }.items():
         run("babble", "two_link", *words.split(), "-o", folder / f"{name}.csv")
-    done = run("train", "two_link", "--data", folder / "log.csv", "-o", folder / "m.calib")
-    assert done.code == 0, done.err
+    run.done("train", "two_link", "--data", folder / "log.csv", "-o", folder / "m.calib")
     return folder
 
 
@@ -103,9 +102,7 @@ def test_positions_are_typed_and_printed_in_the_unit_asked_for(run):
     assert (float(answer["x"]), float(answer["y"])) == pytest.approx((100.0, 400.0))
     bound = float(answer["expected_error"])
     assert bound == pytest.approx(1e3 * solution["expected_error"], rel=1e-6)
-    refused = run("query", "inverse", "m.calib", "1", "1", "--unit", "px")
-    assert refused.code == 2
-    assert "mm" in refused.err
+    run.refused(2, "mm", "query", "inverse", "m.calib", "1", "1", "--unit", "px")
 
 
 @pytest.mark.parametrize(("factor", "offset"), [(1e3, 0.0), (640.0, 500.0), (1.0, 0.3)])
