@@ -47,6 +47,7 @@ REFUSED = [  # a text or a bundled robot, what is asked of it, and what the line
     # descriptions
     (GOOD[:-40], {}, "well-formed truncated line"),
     (LAUGHS, {}, "<!DOCTYPE remove"),
+    ("<?a <!-- ?>" + LAUGHS + "<?b --> ?>", {}, "<!DOCTYPE remove"),  # no comment hides it
     (changed("</robot>", '<xacro:include filename="x"/></robot>'), {}, "xacro expand"),
     (changed("0.25 0 0", "${length} 0 0"), {}, "${length} expand"),
     ('<sdf version="1.7"><model name="m"/></sdf>', {}, "<sdf> <robot> <mujoco> convert"),
