@@ -112,10 +112,10 @@ def test_what_a_file_misses_is_mended_aloud():
     assert arm.chain.axes[0] == pytest.approx([1, 0, 0])
 
 
-def test_a_byte_order_mark_and_a_namespace_are_no_obstacle(tmp_path):
+def test_a_byte_order_mark_a_namespace_and_what_a_comment_says_are_no_obstacle(tmp_path):
     path = tmp_path / "bom.urdf"
     xacro = TWO.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"')
-    start = b'\xef\xbb\xbf<?xml version="1.0" encoding="utf-8"?>'
+    start = b'\xef\xbb\xbf<?xml version="1.0" encoding="utf-8"?><!-- no <!DOCTYPE here -->'
     path.write_bytes(start + xacro.encode())
     q = [[0.1, 0.2]]
     np.testing.assert_array_equal(calib.load_arm(path).forward(q), arm_from_urdf(TWO).forward(q))
@@ -214,6 +214,7 @@ REFUSED = [  # a text or a bundled robot, what is asked of it, and what the line
     # descriptions
     (GOOD[:-40], {}, "well-formed truncated line"),
     (LAUGHS, {}, "<!DOCTYPE remove"),
+    ("<?a <!-- ?>" + LAUGHS + "<?b --> ?>", {}, "<!DOCTYPE remove"),  # no comment hides it
     (changed("</robot>", '<xacro:include filename="x"/></robot>'), {}, "xacro expand"),
     (changed("0.25 0 0", "${length} 0 0"), {}, "${length} expand"),
     ('<sdf version="1.7"><model name="m"/></sdf>', {}, "<sdf> <robot> <mujoco> convert"),

@@ -99,3 +99,15 @@ def test_a_joint_that_an_equality_ties_to_another_follows_it():
         mujoco.mj_forward(model, data)
         assert abs(data.efc_pos[0]) < 1e-12
         np.testing.assert_allclose(arm.forward(q), data.site_xpos[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("geom", ['<geom size=".1"/>', '<geom size=".1" mass="0"/>'])
+def test_masses_count_where_every_moving_body_states_its_own(geom):
+    """MuJoCo weighs a body without <inertial> by its geoms: the others' masses are half a load."""
+    heavy = '<inertial pos="0 0 0.05" mass="2" diaginertia=".01 .01 .01"/>'
+    stated = arm_from_urdf(EVERY_FORM).chain.masses
+    assert stated.sum() == pytest.approx(6)
+    assert EVERY_FORM.count(heavy) == 3
+    part = EVERY_FORM[::-1].replace(heavy[::-1], geom[::-1], 1)[::-1]
+    masses = arm_from_urdf(part).chain.masses
+    assert masses.sum() == (pytest.approx(4) if "mass" in geom else 0)
