@@ -10,7 +10,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import calib
-from calib.common.scale import TURN
+from calib.common.scale import TURN, Scale
+from calib.inverse.ways import distinct
 from calib.model.poses import solve_poses
 
 ROBOTS = ("two_link", "two_link_full", "three_link", "polar", "scara", "tilted")
@@ -199,3 +200,11 @@ def test_ways_to_a_pose_with_an_open_turn_are_told_once_each(free):
     apart = np.abs(answers.q[:, None] - answers.q[None]).max(axis=2)
     assert len(answers.q) > 1
     assert (apart + np.eye(len(answers.q)) > 1e-2).all()
+
+
+def test_a_way_beside_one_that_went_stays():
+    """Of .1, .16 and .22 the second is too near to the first; the third, to the second alone."""
+    scale = Scale(np.zeros(1), np.full(1, TURN), np.array([True]))
+    u = np.array([[0.1], [0.16], [0.5], [0.22], [0.22], [0.99], [0.02]])
+    stays = distinct(scale, np.array([0, 0, 0, 0, 1, 1, 1]), u, 0.1)
+    assert stays.tolist() == [True, False, True, True, True, True, False]

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 import calib
 from calib import LogError, ModelError, OptionError
-from calib.recording.flange_table import FlangeTable, read_flange_poses
 from calib.recording.lens import load_lens
 
 
@@ -61,12 +60,13 @@ def test_what_a_table_means_is_found(rotation, tmp_path):
 
 
 @pytest.mark.parametrize("seed", [4, 5, 8])
-def test_a_flange_on_the_spot_ties_what_exchanges_axes_of_base_and_flange(seed):
+def test_a_flange_on_the_spot_ties_what_exchanges_axes_of_base_and_flange(seed, tmp_path):
     world = World(seed, turning=True, count=12)
     kind = ("kuka", "rpy")[seed % 2]
     turns = CONVENTIONS[kind](Rotation.from_matrix(world.flange[:, :3, :3]))
-    table = FlangeTable("t", np.column_stack([1e3 * world.flange[:, :3, 3], turns]), None)
-    rig = world.solve(table)
+    rows = np.column_stack([1e3 * world.flange[:, :3, 3], turns])
+    np.savetxt(tmp_path / "flange.csv", rows, delimiter=",")
+    rig = world.solve(tmp_path / "flange.csv")
     assert (rig.convention["rotation"], rig.convention["unit"]) == (kind, "mm")
     assert any("not told apart" in note for note in rig.notes)
     assert (misses(rig.hand, world.camera) < 2.0).all()
@@ -163,8 +163,9 @@ def test_tables_have_the_names_that_controllers_write(tmp_path, header):
     separator = ";" if ";" in header else ","
     lines = [separator.join(row) for row in [*cells, ["", *"12345", "nan"]]]
     path.write_text("\n".join([header, *lines]))
-    assert read_flange_poses(path).pictures[3] == "03.png"
-    assert world.solve(path).convention["rotation"] == "kuka"
+    rig = world.solve(path)
+    assert rig.convention["rotation"] == "kuka"
+    assert rig.names[3] == "03.png"
 
 
 def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tmp_path):
