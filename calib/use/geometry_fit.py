@@ -176,7 +176,9 @@ def fit_in_space(
     groups = structure.groups
     tool = groups["tool"]
     still: list[Indices] = []
-    if not freedom.probe:  # a simulation's point is the tip, and its base stands where it is drawn
+    if (
+        not freedom.probe
+    ):  # a simulation's point is the tip, and its base stands where it is drawn
         still = [structure.shifts[0], structure.turns[0], tool]
     elif start is None:
         start = drawn_frame(structure, points.q, z)
