@@ -193,27 +193,10 @@ class _Reader:
         number = self.numbers[node]
         name = self._new_link(node.get("name") or f"body_{number}", "body")
         where = f"body {quoted(name)}"
-        inertial = node.find("inertial")
-        if inertial is not None:
-            (mass,) = numbers_of(
-                inertial.attrib,
-                "mass",
-                (0.0,),
-                where,
-            )
-            if mass > 0:
-                self.masses[name] = (
-                    mass,
-                    numbers_of(
-                        inertial.attrib,
-                        "pos",
-                        _ZERO,
-                        where,
-                    ),
-                )
         origin = around @ self.frame(node.attrib, where)
         inherited = node.get("childclass", inherited)
         inside = list(self.elements(node, inherited, np.eye(4)))
+        self._weigh(name, inside)
         moving = [part for part in inside if part.node.tag == "joint"]
         link = parent
         for part in moving:
@@ -237,6 +220,21 @@ class _Reader:
             if not moving:
                 self._place(joint_name, element, np.eye(4))
         self.add_contents(inside, name)
+
+    def _weigh(self, link: str, inside: list[Element]) -> None:
+        """Note the mass of a body; of one that MuJoCo weighs by its geoms it is unknown, NaN."""
+        for element in inside:
+            where = f"the {element.node.tag} of body {quoted(link)}"
+            if element.node.tag == "inertial":
+                said = element.node.attrib
+                (mass,) = numbers_of(said, "mass", (0.0,), where)
+                centre = numbers_of(said, "pos", _ZERO, where)
+                self.masses[link] = mass, centre
+                return
+            if element.node.tag == "geom":
+                geom = self.attributes(element)
+                if geom.get("mass", geom.get("density")) != "0":
+                    self.masses[link] = math.nan, _ZERO
 
     def _place(self, joint: str, element: Element, after: Array) -> None:
         number = self.numbers[element.node]

@@ -35,6 +35,8 @@ _NUMBER = re.compile(
     r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?)", re.IGNORECASE
 )
 
+_BEFORE_ROOT = re.compile(r"\s+|<!--.*?-->|<\?.*?\?>", re.DOTALL)
+
 Vector = tuple[float, ...]
 
 MJCF = "mujoco"
@@ -72,12 +74,15 @@ def parse_xml(text: str) -> ET.Element:
 
     Raises RobotError if it is none, or holds what has to be expanded first.
     """
-    for mark in ("<!DOCTYPE", "<!ENTITY"):
-        if mark in text.upper():
-            raise RobotError(
-                f"the URDF holds {mark}: document types and entities are refused; remove it "
-                "and write its values out"
-            )
+    # comments and instructions may stand before it, and nothing else
+    start = 0
+    while before := _BEFORE_ROOT.match(text, start):
+        start = before.end()
+    if text[start : start + 9].upper() == "<!DOCTYPE":
+        raise RobotError(
+            "the URDF holds <!DOCTYPE: document types and entities are refused; remove it and "
+            "write its values out"
+        )
     expand = "expand xacro first, for example: xacro robot.xacro > robot.urdf"
     try:
         robot = ET.fromstring(text)  # noqa: S314 - entities were refused above

@@ -209,15 +209,11 @@ class VDSOM:
         """c_ij as they stand, (motor nodes, sensory nodes)."""
         return self._c.T
 
-    def predict(self, u: Array, idle: Array | float = 0.0) -> Array:
-        """Readout ``activity`` of the links for joints (n, dof), (n, m), in the unit boxes.
-
-        idle : (sensory nodes,), what each node should have forgotten besides, as an exponent
-        """
+    def predict(self, u: Array) -> Array:
+        """Readout ``activity`` of the links for joints (n, dof), (n, m), in the unit boxes."""
         assert self.wiring is not None  # noqa: S101
         i, a_i = self.wiring.active_nodes(self.layers[0].map, u)
         strength = np.einsum("jnk,nk->nj", self._c[:, i], a_i)
-        strength = strength * np.exp(-np.asarray(idle))
         total = np.maximum(strength.sum(axis=1, keepdims=True), 1e-30)
         return np.asarray(strength @ self.layers[1].weights / total)
 
