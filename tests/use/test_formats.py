@@ -125,6 +125,8 @@ def test_entries_of_universal_robots_move_as_the_corrected_arm_does(corrected):
             pose = pose @ placed[name] @ about([0.0, 0.0, 1.0], angle)
         tools.append(np.linalg.inv(pose) @ transform(x, Rotation.from_quat(quaternion)))
     assert np.allclose(tools, tools[0], atol=1e-6)
+    # the tool's frame is the last joint's: it is turned by the zeros of the joints before
+    assert np.allclose(tools[0][:3, :3], np.round(tools[0][:3, :3]), atol=1e-6)
 
 
 @pytest.mark.skipif(not ROBOTS.is_dir(), reason="example-robot-data is not installed")

@@ -1,6 +1,7 @@
 """The URDF that is written is the fitted geometry, in the plane and in space, and no more."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -215,3 +216,21 @@ def test_intervals_of_maps_alone_hold_the_lengths_of_the_simulated_arm(size, see
     moved = fit_geometry(maps).document()["moved"].values()
     for shift in moved:
         assert (np.abs(shift.value) < shift.interval).all()
+
+
+def test_a_first_axis_that_stands_elsewhere_in_the_root_frame_is_written(written):
+    """A log in the root's frame tells where the first axis is: held as drawn, it left 2 mm."""
+    drawn = load_arm("six_axis")
+    head, first, rest = drawn.urdf.partition('<joint name="shoulder_pan"')
+    moved = 'xyz="0.001 -0.002 0.12" rpy="0.004 -0.003 0"'
+    text = head + first + re.sub(r'xyz="[^"]*" rpy="[^"]*"', moved, rest, count=1)
+    real = arm_from_urdf(text, drawn.joint_names, drawn.tip)
+    rng = np.random.default_rng(0)
+    babbled = calib.babble(drawn, 200)
+    x = real.forward(babbled.q) + rng.normal(0.0, 1e-4, (200, 3))
+    measured = replace(babbled, x=x, simulation=None)
+    done, path = written(calib.train(measured, view="base", size=3))
+    assert done.code == 0, done.err
+    off = np.linalg.norm(load_arm(path).forward(babbled.q) - real.forward(babbled.q), axis=1)
+    assert np.abs(drawn.forward(babbled.q) - real.forward(babbled.q)).max() > 2e-3
+    assert off.max() < 3e-4
