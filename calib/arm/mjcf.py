@@ -153,7 +153,10 @@ class _Reader:
         return rotation
 
     def elements(
-        self, node: ET.Element, inherited: str, around: Array
+        self,
+        node: ET.Element,
+        inherited: str,
+        around: Array,
     ) -> Iterator[Element]:
         """Yield the elements of a body, those in frames within it too."""
         for child in node:
@@ -173,7 +176,12 @@ class _Reader:
             elif node.tag == "site" and node.get("name"):
                 site = self._new_link(self.name(element), "site")
                 joint = f"{site}:site"
-                self._add_fixed(joint, link, site, self.frame(element))
+                self._add_fixed(
+                    joint,
+                    link,
+                    site,
+                    self.frame(element),
+                )
                 self._place(joint, element, np.eye(4))
 
     def _add_body(self, element: Element, parent: str) -> None:
@@ -198,7 +206,12 @@ class _Reader:
             origin = back
         if link != name:
             frame = f"{name}:frame"
-            self._add_fixed(frame, link, name, origin)
+            self._add_fixed(
+                frame,
+                link,
+                name,
+                origin,
+            )
             if not moving:
                 self._place(frame, element, np.eye(4))
         self.add_contents(inside, name)
@@ -216,7 +229,12 @@ class _Reader:
                 if geom.get("mass", geom.get("density")) != "0":
                     self.masses[link] = math.nan, _ZERO
 
-    def _place(self, joint: str, element: Element, after: Array) -> None:
+    def _place(
+        self,
+        joint: str,
+        element: Element,
+        after: Array,
+    ) -> None:
         number = self.numbers[element.node]
         self.places[joint] = Placed(number, element.frame, after)
 
@@ -272,13 +290,33 @@ class _Reader:
             kind = "revolute" if limits else "continuous"
             pivot[:3, :3] = exponential(-reference * axis)
         direction = tuple(axis.tolist())
-        joint = Joint(name, kind, parent, "", pivot, direction, limits)
+        joint = Joint(
+            name,
+            kind,
+            parent,
+            "",
+            pivot,
+            direction,
+            limits,
+        )
         return joint, back
 
     def _add_fixed(
-        self, name: str, parent: str, child: str, origin: Array
+        self,
+        name: str,
+        parent: str,
+        child: str,
+        origin: Array,
     ) -> None:
-        self.joints.append(Joint(name, "fixed", parent, child, origin))
+        self.joints.append(
+            Joint(
+                name,
+                "fixed",
+                parent,
+                child,
+                origin,
+            )
+        )
 
 
 def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:

@@ -209,7 +209,12 @@ def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
     root = _find_root(links, joints)
     masses = dict(_masses(robot))
     return Urdf(
-        own_name or name, root, tuple(links), joints, tuple(notes), masses
+        own_name or name,
+        root,
+        tuple(links),
+        joints,
+        tuple(notes),
+        masses,
     )
 
 
@@ -241,8 +246,18 @@ def _read_joint(
             f"{where} has type {quoted(kind)}: only fixed, revolute, continuous and prismatic "
             "joints are supported; make it fixed"
         )
-    parent = _end(node, "parent", where, links)
-    child = _end(node, "child", where, links)
+    parent = _end(
+        node,
+        "parent",
+        where,
+        links,
+    )
+    child = _end(
+        node,
+        "child",
+        where,
+        links,
+    )
     place = _part(node, "origin", where)
     xyz = place.numbers("xyz", _ZERO)
     rpy = place.numbers("rpy", _ZERO)
@@ -279,7 +294,16 @@ def _read_joint(
     if follows:
         scale = follows.number("multiplier", 1.0)
         mimic = Mimic(follows.get("joint", ""), scale, follows.number("offset"))
-    return Joint(name, kind, parent, child, origin, axis, limits, mimic)
+    return Joint(
+        name,
+        kind,
+        parent,
+        child,
+        origin,
+        axis,
+        limits,
+        mimic,
+    )
 
 
 def _part(node: ET.Element, path: str, where: str) -> Attributes:
@@ -288,7 +312,12 @@ def _part(node: ET.Element, path: str, where: str) -> Attributes:
     return Attributes(f"{where}: {path}", {} if part is None else part.attrib)
 
 
-def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:
+def _end(
+    node: ET.Element,
+    tag: str,
+    where: str,
+    links: Collection[str],
+) -> str:
     ends = node.findall(tag)
     if len(ends) != 1:
         raise RobotError(

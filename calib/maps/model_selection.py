@@ -66,9 +66,19 @@ class Candidates:
     care: Array  # (k,), weight of each row's cost
 
     @staticmethod
-    def of(motor: Map, u: Array, x: Array, held_out: Array) -> Candidates:
+    def of(
+        motor: Map,
+        u: Array,
+        x: Array,
+        held_out: Array,
+    ) -> Candidates:
         """The wrong rows, and those that the nodes among them speak for too."""
-        near = nearest_points(u, motor.scale, u, SELECTION.rows_around)[1]
+        near = nearest_points(
+            u,
+            motor.scale,
+            u,
+            SELECTION.rows_around,
+        )[1]
         # neighbours share what a smooth part misses: their difference is noise
         difference = float(np.median(_square(held_out - held_out[near[:, 1]])))
         extent = float(np.linalg.norm(np.ptp(x, axis=0)))
@@ -81,7 +91,15 @@ class Candidates:
         stands = _sum_by_node(motor, blend.index, wrongness) > 0.0
         rows = np.flatnonzero(stands[blend.index].any(axis=1))
         care = np.where(calm[rows], SELECTION.harm, 1.0)
-        return Candidates(motor, u, rows, stands, held_out[rows], noise, care)
+        return Candidates(
+            motor,
+            u,
+            rows,
+            stands,
+            held_out[rows],
+            noise,
+            care,
+        )
 
     @cached_property
     def blend(self) -> Blend:
@@ -108,7 +126,12 @@ class Candidates:
         sums = np.bincount(part, gain, SELECTION.parts).astype(float)
         sure = bool(_beyond_chance(sums, SELECTION.total_gain))
         total = float(sums.sum()) if sure else 0.0
-        return Choice(shape, np.flatnonzero(talks), remaining, total)
+        return Choice(
+            shape,
+            np.flatnonzero(talks),
+            remaining,
+            total,
+        )
 
     def _predictions(self, residual: Array, shape: tuple[int, int]) -> Array:
         """What nodes' models that have not seen a row's fold say of it, (k, m, o)."""
@@ -175,7 +198,12 @@ def select(
     ]
     if not shapes or follows_the_motion(x, held_out):
         return plain, held_out
-    candidates = Candidates.of(motor, u, x, held_out)
+    candidates = Candidates.of(
+        motor,
+        u,
+        x,
+        held_out,
+    )
     if not len(candidates.rows):
         return plain, held_out
     residual = x - smooth.value(u)
@@ -185,7 +213,13 @@ def select(
         return plain, held_out
     mended = held_out.copy()
     mended[candidates.rows] = best.remaining
-    models = local.fit(motor, best.nodes, u, residual, best.shape)
+    models = local.fit(
+        motor,
+        best.nodes,
+        u,
+        residual,
+        best.shape,
+    )
     return Predictor(motor, smooth, models), mended
 
 

@@ -155,7 +155,13 @@ class SOM:
         motor = replace(self, seed=motor_seed).fit(q, scale=scales[0])
         sensory = replace(self, seed=sensory_seed).fit(x, scale=scales[1])
         wiring = wiring_of(self.links)
-        return Association.learn(motor, u, sensory, v, wiring)
+        return Association.learn(
+            motor,
+            u,
+            sensory,
+            v,
+            wiring,
+        )
 
     def online_pair(
         self,
@@ -171,7 +177,12 @@ class SOM:
         """
         wiring = wiring_of(self.links)
         lattices = [Lattice(shape_of(s)) for s in shapes or [self.size] * 2]
-        net, all_passes = self._online(lattices, points, scales, wiring)
+        net, all_passes = self._online(
+            lattices,
+            points,
+            scales,
+            wiring,
+        )
         history = []
         with one_blas_thread():
             for epochs in all_passes:
@@ -179,12 +190,22 @@ class SOM:
                 if progress is not None:
                     progress(len(history) / self._passes, epochs[1].error)
         motor, sensory = (
-            Map(layer.weights, layer.lattice, layer.scale, past)
+            Map(
+                layer.weights,
+                layer.lattice,
+                layer.scale,
+                past,
+            )
             for layer, past in zip(
                 net.layers, np.array(history).swapaxes(0, 1), strict=True
             )
         )
-        return Association(motor, sensory, without_weak(net.links), wiring)
+        return Association(
+            motor,
+            sensory,
+            without_weak(net.links),
+            wiring,
+        )
 
     def _online(
         self,
@@ -196,14 +217,33 @@ class SOM:
         """Maps at their random start, and the passes over the samples that train them."""
         rng = np.random.default_rng(self.seed)
         layers = []
-        for lattice, u, scale in zip(lattices, points, scales, strict=True):
+        for lattice, u, scale in zip(
+            lattices,
+            points,
+            scales,
+            strict=True,
+        ):
             weights = rng.random((lattice.size, u.shape[1]))
             per_node = len(u) / lattice.size
-            layers.append(Layer(weights, lattice, scale, self._gain, per_node))
+            layers.append(
+                Layer(
+                    weights,
+                    lattice,
+                    scale,
+                    self._gain,
+                    per_node,
+                )
+            )
         net = VDSOM(layers, wiring)
         last = 0.5 if self.map == "som" else BATCH.last_radius_varying
         radii = self.sigma or (max(lattices[0].shape) / 2, last)
-        return net, passes(net, points, self._passes, radii, rng)
+        return net, passes(
+            net,
+            points,
+            self._passes,
+            radii,
+            rng,
+        )
 
     @property
     def _gain(self) -> Gain | None:
@@ -228,9 +268,20 @@ class SOM:
         kind = kind_of(self.map)
         if kind == "gng":
             nodes = lattice.size
-            epochs = learn_gng(u, nodes, self._gain, self._passes, rng)
+            epochs = learn_gng(
+                u,
+                nodes,
+                self._gain,
+                self._passes,
+                rng,
+            )
         elif kind == "dsom":
-            epochs = learn_dsom(u, lattice, self._passes, rng)
+            epochs = learn_dsom(
+                u,
+                lattice,
+                self._passes,
+                rng,
+            )
         elif self.rule == "online":
             shown = self._online([lattice], [u], [scale])[1]
             epochs = (epoch for (epoch,) in shown)
@@ -238,9 +289,20 @@ class SOM:
             density: Density = "varying"
             if self.map in ("som", "vdsom:residual"):
                 density = "even" if self.map == "som" else "growing"
-            stages = coarse_to_fine(lattice, self.epochs, self.sigma, density)
+            stages = coarse_to_fine(
+                lattice,
+                self.epochs,
+                self.sigma,
+                density,
+            )
             total = sum(len(stage.sigma) for stage in stages)
-            return learn_batch(u, stages, self._gain, rng, residual), total
+            return learn_batch(
+                u,
+                stages,
+                self._gain,
+                rng,
+                residual,
+            ), total
         return epochs, self._passes
 
 
