@@ -16,7 +16,7 @@ import os
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -331,57 +331,43 @@ def _frames(
 
 
 @dataclass(frozen=True)
-class Motor:
-    """One motor of `calibration.json`."""
-
-    # [ticks], what the motor takes off its encoder's position
-    homing_offset: int
-    range_min: int  # [ticks], lower end of its range
-    range_max: int  # [ticks]
-    drive_mode: int = 0  # 1 turns the sign of shares, not that of degrees
-
-    @property
-    def share(self) -> float:
-        """Angle [rad] of one of the 200 shares of its range, from the middle."""
-        ticks = (self.range_max - self.range_min) / (2 * WHOLE_SHARE)
-        sign = -1.0 if self.drive_mode else 1.0
-        return sign * ticks * math.tau / (TICKS - 1)
-
-
-@dataclass(frozen=True)
 class Motors:
-    """The motors of an arm, by name, and the document that they stand in."""
+    """What `calibration.json` says of each motor of an arm, by name."""
 
-    motors: Mapping[str, Motor]
-    document: Mapping[str, Mapping[str, object]]
+    document: Mapping[str, Mapping[str, int]]
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Motors:
         """Read a `calibration.json`.  Raises LogError in one line if the file is none."""
         label = os.fspath(path)
-        keys = [field.name for field in fields(Motor)]
         try:
-            document = json.loads(Path(path).read_text(encoding="utf-8"))
-            motors = {
-                name: Motor(
-                    **{key: int(entry[key]) for key in keys if key in entry}
-                )
-                for name, entry in document.items()
-            }
+            motors = cls(json.loads(Path(path).read_text(encoding="utf-8")))
+            motors.angles(
+                tuple(motors.document), np.zeros(1)
+            )  # reads the ranges
+            for entry in motors.document.values():
+                int(entry["homing_offset"])
         except OSError as error:
             raise LogError(f"cannot read {label!r}: {error.strerror}") from None
-        except (ValueError, TypeError, AttributeError, OverflowError):
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
             raise LogError(
                 f"{label} is no calibration of LeRobot: expected motors with `homing_offset`, "
                 "`range_min` and `range_max`"
             ) from None
-        return cls(motors, document)
+        return motors
 
-    def angles(self, names: Sequence[str], shares: Array) -> Array:
+    def angles(self, names: tuple[str, ...], shares: Array) -> Array:
         """Return joint values (n, k) [rad] for shares (n, k) of these motors' ranges."""
-        missing = [name for name in names if name not in self.motors]
-        if missing:
-            raise LogError(
-                f"the calibration has the motors {', '.join(self.motors)}, not {missing[0]}"
-            )
-        return shares * [self.motors[name].share for name in names]
+        turn = math.tau / (TICKS - 1)
+        scales = []
+        for name in names:
+            if name not in self.document:
+                raise LogError(
+                    f"the calibration has the motors {', '.join(self.document)}, not {name}"
+                )
+            entry = self.document[name]
+            ticks = int(entry["range_max"]) - int(entry["range_min"])
+            # 1 turns the sign of shares, not that of degrees
+            sign = -1 if entry.get("drive_mode") else 1
+            scales.append(sign * ticks * turn / (2 * WHOLE_SHARE))
+        return shares * scales

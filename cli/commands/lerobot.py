@@ -106,7 +106,7 @@ def lerobot(
     }
     rows = []
     for name, zero in offsets.items():
-        old = motors.motors[name].homing_offset
+        old = int(motors.document[name]["homing_offset"])
         interval = number(math.degrees(zero.interval))
         offset = fixed(math.degrees(zero.value), 2)
         rows.append([name, offset, interval, str(old), str(old + ticks[name])])
