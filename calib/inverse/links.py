@@ -77,11 +77,10 @@ class LinkStarts:
         start = node[target], column
         gap = x[target] - self._value[start]
         inverse = self._inverse[start]
-        parts = inverse * gap[:, None]
-        step = parts.sum(axis=2)
+        step = (inverse @ gap[..., None])[..., 0]
         longest = LINKS.step * self.association.motor.spacing
         u = self._u[start] + shortened(step, longest)
-        return target, self._newton.clip(u)
+        return target, u
 
     def _nearest_nodes(self, x: Array) -> Index:
         """The sensory node nearest to each target (n,), made ready."""
