@@ -78,6 +78,14 @@ class Path:
     # reaches; joints stay as they were
     held: NDArray[np.bool_]
 
+    def __repr__(self) -> str:
+        """Say in a line how many rows there are, what is out of reach, and where it jumps."""
+        unreachable = int(np.sum(~self.reachable))
+        return (
+            f"Path of {len(self.q)} rows: {unreachable} out of reach, "
+            f"{len(self.jumps)} jumps"
+        )
+
 
 def unit_joints(
     model: Parts, x: Array, near: Array, readouts: Sequence[str]

@@ -23,7 +23,8 @@ from ..kernel.arm import KernelArm
 from ..kernel.compiled import MOST, Compiled, compile_source
 from ..kernel.posterior import COMPACT, CompactPosterior
 from ..kernel.source import braces, c_number, c_source, source, table
-from ..maps.local_models import blend_size, exponents
+from ..maps.blend import blend_size
+from ..maps.local_models import exponents
 from ..maps.settings import LOCAL
 from ..samples.roles import ROUNDING
 from .answers import SURE

@@ -21,6 +21,7 @@ from models import (
     warm,
     wide,
 )
+from refusals import refused
 
 import calib
 from calib import OptionError, QueryError
@@ -212,8 +213,7 @@ def test_without_a_compiler_the_batch_answers(monkeypatch, name, value):
     slow = cold(model)
     assert "batch" in slow.warm_up()
     assert not slow.warm
-    with pytest.raises(OptionError, match="strict"):
-        slow.warm_up(strict=True)
+    refused(OptionError, "strict", slow.warm_up, strict=True)
     q = poses(model, 3)
     np.testing.assert_array_equal(slow.forward(q[0]), model.forward(q[:1])[0])
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from models import babbled, in_pixels, in_space, log, measured, no_arm, trained
+from refusals import refused
 from scenes import seen_by_two
 
 import calib
@@ -164,10 +165,8 @@ def test_figures_on_paper():
     assert list(drawn) == ["where"]
     drawn["where"].savefig("where.png")
     assert Path("where.png").read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(calib.OptionError, match="latices"):
-        calib.figures(measured(), names=["latices"])
-    with pytest.raises(calib.OptionError, match="tuple"):
-        calib.figures((measured(), measured()))
+    refused(calib.OptionError, "latices", calib.figures, measured(), names=["latices"])
+    refused(calib.OptionError, "tuple", calib.figures, (measured(), measured()))
 
 
 def test_figures_of_an_arm_in_space_and_in_pixels():
@@ -185,8 +184,7 @@ def test_figures_of_an_arm_in_space_and_in_pixels():
 
 def test_command(run, models: Path, model: Path, log: Path, tmp_path: Path):
     target = tmp_path / "report.html"
-    done = run("report", model, "-o", target, "--figures", tmp_path / "figures")
-    assert done.code == 0, done.err
+    done = run.done("report", model, "-o", target, "--figures", tmp_path / "figures")
     assert "predicted to" in done.out.splitlines()[0]
     assert target.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert {p.suffix for p in (tmp_path / "figures").iterdir()} == {".svg"}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from drifting import arm, error, log, model
 from models import babbled, trained
+from refusals import refused
 from small_maps import UNIT_BOX
 
 import calib
@@ -135,10 +136,8 @@ def with_sensory(**changes):
 def test_what_cannot_be_followed_is_told():
     with pytest.raises(OptionError, match="growing neural gas has neither"):
         OnlineAdapter(with_sensory(lattice=Graph(2, np.array([[0, 1]]))))
-    with pytest.raises(OptionError, match="few-shot"):
-        OnlineAdapter(with_sensory(units=np.zeros((10**6, 2))))
-    with pytest.raises(OptionError, match="horizon 0"):
-        OnlineAdapter(model(), 0)
+    refused(OptionError, "few-shot", OnlineAdapter, with_sensory(units=np.zeros((10**6, 2))))
+    refused(OptionError, "horizon 0", OnlineAdapter, model(), 0)
     with pytest.raises(OptionError, match="no samples"):
         OnlineAdapter(model()).feed(np.zeros((0, 2)), np.zeros((0, 2)))
 
