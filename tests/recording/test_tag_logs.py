@@ -90,6 +90,7 @@ def film(tmp_path_factory):
 
     frames = np.arange(0, 8, 0.05)
     pictures = [scene.picture(q, rng) for q in joints(frames + 1.0)]
+    pictures[33] = scene.picture(goals[2], rng)  # at rest the tag is seen elsewhere, once
     write_video(str(folder / "run.mp4"), pictures, 20.0)
     time = np.arange(0, 12, 0.01)
     table = np.c_[time + 50.0, joints(time)]
@@ -227,6 +228,7 @@ def test_a_video_becomes_rests(film):
     miss = made.x - film.scene.tip_pixels(made.q)
     assert np.sqrt((miss**2).sum(1).mean()) < 0.15
     assert made.source["dropped"]["the arm moves"] > 40
+    assert made.source["dropped"]["a jump of the track"] == 1
 
 
 def test_videos_that_make_no_log(film, tmp_path):
