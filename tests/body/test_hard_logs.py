@@ -1,5 +1,7 @@
 """Logs that were answered wrongly without a word: repeatable errors, tools of one orientation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from models import log_of
@@ -116,3 +118,16 @@ def test_a_turned_tool_leaves_the_last_joints_offset_untold():
     assert last.low < off[-1] < last.high
     assert max(each.high - each.low for each in others[1:]) < np.radians(1.5)
     assert any("not told apart from the tool's turn" in line for line in body.describe())
+
+
+def test_a_short_path_without_a_drawing_is_bounded_elsewhere():
+    arm = calib.load_arm("six_axis")
+    rng = np.random.default_rng(2)
+    lower, upper = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
+    fresh = rng.uniform(lower, upper, (300, 6))
+    phase = np.linspace(0, 6, 150)[:, None] * rng.uniform(0.2, 1, 6) + rng.uniform(0, 6, 6)
+    q = (lower + upper) / 2 + (upper - lower) / 4 * np.sin(phase)
+    log = log_of(arm, q, arm.forward(q) + 1e-4 * rng.normal(size=(150, 3)))
+    body = calib.train(replace(log, arm=None), size=4).body
+    off = np.linalg.norm(body.predict(fresh) - arm.forward(fresh), axis=1)
+    assert np.mean(off <= body.bound(fresh)) > 0.9
