@@ -8,8 +8,9 @@ from small_maps import grid, points
 
 from calib import SOM, Association
 from calib.common.scale import TURN, Scale
+from calib.maps.blend import Blend
 from calib.maps.links import WIRINGS
-from calib.maps.local_models import exponents, fit, heard, predict
+from calib.maps.local_models import correction, correction_slope, exponents, fit, heard
 from calib.maps.model_selection import SELECTION, follows_the_motion, select
 
 
@@ -43,7 +44,8 @@ def test_polynomials_of_the_models_degree_are_reproduced_with_their_slopes(d, de
     motor, u = grid({2: 18, 3: 7}[d], (False,) * d), points(3000, d=d)
     models = fitted(motor, u, value(u), degree, samples)
     fresh = points(300, seed=1, d=d)
-    said, tilt = predict(models, motor, fresh, slope=True)
+    blend = Blend(motor, fresh)
+    said, tilt = correction(models, blend), correction_slope(models, blend)
     np.testing.assert_allclose(said, value(fresh), atol=1e-6)
     np.testing.assert_allclose(tilt, slope(fresh), atol=1e-4)
 
@@ -58,7 +60,7 @@ def test_models_join_at_the_seam_of_a_joint_that_turns_round():
     models = fitted(motor, u, truth(u), 2, 60)
     y = np.linspace(0.05, 0.95, 50)
     before, after = (np.stack([np.full(50, x), y], axis=1) for x in (1 - 1e-9, 1e-9))
-    low, high = (predict(models, motor, p)[0] for p in (before, after))
+    low, high = (correction(models, Blend(motor, p)) for p in (before, after))
     np.testing.assert_allclose(low, high, atol=1e-6)
     np.testing.assert_allclose(high, truth(after), atol=5e-3)
 

@@ -8,7 +8,7 @@ from models import log_of
 
 import calib
 from calib.recording.clocks import SURE, ClockError, align_clocks, joints_at
-from calib.samples.delays import estimate_delay
+from calib.samples.delays import Delay, estimate_delay
 
 LENGTHS = np.array([0.18, 0.14, 0.09])
 
@@ -68,6 +68,13 @@ def test_what_is_doubtful_is_refused(case):
         q = q[:1] + 0 * q
     with pytest.raises(ClockError, match="never moves" if "still" in case else "no offset"):
         align_clocks(time, x, joint_time, q)
+
+
+@pytest.mark.parametrize(
+    ("sd", "share", "clear"), [(1e-3, 0.5, True), (1e-2, 0.5, False), (1e-3, 0.0, False)]
+)
+def test_a_delay_that_is_unsure_or_explains_nothing_is_not_corrected(sd, share, clear):
+    assert Delay(0.02, sd, "s", share).clear is clear
 
 
 def test_a_delay_is_as_sure_as_its_interval_says():
