@@ -170,7 +170,7 @@ def test_a_stream_in_space_names_a_large_change_and_forgives_noise_that_lasts():
             noise[k] = 0.95 * noise[k - 1] + np.sqrt(1 - 0.95**2) * noise[k]
         monitor = calib.monitor(in_space)
         stream = zip(q, six.forward(q) + noise, strict=True)
-        alarms += any([monitor.update(*sample).drifted for sample in stream])
+        alarms += any(monitor.update(*sample).drifted for sample in stream)
     assert alarms <= 1
 
 
