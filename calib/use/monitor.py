@@ -270,15 +270,22 @@ class _Equations:
         left = every.freedom(size) / temper
         tests = FTests(products, size, left, temper, len(self._groups))
         groups = tests.of_groups(self._groups, self._moves)
-        return max(groups, key=lambda test: test.score)
+        penalty = math.log(max(left, 1.0))
+
+        def telling(test: GroupTest) -> tuple[float, float]:
+            # of chances too small for a number the more likely change
+            return test.score, test.statistic - penalty * test.freedom
+
+        return max(groups, key=telling)
 
     def _correlation_time(self, samples: float) -> float:
         """Samples that count for one, where noise is alike from each to the next."""
         product, square = self._lagged.tolist()
         alike = product / max(square, 1e-300)
-        if alike < MONITOR.chance / math.sqrt(samples):
+        error = 1.0 / math.sqrt(samples * self._reference.structure.outputs)
+        if alike < MONITOR.chance * error:
             return 1.0
-        alike = min(alike, MONITOR.most_alike)
+        alike = min(alike + error, MONITOR.most_alike)
         return (1.0 + alike) / (1.0 - alike)
 
 
