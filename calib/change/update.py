@@ -59,11 +59,24 @@ class _Belief(NamedTuple):
     residual: Array  # (k, m), of these rows where they were held out [unit]
 
 
-def update(evidence: Evidence) -> Update:
-    """Update a belief by the rows of a log."""
+def update(evidence: Evidence, *, learn: bool) -> Update:
+    """Update a belief by the rows of a log.
+
+    learn : whether the best belief is wanted, or whether there is a better one than before
+    """
     explanation = _to_update_by(evidence)
-    belief = _after(evidence, explanation)
+    rows = thinned(len(evidence.rows), UPDATING.rows)
+    body, residual = _updated(explanation, evidence.data.some(UPDATING.rows))
+    if evidence.attributed:
+        body = _as_uncertain(body, explanation, evidence.explanations)
+    belief = _Belief(body, rows, residual)
     improved = _is_better(evidence, belief)
+    if (learn or not improved) and _is_trainable(evidence, explanation):
+        trained = _trained(explanation, evidence.data)
+        better = row_lengths(residual) - row_lengths(trained.residual[rows])
+        if better.mean() > 0.0:
+            belief = trained
+            improved = _is_better(evidence, belief)
     if evidence.tool.score > 1.0:
         if not improved:  # the tool alone
             belief = _as_it_was(evidence)
@@ -78,20 +91,6 @@ def update(evidence: Evidence) -> Update:
         residual=belief.residual,
         improved=improved,
     )
-
-
-def _after(evidence: Evidence, explanation: Explanation) -> _Belief:
-    """The posterior under an explanation, or that of training where it errs less."""
-    rows = thinned(len(evidence.rows), UPDATING.rows)
-    body, residual = _updated(explanation, evidence.data.some(UPDATING.rows))
-    if evidence.attributed:
-        body = _as_uncertain(body, explanation, evidence.explanations)
-    if evidence.score > 1.0 and _is_trainable(evidence, explanation):
-        trained = _trained(explanation, evidence.data)
-        better = row_lengths(residual) - row_lengths(trained.residual[rows])
-        if better.mean() > 0.0:
-            return trained
-    return _Belief(body, rows, residual)
 
 
 def _as_it_was(evidence: Evidence) -> _Belief:
@@ -130,7 +129,8 @@ def _is_trainable(evidence: Evidence, explanation: Explanation) -> bool:
     ask.
     """
     return (
-        evidence.prior.simulated
+        evidence.score > 1.0
+        and evidence.prior.simulated
         and explanation.level.waves > CREEP
         and evidence.rows.widespread
         and isinstance(evidence.reference.structure, PlanarStructure)
@@ -340,7 +340,9 @@ class _Posterior:
         prior = Prior(np.zeros(size), sd)
         rows = [Rows(log.q, log.z, noise=noise)]
         fit = Fit(structure, rows, normals, prior, nu=STUDENT)
-        self.fit = fit.maximise(learn=False, steps=UPDATING.steps)
+        self.fit = fit.maximise(
+            learn=False, steps=UPDATING.steps, tolerance=UPDATING.tolerance
+        )
         self.beta = self.arm.beta(fit.beta)
 
     @property
