@@ -15,7 +15,7 @@ import numpy as np
 
 from ..body.belief import Body, Second
 from ..body.body_fit import fit
-from ..body.covariance import root_of
+from ..body.covariance import RADIUS_95, root_of
 from ..body.drawing import PlanarDrawing
 from ..body.fit import Fit
 from ..body.normal import Factor
@@ -29,7 +29,7 @@ from ..common.arrays import Array
 from ..common.rows import row_lengths, thinned
 from .evidence import Evidence
 from .explain import Explanation, least_residual
-from .settings import CREEP, UPDATING
+from .settings import BEYOND, CREEP, UPDATING
 from .system import Log, own_columns, prior_columns, shared_columns
 
 
@@ -69,6 +69,7 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
     body, residual = _updated(explanation, evidence.data.some(UPDATING.rows))
     if evidence.attributed:
         body = _as_uncertain(body, explanation, evidence.explanations)
+    body = _with_sound_bound(body, evidence.rows.q[rows], row_lengths(residual))
     belief = _Belief(body, rows, residual)
     improved = _is_better(evidence, belief)
     if (learn or not improved) and _is_trainable(evidence, explanation):
@@ -199,6 +200,17 @@ def _as_uncertain(
     place = np.searchsorted(active, body.active)
     covariance[np.ix_(place, place)] += body.covariance
     return replace(body, active=active, root=root_of(covariance))
+
+
+def _with_sound_bound(body: Body, q: Array, missed: Array) -> Body:
+    """The belief with a bound that rows (k, dof) do not contradict, of held-out distances (k,).
+
+    What is known of a change may be wrong: a link that is longer is no lens.
+    """
+    if np.mean(missed > body.bound(q)) <= BEYOND:
+        return body
+    residual = float(np.quantile(missed, 0.95)) / RADIUS_95
+    return replace(body, residual=np.maximum(body.residual, residual))
 
 
 def _is_surer(evidence: Evidence, body: Body) -> bool:
