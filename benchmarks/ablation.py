@@ -6,7 +6,6 @@ Everything that can be left out is left out in turn: the body, the local models 
 alone), the training of the maps, their varying density.  ``docs/maps.md`` reads the table.
 """
 
-import argparse
 import itertools
 import time
 from collections.abc import Iterator
@@ -15,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from ablation_cases import Array, Case, measured, simulated
-from tables import table
+from tables import table, typed
 from untrained import UNTRAINED, untrained_pair
 
 from calib.common.choices import MAP_READOUTS
@@ -115,13 +114,9 @@ def measure(case: Case, trained: Trained) -> dict[str, float]:
 
 def main() -> None:
     """Print a table for each case: mean errors [mm], training [s]."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path)
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--sides", type=lambda text: [int(n) for n in text.split(",")])
-    told = parser.parse_args()
-    sides = told.sides or ((6, 8) if told.quick else (10, 20, 40, 70))
+    told = typed(__doc__, data=Path, quick=False, seed=0, sides=str)
+    usual = "6,8" if told.quick else "10,20,40,70"
+    sides = [int(side) for side in (told.sides or usual).split(",")]
     with one_blas_thread():
         blocks: dict[str, list[tuple[Case, Ground]]] = {}
         for case in cases(told.quick, told.seed, told.data):

@@ -3,7 +3,6 @@
 import io
 import json
 import sys
-from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,18 +34,38 @@ class Outcome:
         return json.loads(self.out, parse_constant=pytest.fail)
 
 
-def run_in_process(*args: object, stdin: str = "") -> Outcome:
-    """Run a command line within this process."""
-    from calib_cli.app import run
+class Program:
+    """The command line within this process."""
 
-    out, err, before = io.StringIO(), io.StringIO(), sys.stdin
-    sys.stdin = io.StringIO(stdin)
-    try:
-        with redirect_stdout(out), redirect_stderr(err):
-            code = run([str(arg) for arg in args])
-    finally:
-        sys.stdin = before
-    return Outcome(code, out.getvalue(), err.getvalue())
+    def __call__(self, *args: object, stdin: str = "") -> Outcome:
+        """Run a command line, of words or in one string."""
+        from calib_cli.app import run
+
+        words = args[0].split() if len(args) == 1 and isinstance(args[0], str) else args
+        out, err, before = io.StringIO(), io.StringIO(), sys.stdin
+        sys.stdin = io.StringIO(stdin)
+        try:
+            with redirect_stdout(out), redirect_stderr(err):
+                code = run([str(word) for word in words])
+        finally:
+            sys.stdin = before
+        return Outcome(code, out.getvalue(), err.getvalue())
+
+    def done(self, *args: object, stdin: str = "") -> Outcome:
+        """Run a command line that has to end with exit code 0."""
+        outcome = self(*args, stdin=stdin)
+        assert outcome.code == 0, outcome.err
+        return outcome
+
+    def refused(self, code: int, words: str, *args: object) -> Outcome:
+        """Run a command line that has to end with another code, and words on standard error."""
+        outcome = self(*args)
+        assert outcome.code == code, outcome.err
+        assert words in outcome.err
+        return outcome
+
+
+run_in_process = Program()
 
 
 @pytest.fixture
@@ -63,7 +82,7 @@ def arm() -> calib.PlanarArm:
 
 
 @pytest.fixture(scope="session")
-def run() -> Callable[..., Outcome]:
+def run() -> Program:
     return run_in_process
 
 
@@ -72,10 +91,8 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of small models: two_link.calib, polar.calib, two_link_full.calib."""
     folder = tmp_path_factory.mktemp("models")
     for robot in ("two_link", "polar", "two_link_full"):
-        done = run_in_process(
-            "train", robot, "--size", "10", "-n", "500", "-o", folder / f"{robot}.calib"
-        )
-        assert done.code == 0, done.err
+        path = folder / f"{robot}.calib"
+        run_in_process.done("train", robot, "--size", "10", "-n", "500", "-o", path)
     return folder
 
 
@@ -89,8 +106,7 @@ def model(models: Path) -> Path:
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log of 400 simulated rows of two_link."""
     path = tmp_path_factory.mktemp("logs") / "measured.csv"
-    done = run_in_process("babble", "two_link", "-n", "400", "-o", path)
-    assert done.code == 0, done.err
+    run_in_process.done("babble", "two_link", "-n", "400", "-o", path)
     return path
 
 

@@ -113,6 +113,11 @@ class Arm:
         pose = self._by_rows(q, together)
         return pose[..., :3], pose[..., 3:]
 
+    def __repr__(self) -> str:
+        """Say in a line which arm it is: its name, its joints, its tip."""
+        joints = ", ".join(self.joint_names)
+        return f"{type(self).__name__} {self.name}: {joints}; tip {self.tip}"
+
     @property
     def link_lengths(self) -> dict[str, float]:
         """Distance [m] from each joint to the next, the last to the tip, at zero."""

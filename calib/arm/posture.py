@@ -101,7 +101,7 @@ def _carried(
     """Masses (m,) [kg] beyond each joint of a chain, up to the next, and their centres (m, 3) [m].
 
     Links beside the chain (fingers, covers) hang on the last chain joint below them and do not
-    move of their own. Both are empty where the URDF states no mass for any.
+    move of their own. Both are empty where the robot states no mass for any, or one is unknown.
     """
     order = {joint.name: k for k, joint in enumerate(joints)}
     masses = np.zeros(len(joints))
@@ -116,7 +116,7 @@ def _carried(
             moments[below[-1]] += (
                 mass * (posture.frames[link] @ [*centre, 1.0])[:3]
             )
-    if not masses.any():
+    if not masses.sum() > 0:
         return np.zeros(0), np.zeros((0, 3))
     centres = np.array([posture.place(joint.child) for joint in joints])
     heavy = masses > 0

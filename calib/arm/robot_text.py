@@ -35,6 +35,8 @@ _NUMBER = re.compile(
     r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?)", re.IGNORECASE
 )
 
+_BEFORE_ROOT = re.compile(r"\s+|<!--.*?-->|<\?.*?\?>", re.DOTALL)
+
 Vector = tuple[float, ...]
 
 MJCF = "mujoco"
@@ -72,12 +74,15 @@ def parse_xml(text: str) -> ET.Element:
 
     Raises RobotError if it is none, or holds what has to be expanded first.
     """
-    for mark in ("<!DOCTYPE", "<!ENTITY"):
-        if mark in text.upper():
-            raise RobotError(
-                f"the URDF holds {mark}: document types and entities are refused; remove it "
-                "and write its values out"
-            )
+    # comments and instructions may stand before it, and nothing else
+    start = 0
+    while before := _BEFORE_ROOT.match(text, start):
+        start = before.end()
+    if text[start : start + 9].upper() == "<!DOCTYPE":
+        raise RobotError(
+            "the URDF holds <!DOCTYPE: document types and entities are refused; remove it and "
+            "write its values out"
+        )
     expand = "expand xacro first, for example: xacro robot.xacro > robot.urdf"
     try:
         robot = ET.fromstring(text)  # noqa: S314 - entities were refused above
@@ -104,23 +109,47 @@ def parse_xml(text: str) -> ET.Element:
     return robot
 
 
-def numbers_of(
-    attributes: Mapping[str, str],
-    key: str,
-    default: Vector,
-    where: str,
-    *,
-    infinite: bool = False,
-) -> Vector:
-    """Read an attribute's numbers as URDF libraries do, not as Python does (1_000, nan)."""
-    text = attributes.get(key)
-    if text is None:
-        return default
-    words = text.split()
-    sound = len(words) == len(default) and all(map(_NUMBER.fullmatch, words))
-    values = tuple(map(float, words)) if sound else ()
-    if not values or not (infinite or all(map(math.isfinite, values))):
-        raise RobotError(
-            f"{where}: {key} is {quoted(text)}, expected {len(default)} numbers"
+class Attributes(dict[str, str]):
+    """Attributes of an element, whose numbers are read as URDF libraries do, not as Python does.
+
+    where : how messages name the element
+    parts : attributes by name; later ones count
+    """
+
+    def __init__(self, where: str, *parts: Mapping[str, str]) -> None:
+        super().__init__()
+        self.where = where
+        for part in parts:
+            self.update(part)
+
+    def numbers(
+        self,
+        key: str,
+        default: Vector,
+        *,
+        infinite: bool = False,
+    ) -> Vector:
+        """The numbers of an attribute, as many as the default has."""
+        text = self.get(key)
+        if text is None:
+            return default
+        words = text.split()
+        sound = len(words) == len(default) and all(
+            map(_NUMBER.fullmatch, words)
         )
-    return values
+        values = tuple(map(float, words)) if sound else ()
+        if not values or not (infinite or all(map(math.isfinite, values))):
+            raise RobotError(
+                f"{self.where}: {key} is {quoted(text)}, expected {len(default)} numbers"
+            )
+        return values
+
+    def number(
+        self,
+        key: str,
+        default: float = 0.0,
+        *,
+        infinite: bool = False,
+    ) -> float:
+        """An attribute that is one number."""
+        return self.numbers(key, (default,), infinite=infinite)[0]

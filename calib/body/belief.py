@@ -188,6 +188,10 @@ class Body(OfStructure):
                 )
         return tuple(parameters)
 
+    def __repr__(self) -> str:
+        """Say what was learned, a line for each joint and view; its arrays are in the fields."""
+        return "\n".join([f"Body of {self.rows} rows", *self.describe()])
+
     def describe(
         self, lower: Array | float = -np.pi, upper: Array | float = np.pi
     ) -> tuple[str, ...]:

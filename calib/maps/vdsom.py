@@ -173,7 +173,11 @@ class VDSOM:
         distances = [np.empty(n) for _ in self.layers]
         for first in range(0, n, ONLINE.chunk):
             end = min(first + ONLINE.chunk, n)
-            widths = [self._squared_widths(layer) for layer in self.layers]
+            squared_widths = []
+            if self.wiring is not None:
+                squared_widths = [
+                    self.wiring.widths(layer.map) ** 2 for layer in self.layers
+                ]
             gains = [
                 layer.gains(
                     x[first:end],
@@ -195,8 +199,8 @@ class VDSOM:
                     )
                 if self.wiring is not None:
                     motor, sensory = self.layers
-                    i, a_i = motor.activity(samples[0][k], widths[0])
-                    j, a_j = sensory.activity(samples[1][k], widths[1])
+                    i, a_i = motor.activity(samples[0][k], squared_widths[0])
+                    j, a_j = sensory.activity(samples[1][k], squared_widths[1])
                     eta = rates.eta[k]
                     beta = rates.beta[k]
                     # what was active together is linked, what was not is forgotten
@@ -209,27 +213,13 @@ class VDSOM:
         """c_ij as they stand, (motor nodes, sensory nodes)."""
         return self._c.T
 
-    def predict(self, u: Array, idle: Array | float = 0.0) -> Array:
-        """Readout ``activity`` of the links for joints (n, dof), (n, m), in the unit boxes.
-
-        idle : (sensory nodes,), what each node should have forgotten besides, as an exponent
-        """
+    def predict(self, u: Array) -> Array:
+        """Readout ``activity`` of the links for joints (n, dof), (n, m), in the unit boxes."""
         assert self.wiring is not None  # noqa: S101
         i, a_i = self.wiring.active_nodes(self.layers[0].map, u)
         strength = np.einsum("jnk,nk->nj", self._c[:, i], a_i)
-        strength = strength * np.exp(-np.asarray(idle))
         total = np.maximum(strength.sum(axis=1, keepdims=True), 1e-30)
         return np.asarray(strength @ self.layers[1].weights / total)
-
-    def _squared_widths(self, layer: Layer) -> Array:
-        """Squared sigma of eq. 6, of each node or of all, in the unit box."""
-        if self.wiring is None:
-            return np.ones(1)
-        network = layer.map
-        spacing = np.array([network.spacing])
-        if self.wiring.local:
-            spacing = network.spacings
-        return (self.wiring.bandwidth * spacing) ** 2
 
 
 def _no_links(motor_nodes: int, sensory_nodes: int) -> NDArray[np.float32]:

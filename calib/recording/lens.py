@@ -19,7 +19,7 @@ from ..common.atomic import atomic_write
 from ..errors import LogError, OptionError
 from ..samples.camera import bent
 from .board import LEAST_CORNERS, Pattern
-from .pictures import list_pictures, opencv, read_series
+from .pictures import list_pictures, one_thread, opencv, read_series
 
 if TYPE_CHECKING:
     from ..model.model import Model
@@ -169,7 +169,7 @@ def calibrate_lens(
     least = np.inf
     doubt = np.inf
     for terms, flags in kinds.items():
-        with suppress(cv2.error):
+        with suppress(cv2.error), one_thread():
             rms, matrix, bends, *poses = cv2.calibrateCamera(
                 objects, images, size, None, None, flags=flags
             )

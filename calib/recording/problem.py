@@ -45,6 +45,8 @@ class Priors:
     turn: float = 1.0
     # misfit of the median picture, beyond which poses are not of the pictures [rad]
     misfit: float = float(np.radians(5.0))
+    # times that misfit: the poses of the rows before or behind fit better
+    late: float = 0.4
 
 
 PRIORS = Priors()
@@ -139,6 +141,7 @@ def of_poses(
             hint="add two pictures with the hand turned by 30 deg about each of two other axes",
         )
     _refuse_mirrored(most, choice.start)
+    _refuse_late(flange[most.rows], most, choice.start)
     if choice.start.misfit > PRIORS.misfit:
         raise LogError(
             "no convention explains the pictures: the rows of poses are not those of the "
@@ -156,8 +159,21 @@ def of_poses(
 def _refuse_mirrored(view: View, start: Start) -> None:
     if start.size == -np.inf:
         raise LogError(
-            f"the pictures of {view.name} are mirrored: turn that off in the camera's settings"
+            f"the pictures of {view.name} are mirrored, or the poses' axes left-handed: turn that "
+            "off in the camera's settings"
         )
+
+
+def _refuse_late(flange: Array, view: View, start: Start) -> None:
+    """Refuse poses (n, 4, 4) if those of the row before or behind explain the pictures better."""
+    for by, neighbour in ((1, "before"), (-1, "behind")):
+        other = find_start(np.roll(flange, by, axis=0), view, start.unit)
+        if other.misfit < PRIORS.late * start.misfit:
+            raise LogError(
+                f"the rows of poses are late or early: the row {neighbour} fits each picture "
+                f"{start.misfit / other.misfit:.2g} times better",
+                hint="check which row is of which picture",
+            )
 
 
 def _rows(views: Sequence[View]) -> Index:
@@ -251,7 +267,7 @@ def _problem(
     )
     exact = np.zeros((len(rows), layout.errors))
     unknowns = Unknowns(np.array(frames), begin, exact)
-    fit = Fit(unknowns, noise, np.zeros((0, 0)))
+    fit = Fit(unknowns, noise, np.zeros((0, 0)), np.zeros(2))
     return Problem(numbered, rows, bundle, Prior(mean, scales), fit)
 
 

@@ -104,6 +104,13 @@ class HandEye:
     poses: Samples | None = None
     body: Body | None = None
 
+    def __repr__(self) -> str:
+        """Say in two lines how good the calibration is, and what limits it."""
+        return (
+            f"HandEye of {self.used} of {self.pictures} pictures, {self.carried} in the hand, "
+            f"corners {self.reprojection['mean']:.3g} px off on average\n  {self.limited_by}"
+        )
+
     @property
     def carried(self) -> str:
         """What is in the hand."""

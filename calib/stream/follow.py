@@ -137,9 +137,6 @@ class OnlineAdapter:
         self._net = VDSOM(
             layers, model.association.wiring, model.links.toarray()
         )
-        self._idle = np.zeros(
-            model.sensory.size
-        )  # what unvisited nodes should have forgotten
         self._seen = 0
         self._since = -1
         self._starts = [FOLLOW.sigma_end, FOLLOW.sigma_end]
@@ -167,7 +164,7 @@ class OnlineAdapter:
 
     def _feed(self, u: Array, v: Array) -> Step:
         motor, sensory = self._maps()
-        predicted = self._net.predict(u[:: FOLLOW.glance], self._idle)
+        predicted = self._net.predict(u[:: FOLLOW.glance])
         gap = np.linalg.norm(
             (predicted - v[:: FOLLOW.glance]) * sensory.scale.span, axis=1
         )
@@ -236,16 +233,6 @@ class OnlineAdapter:
             t, self._starts, FOLLOW.sigma_end, self._horizon
         )  # eq. 10, 12
         self._net.show((u, v), rates)
-        # eq. 11 forgets where a_j > 0 alone; a node that no sample visits forgets at the
-        # mean pace of all, or a shortened arm would promise its old reach for ever
-        b = self._model.association.wiring.activity(self._maps()[1], v)
-        forgot = (
-            rates.eta
-            * rates.beta
-            @ np.asarray(b.multiply(b).sum(axis=1)).ravel()
-        )
-        self._idle += float(forgot) / b.shape[1]
-        self._idle[np.unique(b.indices)] = 0.0
         self._since += len(u)
         self._q.append(self._model.motor.scale.from_unit(u)[rows])
         self._x.append(self._model.sensory.scale.from_unit(v)[rows])
@@ -266,11 +253,7 @@ class OnlineAdapter:
         """
         if self._since < 0 or sum(map(len, self._x)) < FOLLOW.least:
             return self._model
-        rule_links = (
-            without_weak(self._net.links * np.exp(-self._idle))
-            if links == "rule"
-            else None
-        )
+        rule_links = without_weak(self._net.links) if links == "rule" else None
         q = np.concatenate(self._q)
         x = np.concatenate(self._x)
         return settled_model(self._model, *self._maps(), q, x, rule_links)

@@ -175,9 +175,11 @@ def fit_in_space(
     structure, start, z = _seen_in_space(arm, body, points, freedom.frame)
     groups = structure.groups
     tool = groups["tool"]
-    still = [structure.shifts[0], structure.turns[0]]
-    if not freedom.probe:  # a simulation's point is the tip
-        still.append(tool)
+    still: list[Indices] = []
+    if (
+        not freedom.probe
+    ):  # a simulation's point is the tip, and its base stands where it is drawn
+        still = [structure.shifts[0], structure.turns[0], tool]
     elif start is None:
         start = drawn_frame(structure, points.q, z)
     nominal = structure.neutral() if start is None else start
@@ -302,7 +304,7 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
 
 def _held(prior: Prior, groups: Sequence[Indices]) -> Prior:
     """Return the prior that holds groups of parameters at their means."""
-    still = np.concatenate(groups)
+    still = np.concatenate([np.zeros(0, dtype=int), *groups])
     sd = prior.sd.copy()
     sd[still] = 0.0
     hypers = []

@@ -75,6 +75,11 @@ class Plan(ReadOnly):
     why: tuple[str, ...]
     notes: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        """Say in lines how many poses there are, how they were chosen, and what to look out for."""
+        head = f"Plan of {', '.join(self.joint_names)}"
+        return "\n  ".join([head, *self.why, *self.notes])
+
     def __len__(self) -> int:
         """Number of rows."""
         return len(self.q)

@@ -58,7 +58,7 @@ def _frames(urdf: str, tip: str) -> list[Array]:
 
     Along its axis a frame may stand anywhere.  It is put where the description has it: shoulder and
     upper arm where their axes meet, the forearm beside the upper arm, each wrist joint where the
-    next axis crosses, and the last at the tip.
+    next axis crosses, and the last at the tip.  The last is turned as the link that it moves.
     """
     robot = parse_robot(urdf)
     joints = [joint for joint in robot.path(tip) if joint.movable]
@@ -92,9 +92,15 @@ def _frames(urdf: str, tip: str) -> list[Array]:
     for k, other in ((0, 1), (2, 1), (3, 4), (4, 5)):
         points[k] = _nearest(points[k], axes[k], points[other], axes[other])
     points[5] += (end - points[5]) @ axes[5] * axes[5]
+    directions = [turn[:, 0] for turn in turns]
+    # about its own axis a frame may be turned as it likes but for the last, which carries the tool
+    hand = base[:3, :3].T @ links[joints[-1].child][:3, :3]
+    along = hand.T @ directions[-1]
+    nearest = np.abs(along).argmax()
+    directions[-1] = np.sign(along[nearest]) * hand[:, nearest]
     frames = []
-    for axis, point, turn in zip(axes, points, turns, strict=True):
-        x = turn[:, 0] - (turn[:, 0] @ axis) * axis
+    for axis, point, direction in zip(axes, points, directions, strict=True):
+        x = direction - (direction @ axis) * axis
         x = x / np.linalg.norm(x)
         frame = np.eye(4)
         frame[:3] = np.column_stack([x, np.cross(axis, x), axis, point])

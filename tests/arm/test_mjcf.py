@@ -1,5 +1,7 @@
 """MuJoCo models: as MuJoCo itself moves them, through the whole of calib, and written back."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,40 +9,7 @@ import calib
 from calib.arm.loading import arm_from_urdf
 from calib.arm.rotations import matrix_of
 
-EVERY_FORM = """<mujoco model="every form">
-  <compiler angle="degree" eulerseq="zyX"/>
-  <default>
-    <joint damping="1" limited="true" range="-100 120"/>
-    <default class="slow">
-      <joint axis="0 1 0"/>
-      <default class="slower"><joint range="-20 30" ref="10"/></default>
-    </default>
-    <default class="lift"><joint type="slide" axis="0 0 2" range="-0.1 0.2" ref="0.05"/></default>
-  </default>
-  <worldbody>
-    <light pos="0 0 3"/>
-    <frame pos="0.1 0 0" euler="10 20 30" childclass="slow">
-      <body name="base" pos="0 0 .1" axisangle="1 1 0 30">
-        <body name="one" pos="0 0.1 .2" xyaxes="1 0.2 0 0 1 .3">
-          <inertial pos="0 0 0.05" mass="2" diaginertia=".01 .01 .01"/>
-          <joint name="a" pos="0.01 0.02 0.03"/>
-          <body name="two" pos=".3 0 0" quat="1 0.1 0.2 0.3">
-            <inertial pos="0 0 0.05" mass="2" diaginertia=".01 .01 .01"/>
-            <joint name="b" class="slower"/>
-            <joint name="c" axis="1 0 0.5" pos="0 0 0.1"/>
-            <frame pos="0 0.02 0" quat="1 0.2 0 0"><joint name="d" class="lift"/></frame>
-            <body name="three" pos="0.2 0 .1" quat="1 1 0 0.5" childclass="main">
-              <inertial pos="0 0 0.05" mass="2" diaginertia=".01 .01 .01"/>
-              <joint name="e" axis="0 0 1"/>
-              <site name="tool" pos="0 .05 .1" euler="15 0 5"/>
-            </body>
-          </body>
-        </body>
-      </body>
-    </frame>
-  </worldbody>
-</mujoco>
-"""
+EVERY_FORM = (Path(__file__).parents[1] / "data/every_form.xml").read_text()
 
 _LINKS = (
     ("shoulder_pan", "0 0 0.163", "1 0 0 0", "0 0 1"),
@@ -130,3 +99,15 @@ def test_a_joint_that_an_equality_ties_to_another_follows_it():
         mujoco.mj_forward(model, data)
         assert abs(data.efc_pos[0]) < 1e-12
         np.testing.assert_allclose(arm.forward(q), data.site_xpos[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("geom", ['<geom size=".1"/>', '<geom size=".1" mass="0"/>'])
+def test_masses_count_where_every_moving_body_states_its_own(geom):
+    """MuJoCo weighs a body without <inertial> by its geoms: the others' masses are half a load."""
+    heavy = '<inertial pos="0 0 0.05" mass="2" diaginertia=".01 .01 .01"/>'
+    stated = arm_from_urdf(EVERY_FORM).chain.masses
+    assert stated.sum() == pytest.approx(6)
+    assert EVERY_FORM.count(heavy) == 3
+    part = EVERY_FORM[::-1].replace(heavy[::-1], geom[::-1], 1)[::-1]
+    masses = arm_from_urdf(part).chain.masses
+    assert masses.sum() == (pytest.approx(4) if "mass" in geom else 0)

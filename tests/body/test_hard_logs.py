@@ -1,4 +1,6 @@
-"""Logs that were answered wrongly without a word: repeatable errors, tools of one orientation."""
+"""Hard logs: errors that repeat, tools of one orientation, joints that stand still or are tied."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -116,3 +118,48 @@ def test_a_turned_tool_leaves_the_last_joints_offset_untold():
     assert last.low < off[-1] < last.high
     assert max(each.high - each.low for each in others[1:]) < np.radians(1.5)
     assert any("not told apart from the tool's turn" in line for line in body.describe())
+
+
+ARM = calib.load_arm("six_axis")
+
+
+def notes(q):
+    """Notes of a model of rows (n, 6) on joints that tell too little."""
+    model = calib.train(log_of(ARM, q, ARM.forward(q)), size=3)
+    words = ("move together", "never moves")
+    return [note for note in model.about.notes if any(word in note for word in words)]
+
+
+def test_only_joints_that_move_together_are_named():
+    q = np.random.default_rng(0).uniform(-1, 1, (60, 6))
+    assert notes(q) == []
+    q[:, 3] = 0.5 * q[:, 1]
+    (note,) = notes(q)
+    assert note.startswith("shoulder_lift, wrist_1 move together along 1 of 2 directions")
+    q[:, 0] = 0.3
+    still, together = notes(q)
+    assert still.startswith("shoulder_pan never moves")
+    assert together == note
+
+
+def test_joints_that_are_tied_but_for_a_fraction_of_a_degree_are_named():
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-1, 1, (60, 6))
+    q[:, 3] = q[:, 1] + np.radians(0.3) * rng.uniform(-1, 1, 60)
+    (note,) = notes(q)
+    assert note.startswith("shoulder_lift, wrist_1 move together")
+    q[:, 3] = q[:, 1] + np.radians(3.0) * rng.uniform(-1, 1, 60)
+    assert notes(q) == []
+
+
+def test_a_short_path_without_a_drawing_is_bounded_elsewhere():
+    arm = ARM
+    rng = np.random.default_rng(2)
+    lower, upper = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
+    fresh = rng.uniform(lower, upper, (300, 6))
+    phase = np.linspace(0, 6, 150)[:, None] * rng.uniform(0.2, 1, 6) + rng.uniform(0, 6, 6)
+    q = (lower + upper) / 2 + (upper - lower) / 4 * np.sin(phase)
+    log = log_of(arm, q, arm.forward(q) + 1e-4 * rng.normal(size=(150, 3)))
+    body = calib.train(replace(log, arm=None), size=4).body
+    off = np.linalg.norm(body.predict(fresh) - arm.forward(fresh), axis=1)
+    assert np.mean(off <= body.bound(fresh)) > 0.9

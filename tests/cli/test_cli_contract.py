@@ -1,7 +1,10 @@
-"""The contract of each command: what is typed, how it ends, its document's keys and types."""
+"""The contract of each command: its line, exit code, document, first words and units."""
 
+import csv
+import io
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import calib
@@ -108,7 +111,6 @@ GEOMETRY = {
     **each({"*": QUANTITY}, "offsets moved"),
     **each(float, "residual before reach"),
     "urdf": TEXT_OR_NONE,
-    "base": QUANTITY,
     "frame": {"matrix": [[float]], "shift": [float]},
     "frame_fitted": bool,
     "unit": str,
@@ -158,12 +160,12 @@ CONTRACT = [
     ("adapt m.calib --data same.csv -o same.calib", 3, ADAPTED),
     ("check a.calib --data moved.csv", 0, DRIFT),
     ("recognise m.calib --data moved.csv", 3,
-     {"model": TEXT_OR_NONE, "samples": int, "fits": [FIT]}),
+     {"model": TEXT_OR_NONE, "samples": int, "fits": [FIT], "unit": str, "units": UNITS}),
     ("correct m.calib --input q.csv", 0,
      BATCH | {"beyond_limit": [int], "change": {"*": CHANGE}, "answers": COLUMNS}),
     ("urdf m.calib -o new.urdf", 0, GEOMETRY),
     ("export m.calib -o arm.h", 0,
-     {"model": str, "bytes": int, "table_bytes": int, "output": str}),
+     {"model": str, "bytes": int, "table_bytes": int, "output": str, "units": UNITS}),
     ("babble two_link -n 5 -o b.csv", 0,
      {"log": str, "robot": str, "joints": [str], "samples": int, "seed": int, "noise": float,
       "changes": [str], "unit": str, "units": UNITS_OF_LOG}),
@@ -204,29 +206,36 @@ def misfits(value, kind, place="document"):
     return [] if fits else [f"{place} is {value!r:.40}"]
 
 
+LOGS = {
+    "log": "-n 200",
+    "same": "-n 60 --seed 5",
+    "noisy": "-n 100 --seed 5 --noise 5e-4",
+    "moved": "-n 60 --seed 5 --change elbow.offset=0.02",
+}
+
+
 @pytest.fixture(scope="module")
 def home(tmp_path_factory, run):
-    """A folder with a model of a log, the log, and logs of the same and of a changed arm."""
+    """A folder with a model of a log; logs of the same arm, of more noise, of a changed arm."""
     folder = tmp_path_factory.mktemp("contract")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        babble = "babble two_link --noise 1e-4 -o"
-        run(*f"{babble} log.csv -n 200".split())
-        run(*f"{babble} same.csv -n 60 --seed 5".split())
-        run(*f"{babble} moved.csv -n 60 --seed 5 --change elbow.offset=0.02".split())
-        rows = (folder / "same.csv").read_text().splitlines()
-        shaken = [row[:-3] for row in rows[1:]]  # the last digits are another reading
-        (folder / "twice.csv").write_text("\n".join([*rows, *shaken]))
-        (folder / "q.csv").write_text("shoulder,elbow\n0.5,1\n1,2\n")
-        (folder / "x.csv").write_text("x,y\n0.1,0.4\n3,3\n")
-        train = "train two_link --data log.csv --size 6 -o"
-        run(*f"{train} m.calib".split())
+    for name, words in LOGS.items():
+        run.done(f"babble two_link --noise 1e-4 {words} -o {folder}/{name}.csv")
+    rows = (folder / "same.csv").read_text().splitlines()
+    shaken = [row[:-3] for row in rows[1:]]  # the last digits are another reading
+    (folder / "twice.csv").write_text("\n".join([*rows, *shaken]))
+    (folder / "q.csv").write_text("shoulder,elbow\n0.5,1\n1,2\n")
+    (folder / "x.csv").write_text("x,y\n0.1,0.4\n3,3\n")
+    run.done(f"train two_link --data {folder}/log.csv --size 6 -o {folder}/m.calib")
     return folder
 
 
-@pytest.mark.parametrize(("line", "code", "kind"), CONTRACT, ids=[row[0] for row in CONTRACT])
-def test_a_command_ends_with_its_code_and_its_document(run, home, monkeypatch, line, code, kind):
+@pytest.fixture(autouse=True)
+def _there(home, monkeypatch):
     monkeypatch.chdir(home)
+
+
+@pytest.mark.parametrize(("line", "code", "kind"), CONTRACT, ids=[row[0] for row in CONTRACT])
+def test_a_command_ends_with_its_code_and_its_document(run, line, code, kind):
     done = run(*line.split(), "--json")
     assert done.code == code, done.err
     assert misfits(done.document, kind) == []
@@ -239,8 +248,7 @@ def test_the_catalogue_is_a_list(run):
     assert len(run("robots").out.splitlines()) == 1 + len(entries)  # a header, then one line each
 
 
-def test_no_figure_of_a_model_whose_bound_fails_ends_with_0(run, home, monkeypatch):
-    monkeypatch.chdir(home)
+def test_no_figure_of_a_model_whose_bound_fails_ends_with_0(run):
     model = calib.load("m.calib")
     about = replace(model.about, within={"p95": 1e-3, "covered": 0.5}, tested=200)
     replace(model, about=about).save("bad.calib")
@@ -250,9 +258,8 @@ def test_no_figure_of_a_model_whose_bound_fails_ends_with_0(run, home, monkeypat
         assert done.out.startswith("THE BOUND DOES NOT HOLD")
 
 
-def test_a_check_whose_bound_fails_without_noise_ends_with_3(run, home, monkeypatch):
+def test_a_check_whose_bound_fails_without_noise_ends_with_3(run, monkeypatch):
     """Calm rows, no cause, and a bound that too few of them keep."""
-    monkeypatch.chdir(home)
     line = "check m.calib --data same.csv"
     assert run(*line.split()).code == 0
     monkeypatch.setattr(calib.Verdict, "covered", 0.5)
@@ -260,3 +267,113 @@ def test_a_check_whose_bound_fails_without_noise_ends_with_3(run, home, monkeypa
     done = run(*line.split())
     assert done.code == 3
     assert done.out.startswith("THE BOUND DOES NOT HOLD")
+
+
+def test_check_begins_with_the_verdict_and_says_what_to_do(run):
+    done = run("check m.calib --data same.csv")
+    assert (done.code, done.out.splitlines()[0]) == (0, "still calibrated")
+    done = run("check m.calib --data moved.csv")
+    assert done.code == 3
+    lines = done.out.splitlines()
+    assert lines[0].startswith("DRIFTED: elbow is off by ")
+    assert " 1.1" in lines[0].replace("+", " ")  # 0.02 rad
+    assert "deg" in lines[0]
+    assert any("calib adapt" in line for line in lines[1:])
+    assert lines[-1].startswith("limited by ")
+    assert "zeta" not in done.out
+    told = run("check m.calib --data moved.csv -v").out
+    assert "zeta" in told
+    assert "what may have changed" in told
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "first"),
+    [
+        ("--data same.csv --tolerance 1e-6", 3, "TOO COARSE"),
+        ("--data noisy.csv", 0, "THE BOUND DOES NOT HOLD"),
+    ],
+)
+def test_what_is_no_drift_is_said_first(run, words, code, first):
+    done = run("check", "m.calib", *words.split())
+    assert (done.code, done.out[: len(first)]) == (code, first)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "check m.calib --data moved.csv",
+        "evaluate m.calib --data same.csv",
+        "adapt m.calib --data moved.csv -o b.calib",
+        "train two_link --data log.csv -o n.calib",
+        "query forward m.calib 0.5 1.0",
+        "query inverse m.calib 0.1 0.4",
+    ],
+)
+def test_quiet_is_one_line_and_no_note(run, words):
+    done = run(*words.split(), "--quiet")
+    assert done.err == ""
+    assert len(done.out.splitlines()) == 1
+
+
+def test_what_a_log_differs_in_is_told_with_its_unit(run):
+    done = run("train", "two_link", "--data", "moved.csv", "-o", "found.calib")
+    (found,) = (line for line in done.out.splitlines() if line.startswith("found: "))
+    assert "elbow" in found
+    assert "1.1" in found  # 0.02 rad
+    assert "deg" in found
+    assert "bounds" not in found
+    assert "expected_error" in run("info", "found.calib").out
+
+
+def test_positions_are_typed_and_printed_in_the_unit_asked_for(run):
+    plain = run("query", "inverse", "m.calib", "0.1", "0.4", "--json").document
+    asked = run("query", "inverse", "m.calib", "100", "400", "--unit", "mm", "--json").document
+    assert asked == plain  # documents are in the model's unit
+    done = run("query", "forward", "m.calib", "0.5", "1.0", "--unit", "cm")
+    x, y = calib.load("m.calib").forward([0.5, 1.0])
+    row = done.out.splitlines()[1].split()
+    assert [float(row[2]), float(row[3])] == pytest.approx([100 * x, 100 * y], abs=1e-3)
+    assert "x [cm]" in done.out
+    typed = "x,y\n100,400\n"
+    done = run("query", "inverse", "m.calib", "--input", "-", "--unit", "mm", stdin=typed)
+    (answer,) = csv.DictReader(io.StringIO(done.out))
+    (solution,) = plain["solutions"]
+    assert float(answer["elbow"]) == pytest.approx(solution["joints"]["elbow"], abs=1e-6)
+    assert (float(answer["x"]), float(answer["y"])) == pytest.approx((100.0, 400.0))
+    bound = float(answer["expected_error"])
+    assert bound == pytest.approx(1e3 * solution["expected_error"], rel=1e-6)
+    run.refused(2, "mm", "query", "inverse", "m.calib", "1", "1", "--unit", "px")
+
+
+@pytest.mark.parametrize(("factor", "offset"), [(1e3, 0.0), (640.0, 500.0), (1.0, 0.3)])
+def test_a_log_of_another_unit_or_frame_is_told(run, tmp_path, factor, offset):
+    samples = calib.babble(calib.load_arm("two_link"), 40, seed=8, noise=1e-4)
+    path = tmp_path / "log.csv"
+    table = np.hstack([samples.q, factor * samples.x + offset])
+    np.savetxt(path, table, delimiter=",", header="shoulder,elbow,x,y", comments="")
+    done = run("evaluate", "m.calib", "--data", path)
+    assert done.code == 3
+    assert "does not hold for this log" in done.out
+    if factor != 1e3:
+        return
+    assert "--unit mm" in done.err
+    adapt = ("adapt", "m.calib", "--data", path, "-o", tmp_path / "a.calib")
+    raw, converted = run(*adapt, "-v"), run(*adapt, "--unit", "mm", "--json")
+    assert " sensor units before" in raw.out  # and not mm, which it was not told
+    assert "--unit mm" in raw.out
+    assert converted.document["unit"] == "m"
+    looked = run("check", "m.calib", "--data", path, "-v")
+    assert looked.code == 3
+    assert "check the log's unit before calib adapt" in looked.out
+    assert "smallest [sensor units]" in looked.out
+    assert "`" not in looked.out
+
+
+def test_a_planar_log_without_a_tip_is_told_whose_positions_it_has(run, tmp_path):
+    """A wrist that was measured and a tool that was taken are an offset of the elbow."""
+    log = calib.babble(calib.load_arm("three_link", ["shoulder", "elbow"], "tip"), 60, noise=1e-4)
+    calib.write_log(log, tmp_path / "log.csv")
+    joints = ("--joints", "shoulder,elbow", "--data", tmp_path / "log.csv", "--size", "5")
+    train = ("train", "three_link", *joints, "-o", tmp_path / "m.calib")
+    assert "--tip" in run(*train).err
+    assert "those of tip" not in run(*train, "--tip", "tip").err

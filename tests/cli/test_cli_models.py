@@ -37,12 +37,9 @@ def test_train_says_how_accurate_what_limits_it_and_the_file(run, tmp_path):
 
 
 def test_options_reach_the_training(run):
-    done = run(
-        "train", "two_link", "-n", "500", "--motor-size", "8x9", "--sensory-size", "7",
-        "--map", "som", "--rule", "online", "--epochs", "2", "--sigma", "3:0.5",
-        "--noise", "0.001", "--range", "elbow=1:2", "--change", "elbow.length=+10%",
-    )  # fmt: skip
-    assert done.code == 0, done.err
+    words = "-n 500 --motor-size 8x9 --sensory-size 7 --map som --rule online --epochs 2"
+    words += " --sigma 3:0.5 --noise 0.001 --range elbow=1:2 --change elbow.length=+10%"
+    run.done("train", "two_link", *words.split())
     about = calib.load("two_link.calib").about
     expected = {"map": "som", "rule": "online", "epochs": 2}
     assert {name: about.options[name] for name in expected} == expected
@@ -54,20 +51,17 @@ def test_options_reach_the_training(run):
 
 
 def test_degrees_apply_to_ranges_locks_and_changes(run):
-    done = run(
-        "train", "polar", *SMALL, "--degrees", "--range", "shoulder=10:40",
-        "--range", "slide=0.05:0.2", "--change", "shoulder.offset=3",
-        "--change", "slide.offset=0.01",
-    )  # fmt: skip
-    assert done.code == 0, done.err
+    words = "--range shoulder=10:40 --range slide=0.05:0.2"
+    words += " --change shoulder.offset=3 --change slide.offset=0.01"
+    run.done("train", "polar", *SMALL, "--degrees", *words.split())
     about = calib.load("polar.calib").about
     assert about.lower == pytest.approx([math.radians(10), 0.05])
     assert about.upper == pytest.approx([math.radians(40), 0.2])
     offset, slide = about.simulation["changes"]
     assert float(offset.rpartition("=")[2]) == pytest.approx(math.radians(3))
     assert slide == "slide.offset=0.01"
-    run("train", "three_link", *SMALL, "--joints", "shoulder,elbow", "--tip", "tip",
-        "--degrees", "--lock", "wrist=30")  # fmt: skip
+    words = "--joints shoulder,elbow --tip tip --degrees --lock wrist=30"
+    run.done("train", "three_link", *SMALL, *words.split())
     assert calib.load("three_link.calib").about.locked["wrist"] == pytest.approx(math.radians(30))
 
 
@@ -118,14 +112,12 @@ def lab(tmp_path_factory, run):
     learned = calib.babble(arm, 120, noise=2e-5, changes=[f"elbow.offset={OFFSET}"], seed=1)
     calib.write_log(learned, folder / "log.csv")
     train = ("train", "two_link", "--data", folder / "log.csv", "--view", "base", "--size", 4)
-    done = run(*train, "-o", folder / "m.calib")
-    assert done.code == 0, done.err
+    run.done(*train, "-o", folder / "m.calib")
     return folder
 
 
 def test_noise_tells_sensor_and_return_apart(lab, run):
-    done = run("noise", lab / "cycles.csv", "--json")
-    assert done.code == 0, done.err
+    done = run.done("noise", lab / "cycles.csv", "--json")
     document = done.document
     assert document["sensor"] == pytest.approx(SENSOR, rel=0.15)
     assert document["return"] == pytest.approx(RETURN, rel=0.15)
@@ -137,9 +129,7 @@ def test_noise_tells_sensor_and_return_apart(lab, run):
     scale = np.sqrt(freedom / chi2.ppf([0.975, 0.025], freedom))
     assert document["intervals"]["sensor"] == pytest.approx(document["sensor"] * scale)
     assert "expected" not in run("noise", lab / "cycles.csv").out
-    done = run("noise", lab / "log.csv")
-    assert done.code == 1
-    assert "none of the log's" in done.err
+    run.refused(1, "none of the log's", "noise", lab / "log.csv")
 
 
 def test_iso_9283_is_as_delivered_and_as_corrected(lab, run):
@@ -168,7 +158,6 @@ def test_zeros_alone_are_told_to_a_fraction_of_all(lab, run):
 
 def test_a_plan_stays_above_a_table(tmp_path, run):
     plan = ("plan", "six_axis", "-n", 6, "--above", 0.1, "-o", tmp_path / "poses.csv", "--json")
-    done = run(*plan)
-    assert done.code == 0, done.err
+    done = run.done(*plan)
     assert min(done.document["poses"]["expected_z"]) > 0.1
     assert json.loads(run("plan", "two_link", *plan[2:]).out)["error"]["parameter"] == "--above"

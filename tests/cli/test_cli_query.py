@@ -43,8 +43,7 @@ def test_what_has_no_answer_is_exit_code_3_with_one_line(run, model):
 def test_batch_forward_and_back_returns_the_positions(run, model, tmp_path):
     q = np.random.default_rng(0).uniform([0.2, 0.5], [1.3, 2.3], (50, 2))
     typed = "shoulder,elbow\n" + "\n".join(f"{a!r},{b!r}" for a, b in q.tolist()) + "\n"
-    forward = run("query", "forward", model, "--input", "-", stdin=typed)
-    assert forward.code == 0, forward.err
+    forward = run.done("query", "forward", model, "--input", "-", stdin=typed)
     rows = rows_of(forward.out)
     assert list(rows[0]) == ["shoulder", "elbow", "x", "y", "expected_error", "model_error"]
     assert [float(row["shoulder"]) for row in rows] == q[:, 0].tolist()
@@ -97,8 +96,7 @@ def test_a_log_has_two_bounds_that_python_says_too(run, log_model):
 def test_the_bound_of_another_readout_covers_its_distance_from_the_truth(run, model, readout):
     rows, tables = "shoulder,elbow\n0.3,0.6\n0.4,0.9\n0.9,1.4\n", []
     for options in ([], ["--readout", readout]):
-        done = run("query", "forward", model, "--input", "-", *options, stdin=rows)
-        assert done.code == 0
+        done = run.done("query", "forward", model, "--input", "-", *options, stdin=rows)
         tables.append(np.loadtxt(io.StringIO(done.out), delimiter=",", skiprows=1))
     body, other = tables
     off = np.linalg.norm(other[:, 2:4] - body[:, 2:4], axis=1)

@@ -37,10 +37,8 @@ def pictures(run, tmp_path_factory):
     names = [*truth.arm.joint_names, "u", "v"]
     table(folder / "log.csv", names, np.c_[q, pixels])
     table(folder / "mirrored.csv", names, np.c_[q, 1280 - pixels[:, :1], pixels[:, 1:]])
-    done = run("train", "spatial_three", "--data", folder / "log.csv", "--size", 5, "-o",
-               folder / "m.calib")  # fmt: skip
-    assert done.code == 0, done.err
-    assert "1280x720" in done.err
+    train = f"train spatial_three --data {folder}/log.csv --size 5 -o {folder}/m.calib"
+    assert "1280x720" in run.done(train).err
     return truth, folder, q
 
 
@@ -94,9 +92,7 @@ def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, pictu
     assert (up.code, up.err.count("\n")) == (1, 1)
     assert "in front of the camera" in up.err
     assert run(*ask, u, v, "--on", "x=1").code == 2
-    behind = run(*ask, 0.3, -2.0, 0.3, "--in", "base")
-    assert behind.code == 3
-    assert "does not show the target" in behind.err
+    run.refused(3, "does not show the target", *ask, 0.3, -2.0, 0.3, "--in", "base")
     alone = run(*ask, u, v, "--near", "0,0.5,-1", "--keep-orientation")
     assert (alone.code, alone.err.count("\n")) == (1, 1)
     assert "--on z=H" in alone.err
@@ -105,8 +101,7 @@ def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, pictu
 def test_the_camera_goes_to_ros(run, pictures):
     _, folder, _ = pictures
     files = {"--camera": folder / "camera.yaml", "--transform": folder / "camera.json"}
-    done = run("export", folder / "m.calib", *(part for pair in files.items() for part in pair))
-    assert done.code == 0, done.err
+    run.done("export", folder / "m.calib", *(part for pair in files.items() for part in pair))
     info = json.loads(files["--camera"].read_text())
     assert (info["image_width"], info["distortion_model"]) == (1280, "plumb_bob")
     place = json.loads(files["--transform"].read_text())
@@ -148,10 +143,8 @@ def tracked(run, tmp_path_factory):
     angles = np.array([pin.rpy.matrixToRpy(turn) for turn in turns])
     table(folder / "degrees.csv", [*names[:9], "roll", "pitch", "yaw"],
           np.c_[rows[:, :9], np.degrees(angles)])  # fmt: skip
-    done = run("train", "six_axis", "--data", folder / "log.csv", "--size", 4, "-o",
-               folder / "m.calib", "--json")  # fmt: skip
-    assert done.code == 0, done.err
-    return truth, folder, done.document
+    train = f"train six_axis --data {folder}/log.csv --size 4 -o {folder}/m.calib --json"
+    return truth, folder, run.done(train).document
 
 
 def seen(truth, q):

@@ -1,11 +1,18 @@
-"""Every branch is found and none is invented; folds, turns, limits, `near` and its default."""
+"""Every branch, turn and connected family is found and none is invented; `near` decides."""
+
+import re
 
 import numpy as np
 import pytest
+from chains import planar_chain
 from models import draw, trained, turning, two_link, two_link_inverse, warm
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 import calib
-from calib.common.scale import TURN
+from calib.common.scale import TURN, Scale
+from calib.inverse.ways import distinct
+from calib.model.poses import solve_poses
 
 ROBOTS = ("two_link", "two_link_full", "three_link", "polar", "scara", "tilted")
 
@@ -94,3 +101,145 @@ def test_a_joint_that_turns_round_reaches_every_direction_across_its_seam():
     np.testing.assert_allclose(again, model.inverse(x[40:], near=q[40:]), atol=1e-9)
     across = model.inverse(x[:1], near=[-np.pi + 0.02, 1.0])  # the short way round
     assert np.abs((across - q[:1] + np.pi) % TURN - np.pi).max() < 2e-3
+
+
+def test_of_three_joints_at_their_limits_every_branch_is_found(tmp_path):
+    """The way that a target is made of is among the answers, and with it near it answers."""
+    joints = (
+        ("0.88 -0.16 0.45", "0 0 0.1", -1.6, 1.3),
+        ("-0.42 -0.91 0", "0.39 0.37 0.03", -6.2, 7.0),
+        ("0 1 0", "-0.39 0.31 0.32", -1.2, 2.9),
+    )
+    text = '<robot name="skew"><link name="l0"/>'
+    for k, (axis, place, lower, upper) in enumerate(joints):
+        text += (
+            f'<link name="l{k + 1}"/><joint name="j{k}" type="revolute"><parent link="l{k}"/>'
+            f'<child link="l{k + 1}"/><origin xyz="{place}"/><axis xyz="{axis}"/>'
+            f'<limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/></joint>'
+        )
+    text += (
+        '<link name="tip"/><joint name="end" type="fixed"><parent link="l3"/><child link="tip"/>'
+        '<origin xyz="-0.17 -0.03 0.08"/></joint></robot>'
+    )
+    path = tmp_path / "skew.urdf"
+    path.write_text(text)
+    arm = calib.load_arm(path)
+    model = calib.train(calib.babble(arm, 1500, seed=0), seed=0)
+    rng = np.random.default_rng(77)
+    q = rng.uniform(arm.lower, arm.upper, (200, 3))
+    limits = np.where(rng.random((200, 2)) < 0.5, arm.lower[[0, 2]], arm.upper[[0, 2]])
+    q[:, [0, 2]] = limits
+    ways = model.inverse_all(arm.forward(q))
+    scale = model.motor.scale
+    missed = 0
+    for row, found in zip(q, ways, strict=True):
+        gap = scale.difference(scale.to_unit(found), scale.to_unit(row[None]))
+        missed += np.abs(gap).max(axis=1).min() > 1e-3
+    assert missed == 0
+
+
+def test_no_answer_is_further_than_joints_that_are_known_to_reach():
+    model = trained("three_link")
+    q = draw(model, 100, seed=6, margin=0.1)
+    x, span = model.forward(q), model.about.upper - model.about.lower
+    middle = (model.about.lower + model.about.upper) / 2
+    for wish in (
+        np.clip(q + 0.1 * span * [1, -1, 1], model.about.lower, model.about.upper),
+        middle,
+    ):
+        joints = model.inverse(x, near=wish)
+        np.testing.assert_allclose(model.forward(joints), x, atol=1e-8)
+        here, there = (np.linalg.norm((rows - wish) / span, axis=1) for rows in (joints, q))
+        assert (here <= there + 1e-4).all()
+
+
+@pytest.mark.parametrize(("joints", "slide"), [(4, None), (5, 1), (7, None)])
+def test_four_to_seven_joints(joints, slide, tmp_path):
+    path = tmp_path / "chain.urdf"
+    path.write_text(planar_chain(joints, slide))
+    names = [f"j{k + 1}" for k in range(joints)]
+    arm = calib.load_arm(path, joints=names, tip="tip")
+    rows = {4: 600, 5: 900, 7: 4600}[joints]
+    model = calib.train(calib.babble(arm, rows, seed=0), size=8)
+    assert len(model.motor.lattice.shape) == 2
+    q = draw(model, 100, seed=6)
+    x = arm.forward(q)
+    assert np.linalg.norm(model.forward(q) - x, axis=1).max() < 1e-8
+    for said in (model.inverse(x), model.inverse(x, near=q)):
+        assert np.linalg.norm(arm.forward(said) - x, axis=1).max() < 1e-8
+    np.testing.assert_allclose(model.inverse(x, near=q), q, atol=1e-5)
+    found = model.inverse_all(x[:3])
+    for k, solutions in enumerate(found):
+        assert 1 <= len(solutions) < 10
+        assert np.linalg.norm(arm.forward(solutions) - x[k], axis=1).max() < 1e-8
+
+
+LIMITS = ((-1.2, 1.6), (-2.4, 2.4), (-2.0, 2.0))
+"""Of three joints [rad], between which solutions fall into one to three families."""
+
+
+def family_count(x, n=8001):
+    """Connected parts of the solutions of three links, on a fine grid of the tip's direction."""
+    turn = np.linspace(-np.pi, np.pi, n)
+    wrist = x - 0.15 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    cosine = ((wrist**2).sum(axis=1) - 0.30**2 - 0.25**2) / (2 * 0.30 * 0.25)
+    exists = np.abs(cosine) <= 1
+    inside = []
+    for side in (1, -1):
+        elbow = side * np.arccos(np.clip(cosine, -1, 1))
+        fore = np.arctan2(0.25 * np.sin(elbow), 0.30 + 0.25 * np.cos(elbow))
+        shoulder = np.arctan2(wrist[:, 1], wrist[:, 0]) - fore
+        q = np.stack([shoulder, elbow, turn - shoulder - elbow], axis=1)
+        q = (q + np.pi) % (2 * np.pi) - np.pi
+        lower, upper = np.transpose(LIMITS)
+        inside.append(exists & ((q >= lower) & (q <= upper)).all(axis=1))
+    edge = exists & ~(np.roll(exists, 1) & np.roll(exists, -1))
+    folds = np.flatnonzero(edge & inside[0] & inside[1])  # both elbows meet
+    pairs = [np.stack([folds, n + folds])]
+    for k, here in enumerate(inside):
+        rows = np.flatnonzero(here & np.roll(here, -1))
+        pairs.append(k * n + np.stack([rows, (rows + 1) % n]))
+    a, b = np.concatenate(pairs, axis=1)
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(2 * n, 2 * n))
+    label = connected_components(graph)[1]
+    return len(np.unique(label[np.concatenate(inside)]))
+
+
+def test_every_connected_family_is_named_once_whatever_else_is_asked(tmp_path):
+    limits = iter(LIMITS)
+    text = re.sub(
+        r'<limit lower="[^"]+" upper="[^"]+"',
+        lambda _: '<limit lower="{}" upper="{}"'.format(*next(limits)),
+        calib.load_arm("three_link").urdf,
+    )
+    path = tmp_path / "wide.urdf"
+    path.write_text(text)
+    arm = calib.load_arm(path)
+    model = calib.train(calib.babble(arm, 3000, seed=0), size=15)
+    x = arm.forward(draw(model, 30, seed=1))
+    ways = model.inverse_all(x)
+    counts = [len(rows) for rows in ways]
+    assert counts == [family_count(target) for target in x]
+    assert set(counts) == {1, 2, 3}
+    for k in range(5):  # the same alone
+        np.testing.assert_array_equal(model.inverse_all(x[k : k + 1])[0], ways[k])
+
+
+@pytest.mark.parametrize("free", ["x", "y", "z"])
+def test_ways_to_a_pose_with_an_open_turn_are_told_once_each(free):
+    """Four ways were one: the nearest of many slid to one place."""
+    model = trained("six_axis", n=400, size=4)
+    down = np.array([0.0, 1.0, 0.0, 0.0])
+    answers = solve_poses(model, np.array([[0.4, 0.1, 0.5]]), down, None, every=True, free=free)
+    assert answers.reachable.all()
+    apart = np.abs(answers.q[:, None] - answers.q[None]).max(axis=2)
+    assert len(answers.q) > 1
+    assert (apart + np.eye(len(answers.q)) > 1e-2).all()
+
+
+def test_a_way_beside_one_that_went_stays():
+    """Of .1, .16 and .22 the second is too near to the first; the third, to the second alone."""
+    scale = Scale(np.zeros(1), np.full(1, TURN), np.array([True]))
+    u = np.array([[0.1], [0.16], [0.5], [0.22], [0.22], [0.99], [0.02]])
+    stays = distinct(scale, np.array([0, 0, 0, 0, 1, 1, 1]), u, 0.1)
+    assert stays.tolist() == [True, False, True, True, True, True, False]

@@ -1,4 +1,6 @@
-"""Local models: what they reproduce exactly, their slopes, and joints that turn round."""
+"""Local models: what they reproduce exactly, and which nodes carry one."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,8 +8,10 @@ from small_maps import grid, points
 
 from calib import SOM, Association
 from calib.common.scale import TURN, Scale
+from calib.maps.blend import Blend
 from calib.maps.links import WIRINGS
-from calib.maps.local_models import exponents, fit, heard, predict
+from calib.maps.local_models import correction, correction_slope, exponents, fit, heard
+from calib.maps.model_selection import SELECTION, follows_the_motion, select
 
 
 def fitted(motor, u, x, degree, samples):
@@ -40,7 +44,8 @@ def test_polynomials_of_the_models_degree_are_reproduced_with_their_slopes(d, de
     motor, u = grid({2: 18, 3: 7}[d], (False,) * d), points(3000, d=d)
     models = fitted(motor, u, value(u), degree, samples)
     fresh = points(300, seed=1, d=d)
-    said, tilt = predict(models, motor, fresh, slope=True)
+    blend = Blend(motor, fresh)
+    said, tilt = correction(models, blend), correction_slope(models, blend)
     np.testing.assert_allclose(said, value(fresh), atol=1e-6)
     np.testing.assert_allclose(tilt, slope(fresh), atol=1e-4)
 
@@ -55,7 +60,7 @@ def test_models_join_at_the_seam_of_a_joint_that_turns_round():
     models = fitted(motor, u, truth(u), 2, 60)
     y = np.linspace(0.05, 0.95, 50)
     before, after = (np.stack([np.full(50, x), y], axis=1) for x in (1 - 1e-9, 1e-9))
-    low, high = (predict(models, motor, p)[0] for p in (before, after))
+    low, high = (correction(models, Blend(motor, p)) for p in (before, after))
     np.testing.assert_allclose(low, high, atol=1e-6)
     np.testing.assert_allclose(high, truth(after), atol=5e-3)
 
@@ -74,6 +79,15 @@ def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius
         features = np.prod(z[rows, None] ** exponents(2, degree), axis=2)
         expected = np.linalg.lstsq(root * features, root * x[rows], rcond=None)[0]
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
+
+
+def test_weights_have_slopes_where_many_nodes_stand_on_a_point():
+    """Of 12 rows a map's nodes stand on these: 0 over 0 stopped `train --body none`."""
+    motor = grid(5)
+    motor = replace(motor, units=np.repeat(motor.units[:1], 25, axis=0))
+    blend = Blend(motor, motor.units[:1])
+    np.testing.assert_allclose(blend.weight, 0.25)
+    np.testing.assert_array_equal(blend.tilt(), 0.0)
 
 
 def test_nodes_that_speak_are_heard_smoothly_by_their_share():
@@ -102,3 +116,79 @@ def test_slopes_are_finite_differences_of_the_blended_value():
         found = (affine.linear.value(u + step) - affine.linear.value(u - step)) / (2 * h)
         # but for a point or two whose nearest nodes change within the step
         assert np.quantile(np.abs(found - slope[:, :, k]), 0.99) < 1e-6
+
+
+N = 6000
+MOTOR = grid(20)
+
+
+class Known:
+    """A smooth part that is right but for what the tests add: positions are the joints."""
+
+    def value(self, u):
+        return u
+
+    def value_and_slope(self, u):
+        return u, np.broadcast_to(np.eye(2), (len(u), 2, 2))
+
+
+def chosen(u, added):
+    return select(MOTOR, u, u + added, Known(), added)
+
+
+def noise(n=N, size=1e-4, seed=7):
+    return size * np.random.default_rng(seed).standard_normal((n, 2))
+
+
+def inside(u):
+    return np.linalg.norm(u - 0.5, axis=1) < 0.15
+
+
+def bump(u):
+    return 2e-3 * np.exp(-(((u - 0.5) / 0.08) ** 2).sum(axis=1))[:, None] * [1.0, -0.5]
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-4, 1e-2])
+def test_noise_leaves_every_node_silent(size):
+    assert chosen(points(N), noise(size=size))[0].models.degree == -1
+
+
+def test_a_defect_is_mended_and_nothing_is_said_far_from_it():
+    u, fresh = points(N), points(4000, 1)
+    predictor, held = chosen(u, bump(u) + noise())
+    models = predictor.models
+    left = np.linalg.norm(predictor.value(fresh) - fresh - bump(fresh), axis=1)
+    before = np.linalg.norm(bump(fresh), axis=1)
+    near = inside(fresh)
+    assert left[near].mean() < 0.3 * before[near].mean()
+    assert left[~near].mean() < 3e-5
+    talks = (models.coefficients != 0.0).any(axis=(1, 2))
+    assert not talks[np.linalg.norm(MOTOR.units - 0.5, axis=1) > 0.35].any()
+    # held-out residuals are those of the mended predictor
+    mine = inside(u)
+    assert np.linalg.norm(held[mine], axis=1).mean() < 0.5 * before[near].mean()
+
+
+def test_what_a_late_clock_leaves_is_not_learned():
+    """Log of 20 ms late positions: local models made .27 mm into 2.3 mm."""
+    t = np.arange(N) * 0.01
+    u = 0.5 + 0.4 * np.stack([np.sin(0.7 * t) * np.cos(0.13 * t), np.sin(0.9 * t + 1)], axis=1)
+    late = -0.02 * np.gradient(u, t, axis=0)
+    assert follows_the_motion(u, late + noise())
+    assert chosen(u, late + noise())[0].models.degree == -1
+    assert not follows_the_motion(u, bump(u) + noise())
+
+
+def test_a_defect_that_one_stretch_of_the_log_alone_shows_is_not_believed():
+    u = points(N)
+    once = np.zeros((N, 2))
+    once[:40] = 2e-3  # the tracker slipped for forty rows
+    assert chosen(u, once + noise())[0].models.degree == -1
+
+
+def test_a_gain_within_what_chance_brings_is_not_believed(monkeypatch):
+    u = points(N)
+    assert chosen(u, bump(u) + noise())[0].models.degree >= 0
+    strict = replace(SELECTION, total_gain=1e9)
+    monkeypatch.setattr("calib.maps.model_selection.SELECTION", strict)
+    assert chosen(u, bump(u) + noise())[0].models.degree == -1

@@ -24,53 +24,47 @@ COLUMNS = "shoulder=j1,elbow=j2,x=cam_u,y=cam_v"
 
 def test_later_commands_need_no_option(camera, run):
     line = ["train", "--data", "camera.csv", "--joints", "shoulder,elbow", "--columns", COLUMNS]
-    done = run(*line, "--degrees", "--size", "6")
-    assert done.code == 0, done.err
+    run.done(*line, "--degrees", "--size", "6")
     model = calib.load("camera.calib")
     assert model.about.degrees
     assert model.about.columns["x"] == "cam_u"
-    for words in (
-        ["check", "camera.calib", "--data", "camera.csv"],
-        ["evaluate", "camera.calib", "--data", "camera.csv"],
-        ["report", "camera.calib", "--data", "camera.csv", "-o", "r.html"],
-        ["preview", "camera.calib", "--data", "camera.csv", "--html", "p.html"],
-        ["plan", "camera.calib", "-n", "3", "-o", "poses.csv"],
+    for line in (
+        "check camera.calib --data camera.csv",
+        "evaluate camera.calib --data camera.csv",
+        "report camera.calib --data camera.csv -o r.html",
+        "preview camera.calib --data camera.csv --html p.html",
+        "plan camera.calib -n 3 -o poses.csv",
     ):
-        done = run(*words)
-        assert done.code == 0, (words, done.err)
+        run.done(line)
     assert run("evaluate", "camera.calib", "--data", "camera.csv", "--radians").code == 1
-    for words in (
-        ["forward", "camera.calib", "30", "60"],
-        ["inverse", "camera.calib", "0.3", "0.3"],
-    ):
-        typed = ["query", *words, *(["--near", "30,60"] if words[0] == "inverse" else [])]
-        assert "is outside of the learned range" in run(*typed).err
-        assert run(*typed, "--degrees").code == 0
+    for words in ("forward camera.calib 30 60", "inverse camera.calib 0.3 0.3 --near 30,60"):
+        assert "is outside of the learned range" in run(f"query {words}").err
+        run.done(f"query {words} --degrees")
     plain = calib.babble(calib.load_arm("two_link"), 60, seed=4, noise=1e-4)
     calib.write_log(plain, "plain.csv")  # other names, and rad: what the log has goes first
-    assert run("evaluate", "camera.calib", "--data", "plain.csv", "--radians").code == 0
+    run.done("evaluate camera.calib --data plain.csv --radians")
 
 
 def test_a_file_is_named_after_its_robot_and_another_robots_name_needs_force(
     tmp_path, monkeypatch, run
 ):
     monkeypatch.chdir(tmp_path)
-    small = ["-n", "300", "--size", "5"]
+    small = "-n 300 --size 5"
     (tmp_path / "my arm.urdf").write_text(calib.load_arm("two_link").urdf)  # it says two_link
-    done = run("train", "my arm.urdf", *small, "--json")
+    done = run("train", "my arm.urdf", *small.split(), "--json")
     assert done.document["model"] == "my_arm.calib"
-    assert run("train", "my arm.urdf", *small, "--seed", "1").code == 0
-    run("train", "polar", *small, "-o", "two_link.calib")
+    run.done("train", "my arm.urdf", *small.split(), "--seed", "1")
+    run(f"train polar {small} -o two_link.calib")
     before = (tmp_path / "two_link.calib").read_bytes()
-    done = run("train", "two_link", *small, "--json")
+    done = run(f"train two_link {small} --json")
     assert done.code == 1
     assert done.document["error"]["parameter"] == "--force"
     assert (tmp_path / "two_link.calib").read_bytes() == before
-    assert run("train", "two_link", *small, "--force").code == 0
-    assert run("train", "two_link", *small).code == 0
+    run.done(f"train two_link {small} --force")
+    run.done(f"train two_link {small}")
     (tmp_path / "polar.calib").write_text("notes of mine")
-    assert run("train", "polar", *small).code == 1
-    assert run("train", "polar", *small, "-o", "polar.calib").code == 0
+    assert run(f"train polar {small}").code == 1
+    run.done(f"train polar {small} -o polar.calib")
 
 
 def test_the_arrays_of_a_model_are_read_only():

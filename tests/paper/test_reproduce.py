@@ -63,8 +63,7 @@ def test_the_same_schedule_gives_the_paper_its_ratio():
 
 
 def test_a_quick_run_writes_tables_and_one_json_document(run, tmp_path):
-    done = run("reproduce", "table2", "--quick", "--json", "-o", tmp_path)
-    assert done.code == 0, done.err
+    done = run.done("reproduce", "table2", "--quick", "--json", "-o", tmp_path)
     table = done.document["table2"]
     assert set(table) >= {"8x8", "12x12", "paper"}
     cells = table["12x12"]["activity"]
@@ -81,8 +80,7 @@ def test_a_quick_run_writes_tables_and_one_json_document(run, tmp_path):
 
 
 def test_figures_and_curves_of_the_adaptation_are_drawn(run, tmp_path):
-    done = run("reproduce", "adaptation", "--quick", "--json", "-o", tmp_path)
-    assert done.code == 0, done.err
+    done = run.done("reproduce", "adaptation", "--quick", "--json", "-o", tmp_path)
     found = json.loads(json.dumps(done.document["adaptation"]))
     for name in ("lengthened", "shortened"):
         errors = found[name]["errors"]["activity"]

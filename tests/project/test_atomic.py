@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
+from refusals import refused
 
 import calib
 from calib import CalibError
@@ -55,8 +56,7 @@ def test_missing_folder_and_folder_as_file(tmp_path):
         (tmp_path / "file" / "a.csv", "file"),
         ("a\0b", "null"),
     ):
-        with pytest.raises(CalibError, match=words):
-            write(path)
+        refused(CalibError, words, write, path)
 
 
 def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path):

@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pytest
+from refusals import refused
 
 import calib
 
@@ -56,8 +56,7 @@ def test_every_room_is_named_and_none_is_missing():
 def test_a_model_answers_queries_and_names_the_functions_for_all_else():
     model = calib.train(calib.babble(calib.load_arm("two_link"), 200), size=5)
     for name in ("check", "adapt", "evaluate", "monitor", "correct"):
-        with pytest.raises(AttributeError, match=f"calib.{name}"):
-            getattr(model, name)
+        refused(AttributeError, f"calib.{name}", getattr, model, name)
 
 
 def test_the_picture_is_the_one_that_the_imports_draw():

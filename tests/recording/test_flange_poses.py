@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 from flange_worlds import CONVENTIONS, SIZE, World, misses, motion
+from refusals import refused
 from scipy.spatial.transform import Rotation
 
 import calib
 from calib import LogError, ModelError, OptionError
-from calib.recording.flange_table import FlangeTable, read_flange_poses
 from calib.recording.lens import load_lens
 
 
@@ -30,6 +30,21 @@ def test_camera_board_and_lens_are_found_with_intervals_that_hold(in_hand):
         assert abs(rig.lens["focal"] - 901.5) < 2.0 * rig.lens["focal_95"] + 0.5
         assert rig.held_out["rms"] < 3.0
     assert np.mean(inside) > 0.85
+
+
+def test_threads_of_opencv_leave_no_trace():
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(4)
+    lenses = {World(3).shots().lens().parameters.tobytes() for _ in range(8)}
+    assert cv2.getNumThreads() == 4
+    cv2.setNumThreads(threads)
+    assert len(lenses) == 1
+
+
+def test_misses_are_told_of_pictures_that_took_no_part_in_the_fit():
+    """The poses' own noise makes .9 px; six pictures in one fit miss by .6."""
+    rms = [World(seed, seed % 2 == 0, count=6).solve().held_out["rms"] for seed in range(1, 7)]
+    assert 0.85 < np.mean(rms) < 1.3
 
 
 @pytest.mark.parametrize("rotation", list(CONVENTIONS))
@@ -56,17 +71,17 @@ def test_what_a_table_means_is_found(rotation, tmp_path):
     assert again.convention["rotation"] == rotation
     if rotation == "rpy":
         assert world.solve(table, rotation="fanuc").convention["rotation"] == "rpy"
-    with pytest.raises(OptionError, match="rotation"):
-        world.solve(table, rotation="other")
+    refused(OptionError, "rotation", world.solve, table, rotation="other")
 
 
 @pytest.mark.parametrize("seed", [4, 5, 8])
-def test_a_flange_on_the_spot_ties_what_exchanges_axes_of_base_and_flange(seed):
+def test_a_flange_on_the_spot_ties_what_exchanges_axes_of_base_and_flange(seed, tmp_path):
     world = World(seed, turning=True, count=12)
     kind = ("kuka", "rpy")[seed % 2]
     turns = CONVENTIONS[kind](Rotation.from_matrix(world.flange[:, :3, :3]))
-    table = FlangeTable("t", np.column_stack([1e3 * world.flange[:, :3, 3], turns]), None)
-    rig = world.solve(table)
+    rows = np.column_stack([1e3 * world.flange[:, :3, 3], turns])
+    np.savetxt(tmp_path / "flange.csv", rows, delimiter=",")
+    rig = world.solve(tmp_path / "flange.csv")
     assert (rig.convention["rotation"], rig.convention["unit"]) == (kind, "mm")
     assert any("not told apart" in note for note in rig.notes)
     assert (misses(rig.hand, world.camera) < 2.0).all()
@@ -79,6 +94,33 @@ def test_few_pictures_fit_one_reading_although_three_of_them_fit_any(count):
         convention = world.solve().convention
         assert not convention["inverse"]
         assert convention["ratio"] > 5.0
+
+
+def test_few_pictures_leave_room_for_turns_that_they_cannot_tell():
+    inside = []
+    for seed in range(28, 40):
+        world = World(seed, seed % 2 == 0, count=5)
+        rig = world.solve()
+        hand, base = (world.camera, world.placed)[:: 1 if world.in_hand else -1]
+        inside.append(np.stack([misses(rig.hand, hand), misses(rig.base, base)])[:, 3:] < 1.0)
+    assert np.mean(inside) > 0.9
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_table_one_row_late_along_a_path_is_refused(seed):
+    world = World(seed, seed % 2 == 0, count=0)
+    middle = world.pattern.points().mean(axis=0)
+    phase = np.random.default_rng(seed).uniform(0.0, 6.0, (2, 3))
+    for at in 2 * np.pi * np.linspace(0.0, 1.0, 40):
+        turn = Rotation.from_rotvec(0.44 * np.sin(at * np.array([1.0, 1.3, 0.7]) + phase[0]))
+        swing = np.sin(at * np.array([0.8, 1.1, 1.0]) + phase[1])
+        place = np.array([0.0, 0.0, 0.45]) + (0.1, 0.05, 0.1) * swing
+        moved = world.camera @ motion(turn, place - turn.apply(middle))
+        moved = moved @ np.linalg.inv(world.placed)
+        world.take_picture(np.linalg.inv(moved) if world.in_hand else moved)
+    assert world.solve().used > 0.9 * world.count
+    with pytest.raises(LogError, match="late or early: the row before"):
+        world.solve(np.roll(world.flange, -1, axis=0))
 
 
 @pytest.mark.parametrize("factor", [0.01, 0.1, 10.0, 100.0])
@@ -111,8 +153,7 @@ def test_pictures_at_one_pose_are_one_measurement_of_the_arm():
     three.flange = np.tile(three.flange, (2, 1, 1))
     three.corners = [three.corners[0] * 2]
     three.count = 6
-    with pytest.raises(LogError, match="of 3 poses of the arm: expected 4"):
-        three.solve()
+    refused(LogError, "of 3 poses of the arm: expected 4", three.solve)
 
 
 def test_a_square_of_another_size_is_measured():
@@ -137,6 +178,17 @@ def test_a_lens_that_refocuses_and_a_stretched_board_are_part_of_the_fit(made, w
     assert (misses(rig.hand, world.camera) < 2.0).all()
 
 
+def test_blurred_pictures_are_no_autofocus():
+    world = World(2)
+    rng = np.random.default_rng(7)
+    world.corners = [
+        [corners + rng.normal(0.0, 3.0, corners.shape) for corners in world.corners[0]]
+    ]
+    notes = " ".join(world.solve().notes)
+    assert "corners are off by" in notes
+    assert "autofocus" not in notes
+
+
 def test_rows_that_are_wrong_are_left_out_and_a_late_table_is_refused():
     world = World(4)
     wrong = world.flange.copy()
@@ -147,7 +199,7 @@ def test_rows_that_are_wrong_are_left_out_and_a_late_table_is_refused():
     exchanged = world.flange.copy()
     exchanged[[3, 9]] = exchanged[[9, 3]]
     assert world.solve(exchanged).left_out == ("03.png", "09.png")
-    with pytest.raises(LogError, match=r"row late|row early|not those of the pictures"):
+    with pytest.raises(LogError, match="late or early: the row"):
         world.solve(np.roll(world.flange, 1, axis=0))
 
 
@@ -164,8 +216,9 @@ def test_tables_have_the_names_that_controllers_write(tmp_path, header):
     separator = ";" if ";" in header else ","
     lines = [separator.join(row) for row in [*cells, ["", *"12345", "nan"]]]
     path.write_text("\n".join([header, *lines]))
-    assert read_flange_poses(path).pictures[3] == "03.png"
-    assert world.solve(path).convention["rotation"] == "kuka"
+    rig = world.solve(path)
+    assert rig.convention["rotation"] == "kuka"
+    assert rig.names[3] == "03.png"
 
 
 def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tmp_path):
@@ -176,8 +229,7 @@ def test_tables_of_other_columns_and_of_other_numbers_are_refused_in_one_line(tm
         ("x;y;z;A;B;C", "1,5;2.5;3,5;4;5;6", "decimals with a point"),
     ):
         path.write_text(f"{header}\n{row}\n")
-        with pytest.raises(LogError, match=words):
-            world.solve(path)
+        refused(LogError, words, world.solve, path)
 
 
 @pytest.mark.parametrize("in_hand", [True, False])
@@ -203,27 +255,23 @@ def test_poses_of_the_board_alone_are_enough():
     there = np.linalg.inv(world.camera) @ np.linalg.inv(world.flange) @ world.placed
     rig = calib.handeye(poses=world.flange, boards=there, eye="hand")
     np.testing.assert_allclose(rig.hand["position"], world.camera[:3, 3], atol=1e-6)
-    with pytest.raises(OptionError, match="z > 0"):
-        calib.handeye(poses=world.flange, boards=-there, eye="hand")
+    refused(OptionError, "z > 0", calib.handeye, poses=world.flange, boards=-there, eye="hand")
 
 
 def test_mirrored_pictures_are_refused():
     world = World(1)
     mirrored = [corners * (-1, 1) + (SIZE[0], 0) for corners in world.corners[0]]
     world.corners[0] = [c.reshape(6, 9, 2)[:, ::-1].reshape(-1, 2) for c in mirrored]
-    with pytest.raises(LogError, match="mirrored"):
-        world.solve()
+    refused(LogError, "mirrored", world.solve)
 
 
 def test_turns_about_one_axis_are_refused_with_what_would_tell():
-    with pytest.raises(LogError, match="turns about one axis alone"):
-        World(3, axes=(0.0, 0.0, 1.0)).solve()
+    refused(LogError, "turns about one axis alone", World(3, axes=(0.0, 0.0, 1.0)).solve)
     world = World(3)
     seen = np.linalg.inv(world.camera) @ np.linalg.inv(world.flange) @ world.placed
     seen[:, :3, :3] = seen[0, :3, :3]
     flange = np.linalg.inv(world.camera @ seen @ np.linalg.inv(world.placed))
-    with pytest.raises(LogError, match="does not turn"):
-        calib.handeye(poses=flange, boards=seen, eye="hand")
+    refused(LogError, "does not turn", calib.handeye, poses=flange, boards=seen, eye="hand")
 
 
 def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):
@@ -246,19 +294,17 @@ def test_two_cameras_come_out_of_one_folder(tmp_path, run, monkeypatch):
     rows = np.column_stack([flat, np.tile([0.0, 0.0, 0.0, 1.0], (world.count, 1))])
     np.savetxt(tmp_path / "flange.txt", rows)
     words = ["--poses-file", tmp_path / "flange.txt", "--board", world.board, "--eye", "base"]
-    done = run("handeye", tmp_path / "rig", *words, "--transform", tmp_path / "t.json", "--json")
-    assert done.code == 0, done.err
+    done = run.done(
+        "handeye", tmp_path / "rig", *words, "--transform", tmp_path / "t.json", "--json"
+    )
     left, right = done.document["cameras"]
     assert (left["name"], right["name"]) == ("left", "right")
     assert (misses(left["base"], world.camera) < 2.0).all()
     assert (misses(right["from_first"], world.apart) < 2.0).all()
     assert "static_transform_publisher" in (tmp_path / "t.txt").read_text()
     assert run("handeye", tmp_path / "rig", *words, "-o", tmp_path / "rig.calib").code == 0
-    with pytest.raises(ModelError, match="a rig of flange poses"):
-        calib.load(tmp_path / "rig.calib")
-    done = run("handeye", tmp_path / "rig", *words[:-1], "left=base,right=other")
-    assert done.code == 1
-    assert "right" in done.err
+    refused(ModelError, "a rig of flange poses", calib.load, tmp_path / "rig.calib")
+    run.refused(1, "right", "handeye", tmp_path / "rig", *words[:-1], "left=base,right=other")
 
 
 LENSES = {
@@ -282,13 +328,10 @@ def test_lenses_of_others_are_read(tmp_path, name):
     assert lens.parameters.tolist() == [500.0, 501.0, 320.0, 240.0, -0.1, 0.02, 0.0, 0.0, 0.0]
     assert lens.size == (640, 480)
     path.write_text(LENSES[name].replace("501", "nan" if "json" not in name else "NaN"))
-    with pytest.raises(LogError, match="finite"):
-        load_lens(path)
+    refused(LogError, "finite", load_lens, path)
 
 
 def test_the_python_call_wants_poses_or_an_arm():
     world = World(5, count=6)
-    with pytest.raises(OptionError, match="either an arm"):
-        calib.handeye(pictures=world.shots())
-    with pytest.raises(OptionError, match=r"expected \(n, 4, 4\)"):
-        world.solve(np.zeros((3, 7)))
+    refused(OptionError, "either an arm", calib.handeye, pictures=world.shots())
+    refused(OptionError, r"expected \(n, 4, 4\)", world.solve, np.zeros((3, 7)))

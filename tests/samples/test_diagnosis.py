@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import refused
 
 import calib
 from calib.arm.rotations import exponential, matrix_of, quaternion_of
@@ -67,8 +68,7 @@ def test_metres_that_are_said_to_be_another_unit_are_refused(read, unit):
 
 @pytest.mark.parametrize("arm", [ARM, SIX])
 def test_radians_that_are_said_to_be_degrees_are_told(read, arm):
-    with pytest.raises(calib.LogError, match="leave out `degrees`"):
-        read(arm, *drawn(arm), degrees=True)
+    refused(calib.LogError, "leave out `degrees`", read, arm, *drawn(arm), degrees=True)
 
 
 MISREAD = {  # of a planar log: joints, positions, what the refusal says
@@ -85,8 +85,7 @@ def test_a_planar_log_that_was_misread_is_refused_with_the_remedy(read, case):
     change, words = MISREAD[case]
     q, _ = path()
     q = np.clip(q, 0.3, 1.5) if case == "exchanged" else q
-    with pytest.raises(calib.LogError, match=words):
-        read(ARM, *change(q, ARM.forward(q)))
+    refused(calib.LogError, words, read, ARM, *change(q, ARM.forward(q)))
 
 
 def test_mirrors_and_reversed_joints_of_a_planar_arm_are_notes(read):
@@ -115,8 +114,7 @@ def test_a_joint_in_space_that_counts_the_other_way_is_named(read, joint):
     x += np.random.default_rng(1).normal(0.0, 5e-4, x.shape)
     assert read(SIX, q, x).notes == ()
     turned = q * np.where(np.arange(SIX.dof) == joint, -1.0, 1.0)
-    with pytest.raises(calib.LogError, match=f"{SIX.joint_names[joint]}.*the other way"):
-        read(SIX, turned, x)
+    refused(calib.LogError, f"{SIX.joint_names[joint]}.*the other way", read, SIX, turned, x)
 
 
 @settings(max_examples=40)
@@ -144,8 +142,7 @@ def test_positions_that_leave_the_plane_are_refused(read):
     normal = np.cross(*plane)
     space[17] += 0.2 * normal
     space[40:80] += 0.03 * normal
-    with pytest.raises(calib.LogError, match=r"row 18 by 0\.1.*joints"):
-        read(ARM, q, space)
+    refused(calib.LogError, r"row 18 by 0\.1.*joints", read, ARM, q, space)
 
 
 def test_poses_that_are_none_are_told_with_the_remedy(read, tmp_path):
@@ -163,6 +160,5 @@ def test_poses_that_are_none_are_told_with_the_remedy(read, tmp_path):
     back = np.swapaxes(seen, 1, 2)
     inverse = -(back @ place[:, :, None])[:, :, 0]
     for positions, words in ((inverse, "poses are inverted"), (place, "orientations are inverted")):
-        with pytest.raises(calib.LogError, match=words):
-            read(SIX, q, np.hstack([positions, quaternion_of(back)]))
+        refused(calib.LogError, words, read, SIX, q, np.hstack([positions, quaternion_of(back)]))
     assert read(SIX, q, np.hstack([place, quaternion_of(seen)])).notes == ()

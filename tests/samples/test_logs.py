@@ -10,8 +10,10 @@ import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import refused
 from scipy.spatial.transform import Rotation
 
+import calib
 from calib import (
     CalibError,
     LogError,
@@ -30,10 +32,8 @@ GOOD = "a,b,x,y\n0.1,0.2,1,2\n0.2,0.4,3,4\n0.3,0.1,5,6\n"
 TURN = 2 * math.pi
 
 
-def refused(path, message, error=LogError, **options):
-    with pytest.raises(error, match=message) as caught:
-        read_log(path, **({"joints": ["a", "b"]} | options))
-    assert "\n" not in str(caught.value)
+def unread(path, words, error=LogError, **options):
+    refused(error, words, read_log, path, **({"joints": ["a", "b"]} | options))
 
 
 @pytest.mark.parametrize("name", ["log.csv", "log.parquet", "log.pq"])
@@ -122,14 +122,14 @@ BAD = [  # what a file holds, what is asked of it, and what the refusal says
 
 @pytest.mark.parametrize(("content", "options", "message"), BAD)
 def test_bad_files_are_refused_in_one_line(file, content, options, message):
-    refused(file(content), message, OptionError if options else LogError, **options)
+    unread(file(content), message, OptionError if options else LogError, **options)
 
 
 def test_files_that_are_none(tmp_path, file):
-    refused(tmp_path / "no.csv", "No such file")
-    refused(tmp_path, "no table.*calib log")
-    refused("a\0b", "cannot read")
-    refused("/dev/zero", "is a device")
+    unread(tmp_path / "no.csv", "No such file")
+    unread(tmp_path, "no table.*calib log")
+    unread("a\0b", "cannot read")
+    unread("/dev/zero", "is a device")
     assert len(read_log(file(GOOD, "log.parquet"), joints=["a", "b"])) == 3  # by its content
 
 
@@ -157,12 +157,76 @@ def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):
     assert log.x.tolist() == [[3, 4], [6, 8]]
 
 
+@pytest.mark.parametrize(
+    ("header", "factors", "unit", "degrees"),
+    [
+        ("Time [ms],SHOULDER,Elbow,X,Y", (1, 1, 1), "m", False),
+        (
+            "time,shoulder (deg),elbow [deg],x [mm],y (mm)",
+            (180 / math.pi, 180 / math.pi, 1e3),
+            "mm",
+            True,
+        ),
+        ("time,shoulder [rad],elbow [°],X(cm),Y(cm)", (1, 180 / math.pi, 100), "cm", False),
+        ("time,shoulder,elbow,u [px],V [px]", (1, 1, 1), "px", False),
+    ],
+)
+def test_headers_have_units_in_brackets_and_any_case(arm, file, header, factors, unit, degrees):
+    log = babble(arm, 20)
+    q = log.q * factors[:2]
+    rows = [
+        f"{20 * k},{a!r},{b!r},{x!r},{y!r}"
+        for k, (a, b, x, y) in enumerate(np.hstack([q, log.x * factors[2]]).tolist())
+    ]
+    again = read_log(file("\n".join([header, *rows])), arm)
+    np.testing.assert_allclose(again.q, log.q, rtol=1e-15)
+    np.testing.assert_allclose(again.x, log.x * factors[2])
+    assert (again.unit, again.degrees) == (unit, degrees)
+    assert again.time[1] == (0.02 if "ms" in header else 20.0)
+
+
+def test_a_header_says_that_a_joint_slides_or_contradicts(arm, file):
+    table = file("turn [deg],rail [mm],x [mm],y [mm]\n90,100,1,2\n80,250,3,4\n70,180,5,7\n")
+    log = read_log(table, joints=["turn", "rail"])
+    assert log.revolute == (True, False)
+    assert log.q[0].tolist() == [math.pi / 2, 0.1]
+    refused(
+        table, "states that its positions are in mm, not in m", joints=["turn", "rail"], unit="m"
+    )
+    mixed = file("a,b,x [mm],y [m]\n1,2,3,4\n2,1,4,3\n")
+    refused(mixed, "expected positions in one unit")
+    slides = file("shoulder [mm],elbow,x,y\n1,2,3,4\n2,1,4,3\n")
+    with pytest.raises(LogError, match=r"'shoulder .mm.' is in mm, expected rad, deg, "):
+        read_log(slides, arm)
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        [f"2024-03-01T12:00:00.{20 * k:03d}Z" for k in range(12)],
+        [str(1709294400000 + 20 * k) for k in range(12)],
+        [str(1709294400000000000 + 20_000_000 * k) for k in range(12)],
+    ],
+)
+def test_times_of_clocks_are_seconds(file, times):
+    rows = [f"{time},{k % 5},{k % 7},{k},{k * k}" for k, time in enumerate(times)]
+    table = file("\n".join(["stamp,a,b,x,y", *rows]))
+    log = read_log(table, joints=["a", "b"], columns={"time": "stamp"})
+    np.testing.assert_allclose(log.time, 1709294400 + 0.02 * np.arange(12), rtol=0, atol=1e-6)
+
+
+def test_counts_of_an_encoder_are_neither_radians_nor_degrees(arm, file):
+    table = file("shoulder,elbow,x,y\n3072,100,.1,.2\n2050,2000,.2,.3\n")
+    for degrees in (False, True):
+        with pytest.raises(LogError, match="convert an encoder's counts to rad"):
+            read_log(table, arm, degrees=degrees)
+
+
 def test_the_arms_order_holds_and_its_joints_are_the_log(arm, file):
     path = file("elbow,shoulder,x,y\n0.5,0.1,1,2\n0.6,0.2,3,4\n")
     assert read_log(path, arm).q.tolist() == [[0.1, 0.5], [0.2, 0.6]]
     assert read_log(path, arm, joints=["elbow", "shoulder"]).joint_names == ("shoulder", "elbow")
-    with pytest.raises(OptionError, match="loaded with"):
-        read_log(path, arm, joints=["elbow"])
+    refused(OptionError, "loaded with", read_log, path, arm, joints=["elbow"])
 
 
 def test_rows_without_a_finite_value_are_left_out_and_counted(arm, file):
@@ -173,7 +237,7 @@ def test_rows_without_a_finite_value_are_left_out_and_counted(arm, file):
     assert log.notes[0].startswith("6 of 8 rows miss a finite number")
     assert log.rows.tolist() == [1, 8]
     rows = "shoulder,elbow,x,y\n,0.5,1,2\n1,1,2,3\n1.1,3,3,4\n"
-    refused(file(rows), "row 3: elbow", arm=arm, joints=None)
+    unread(file(rows), "row 3: elbow", arm=arm, joints=None)
 
 
 def test_parquet_of_other_types(tmp_path):
@@ -186,9 +250,9 @@ def test_parquet_of_other_types(tmp_path):
     assert log.q.tolist() == [[1, 0.5], [2, 1]]
     assert log.dropped == 1
     frame.with_columns(b=pl.Series([True, False, True])).write_parquet(path)
-    refused(path, "column 'b' holds Boolean, expected")
+    unread(path, "column 'b' holds Boolean, expected")
     frame.with_columns(b=pl.Series(["1", "two", "3"])).write_parquet(path)
-    refused(path, "one usable row")
+    unread(path, "one usable row")
 
 
 def test_locked_joints_are_the_medians_of_their_columns(file):
@@ -209,8 +273,7 @@ def test_locked_joints_are_the_medians_of_their_columns(file):
     assert "moved by up to" in note
     pan[50:90] += np.linspace(0.0, 0.5, 40)
     write_table(path, {"pan": pan})
-    with pytest.raises(LogError, match=r"pan is locked but moved.*row 90.*joints"):
-        locked_from_log(path, ["pan"])
+    refused(LogError, r"pan is locked but moved.*row 90.*joints", locked_from_log, path, ["pan"])
 
 
 def test_a_batch_keeps_its_order_and_names_its_bad_rows(file):
@@ -219,8 +282,7 @@ def test_a_batch_keeps_its_order_and_names_its_bad_rows(file):
     assert batch.invalid == (2, 3, 4, 5)
     assert batch.values[[0, 5]].tolist() == [[2, 1], [8, 7]]
     assert np.isnan(batch.values[1:5]).all()
-    with pytest.raises(LogError, match="no column 'z'"):
-        read_batch(path, ["x", "z"])
+    refused(LogError, "no column 'z'", read_batch, path, ["x", "z"])
     assert read_batch(file("x,y\n"), ["x", "y"]).values.shape == (0, 2)
 
 
@@ -233,8 +295,7 @@ def test_answers_are_written_in_full_and_no_answer_is_nan(tmp_path, capsys):
     assert capsys.readouterr().out == expected
     write_table(tmp_path / "out.parquet", columns)
     assert pl.read_parquet(tmp_path / "out.parquet")["reachable"].to_list() == [1, 0]
-    with pytest.raises(CalibError, match="no folder"):
-        write_table(tmp_path / "no" / "out.csv", columns)
+    refused(CalibError, "no folder", write_table, tmp_path / "no" / "out.csv", columns)
 
 
 def test_what_is_known_of_the_clock_is_taken_and_nothing_estimated(arm, tmp_path):
@@ -253,11 +314,9 @@ def test_what_is_known_of_the_clock_is_taken_and_nothing_estimated(arm, tmp_path
     models = (train(read_log(path, arm, time_offset=offset), size=5) for offset in (None, 0.0))
     estimated, believed = (np.linalg.norm(m.forward(then) - x, axis=1).mean() for m in models)
     assert estimated < 1e-4 < 1e-3 < believed
-    with pytest.raises(LogError, match="no row's joints"):
-        read_log(path, arm, time_offset=60.0)
+    refused(LogError, "no row's joints", read_log, path, arm, time_offset=60.0)
     write_log(replace(log, time=None), tmp_path / "no_times.csv")
-    with pytest.raises(LogError, match="column `time`"):
-        read_log(tmp_path / "no_times.csv", arm, time_offset=0.1)
+    refused(LogError, "column `time`", read_log, tmp_path / "no_times.csv", arm, time_offset=0.1)
 
 
 def table(joints, n=40):
@@ -273,8 +332,8 @@ def test_degrees(arm, file):
     np.testing.assert_allclose(log.q, q, atol=1e-15)
     assert log.notes == ()
     np.testing.assert_allclose([log.lower, log.upper], [arm.lower, arm.upper], atol=1e-12)
-    refused(file(text), "give `degrees=True`", arm=arm, joints=None)
-    refused(file(text), "90 rad.*3.14.*degrees=True", joints=["shoulder"])
+    unread(file(text), "give `degrees=True`", arm=arm, joints=None)
+    unread(file(text), "90 rad.*3.14.*degrees=True", joints=["shoulder"])
     log = read_log(file(GOOD), joints="a,b", degrees=True, prismatic=["b"])
     np.testing.assert_allclose(log.q[:, 0], np.deg2rad([0.1, 0.2, 0.3]))
     assert log.q[:, 1].tolist() == [0.2, 0.4, 0.1]  # a sliding joint's are metres
@@ -289,9 +348,9 @@ def test_a_chosen_range_goes_before_the_limits(arm, file):
     assert (log.lower[1], log.upper[1]) == (0.6, 3.1)
     assert any("1 of 4 rows have elbow outside" in note for note in log.notes)
     for bad in ((1.0, 0.6), (0.0, 9.0), (0.0, math.nan)):
-        refused(path, "range elbow", OptionError, arm=arm, joints=None, ranges={"elbow": bad})
+        unread(path, "range elbow", OptionError, arm=arm, joints=None, ranges={"elbow": bad})
     every = "4 of 4 rows have elbow outside"
-    refused(path, every, arm=arm, joints=None, ranges={"elbow": (4, 5)})
+    unread(path, every, arm=arm, joints=None, ranges={"elbow": (4, 5)})
 
 
 def test_more_than_one_turn_becomes_one(file):
@@ -380,5 +439,41 @@ def test_without_an_arm_positions_in_a_plane_are_planar_unless_an_arm_is_in_spac
     assert log.plane is not None
     np.testing.assert_allclose(read_log(path, joints=names, outputs=3).x, x * (1, 1, 1e-4))
     path.write_text(path.read_text().replace("x,y,z", "x,y,height"))
-    with pytest.raises(LogError, match="x and y alone"):
-        read_log(path, joints=names, outputs=3)
+    refused(LogError, "x and y alone", read_log, path, joints=names, outputs=3)
+
+
+N = 3000
+JOINTS = ["shoulder", "elbow"]
+
+
+@pytest.fixture(scope="module")
+def rows(arm):
+    """A log of N rows, of which every hundredth misses a value."""
+    log = calib.babble(arm, N, seed=3, noise=1e-3)
+    values = np.hstack([log.q, log.x])
+    values[::100, 3] = np.nan
+    return values
+
+
+@pytest.fixture
+def files(tmp_path, rows):
+    frame = pl.DataFrame(dict(zip([*JOINTS, "x", "y"], rows.T, strict=True))).fill_nan(None)
+    frame.write_csv(tmp_path / "log.csv")
+    frame.write_parquet(tmp_path / "log.parquet", row_group_size=700)
+    return [tmp_path / "log.csv", tmp_path / "log.parquet"]
+
+
+def test_the_rows_drawn_depend_on_the_seed_alone(files, arm, rows):
+    drawn = [read_log(path, arm, most=200, seed=1) for path in files]
+    complete = rows[np.isfinite(rows).all(axis=1)]
+    for log in drawn:
+        assert (log.q == drawn[0].q).all()
+        assert (log.x == drawn[0].x).all()
+        assert 190 <= len(log) <= 200
+        place = [np.flatnonzero((complete[:, :2] == q).all(axis=1))[0] for q in log.q]
+        assert (np.diff(place) > 0).all()
+        assert (complete[place, 2:] == log.x).all()
+        assert log.dropped == 200 - len(log)
+        assert "3,000 rows: 200 of them, drawn evenly" in log.notes[0]
+    other = read_log(files[0], arm, most=200, seed=2)
+    assert len({*map(tuple, other.q)} & {*map(tuple, drawn[0].q)}) < 60

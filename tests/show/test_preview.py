@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from flange_worlds import World
 from models import in_space, trained
+from refusals import refused
 from scenes import data_of, objects, page_of, seen_by_two, tracks
 
 import calib
@@ -68,6 +69,15 @@ def test_an_arm_in_space_has_its_reach_its_rows_and_no_maps_until_they_are_asked
     assert data["step"] > 1
 
 
+def test_colours_end_where_nearly_all_errors_are():
+    model = small(body="none")
+    _, (_, middle), (_, top) = data_of(page_of(model))["ticks"]
+    middle, top = (float(words.removesuffix(" mm")) for words in (middle, top))
+    assert middle == pytest.approx(top / 2, abs=0.1)
+    errors = 1e3 * model.expected_error(model.motor.weights)
+    assert 0.9 < np.mean(errors <= top) < 1.0
+
+
 def placed(data, path):
     """Transform (4, 4) of what a page draws, in what it hangs on."""
     return np.reshape(data["places"][path], (4, 4)).T
@@ -95,8 +105,7 @@ def test_a_rig_is_drawn_where_it_is_and_reported_with_its_pictures(in_hand, tmp_
     assert set(calib.figures(rig)) >= {"setup", "misses"}
     path, page = tmp_path / "rig.calib", tmp_path / "page.html"
     rig.save(path)
-    done = run("report", path, "-o", page)
-    assert done.code == 0, done.err
+    done = run.done("report", path, "-o", page)
     assert done.out.startswith(f"{'Camera' if in_hand else 'Board'} in the frame of flange: (")
     text = page.read_text(encoding="utf-8")
     assert {"setup", "misses"} <= set(re.findall(r'figure id="(\w+)"', text))
@@ -142,8 +151,7 @@ def test_a_page_is_served_on_loopback_to_who_knows_its_address():
         assert ask(f"http://127.0.0.1:{port}/")[0] == 404
         assert ask(shown.url, Host="example.org")[0] == 404
         assert ask(shown.url, b"{}")[0] == 501
-        with pytest.raises(calib.OptionError, match=str(port)):
-            calib.preview(model, port=port, browse=False)
+        refused(calib.OptionError, str(port), calib.preview, model, port=port, browse=False)
 
 
 def test_command_writes_a_page_or_serves_it_until_ctrl_c(run, model: Path, log: Path, tmp_path):

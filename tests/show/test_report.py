@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from models import babbled, in_pixels, in_space, log, measured, no_arm, trained
+from refusals import refused
 from scenes import seen_by_two
+from scipy.stats import t as student
 
 import calib
 
@@ -159,15 +161,27 @@ def test_a_simulation_has_the_errors_that_its_training_printed():
     assert "noise included" not in report(model)
 
 
+def test_bars_have_the_interval_of_ten_blocks_and_the_noise_of_readings():
+    simulated = trained("two_link", n=3000, size=20, noise=1e-3)
+    held_out, noisy = (
+        calib.figures(model, names=["accuracy"])["accuracy"].axes[0].texts[k].get_text()
+        for model, k in ((measured(), -1), (simulated, 1))
+    )
+    distance = np.linalg.norm(measured().rows.held_out, axis=1)
+    means = [block.mean() for block in np.array_split(distance, 10)]
+    half = student.ppf(0.975, 9) * np.std(means, ddof=1) / np.sqrt(10)
+    assert held_out == f"on rows held out: {1e3 * distance.mean():.3f} ± {1e3 * half:.3f} mm"
+    mean = float(re.search(r"noise included: ([\d.]+) ±", noisy)[1])
+    assert mean == pytest.approx(np.sqrt(np.pi / 2), rel=0.03)
+
+
 def test_figures_on_paper():
     drawn = calib.figures(measured(), names=["where", "photo"])
     assert list(drawn) == ["where"]
     drawn["where"].savefig("where.png")
     assert Path("where.png").read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(calib.OptionError, match="latices"):
-        calib.figures(measured(), names=["latices"])
-    with pytest.raises(calib.OptionError, match="tuple"):
-        calib.figures((measured(), measured()))
+    refused(calib.OptionError, "latices", calib.figures, measured(), names=["latices"])
+    refused(calib.OptionError, "tuple", calib.figures, (measured(), measured()))
 
 
 def test_figures_of_an_arm_in_space_and_in_pixels():
@@ -185,8 +199,7 @@ def test_figures_of_an_arm_in_space_and_in_pixels():
 
 def test_command(run, models: Path, model: Path, log: Path, tmp_path: Path):
     target = tmp_path / "report.html"
-    done = run("report", model, "-o", target, "--figures", tmp_path / "figures")
-    assert done.code == 0, done.err
+    done = run.done("report", model, "-o", target, "--figures", tmp_path / "figures")
     assert "predicted to" in done.out.splitlines()[0]
     assert target.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert {p.suffix for p in (tmp_path / "figures").iterdir()} == {".svg"}

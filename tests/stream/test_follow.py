@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from drifting import arm, error, log, model
 from models import babbled, trained
+from refusals import refused
 from small_maps import UNIT_BOX
 
 import calib
@@ -135,10 +136,8 @@ def with_sensory(**changes):
 def test_what_cannot_be_followed_is_told():
     with pytest.raises(OptionError, match="growing neural gas has neither"):
         OnlineAdapter(with_sensory(lattice=Graph(2, np.array([[0, 1]]))))
-    with pytest.raises(OptionError, match="few-shot"):
-        OnlineAdapter(with_sensory(units=np.zeros((10**6, 2))))
-    with pytest.raises(OptionError, match="horizon 0"):
-        OnlineAdapter(model(), 0)
+    refused(OptionError, "few-shot", OnlineAdapter, with_sensory(units=np.zeros((10**6, 2))))
+    refused(OptionError, "horizon 0", OnlineAdapter, model(), 0)
     with pytest.raises(OptionError, match="no samples"):
         OnlineAdapter(model()).feed(np.zeros((0, 2)), np.zeros((0, 2)))
 
@@ -190,8 +189,13 @@ def test_noise_and_systematic_part_are_told_apart():
     assert state.links == pytest.approx(0.01, rel=0.05)
 
 
-def test_wrong_detections_raise_no_alarm():
+def test_wrong_detections_raise_no_alarm_and_hide_no_change():
     assert alarm(calib.monitor(model(1e-3)), log("sensor.outliers=0.02", n=1000)) is None
+    monitor, calm = calib.monitor(model(1e-3)), log(n=200)
+    x = calm.x.copy()
+    x[[20, 90, 150]] += 100.0
+    assert alarm(monitor, replace(calm, x=x)) is None
+    assert alarm(monitor, log("elbow.offset=0.0174533", n=200, seed=2)) is not None
 
 
 def test_samples_that_say_nothing_change_nothing():

@@ -1,14 +1,15 @@
-"""Several sensors of one arm: files or a column, and poses that are read more than once."""
+"""Several sensors of one arm: files or a column, repeated poses, one model, its own answers."""
 
 from dataclasses import replace
 
 import numpy as np
 import polars as pl
 import pytest
-from models import built, log_of
+from models import built, draw, in_space, log_of
+from refusals import refused
 
 import calib
-from calib import LogError
+from calib import LogError, OptionError
 
 NOISE = 1e-4  # [m]
 
@@ -41,8 +42,7 @@ def test_files_and_a_column_make_the_same_model_of_two_sensors(logs, run, tmp_pa
     both = tmp_path / "both.csv"
     pl.concat(tables).write_csv(both)
     common = ["--size", "3", "--json", "-o"]
-    done = run("train", "spatial_three", *files, *common, tmp_path / "two.calib")
-    assert done.code == 0, done.err
+    done = run.done("train", "spatial_three", *files, *common, tmp_path / "two.calib")
     sensors = [(each["name"], each["rows"]) for each in done.document["sensors"]]
     assert sensors == [("left", 40), ("right", 60)]
     assert run("train", "spatial_three", "--data", both, *common, tmp_path / "one.calib").code == 0
@@ -86,11 +86,9 @@ def test_two_sensors_see_a_planar_arm_from_both_sides():
 
 def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
     log = logs[0][0]
-    with pytest.raises(LogError, match="a name of its own"):
-        calib.train([log, log])
+    refused(LogError, "a name of its own", calib.train, [log, log])
     other = calib.babble(calib.load_arm("two_link"), 50)
-    with pytest.raises(LogError, match="simulation"):
-        calib.train([log, other])
+    refused(LogError, "simulation", calib.train, [log, other])
     with pytest.raises(calib.CalibError):
         calib.train([log, replace(other, simulation=None, sensor="plane")])
 
@@ -112,8 +110,7 @@ def test_a_sensor_is_asked_by_its_name(logs, run, tmp_path):
     q = [0.3, 0.6, -0.9]
 
     def position(*frame):
-        done = run("query", "forward", path, *q, *frame, "--json")
-        assert done.code == 0, done.err
+        done = run.done("query", "forward", path, *q, *frame, "--json")
         return done.document["position"]
 
     assert position() == position("--in", "left") == model.forward(q).tolist()
@@ -141,3 +138,58 @@ def test_a_sensor_of_another_arm_is_named(logs):
     assert any("sensor right disagrees with the others about the arm" in note for note in notes)
     notes = calib.train([left, right], size=3).by("right").about.notes
     assert not any("disagrees" in note for note in notes)
+
+
+def two_eyed() -> calib.Model:
+    """A model of two sensors, the second one with readings in a frame that is a metre away."""
+    left = in_space()
+    shift = np.zeros(left.body.structure.size)
+    shift[left.body.structure.groups["view.shift"]] = 1.0
+    second = left.body.second
+    if second is not None:
+        second = replace(second, beta=second.beta + shift)
+    away = replace(left.body, beta=left.body.beta + shift, second=second)
+    scale = left.sensory.scale
+    sensory = replace(left.sensory, scale=replace(scale, lower=scale.lower + 1.0))
+    right = replace(
+        left,
+        about=replace(left.about, sensor="right"),
+        body=away,
+        association=replace(left.association, sensory=sensory),
+        rows=None,
+    )
+    return replace(left, about=replace(left.about, sensor="left"), others=(right,))
+
+
+def test_each_sensor_answers_in_its_own_frame():
+    model = two_eyed()
+    q = draw(model, 5)
+    assert model.sensors == ("left", "right")
+    assert model.by("left") is model.by("") is model
+    right = model.by("right")
+    assert right is model.by("right")
+    assert right.sensors == ("right",)
+    np.testing.assert_allclose(right.forward(q), model.forward(q) + 1.0, atol=1e-12)
+    assert np.array_equal(model.forward(q, sensor="right"), right.forward(q))
+    refused(OptionError, "'top': expected one of left, right", model.by, "top")
+    alone = replace(model, others=(), about=replace(model.about, sensor=""))
+    assert alone.by("any") is alone
+
+
+def test_a_log_is_judged_as_its_sensor_sees_the_arm():
+    model = two_eyed()
+    right = model.by("right")
+    rng = np.random.default_rng(3)
+    q = draw(model, 40, seed=3)
+    arm = calib.load_arm("spatial_three")
+    log = calib.Samples(
+        q, right.forward(q) + rng.normal(0.0, 2e-5, q.shape), arm.joint_names, sensor="right"
+    )
+    assert not calib.check(model, log).drifted
+    assert calib.check(model, replace(log, sensor="left")).drifted
+    turned = replace(log, q=log.q - np.array([0.0, 0.01, 0.0]))  # the shoulder was put on anew
+    adapted = calib.adapt(model, turned)
+    assert adapted.improved, adapted.notes
+    assert adapted.model.sensors == ("left", "right")
+    moved = adapted.model.forward(turned.q, sensor="right")
+    assert np.median(np.linalg.norm(moved - right.forward(q), axis=1)) < 3e-4

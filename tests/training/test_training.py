@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from models import draw, log, measured, no_arm, of_a_third, papers, trained, two_link
+from refusals import refused
 
 import calib
 from calib import LogError, OptionError
@@ -195,9 +196,7 @@ def test_a_drawing_that_is_trusted_leaves_zeros_and_frame(name):
 )
 def test_impossible_options_are_refused_in_one_line(options, message):
     samples = calib.babble(calib.load_arm("two_link"), 200)
-    with pytest.raises(OptionError, match=message) as caught:
-        calib.train(samples, **{"size": 5, **options})
-    assert "\n" not in str(caught.value)
+    refused(OptionError, message, calib.train, samples, **{"size": 5, **options})
 
 
 def test_too_few_rows_are_refused_and_ten_are_enough():
@@ -252,9 +251,7 @@ def test_rows_that_no_arm_in_space_explains_are_refused_in_one_line(case):
     change, words = MISFITS[case]
     q, x, turns = change(q, *arm.pose(q))
     log = calib.Samples(q, x, arm.joint_names, arm.lower, arm.upper, arm=arm, orientation=turns)
-    with pytest.raises(LogError, match=words) as caught:
-        calib.train(log, size=3)
-    assert "\n" not in str(caught.value)
+    refused(LogError, words, calib.train, log, size=3)
 
 
 @pytest.mark.parametrize(("n", "noise", "most"), [(60, 1e-4, 3e-4), (200, 0.0, 1e-12)])
@@ -300,3 +297,15 @@ def test_outliers_of_a_simulated_sensor_are_left_out_as_those_of_a_log_are(body)
     assert about.errors[model.default_readout]["forward"]["distance"]["mean"] < (
         2e-4 if body == "auto" else 0.02
     )
+
+
+def test_a_slide_that_nobody_named_is_told():
+    rows = calib.babble(calib.load_arm("polar"), 300, noise=0.1 * MM)
+    seen = calib.Samples(rows.q, rows.x, rows.joint_names)
+    words = "if a joint slides, name it in `prismatic`"
+    assert any(words in note for note in calib.train(seen, size=10).about.notes)
+    slides = replace(seen, revolute=rows.revolute)
+    assert not any(words in note for note in calib.train(slides, size=10).about.notes)
+    turning = calib.babble(calib.load_arm("two_link"), 300, noise=0.1 * MM)
+    arm = calib.Samples(turning.q, turning.x, turning.joint_names)
+    assert not any(words in note for note in calib.train(arm, size=10).about.notes)

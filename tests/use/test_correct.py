@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from drifting import arm, log, model
 from models import six, wide
+from refusals import refused
 
 import calib
 from calib import OptionError, correct
@@ -53,8 +54,7 @@ def test_out_of_reach_is_nan():
 
 def test_a_model_without_a_urdf():
     bare = calib.train(replace(log(n=60), arm=None, simulation=None), size=10)
-    with pytest.raises(OptionError, match="no URDF"):
-        calib.correct(bare, Q)
+    refused(OptionError, "no URDF", calib.correct, bare, Q)
 
 
 @pytest.fixture(scope="module")
@@ -97,8 +97,7 @@ def test_a_change_beyond_the_limit_is_marked_and_not_written(tmp_path, run, turn
     assert done.document["beyond_limit"] == [1, 2]
     assert done.document["change"]["elbow"]["max"] == pytest.approx(0.02, abs=2e-3)
     change = done.document["change"]["elbow"]
-    done = run(*line)
-    assert done.code == 0
+    done = run.done(*line)
     assert np.isfinite(np.loadtxt(old, delimiter=",", skiprows=1)).all()
     told = re.search(r"elbow ([\d.]+) deg \(largest ([\d.]+) deg\)", done.out)
     sizes = np.degrees([change["mean"], change["max"]])
@@ -109,9 +108,7 @@ def test_command_answers_row_by_row_and_other_columns_go_along(tmp_path, run, tu
     turning.save(tmp_path / "m.calib")
     table, out = tmp_path / "q.csv", tmp_path / "q2.csv"
     table.write_text('time,elbow,note,shoulder,x\n0.10,1.0,"a, b",0.3,9\n0.20,x,,0.4,9\n')
-    done = run("correct", tmp_path / "m.calib", "--input", table, "--output", out)
-    assert done.code == 1
-    assert "row 2 of 2" in done.err
+    run.refused(1, "row 2 of 2", "correct", tmp_path / "m.calib", "--input", table, "--output", out)
     lines = out.read_text().splitlines()
     assert lines[0] == "time,elbow,note,shoulder,x,y,distance,expected_error,reachable"
     row = next(csv.reader([lines[1]]))

@@ -20,35 +20,8 @@ from calib.model.nominal import nominal_behind, nominal_in_plane
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
 
-PROGRAM = """
-#include "arm.h"
-#include <stdio.h>
-int main(int count, char **names) {
-  enum { SLOPES = CALIB_OUT * CALIB_DOF, ALL = CALIB_OUT + 1 + SLOPES + CALIB_DOF };
-  double in[CALIB_DOF], out[ALL];
-  calib_real q[CALIB_DOF], x[CALIB_OUT], J[SLOPES], e, fixed[CALIB_DOF];
-  FILE *from, *to;
-  int i;
-  if (count != 3) return 1;
-  from = fopen(names[1], "rb");
-  to = fopen(names[2], "wb");
-  if (!from || !to) return 1;
-  while (fread(in, sizeof(double), CALIB_DOF, from) == CALIB_DOF) {
-    for (i = 0; i < CALIB_DOF; ++i) q[i] = (calib_real)in[i];
-    calib_forward(q, x);
-    calib_jacobian(q, J);
-    calib_expected_error(q, &e);
-    calib_correct(q, fixed);
-    for (i = 0; i < CALIB_OUT; ++i) out[i] = x[i];
-    out[CALIB_OUT] = e;
-    for (i = 0; i < SLOPES; ++i) out[CALIB_OUT + 1 + i] = J[i];
-    for (i = 0; i < CALIB_DOF; ++i) out[CALIB_OUT + 1 + SLOPES + i] = fixed[i];
-    fwrite(out, sizeof(double), ALL, to);
-  }
-  fclose(from);
-  return fclose(to);
-}
-"""
+DATA = Path(__file__).parents[1] / "data"
+PROGRAM = (DATA / "answers.c").read_text()
 LANGUAGES = {"c99": ["-std=c99"], "c++17": ["-x", "c++", "-std=c++17"]}
 
 
@@ -190,26 +163,10 @@ def test_a_model_without_a_body_is_refused(run, tmp_path):
     arm = calib.load_arm("two_link")
     bare = calib.train(calib.babble(arm, 100, seed=0), size=3, body="none")
     bare.save(tmp_path / "m.calib")
-    done = run("export", tmp_path / "m.calib", "-o", tmp_path / "arm.h")
-    assert done.code == 1
-    assert "body" in done.err
+    run.refused(1, "body", "export", tmp_path / "m.calib", "-o", tmp_path / "arm.h")
 
 
-CALLS = """
-int main(void) {
-  double command[CALIB_DOF];
-  calib_real q[CALIB_DOF], target[CALIB_OUT];
-  int i;
-  for (i = 0; i < CALIB_DOF; ++i) {
-    q[i] = calib_lower[i] + calib_span[i] / 2;
-    command[i] = (double)q[i];
-  }
-  filter_command(command);
-  calib_forward(q, target);
-  target[0] += calib_span[0] / 1000;
-  return step_towards(target, q) >= 0 ? 0 : 1;
-}
-"""
+CALLS = (DATA / "calls.c").read_text()
 
 
 @needs_compiler

@@ -1,15 +1,19 @@
-"""The corrected arm in the files of others: LeRobot, MuJoCo, Universal Robots."""
+"""The corrected arm in the files and figures of others: LeRobot, MuJoCo, UR, ISO 9283."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio
 import pytest
+from models import log_of
+from refusals import refused
 from scipy.spatial.transform import Rotation
 
 import calib
+from calib.use.iso9283 import iso9283
 
 DEGREES = {"shoulder_pan": 4.0, "elbow": -2.5}
 MOTOR = {"drive_mode": 0, "homing_offset": 100, "range_min": 800, "range_max": 3200}
@@ -33,8 +37,7 @@ def exported(run, folder, robot, changes=()):
     calib.train(made, size=3).save(model)
     (folder / "old.json").write_text(json.dumps(dict.fromkeys(arm.joint_names, MOTOR)))
     words = ["--ur", folder / "ur.yaml", "--mjcf", folder / "arm.xml", "-o", folder / "new.json"]
-    done = run("export", model, "--lerobot", folder / "old.json", *words, "--json")
-    assert done.code == 0, done.err
+    done = run.done("export", model, "--lerobot", folder / "old.json", *words, "--json")
     corrected = folder / "new.urdf"
     assert run("urdf", model, "-o", corrected).code == 0
     return done.document, calib.load_arm(corrected)
@@ -62,6 +65,15 @@ def test_a_corrected_calibration_makes_lerobot_tell_the_true_angles(corrected):
         for actual in (900, 2100, 3000):
             told = degrees(motor, actual) - degrees(MOTOR, actual)
             assert told == pytest.approx(DEGREES.get(name, 0.0), abs=0.05)  # half a tick
+
+
+def test_a_zero_beyond_the_motors_register_is_refused(corrected, run):
+    folder, _, arm = corrected
+    motors = dict.fromkeys(arm.joint_names, MOTOR | {"homing_offset": 2030})
+    (folder / "far.json").write_text(json.dumps(motors))
+    words = ("--lerobot", folder / "far.json", "-o", folder / "none.json")
+    run.refused(1, "on a tooth further", "export", folder / "arm.calib", *words)
+    assert not (folder / "none.json").exists()
 
 
 def transform(xyz, turn):
@@ -122,6 +134,8 @@ def test_entries_of_universal_robots_move_as_the_corrected_arm_does(corrected):
             pose = pose @ placed[name] @ about([0.0, 0.0, 1.0], angle)
         tools.append(np.linalg.inv(pose) @ transform(x, Rotation.from_quat(quaternion)))
     assert np.allclose(tools, tools[0], atol=1e-6)
+    # the tool's frame is the last joint's: it is turned by the zeros of the joints before
+    assert np.allclose(tools[0][:3, :3], np.round(tools[0][:3, :3]), atol=1e-6)
 
 
 @pytest.mark.skipif(not ROBOTS.is_dir(), reason="example-robot-data is not installed")
@@ -131,3 +145,23 @@ def test_a_drawing_with_other_axes_becomes_the_description_s_own_entries(run, tm
     placed = entries((tmp_path / "ur.yaml").read_text())
     for name, values in UR10.items():
         assert np.allclose(placed[name], of_entry(values), atol=1e-6), name
+
+
+def test_poses_outside_of_what_was_learned_are_left_out_aloud():
+    """Their accuracy is no number: whether it was the worst depended on the poses' order."""
+    arm = calib.load_arm("two_link")
+    rng = np.random.default_rng(0)
+    poses = np.array([[1.2, 2.0], [0.3, 0.8], [1.0, 1.5]])
+    part = calib.load_arm("two_link", ranges={"shoulder": (0.0, 1.1)})
+    rows = calib.babble(part, 200, seed=0, noise=1e-4)
+    model = calib.train(replace(rows, simulation=None), size=4)
+    q = np.tile(poses, (4, 1))
+    x = arm.forward(q) + rng.normal(0.0, 1e-4, (12, 2))
+    standard = iso9283(model, log_of(arm, q, x))
+    assert len(standard.poses) == 2
+    centres = x.reshape(4, 3, 2)[:, 1:].mean(axis=0)
+    away = np.linalg.norm(model.forward(poses[1:]) - centres, axis=1)
+    assert standard.corrected == pytest.approx(away.max(), rel=1e-9)
+    assert any("1 of 3 poses" in note for note in standard.notes)
+    q = np.tile([[1.2, 2.0], [1.3, 1.9]], (4, 1))
+    refused(calib.LogError, "the 2 poses", iso9283, model, log_of(arm, q, arm.forward(q)))

@@ -1,12 +1,17 @@
-"""Plans: within the limits, spread, in a short order; what is impossible is told; the command."""
+"""Plans: poses within limits in a short order; postures at a point, or with a board in view."""
 
+import json
 import math
 
 import numpy as np
 import pytest
+from boards import SPEC, Rig
 from models import in_pixels, trained
+from refusals import refused
 
 import calib
+from calib import OptionError
+from calib.body.spatial import structure_of
 
 DEGREE = math.radians(1.0)
 
@@ -38,8 +43,7 @@ def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
     path = tmp_path / "poses.csv"
     plan = calib.plan(arm, 12)
     plan.write(path)
-    with pytest.raises(calib.LogError, match="x"):
-        calib.read_log(path, arm)
+    refused(calib.LogError, "x", calib.read_log, path, arm)
     log = calib.read_log(path, arm, columns={"x": "expected_x", "y": "expected_y"})
     np.testing.assert_array_equal(log.q, plan.q)
     np.testing.assert_array_equal(log.x, plan.x)
@@ -63,3 +67,63 @@ def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture():
     assert ((plan.x > 0) & (plan.x < [width, height])).all()
     assert any("links that hide the tip" in note for note in plan.notes)
     assert not any(note.startswith("0.0%") for note in plan.notes)
+
+
+START = (0.0, 0.7, 1.0, 0.0, 1.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def six():
+    return calib.load_arm("six_axis")
+
+
+def test_the_tip_is_at_the_point_in_many_postures(six):
+    point = (0.45, 0.0, 0.35)
+    found = calib.plan(six, 12, touch=point)
+    assert np.allclose(found.x, point, atol=2e-6)
+    assert (found.q > six.lower).all()
+    assert (found.q < six.upper).all()
+    assert (np.ptp(found.q, axis=0)[:5] > 0.5).all()
+
+
+@pytest.mark.parametrize(("eye", "spec"), [("hand", "7x5:24mm"), ("base", SPEC)])
+def test_the_board_is_in_the_picture_from_many_sides(six, eye, spec):
+    """With a camera that looks along the tip's z axis, or a board that faces along it."""
+    found = calib.plan(six, 12, handeye=spec, eye=eye, start=START)
+    structure = structure_of(six, "base")
+    p, turn = structure.pose(np.vstack([START, found.q]), structure.neutral())
+    if eye == "hand":
+        board = p[0] + 0.4725 * turn[0, :, 2]
+        sight = np.einsum("nji,nj->ni", turn[1:], board - p[1:])
+    else:
+        facing = turn[0] * (1, -1, -1)
+        sight = (p[1:] - (p[0] - 0.4725 * facing[:, 2])) @ facing
+    # 900 px of focal length, 1280x720 px: within the picture, and not all from one side
+    assert (abs(sight[:, :2]) < sight[:, 2:] * (640 / 900, 360 / 900)).all()
+    spread = np.einsum("ij,nkj->nik", turn[1].T, turn[1:])
+    assert np.degrees(np.arccos(np.clip((spread[:, 2, 2]), -1, 1))).max() > 30
+
+
+@pytest.mark.parametrize("in_hand", [True, False])
+def test_a_model_of_pictures_knows_camera_and_board(run, tmp_path, in_hand):
+    """However they are mounted: no board, no `--from`, and none of the new pictures is lost."""
+    rig = Rig(in_hand, pictures=12, half_turn=not in_hand)
+    calib.train(rig.solve().poses).save(tmp_path / "rig.calib")
+    path = tmp_path / "poses.csv"
+    done = run.done("plan", tmp_path / "rig.calib", "--handeye", "-n", 12, "-o", path, "--json")
+    q = np.column_stack([json.loads(done.out)["poses"][name] for name in rig.arm.joint_names])
+    rig.look(q, np.random.default_rng(0))
+    assert ((rig.seen > 0) & (rig.seen < (1280, 720))).all()
+    refused = run("plan", tmp_path / "rig.calib", "--handeye", "--board", SPEC, "-o", path)
+    assert refused.code == 2
+
+
+def test_what_cannot_be_aimed_at_is_told(six, run, tmp_path):
+    refused(OptionError, "no posture", calib.plan, six, touch=(4, 0, 0))
+    refused(OptionError, "start", calib.plan, six, handeye=SPEC)
+    refused(OptionError, "in space", calib.plan, calib.load_arm("two_link"), touch=(0.3, 0.1, 0))
+    path = tmp_path / "poses.csv"
+    assert run("plan", "six_axis", "--board", SPEC, "-o", path).code == 2
+    assert run("plan", "six_axis", "--handeye", "-o", path).code == 2
+    done = run("plan", "six_axis", "--touch", "0.45,0,0.35", "-n", 8, "-o", path, "--json")
+    assert len(json.loads(done.out)["poses"]["elbow"]) == 8
