@@ -111,7 +111,6 @@ GEOMETRY = {
     **each({"*": QUANTITY}, "offsets moved"),
     **each(float, "residual before reach"),
     "urdf": TEXT_OR_NONE,
-    "base": QUANTITY,
     "frame": {"matrix": [[float]], "shift": [float]},
     "frame_fitted": bool,
     "unit": str,
