@@ -173,13 +173,15 @@ class Search:
         owner = np.concatenate([targets, target[likely]])
         u = np.concatenate([near, start[likely]])
         stand = newton.at(u, x[owner])
-        first = stand.rows(slice(count))
-        best = Nearest.begun(newton, first, near)
         hopeful = stand.miss <= SEARCH.rough * newton.task.size
         hopeful[count:] = True
-        trial = newton.descend(stand.rows(hopeful))
-        best.take(owner[hopeful], trial)
-        self._try_where_missed(best, target[~likely], start[~likely])
+        newton.descend(stand, hopeful)
+        first = stand.rows(slice(count))
+        best = Nearest.begun(newton, first, near)
+        others = stand.rows(slice(count, None))
+        best.take(owner[count:], others)
+        if len(best.missed()):
+            self._try_where_missed(best, target[~likely], start[~likely])
         return best
 
     def _try_likely_starts(self, best: Nearest, rows: Index) -> None:
@@ -205,6 +207,8 @@ class Search:
         """Try what lies across a fold beside the ways to some targets."""
         here = best.stand.rows(rows)
         place, start = twins(self.newton, here, self.folded)
+        if not len(place):
+            return
         owner = rows[place]
         away = self.newton.away(start, best.near[owner])
         likely = away <= best.rank[owner] + SEARCH.margin

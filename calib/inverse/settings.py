@@ -48,8 +48,10 @@ class SearchSettings:
     drawn: int = 32  # starts all over the ranges where others have failed
     aside: float = 0.2  # what is drawn so far beyond a limit is at it
     tries: int = 48  # starts of a position
-    # steps of a search by compiled C from joints and what is near: .. us each
+    # steps of a search by compiled C from joints and what is near: at most a millisecond
     budget: int = 2000
+    # the same, of redundant joints, whose steps take longer
+    spare_budget: int = 1600
     # of the workspace's extent: what redundant joints miss by less may be reached by
     # others, as the edge is where steps are slow
     edge: float = 2e-3
