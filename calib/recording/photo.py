@@ -21,10 +21,12 @@ from .tags import TagFinder
 WIDEST = 1000
 """Pixels along a kept photo's longer side, at most."""
 
-TAG = (60, 200, 60)
-MARK = (230, 90, 230)
-PLACE = (255, 200, 0)
-"""Red, green and blue of tags, of a board's corners, and of where the tip's tag was."""
+COLOURS = {
+    "tag": (60, 200, 60),
+    "mark": (230, 90, 230),
+    "place": (255, 200, 0),
+}
+"""Red, green and blue of what is drawn."""
 
 
 def take_photo(
@@ -105,11 +107,12 @@ def write_seen(
     if tags:
         corners = [tag.corners[None].astype(np.float32) for tag in tags]
         numbers = np.array([tag.number for tag in tags])
-        cv2.aruco.drawDetectedMarkers(canvas, corners, numbers, TAG)
+        cv2.aruco.drawDetectedMarkers(canvas, corners, numbers, COLOURS["tag"])
     marks = {} if setting.board is None else setting.marks(grey, ())
     radius = max(3, round(max(canvas.shape) / 213))
-    for colour, centres in ((PLACE, places), (MARK, marks.values())):
+    circles = {"place": places, "mark": marks.values()}
+    for what, centres in circles.items():
         for centre in centres:
             at = np.round(centre).astype(int).tolist()
-            cv2.circle(canvas, at, radius, colour, -1, cv2.LINE_AA)
+            cv2.circle(canvas, at, radius, COLOURS[what], -1, cv2.LINE_AA)
     atomic_write(path, cv2.imencode(".png", canvas[:, :, ::-1])[1].tobytes())
