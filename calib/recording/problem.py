@@ -264,7 +264,7 @@ def _problem(
     )
     exact = np.zeros((len(rows), layout.errors))
     unknowns = Unknowns(np.array(frames), begin, exact)
-    fit = Fit(unknowns, noise, np.zeros((0, 0)), np.zeros(2))
+    fit = Fit(unknowns, noise, np.zeros((0, 0)))
     return Problem(numbered, rows, bundle, Prior(mean, scales), fit)
 
 
