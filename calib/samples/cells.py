@@ -145,6 +145,13 @@ def seen_rows(cells: Cells, roles: Roles) -> Cells:
     if several and not zero.all():
         words = "hold zeros for a position, as where a sensor saw nothing"
         cells = cells.without(zero, words)
+    if not roles.touched:
+        q, x, _ = roles.split(cells.values)
+        words = (
+            "repeat the position of the row before although the joints moved, as where a sensor "
+            "holds its last value"
+        )
+        cells = cells.without(held_readings(q, x), words)
     if roles.turns != QUATERNION:
         return cells
     length = row_lengths(roles.split(cells.values)[2])
@@ -153,3 +160,20 @@ def seen_rows(cells: Cells, roles: Roles) -> Cells:
         f"qx, qy, qz, qw of length {length[np.argmax(wrong)]:.4g}, expected 1"
     )
     return cells.without(wrong, f"hold no orientation: {words}")
+
+
+def held_readings(q: Array, x: Array) -> Mask:
+    """Return rows (n,) that read as the row before to the last digit although the joints moved.
+
+    A sensor of coarse steps, as of whole pixels, reads the same at two places and holds nothing.
+    """
+    held = np.zeros(len(q), dtype=bool)
+    step = row_lengths(np.diff(x, axis=0))
+    same = step == 0.0
+    if not same.any() or same.all():
+        return held
+    digits = np.concatenate([np.diff(np.unique(axis)) for axis in x.T])
+    if np.median(step[~same]) > READING.fine * digits.min():
+        moved = row_lengths(np.diff(q, axis=0))
+        held[1:] = same & (moved > READING.moved * moved[~same].mean())
+    return held
