@@ -31,7 +31,7 @@ def recognise(
         fits.append({"model": models[fit.index], **fit.to_json()})
         sizes = number(fit.score), number(factor * fit.distance)
         rows.append([models[fit.index], *sizes, "fits" if fit.fits else ""])
-    header = ["model", "score", f"median distance [{shown}]", ""]
+    header = ["model", "score", f"rms distance [{shown}]", ""]
     table = TextTable(header, rows, f"{result.samples} samples of {data}")
     document = {
         "model": name,
