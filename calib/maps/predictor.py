@@ -57,6 +57,8 @@ class Predictor:
         return np.concatenate([self._value_of(part) for part in _parts(u)])
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:  # noqa: D102
+        if len(u) <= _ROWS:
+            return self._value_and_slope_of(u)
         parts = map(self._value_and_slope_of, _parts(u))
         values, slopes = zip(*parts, strict=True)
         return np.concatenate(values), np.concatenate(slopes)

@@ -8,6 +8,7 @@ import pytest
 from drifting import arm
 
 import calib
+from calib.body.approach import learn_play
 
 PLAY = 0.01
 
@@ -73,3 +74,15 @@ def test_a_log_along_a_path_shows_it_and_a_shuffled_one_does_not():
     q = samples.q[order]
     shuffled = replace(samples, simulation=None, q=q, x=samples.x[order], side=None)
     assert calib.train(shuffled, size=10).approach is None
+
+
+def test_a_play_below_zero_is_none():
+    rng = np.random.default_rng(0)
+    direction = rng.choice([-1.0, 1.0], (200, 2))
+    features = rng.normal(size=(200, 3, 2))
+    features[:, :, 1] += 2.0 * features[:, :, 0]
+    # alone, the first joint would explain the second one's negative play as well
+    residual = features @ [0.01, -0.02]
+    slope = -features * direction[:, None, :]
+    assert learn_play(residual, slope, direction) is None
+    assert learn_play(features @ [0.01, 0.02], slope, direction) == pytest.approx([0.01, 0.02])
