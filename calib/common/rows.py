@@ -79,7 +79,11 @@ def checked_rows(
 
 
 def each_joint(
-    name: str, value: object, joints: Sequence[str], *, zero: bool = True
+    name: str,
+    value: object,
+    joints: Sequence[str],
+    *,
+    zero: bool = True,
 ) -> Array:
     """Return a number (dof,) for each joint, from one for all or one each: `zero` or more."""
     try:
@@ -177,7 +181,12 @@ def numbers(name: str, values: object, count: int) -> list[float]:
     return [float(value) for value in good]
 
 
-def whole(name: str, value: object, least: int, most: int) -> int:
+def whole(
+    name: str,
+    value: object,
+    least: int,
+    most: int,
+) -> int:
     """Return a whole number within bounds, NumPy's too; True and 3.0 are none."""
     good = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (good and least <= value <= most):  # type: ignore[operator]
