@@ -165,20 +165,17 @@ def thinned(count: int, most: int) -> NDArray[np.intp]:
 def numbers(name: str, values: object, count: int) -> list[float]:
     """Return a list of so many finite numbers, or raise ValueError; true and false are none."""
     items = values if isinstance(values, list) else []
-    good = [
-        v
-        for v in items
-        if isinstance(v, int | float) and not isinstance(v, bool)
-    ]
-    if (
-        len(good) != count
-        or len(items) != count
-        or not all(map(math.isfinite, good))
-    ):
+    sound = all(
+        isinstance(item, int | float)
+        and not isinstance(item, bool)
+        and math.isfinite(item)
+        for item in items
+    )
+    if not sound or len(items) != count:
         raise ValueError(
             f"{name}: {values!r:.40} are not {count} finite numbers"
         )
-    return [float(value) for value in good]
+    return [float(item) for item in items]
 
 
 def whole(
