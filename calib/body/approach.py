@@ -14,6 +14,11 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array, Shape
 
+# standard errors by which half the play of a joint is above zero: of one joint, so that an arm
+# without play has none; of the others of an arm with play, where most have some
+SURE = 4.0
+LIKELY = 2.5
+
 
 @dataclass(frozen=True, eq=False)
 class Approach:
@@ -38,15 +43,15 @@ def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
     residual : (n, m) [unit], measured less predicted position, in the order of motion
     slope : (n, m, dof) [unit / rad or m], derivative of the position by the joint values
     direction : (n, dof), sign of the last motion of each joint
-    Returns (dof,), zero for joints whose play is not four standard errors above zero.
+    Returns (dof,): one joint has to be sure of its play; beside it others count that are likely.
     """
     features = -slope * direction[:, None, :]
     half, error = _least_squares(features, residual)
-    sure = half > 4.0 * error
-    if not sure.any():
+    if not (half > SURE * error).any():
         return None
+    likely = half > LIKELY * error
     play = np.zeros(slope.shape[2])
-    play[sure], _ = _least_squares(features[:, :, sure], residual)
+    play[likely], _ = _least_squares(features[:, :, likely], residual)
     return None if (play < 0.0).any() else play
 
 

@@ -368,7 +368,8 @@ def find_play(noise: FreeNoise, rows: LogRows) -> Play | None:
     """Find the joint whose play explains most beside all that may have changed; None for chance.
 
     A joint stands by half its play from where it stands coming from the other side: one more
-    column, the slope of the readings times the side.
+    column, the slope of the readings times the side. The model learned its own from rows, too,
+    with an error that the number of these tells.
     """
     system = noise.system
     side = rows.side[thinned(len(rows), len(system.log.q))]
@@ -391,7 +392,7 @@ def find_play(noise: FreeNoise, rows: LogRows) -> Play | None:
     may_play = np.minimum(above, below) > SIGNIFICANCE.least_share
     may_play &= half > 0.0
     may_play &= square > SIGNIFICANCE.least_explained * most
-    statistic *= may_play
+    statistic *= may_play / (1.0 + _rows_beside_training(noise.system))
     best = int(np.argmax(statistic))
     test = GroupTest("backlash", tests.chance(float(statistic[best]), 1.0))
     if test.score <= 1.0:
@@ -405,3 +406,11 @@ def find_play(noise: FreeNoise, rows: LogRows) -> Play | None:
     ):
         score = 0.0
     return Play(best, half, deviation, score)
+
+
+def _rows_beside_training(system: System) -> float:
+    """Rows of the log for each one that the model learned from; 0 where it was simulated."""
+    body = system.reference.body
+    if body.simulated or not body.rows:
+        return 0.0
+    return len(system.log.q) / body.rows
