@@ -6,14 +6,13 @@ Needs scikit-learn.  FOLDER holds the laser-tracker logs series_a.csv and series
 (Landgraf et al., CASE 2021); without it those rows are left out, with a note.
 """
 
-import argparse
 import sys
 import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tables import table
+from tables import table, typed
 
 import calib
 
@@ -103,11 +102,7 @@ def _row(series: str, rows: int, method: str, gap: Any) -> dict[str, Any]:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="few samples: does it all run?")
-    parser.add_argument("--only", choices=("real", "simulated"))
-    parser.add_argument("--data", type=Path)
-    options = parser.parse_args()
+    options = typed(__doc__, quick=False, only=("real", "simulated"), data=Path)
     warnings.simplefilter("ignore")
     if options.only != "simulated" and options.data is None:
         print("no --data: the real arm is left out", file=sys.stderr)

@@ -145,9 +145,11 @@ def online(quick: bool) -> list[dict[str, Any]]:
         truth = stream.simulation.exact(q)
         horizon = 4_000 if quick else 10_000
         settled = None
+        noticed = False
         steps = list(follow(model, stream.q, stream.x, horizon=horizon))
         for step, _ in steps:
-            below = step.adapting and step.zeta_sensory < step.threshold
+            noticed = noticed or step.adapting
+            below = noticed and step.zeta_sensory < step.threshold
             settled = (settled or step.samples) if below else None
         step, adapter = steps[-1]
         followed = adapter.model()

@@ -6,13 +6,12 @@ Branches are counted against the closed form of two links.  `--robots` adds real
 package example-robot-data.
 """
 
-import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tables import table
+from tables import table, typed
 from threadpoolctl import threadpool_limits
 
 import calib
@@ -145,10 +144,7 @@ def real_robots() -> Iterator[dict[str, Any]]:
 
 def main() -> None:
     """Run what was asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--robots", action="store_true", help="also real URDFs")
-    parser.add_argument("--quick", action="store_true", help="two robots, one noise")
-    options = parser.parse_args()
+    options = typed(__doc__, robots=False, quick=False)
     robots = ["two_link_full", "scara"] + ([] if options.quick else ["two_link", "three_link"])
     noises = (1e-3,) if options.quick else (0.0, 1e-3)
     with threadpool_limits(1):

@@ -6,7 +6,6 @@ Everything is rendered by tests/rendering.py, 1280x720, and read by `calib log` 
 Errors of the calibrated arm are distances to its true position at postures that no picture shows.
 """
 
-import argparse
 import sys
 import tempfile
 import time
@@ -20,6 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from rendering import Camera, Desk, board, board_shots, tag, write_video
+from tables import typed
 
 import calib
 from calib.recording.board import parse_board
@@ -153,14 +153,10 @@ def logged(folder: Path, metres: bool, name: str = "log.csv") -> tuple[calib.Sam
 
 def main() -> None:
     """Run all."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pictures", type=int, default=58)
-    parser.add_argument("--video", type=float, default=30.0, help="seconds; 0 for none")
-    parser.add_argument("--folder", type=Path)
-    typed = parser.parse_args()
+    options = typed(__doc__, pictures=58, video=30.0, folder=Path)
     cv2.setNumThreads(1)
     with tempfile.TemporaryDirectory() as made:
-        run(typed.folder or Path(made), typed.pictures, typed.video)
+        run(options.folder or Path(made), options.pictures, options.video)
 
 
 def run(folder: Path, count: int, seconds: float) -> None:

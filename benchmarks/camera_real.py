@@ -7,7 +7,6 @@ users do. Printed are the log's error against the truth, the noise that the log 
 along an axis), rows that were taken, and what was said.
 """
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from tables import typed
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -192,14 +192,11 @@ CASES = {f.__name__: f for f in (clipped, tilted, focus, shutter)}
 
 def main() -> None:
     """Run all."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", choices=CASES)
-    parser.add_argument("--pictures", type=int, default=24)
-    typed = parser.parse_args()
+    options = typed(__doc__, only=tuple(CASES), pictures=24)
     cv2.setNumThreads(1)
     for name, case in CASES.items():
-        if typed.only in (None, name):
-            case(typed.pictures)
+        if options.only in (None, name):
+            case(options.pictures)
 
 
 if __name__ == "__main__":

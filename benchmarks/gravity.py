@@ -7,7 +7,6 @@ it, and a payload may hang at the tip.  With FOLDER, series A and C of a real UR
 (docs/accuracy.md names their source), 300 rows, from its URDF as it is and without <inertial>.
 """
 
-import argparse
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tables import table
+from tables import table, typed
 from threadpoolctl import threadpool_limits
 
 import calib
@@ -93,10 +92,7 @@ def measured(folder: Path, seeds: int) -> Iterator[Row]:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--data", type=Path)
-    args = parser.parse_args()
+    args = typed(__doc__, seeds=3, data=Path)
     with threadpool_limits(1):
         rows = list(simulated(args.seeds))
         if args.data is not None:

@@ -11,7 +11,6 @@ them (4.x), with the lens known.  `--guard` counts false alarms of `check`, and 
 were bumped by 3 px, in series of 20 pictures.
 """
 
-import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from time import process_time
 
 import cv2
 import numpy as np
+from tables import typed
 
 import calib
 from calib.arm.rotations import logarithm
@@ -38,11 +38,7 @@ SERIES = 20  # pictures
 
 def main() -> None:
     """Print a row for each kind of rig."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--worlds", type=int, default=60)
-    parser.add_argument("--so101", metavar="URDF")
-    parser.add_argument("--guard", action="store_true")
-    asked = parser.parse_args()
+    asked = typed(__doc__, worlds=60, so101=str, guard=False)
     if asked.guard:
         guard(asked.worlds)
         return

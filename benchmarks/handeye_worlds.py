@@ -6,13 +6,13 @@ Poses with .3 mm and .02 deg of noise, corners with .15 px, 16 pictures of a che
 every other world has its camera in the hand.
 """
 
-import argparse
 import sys
 from pathlib import Path
 from time import process_time
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from tables import typed
 
 import calib
 from calib.recording.flange_table import FlangeTable
@@ -124,10 +124,7 @@ PARTS = {
 
 def main() -> None:
     """Print a line for each part."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--worlds", type=int, default=20)
-    parser.add_argument("--part", choices=PARTS)
-    options = parser.parse_args()
+    options = typed(__doc__, worlds=20, part=tuple(PARTS))
     for name, part in PARTS.items():
         if options.part in (None, name):
             part(options.worlds)

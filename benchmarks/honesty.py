@@ -10,7 +10,6 @@ repeats, few-rows, approach, streams (own generators, see honest_worlds.py).
 ``--quick`` takes fewer splits and seeds: each part then ends within about a minute.
 """
 
-import argparse
 import sys
 import time
 import warnings
@@ -21,9 +20,8 @@ from typing import Any
 import honest_change
 import honest_check
 import honest_real
-import honest_simulated
-import honest_streams
 import honest_verdicts
+from tables import typed
 
 Row = dict[str, Any]
 
@@ -37,21 +35,21 @@ REAL: dict[str, Callable[[Path, bool], Iterator[Row]]] = {
     "few": honest_real.few,
     "urdf": honest_real.urdf,
     "sessions": honest_verdicts.sessions,
-    "real-streams": honest_streams.real_streams,
+    "real-streams": honest_verdicts.real_streams,
 }
 OWN: dict[str, Callable[[bool], Iterator[Row]]] = {
-    "paths": honest_simulated.paths,
+    "paths": honest_check.paths,
     "places": honest_change.places,
     "power": honest_check.power,
     "change": honest_change.changed,
-    "clocks": honest_simulated.clocks,
+    "clocks": honest_check.clocks,
     "noisier": honest_check.noisier,
     "encoders": honest_check.encoders,
     "encoders-space": honest_check.space_encoders,
     "repeats": honest_verdicts.repeats,
     "few-rows": honest_verdicts.few_rows,
     "approach": honest_verdicts.approach,
-    "streams": honest_streams.streams,
+    "streams": honest_verdicts.streams,
 }
 
 
@@ -76,15 +74,11 @@ def shown(row: Row) -> str:
 
 def main() -> None:
     """Run the parts and print their rows."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--data", type=Path, help="folder with series_a.csv and series_c.csv")
-    parser.add_argument("--only", default="", help="parts to run, with commas between")
-    parser.add_argument("--quick", action="store_true", help="fewer splits and seeds")
-    options = parser.parse_args()
+    options = typed(__doc__, data=Path, only="", quick=False)
     wanted = [name for name in options.only.split(",") if name]
     unknown = set(wanted) - {*REAL, *OWN}
     if unknown:
-        parser.error(f"unknown: {', '.join(sorted(unknown))}; choose from {', '.join(REAL | OWN)}")
+        sys.exit(f"unknown: {', '.join(sorted(unknown))}; choose from {', '.join(REAL | OWN)}")
     warnings.simplefilter("ignore")
     found: list[Row] = []
     for name in REAL | OWN:

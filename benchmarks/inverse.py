@@ -8,7 +8,6 @@ least-squares loop of Pinocchio, two joints, from 5 mrad away.  The UR5 is the o
 example-robot-data, its analytic branches are checked with Pinocchio's kinematics.
 """
 
-import argparse
 import pickle
 import time
 from collections.abc import Callable, Iterator
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 from branches import UR10, shared_robots
 from realtime import Array, lean_loop, six_axis, sweep
-from tables import table
+from tables import table, typed
 from threadpoolctl import threadpool_limits
 
 import calib
@@ -181,9 +180,7 @@ def _apart(a: Array, b: Array) -> Array:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="few rows")
-    options = parser.parse_args()
+    options = typed(__doc__, quick=False)
     with threadpool_limits(1):
         table("Six joints", six_joints(1000 if options.quick else 20_000))
         rows = 10_000 if options.quick else 1_000_000

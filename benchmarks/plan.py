@@ -6,14 +6,13 @@ Prints the tables of docs/plan.md.  Everything is simulated with 1 mm noise per 
 seeds.  What a log tells is measured by the model that is trained on it.
 """
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
-from tables import table
+from tables import table, typed
 
 import calib
 from calib.samples.simulation import Simulation, parse_changes
@@ -96,9 +95,7 @@ def spread(seeds: int) -> None:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="3 seeds instead of 20")
-    spread(3 if parser.parse_args().quick else 20)
+    spread(3 if typed(__doc__, quick=False).quick else 20)
 
 
 if __name__ == "__main__":

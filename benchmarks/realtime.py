@@ -10,7 +10,6 @@ Beside `two_link` runs a lean damped least-squares loop on Pinocchio with the no
 (framesForwardKinematics, computeFrameJacobian, a 2x2 solve, at most five steps from near).
 """
 
-import argparse
 import gc
 import math
 import time
@@ -20,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tables import table
+from tables import table, typed
 
 import calib
 
@@ -142,10 +141,7 @@ def measure(model: Any, calls: int) -> Iterator[dict[str, Any]]:
 
 def main() -> None:
     """Run the measurement and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--calls", type=int, default=5000)
-    parser.add_argument("--model", type=Path)
-    options = parser.parse_args()
+    options = typed(__doc__, calls=5000, model=Path)
     if options.model is not None:
         models = {options.model.name: calib.load(options.model)}
     else:

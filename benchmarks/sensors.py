@@ -12,9 +12,8 @@ least error that their rows allow: that of the exact posterior, whose prior is h
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
+from tables import typed
 
 import calib
 from calib.arm.rotations import exponential, logarithm, similarity
@@ -185,15 +184,13 @@ def placed_error(structure: Structure, beta: Array, q: Array, expected: Array) -
 
 def main() -> None:
     """Print medians of the trackers, root mean squares of the cameras over worlds."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--worlds", type=int, default=5)
-    worlds = parser.parse_args().worlds
-    tracked = np.array([trackers(np.random.default_rng(seed)) for seed in range(worlds)])
+    options = typed(__doc__, worlds=5)
+    tracked = np.array([trackers(np.random.default_rng(seed)) for seed in range(options.worlds)])
     for way, errors in (("the fit", tracked[:, :2]), ("train", tracked[:, 2:])):
         alone, both = 1e3 * np.median(errors, axis=0)
         share = np.median(errors[:, 1] / errors[:, 0])
         print(f"trackers by {way}: {alone:.3f} mm alone, {both:.3f} together, ratio {share:.2f}")
-    seen = np.array([cameras(np.random.default_rng(seed)) for seed in range(worlds)])
+    seen = np.array([cameras(np.random.default_rng(seed)) for seed in range(options.worlds)])
     for what, errors in (("measured", seen[:, :3]), ("least", seen[:, 3:])):
         left, right, both = 1e3 * rms_of_worlds(errors)
         print(f"cameras, {what}: {left:.2f} and {right:.2f} mm alone, {both:.2f} together")

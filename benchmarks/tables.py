@@ -1,8 +1,28 @@
-"""Tables: what a script has measured, as Markdown for its page."""
+"""What scripts share: the options that are typed, and tables as Markdown for a page."""
 
+import argparse
 import math
 from collections.abc import Iterable
 from typing import Any
+
+
+def typed(doc: str, **options: Any) -> argparse.Namespace:
+    """Options as typed, each by what it is without: False is a flag, a tuple the choices.
+
+    A type stands for an option that is None without.
+    """
+    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
+    for name, usual in options.items():
+        if usual is False:
+            how: dict[str, Any] = {"action": "store_true"}
+        elif isinstance(usual, tuple):
+            how = {"choices": usual}
+        elif isinstance(usual, type):
+            how = {"type": usual}
+        else:
+            how = {"type": type(usual), "default": usual}
+        parser.add_argument(f"--{name}", **how)
+    return parser.parse_args()
 
 
 def number(value: float) -> str:

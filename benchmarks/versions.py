@@ -8,7 +8,6 @@ nearly tied may change. Means agree to 1e-6, maxima, which hang on single sample
 is exact up to rounding agrees to 1e-9 m or rad.
 """
 
-import argparse
 import json
 import platform
 import sys
@@ -18,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from tables import typed
 
 import calib
 
@@ -59,9 +59,7 @@ def differences(found: Any, kept: Any) -> list[str]:
 
 def main() -> None:
     """Write the errors, or compare them with those that are kept."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="keep these errors")
-    options = parser.parse_args()
+    options = typed(__doc__, write=False)
     found = errors()
     if options.write:
         KEPT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

@@ -153,9 +153,12 @@ def _arm_of_log(
     robot: str, selection: Selection, source: Source, columns: Mapping[str, str]
 ) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
+    from calib.samples.header import find_column
     from calib.samples.joint_values import locked_from_log
 
-    header = {*source.header, *columns}
+    turns = joints_that_turn(robot)
+    header = {name for name in turns if find_column(source.header, name)}
+    header |= {*source.header, *columns}
     arm = selection.load(robot, columns=header)
     # its locked joints turn the last link of a planar arm about its joint, as an offset does
     if selection.tip is None and arm.outputs == 2 and arm.locked:
@@ -163,7 +166,6 @@ def _arm_of_log(
         say([f"{tip}; `tip` names the frame that was measured"])
     typed = {part.joint for part in selection.lock or ()}
     others = [name for name in arm.locked if name not in typed]
-    turns = joints_that_turn(robot) if others else {}
     locked, notes = locked_from_log(
         source,
         others,

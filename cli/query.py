@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 import calib
 from calib.common.arrays import Array, Mask
-from calib.common.choices import FRAMES
 from calib.common.scale import METRES
 from calib.common.wording import for_people, listed
 from calib.samples.tables import Batch, read_batch, write_table
@@ -29,16 +28,17 @@ _LENGTHS = ("x", "y", "z", "distance", *BOUNDS)
 Columns = Mapping[str, ArrayLike]
 
 
-def model_in(path: str, frame: str) -> calib.Model:
-    """Load a model as one of its sensors sees the arm; as the first one in other frames."""
+def model_in(path: str, frame: str, *, base: bool = False) -> calib.Model:
+    """Load a model as one of its sensors sees the arm; as the first one in the `base` frame."""
     model = calib.load(path)
-    if frame in model.sensors:
+    names = [name for name in model.sensors if name]
+    if frame in names:
         model = model.by(frame)
-    elif frame not in FRAMES:
-        names = ", ".join(name for name in model.sensors if name)
-        raise BadOption(
-            f"--in {frame!r}: expected base or a sensor: {names or 'sensor'}"
-        )
+    elif frame != "sensor" and not (base and frame == "base"):
+        choices = names or ["sensor"]
+        if base:
+            choices.append("base")
+        raise BadOption(f"--in {frame!r}: expected {', '.join(choices)}")
     say(contradicted(model.about))
     return model
 
@@ -65,7 +65,7 @@ class Query:
                 f"--input {input_!r} and {len(values)} values: expected one"
             )
         check_file(output, TABLES, stream=True)
-        self.model = model_in(path, frame)
+        self.model = model_in(path, frame, base=True)
         self.input = input_
         self.degrees = degrees
         self._columns = columns

@@ -123,7 +123,14 @@ def arm_from_urdf(
     ranges = dict(ranges or {})
     posture = posture_of(urdf, lock)
     chain, notes = choose_chain(
-        urdf, posture, joints, tip, lock, ranges, planar, columns
+        urdf,
+        posture,
+        joints,
+        tip,
+        lock,
+        ranges,
+        planar,
+        columns,
     )
     active = chain.joints
     names = [joint.name for joint in active]
@@ -190,7 +197,10 @@ def _followers(
 
 
 def _normal(
-    chain: Chain, following: Mapping[str, Mimic], posture: Posture, planar: bool
+    chain: Chain,
+    following: Mapping[str, Mimic],
+    posture: Posture,
+    planar: bool,
 ) -> Array | None:
     """Return the direction (3,) across the plane of a planar arm, None of one in space."""
     names = [joint.name for joint in chain.joints]

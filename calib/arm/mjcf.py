@@ -22,12 +22,12 @@ from ..common.arrays import Array
 from ..common.wording import quoted
 from ..errors import RobotError
 from .mjcf_text import (
-    Attributes,
+    Defaults,
     check_supported,
     couplings,
     defaults_by_class,
 )
-from .robot_text import Vector, numbers_of
+from .robot_text import Attributes, Vector
 from .rotations import exponential, matrix_of
 from .urdf import Joint, Range, Urdf
 
@@ -70,7 +70,7 @@ class _Reader:
     """The settings of a model, and what has been read of it."""
 
     numbers: Mapping[ET.Element, int]  # of all elements
-    classes: Mapping[str, Mapping[str, Attributes]]  # defaults by class and tag
+    classes: Mapping[str, Defaults]
     degrees: bool
     sequence: str  # axes of Euler angles
     autolimits: bool
@@ -81,32 +81,37 @@ class _Reader:
     # [rad or m], value of each joint at which the model is drawn
     references: dict[str, float] = field(default_factory=dict)
 
-    def attributes(self, element: Element) -> dict[str, str]:
+    def name(self, element: Element) -> str:
+        """Name of an element, by its number where it has none."""
+        node = element.node
+        return node.get("name") or f"{node.tag}_{self.numbers[node]}"
+
+    def attributes(self, element: Element) -> Attributes:
         """Attributes of an element, those of its class among them."""
         node = element.node
+        where = f"{node.tag} {quoted(self.name(element))}"
         name = node.get("class", element.inherited)
         if name not in self.classes:
             raise RobotError(
-                f"<{node.tag}> has the class {quoted(name)}, which does not exist"
+                f"{where} has the class {quoted(name)}, which does not exist"
             )
-        return {**self.classes[name].get(node.tag, {}), **node.attrib}
+        defaults = self.classes[name].get(node.tag, {})
+        return Attributes(where, defaults, node.attrib)
 
     def angle(self, value: float) -> float:
         """An angle of the text [rad]."""
         return math.radians(value) if self.degrees else value
 
-    def frame(self, attributes: Attributes, where: str) -> Array:
-        """Transform (4, 4) of an element in the frame around it."""
-        place = numbers_of(
-            attributes,
-            "pos",
-            _ZERO,
-            where,
-        )
-        return _transform(self._orientation(attributes, where), place)
+    def frame(self, element: Element) -> Array:
+        """Transform (4, 4) of an element in its body's frame, a body's in its parent's."""
+        attributes = self.attributes(element)
+        place = attributes.numbers("pos", _ZERO)
+        own = _transform(self._orientation(attributes), place)
+        return np.asarray(element.frame @ own)
 
-    def _orientation(self, attributes: Attributes, where: str) -> Array:
+    def _orientation(self, attributes: Attributes) -> Array:
         """Rotation (3, 3) in any of the forms that MJCF has."""
+        where = attributes.where
         if "zaxis" in attributes:
             raise RobotError(
                 f"{where} has a zaxis: expected quat, axisangle, xyaxes or euler"
@@ -120,14 +125,7 @@ class _Reader:
             )
         form = forms[0]
         nothing = (math.nan,) * _ORIENTATIONS[form]
-        values = np.array(
-            numbers_of(
-                attributes,
-                form,
-                nothing,
-                where,
-            )
-        )
+        values = np.array(attributes.numbers(form, nothing))
         if form == "euler":
             return self._of_euler(values)
         direction = values if form == "quat" else values[:3]
@@ -155,46 +153,43 @@ class _Reader:
         return rotation
 
     def elements(
-        self, node: ET.Element, inherited: str, around: Array
+        self,
+        node: ET.Element,
+        inherited: str,
+        around: Array,
     ) -> Iterator[Element]:
         """Yield the elements of a body, those in frames within it too."""
         for child in node:
+            element = Element(child, around, inherited)
             if child.tag == "frame":
-                frame = around @ self.frame(child.attrib, "a frame")
                 name = child.get("childclass", inherited)
-                yield from self.elements(child, name, frame)
+                yield from self.elements(child, name, self.frame(element))
             else:
-                yield Element(child, around, inherited)
+                yield element
 
     def add_contents(self, inside: list[Element], link: str) -> None:
         """Add the sites and bodies on a link."""
         for element in inside:
             node = element.node
-            name = node.get("name", "")
             if node.tag == "body":
                 self._add_body(element, link)
-            elif node.tag == "site" and name:
-                site = self._new_link(name, "site")
-                frame = self.frame(
-                    self.attributes(element), f"site {quoted(site)}"
-                )
+            elif node.tag == "site" and node.get("name"):
+                site = self._new_link(self.name(element), "site")
                 joint = f"{site}:site"
                 self._add_fixed(
                     joint,
                     link,
                     site,
-                    element.frame @ frame,
+                    self.frame(element),
                 )
                 self._place(joint, element, np.eye(4))
 
     def _add_body(self, element: Element, parent: str) -> None:
         """Add a body with its joints, sites and bodies."""
-        node, around, inherited = element
-        number = self.numbers[node]
-        name = self._new_link(node.get("name") or f"body_{number}", "body")
-        where = f"body {quoted(name)}"
-        origin = around @ self.frame(node.attrib, where)
-        inherited = node.get("childclass", inherited)
+        node = element.node
+        name = self._new_link(self.name(element), "body")
+        origin = self.frame(element)
+        inherited = node.get("childclass", element.inherited)
         inside = list(self.elements(node, inherited, np.eye(4)))
         self._weigh(name, inside)
         moving = [part for part in inside if part.node.tag == "joint"]
@@ -210,33 +205,36 @@ class _Reader:
             self.joints.append(replace(joint, child=link, origin=place))
             origin = back
         if link != name:
-            joint_name = f"{name}:frame"
+            frame = f"{name}:frame"
             self._add_fixed(
-                joint_name,
+                frame,
                 link,
                 name,
                 origin,
             )
             if not moving:
-                self._place(joint_name, element, np.eye(4))
+                self._place(frame, element, np.eye(4))
         self.add_contents(inside, name)
 
     def _weigh(self, link: str, inside: list[Element]) -> None:
         """Note the mass of a body; of one that MuJoCo weighs by its geoms it is unknown, NaN."""
         for element in inside:
-            where = f"the {element.node.tag} of body {quoted(link)}"
             if element.node.tag == "inertial":
-                said = element.node.attrib
-                (mass,) = numbers_of(said, "mass", (0.0,), where)
-                centre = numbers_of(said, "pos", _ZERO, where)
-                self.masses[link] = mass, centre
+                stated = Attributes(f"body {quoted(link)}", element.node.attrib)
+                centre = stated.numbers("pos", _ZERO)
+                self.masses[link] = stated.number("mass"), centre
                 return
             if element.node.tag == "geom":
                 geom = self.attributes(element)
                 if geom.get("mass", geom.get("density")) != "0":
                     self.masses[link] = math.nan, _ZERO
 
-    def _place(self, joint: str, element: Element, after: Array) -> None:
+    def _place(
+        self,
+        joint: str,
+        element: Element,
+        after: Array,
+    ) -> None:
         number = self.numbers[element.node]
         self.places[joint] = Placed(number, element.frame, after)
 
@@ -253,68 +251,44 @@ class _Reader:
     def _joint(self, part: Element, parent: str) -> tuple[Joint, Array]:
         """Return a joint at zero in its body's frame, and the way (4, 4) back to that frame."""
         attributes = self.attributes(part)
-        frame = part.frame
-        name = attributes.get("name") or f"joint_{self.numbers[part.node]}"
-        where = f"joint {quoted(name)}"
+        where = attributes.where
+        name = self.name(part)
         kind = attributes.get("type", "hinge")
         if kind not in ("hinge", "slide"):
             raise RobotError(
                 f"{where} is of type {quoted(kind)}: expected hinges and slides alone"
             )
-        if any(joint.name == name for joint in self.joints):
+        if name in self.references:
             raise RobotError(
                 f"two joints are named {quoted(name)}: rename one of them"
             )
-        axis = frame[:3, :3] @ numbers_of(
-            attributes, "axis", (0.0, 0.0, 1.0), where
-        )
+        turns = part.frame[:3, :3]
+        axis = turns @ attributes.numbers("axis", (0.0, 0.0, 1.0))
         length = float(np.linalg.norm(axis))
         if not length > 0:
             raise RobotError(
                 f"{where} has the axis 0 0 0: give a direction such as 0 0 1"
             )
         axis = axis / length
+        place = turns @ attributes.numbers("pos", _ZERO) + part.frame[:3, 3]
+        back = _transform(_AXES, -place)
+        pivot = _transform(_AXES, place)
+        unit = self.angle(1.0) if kind == "hinge" else 1.0
+        reference = unit * attributes.number("ref")
+        self.references[name] = reference
         limited = attributes.get("limited", "auto")
         if limited == "auto" and self.autolimits and "range" in attributes:
             limited = "true"
         limits: Range | None = None
         if limited == "true":
-            low, high = numbers_of(
-                attributes,
-                "range",
-                (0.0, 0.0),
-                where,
-            )
-            limits = low, high
-        place = frame @ [
-            *numbers_of(
-                attributes,
-                "pos",
-                _ZERO,
-                where,
-            ),
-            1.0,
-        ]
-        (reference,) = numbers_of(
-            attributes,
-            "ref",
-            (0.0,),
-            where,
-        )
-        self.references[name] = (
-            self.angle(reference) if kind == "hinge" else reference
-        )
-        back = _transform(_AXES, -place[:3])
-        pivot = _transform(_AXES, place[:3])
+            low, high = attributes.numbers("range", (0.0, 0.0))
+            limits = unit * low, unit * high
         if kind == "slide":
             kind = "prismatic"
             pivot[:3, 3] -= reference * axis
         else:
-            kind = "continuous"
-            if limits is not None:
-                kind = "revolute"
-                limits = self.angle(limits[0]), self.angle(limits[1])
-            pivot[:3, :3] = exponential(-self.angle(reference) * axis)
+            kind = "revolute" if limits else "continuous"
+            pivot[:3, :3] = exponential(-reference * axis)
         direction = tuple(axis.tolist())
         joint = Joint(
             name,
@@ -328,7 +302,11 @@ class _Reader:
         return joint, back
 
     def _add_fixed(
-        self, name: str, parent: str, child: str, origin: Array
+        self,
+        name: str,
+        parent: str,
+        child: str,
+        origin: Array,
     ) -> None:
         self.joints.append(
             Joint(

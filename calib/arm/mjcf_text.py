@@ -7,14 +7,14 @@ from collections.abc import Iterator, Mapping
 
 from ..common.wording import quoted
 from ..errors import RobotError
-from .robot_text import numbers_of
+from .robot_text import Attributes
 from .urdf import Mimic
+
+Defaults = Mapping[str, Mapping[str, str]]
+"""Attributes of elements by their tag."""
 
 REFUSED = ("include", "attach", "replicate", "composite", "flexcomp")
 """Elements that stand for others."""
-
-Attributes = Mapping[str, str]
-"""Attributes of an element by name."""
 
 
 def check_supported(node: ET.Element) -> None:
@@ -45,31 +45,26 @@ def couplings(
         name = node.get("joint1", "")
         leader = node.get("joint2", "")
         words = node.get("polycoef", "").split()
-        polynomial = {"polycoef": " ".join([*words, *straight[len(words) :]])}
-        where = f"the equality of joint {quoted(name)}"
-        offset, multiplier, *higher = numbers_of(
-            polynomial, "polycoef", (0.0,) * 5, where
+        polynomial = Attributes(
+            f"the equality of joint {quoted(name)}",
+            {"polycoef": " ".join([*words, *straight[len(words) :]])},
         )
+        offset, multiplier, *higher = polynomial.numbers("polycoef", (0.0,) * 5)
         known = name in references and leader in references
         if known and node.get("active") != "false" and not any(higher):
             offset += references[name] - multiplier * references[leader]
             yield name, Mimic(leader, multiplier, offset)
 
 
-def defaults_by_class(root: ET.Element) -> dict[str, dict[str, Attributes]]:
-    """Attributes of elements by class and tag, with those of the classes around it."""
-    classes: dict[str, dict[str, Attributes]] = {"main": {}}
+def defaults_by_class(root: ET.Element) -> dict[str, Defaults]:
+    """Defaults of each class, with those of the classes around it."""
+    classes: dict[str, Defaults] = {"main": {}}
 
-    def add(
-        node: ET.Element, name: str, around: Mapping[str, Attributes]
-    ) -> None:
+    def add(node: ET.Element, name: str, around: Defaults) -> None:
         defaults = {**around, **classes.get(name, {})}
         for child in node:
-            if child.tag != "default":
-                defaults[child.tag] = {
-                    **defaults.get(child.tag, {}),
-                    **child.attrib,
-                }
+            before = defaults.get(child.tag, {})
+            defaults[child.tag] = {**before, **child.attrib}
         classes[name] = defaults
         for child in node.findall("default"):
             add(child, child.get("class", ""), defaults)

@@ -109,23 +109,47 @@ def parse_xml(text: str) -> ET.Element:
     return robot
 
 
-def numbers_of(
-    attributes: Mapping[str, str],
-    key: str,
-    default: Vector,
-    where: str,
-    *,
-    infinite: bool = False,
-) -> Vector:
-    """Read an attribute's numbers as URDF libraries do, not as Python does (1_000, nan)."""
-    text = attributes.get(key)
-    if text is None:
-        return default
-    words = text.split()
-    sound = len(words) == len(default) and all(map(_NUMBER.fullmatch, words))
-    values = tuple(map(float, words)) if sound else ()
-    if not values or not (infinite or all(map(math.isfinite, values))):
-        raise RobotError(
-            f"{where}: {key} is {quoted(text)}, expected {len(default)} numbers"
+class Attributes(dict[str, str]):
+    """Attributes of an element, whose numbers are read as URDF libraries do, not as Python does.
+
+    where : how messages name the element
+    parts : attributes by name; later ones count
+    """
+
+    def __init__(self, where: str, *parts: Mapping[str, str]) -> None:
+        super().__init__()
+        self.where = where
+        for part in parts:
+            self.update(part)
+
+    def numbers(
+        self,
+        key: str,
+        default: Vector,
+        *,
+        infinite: bool = False,
+    ) -> Vector:
+        """The numbers of an attribute, as many as the default has."""
+        text = self.get(key)
+        if text is None:
+            return default
+        words = text.split()
+        sound = len(words) == len(default) and all(
+            map(_NUMBER.fullmatch, words)
         )
-    return values
+        values = tuple(map(float, words)) if sound else ()
+        if not values or not (infinite or all(map(math.isfinite, values))):
+            raise RobotError(
+                f"{self.where}: {key} is {quoted(text)}, expected {len(default)} numbers"
+            )
+        return values
+
+    def number(
+        self,
+        key: str,
+        default: float = 0.0,
+        *,
+        infinite: bool = False,
+    ) -> float:
+        """An attribute that is one number."""
+        return self.numbers(key, (default,), infinite=infinite)[0]

@@ -18,7 +18,7 @@ import numpy as np
 from ..common.arrays import Array
 from ..common.wording import listed, quoted, suggestion
 from ..errors import RobotError
-from .robot_text import LIMITS, Vector, numbers_of
+from .robot_text import LIMITS, Attributes, Vector
 from .rotations import exponential
 
 Range = tuple[float, float]
@@ -209,7 +209,12 @@ def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
     root = _find_root(links, joints)
     masses = dict(_masses(robot))
     return Urdf(
-        own_name or name, root, tuple(links), joints, tuple(notes), masses
+        own_name or name,
+        root,
+        tuple(links),
+        joints,
+        tuple(notes),
+        masses,
     )
 
 
@@ -241,11 +246,21 @@ def _read_joint(
             f"{where} has type {quoted(kind)}: only fixed, revolute, continuous and prismatic "
             "joints are supported; make it fixed"
         )
-    parent = _end(node, "parent", where, links)
-    child = _end(node, "child", where, links)
-    place = _part(node, "origin")
-    xyz = numbers_of(place, "xyz", _ZERO, f"{where}: origin")
-    rpy = numbers_of(place, "rpy", _ZERO, f"{where}: origin")
+    parent = _end(
+        node,
+        "parent",
+        where,
+        links,
+    )
+    child = _end(
+        node,
+        "child",
+        where,
+        links,
+    )
+    place = _part(node, "origin", where)
+    xyz = place.numbers("xyz", _ZERO)
+    rpy = place.numbers("rpy", _ZERO)
     far = max(map(abs, xyz))
     if far > LIMITS.offset:
         raise RobotError(
@@ -258,51 +273,51 @@ def _read_joint(
     origin[:3] = np.column_stack([z @ y @ x, xyz])
     axis: Vector = (1.0, 0.0, 0.0)
     if kind != "fixed":
-        direction = _part(node, "axis")
+        direction = _part(node, "axis", where)
         if "xyz" not in direction:
             notes.append(f"{where} has no <axis>: URDF's default, x, is used")
-        axis = numbers_of(direction, "xyz", axis, f"{where}: axis")
+        axis = direction.numbers("xyz", axis)
         if not 1 / LIMITS.axis <= math.hypot(*axis) <= LIMITS.axis:
             raise RobotError(
                 f"{where} has the axis {' '.join(f'{part:g}' for part in axis)}: give a direction "
                 "such as 0 0 1"
             )
     limits: Range | None = None
-    ends = _part(node, "limit")
+    ends = _part(node, "limit", where)
     if kind in ("revolute", "prismatic") and ends.keys() & {"lower", "upper"}:
         limits = (
-            _number(ends, "lower", 0.0, where, infinite=True),
-            _number(ends, "upper", 0.0, where, infinite=True),
+            ends.number("lower", infinite=True),
+            ends.number("upper", infinite=True),
         )
     mimic: Mimic | None = None
-    follows = _part(node, "mimic")
+    follows = _part(node, "mimic", where)
     if follows:
-        scale = _number(follows, "multiplier", 1.0, where)
-        offset = _number(follows, "offset", 0.0, where)
-        mimic = Mimic(follows.get("joint", ""), scale, offset)
-    return Joint(name, kind, parent, child, origin, axis, limits, mimic)
+        scale = follows.number("multiplier", 1.0)
+        mimic = Mimic(follows.get("joint", ""), scale, follows.number("offset"))
+    return Joint(
+        name,
+        kind,
+        parent,
+        child,
+        origin,
+        axis,
+        limits,
+        mimic,
+    )
 
 
-def _number(
-    attributes: Mapping[str, str],
-    key: str,
-    default: float,
-    where: str,
-    *,
-    infinite: bool = False,
-) -> float:
-    """Return an attribute that is one number."""
-    (value,) = numbers_of(attributes, key, (default,), where, infinite=infinite)
-    return value
-
-
-def _part(node: ET.Element, path: str) -> Mapping[str, str]:
+def _part(node: ET.Element, path: str, where: str) -> Attributes:
     """Return the attributes of an element's part; none where there is no such part."""
     part = node.find(path)
-    return {} if part is None else part.attrib
+    return Attributes(f"{where}: {path}", {} if part is None else part.attrib)
 
 
-def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:
+def _end(
+    node: ET.Element,
+    tag: str,
+    where: str,
+    links: Collection[str],
+) -> str:
     ends = node.findall(tag)
     if len(ends) != 1:
         raise RobotError(
@@ -320,12 +335,11 @@ def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:
 def _masses(robot: ET.Element) -> Iterator[tuple[str, tuple[float, Vector]]]:
     """Masses and centres of links; what is no positive finite number is left out."""
     for link in robot.findall("link"):
-        weight = _part(link, "inertial/mass")
-        place = _part(link, "inertial/origin")
         with suppress(RobotError):
-            mass = _number(weight, "value", 0.0, "mass")
+            mass = _part(link, "inertial/mass", "link").number("value")
             if 0 < mass < LIMITS.mass:
-                centre = numbers_of(place, "xyz", _ZERO, "mass")
+                place = _part(link, "inertial/origin", "link")
+                centre = place.numbers("xyz", _ZERO)
                 yield link.get("name", ""), (mass, centre)
 
 

@@ -1,12 +1,14 @@
 """Chains that explain rows of an arm in space of which no drawing says where its joints are.
 
-Damped Gauss-Newton over all joint origins brings most random chains to a local optimum; the best of
-24 was the best there is in every case tried.
+Damped Gauss-Newton over all joint origins brings random chains to local optima.  Of rows all over
+the range the best of 24 was the best there is in every case tried, of a short path in most.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -21,35 +23,70 @@ def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
     """Return chains that fit rows, the best first; at their origins the parameters are zero.
 
     The search begins at the structure's own chain, of a drawing where there is one, and goes on at
-    random ones until one leaves no more than the rows' noise or several that explain them agree.
+    random ones until the best end leaves no more than the rows' noise or another one agrees.
     """
     noise = 0.0 if rows.noise is None else float(np.max(rows.noise))
     least = max(START.exact, noise / structure.extent)
-    rng = np.random.default_rng(0)
+    begins = _beginnings(structure, rows.z)
     ends: list[Start] = []
-    begin = structure
-    while len(ends) < START.chains:
-        prior = begin.prior(("placement", "tool"))
-        end = Start(begin, prior.mean).run(rows.q, rows.z, prior, START.steps)
-        there = _absorbed(begin, end.beta)
-        ends.append(replace(end, structure=there, beta=there.neutral()))
-        if end.noise <= least or _agreeing(ends) >= START.alike:
+    for _ in range(START.rounds):
+        ends += _ends(islice(begins, START.chains), rows, least)
+        ends.sort(key=lambda end: end.cost)
+        if ends[0].noise <= least or _agreeing(ends, START.near) > 1:
             break
-        begin = _drawn(structure, rows.z, rng)
-    return sorted(ends, key=lambda end: end.cost)[: START.alike]
+    return [_absorbed(end) for end in ends[: START.alike]]
 
 
-def _agreeing(ends: list[Start]) -> int:
-    """Return how many ends of the search explain the rows as well as the best of these."""
+def _beginnings(
+    structure: SpatialStructure, z: Array
+) -> Iterator[SpatialStructure]:
+    """Yield a structure, then random chains without an end."""
+    rng = np.random.default_rng(0)
+    yield structure
+    while True:
+        yield _drawn(structure, z, rng)
+
+
+def _ends(
+    begins: Iterable[SpatialStructure], rows: Rows, least: float
+) -> list[Start]:
+    """Return where the search ends that begins at some chains, for the best of these.
+
+    Rows of a short path leave a long valley, so that the best ends are carried on.
+
+    least : share of the extents that residuals of a chain have that is exact
+    """
+    ends: list[Start] = []
+    for begin in begins:
+        end = _carried_on(Start(begin, begin.neutral()), rows, START.steps)
+        ends.append(end)
+        if end.noise <= least or _agreeing(ends, START.same) >= START.alike:
+            break
+    for count, steps in START.further_steps:
+        ends.sort(key=lambda end: end.cost)
+        ends = [_carried_on(end, rows, steps) for end in ends[:count]]
+    return ends
+
+
+def _carried_on(start: Start, rows: Rows, steps: int) -> Start:
+    """Return a start after damped steps of the chain, which may be anywhere."""
+    prior = start.structure.prior(("placement", "tool"))
+    return start.run(rows.q, rows.z, prior, steps)
+
+
+def _agreeing(ends: list[Start], near: float) -> int:
+    """Return how many ends explain the rows as well as the best of these, but for some nats."""
     costs = [end.cost for end in ends if end.noise <= START.explained]
     best = min(costs, default=0.0)
-    return sum(cost < best + START.same for cost in costs)
+    return sum(cost < best + near for cost in costs)
 
 
-def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
-    """Return the structure whose nominal chain is where `beta` puts origins and tip."""
+def _absorbed(end: Start) -> Start:
+    """Return an end whose nominal chain is where its parameters put origins and tip."""
+    structure = end.structure
+    assert isinstance(structure, SpatialStructure)  # noqa: S101 - chains are in space
     zero = np.zeros((structure.chain.joints, 1))
-    still = structure.move(zero, beta)
+    still = structure.move(zero, end.beta)
     axes = still.axes[..., 0]
     chain = replace(
         structure.chain,
@@ -58,7 +95,8 @@ def _absorbed(structure: SpatialStructure, beta: Array) -> SpatialStructure:
         tip=still.position[..., 0],
         rotation=still.rotation[..., 0],
     )
-    return replace(structure, chain=chain)
+    there = replace(structure, chain=chain)
+    return replace(end, structure=there, beta=there.neutral())
 
 
 def _drawn(

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from .covariance import autocorrelation_time
 from .normal import Factor, with_prior
-from .parameters import Hyper, Prior
+from .parameters import Hyper, Indices, Prior
 from .rows import Part, Rows
 from .settings import FIT
 from .structure import Structure
@@ -176,20 +176,21 @@ class Fit:
         return -self._energy(self.beta) - 0.5 * volume
 
     def settle(self, steps: int) -> tuple[Array, float, float]:
-        """Damped steps from anywhere, until one is short beside the parameters' own sds.
+        """Damped steps from anywhere, until one gains next to nothing.
 
         Returns beta : (d,)
         Returns cost : negative log posterior with Student noise, of which the scale was fitted
         Returns noise : share of the extents that the residuals have
         """
+        linear = np.isin(self.active, self.structure.linear)
         damping = 1e-3
         for _ in range(steps):
             for part in self.parts:
                 part.learn_noise()
             self._linearise()
-            gain, delta, damping = self.descend(damping * 8.0 ** np.arange(8))
-            sds = np.abs(delta) * np.sqrt(np.diag(self.precision))
-            if gain <= 0 or sds.max() < 1e-3:
+            dampings = damping * 8.0 ** np.arange(8)
+            gain, _, damping = self.descend(dampings, linear)
+            if gain < 1e-3:
                 break
             damping = max(damping / 10, 1e-12)
         for part in self.parts:
@@ -197,25 +198,34 @@ class Fit:
         share = float((self.noise / self.structure.extents).max())
         return self.beta, self._energy(self.beta), share
 
-    def descend(self, dampings: Iterable[float]) -> tuple[float, Array, float]:
+    def descend(
+        self, dampings: Iterable[float], linear: Mask | None = None
+    ) -> tuple[float, Array, float]:
         """Move by the first of ever more damped steps that gains (Levenberg 1944, Marquardt 1963).
 
+        linear : (k,), parameters that the outputs are linear in: they are not damped but solved for
+            again after each step of the others, whose valley bends with them (Golub and Pereyra
+            1973)
         Returns the gain [nats], 0 where none gains, the step (k,) and its damping.
         """
         before = self._energy(self.beta)
         damped = self.precision.copy()
+        strength = np.diag(self.precision).copy()
+        if linear is not None:
+            strength[linear] = 0.0
         delta = np.zeros(len(self.active))
         damping = np.inf
         for damping in dampings:
-            np.fill_diagonal(damped, (1 + damping) * np.diag(self.precision))
+            np.fill_diagonal(
+                damped, np.diag(self.precision) + damping * strength
+            )
             try:
                 delta = Factor(damped).solve(self.gradient)
+                beta = self._moved(self.beta, delta)
+                if linear is not None and linear.any():
+                    beta = self._moved(beta, self._linear_step(beta, linear))
             except np.linalg.LinAlgError:
                 continue
-            full = np.zeros(len(self.beta))
-            full[self.active] = delta
-            with np.errstate(all="ignore"):
-                beta = self.structure.retract(self.beta, full)
             residuals = [part.residual_at(beta) for part in self.parts]
             gain = before - self._energy(beta, residuals)
             if gain > 0 or (damping == 0 and gain >= -1e-9 * abs(before)):
@@ -225,23 +235,56 @@ class Fit:
                 return gain, delta, damping
         return 0.0, delta, damping
 
+    def _moved(self, beta: Array, delta: Array) -> Array:
+        """Parameters (d,) after a step (k,) of those that are fitted."""
+        step = np.zeros(len(beta))
+        step[self.active] = delta
+        with np.errstate(all="ignore"):
+            return self.structure.retract(beta, step)
+
+    def _linear_step(self, beta: Array, linear: Mask) -> Array:
+        """The step (k,) from parameters (d,) to the best of those that outputs are linear in."""
+        residuals = [part.residual_at(beta) for part in self.parts]
+        grams, moments = self._information(
+            beta, residuals, self.active[linear], 1
+        )
+        precision = with_prior(grams[0], self.sd[linear], None)
+        gradient = moments[0] - self._pull(beta)[linear]
+        step = np.zeros(len(linear))
+        step[linear] = Factor(precision).solve(gradient)
+        return step
+
     def _linearise(self, *, by_blocks: bool = False) -> None:
         """Set the precision and the gradient; what each block of rows adds may stay apart."""
-        size = len(self.active)
         blocks = len(self.parts[0].edges) - 1 if by_blocks else 1
-        self.grams = np.zeros((blocks, size, size))
-        self.moments = np.zeros((blocks, size))
-        for part in self.parts:
-            root = part.weigh()
-            missed = root * part.residual
-            derivatives = part.by_blocks(self.beta, self.active)
-            for k, (rows, x) in enumerate(derivatives):
-                flat = (x * root[rows, :, None]).reshape(-1, size)
-                self.grams[k % blocks] += flat.T @ flat
-                self.moments[k % blocks] += flat.T @ missed[rows].ravel()
+        residuals = [part.residual for part in self.parts]
+        self.grams, self.moments = self._information(
+            self.beta, residuals, self.active, blocks
+        )
         gram = self.grams.sum(axis=0)
         self.precision = with_prior(gram, self.sd, self.prior_precision)
         self.gradient = self.moments.sum(axis=0) - self._pull(self.beta)
+
+    def _information(
+        self,
+        beta: Array,
+        residuals: list[Array],
+        indices: Indices,
+        blocks: int,
+    ) -> tuple[Array, Array]:
+        """What blocks of rows tell of some parameters: information (b, k, k), moments (b, k)."""
+        size = len(indices)
+        grams = np.zeros((blocks, size, size))
+        moments = np.zeros((blocks, size))
+        for part, residual in zip(self.parts, residuals, strict=True):
+            root = part.weigh()
+            missed = root * residual
+            derivatives = part.by_blocks(beta, indices)
+            for k, (rows, x) in enumerate(derivatives):
+                flat = (x * root[rows, :, None]).reshape(-1, size)
+                grams[k % blocks] += flat.T @ flat
+                moments[k % blocks] += flat.T @ missed[rows].ravel()
+        return grams, moments
 
     def _learn(self, factor: Factor, variance: Array) -> None:
         """One step of EM: scales and noise; `variance` (k,) is that of the posterior."""

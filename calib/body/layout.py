@@ -188,6 +188,11 @@ class Layout:
         """How many joints turn against their drawing, and whether the sensor sees a mirror."""
         return 0
 
+    @property
+    def linear(self) -> Indices:
+        """Parameters that the outputs are linear in, all others staying as they are."""
+        return np.zeros(0, dtype=int)
+
     def undrawn(self) -> Self | None:
         """The structure without a drawing that rows may contradict, None where it needs one."""
         return None

@@ -117,9 +117,15 @@ class StartSettings:
     # rows that tell a chain of which only the joints are known, and that its search uses
     least_rows: int = 10
     chain_rows: int = 150
-    chains: int = 24  # to begin at
+    chains: int = 24  # to begin at in a round
+    rounds: int = 3  # until the best two agree
+    # how many of the best ends are carried on, by how many steps: after 40 a UR5's short path was
+    # explained 25 to 900 nats worse than by the true chain, now to 2
+    further_steps: tuple[tuple[int, int], ...] = ((8, 100), (4, 300))
     alike: int = 4  # of them that end alike are enough
-    same: float = 0.5  # [nats] by which they are alike
+    # [nats] by which they are alike, and the best two of those that were carried on
+    same: float = 0.5
+    near: float = 2.0
     # shares of the extents: residuals of a chain that is exact, and of one that explains the
     # rows.  A hobby arm's first four ends were points, alike at .29
     exact: float = 10 * SIMULATED_FLOOR

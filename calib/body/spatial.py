@@ -84,6 +84,14 @@ class SpatialStructure(Structure):
         """Parameters (c, 3) that turn the joint origins."""
         return self.groups["placement"].reshape(-1, 2, 3)[:, 1]
 
+    @property
+    def linear(self) -> Indices:
+        """What shifts the tip: where the sensor stands, the tool, joint origins; not in pixels."""
+        if self.outputs == 2:
+            return super().linear
+        sensor = [self.groups[name] for name in ("view.shift", "tool")]
+        return np.concatenate([*sensor, self.shifts.ravel()])
+
     def geometry(self) -> Sequence[Block]:
         """Blocks of the tip, the joint origins and the joints."""
         # of the tool what one orientation does not tell is held

@@ -27,6 +27,9 @@ class LinkSettings:
     # spacings of the sensory map by which a start may miss its node
     missed: float = 2.0
     width: int = 8  # most starts of a sensory node
+    # nearest sensory nodes of a target, of three joints: with one 25 of 2,029 ways were missed at
+    # limits and folds, with three 4, with five none
+    nodes: int = 5
     spare_width: int = 32  # the same, of redundant arms
     ahead: int = 48  # sensory nodes that a single query makes ready
     # of the largest singular value: less is left out of a first step
@@ -63,6 +66,9 @@ class LinkStarts:
         dof = association.motor.units.shape[1]
         outputs = association.sensory.units.shape[1]
         self._width = LINKS.spare_width if newton.redundant else LINKS.width
+        # two joints have both their ways from one node
+        several = dof > 2 and not newton.redundant
+        self._count = LINKS.nodes if several else 1
         starts = nodes, self._width
         self._ready = np.zeros(nodes, dtype=bool)
         self._u = np.full((*starts, dof), np.nan)
@@ -70,25 +76,23 @@ class LinkStarts:
         self._inverse = np.zeros((*starts, dof, outputs))
 
     def of(self, x: Array) -> tuple[Index, Array]:
-        """Starts of the nearest node, a linear step towards each target `x` (n, m) on."""
+        """Starts of the nearest nodes, a linear step towards each target `x` (n, m) on."""
         node = self._nearest_nodes(x)
         filled = np.isfinite(self._u[node, :, 0])
-        target, column = np.nonzero(filled)
-        start = node[target], column
+        target, place, column = np.nonzero(filled)
+        start = node[target, place], column
         gap = x[target] - self._value[start]
         inverse = self._inverse[start]
-        parts = inverse * gap[:, None]
-        step = parts.sum(axis=2)
+        step = (inverse @ gap[..., None])[..., 0]
         longest = LINKS.step * self.association.motor.spacing
         u = self._u[start] + shortened(step, longest)
-        return target, self._newton.clip(u)
+        return target, u
 
     def _nearest_nodes(self, x: Array) -> Index:
-        """The sensory node nearest to each target (n,), made ready."""
+        """The sensory nodes nearest to each target (n, k), made ready."""
         sensory = self.association.sensory
         place = sensory.scale.to_unit(x)
-        _, nodes = sensory.nearest(place)
-        node = nodes[:, 0]
+        _, node = sensory.nearest(place, self._count)
         missing = node[~self._ready[node]]
         if 0 < len(missing) < LINKS.ahead:  # single queries follow each other
             count = min(LINKS.ahead, sensory.size)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -89,29 +89,43 @@ class Newton:
         Damped Newton steps (Levenberg-Marquardt).  A target counts as met within a share
         `tolerance` of the task's size.
         """
-        return self.descend(self.at(u, x), tolerance, steps)
+        stand = self.at(u, x)
+        everywhere = np.ones(len(u), dtype=bool)
+        self.descend(stand, everywhere, tolerance, steps)
+        return stand
 
     def descend(
         self,
         stand: Stand,
+        which: Mask,
         tolerance: float = ROUNDING,
         steps: int = SEARCH.steps,
-    ) -> Stand:
-        """The same from where joints stand, which is changed in place."""
+    ) -> None:
+        """The same of some rows (n,) of where joints stand, which is changed in place."""
         enough = tolerance * self.task.size
         rounding = max(tolerance, 1e-12) * self.task.size
-        rows = (stand.miss > enough).nonzero()[0]
+        going = which & (stand.miss > enough)
+        rows = going.nonzero()[0]
         if not len(rows):
-            return stand
+            return
         here = stand.rows(rows)
         damping = np.full(len(rows), SEARCH.easy)
+        # what the next step leaves, (n,): Newton's steps gain twice as many digits as the last did
+        rest = np.full(len(rows), np.inf)
         for _ in range(steps):
             move = self.move(here, damping)
             step = capped(move, SEARCH.longest)
-            trial = self.at(here.u + step, here.x)
-            gain = here.miss - trial.miss
-            better = gain > 0.0
-            slow = gain < SEARCH.slow * here.miss
+            u = here.u + step
+            inside = u.min() > 0.0 and u.max() < 1.0
+            if inside and rest.max() <= enough:
+                # a look less, which counts of a single target
+                here = replace(here, u=u, miss=rest)
+                break
+            trial = self.at(u, here.x)
+            ratio = trial.miss / here.miss
+            rest = trial.miss * ratio * ratio
+            better = ratio < 1.0
+            slow = ratio > 1.0 - SEARCH.slow
             still = np.abs(move).max(axis=1) < STILL
             final = better | (here.miss < rounding)
             ended = (slow & final) | still
@@ -132,8 +146,8 @@ class Newton:
                 rows = rows[going]
                 here = here.rows(going)
                 damping = damping[going]
+                rest = rest[going]
         stand.put(rows, here)
-        return stand
 
     def move(self, stand: Stand, damping: Array) -> Array:
         """The shortest move (n, dof) that closes gaps.

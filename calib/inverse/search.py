@@ -15,7 +15,7 @@ from .folds import twins
 from .newton import Newton, Stand
 from .settings import SEARCH
 from .slides import settle
-from .ways import Ways, distinct
+from .ways import Ways, distinct, spread_to_limits
 
 _FURTHER = 1e3
 """What is missed ranks behind whatever is met."""
@@ -173,13 +173,15 @@ class Search:
         owner = np.concatenate([targets, target[likely]])
         u = np.concatenate([near, start[likely]])
         stand = newton.at(u, x[owner])
-        first = stand.rows(slice(count))
-        best = Nearest.begun(newton, first, near)
         hopeful = stand.miss <= SEARCH.rough * newton.task.size
         hopeful[count:] = True
-        trial = newton.descend(stand.rows(hopeful))
-        best.take(owner[hopeful], trial)
-        self._try_where_missed(best, target[~likely], start[~likely])
+        newton.descend(stand, hopeful)
+        first = stand.rows(slice(count))
+        best = Nearest.begun(newton, first, near)
+        others = stand.rows(slice(count, None))
+        best.take(owner[count:], others)
+        if len(best.missed()):
+            self._try_where_missed(best, target[~likely], start[~likely])
         return best
 
     def _try_likely_starts(self, best: Nearest, rows: Index) -> None:
@@ -205,6 +207,8 @@ class Search:
         """Try what lies across a fold beside the ways to some targets."""
         here = best.stand.rows(rows)
         place, start = twins(self.newton, here, self.folded)
+        if not len(place):
+            return
         owner = rows[place]
         away = self.newton.away(start, best.near[owner])
         likely = away <= best.rank[owner] + SEARCH.margin
@@ -240,9 +244,7 @@ class Search:
 def _drawn(rows: Index, dof: int) -> tuple[Index, Array]:
     """For each row joints (k, dof) at random all over their ranges, many at a limit."""
     rng = np.random.default_rng(0)
-    u = rng.random((SEARCH.drawn, dof))
-    beyond = SEARCH.aside * (2.0 * u - 1.0)
-    u = np.clip(u + beyond, 0.0, 1.0)
+    u = spread_to_limits(rng.random((SEARCH.drawn, dof)))
     owner = np.repeat(rows, SEARCH.drawn)
     repeated = np.tile(u, (len(rows), 1))
     return owner, repeated

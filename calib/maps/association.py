@@ -265,19 +265,21 @@ def _cluster_labels(links: Compressed, motor: Map) -> Index:
 
     links : (sensory nodes, motor nodes)
     """
-    from scipy.sparse import coo_array, csr_array
+    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     count = len(links.indices)
-    link_numbers = np.arange(1, count + 1)
-    columns = csr_array(
-        (link_numbers, links.indices, links.indptr), links.shape
-    ).tocsc()
-    # a sensory node that is linked to both nodes of a close pair joins these links
-    one, two = (columns[:, nodes] for nodes in _close_nodes(motor))
-    both = one.astype(bool).multiply(two.astype(bool))
-    pairs = [csr_array(part.multiply(both)).data - 1 for part in (one, two)]
-    graph = coo_array((np.ones(len(pairs[0])), pairs), (count, count))
+    around = 3 ** min(motor.units.shape[1], 3)
+    distance, near = motor.nearest(motor.units, min(around, motor.size))
+    close = distance <= READOUT.joined * motor.spacing
+    # links have ascending keys: those of the same sensory node to a close motor node
+    rows = links.rows * motor.size
+    keys = rows + links.indices
+    sought = rows[:, None] + near[links.indices]
+    place = np.minimum(np.searchsorted(keys, sought), count - 1)
+    one, column = np.nonzero(close[links.indices] & (keys[place] == sought))
+    pairs = (one, place[one, column])
+    graph = coo_array((np.ones(len(one)), pairs), (count, count))
     label: Index = connected_components(graph)[1].astype(np.intp)
     return label
 
@@ -296,12 +298,8 @@ def _sums(network: Map, activity: csr_array, u: Array) -> Array:
 
 def _shifts(network: Map, sums: Array) -> Array:
     """Mean offsets (nodes, d) [node spacings]; a node that was never active has none."""
-    share = np.where(
-        sums[:, -2] > READOUT.active,
-        1.0 / np.maximum(sums[:, -2], READOUT.active),
-        0.0,
-    )
-    shifts = sums[:, :-2] * share[:, None] / network.spacing
+    active = np.where(sums[:, -2] > READOUT.active, sums[:, -2], np.inf)
+    shifts = sums[:, :-2] * (1.0 / active)[:, None] / network.spacing
     return np.asarray(
         np.clip(shifts, -READOUT.furthest, READOUT.furthest).astype(np.float16),
         dtype=float,
@@ -315,15 +313,3 @@ def _places(network: Map, shifts: Array | None) -> Array:
         if shifts is None
         else network.units + shifts * network.spacing
     )
-
-
-def _close_nodes(network: Map) -> tuple[Index, Index]:
-    """Pairs of nodes that are close to each other, the first ones and the second."""
-    n, dim = network.units.shape
-    distance, near = network.nearest(network.units, min(3 ** min(dim, 3), n))
-    one, column = np.nonzero(distance <= READOUT.joined * network.spacing)
-    two = near[one, column]
-    pair = np.unique(np.minimum(one, two) * n + np.maximum(one, two))
-    one, two = np.divmod(pair, n)
-    apart = one < two
-    return one[apart], two[apart]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Index, ReadOnly
-from .local_models import blend, blend_size
+from .blend import Blend, blend_size
 from .map import Map
 from .settings import READOUT
 
@@ -56,17 +56,18 @@ class LinearModels(ReadOnly):
 
     def value(self, u: Array) -> Array:
         """Positions (n, o) at the points `u` (n, d) of the unit box."""
-        index, weight, _ = blend(self.motor, u, 2 * blend_size(u.shape[1]))
-        return self._blended(u, index, weight)[0]
+        blend = self._blend(u)
+        of_nodes = self._of_nodes(blend)
+        return np.asarray(np.einsum("nm,nmo->no", blend.weight, of_nodes))
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:
         """Positions (n, o) and their derivatives by the unit coordinates (n, o, d)."""
-        index, weight, tilt = blend(
-            self.motor, u, 2 * blend_size(u.shape[1]), slope=True
-        )
-        value, of_nodes = self._blended(u, index, weight)
-        slope = np.einsum("nm,nmdo->nod", weight, self.slopes[index])
-        return value, slope + np.einsum("nmd,nmo->nod", tilt, of_nodes)
+        blend = self._blend(u)
+        of_nodes = self._of_nodes(blend)
+        slopes = self.slopes[blend.index]
+        slope = np.einsum("nm,nmdo->nod", blend.weight, slopes)
+        slope += np.einsum("nmd,nmo->nod", blend.tilt(), of_nodes)
+        return np.einsum("nm,nmo->no", blend.weight, of_nodes), slope
 
     @staticmethod
     def of(
@@ -97,15 +98,11 @@ class LinearModels(ReadOnly):
         value = value[source] + np.einsum("nd,ndo->no", gap, slope)
         return LinearModels(motor, value, slope)
 
-    def _blended(
-        self,
-        u: Array,
-        index: Index,
-        weight: Array,
-    ) -> tuple[Array, Array]:
-        """Weighted mean (n, o) of the nodes' linear models, and what each predicts (n, m, o)."""
-        gap = self.motor.scale.difference(u[:, None], self.motor.units[index])
-        of_nodes = self.values[index] + np.einsum(
-            "nmd,nmdo->nmo", gap, self.slopes[index]
-        )
-        return np.einsum("nm,nmo->no", weight, of_nodes), of_nodes
+    def _blend(self, u: Array) -> Blend:
+        return Blend(self.motor, u, 2 * blend_size(u.shape[1]))
+
+    def _of_nodes(self, blend: Blend) -> Array:
+        """What each node's linear model says, (n, m, o)."""
+        slopes = self.slopes[blend.index]
+        steps = np.einsum("nmd,nmdo->nmo", blend.gap, slopes)
+        return np.asarray(self.values[blend.index] + steps)

@@ -30,6 +30,12 @@ class Wiring:
     mutual: bool = True
     bandwidth: float = LINKS.bandwidth  # of eq. 6, in units of the spacing.
 
+    def widths(self, network: Map) -> Array:
+        """Sigma of eq. 6 of each node, (nodes,), in the unit box."""
+        if self.local:
+            return self.bandwidth * network.spacings
+        return np.full(network.size, self.bandwidth * network.spacing)
+
     def active_nodes(self, network: Map, u: Array) -> tuple[Index, Array]:
         """Nodes nearest to places (n, d) of the unit box, and their activities, (n, k) (eq. 6).
 
@@ -37,8 +43,7 @@ class Wiring:
         """
         k = min(LINKS.nearest, network.size)
         distance, nodes = network.nearest(u, k)
-        spacing = network.spacings[nodes] if self.local else network.spacing
-        exponent = (distance / (self.bandwidth * spacing)) ** 2
+        exponent = (distance / self.widths(network)[nodes]) ** 2
         least = exponent.min(axis=1, keepdims=True)
         return nodes, np.exp(least - exponent)  # eq. 6
 

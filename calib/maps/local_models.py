@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask, ReadOnly, Shape
+from .blend import Blend
 from .map import Map, nearest_points
 from .settings import LOCAL
 
@@ -89,27 +90,20 @@ def fit(
     shaky = np.arange(len(nodes))
     for lower in range(degree, -1, -1):
         terms = exponents(dof, lower)
-        together = len(shaky) * near.shape[1] * len(terms)
-        parts = np.array_split(shaky, 1 + together // LOCAL.numbers_at_once)
-        still_shaky = []
-        for part in parts:
-            features = monomials(z[part], terms)
-            weighted = np.swapaxes(features * kernel[part, :, None], 1, 2)
-            moments = weighted @ features
-            # rows on a line leave moments singular; the ring then finds the model shaky
-            diagonal = np.einsum("nii->ni", moments)
-            diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
-            on_ring = np.swapaxes(monomials(ring[part], terms), 1, 2)
-            values = weighted @ residual[near[part]]
-            right_side = np.concatenate([values, on_ring], axis=2)
-            solution = np.linalg.solve(moments, right_side)
-            models = solution[..., :outputs]
-            spread = solution[..., outputs:]
-            variance = np.einsum("nta,nta->na", on_ring, spread)
-            firm = (variance < LOCAL.firm).all(axis=1)
-            coefficients[nodes[part[firm]], : len(terms)] = models[firm]
-            still_shaky.append(part[~firm])
-        shaky = np.concatenate(still_shaky)
+        features = monomials(z[shaky], terms)
+        weighted = np.swapaxes(features * kernel[shaky, :, None], 1, 2)
+        moments = weighted @ features
+        # rows on a line leave moments singular; the ring then finds the model shaky
+        diagonal = np.einsum("nii->ni", moments)
+        diagonal += 1e-9 * diagonal.mean(axis=1, keepdims=True) + 1e-300
+        on_ring = np.swapaxes(monomials(ring[shaky], terms), 1, 2)
+        values = weighted @ residual[near[shaky]]
+        solution = np.linalg.solve(moments, np.dstack([values, on_ring]))
+        models, spread = np.split(solution, [outputs], axis=2)
+        variance = np.einsum("nta,nta->na", on_ring, spread)
+        firm = (variance < LOCAL.firm).all(axis=1)
+        coefficients[nodes[shaky[firm]], : len(terms)] = models[firm]
+        shaky = shaky[~firm]
     reach = np.full(motor.size, motor.spacing)
     reach[nodes] = radius[:, 0]
     return LocalModels(
@@ -131,50 +125,6 @@ def _ring(motor: Map, nodes: Index) -> Array:
     return np.where(motor.scale.periodic, ring, inside) - middle
 
 
-def blend_size(dim: int) -> int:
-    """Number of nodes whose local models are blended."""
-    return {1: 3, 2: 4, 3: 6}.get(dim, 8)
-
-
-def blend(
-    motor: Map,
-    u: Array,
-    m: int,
-    *,
-    slope: bool = False,
-) -> tuple[Index, Array, Array]:
-    """Nodes whose models speak for each point, their weights (n, m), and if asked for the slopes.
-
-    A weight falls smoothly to zero where its node leaves the nearest `m`, so that the
-    blended prediction has no steps, and its derivative (n, m, d) none inside of each cell.
-    """
-    m = min(m, motor.size - 1)
-    distance, index = motor.nearest(u, m + 1)
-    last = np.maximum(distance[:, -1:], 1e-300)
-    ratio = (distance[:, :-1] / last) ** 2
-    # all at the same distance weigh the same
-    raw = np.maximum((1.0 - ratio) ** 2, 1e-30)
-    total = raw.sum(axis=1, keepdims=True)
-    weight = raw / total
-    if not slope:
-        return index[:, :-1], weight, np.empty(0)
-    # both distances of a ratio move with the point
-    gap = motor.scale.difference(u[:, None], motor.units[index])
-    moved = gap[:, :-1] - ratio[..., None] * gap[:, -1:]
-    ratio_slope = 2.0 * moved / (last * last)[..., None]
-    raw_slope = ratio_slope * (-2.0 * (1.0 - ratio)[..., None])
-    # the quotient rule for raw / total
-    total_slope = raw_slope.sum(axis=1, keepdims=True)
-    tilt = raw_slope - weight[..., None] * total_slope
-    return index[:, :-1], weight, tilt / total[..., None]
-
-
-def speaking(motor: Map, u: Array) -> tuple[Index, Array, Array]:
-    """Nodes that speak for each point, their weights (n, m), and offsets (n, m, d) from them."""
-    index, weight, _ = blend(motor, u, blend_size(u.shape[1]))
-    return index, weight, motor.scale.difference(u[:, None], motor.units[index])
-
-
 def heard(weight: Array, talks: Mask) -> Array:
     """Weights (n, m) of the nodes that talk, by their share beside silent ones.
 
@@ -189,34 +139,35 @@ def heard(weight: Array, talks: Mask) -> Array:
     return np.asarray(talking * loudness)
 
 
-def contributions(models: LocalModels, index: Index, gap: Array) -> Array:
-    """What the models of the nodes `index` (n, m) say at the offsets `gap` (n, m, d), (n, m, o)."""
-    z = gap / models.radius[index][..., None]
-    products = monomials(z, exponents(gap.shape[-1], models.degree))
-    coefficients = models.coefficients[index]
+def answers(models: LocalModels, blend: Blend) -> Array:
+    """What each node's model says of the points that it speaks for, (n, m, o)."""
+    z = blend.gap / models.radius[blend.index][..., None]
+    products = monomials(z, exponents(z.shape[-1], models.degree))
+    coefficients = models.coefficients[blend.index]
     return np.asarray(np.einsum("nmt,nmto->nmo", products, coefficients))
 
 
-def predict(
-    models: LocalModels,
-    motor: Map,
-    u: Array,
-    *,
-    slope: bool = False,
-) -> tuple[Array, Array]:
-    """Blended correction at the points `u` (n, d), (n, m), and if asked for its slope (n, m, d)."""
-    index, weight, gap = speaking(motor, u)
+def _weights(models: LocalModels, blend: Blend) -> Array:
+    """Weights (n, m) of the models that speak for some points."""
     talks = (models.coefficients != 0.0).any(axis=(1, 2))
-    weight = heard(weight, talks[index])
-    answers = contributions(models, index, gap)
-    value = np.einsum("nm,nmo->no", weight, answers)
-    if not slope:
-        return value, np.empty(0)
-    # of the polynomials alone: what the weights add is small where neighbours agree, and a
-    # Newton step that is a little off is corrected by the next
-    dof = u.shape[1]
-    radius = models.radius[index][..., None]
-    z = gap / radius
+    return heard(blend.weight, talks[blend.index])
+
+
+def correction(models: LocalModels, blend: Blend) -> Array:
+    """What local models say at points of the unit box, (n, m) [unit]."""
+    weight = _weights(models, blend)
+    return np.asarray(np.einsum("nm,nmo->no", weight, answers(models, blend)))
+
+
+def correction_slope(models: LocalModels, blend: Blend) -> Array:
+    """Derivatives (n, m, d) of the correction by the coordinates of the points.
+
+    They are those of the polynomials alone: what the weights add is small where neighbours agree,
+    and a Newton step that is a little off is corrected by the next.
+    """
+    radius = models.radius[blend.index][..., None]
+    z = blend.gap / radius
+    dof = z.shape[-1]
     terms = exponents(dof, models.degree)
     by_axis = []
     for axis in range(dof):
@@ -224,5 +175,6 @@ def predict(
         lower[:, axis] = np.maximum(lower[:, axis] - 1, 0)
         by_axis.append(terms[:, axis] * monomials(z, lower))
     slopes = np.stack(by_axis) / radius
-    weighted = models.coefficients[index] * weight[..., None, None]
-    return value, np.einsum("dnmt,nmto->nod", slopes, weighted)
+    weight = _weights(models, blend)[..., None, None]
+    weighted = models.coefficients[blend.index] * weight
+    return np.asarray(np.einsum("dnmt,nmto->nod", slopes, weighted))

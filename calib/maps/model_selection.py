@@ -3,7 +3,10 @@
 Folds are contiguous: neighbouring rows of a real log can be near-repeats.  Figures: docs/maps.md.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from functools import cached_property
 from math import comb
 
 import numpy as np
@@ -11,6 +14,7 @@ import numpy as np
 from ..common.arrays import Array, Index, Mask
 from ..common.scale import Scale
 from . import local_models as local
+from .blend import Blend
 from .local_models import NO_MODELS
 from .map import Map, nearest_points
 from .predictor import Predictor, Smooth
@@ -51,28 +55,107 @@ def follows_the_motion(x: Array, residual: Array) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Rows that local models may mend, and the nodes that speak for each of them."""
+    """Rows that local models may mend, and the nodes that may speak for them."""
 
-    rows: Index  # (n,) of the samples
-    part: Index  # (n,) of the log that each row lies in
-    index: Index  # (n, m), nodes that speak for each row
-    weight: Array  # (n, m), their weights
-    gap: Array  # (n, m, dof), offsets from them
-    held_out: Array  # (n, o), what the smooth part leaves over
+    motor: Map
+    u: Array  # (n, dof), all samples in the unit box
+    rows: Index  # (k,), those that may be mended
+    stands: Mask  # (nodes,), which nodes stand among wrong rows
+    held_out: Array  # (k, o), what the smooth part leaves over
     noise: float  # mean square of the noise
-    care: Array  # (n,), weight of each row's cost
+    care: Array  # (k,), weight of each row's cost
 
-    def mended(self, predictions: Array, talks: Mask) -> tuple[Array, Array]:
-        """Return what nodes that talk leave over, (n, o), and the gain of each row, (n,).
-
-        predictions : (n, m, o), what each node's model says
-        talks : (nodes,), which nodes do
-        """
-        weight = local.heard(self.weight, talks[self.index])
-        remaining = self.held_out - np.einsum("nm,nmo->no", weight, predictions)
-        return remaining, self.care * (
-            self._cost(self.held_out) - self._cost(remaining)
+    @staticmethod
+    def of(
+        motor: Map,
+        u: Array,
+        x: Array,
+        held_out: Array,
+    ) -> Candidates:
+        """The wrong rows, and those that the nodes among them speak for too."""
+        near = nearest_points(
+            u,
+            motor.scale,
+            u,
+            SELECTION.rows_around,
+        )[1]
+        # neighbours share what a smooth part misses: their difference is noise
+        difference = float(np.median(_square(held_out - held_out[near[:, 1]])))
+        extent = float(np.linalg.norm(np.ptp(x, axis=0)))
+        rounding = (SELECTION.rounding * extent) ** 2
+        noise = max(difference / (2.0 * np.log(2.0)), rounding, 1e-300)
+        median = np.median(_square(held_out)[near], axis=1)
+        calm = median < SELECTION.calm * noise
+        blend = Blend(motor, u)
+        wrongness = blend.weight * (~calm[:, None] - SELECTION.speaks)
+        stands = _sum_by_node(motor, blend.index, wrongness) > 0.0
+        rows = np.flatnonzero(stands[blend.index].any(axis=1))
+        care = np.where(calm[rows], SELECTION.harm, 1.0)
+        return Candidates(
+            motor,
+            u,
+            rows,
+            stands,
+            held_out[rows],
+            noise,
+            care,
         )
+
+    @cached_property
+    def blend(self) -> Blend:
+        """The nodes that speak for each row."""
+        return Blend(self.motor, self.u[self.rows])
+
+    def choice(self, residual: Array, shape: tuple[int, int]) -> Choice:
+        """The nodes whose local models mend rows by more than chance.
+
+        residual : (n, o), what the smooth part leaves over of all samples
+        shape : degree, and number of samples that each model is fitted to
+        """
+        predictions = self._predictions(residual, shape)
+        _, gain = self._mended(predictions, self.stands)
+        by_node = self.blend.weight * gain[:, None]
+        part = self.rows * SELECTION.parts // len(self.u)
+        gains = [
+            _sum_by_node(self.motor, self.blend.index[inside], by_node[inside])
+            for inside in (part == k for k in range(SELECTION.parts))
+        ]
+        gains_nodes = _beyond_chance(np.stack(gains), SELECTION.node_gain)
+        talks = self.stands & gains_nodes
+        remaining, gain = self._mended(predictions, talks)
+        sums = np.bincount(part, gain, SELECTION.parts).astype(float)
+        sure = bool(_beyond_chance(sums, SELECTION.total_gain))
+        total = float(sums.sum()) if sure else 0.0
+        return Choice(
+            shape,
+            np.flatnonzero(talks),
+            remaining,
+            total,
+        )
+
+    def _predictions(self, residual: Array, shape: tuple[int, int]) -> Array:
+        """What nodes' models that have not seen a row's fold say of it, (k, m, o)."""
+        predictions = []
+        for fold in blocks(len(self.u), SELECTION.folds):
+            rows = self.rows[np.isin(self.rows, fold)]
+            others = np.setdiff1d(np.arange(len(self.u)), fold)
+            blend = Blend(self.motor, self.u[rows])
+            models = local.fit(
+                self.motor,
+                np.unique(blend.index),
+                self.u[others],
+                residual[others],
+                shape,
+            )
+            predictions.append(local.answers(models, blend))
+        return np.concatenate(predictions)
+
+    def _mended(self, predictions: Array, talks: Mask) -> tuple[Array, Array]:
+        """What nodes that talk (nodes,) leave over, (k, o), and the gain of each row, (k,)."""
+        weight = local.heard(self.blend.weight, talks[self.blend.index])
+        remaining = self.held_out - np.einsum("nm,nmo->no", weight, predictions)
+        gain = self._cost(self.held_out) - self._cost(remaining)
+        return remaining, self.care * gain
 
     def _cost(self, residual: Array) -> Array:
         """Cost of each row: to halve a large error counts the same wherever it is."""
@@ -83,11 +166,9 @@ class Candidates:
 class Choice:
     """Nodes that carry local models of one shape."""
 
-    shape: tuple[
-        int, int
-    ]  # degree, and number of samples that each is fitted to
+    shape: tuple[int, int]  # degree, number of samples of each model
     nodes: Index
-    remaining: Array  # (n, o), what is left of the candidates' rows
+    remaining: Array  # (k, o), what is left of the candidates' rows
     gain: float  # of all rows, 0 where it may be chance
 
 
@@ -108,16 +189,16 @@ def select(
     held_out : (n, m), what smooth parts leave over that have not seen the row's fold
     Returns the predictor, and what is left of `held_out` where local models have not seen the row.
     """
-    n, dof = u.shape
+    dof = u.shape[1]
     plain = Predictor(motor, smooth, NO_MODELS)
     shapes = [
         (degree, samples)
         for degree, samples in SELECTION.shapes
-        if 1.2 * comb(dof + degree, dof) <= samples < n // 4
+        if 1.2 * comb(dof + degree, dof) <= samples < len(u) // 4
     ]
     if not shapes or follows_the_motion(x, held_out):
         return plain, held_out
-    candidates, stands = _candidates(
+    candidates = Candidates.of(
         motor,
         u,
         x,
@@ -126,24 +207,7 @@ def select(
     if not len(candidates.rows):
         return plain, held_out
     residual = x - smooth.value(u)
-    choices = []
-    for shape in shapes:
-        predictions = _fold_predictions(
-            motor,
-            u,
-            residual,
-            candidates,
-            shape,
-        )
-        choices.append(
-            _choice(
-                motor,
-                candidates,
-                stands,
-                predictions,
-                shape,
-            )
-        )
+    choices = [candidates.choice(residual, shape) for shape in shapes]
     best = max(choices, key=lambda choice: choice.gain)
     if best.gain <= 0.0:
         return plain, held_out
@@ -157,101 +221,6 @@ def select(
         best.shape,
     )
     return Predictor(motor, smooth, models), mended
-
-
-def _candidates(
-    motor: Map,
-    u: Array,
-    x: Array,
-    held_out: Array,
-) -> tuple[Candidates, Mask]:
-    """Return the rows that may be mended, and the nodes (nodes,) that stand among wrong rows."""
-    n = len(u)
-    near = nearest_points(
-        u,
-        motor.scale,
-        u,
-        SELECTION.rows_around,
-    )[1]
-    # neighbours share what a smooth part misses: their difference is noise
-    difference = float(np.median(_square(held_out - held_out[near[:, 1]])))
-    rounding = (SELECTION.rounding * np.linalg.norm(np.ptp(x, axis=0))) ** 2
-    noise = max(difference / (2.0 * np.log(2.0)), rounding, 1e-300)
-    calm = np.median(_square(held_out)[near], axis=1) < SELECTION.calm * noise
-    index, weight, gap = local.speaking(motor, u)
-    wrongness = _sum_by_node(
-        motor, index, weight * (~calm[:, None] - SELECTION.speaks)
-    )
-    stands = wrongness > 0.0
-    rows = np.flatnonzero(stands[index].any(axis=1))
-    candidates = Candidates(
-        rows=rows,
-        part=rows * SELECTION.parts // n,
-        index=index[rows],
-        weight=weight[rows],
-        gap=gap[rows],
-        held_out=held_out[rows],
-        noise=noise,
-        care=np.where(calm[rows], SELECTION.harm, 1.0),
-    )
-    return candidates, stands
-
-
-def _fold_predictions(
-    motor: Map,
-    u: Array,
-    residual: Array,
-    candidates: Candidates,
-    shape: tuple[int, int],
-) -> Array:
-    """What the nodes' models say of each row, (n, m, o), without having seen the row's fold."""
-    predictions = np.zeros((*candidates.index.shape, residual.shape[1]))
-    for fold in blocks(len(u), SELECTION.folds):
-        inside = (candidates.rows >= fold[0]) & (candidates.rows <= fold[-1])
-        rows = np.flatnonzero(inside)
-        others = np.setdiff1d(np.arange(len(u)), fold, assume_unique=True)
-        nodes = np.unique(candidates.index[rows])
-        models = local.fit(
-            motor,
-            nodes,
-            u[others],
-            residual[others],
-            shape,
-        )
-        predictions[rows] = local.contributions(
-            models, candidates.index[rows], candidates.gap[rows]
-        )
-    return predictions
-
-
-def _choice(
-    motor: Map,
-    candidates: Candidates,
-    stands: Mask,
-    predictions: Array,
-    shape: tuple[int, int],
-) -> Choice:
-    """Return the nodes whose gain is no chance."""
-    _, gain = candidates.mended(predictions, stands)
-    by_node = candidates.weight * gain[:, None]
-    gains = []
-    for k in range(SELECTION.parts):
-        inside = candidates.part == k
-        gains.append(
-            _sum_by_node(motor, candidates.index[inside], by_node[inside])
-        )
-    talks = stands & _beyond_chance(np.stack(gains), SELECTION.node_gain)
-    remaining, gain = candidates.mended(predictions, talks)
-    sums = np.bincount(candidates.part, gain, SELECTION.parts).astype(float)
-    total = float(sums.sum())
-    if not _beyond_chance(sums, SELECTION.total_gain):
-        total = 0.0
-    return Choice(
-        shape,
-        np.flatnonzero(talks),
-        remaining,
-        total,
-    )
 
 
 def _square(residual: Array) -> Array:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..common.arrays import Array, Mask
-from .local_models import blend, blend_size
+from .blend import Blend
 from .map import Map, nearest_points
 from .settings import BOUNDS
 
@@ -29,12 +29,14 @@ def learn_bounds(motor: Map, u: Array, errors: Array) -> Array:
         k,
     )[1]
     bound = np.maximum(errors[near].mean(axis=1), floor)
-    nodes, weight, _ = blend(motor, u, blend_size(u.shape[1]))
+    blend = Blend(motor, u)
     groups = _groups(motor, u)
     # both groups' nodes speak for samples between them: again, until both fit
     for _ in range(BOUNDS.passes):
         for members, rows in groups:
-            stated = np.einsum("nm,nm->n", weight[rows], bound[nodes[rows]])
+            stated = np.einsum(
+                "nm,nm->n", blend.weight[rows], bound[blend.index[rows]]
+            )
             ratio = np.sort(errors[rows] / stated)
             # the finite-sample quantile of conformal prediction
             rank = int(np.ceil((len(ratio) + 1) * BOUNDS.coverage)) - 1
@@ -58,9 +60,3 @@ def near_border(motor: Map, u: Array) -> Mask:
     away = np.minimum(u, 1.0 - u)
     away = np.where(motor.scale.periodic, np.inf, away)
     return np.asarray(away.min(axis=1) < BOUNDS.border * motor.spacing)
-
-
-def blend_nodes(motor: Map, values: Array, u: Array) -> Array:
-    """Values of the nodes (nodes,) blended at the points `u` (n, dof), (n,)."""
-    index, weight, _ = blend(motor, u, blend_size(u.shape[1]))
-    return np.asarray(np.einsum("nm,nm->n", weight, values[index]))

@@ -8,8 +8,8 @@ import numpy as np
 from ..body.belief import Body
 from ..common.arrays import Array
 from ..common.scale import Scale
-from . import local_models as local
-from .local_models import LocalModels
+from .blend import Blend
+from .local_models import LocalModels, correction, correction_slope
 from .map import Map
 
 _ROWS = 1024  # at once: fewer products than a BLAS splits over threads that wait for each other
@@ -57,28 +57,25 @@ class Predictor:
         return np.concatenate([self._value_of(part) for part in _parts(u)])
 
     def value_and_slope(self, u: Array) -> tuple[Array, Array]:  # noqa: D102
-        values, slopes = zip(
-            *map(self._value_and_slope_of, _parts(u)), strict=True
-        )
+        if len(u) <= _ROWS:
+            return self._value_and_slope_of(u)
+        parts = map(self._value_and_slope_of, _parts(u))
+        values, slopes = zip(*parts, strict=True)
         return np.concatenate(values), np.concatenate(slopes)
 
     def _value_of(self, u: Array) -> Array:
         value = self.smooth.value(u)
-        if self.models.degree >= 0:
-            value = value + local.predict(self.models, self.motor, u)[0]
-        return value
+        if self.models.degree < 0:
+            return value
+        return value + correction(self.models, Blend(self.motor, u))
 
     def _value_and_slope_of(self, u: Array) -> tuple[Array, Array]:
         value, slope = self.smooth.value_and_slope(u)
         if self.models.degree < 0:
             return value, slope
-        correction, tilt = local.predict(
-            self.models,
-            self.motor,
-            u,
-            slope=True,
-        )
-        return value + correction, slope + tilt
+        blend = Blend(self.motor, u)
+        value = value + correction(self.models, blend)
+        return value, slope + correction_slope(self.models, blend)
 
 
 def _parts(u: Array) -> list[Array]:

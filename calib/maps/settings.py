@@ -106,7 +106,6 @@ class LocalSettings:
     full: float = 0.5  # share of the weight at which they are heard in full
     ring: int = 16  # places around a node where its polynomial has to be firm
     firm: float = 10.0  # variance of an answer there, over that of one sample
-    numbers_at_once: int = 20_000_000  # that are held while fitting
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Networks that are still to be trained: one entry for all kinds and both rules."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,8 +17,9 @@ from .density import Gain, checked_gain, gain_of, kind_of
 from .dsom import learn_dsom
 from .gng import learn_gng
 from .lattice import Lattice, Size, shape_of
-from .links import wiring_of, without_weak
+from .links import Wiring, wiring_of, without_weak
 from .map import Epoch, Map
+from .settings import BATCH
 from .vdsom import VDSOM, Layer, passes
 
 _Progress = Callable[[float, float], None]
@@ -106,16 +107,7 @@ class SOM:
         residual : (n,) array, optional
             How wrong a smooth model is at each sample, for the default varying density.
         """
-        x = np.asarray(x, dtype=float)
-        if x.ndim != 2 or not len(x):
-            raise LogError(
-                f"samples of shape {x.shape}: expected (n, d) with n >= 1"
-            )
-        if not np.isfinite(x).all():
-            row = int(np.argmin(np.isfinite(x).all(axis=1)))
-            raise LogError(
-                f"sample {row} is {x[row]}: expected finite numbers, drop such rows"
-            )
+        x = _checked(x)
         scale = scale or Scale.of_data(x)
         epochs, total = self._training(scale.to_unit(x), scale, residual)
         history = []
@@ -146,9 +138,9 @@ class SOM:
             Maps, links and their readouts.  With the online rule maps and links develop together:
             eq. 5 is stepped.
         """
-        q = np.asarray(q, dtype=float)
-        x = np.asarray(x, dtype=float)
-        if q.ndim != 2 or x.ndim != 2 or len(q) != len(x) or len(q) < 2:
+        q = _checked(q)
+        x = _checked(x)
+        if len(q) != len(x) or len(q) < 2:
             raise LogError(
                 f"samples of shapes {q.shape} and {x.shape}: expected (n, d) and (n, k)"
             )
@@ -163,7 +155,13 @@ class SOM:
         motor = replace(self, seed=motor_seed).fit(q, scale=scales[0])
         sensory = replace(self, seed=sensory_seed).fit(x, scale=scales[1])
         wiring = wiring_of(self.links)
-        return Association.learn(motor, u, sensory, v, wiring)
+        return Association.learn(
+            motor,
+            u,
+            sensory,
+            v,
+            wiring,
+        )
 
     def online_pair(
         self,
@@ -178,53 +176,80 @@ class SOM:
         shapes : of the two lattices, where they differ
         """
         wiring = wiring_of(self.links)
-        rng = np.random.default_rng(self.seed)
-        layers = [
-            self._layer(Lattice(shape_of(shape)), scale, u, rng)
-            for shape, scale, u in zip(
-                shapes or (self.size, self.size), scales, points, strict=True
-            )
-        ]
-        net = VDSOM(layers, wiring)
-        radii = self._sigma(layers[0].lattice)
+        lattices = [Lattice(shape_of(s)) for s in shapes or [self.size] * 2]
+        net, all_passes = self._online(
+            lattices,
+            points,
+            scales,
+            wiring,
+        )
         history = []
         with one_blas_thread():
-            for epochs in passes(net, points, self._passes, radii, rng):
+            for epochs in all_passes:
                 history.append([epoch.row for epoch in epochs])
                 if progress is not None:
                     progress(len(history) / self._passes, epochs[1].error)
-        histories = np.array(history).swapaxes(0, 1)
         motor, sensory = (
-            Map(layer.weights, layer.lattice, layer.scale, past)
-            for layer, past in zip(layers, histories, strict=True)
+            Map(
+                layer.weights,
+                layer.lattice,
+                layer.scale,
+                past,
+            )
+            for layer, past in zip(
+                net.layers, np.array(history).swapaxes(0, 1), strict=True
+            )
         )
-        links = without_weak(net.links)
-        return Association(motor, sensory, links, wiring)
+        return Association(
+            motor,
+            sensory,
+            without_weak(net.links),
+            wiring,
+        )
 
-    def _layer(
+    def _online(
         self,
-        lattice: Lattice,
-        scale: Scale,
-        u: Array,
-        rng: np.random.Generator,
-    ) -> Layer:
-        """A map at its random start."""
-        weights = rng.random((lattice.size, u.shape[1]))
-        per_node = len(u) / lattice.size
-        return Layer(weights, lattice, scale, self._gain, per_node)
+        lattices: Sequence[Lattice],
+        points: Sequence[Array],
+        scales: Sequence[Scale],
+        wiring: Wiring | None = None,
+    ) -> tuple[VDSOM, Iterator[list[Epoch]]]:
+        """Maps at their random start, and the passes over the samples that train them."""
+        rng = np.random.default_rng(self.seed)
+        layers = []
+        for lattice, u, scale in zip(
+            lattices,
+            points,
+            scales,
+            strict=True,
+        ):
+            weights = rng.random((lattice.size, u.shape[1]))
+            per_node = len(u) / lattice.size
+            layers.append(
+                Layer(
+                    weights,
+                    lattice,
+                    scale,
+                    self._gain,
+                    per_node,
+                )
+            )
+        net = VDSOM(layers, wiring)
+        last = 0.5 if self.map == "som" else BATCH.last_radius_varying
+        radii = self.sigma or (max(lattices[0].shape) / 2, last)
+        return net, passes(
+            net,
+            points,
+            self._passes,
+            radii,
+            rng,
+        )
 
     @property
     def _gain(self) -> Gain | None:
         if isinstance(self.map, str):
             return gain_of(self.map)
         return checked_gain(self.map)
-
-    def _sigma(self, lattice: Lattice) -> tuple[float, float]:
-        """First and last radius of the online rule [nodes]."""
-        return self.sigma or (
-            max(lattice.shape) / 2,
-            0.5 if self.map == "som" else 1.5,
-        )
 
     @property
     def _passes(self) -> int:
@@ -240,38 +265,60 @@ class SOM:
         """The epochs that train, and how many they are."""
         rng = np.random.default_rng(self.seed)
         lattice = Lattice(shape_of(self.size))
-        if self.rule == "online" or kind_of(self.map) != "som":
-            return self._one_by_one(u, lattice, scale, rng), self._passes
-        density = self._density
-        stages = coarse_to_fine(lattice, self.epochs, self.sigma, density)
-        epochs = sum(len(stage.sigma) for stage in stages)
-        return learn_batch(u, stages, self._gain, rng, residual), epochs
-
-    def _one_by_one(
-        self,
-        u: Array,
-        lattice: Lattice,
-        scale: Scale,
-        rng: np.random.Generator,
-    ) -> Iterator[Epoch]:
-        """The epochs of a rule that is shown one sample after another."""
         kind = kind_of(self.map)
         if kind == "gng":
             nodes = lattice.size
-            return learn_gng(u, nodes, self._gain, self._passes, rng)
-        if kind == "dsom":
-            return learn_dsom(u, lattice, self._passes, rng)
-        net = VDSOM([self._layer(lattice, scale, u, rng)])
-        radii = self._sigma(lattice)
-        epochs = passes(net, [u], self._passes, radii, rng)
-        return (epoch for (epoch,) in epochs)
+            epochs = learn_gng(
+                u,
+                nodes,
+                self._gain,
+                self._passes,
+                rng,
+            )
+        elif kind == "dsom":
+            epochs = learn_dsom(
+                u,
+                lattice,
+                self._passes,
+                rng,
+            )
+        elif self.rule == "online":
+            shown = self._online([lattice], [u], [scale])[1]
+            epochs = (epoch for (epoch,) in shown)
+        else:
+            density: Density = "varying"
+            if self.map in ("som", "vdsom:residual"):
+                density = "even" if self.map == "som" else "growing"
+            stages = coarse_to_fine(
+                lattice,
+                self.epochs,
+                self.sigma,
+                density,
+            )
+            total = sum(len(stage.sigma) for stage in stages)
+            return learn_batch(
+                u,
+                stages,
+                self._gain,
+                rng,
+                residual,
+            ), total
+        return epochs, self._passes
 
-    @property
-    def _density(self) -> Density:
-        """How the gain acts in the batch rule."""
-        if self.map == "som":
-            return "even"
-        return "growing" if self.map == "vdsom:residual" else "varying"
+
+def _checked(samples: Array) -> Array:
+    """Samples (n, d) that a map can be trained on."""
+    x = np.asarray(samples, dtype=float)
+    if x.ndim != 2 or not x.size:
+        raise LogError(
+            f"samples of shape {x.shape}: expected (n, d) with n, d >= 1"
+        )
+    row = int(np.argmin(np.isfinite(x).all(axis=1)))
+    if not np.isfinite(x[row]).all():
+        raise LogError(
+            f"sample {row} is {x[row]}: expected finite numbers, drop such rows"
+        )
+    return x
 
 
 def _check_radii(sigma: object) -> None:

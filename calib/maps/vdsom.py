@@ -173,7 +173,11 @@ class VDSOM:
         distances = [np.empty(n) for _ in self.layers]
         for first in range(0, n, ONLINE.chunk):
             end = min(first + ONLINE.chunk, n)
-            widths = [self._squared_widths(layer) for layer in self.layers]
+            squared_widths = []
+            if self.wiring is not None:
+                squared_widths = [
+                    self.wiring.widths(layer.map) ** 2 for layer in self.layers
+                ]
             gains = [
                 layer.gains(
                     x[first:end],
@@ -195,8 +199,8 @@ class VDSOM:
                     )
                 if self.wiring is not None:
                     motor, sensory = self.layers
-                    i, a_i = motor.activity(samples[0][k], widths[0])
-                    j, a_j = sensory.activity(samples[1][k], widths[1])
+                    i, a_i = motor.activity(samples[0][k], squared_widths[0])
+                    j, a_j = sensory.activity(samples[1][k], squared_widths[1])
                     eta = rates.eta[k]
                     beta = rates.beta[k]
                     # what was active together is linked, what was not is forgotten
@@ -216,16 +220,6 @@ class VDSOM:
         strength = np.einsum("jnk,nk->nj", self._c[:, i], a_i)
         total = np.maximum(strength.sum(axis=1, keepdims=True), 1e-30)
         return np.asarray(strength @ self.layers[1].weights / total)
-
-    def _squared_widths(self, layer: Layer) -> Array:
-        """Squared sigma of eq. 6, of each node or of all, in the unit box."""
-        if self.wiring is None:
-            return np.ones(1)
-        network = layer.map
-        spacing = np.array([network.spacing])
-        if self.wiring.local:
-            spacing = network.spacings
-        return (self.wiring.bandwidth * spacing) ** 2
 
 
 def _no_links(motor_nodes: int, sensory_nodes: int) -> NDArray[np.float32]:

@@ -112,11 +112,12 @@ def inverse(
     model: Parts, x: Array, near: ArrayLike | None, *, nearest: bool
 ) -> Array:
     """Joints (n, dof) for targets (n, m); NaN out of reach, or those that come `nearest`."""
+    if near is not None:
+        near = rows_for(near, model.about.joint_names, "near", len(x))
     wish = anchor(model, near, len(x))
     there = model.motor.scale.from_unit(wish)
     if near is not None:
-        rows = rows_for(near, model.about.joint_names, "near", len(x))
-        there = nearest_turn(model, there, rows)
+        there = nearest_turn(model, there, near)
     q = np.full_like(there, np.nan)
     rest = np.arange(len(x))
     if model.kernel is not None:
@@ -205,7 +206,9 @@ def rows_for(
 ) -> Array:
     """Rows (n, d) beside `n` others, one of which may stand for all."""
     rows, _ = checked_rows(values, names, what)
-    if len(rows) not in (1, n):
+    if len(rows) == n:
+        return rows
+    if len(rows) != 1:
         raise QueryError(
             f"{what} has {len(rows)} rows for {n}: give one or {n}"
         )

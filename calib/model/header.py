@@ -18,11 +18,13 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import CalibError, OptionError
 from ..inverse.settings import SEARCH
+from ..inverse.ways import distinct
 from ..kernel.arm import KernelArm
 from ..kernel.compiled import MOST, Compiled, compile_source
 from ..kernel.posterior import COMPACT, CompactPosterior
 from ..kernel.source import braces, c_number, c_source, source, table
-from ..maps.local_models import blend_size, exponents
+from ..maps.blend import blend_size
+from ..maps.local_models import exponents
 from ..maps.settings import LOCAL
 from ..samples.roles import ROUNDING
 from .answers import SURE
@@ -60,6 +62,7 @@ class StartSizes:
     """How many starts of positions a header holds: its source grows by 20 bytes a number."""
 
     cells: int = 576  # cells of the workspace, of arms without spare joints
+    apart: float = 0.1  # starts of a cell that are closer count as one
     postures: int = 128  # postures, of arms with spare joints
 
 
@@ -162,6 +165,7 @@ class Header:
         settings = asdict(SEARCH) | asdict(MOST)
         if "grid" not in tables:
             settings["tries"] = SEARCH.spare_tries
+            settings["budget"] = SEARCH.spare_budget
         return (
             settings
             | asdict(SINGLE if single else DOUBLE)
@@ -284,6 +288,9 @@ def _starts(model: Parts) -> Tables:
         step = place.span / side
         middles = place.lower + (corners + 0.5) * step
         cell, u = model.solver.starts.of(middles)
+        single = distinct(model.motor.scale, cell, u, STARTS.apart)
+        cell = cell[single]
+        u = u[single]
         count = np.bincount(cell, minlength=len(middles))
         tables["grid"] = np.full(dimensions, side)
         tables["grid_lower"] = place.lower

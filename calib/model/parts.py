@@ -19,10 +19,10 @@ from ..inverse.search import Search
 from ..kernel.compiled import Compiled
 from ..kernel.posterior import CompactPosterior
 from ..maps.association import Association, check_readout
+from ..maps.blend import blend_nodes
 from ..maps.linear_models import LinearModels
 from ..maps.local_models import NO_MODELS, LocalModels
 from ..maps.map import Map
-from ..maps.node_bounds import blend_nodes
 from ..maps.predictor import BodyInBox, Predictor
 from ..samples.tables import Document
 from .about import About, MeasuredRows, Photo

@@ -52,8 +52,11 @@ def _drawn_limits(urdf: str) -> dict[str, tuple[float, float]]:
 
 def nearest_turn(model: Parts, q: Array, near: Array) -> Array:
     """Joints (n, dof) by whole turns as near to others (n, dof) as can be, beyond limits too."""
+    periodic = model.motor.scale.periodic
+    if not periodic.any():
+        return q
     turns = np.round((near - q) / TURN)
-    return np.where(model.motor.scale.periodic, q + TURN * turns, q)
+    return np.where(periodic, q + TURN * turns, q)
 
 
 def on_turn(model: Parts, q: Array, near: Array) -> Array:

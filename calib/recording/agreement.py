@@ -24,7 +24,7 @@ class Settings:
     # [rad, m], noise of motions from which each half is tried by itself
     doubtful: tuple[float, float] = (float(np.radians(0.2)), 1e-3)
     # of the misses: one half by itself fits so much better
-    better: float = 0.15
+    better: float = 0.3
     share: float = 0.4  # of the pictures that must agree
     folds: int = 5
     # noise that no camera and no arm has [px, rad, m]

@@ -29,6 +29,8 @@ _POSITIONS = tuple(
 )
 _TF = "tf2_msgs/msg/TFMessage"
 _SAME = 1e-9  # turns [rad] and lengths [m] below which a transform is the same
+UNSURE = "stamps are taken as they are: the motion does not tell whether the clocks agree"
+
 # [s], offsets below which stamps are left: training estimates the rest
 _IN_TIME = 0.005
 
@@ -213,7 +215,7 @@ def _offset(
         )
     except ClockError as error:
         if is_common:
-            return 0.0, []  # the stamps are all that is known
+            return 0.0, [UNSURE]
         raise LogError(
             f"the clocks of joints and positions are {abs(apart):.10g} s apart: the joints start "
             f"at {times[0]:.10g} s, the positions at {stamps[0]:.10g} s, and {error}",
@@ -244,7 +246,9 @@ def _poses(
     moving: dict[tuple[str, str], Array] = {}
     for pair, numbers in moves.items():
         rows = np.array(numbers)
-        if np.ptp(rows[:, 1:4], axis=0).max() >= _SAME or _turns(rows[:, 4:]):
+        places = rows[:, 1:4]
+        away = places - np.fmin.reduce(places)
+        if (away >= _SAME).any() or _turns(rows[:, 4:]):
             moving[pair] = rows
     pairs = [*moving] if frames is None else [(frames[0], frames[1])]
     if len(pairs) != 1 or pairs[0] not in moving:

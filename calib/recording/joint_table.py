@@ -12,6 +12,7 @@ from ..common.arrays import Array, Index
 from ..common.choices import PICTURES
 from ..common.wording import listed
 from ..errors import LogError
+from ..samples.header import name_and_unit
 from ..samples.tables import Source, open_source
 from .pictures import Frame, list_pictures, read_series
 
@@ -25,7 +26,9 @@ _TURNS = 4.0 * np.pi
 
 def joint_columns(header: Sequence[str]) -> tuple[str, ...]:
     """Return the columns of a table that are not a time, a picture or a position."""
-    return tuple(name for name in header if name.lower() not in _OTHERS)
+    return tuple(
+        name for name in header if name_and_unit(name)[0].lower() not in _OTHERS
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,6 +28,8 @@ class Limits:
     focal: float = 2e-3  # of the focal length of a lens that was given
     doubtful: float = 0.01  # of the focal length, half of its interval
     focus: float = 1e-3  # sd of the focal length from picture to picture
+    # [px], sd of a corner beyond what lens and board explain
+    corner: float = 0.5
     repeats: tuple[float, float] = (1e-4, 3.5e-4)  # of joints [m, rad]
     # of joint origins, that no drawing is off by [m, rad]
     drawing: tuple[float, float] = (5e-3, float(np.radians(1.0)))
@@ -136,7 +138,14 @@ def _lenses(problem: Problem, fit: Fit) -> Iterator[str]:
     lenses = problem.bundle.layout.lenses
     for number, view in enumerate(problem.views):
         focus = float(fit.noise.error[POSE + number])
-        if focus > LIMITS.focus:
+        corner = float(fit.noise.corner[number])
+        if corner > LIMITS.corner:
+            yield (
+                f"{view.name}: corners are off by {two_digits(corner)} px, whatever lens and board "
+                "are: blurred pictures, or a lens that bends more than five terms say (fisheye), "
+                "of which the intervals know nothing"
+            )
+        elif focus > LIMITS.focus:
             yield (
                 f"{view.name}: the focal length changes by {two_digits(100 * focus)} % from "
                 "picture to picture: switch the camera's autofocus off and take the pictures "

@@ -6,7 +6,7 @@ import io
 import os
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from glob import glob
 from importlib import import_module
 from pathlib import Path
@@ -39,6 +39,18 @@ def package(name: str) -> ModuleType:
     except ImportError:
         what = {"cv2": "pictures needs OpenCV", "av": "videos needs PyAV"}[name]
         raise LogError(f"reading {what}: {INSTALL.format('camera')}") from None
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Run OpenCV in one thread: several add up pictures in any order, to other last digits."""
+    cv2 = opencv()
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
 
 
 def _natural(path: Path) -> list[tuple[int, int | str]]:

@@ -13,7 +13,7 @@ from ..common.arrays import Array, Index, Mask
 from ..common.rows import LARGEST, row_lengths
 from ..common.wording import listed
 from ..errors import LogError
-from .joint_values import wrap
+from .joint_values import JointLimits, wrap
 from .motion import directions
 from .roles import FURTHER, QUATERNION, ROUNDING, SOCKET, Roles
 from .settings import READING
@@ -58,8 +58,7 @@ class Cells:
 def read_cells(
     source: Source,
     roles: Roles,
-    revolute: Mapping[str, bool],
-    degrees: bool,
+    limits: JointLimits,
     most: int,
     seed: int,
 ) -> Cells:
@@ -67,17 +66,16 @@ def read_cells(
     drawn, total = source.drawn(most, seed)
     if not total:
         raise LogError(f"{source.label} has no rows below its header")
-    read = roles.columns(roles.names)
-    further = [
-        name for name in FURTHER if name in source.header and name not in read
-    ]
-    table, numbers = drawn.numbers([*read, *further])
-    values, facts = np.split(table, [len(read)], axis=1)
-    if degrees:
-        turning = np.flatnonzero([*revolute.values()])
-        values[:, turning] = np.deg2rad(values[:, turning])
+    values, numbers = drawn.numbers(roles.columns(roles.names))
+    q = values[:, : len(roles.joints)]
+    q *= [*limits.factors.values()]
+    facts = {}
+    time, episode = roles.columns(FURTHER)
+    if time in source.header and time not in roles.joints:
+        facts["time"] = drawn.seconds(time)
+    if episode in source.header and episode not in roles.joints:
+        facts["episode"] = drawn.numbers([episode])[0][:, 0]
     notes = []
-    q = values[:, : len(revolute)]
     side = directions(q) if np.isfinite(q).all() else None
     if total > most:
         notes.append(
@@ -89,8 +87,7 @@ def read_cells(
         for k, column in enumerate(roles.columns(SOCKET)):
             if column in source.header:
                 points[:, k] = drawn.texts(column)
-    by_name = dict(zip(further, facts.T, strict=True))
-    return Cells(values, numbers, by_name, points, side, notes)
+    return Cells(values, numbers, facts, points, side, notes)
 
 
 @dataclass(eq=False)
@@ -123,13 +120,13 @@ def sound_rows(
     cells: Cells,
     roles: Roles,
     ranges: Mapping[str, Range],
-    turning: Mapping[str, bool],
+    revolute: Mapping[str, bool],
 ) -> SoundRows:
     """Return which rows of a log are sound.
 
     cells : their wrong values, and those beyond a turn, change
     ranges : limits of some joints [rad or m]; rows outside are left out
-    turning : which joints turn
+    revolute : which joints turn
     """
     values = cells.values
     touched = cells.touched
@@ -145,7 +142,7 @@ def sound_rows(
     values[~rows.sound] = 0.0
     for name, (low, high) in ranges.items():
         column = values[:, roles.joints.index(name)]
-        if turning[name]:
+        if revolute[name]:
             column[:] = wrap(column, low, high)
         edge = READING.rounded * (high - low)
         away = (column < low - edge) | (column > high + edge)

@@ -253,7 +253,8 @@ def unit_hint(ratio: float, unit: str) -> str:
         if name != unit and abs(per_metre / factor - 1.0) < DIAGNOSIS.same_unit:
             return f"; if they are in {name}, give `unit={name!r}`"
     if ratio > DIAGNOSIS.pixels_ratio:
-        return "; if they are pixels, give `unit='px'`"
+        mixed = "if some rows are in another unit, convert them"
+        return f"; if they are pixels, give `unit='px'`; {mixed}"
     return ""
 
 

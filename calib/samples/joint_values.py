@@ -19,6 +19,7 @@ from ..common.rows import LARGEST, finite_rows
 from ..common.scale import TURN
 from ..common.wording import for_people, listed, unit_of_joint
 from ..errors import CalibError, LogError, OptionError
+from .header import LENGTHS, find_column, joint_factor, name_and_unit
 from .settings import READING, SLIDING, TURNING
 from .tables import Source, open_source
 
@@ -75,12 +76,19 @@ class JointColumn:
         several = np.ptp(values) > 2.02 * TURN
         if not (fits or several or most > READING.most_turns * TURN):
             return
-        if self.degrees:
+        in_degrees = most if self.degrees else math.radians(most)
+        if in_degrees > READING.most_turns * TURN:
+            hint = (
+                "too much for degrees, too: convert an encoder's counts to rad"
+            )
+        elif self.degrees:
             hint = "it is in rad: leave out `degrees`"
         elif fits:
             hint = "as degrees it fits: give `degrees=True`"
         else:
             hint = "if it is in degrees, give `degrees=True`"
+            if not self.limits:
+                hint += "; if it slides, name it in `prismatic`"
         raise self._outside(
             values, rows, self.limits or _TURN, hint, "degrees", self.degrees
         )
@@ -162,6 +170,16 @@ class JointLimits:
 
     revolute: Mapping[str, bool]  # whether each turns, base to tip
     limits: Mapping[str, Range]  # the arm's, or what was asked for [rad or m]
+    factors: Mapping[str, float]  # rad or m of the unit of each one's column
+
+    @property
+    def degrees(self) -> bool:
+        """Whether the joints that turn are in degrees."""
+        turning = [name for name, turns in self.revolute.items() if turns]
+        return any(turning) and all(self._in_degrees(name) for name in turning)
+
+    def _in_degrees(self, name: str) -> bool:
+        return self.revolute[name] and self.factors[name] != 1.0
 
     def settled(
         self,
@@ -169,7 +187,6 @@ class JointLimits:
         q: Array,
         numbers: Index,
         *,
-        degrees: bool,
         anywhere: bool,
     ) -> tuple[Array, Array, Array, list[str]]:
         """Return joint values (n, dof) in their ranges, the ranges' ends (dof,), and notes.
@@ -186,7 +203,9 @@ class JointLimits:
             if limit and anywhere:
                 low = min(limit[0], column.min())
                 limit = (low, max(limit[1], column.max()))
-            joint = JointColumn(label, name, turns, limit, degrees)
+            joint = JointColumn(
+                label, name, turns, limit, self._in_degrees(name)
+            )
             settled[:, k], end, words = joint.settle(column, numbers)
             ends.append(end)
             notes += words
@@ -195,27 +214,39 @@ class JointLimits:
 
 
 def limits_of(
-    names: Sequence[str],
+    columns: Mapping[str, str],
     arm: Arm | None,
     ranges: Mapping[str, Range],
     prismatic: Sequence[str],
+    *,
+    degrees: bool,
 ) -> JointLimits:
-    """Return which joints turn, and their limits: the arm's, or the ranges that were asked for."""
+    """Return which joints turn, and their limits: the arm's, or the ranges that were asked for.
+
+    columns : of the joints; without an arm those in a unit of lengths slide, too
+    """
+    limits = {}
     if arm is not None:
-        revolute = dict(zip(names, arm.revolute, strict=True))
+        revolute = dict(zip(columns, arm.revolute, strict=True))
         ends = zip(arm.lower, arm.upper, strict=True)
-        limits = dict(zip(names, ends, strict=True)) | {**ranges}
+        limits = dict(zip(columns, ends, strict=True))
     else:
-        revolute = {name: name not in prismatic for name in names}
-        limits = {**ranges}
-        if not {*prismatic} <= {*names}:
+        revolute = {
+            name: not (name in prismatic or name_and_unit(column)[1] in LENGTHS)
+            for name, column in columns.items()
+        }
+        if not {*prismatic} <= {*columns}:
             raise OptionError(
                 f"{listed(prismatic)} named as sliding: expected some of the joints "
-                f"{listed(names)}",
+                f"{listed(columns)}",
                 parameter="prismatic",
             )
     check_ranges(ranges, revolute)
-    return JointLimits(revolute, limits)
+    factors = {
+        name: joint_factor(column, turns=revolute[name], degrees=degrees)
+        for name, column in columns.items()
+    }
+    return JointLimits(revolute, {**limits, **ranges}, factors)
 
 
 def beyond(values: Array, low: float, high: float) -> float:
@@ -266,18 +297,18 @@ def locked_from_log(
     Returns notes : a warning for each joint that moved more than 0.5 deg or 1 mm from it
     """
     source = open_source(path)
-    column_of = {name: name for name in source.header} | dict(columns or {})
-    column_of = {name: column_of[name] for name in names if name in column_of}
     values: dict[str, float] = {}
     notes: list[str] = []
-    if not column_of:
-        return values, notes
-    table, rows = source.numbers(list(column_of.values()))
-    for name, column in zip(column_of, table.T, strict=True):
-        turns = name not in prismatic
-        if not np.isfinite(column).any():
+    for name in names:
+        typed = (columns or {}).get(name)
+        column = find_column(source.header, typed or name) or typed
+        if column is None:
             continue
-        stood = np.deg2rad(column) if turns and degrees else column
+        turns = name not in prismatic
+        table, rows = source.numbers([column])
+        stood = table[:, 0] * joint_factor(column, turns=turns, degrees=degrees)
+        if not np.isfinite(stood).any():
+            continue
         values[name] = float(np.nanmedian(stood))
         off = np.nan_to_num(np.abs(stood - values[name]))
         tolerance = TURNING if turns else SLIDING

@@ -21,12 +21,9 @@ from .camera import Camera, camera_of
 from .cells import read_cells, sound_rows
 from .delays import with_offset
 from .diagnosis import diagnose, refuse_mistakes, unmoved
+from .header import common_unit
 from .joint_values import limits_of
-from .roles import (
-    find_roles,
-    log_columns,
-    quaternions,
-)
+from .roles import Roles, find_roles, log_columns, quaternions
 from .samples import Readings, Samples
 from .settings import READING
 from .sockets import Touches
@@ -92,10 +89,16 @@ def read_log(
     label = source.label
     usual = {k: v for k, v in (usual or {}).items() if v in source.header}
     roles = find_roles(source, arm, joints, {**usual, **(columns or {})})
-    unit = _unit(source, "px" if roles.pixels and not unit else unit)
+    unit = _unit(source, roles, unit)
     if arm is not None:
         outputs = outputs or arm.outputs
-    limits = limits_of(roles.joints, arm, ranges or {}, prismatic)
+    limits = limits_of(
+        dict(zip(roles.joints, roles.columns(roles.joints), strict=True)),
+        arm,
+        ranges or {},
+        prismatic,
+        degrees=degrees,
+    )
     if roles.touched:
         _check_touches(label, unit if roles.axes else "m", outputs)
     elif len(roles.axes) < (outputs or 2) and unit != "px":  # a camera sees two
@@ -105,13 +108,13 @@ def read_log(
             parameter="planar",
         )
 
-    cells = read_cells(source, roles, limits.revolute, degrees, most, seed)
+    cells = read_cells(source, roles, limits, most, seed)
     rows = sound_rows(label, cells, roles, ranges or {}, limits.revolute)
     sound = rows.sound
     numbers = cells.numbers[sound]
     q, x, turns = roles.split(cells.values[sound])
     q, lower, upper, joint_notes = limits.settled(
-        label, q, numbers, degrees=degrees, anywhere=roles.touched
+        label, q, numbers, anywhere=roles.touched
     )
     notes = [*cells.notes, *rows.notes, *joint_notes]
     if roles.touched:
@@ -121,7 +124,11 @@ def read_log(
             source, x, numbers, unit, arm, outputs, lens
         )
         if roles.turns and readings.plane is None:
-            orientation = quaternions(turns, degrees=degrees)
+            unit_of_turns = common_unit(roles.columns(roles.turns))
+            in_degrees = (
+                degrees if unit_of_turns is None else unit_of_turns != "rad"
+            )
+            orientation = quaternions(turns, degrees=in_degrees)
             readings = replace(readings, orientation=orientation)
         notes += reading_notes
         # what can be nothing but a mistake is refused, what may be intended told
@@ -145,7 +152,7 @@ def read_log(
         touch=readings.touch,
         rows=numbers,
         columns=roles.column_of,
-        degrees=degrees and any(limits.revolute.values()),
+        degrees=limits.degrees,
         source=source.about,
         dropped=rows.dropped,
         left_out=rows.left_out,
@@ -227,16 +234,17 @@ def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
     write_table(path, log_columns(samples), about=about)
 
 
-def _unit(source: Source, unit: str | None) -> str:
+def _unit(source: Source, roles: Roles, unit: str | None) -> str:
     """Return the unit of the positions: as typed, or what the log says of itself."""
-    if unit is not None and source.unit not in (None, unit):
+    stated = common_unit(roles.columns(roles.axes)) or source.unit
+    if unit is not None and stated not in (None, unit):
         raise LogError(
-            f"{source.label} states that its positions are in {source.unit}, not in {unit}",
-            hint="leave out `unit`, or correct the line above the header",
+            f"{source.label} states that its positions are in {stated}, not in {unit}",
+            hint="leave out `unit`, or correct what the log says",
             parameter="unit",
             value=unit,
         )
-    return unit or source.unit or "m"
+    return unit or stated or ("px" if roles.pixels else "m")
 
 
 def _check_touches(label: str, unit: str, outputs: int | None) -> None:

@@ -14,6 +14,7 @@ from ..common.arrays import Array
 from ..common.rows import row_lengths
 from ..common.wording import listed
 from ..errors import LogError, OptionError
+from .header import find_column
 from .samples import POSITION, Samples
 from .tables import Source
 
@@ -89,18 +90,21 @@ def find_roles(
     # locked joints are named for `locked_from_log`
     choices = (*POSITION, *names, *(arm.locked if arm is not None else ()))
     for name, column in columns.items():
-        if name not in (*choices, *QUATERNION, *ANGLES, *SOCKET):
+        if name not in (*choices, *QUATERNION, *ANGLES, *SOCKET, *FURTHER):
             raise OptionError(
                 f"columns {name}={column}: {name!r} is neither a position nor a joint; "
                 f"choices: {', '.join(choices)}",
                 parameter="columns",
                 value=name,
             )
+    typed = {*columns}
+    columns = _columns_by_name(source.header, names, columns)
     there = {*source.header, *columns} - {*names}
     touched = "point" in there
     pixels = not {*POSITION} & there and {*PIXELS.values()} <= there
     if pixels:
-        columns = {**columns, **PIXELS}
+        for name, pixel in PIXELS.items():
+            columns[name] = columns.get(pixel, pixel)
         there |= {*PIXELS}
     if not {*POSITION} & there and not touched:
         raise LogError(
@@ -117,7 +121,7 @@ def find_roles(
     if "z" in there and not touched and (arm is None or arm.outputs == 3):
         for parts in (ANGLES, QUATERNION):
             # of one that is named in part the rest is missed
-            if there.issuperset(parts) or {*parts} & {*columns}:
+            if there.issuperset(parts) or {*parts} & typed:
                 turns = parts
     roles = Roles(names, axes, turns, columns, pixels, touched)
     read = roles.columns(roles.names)
@@ -129,6 +133,24 @@ def find_roles(
             value=read,
         )
     return roles
+
+
+def _columns_by_name(
+    header: Sequence[str], joints: Sequence[str], typed: Mapping[str, str]
+) -> dict[str, str]:
+    """Return columns that have other names than what they hold, as typed or by `find_column`."""
+    columns = dict(typed)
+    rest = [*header]
+    further = (*POSITION, *PIXELS.values(), *QUATERNION, *ANGLES, *FURTHER)
+    for name in (*joints, *further):
+        column = find_column(rest, columns.get(name, name))
+        if column is None:
+            continue
+        if column != name:
+            columns[name] = column
+        if name in joints:
+            rest.remove(column)
+    return columns
 
 
 def joint_names(

@@ -8,6 +8,7 @@ import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from itertools import count
@@ -22,6 +23,7 @@ from ..common.atomic import atomic_write
 from ..common.rows import finite_rows
 from ..common.wording import clipped, listed, printable, quoted
 from ..errors import LogError
+from .header import SECONDS, common_unit, find_column, name_and_unit
 
 if TYPE_CHECKING:
     import polars as pl
@@ -42,6 +44,8 @@ SENSOR = "sensor"
 """Column that says which sensor measured a row."""
 
 _ROW = "\0row"  # column with the number of each row, counted below the header from 1
+_NUMBER = r"^\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*$"
+_LATEST = 1e11  # [s] after 1970: a clock of the year 5138 counts in ms or less
 _HEAD = 1 << 16  # [bytes], of a file, in which its header is
 # LeRobot's, of joints' columns, which are read without
 _POSITION_SUFFIX = ".pos"
@@ -70,7 +74,10 @@ class Source:
     def unit(self) -> str | None:
         """The unit that the table states for its positions."""
         unit = self.about.get("unit")
-        return unit if isinstance(unit, str) and unit else None
+        if isinstance(unit, str) and unit:
+            return unit
+        found = (find_column(self.header, name) for name in "xyz")
+        return common_unit([column for column in found if column])
 
     def drawn(self, most: int, seed: int) -> tuple[Source, int]:
         """The table with at most so many rows, drawn at random, and how many it has."""
@@ -107,6 +114,28 @@ class Source:
         """Read a column as text, "" where nothing stands."""
         cells = self.read([name])[name].cast(str).fill_null("")
         return cells.str.strip_chars().to_list()
+
+    def seconds(self, name: str) -> Array:
+        """Read a column of times (n,) [s]: numbers, or dates as text; NaN where it has neither.
+
+        Numbers are in the unit that the column's name states; without it, those of a clock that
+        counts from 1970 tell theirs by their size.
+        """
+        import polars as pl
+
+        cells = self.read([name])[name]
+        if cells.dtype == pl.String and not cells.str.contains(_NUMBER).any():
+            with suppress(pl.exceptions.PolarsError):
+                cells = cells.str.strip_chars().str.to_datetime(strict=False)
+        if cells.dtype.is_temporal():
+            return cells.dt.epoch("us").cast(pl.Float64).to_numpy() * 1e-6
+        times = self.numbers([name])[0][:, 0]
+        times *= SECONDS.get(name_and_unit(name)[1], 1.0)
+        while (
+            np.abs(times).max(initial=0.0, where=np.isfinite(times)) > _LATEST
+        ):
+            times /= 1e3
+        return times
 
     def numbers(self, names: Sequence[str]) -> tuple[Array, Index]:
         """Read some columns as numbers (n, names), and the numbers of their rows (n,).

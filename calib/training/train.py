@@ -40,6 +40,11 @@ from .residuals import (
 )
 from .settings import LEARNING, TESTING
 
+SLIDING_UNKNOWN = (
+    "no arm of turning joints explains all that the rows show: if a joint slides, name it in "
+    "`prismatic`"
+)
+
 
 def train(
     samples: Samples | Sequence[Samples],
@@ -168,6 +173,10 @@ def _learned(
         left_out=residuals.left_out + prepared.left_out,
         notes=notes,
     )
+    # a body of the right joints needs no local models
+    is_arm = part is None or (model.local.degree < 0 and about.bound_holds)
+    if samples.arm is None and all(samples.revolute) and not is_arm:
+        about = replace(about, notes=(*notes, SLIDING_UNKNOWN))
     # what an undisturbed arm's distortions look like
     some = slice(None, None, max(1, len(samples) // TESTING.baseline))
     missed = row_lengths(model.predictor.value(u[some]) - samples.x[some])

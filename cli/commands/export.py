@@ -5,6 +5,7 @@ from typing import Annotated
 from .. import options as opt
 from ..output import Outcome, say
 from ..parsing import BadOption, check_file
+from ..units import units_of
 
 _ENDINGS = {
     "output": (".h", ".hpp"),
@@ -89,7 +90,10 @@ def export(
     for name, path in paths.items():
         check_file(path, endings[name], option=f"--{name}")
     loaded = model_in(model, sensor)
-    document: dict[str, object] = {"model": model}
+    document: dict[str, object] = {
+        "model": model,
+        "units": units_of(loaded.about),
+    }
     made: dict[str, tuple[str, str]] = {}
     """Text of each file and its words; all are made before anything is written."""
     if lerobot or ur or mjcf:

@@ -10,6 +10,7 @@ from calib.common.wording import for_people
 from .. import options as opt
 from ..logs import Reading, log_for
 from ..output import NO, Outcome, TextTable, number
+from ..units import units_of
 
 
 def recognise(
@@ -22,17 +23,25 @@ def recognise(
     loaded = [calib.load(path) for path in models]
     result = calib.recognise(loaded, log_for(loaded[0], data, Reading()))
     name = None if result.index is None else models[result.index]
-    factor, shown = for_people(loaded[0].about.unit)
+    about = loaded[0].about
+    factor, shown = for_people(about.unit)
     fits = []
     rows = []
     for fit in result.fits:
         fits.append({"model": models[fit.index], **fit.to_json()})
         sizes = number(fit.score), number(factor * fit.distance)
         rows.append([models[fit.index], *sizes, "fits" if fit.fits else ""])
-    header = ["model", "score", f"median distance [{shown}]", ""]
+    header = ["model", "score", f"rms distance [{shown}]", ""]
     table = TextTable(header, rows, f"{result.samples} samples of {data}")
+    document = {
+        "model": name,
+        "samples": result.samples,
+        "fits": fits,
+        "unit": about.unit,
+        "units": units_of(about),
+    }
     return Outcome(
-        {"model": name, "samples": result.samples, "fits": fits},
+        document,
         [f"{name} fits" if name else "none of the models fits", table],
         code=0 if name else NO,
     )

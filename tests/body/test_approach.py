@@ -8,6 +8,7 @@ import pytest
 from drifting import arm
 
 import calib
+from calib.body.approach import learn_play
 
 PLAY = 0.01
 
@@ -83,3 +84,15 @@ def test_a_log_of_few_rows_learns_the_play_of_all_joints_and_fresh_rows_are_no_a
     model = calib.train(rows.take(slice(0, 30)), size=4)
     assert model.approach.play[:2] == pytest.approx(0.0015, rel=0.1)
     assert calib.check(model, rows.take(slice(30, 90))).drifted is False
+
+
+def test_a_play_below_zero_is_none():
+    rng = np.random.default_rng(0)
+    direction = rng.choice([-1.0, 1.0], (200, 2))
+    features = rng.normal(size=(200, 3, 2))
+    features[:, :, 1] += 2.0 * features[:, :, 0]
+    # alone, the first joint would explain the second one's negative play as well
+    residual = features @ [0.01, -0.02]
+    slope = -features * direction[:, None, :]
+    assert learn_play(residual, slope, direction) is None
+    assert learn_play(features @ [0.01, 0.02], slope, direction) == pytest.approx([0.01, 0.02])

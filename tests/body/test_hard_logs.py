@@ -1,5 +1,7 @@
 """Hard logs: errors that repeat, tools of one orientation, joints that stand still or are tied."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from models import log_of
@@ -148,3 +150,16 @@ def test_joints_that_are_tied_but_for_a_fraction_of_a_degree_are_named():
     assert note.startswith("shoulder_lift, wrist_1 move together")
     q[:, 3] = q[:, 1] + np.radians(3.0) * rng.uniform(-1, 1, 60)
     assert notes(q) == []
+
+
+def test_a_short_path_without_a_drawing_is_bounded_elsewhere():
+    arm = ARM
+    rng = np.random.default_rng(2)
+    lower, upper = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
+    fresh = rng.uniform(lower, upper, (300, 6))
+    phase = np.linspace(0, 6, 150)[:, None] * rng.uniform(0.2, 1, 6) + rng.uniform(0, 6, 6)
+    q = (lower + upper) / 2 + (upper - lower) / 4 * np.sin(phase)
+    log = log_of(arm, q, arm.forward(q) + 1e-4 * rng.normal(size=(150, 3)))
+    body = calib.train(replace(log, arm=None), size=4).body
+    off = np.linalg.norm(body.predict(fresh) - arm.forward(fresh), axis=1)
+    assert np.mean(off <= body.bound(fresh)) > 0.9

@@ -236,3 +236,20 @@ def test_a_small_posterior_is_as_sure_as_the_whole_where_rows_were(waves):
     model = calib.train(rows, size=4)
     ratio = model.expected_error(fresh) / model.body.bound(fresh)
     assert 0.85 < ratio.min() < ratio.max() < 1.25
+
+
+@needs_compiler
+def test_a_position_a_hair_beyond_a_limit_is_no_answer():
+    """Once a last step that a limit cut short was not looked at, and its miss called a solution."""
+    model = trained("polar")
+    fast = warm(model)
+    lower, upper = model.about.lower, model.about.upper
+    q = np.random.default_rng(5).uniform(lower, upper, (50, 2))
+    q[:, 1] = upper[1]
+    inside = q - [0, 1e-4]
+    x = model.forward(q)
+    beyond = x + 1e-2 * (x - model.forward(inside))  # 1 um beyond the stop of a slide
+    assert np.isnan(fast.inverse(beyond, near=q)).all()
+    alone = [fast.inverse(place, near=joints) for place, joints in zip(beyond, q, strict=True)]
+    assert np.isnan(alone).all()
+    np.testing.assert_allclose(fast.inverse(x, near=q), q, atol=1e-8)

@@ -113,12 +113,14 @@ def test_impossible_options_are_refused_in_one_line(options, message):
     ("x", "message"),
     [
         (np.zeros((0, 2)), r"samples of shape \(0, 2\)"),
+        (np.zeros((5, 0)), r"samples of shape \(5, 0\)"),
         (np.zeros(5), r"samples of shape \(5,\)"),
         ([[0.0, 1.0], [np.nan, 1.0]], "sample 1 is .*expected finite numbers"),
     ],
 )
 def test_samples_that_are_none_are_refused_in_one_line(x, message):
     refused(LogError, message, SOM((3, 3)).fit, x)
+    refused(LogError, message, SOM((3, 3), rule="online").fit_pair, x, x)
 
 
 def test_training_runs_with_one_thread_of_the_blas():

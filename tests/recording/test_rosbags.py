@@ -37,16 +37,17 @@ def turn_at(t):
     return float(np.sin(t / 2)), 0.0, 0.0, float(np.cos(t / 2))
 
 
-def write(path, kind="ros2", tip="PointStamped", n=300, hole=None, latency=0.0, turning=False):
+def write(
+    path, kind="ros2", tip="PointStamped", n=300, latency=0.0, turning=False, lost=(), stamped=True
+):
     store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
     types = store.types
     joint_t = np.arange(n) * STEP
-    if hole is not None:
-        joint_t = joint_t[(joint_t < hole[0]) | (joint_t > hole[1])]
     tip_t = 0.013 + np.arange(n - 2) * STEP
 
     def header(t):
-        stamp = types["builtin_interfaces/msg/Time"](int(100 + t), int(1e9 * (t % 1)))
+        whole, rest = (int(100 + t), int(1e9 * (t % 1))) if stamped else (0, 0)
+        stamp = types["builtin_interfaces/msg/Time"](whole, rest)
         extra = {"seq": 0} if kind == "ros1" else {}
         return types["std_msgs/msg/Header"](stamp=stamp, frame_id="base", **extra)
 
@@ -80,9 +81,11 @@ def write(path, kind="ros2", tip="PointStamped", n=300, hole=None, latency=0.0, 
         for t, q in zip(joint_t, q_at(joint_t), strict=True)
     ]
     kinds, topic = ("tf2_msgs", "/tf") if tip == "TFMessage" else ("geometry_msgs", "/tracker")
+    places = x_at(tip_t)
+    places[list(lost)] = np.nan
     messages += [
         (t, topic, f"{kinds}/msg/{tip}", position(t + latency, x))
-        for t, x in zip(tip_t, x_at(tip_t), strict=True)
+        for t, x in zip(tip_t, places, strict=True)
     ]
     if tip == "TFMessage":
         unturned = types["geometry_msgs/msg/Quaternion"](*UNTURNED)
@@ -108,15 +111,17 @@ def write(path, kind="ros2", tip="PointStamped", n=300, hole=None, latency=0.0, 
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "tip"),
+    ("kind", "name", "tip", "stamped"),
     [
-        ("ros1", "a.bag", "PointStamped"),
-        ("ros2", "a", "PoseStamped"),
-        ("mcap", "a", "TransformStamped"),
+        ("ros1", "a.bag", "PointStamped", True),
+        ("ros2", "a", "PoseStamped", True),
+        ("mcap", "a", "TransformStamped", True),
+        ("mcap", "a", "PointStamped", False),  # the times at which messages came stand for theirs
     ],
 )
-def test_joints_are_interpolated_to_the_positions(tmp_path, kind, name, tip):
-    found = read_bag(write(tmp_path / name, kind, tip), joints=["shoulder", "elbow"])
+def test_joints_are_interpolated_to_the_positions(tmp_path, kind, name, tip, stamped):
+    bag = write(tmp_path / name, kind, tip, stamped=stamped)
+    found = read_bag(bag, joints=["shoulder", "elbow"])
     assert found.joint_names == ("shoulder", "elbow")
     assert len(found.q) == 298
     assert (np.diff(found.time) > 0).all()
@@ -151,6 +156,17 @@ def test_time_offset_undoes_latency(tmp_path):
     found = read_bag(path)
     assert misfit(found) < 1e-3
     assert any("clock is corrected by -0.20" in note for note in found.notes)
+
+
+def test_positions_that_a_tracker_lost_are_left_out(tmp_path):
+    found = read_bag(write(tmp_path / "a", lost=(0, 7, 8)))
+    assert len(found) == 295
+    assert "3 positions left out: not finite" in found.notes
+
+
+def test_too_little_motion_for_clocks_is_told(tmp_path):
+    found = read_bag(write(tmp_path / "a", n=60, latency=0.1))
+    assert "stamps are taken as they are" in found.notes[0]
 
 
 def test_topics_are_listed(tmp_path):

@@ -157,6 +157,71 @@ def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):
     assert log.x.tolist() == [[3, 4], [6, 8]]
 
 
+@pytest.mark.parametrize(
+    ("header", "factors", "unit", "degrees"),
+    [
+        ("Time [ms],SHOULDER,Elbow,X,Y", (1, 1, 1), "m", False),
+        (
+            "time,shoulder (deg),elbow [deg],x [mm],y (mm)",
+            (180 / math.pi, 180 / math.pi, 1e3),
+            "mm",
+            True,
+        ),
+        ("time,shoulder [rad],elbow [°],X(cm),Y(cm)", (1, 180 / math.pi, 100), "cm", False),
+        ("time,shoulder,elbow,u [px],V [px]", (1, 1, 1), "px", False),
+    ],
+)
+def test_headers_have_units_in_brackets_and_any_case(arm, file, header, factors, unit, degrees):
+    log = babble(arm, 20)
+    q = log.q * factors[:2]
+    rows = [
+        f"{20 * k},{a!r},{b!r},{x!r},{y!r}"
+        for k, (a, b, x, y) in enumerate(np.hstack([q, log.x * factors[2]]).tolist())
+    ]
+    again = read_log(file("\n".join([header, *rows])), arm)
+    np.testing.assert_allclose(again.q, log.q, rtol=1e-15)
+    np.testing.assert_allclose(again.x, log.x * factors[2])
+    assert (again.unit, again.degrees) == (unit, degrees)
+    assert again.time[1] == (0.02 if "ms" in header else 20.0)
+
+
+def test_a_header_says_that_a_joint_slides_or_contradicts(arm, file):
+    table = file("turn [deg],rail [mm],x [mm],y [mm]\n90,100,1,2\n80,250,3,4\n70,180,5,7\n")
+    log = read_log(table, joints=["turn", "rail"])
+    assert log.revolute == (True, False)
+    assert log.q[0].tolist() == [math.pi / 2, 0.1]
+    refused(
+        table, "states that its positions are in mm, not in m", joints=["turn", "rail"], unit="m"
+    )
+    mixed = file("a,b,x [mm],y [m]\n1,2,3,4\n2,1,4,3\n")
+    refused(mixed, "expected positions in one unit")
+    slides = file("shoulder [mm],elbow,x,y\n1,2,3,4\n2,1,4,3\n")
+    with pytest.raises(LogError, match=r"'shoulder .mm.' is in mm, expected rad, deg, "):
+        read_log(slides, arm)
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        [f"2024-03-01T12:00:00.{20 * k:03d}Z" for k in range(12)],
+        [str(1709294400000 + 20 * k) for k in range(12)],
+        [str(1709294400000000000 + 20_000_000 * k) for k in range(12)],
+    ],
+)
+def test_times_of_clocks_are_seconds(file, times):
+    rows = [f"{time},{k % 5},{k % 7},{k},{k * k}" for k, time in enumerate(times)]
+    table = file("\n".join(["stamp,a,b,x,y", *rows]))
+    log = read_log(table, joints=["a", "b"], columns={"time": "stamp"})
+    np.testing.assert_allclose(log.time, 1709294400 + 0.02 * np.arange(12), rtol=0, atol=1e-6)
+
+
+def test_counts_of_an_encoder_are_neither_radians_nor_degrees(arm, file):
+    table = file("shoulder,elbow,x,y\n3072,100,.1,.2\n2050,2000,.2,.3\n")
+    for degrees in (False, True):
+        with pytest.raises(LogError, match="convert an encoder's counts to rad"):
+            read_log(table, arm, degrees=degrees)
+
+
 def test_the_arms_order_holds_and_its_joints_are_the_log(arm, file):
     path = file("elbow,shoulder,x,y\n0.5,0.1,1,2\n0.6,0.2,3,4\n")
     assert read_log(path, arm).q.tolist() == [[0.1, 0.5], [0.2, 0.6]]

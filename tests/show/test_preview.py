@@ -69,6 +69,15 @@ def test_an_arm_in_space_has_its_reach_its_rows_and_no_maps_until_they_are_asked
     assert data["step"] > 1
 
 
+def test_colours_end_where_nearly_all_errors_are():
+    model = small(body="none")
+    _, (_, middle), (_, top) = data_of(page_of(model))["ticks"]
+    middle, top = (float(words.removesuffix(" mm")) for words in (middle, top))
+    assert middle == pytest.approx(top / 2, abs=0.1)
+    errors = 1e3 * model.expected_error(model.motor.weights)
+    assert 0.9 < np.mean(errors <= top) < 1.0
+
+
 def placed(data, path):
     """Transform (4, 4) of what a page draws, in what it hangs on."""
     return np.reshape(data["places"][path], (4, 4)).T

@@ -10,6 +10,7 @@ import pytest
 from models import babbled, in_pixels, in_space, log, measured, no_arm, trained
 from refusals import refused
 from scenes import seen_by_two
+from scipy.stats import t as student
 
 import calib
 
@@ -158,6 +159,20 @@ def test_a_simulation_has_the_errors_that_its_training_printed():
     mean = model.about.errors["linear"]["forward"]["distance"]["mean"]
     assert f"{1e3 * mean:.3g} mm on average" in report(model)
     assert "noise included" not in report(model)
+
+
+def test_bars_have_the_interval_of_ten_blocks_and_the_noise_of_readings():
+    simulated = trained("two_link", n=3000, size=20, noise=1e-3)
+    held_out, noisy = (
+        calib.figures(model, names=["accuracy"])["accuracy"].axes[0].texts[k].get_text()
+        for model, k in ((measured(), -1), (simulated, 1))
+    )
+    distance = np.linalg.norm(measured().rows.held_out, axis=1)
+    means = [block.mean() for block in np.array_split(distance, 10)]
+    half = student.ppf(0.975, 9) * np.std(means, ddof=1) / np.sqrt(10)
+    assert held_out == f"on rows held out: {1e3 * distance.mean():.3f} ± {1e3 * half:.3f} mm"
+    mean = float(re.search(r"noise included: ([\d.]+) ±", noisy)[1])
+    assert mean == pytest.approx(np.sqrt(np.pi / 2), rel=0.03)
 
 
 def test_figures_on_paper():

@@ -189,8 +189,13 @@ def test_noise_and_systematic_part_are_told_apart():
     assert state.links == pytest.approx(0.01, rel=0.05)
 
 
-def test_wrong_detections_raise_no_alarm():
+def test_wrong_detections_raise_no_alarm_and_hide_no_change():
     assert alarm(calib.monitor(model(1e-3)), log("sensor.outliers=0.02", n=1000)) is None
+    monitor, calm = calib.monitor(model(1e-3)), log(n=200)
+    x = calm.x.copy()
+    x[[20, 90, 150]] += 100.0
+    assert alarm(monitor, replace(calm, x=x)) is None
+    assert alarm(monitor, log("elbow.offset=0.0174533", n=200, seed=2)) is not None
 
 
 def test_samples_that_say_nothing_change_nothing():

@@ -297,3 +297,15 @@ def test_outliers_of_a_simulated_sensor_are_left_out_as_those_of_a_log_are(body)
     assert about.errors[model.default_readout]["forward"]["distance"]["mean"] < (
         2e-4 if body == "auto" else 0.02
     )
+
+
+def test_a_slide_that_nobody_named_is_told():
+    rows = calib.babble(calib.load_arm("polar"), 300, noise=0.1 * MM)
+    seen = calib.Samples(rows.q, rows.x, rows.joint_names)
+    words = "if a joint slides, name it in `prismatic`"
+    assert any(words in note for note in calib.train(seen, size=10).about.notes)
+    slides = replace(seen, revolute=rows.revolute)
+    assert not any(words in note for note in calib.train(slides, size=10).about.notes)
+    turning = calib.babble(calib.load_arm("two_link"), 300, noise=0.1 * MM)
+    arm = calib.Samples(turning.q, turning.x, turning.joint_names)
+    assert not any(words in note for note in calib.train(arm, size=10).about.notes)

@@ -67,6 +67,15 @@ def test_a_corrected_calibration_makes_lerobot_tell_the_true_angles(corrected):
             assert told == pytest.approx(DEGREES.get(name, 0.0), abs=0.05)  # half a tick
 
 
+def test_a_zero_beyond_the_motors_register_is_refused(corrected, run):
+    folder, _, arm = corrected
+    motors = dict.fromkeys(arm.joint_names, MOTOR | {"homing_offset": 2030})
+    (folder / "far.json").write_text(json.dumps(motors))
+    words = ("--lerobot", folder / "far.json", "-o", folder / "none.json")
+    run.refused(1, "on a tooth further", "export", folder / "arm.calib", *words)
+    assert not (folder / "none.json").exists()
+
+
 def transform(xyz, turn):
     matrix = np.eye(4)
     matrix[:3, :3] = turn.as_matrix()

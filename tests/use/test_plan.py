@@ -73,24 +73,24 @@ START = (0.0, 0.7, 1.0, 0.0, 1.0, 0.0)
 
 
 @pytest.fixture(scope="module")
-def arm():
+def six():
     return calib.load_arm("six_axis")
 
 
-def test_the_tip_is_at_the_point_in_many_postures(arm):
+def test_the_tip_is_at_the_point_in_many_postures(six):
     point = (0.45, 0.0, 0.35)
-    found = calib.plan(arm, 12, touch=point)
+    found = calib.plan(six, 12, touch=point)
     assert np.allclose(found.x, point, atol=2e-6)
-    assert (found.q > arm.lower).all()
-    assert (found.q < arm.upper).all()
+    assert (found.q > six.lower).all()
+    assert (found.q < six.upper).all()
     assert (np.ptp(found.q, axis=0)[:5] > 0.5).all()
 
 
 @pytest.mark.parametrize(("eye", "spec"), [("hand", "7x5:24mm"), ("base", SPEC)])
-def test_the_board_is_in_the_picture_from_many_sides(arm, eye, spec):
+def test_the_board_is_in_the_picture_from_many_sides(six, eye, spec):
     """With a camera that looks along the tip's z axis, or a board that faces along it."""
-    found = calib.plan(arm, 12, handeye=spec, eye=eye, start=START)
-    structure = structure_of(arm, "base")
+    found = calib.plan(six, 12, handeye=spec, eye=eye, start=START)
+    structure = structure_of(six, "base")
     p, turn = structure.pose(np.vstack([START, found.q]), structure.neutral())
     if eye == "hand":
         board = p[0] + 0.4725 * turn[0, :, 2]
@@ -118,9 +118,9 @@ def test_a_model_of_pictures_knows_camera_and_board(run, tmp_path, in_hand):
     assert refused.code == 2
 
 
-def test_what_cannot_be_aimed_at_is_told(arm, run, tmp_path):
-    refused(OptionError, "no posture", calib.plan, arm, touch=(4, 0, 0))
-    refused(OptionError, "start", calib.plan, arm, handeye=SPEC)
+def test_what_cannot_be_aimed_at_is_told(six, run, tmp_path):
+    refused(OptionError, "no posture", calib.plan, six, touch=(4, 0, 0))
+    refused(OptionError, "start", calib.plan, six, handeye=SPEC)
     refused(OptionError, "in space", calib.plan, calib.load_arm("two_link"), touch=(0.3, 0.1, 0))
     path = tmp_path / "poses.csv"
     assert run("plan", "six_axis", "--board", SPEC, "-o", path).code == 2

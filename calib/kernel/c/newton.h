@@ -48,15 +48,19 @@ static inline calib_real calib_apart(const calib_real a[CALIB_DOF], const calib_
   return sqrt(squared);
 }
 
-/* Joints within their limits; those of full turns go round. */
-static inline void calib_clipped(calib_real q[CALIB_DOF]) {
-  int k;
+/* Joints within their limits; those of full turns go round.  Returns whether no limit holds any. */
+static inline int calib_clipped(calib_real q[CALIB_DOF]) {
+  int k, inside = 1;
   for (k = 0; k < CALIB_DOF; ++k) {
     const calib_real u = (q[k] - calib_lower[k]) / calib_span[k];
-    if (calib_periodic[k]) q[k] = calib_lower[k] + (u - floor(u)) * calib_span[k];
-    else if (u < 0) q[k] = calib_lower[k];
-    else if (u > 1) q[k] = calib_lower[k] + calib_span[k];
+    if (calib_periodic[k]) {
+      q[k] = calib_lower[k] + (u - floor(u)) * calib_span[k];
+    } else if (!(u > 0 && u < 1)) {
+      q[k] = calib_lower[k] + (u > 0 ? calib_span[k] : 0);
+      inside = 0;
+    }
   }
+  return inside;
 }
 
 /* A move of the joints, in shares of their ranges: of all that bring the residuals to zero the one
@@ -103,15 +107,16 @@ static inline void calib_copy(const calib_real from[CALIB_DOF], calib_real to[CA
   for (k = 0; k < CALIB_DOF; ++k) to[k] = from[k];
 }
 
-/* Joints a move on, of which none goes further than a step may, within their limits. */
-static inline void calib_moved(const calib_real q[CALIB_DOF], const calib_real move[CALIB_DOF],
+/* Joints a move on, of which none goes further than a step may, within their limits.  Returns whether
+ * no limit holds any. */
+static inline int calib_moved(const calib_real q[CALIB_DOF], const calib_real move[CALIB_DOF],
                                calib_real out[CALIB_DOF]) {
   calib_real largest = @longest@;
   int k;
   for (k = 0; k < CALIB_DOF; ++k)
     if (fabs(move[k]) > largest) largest = fabs(move[k]);
   for (k = 0; k < CALIB_DOF; ++k) out[k] = q[k] + calib_span[k] * move[k] * @longest@ / largest;
-  calib_clipped(out);
+  return calib_clipped(out);
 }
 
 /* What of the way to `near` leaves the task as it is; returns its length. */
@@ -198,7 +203,7 @@ static inline int calib_descend(calib_search *search, int plain, int count, cali
   calib_left(task, plain, q, gap);
   while (step < CALIB_STEPS && search->budget > 0) {
     const int near = sliding && gap->left <= rough;
-    int better;
+    int better, inside;
     search->budget -= @bent@ && !plain ? 4 : 1; /* curves and bending take so much longer */
     if (!near && gap->left <= (plain ? rough : @enough@ * size)) break;
     if (!calib_move(calib_rows(task), gap->J, gap->r, q, 0, damping, move)) return 0;
@@ -208,10 +213,10 @@ static inline int calib_descend(calib_search *search, int plain, int count, cali
       if (!sliding && plain) break;
       if (!sliding) continue;
     }
-    calib_moved(q, move, trial);
-    if (last) { /* what this step leaves is known to be less */
+    inside = calib_moved(q, move, trial);
+    if (last && inside && !near) { /* what this step leaves is known to be less */
       calib_copy(trial, q);
-      break;
+      return 1;
     }
     if (calib_beside(trial, search->way, count, @margin@ / 4)) return 0;
     calib_left(task, plain, trial, &next);
@@ -230,13 +235,14 @@ static inline int calib_descend(calib_search *search, int plain, int count, cali
       damping = better ? damping / @easier@ : damping * @easier@;
       if (better && damping < @calm@) damping = @calm@;
       if (!better && damping < @hard@) damping = @hard@;
-      last = better && !plain && next.left * next.left <= @surplus@ * close * gap->left;
+      last = better && inside && !plain && damping <= @calm@ &&
+             next.left * next.left <= @surplus@ * close * gap->left;
     }
     if (!better) continue;
     calib_copy(trial, q);
     *gap = next;
   }
-  return last || gap->left <= (plain ? 10 * rough : close); /* what misses by far does so bent */
+  return gap->left <= (plain ? 10 * rough : close); /* what misses by far does so bent */
 }
 
 /* The same from a start on, first roughly where `rough`; a way that would be further than the nearest

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from ... import options as opt
 from ...output import Outcome
-from ...parsing import length
+from ...parsing import BadOption, length
 
 
 def path(
@@ -21,6 +21,7 @@ def path(
             length,
         ),
     ] = None,
+    sensor: opt.OfSensor = "sensor",
     input_: opt.Input = None,
     columns: opt.Columns = None,
     output: opt.Output = None,
@@ -31,7 +32,9 @@ def path(
 
     from ...query import Query
 
-    query = Query(model, input_, columns, output, unit, degrees)
+    if sensor == "base":
+        raise BadOption("--in base: a path is in the frame of a sensor")
+    query = Query(model, input_, columns, output, unit, degrees, sensor)
     axes = query.model.axes
     joints = query.joints
     batch, answered = query.read(axes)

@@ -1,0 +1,67 @@
+"""Blend: the nodes that speak for a point, and how much each of them counts."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from ..common.arrays import Array
+from .map import Map
+
+
+def blend_size(dim: int) -> int:
+    """Number of nodes whose local models are blended."""
+    return {1: 3, 2: 4, 3: 6}.get(dim, 8)
+
+
+class Blend:
+    """Nodes that speak for points `u` (n, d) of the unit box, the nearest first.
+
+    A weight falls smoothly to zero where its node leaves the nearest `m`, so that what is blended
+    has no steps.
+
+    index, weight : (n, m), nodes, and their weights, which add up to 1
+    """
+
+    def __init__(self, motor: Map, u: Array, m: int | None = None) -> None:
+        m = min(m or blend_size(u.shape[1]), motor.size - 1)
+        distance, nodes = motor.nearest(u, m + 1)
+        # its square is no zero
+        self._last = np.maximum(distance[:, -1:], 1e-150)
+        self._ratio = (distance[:, :-1] / self._last) ** 2
+        # all at the same distance weigh the same
+        raw = np.maximum((1.0 - self._ratio) ** 2, 1e-30)
+        self._total = raw.sum(axis=1, keepdims=True)
+        self._motor = motor
+        self._u = u
+        self._nodes = nodes
+        self.index = nodes[:, :-1]
+        self.weight = raw / self._total
+
+    @property
+    def gap(self) -> Array:
+        """Offsets (n, m, d) of the points from the nodes."""
+        return self._gaps[:, :-1]
+
+    def tilt(self) -> Array:
+        """Derivatives (n, m, d) of the weights by the coordinates of the points."""
+        # both distances of a ratio move with the point
+        moved = self.gap - self._ratio[..., None] * self._gaps[:, -1:]
+        ratio_slope = 2.0 * moved / (self._last * self._last)[..., None]
+        raw_slope = ratio_slope * (-2.0 * (1.0 - self._ratio)[..., None])
+        # the quotient rule for raw / total
+        total_slope = raw_slope.sum(axis=1, keepdims=True)
+        tilt = raw_slope - self.weight[..., None] * total_slope
+        return np.asarray(tilt / self._total[..., None])
+
+    @cached_property
+    def _gaps(self) -> Array:
+        places = self._motor.units[self._nodes]
+        return self._motor.scale.difference(self._u[:, None], places)
+
+
+def blend_nodes(motor: Map, values: Array, u: Array) -> Array:
+    """Values of the nodes (nodes,) blended at the points `u` (n, dof), (n,)."""
+    blend = Blend(motor, u)
+    return np.asarray(np.einsum("nm,nm->n", blend.weight, values[blend.index]))
