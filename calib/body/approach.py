@@ -14,11 +14,6 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array, Shape
 
-# standard errors by which half the play of a joint is above zero: of one joint, so that an arm
-# without play has none; of the others of an arm with play, where most have some
-SURE = 4.0
-LIKELY = 2.5
-
 
 @dataclass(frozen=True, eq=False)
 class Approach:
@@ -47,9 +42,9 @@ def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
     """
     features = -slope * direction[:, None, :]
     half, error = _least_squares(features, residual)
-    if not (half > SURE * error).any():
+    if not (half > PLAY.sure * error).any():
         return None
-    likely = half > LIKELY * error
+    likely = half > PLAY.likely * error
     play = np.zeros(slope.shape[2])
     play[likely], _ = _least_squares(features[:, :, likely], residual)
     return None if (play < 0.0).any() else play
