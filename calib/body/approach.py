@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array, Shape
+from .settings import PLAY
 
 
 @dataclass(frozen=True, eq=False)
