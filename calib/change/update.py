@@ -66,7 +66,10 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
     """
     explanation = _to_update_by(evidence)
     rows = thinned(len(evidence.rows), UPDATING.rows)
-    body, residual = _updated(explanation, evidence.data.some(UPDATING.rows))
+    log = evidence.data.some(UPDATING.rows)
+    body, residual = _updated(explanation, log)
+    if learn:  # which only the bound of a new model needs
+        body = replace(body, second=_second_after(explanation, log))
     if evidence.attributed:
         body = _as_uncertain(body, explanation, evidence.explanations)
     body = _with_sound_bound(body, evidence.rows.q[rows], row_lengths(residual))
@@ -196,7 +199,8 @@ def _as_uncertain(
     ]
     apart = np.stack([some.beta - best.beta for some in beside])
     active = np.union1d(body.active, np.flatnonzero(apart.any(axis=0)))
-    scaled = apart[:, active] / (math.sqrt(len(beside)) * body.kappa)
+    # each may be as likely as the best
+    scaled = apart[:, active] / (math.sqrt(2.0) * body.kappa)
     covariance = scaled.T @ scaled
     place = np.searchsorted(active, body.active)
     covariance[np.ix_(place, place)] += body.covariance
@@ -244,7 +248,7 @@ def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
         kappa=kappa,
         noise=explanation.noise * reference.sizes,
         residual=np.maximum(old.residual, smooth),
-        second=_second_after(explanation, log),
+        second=None,
     )
     return body, posterior.held_out()
 
