@@ -22,9 +22,6 @@ from .problem import Problem
 from .rig import CameraPlace, HandEye, LensFacts, Place
 from .rigid import inverse, shift_of, turn_of
 
-LEVER = 0.5
-"""How far a turn of the flange moves what the camera sees, about [m]."""
-
 
 def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
     """Fit the pictures, and tell where all is; `frames` are the names of base and flange.
@@ -100,13 +97,9 @@ class Solved:
         """How many sd a 95 % interval is to each side."""
         from scipy.special import stdtrit
 
-        freedom = self.fit.freedom
-        if self.problem.arm and freedom.sum() < len(self.agreeing):
+        if self.problem.arm and self.fit.freedom < len(self.agreeing):
             return 1.96  # the joints are as good as exact
-        # Satterthwaite's, of what turns and shifts move
-        squares = (self.fit.noise.error[[0, 3]] * [LEVER, 1.0]) ** 2
-        number = squares.sum() ** 2 / (squares**2 / freedom).sum()
-        return float(stdtrit(max(number, 3.0), 0.975))
+        return float(stdtrit(max(self.fit.freedom, 3.0), 0.975))
 
     @cached_property
     def sd(self) -> Array:
@@ -206,15 +199,10 @@ class Solved:
         """The lens of a camera."""
         places: Index = self.problem.bundle.layout.lenses[number]
         size = self.problem.views[number].shots.size
-        start = Lens(
-            size,
-            np.zeros(2),
-            np.zeros(2),
-            np.zeros(5),
-            rms=float(np.sqrt(2.0) * self.fit.noise.corner[number]),
-            covariance=self.fit.covariance[np.ix_(places, places)],
-        )
-        return start.moved(self.fit.unknowns.values[places])
+        rms = float(np.sqrt(2.0) * self.fit.noise.corner[number])
+        lens = Lens.of(size, self.fit.unknowns.values[places], rms)
+        covariance = self.fit.covariance[np.ix_(places, places)]
+        return replace(lens, covariance=covariance)
 
     def lens_facts(self, number: int) -> LensFacts:
         """The lens as JSON, with half-widths of 95 % intervals."""

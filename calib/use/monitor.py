@@ -271,12 +271,10 @@ class _Equations:
         tests = FTests(products, size, left, temper, len(self._groups))
         groups = tests.of_groups(self._groups, self._moves)
         penalty = math.log(max(left, 1.0))
-
-        def telling(test: GroupTest) -> tuple[float, float]:
-            # of chances too small for a number the more likely change
-            return test.score, test.statistic - penalty * test.freedom
-
-        return max(groups, key=telling)
+        # of chances too small for a number the more likely change
+        return max(
+            groups, key=lambda t: (t.score, t.statistic - penalty * t.freedom)
+        )
 
     def _correlation_time(self, samples: float) -> float:
         """Samples that count for one, where noise is alike from each to the next."""

@@ -248,6 +248,11 @@ def test_the_catalogue_is_a_list(run):
     assert len(run("robots").out.splitlines()) == 1 + len(entries)  # a header, then one line each
 
 
+def test_models_that_rows_do_not_tell_apart_are_said(run):
+    line = run("recognise", "m.calib", "m.calib", "--data", "same.csv").out.splitlines()[0]
+    assert line == "m.calib fits best, but these rows do not contradict 1 more"
+
+
 def test_no_figure_of_a_model_whose_bound_fails_ends_with_0(run):
     model = calib.load("m.calib")
     about = replace(model.about, within={"p95": 1e-3, "covered": 0.5}, tested=200)
