@@ -79,6 +79,7 @@ class Diagnosis:
     same_unit: float = 0.05
     # times the nominal extent beyond which that of pixels
     pixels_ratio: float = 5.0
+    most_behind: int = 20  # rows by which positions may follow the joints
     # median turn [rad] beyond which orientations are not those of the joints
     turned: float = 0.3
 
