@@ -416,7 +416,8 @@ def _from_both_sides(side: Array) -> Mask:
     """Whether enough rows come from either side of each joint, (dof,), of sides (n, dof)."""
     above = (side > 0).mean(axis=0)
     below = (side < 0).mean(axis=0)
-    return np.minimum(above, below) > SIGNIFICANCE.least_share
+    smaller_share = np.minimum(above, below)
+    return np.asarray(smaller_share > SIGNIFICANCE.least_share)
 
 
 def _rows_beside_training(system: System) -> float:
