@@ -153,7 +153,7 @@ def _trained(explanation: Explanation, log: Log) -> _Belief:
         offsets=tuple(old[groups["offset"]].tolist()),
         rotation=float(old[groups["view.rotation"]][0]),
         shift=tuple(old[groups["view.shift"]].tolist()),
-        mirror=structure.mirror,
+        mirror=structure.viewpoint.mirror,
         signs=structure.signs,
     )
     structure = structure.changed(nominal=drawing, simulated=False)
