@@ -247,7 +247,6 @@ def load_drawn(
     data: str | None,
     photo: str | None,
     no_photo: bool,
-    reading: Reading,
 ) -> tuple[Model | HandEye, Samples | None]:
     """Load a model or a rig as it is to be drawn, and a log of its own arm where one is given."""
     import calib
@@ -260,7 +259,7 @@ def load_drawn(
             )
         return load_rig(path), None
     model = calib.load(path)
-    log = log_of(model, data, reading)
+    log = log_of(model, data, Reading())
     if photo is not None:
         model = with_photo(model, photo, log)
     elif no_photo:

@@ -186,14 +186,16 @@ def found_by_body(model: Model) -> list[str]:
     body = body_with_zeros(model)
     if body is None:
         return ["found: no kinematic body under the maps"]
+    nothing = "an arm of these joints, without a drawing to compare it with"
+    untold = ["`expected_error`", "origin moved"]  # calib info tells of both
+    if about.urdf:
+        nothing = "nothing that differs from the drawing by more than these rows can show"
+        untold = untold[:1]
     lines = [
         printable(" ".join(line.split()))
         for line in body.describe(about.lower, about.upper)
-        if "`expected_error`" not in line  # calib info tells of bounds
+        if not any(words in line for words in untold)
     ]
-    nothing = (
-        "nothing that differs from the drawing by more than these rows can show"
-    )
     more = len(lines) - _MOST
     if more > 0:
         lines[_MOST:] = [f"{more} more in calib info"]

@@ -80,16 +80,10 @@ MIXED = robot(
     joint("roll", "c", "d", "0.2 0 0.05", "1 0 0"),
     joint("tool", "d", "tip", "0.1 0.02 0.01", "1 0 0", "fixed"),
 )
+FOLLOWS = '<mimic joint="lift" multiplier="-0.5" offset="0.3"/>'
 FOLLOWED = robot(
     joint("turn", "base", "a", "0 0 0.2", "0 0 1"),
     joint("lift", "a", "b", "0.3 0 0", "0 1 0"),
-    joint(
-        "copy",
-        "b",
-        "c",
-        "0.3 0 0",
-        "0 1 0",
-        extra='<mimic joint="lift" multiplier="-0.5" offset="0.3"/>',
-    ),
+    joint("copy", "b", "c", "0.3 0 0", "0 1 0", extra=FOLLOWS),
     joint("tool", "c", "tip", "0.1 0.02 0.01", "1 0 0", "fixed"),
 )

@@ -67,9 +67,8 @@ class Arm:
         The folded transforms, mimic joints included, in the root link's frame.
     """
 
-    outputs: ClassVar[
-        int
-    ]  # number of coordinates of a position: 2 in a plane, 3 in space
+    # number of coordinates of a position: 2 in a plane, 3 in space
+    outputs: ClassVar[int]
     name: str
     joint_names: tuple[str, ...]
     lower: Array

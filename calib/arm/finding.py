@@ -148,7 +148,7 @@ def plane_normal(
 
 def planar_part(chain: Chain, posture: Posture) -> Chain | None:
     """The joints of a chain, most and then furthest, that move its tip within one plane."""
-    best: Chain | None = None
+    parts: list[Chain] = []
     for normal, members in _planes(chain.joints, posture):
         within = members
         # joints that hardly move the tip are left out, and too many
@@ -164,17 +164,14 @@ def planar_part(chain: Chain, posture: Posture) -> Chain | None:
                 levers[weakest] >= least
                 and len(within) <= FINDING.most_in_plane
             ):
-                part = Chain(tuple(within), chain.tip, reach)
-                if best is None or _size(part) > _size(best):
-                    best = part
+                parts.append(Chain(tuple(within), chain.tip, reach))
                 break
             within = within[:weakest] + within[weakest + 1 :]
-    return best
-
-
-def _size(chain: Chain) -> tuple[int, float]:
-    """How many joints a chain has, and how far it reaches [m]."""
-    return len(chain.joints), round(chain.reach, 6)
+    return max(
+        parts,
+        key=lambda part: (len(part.joints), round(part.reach, 6)),
+        default=None,
+    )
 
 
 def check_tip(last: Joint, tip: str, posture: Posture) -> None:

@@ -96,7 +96,7 @@ class _Reader:
                 f"{where} has the class {quoted(name)}, which does not exist"
             )
         defaults = self.classes[name].get(node.tag, {})
-        return Attributes(where, defaults, node.attrib)
+        return Attributes(where, {**defaults, **node.attrib})
 
     def angle(self, value: float) -> float:
         """An angle of the text [rad]."""

@@ -80,9 +80,8 @@ def plane_of(normal: ArrayLike, through: ArrayLike) -> Plane:
         if np.linalg.norm(across) > _MIN_ACROSS:
             origin = (np.asarray(through, dtype=float) @ n) * n
             return Plane(origin, x, across / np.linalg.norm(across))
-    raise RobotError(
-        f"no plane lies across the normal {n}"
-    )  # only for a normal of NaN
+    # only for a normal of NaN
+    raise RobotError(f"no plane lies across the normal {n}")
 
 
 def fit_plane(points: ArrayLike) -> tuple[Plane, float]:

@@ -78,7 +78,7 @@ def parse_xml(text: str) -> ET.Element:
     start = 0
     while before := _BEFORE_ROOT.match(text, start):
         start = before.end()
-    if text[start : start + 9].upper() == "<!DOCTYPE":
+    if text.startswith("<!DOCTYPE", start):
         raise RobotError(
             "the URDF holds <!DOCTYPE: document types and entities are refused; remove it and "
             "write its values out"
@@ -113,14 +113,11 @@ class Attributes(dict[str, str]):
     """Attributes of an element, whose numbers are read as URDF libraries do, not as Python does.
 
     where : how messages name the element
-    parts : attributes by name; later ones count
     """
 
-    def __init__(self, where: str, *parts: Mapping[str, str]) -> None:
-        super().__init__()
+    def __init__(self, where: str, attributes: Mapping[str, str]) -> None:
+        super().__init__(attributes)
         self.where = where
-        for part in parts:
-            self.update(part)
 
     def numbers(
         self,

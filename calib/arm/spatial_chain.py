@@ -75,21 +75,18 @@ class Motion:
 class SpatialChain:
     """A serial chain of m joints that are moved by dof values, at its zero posture."""
 
-    axes: Annotated[
-        Array, Shape("m", 3)
-    ]  # unit axes in the root frame, base to tip
+    # unit axes in the root frame, base to tip
+    axes: Annotated[Array, Shape("m", 3)]
     # [m], origins of the joint frames; the axes pass through them
     points: Annotated[Array, Shape("m", 3)]
     tip: Annotated[Array, Shape(3)]  # [m], position of the tip
     rotation: Annotated[Array, Shape(3, 3)]  # orientation of the tip's frame
-    revolute: tuple[
-        bool, ...
-    ]  # whether each joint turns about its axis or slides along it
+    # whether each joint turns about its axis or slides along it
+    revolute: tuple[bool, ...]
     # (m, dof), how much each joint follows each active value: the unit matrix without mimic joints
     coupling: Annotated[Array, Shape("m", "dof")]
-    bias: Annotated[
-        Array, Shape("m")
-    ]  # [rad or m], offset of each mimic joint, else 0
+    # [rad or m], offset of each mimic joint, else 0
+    bias: Annotated[Array, Shape("m")]
     # (m,) [kg], mass that each joint carries up to the next joint; empty where the URDF states none
     masses: Annotated[Array, Shape("w")] = field(
         default_factory=lambda: np.zeros(0)

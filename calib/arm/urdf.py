@@ -109,9 +109,8 @@ class Urdf:
     links: tuple[str, ...]
     joints: tuple[Joint, ...]
     notes: tuple[str, ...]
-    masses: Mapping[
-        str, tuple[float, Vector]
-    ]  # [kg] of links, and their centres [m]
+    # [kg] of links, and their centres [m]
+    masses: Mapping[str, tuple[float, Vector]]
 
     def joint(self, name: str) -> Joint | None:
         """Return the joint of that name, or None."""

@@ -220,6 +220,12 @@ def single_causes(
     return causes
 
 
+def doubled(body: Body) -> Indices:
+    """The first joint's offset (k,) where a free frame says the same: a belief frees one."""
+    first = indices_of(body.structure, ("offset",))[:1]
+    return first[~np.isin(first, body.active)]
+
+
 def is_sensors(group: str) -> bool:
     """Whether a group of parameters is the sensor's."""
     return group.startswith("view.") or group == "lens"
@@ -243,7 +249,6 @@ def indices_of(structure: Structure, groups: Iterable[str]) -> Indices:
 def freedom(
     body: Body,
     groups: Iterable[str],
-    cause: str | None = None,
     forgotten: Indices | None = None,
 ) -> Array:
     """Standard deviation (d,) by which the parameters of some groups may have changed.
@@ -251,7 +256,7 @@ def freedom(
     forgotten : parameters of a frame that was fitted to the log: a narrow prior would count rows
         twice
     """
-    sd = _deviations(body, groups, "freed", BUILT_CURVE, cause)
+    sd = _deviations(body, groups, "freed", BUILT_CURVE)
     if forgotten is not None:
         frame = indices_of(body.structure, FRAME)
         sd[np.intersect1d(frame, forgotten)] *= ANYWHERE
@@ -315,7 +320,6 @@ def _deviations(
     groups: Iterable[str],
     kind: str,
     curve: float,
-    cause: str | None = None,
 ) -> Array:
     """Standard deviation (d,) of the parameters of some groups by a column of `GROUPS`, else 0.
 
@@ -344,9 +348,8 @@ def _deviations(
             prior = structure.prior((name,)).sd[indices]
             sd[indices] *= np.minimum(prior, most)
     # what a free frame already says: the first joint's offset, the first length
-    offsets = indices_of(structure, ("offset",))[:1]
-    if cause != "joints":
-        sd[offsets[~np.isin(offsets, body.active)]] = 0.0
+    if kind != "freed":
+        sd[doubled(body)] = 0.0
     loose = np.isin(lengths, body.active)
     if loose[1:].any() and not loose[0]:
         sd[lengths[0]] = 0.0

@@ -25,6 +25,7 @@ from .causes import (
     FRAME,
     SETS,
     changeable,
+    doubled,
     freedom,
     indices_of,
     single_causes,
@@ -200,7 +201,7 @@ class Search:
         self.system = system
         self.temper = temper
         groups = changeable(structure)
-        self.sd = freedom(reference.body, groups, cause, reference.forgotten)
+        self.sd = freedom(reference.body, groups, reference.forgotten)
         self.start = np.sort(indices_of(structure, always))
         singles = single_causes(structure, cause)
         allowed = np.concatenate([*singles.values()])
@@ -209,8 +210,11 @@ class Search:
             indices = indices_of(structure, some)
             together["+".join(some)] = indices[np.isin(indices, allowed)]
         self.sets = {}
+        frame = indices_of(structure, FRAME)
         for name, indices in (singles | together).items():
             free = indices[self.sd[indices] > 0.0]
+            if np.isin(frame, [*free, *self.start]).any():
+                free = np.setdiff1d(free, doubled(reference.body))
             if not np.isin(free, self.start).all():
                 self.sets[name] = free
         self.singles = [name for name in singles if name in self.sets]

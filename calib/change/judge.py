@@ -100,7 +100,7 @@ def _of_body(logged: LogRows, cause: str | None, learn: bool) -> Verdict:
     prior = as_drawn(body) if cause == "offsets" else as_built(body)
     positions = logged.x - logged.added
     reference = reference_of(prior, logged.q, positions, logged.unit)
-    rows, readings = sound_data(logged, reference, cause)
+    rows, readings = sound_data(logged, reference)
 
     # 2. s: the noise where everything may have changed; a joint's play is found beside it, and
     # taken up.  A frame that no posterior tells of leaves no old one to compare with.
@@ -145,7 +145,7 @@ def _of_body(logged: LogRows, cause: str | None, learn: bool) -> Verdict:
     # 5. d: the best explanation fitted to the rows, judged by rows that are held out.
     better = None
     if learn or evidence.score > 1.0:
-        better = update(evidence)
+        better = update(evidence, learn=learn)
 
     # 6. Words.
     causes, notes = causes_of(evidence, play)

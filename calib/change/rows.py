@@ -42,9 +42,12 @@ class RowSettings:
     probes: int = 120
     # rows that distortions are measured on
     most: int = 1000
-    # share of the rows that the model answers: of a log in its unit, and of one in another
+    # share of the rows that the model answers, or that lie within its range: of a log in its unit,
+    # and of one in another
     answered: float = 0.5
     answered_in_other: float = 0.9
+    # of the learned range, distance from its middle that counts as within
+    range: float = 0.55
 
 
 ROWS = RowSettings()
@@ -234,11 +237,19 @@ def _refuse_degrees(model: Model, log: Samples) -> None:
     """Refuse a log of joints in another unit, most of which the model has not learned."""
     about = model.about
     q = about.joints_of(log)
-    if np.isfinite(model.expected_error(q)).mean() > ROWS.answered:
+    scale = model.motor.scale
+
+    def inside(q: Array) -> float:
+        """Share of rows (n, dof) within the learned range: coarse maps answer few of them."""
+        off = np.abs((q - scale.lower) / scale.span - 0.5)
+        return float((off <= ROWS.range).all(axis=1).mean())
+
+    answered = float(np.isfinite(model.expected_error(q)).mean())
+    if max(answered, inside(q)) > ROWS.answered:
         return
     units, *_ = readings(q, about.joint_names, about.revolute, any_order=False)
     for q, other in units if any(about.revolute) else ():
-        if np.isfinite(model.expected_error(q)).mean() > ROWS.answered_in_other:
+        if inside(q) > ROWS.answered_in_other:
             raise LogError(
                 f"the log fits the model only if {other.words}", hint=other.hint
             )

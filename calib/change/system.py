@@ -72,13 +72,11 @@ class Log:
         return replace(self, q=self.q[rows], z=self.z[rows])
 
 
-def sound_rows(
-    reference: Reference, q: Array, z: Array, cause: str | None
-) -> Mask:
+def sound_rows(reference: Reference, q: Array, z: Array) -> Mask:
     """Return which rows (n, dof), (n, m) are near a robust fit of all that may have changed."""
     rows = thinned(len(q), SYSTEM.robust_rows)
     size = reference.sizes
-    sd = freedom(reference.body, changeable(reference.structure), cause)
+    sd = freedom(reference.body, changeable(reference.structure))
     prior = Prior(reference.beta, np.hypot(sd, creep(reference.body)))
     measured = [Rows(q[rows], z[rows], floor=size)]
     fit = Fit(reference.structure, measured, reference.beta, prior, nu=STUDENT)
@@ -92,16 +90,14 @@ def sound_rows(
     return np.asarray(square <= OUTLIER**2 * outputs * noise)
 
 
-def sound_data(
-    rows: LogRows, reference: Reference, cause: str | None
-) -> tuple[LogRows, Log]:
+def sound_data(rows: LogRows, reference: Reference) -> tuple[LogRows, Log]:
     """Return the rows that do not contradict all others, and what a body has to say of them."""
     added = rows.added
     if reference.new:
         body = reference.body
         added = carried_offset(rows.body, body, reference.beta, rows.q, added)
     z = rows.x - added
-    sound = sound_rows(reference, rows.q, z, cause)
+    sound = sound_rows(reference, rows.q, z)
     rows = rows.sound(sound)
     # that of the model's own log and of this one
     shared = math.sqrt(2.0) * rows.shared

@@ -31,8 +31,6 @@ class WordSettings:
     clear: float = 2.6
     # share of the largest displacement from which a cause is named
     matters: float = 0.05
-    # share of a displacement that may differ between two words for it
-    alike: float = 0.15
     # half an interval of a turn [rad]
     vague: float = math.radians(1.0)
     # times the noise of a model: it learned from exact samples, of which there is no usual one
@@ -321,25 +319,18 @@ def _twins(evidence: Evidence, causes: list[Cause]) -> list[str]:
     about = evidence.rows.model.about
     first = about.joint_names[0]
     by_name = {cause.cause: cause for cause in causes}
-    offset = by_name.get(f"offset:{first}")
-    sensor = by_name.get("sensor")
-    twin = None
-    if not about.revolute[0] or "mirror" in by_name:
-        offset = None
-    elif offset is not None and sensor is None:
-        turn = math.degrees(offset.value or 0.0)
-        words = f"or the sensor turned by {turn:.3g} deg about {first}"
-        twin = replace(
-            offset, cause="sensor", group="view.rotation", words=words
-        )
-    elif offset is None and sensor is not None:
-        offset = twin = _as_offset(evidence, sensor, first)
-    if twin is not None:
-        causes.append(twin)
     notes: list[str] = []
-    if offset is not None:
+    offset = by_name.get(f"offset:{first}")
+    if offset is not None and about.revolute[0] and "mirror" not in by_name:
         turned = "an offset of the first joint and a turn of the sensor about its axis"
         notes.append(f"{turned} {_WHICH}")
+        if "sensor" not in by_name:
+            turn = math.degrees(offset.value or 0.0)
+            words = f"or the sensor turned by {turn:.3g} deg about {first}"
+            twin = replace(
+                offset, cause="sensor", group="view.rotation", words=words
+            )
+            causes.append(twin)
     lengths = {f"length:{name}" for name in about.joint_names}
     scale = by_name.get("scale")
     scaled = scale is not None and scale.interval is not None
@@ -351,28 +342,3 @@ def _twins(evidence: Evidence, causes: list[Cause]) -> list[str]:
             f"a sensor that shows all larger and links that are all longer {_WHICH}"
         )
     return notes
-
-
-def _as_offset(evidence: Evidence, sensor: Cause, first: str) -> Cause | None:
-    """A sensor that moved as an offset of the first joint, where that moves the tip as it did."""
-    structure = evidence.rows.body.structure
-    if not evidence.attributed or "offset" not in structure.groups:
-        return None
-    old = evidence.rows.body.beta
-    value = getattr(structure, "mirror", 1) * (sensor.value or 0.0)
-    turned = old.copy()
-    turned[structure.groups["offset"][0]] += value
-    framed = old.copy()
-    frame = indices_of(structure, FRAME)
-    framed[frame] = evidence.explanations[0].beta[frame]
-    before, by_offset, by_frame = (
-        structure.predict(evidence.rows.probes, beta)
-        for beta in (old, turned, framed)
-    )
-    apart = np.linalg.norm(by_frame - by_offset)
-    if apart > WORDS.alike * np.linalg.norm(by_frame - before):
-        return None
-    words = f"or {first} is off by {math.degrees(value):.3g} deg"
-    half = float(np.ptp(sensor.interval or (0.0,))) / 2
-    cause = Cause(f"offset:{first}", "offset", words, value, unit="rad")
-    return cause.within(half)

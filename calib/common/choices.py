@@ -22,23 +22,19 @@ MAPS = (
 MAP_READOUTS = ("linear", "activity", "winner")  # of maps and links alone
 
 RuleWord = Literal["batch", "online"]
-ReadoutWord = Literal[
-    "local", "body", "linear", "activity", "winner"
-]  # body where there is one
-BodyWord = Literal[
-    "auto", "none"
-]  # whether a kinematic model stands under the maps
+# body where there is one
+ReadoutWord = Literal["local", "body", "linear", "activity", "winner"]
+# whether a kinematic model stands under the maps
+BodyWord = Literal["auto", "none"]
 # what a sensor measures; auto goes by the unit, pinhole is for arms in space
 ViewWord = Literal[
     "auto", "base", "rigid", "similarity", "affine", "homography", "pinhole"
 ]
-FrameWord = Literal[
-    "sensor", "base"
-]  # whose coordinates a query is asked and answered in
+# whose coordinates a query is asked and answered in
+FrameWord = Literal["sensor", "base"]
 CauseWord = Literal["sensor", "joints"]  # what a user may know of a change
-Eye = Literal[
-    "hand", "base"
-]  # where the camera is; the board is at the other place
+# where the camera is; the board is at the other place
+Eye = Literal["hand", "base"]
 MethodWord = Literal["few-shot", "online"]  # how a model adapts
 
 FreeWord = Literal["all", "offsets"]
@@ -52,6 +48,7 @@ FREED: tuple[str, ...] = get_args(FreeWord)
 FRAMES: tuple[str, ...] = get_args(FrameWord)
 CAUSES: tuple[str, ...] = get_args(CauseWord)
 EYES: tuple[str, ...] = get_args(Eye)
+# of flange poses
 ROTATIONS = (
     "xyzw",
     "wxyz",
@@ -60,7 +57,7 @@ ROTATIONS = (
     "kuka",
     "fanuc",
     "matrix",
-)  # of flange poses
+)
 METHODS: tuple[str, ...] = get_args(MethodWord)
 
 DICTIONARY = "apriltag_36h11"  # of tags, if none is named

@@ -79,7 +79,11 @@ def checked_rows(
 
 
 def each_joint(
-    name: str, value: object, joints: Sequence[str], *, zero: bool = True
+    name: str,
+    value: object,
+    joints: Sequence[str],
+    *,
+    zero: bool = True,
 ) -> Array:
     """Return a number (dof,) for each joint, from one for all or one each: `zero` or more."""
     try:
@@ -161,23 +165,25 @@ def thinned(count: int, most: int) -> NDArray[np.intp]:
 def numbers(name: str, values: object, count: int) -> list[float]:
     """Return a list of so many finite numbers, or raise ValueError; true and false are none."""
     items = values if isinstance(values, list) else []
-    good = [
-        v
-        for v in items
-        if isinstance(v, int | float) and not isinstance(v, bool)
-    ]
-    if (
-        len(good) != count
-        or len(items) != count
-        or not all(map(math.isfinite, good))
-    ):
+    sound = all(
+        isinstance(item, int | float)
+        and not isinstance(item, bool)
+        and math.isfinite(item)
+        for item in items
+    )
+    if not sound or len(items) != count:
         raise ValueError(
             f"{name}: {values!r:.40} are not {count} finite numbers"
         )
-    return [float(value) for value in good]
+    return [float(item) for item in items]
 
 
-def whole(name: str, value: object, least: int, most: int) -> int:
+def whole(
+    name: str,
+    value: object,
+    least: int,
+    most: int,
+) -> int:
     """Return a whole number within bounds, NumPy's too; True and 3.0 are none."""
     good = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (good and least <= value <= most):  # type: ignore[operator]

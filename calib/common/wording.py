@@ -12,9 +12,8 @@ INSTALL = "pip install 'calib-arm[{0}]', or in a checkout pip install '.[{0}]'"
 ROUNDED_AWAY = 1e-9
 """Errors below this [m], or below this share of a sensor's extent, are rounding."""
 
-_PLACE = re.compile(
-    r"@([a-z]+(?:\.[a-z]+)?)@"
-)  # in a page that is a file of a package
+# in a page that is a file of a package
+_PLACE = re.compile(r"@([a-z]+(?:\.[a-z]+)?)@")
 
 
 def number(value: float, digits: int = 3) -> str:

@@ -13,6 +13,7 @@ from ..common.scale import TURN, Scale
 from .closed_form import ClosedForm
 from .settings import SEARCH
 from .task import Evaluate
+from .ways import spread_to_limits
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
@@ -49,7 +50,7 @@ class Postures:
         shares = golden**-powers
         count = np.arange(1.0, SEARCH.postures + 1.0)
         multiples = count[:, None] * shares
-        return np.asarray((0.5 + multiples) % 1.0)
+        return spread_to_limits((0.5 + multiples) % 1.0)
 
     @cached_property
     def _tree(self) -> KDTree:

@@ -15,7 +15,7 @@ from .folds import twins
 from .newton import Newton, Stand
 from .settings import SEARCH
 from .slides import settle
-from .ways import Ways, distinct
+from .ways import Ways, distinct, spread_to_limits
 
 _FURTHER = 1e3
 """What is missed ranks behind whatever is met."""
@@ -244,9 +244,7 @@ class Search:
 def _drawn(rows: Index, dof: int) -> tuple[Index, Array]:
     """For each row joints (k, dof) at random all over their ranges, many at a limit."""
     rng = np.random.default_rng(0)
-    u = rng.random((SEARCH.drawn, dof))
-    beyond = SEARCH.aside * (2.0 * u - 1.0)
-    u = np.clip(u + beyond, 0.0, 1.0)
+    u = spread_to_limits(rng.random((SEARCH.drawn, dof)))
     owner = np.repeat(rows, SEARCH.drawn)
     repeated = np.tile(u, (len(rows), 1))
     return owner, repeated

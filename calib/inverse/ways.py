@@ -8,6 +8,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index, Mask
 from ..common.scale import Scale
+from .settings import SEARCH
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,12 @@ def rank_within(owner: Index) -> Index:
     row = np.arange(len(owner))
     first_row = np.searchsorted(owner, owner)
     return row - first_row
+
+
+def spread_to_limits(u: Array) -> Array:
+    """Joints all over the unit box (n, dof), drawn apart so that many are at a limit."""
+    outwards = SEARCH.aside * (2.0 * u - 1.0)
+    return np.clip(u + outwards, 0.0, 1.0)
 
 
 def distinct(

@@ -224,9 +224,8 @@ def _by_place(u: Array) -> Index:
         cell = cell * np.uint16(per_axis) + (
             np.clip(c, 0.0, 0.999) * per_axis
         ).astype(np.uint16)
-    return np.argsort(
-        cell, kind="stable"
-    )  # in linear time, as they have 16 bits
+    # in linear time, as they have 16 bits
+    return np.argsort(cell, kind="stable")
 
 
 def spread_out(u: Array, lattice: Lattice) -> Array:
@@ -251,9 +250,8 @@ def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
     grid = sums.reshape(*lattice.shape, -1)
     for axis, n in enumerate(lattice.shape):
         reach = min(int(REACH * sigma) + 1, n - 1)
-        h = np.exp(
-            np.arange(-reach, reach + 1) ** 2 / (-2.0 * sigma * sigma)
-        )  # eq. 3
+        steps = np.arange(-reach, reach + 1)
+        h = np.exp(steps**2 / (-2.0 * sigma * sigma))  # eq. 3
         grid = correlate1d(
             grid,
             h,

@@ -27,7 +27,8 @@ class Blend:
     def __init__(self, motor: Map, u: Array, m: int | None = None) -> None:
         m = min(m or blend_size(u.shape[1]), motor.size - 1)
         distance, nodes = motor.nearest(u, m + 1)
-        self._last = np.maximum(distance[:, -1:], 1e-300)
+        # its square is no zero
+        self._last = np.maximum(distance[:, -1:], 1e-150)
         self._ratio = (distance[:, :-1] / self._last) ** 2
         # all at the same distance weigh the same
         raw = np.maximum((1.0 - self._ratio) ** 2, 1e-30)

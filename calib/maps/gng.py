@@ -191,11 +191,7 @@ def insert(gas: Gas) -> int:
     """Insert a node between the one with the largest error and its worst neighbour; its number."""
     worst = int(gas.error.argmax())
     near = gas.neighbours(worst)
-    if not len(near):
-        gas.error[worst] = 0.0
-        errors = gas.error[gas.pairs].sum(axis=1)
-        worst = int(gas.pairs[errors.argmax(), 0])
-        near = gas.neighbours(worst)
+    # every node has an edge: those that lose all are removed
     other = int(near[gas.error[near].argmax()])
     gas.error[[worst, other]] *= GROWING.alpha
     gas.error = np.append(gas.error, gas.error[worst])

@@ -111,9 +111,8 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> Compressed:
     links.data[weak] = 0.0
     links.eliminate_zeros()
     links.sort_indices()
-    data = links.data.astype(np.float32).astype(
-        float
-    )  # as a model file keeps them
+    # as a model file keeps them
+    data = links.data.astype(np.float32).astype(float)
     return Compressed(
         data,
         links.indices,
@@ -135,9 +134,8 @@ class Compressed(ReadOnly):
 
     data: Annotated[Array, Shape("nnz", kept="f4")]  # entries, row by row
     indices: Annotated[NDArray[np.int32], Shape("nnz")]  # column of each entry
-    indptr: Annotated[
-        NDArray[np.int32], Shape("ends")
-    ]  # where each row begins, and the end
+    # where each row begins, and the end
+    indptr: Annotated[NDArray[np.int32], Shape("ends")]
     shape: tuple[int, int]  # rows and columns
 
     @property
@@ -151,9 +149,8 @@ class Compressed(ReadOnly):
         small = self.indices.astype(
             np.uint16 if columns <= 1 << 16 else np.uint32
         )
-        order = small.argsort(
-            kind="stable"
-        )  # of 16 bits linear in their number
+        # of 16 bits linear in their number
+        order = small.argsort(kind="stable")
         ends = np.cumsum(np.bincount(self.indices, minlength=columns))
         rows = self.rows[order].astype(self.indices.dtype)
         return Compressed(

@@ -41,9 +41,8 @@ class BatchSettings:
 class DensitySettings:
     """Gains of a varying density (`density.py`)."""
 
-    full: float = (
-        2 / 3
-    )  # share of the training after which the gain at the border is full
+    # share of the training after which the gain at the border is full
+    full: float = 2 / 3
     least_residual: float = 0.05  # of the residual's share in the gain
     most_residual: float = 50.0
 

@@ -39,9 +39,8 @@ class Episode:
     # "rule" is ``activity`` with the links that eq. 11 made on the way, which the delivered model
     # replaces by those at which it comes to rest.
     errors: dict[str, dict[str, dict[str, float]]]
-    distortion: dict[
-        str, float
-    ]  # in these states, of the sensory map in the unit box (eq. 9)
+    # in these states, of the sensory map in the unit box (eq. 9)
+    distortion: dict[str, float]
 
 
 def _episode(setting: Setting, change: str) -> Episode:

@@ -53,9 +53,8 @@ Cells = list[str | float | None]
 """A row of a table: words and numbers; None is an empty cell."""
 
 _READOUTS = ("winner", "activity", "linear")
-_Columns = Mapping[
-    str, Mapping[str, float]
-]  # {column: {"mean", "max"}} [m, rad]
+# {column: {"mean", "max"}} [m, rad]
+_Columns = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)

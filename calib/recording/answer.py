@@ -206,15 +206,10 @@ class Solved:
         """The lens of a camera."""
         places: Index = self.problem.bundle.layout.lenses[number]
         size = self.problem.views[number].shots.size
-        start = Lens(
-            size,
-            np.zeros(2),
-            np.zeros(2),
-            np.zeros(5),
-            rms=float(np.sqrt(2.0) * self.fit.noise.corner[number]),
-            covariance=self.fit.covariance[np.ix_(places, places)],
-        )
-        return start.moved(self.fit.unknowns.values[places])
+        rms = float(np.sqrt(2.0) * self.fit.noise.corner[number])
+        lens = Lens.of(size, self.fit.unknowns.values[places], rms)
+        covariance = self.fit.covariance[np.ix_(places, places)]
+        return replace(lens, covariance=covariance)
 
     def lens_facts(self, number: int) -> LensFacts:
         """The lens as JSON, with half-widths of 95 % intervals."""

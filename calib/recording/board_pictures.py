@@ -168,7 +168,9 @@ def find_board(
         prismatic = [name for name, turns in kinds if not turns]
     notes: list[str] = []
     if is_dataset(pictures):
-        table, pictures, notes = read_dataset(str(pictures), names, camera)
+        tables, pictures, notes = read_dataset(str(pictures), names, camera)
+        unit, table = next(iter(tables.items()))
+        notes.append(f"joints of {table.label} are read as {unit}")
     elif table is None:
         raise OptionError(
             "pictures need the joints beside them: expected `joints`"

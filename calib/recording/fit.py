@@ -99,6 +99,7 @@ def solve(
     Raises LinAlgError where the corners do not determine the unknowns.
     """
     fit = start
+    before = fit.noise
     sight = bundle.look(fit.unknowns)
     damping = 1e-4
     for count in range(SETTINGS.steps if learn else SETTINGS.few_steps):
@@ -122,9 +123,10 @@ def solve(
             fit = _learn(bundle, prior, fit, sight, step.variances)
         if count > 4 and _is_settled(before, fit.noise):
             break
-    error = fit.noise.error.copy()
+    # by the noise of the last step: priors that still shrink say too much
+    error = before.error.copy()
     error[:3] = np.maximum(error[:3], error[3] / SETTINGS.reach)
-    careful = replace(fit, noise=replace(fit.noise, error=error))
+    careful = replace(fit, noise=replace(before, error=error))
     step = _step(bundle, prior, careful, sight, 0.0)
     return replace(fit, covariance=step.covariance)
 

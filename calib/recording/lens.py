@@ -65,6 +65,12 @@ class Lens:
     # of `parameters`; zero where a lens is taken for exact (9, 9)
     covariance: Array = field(default_factory=lambda: np.zeros((9, 9)))
 
+    @staticmethod
+    def of(size: tuple[int, int], parameters: Array, rms: float = 0.0) -> Lens:
+        """Return the lens of these parameters (9,)."""
+        focal, centre, distortion = np.split(parameters, [2, 4])
+        return Lens(size, focal, centre, distortion, rms)
+
     @property
     def parameters(self) -> Array:
         """Focal lengths, principal point and distortion (9,), as `covariance` has them."""
@@ -72,8 +78,7 @@ class Lens:
 
     def moved(self, change: Array) -> Lens:
         """Return the lens with a change (9,) of its parameters."""
-        p = self.parameters + change
-        return replace(self, focal=p[:2], centre=p[2:4], distortion=p[4:])
+        return Lens.of(self.size, self.parameters + change, self.rms)
 
     @property
     def matrix(self) -> Array:
@@ -112,17 +117,18 @@ class Lens:
         Raises KeyError, TypeError, ValueError if it is none.
         """
         width, height = map(int, document["size"])
+        focal = np.array(document["focal"], float).reshape(2)
+        if not min(width, height, *focal) > 0:
+            raise ValueError(
+                f"size {width}x{height}, focal lengths {focal.tolist()}"
+            )
         lens = cls(
             (width, height),
-            np.array(document["focal"], float).reshape(2),
+            focal,
             np.array(document["centre"], float).reshape(2),
             np.array(document["distortion"], float).reshape(5),
             float(document.get("rms", 0.0)),
         )
-        if not min(width, height, *lens.focal) > 0:
-            raise ValueError(
-                f"size {width}x{height}, focal lengths {lens.focal.tolist()}"
-            )
         covariance = document.get("covariance", lens.covariance)
         return replace(
             lens, covariance=np.array(covariance, float).reshape(9, 9)
@@ -177,13 +183,7 @@ def calibrate_lens(
             score = count * np.log(max(rms, 1e-3) ** 2) + terms * np.log(count)
             if score < least:
                 least = score
-                lens = Lens(
-                    size,
-                    np.diag(matrix)[:2].copy(),
-                    matrix[:2, 2].copy(),
-                    np.ravel(bends)[:5].copy(),
-                    float(rms),
-                )
+                lens = Lens.of(size, _parameters(matrix, bends), float(rms))
                 covariance = _covariance(objects, lens, terms, *poses)
                 doubt = float(np.sqrt(covariance[0, 0]) / lens.focal[0])
     if not doubt <= _DOUBT or not lens.focal.max() <= 50 * max(size):
@@ -192,6 +192,12 @@ def calibrate_lens(
             "3 % expected: tilt the board this way and that between them"
         )
     return replace(lens, covariance=covariance)
+
+
+def _parameters(matrix: Array, bends: Array) -> Array:
+    """Parameters (9,) of a camera matrix (3, 3) and up to five terms of distortion."""
+    terms = np.append(bends, np.zeros(_TERMS))[:_TERMS]
+    return np.concatenate([np.diag(matrix)[:2], matrix[:2, 2], terms])
 
 
 def _covariance(
@@ -233,9 +239,7 @@ def _file(path: Path) -> Lens:
             f"{path} is no lens ({error}): expected a file of one"
         ) from None
     if '"calib lens"' not in text:
-        size, matrix, distortion = read_lens(text, str(path))
-        focal = np.diag(matrix)[:2].copy()
-        return Lens(size, focal, matrix[:2, 2].copy(), distortion)
+        return _foreign(text, str(path))
     try:
         lens = Lens.from_json(json.loads(text))
     except (ValueError, KeyError, TypeError) as error:
@@ -294,8 +298,8 @@ def load_lens(
     return lens, tuple(notes)
 
 
-def read_lens(text: str, label: str) -> tuple[tuple[int, int], Array, Array]:
-    """Size of the pictures, camera matrix (3, 3) and distortion (5,) of a YAML or JSON text.
+def _foreign(text: str, label: str) -> Lens:
+    """The lens of a YAML or JSON text.
 
     Raises LogError in one line where it has none, where numbers are not finite, or where the lens
     is of another kind.
@@ -317,10 +321,9 @@ def read_lens(text: str, label: str) -> tuple[tuple[int, int], Array, Array]:
             f"{label} is a fisheye or rational lens ({len(bent)} terms): expected up to five, k1, "
             "k2, p1, p2, k3; leave the lens out to have it fitted"
         )
-    distortion = np.append(bent, np.zeros(_TERMS))[:_TERMS]
     sides = np.append(_numbers(text, WIDTH), _numbers(text, HEIGHT))
     size = (int(sides[0]), int(sides[1])) if len(sides) == 2 else UNSTATED
-    return size, matrix.reshape(3, 3), distortion
+    return Lens.of(size, _parameters(matrix.reshape(3, 3), bent))
 
 
 def _numbers(text: str, keys: str) -> Array:

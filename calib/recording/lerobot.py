@@ -14,9 +14,11 @@ import json
 import math
 import os
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +28,9 @@ from ..common.wording import listed
 from ..errors import LogError
 from .joint_table import JointTable
 from .pictures import Picture, Video
+
+if TYPE_CHECKING:
+    from polars import DataFrame
 
 TICKS = 4096
 """Ticks of a Feetech motor in a turn."""
@@ -59,7 +64,7 @@ class Dataset:
 
     root: Path
     version: str
-    columns: Mapping[str, int]  # place of each joint in `observation.state`
+    columns: tuple[str, ...]  # joints, as `observation.state` has them
     cameras: tuple[str, ...]  # that have videos
     rate: float  # [frames/s]
     video_path: str  # of a video below the root, with names in braces
@@ -70,39 +75,29 @@ class Dataset:
     def read(cls, source: str | os.PathLike[str]) -> Dataset:
         """Read it.  Raises LogError in one line if it is none that is known."""
         root = Path(source)
-        try:
-            text = (root / "meta" / "info.json").read_text(encoding="utf-8")
-            info = json.loads(text)
+        path = root / "meta" / "info.json"
+        with _one_line(path):
+            info = json.loads(path.read_text(encoding="utf-8"))
             features = info["features"]
             names = features[_STATE]["names"]
             if isinstance(names, dict):
                 # older ones have a list of names by kind
                 names = next(iter(names.values()))
-            joints = [str(name).removesuffix(".pos") for name in names]
+            videos = [
+                name
+                for name, feature in features.items()
+                if feature["dtype"] == "video"
+            ]
             dataset = cls(
                 root=root,
                 version=str(info["codebase_version"]),
-                columns={name: k for k, name in enumerate(joints)},
-                cameras=tuple(
-                    name
-                    for name, feature in features.items()
-                    if feature["dtype"] == "video"
-                ),
+                columns=tuple(str(n).removesuffix(".pos") for n in names),
+                cameras=tuple(videos),
                 rate=float(info["fps"]),
                 video_path=str(info["video_path"]),
                 chunk=int(info.get("chunks_size", 1000)),
                 robot=str(info.get("robot_type") or ""),
             )
-        except (
-            OSError,
-            ValueError,
-            LookupError,
-            TypeError,
-            AttributeError,
-        ) as error:
-            raise LogError(
-                f"{root}: meta/info.json is not a LeRobotDataset's: {error!r}"
-            ) from None
         if not dataset.version.startswith(("v2", "v3")):
             raise LogError(
                 f"{root} is a LeRobotDataset {dataset.version}: expected v2.0, v2.1 or v3.0"
@@ -123,35 +118,46 @@ class Dataset:
 
     def joints(self, names: Sequence[str] | None) -> tuple[str, ...]:
         """Return these joints, or all but the gripper.  Raises LogError if one is not there."""
-        chosen = tuple(
-            names or (name for name in self.columns if name != _GRIPPER)
-        )
-        missing = [name for name in chosen if name not in self.columns]
+        if names is None:
+            names = [name for name in self.columns if name != _GRIPPER]
+        missing = [name for name in names if name not in self.columns]
         if missing:
             raise LogError(
                 f"{self.root} has the joints {listed(self.columns)}: expected {listed(missing)} too"
             )
-        return chosen
+        return tuple(names)
+
+    def rows(self) -> tuple[Array, Array, Index]:
+        """Return numbers (n, columns), times (n,) [s] and episodes (n,) of rows that have all."""
+        columns = [_STATE, "timestamp", "episode_index"]
+        table = _table(self.root / "data", columns).drop_nulls()
+        table = table.sort(columns[2], columns[1])
+        state = np.array(table[_STATE].to_list(), float)
+        state = state.reshape(len(table), len(self.columns))
+        good = np.isfinite(state).all(axis=1)
+        time = table["timestamp"].to_numpy().astype(float)
+        episodes = table["episode_index"].to_numpy().astype(np.intp)
+        return state[good], time[good], episodes[good]
 
     def videos(
         self, camera: str, episodes: Index
     ) -> dict[int, tuple[Path, float]]:
         """Return the video of each episode, and where in it the episode begins [s]."""
-        import polars as pl
-
-        places: dict[int, tuple[Path, float]] = {}
         if self.version.startswith("v2"):
-            for episode in np.unique(episodes).tolist():
-                path = self.video_path.format(
+            paths = {
+                episode: self.video_path.format(
                     video_key=camera,
                     episode_chunk=episode // self.chunk,
                     episode_index=episode,
                 )
-                places[episode] = (self.root / path, 0.0)
-            return places
+                for episode in np.unique(episodes).tolist()
+            }
+            return {k: (self.root / path, 0.0) for k, path in paths.items()}
+        places: dict[int, tuple[Path, float]] = {}
         key = f"videos/{camera}"
-        files = self.root / "meta" / "episodes" / "**" / "*.parquet"
-        for row in pl.read_parquet(files).iter_rows(named=True):
+        for row in _table(self.root / "meta" / "episodes").iter_rows(
+            named=True
+        ):
             path = self.video_path.format(
                 video_key=camera,
                 chunk_index=row[f"{key}/chunk_index"],
@@ -160,6 +166,32 @@ class Dataset:
             begin = float(row[f"{key}/from_timestamp"])
             places[int(row["episode_index"])] = (self.root / path, begin)
         return places
+
+
+def _table(folder: Path, columns: list[str] | None = None) -> DataFrame:
+    """All tables below a folder as one."""
+    import polars as pl
+
+    try:
+        return pl.read_parquet(folder / "**" / "*.parquet", columns=columns)
+    except (OSError, pl.exceptions.PolarsError) as error:
+        raise LookupError(str(error).partition("\n")[0]) from None
+
+
+@contextmanager
+def _one_line(path: Path) -> Iterator[None]:
+    """Refuse in one line what is not as LeRobot lays it out."""
+    try:
+        yield
+    except (
+        OSError,
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        ZeroDivisionError,
+    ) as error:
+        raise LogError(f"{path} is not a LeRobotDataset's: {error!r}") from None
 
 
 def is_dataset(path: object) -> bool:
@@ -175,77 +207,81 @@ def read_dataset(
     joints: Sequence[str] | None = None,
     camera: str | None = None,
     motors: Motors | None = None,
-) -> tuple[JointTable, list[Picture], list[str]]:
+) -> tuple[dict[str, JointTable], list[Picture], list[str]]:
     """Read still frames of a data set, and their joints; notes say what was taken.
+
+    The data set does not say what its numbers are: joints are by all units that they may have.
 
     joints : their names; all but the gripper where not given
     camera : the feature or the end of its name, such as ``"wrist"``; by default the only one
     motors : the arm's `calibration.json`, which turns shares of the motors' ranges into angles
     Raises LogError in one line if the data set is none that is known, or its videos cannot be read.
     """
-    import polars as pl
-
     dataset = Dataset.read(source)
     chosen = dataset.camera(camera)
     names = dataset.joints(joints)
-    wanted = [_STATE, "timestamp", "episode_index"]
-    rows = pl.read_parquet(
-        dataset.root / "data" / "**" / "*.parquet", columns=wanted
-    )
-    state = np.array(rows[_STATE].to_list(), float)[
-        :, [dataset.columns[name] for name in names]
-    ]
-    time = rows["timestamp"].to_numpy()
-    episode = rows["episode_index"].to_numpy()
-    q, unit = _radians(state, names, motors)
-    resting, is_moving = _resting(q, time, episode)
+    with _one_line(dataset.root):
+        state, time, episode = dataset.rows()
+        places = dataset.videos(chosen, episode)
+        paths = [places[number] for number in episode.tolist()]
+        near = 0.5 / dataset.rate
+    state = state[:, [dataset.columns.index(name) for name in names]]
+    angles = _angles(state, names, motors)
+    first = next(iter(angles.values()))
+    resting, is_moving = _resting(first, time, episode)
     wanted_frames = defaultdict[Path, list[tuple[float, int]]](list)
-    places = dataset.videos(chosen, episode)
     for row in resting.tolist():
-        path, begin = places[int(episode[row])]
+        path, begin = paths[row]
         wanted_frames[path].append((begin + float(time[row]), row))
     frames: list[tuple[int, Picture]] = []
     for path, instants in wanted_frames.items():
-        frames += _frames(path, instants, 0.5 / dataset.rate)
+        frames += _frames(path, instants, near)
     notes = [
-        f"joints of {dataset.root} are read as {unit}",
-        f"{len(frames)} of {len(rows)} frames of {chosen}, where the arm is slowest",
+        f"{len(frames)} of {len(state)} frames of {chosen}, where the arm is slowest",
     ]
     if is_moving:
         notes.append("the arm hardly stands still: let it rest at each picture")
-    places_of_rest = [row for row, _ in frames]
-    table = JointTable(
-        str(dataset.root),
-        names,
-        q[places_of_rest],
-        time=None,
-        pictures=tuple(
-            f"episode {episode[row]} at {time[row]:.3f} s"
-            for row in places_of_rest
-        ),
-        episodes=episode[places_of_rest].astype(np.intp),
-    )
-    return table, [picture for _, picture in frames], notes
+    rows = [row for row, _ in frames]
+    labels = [f"episode {episode[k]} at {time[k]:.3f} s" for k in rows]
+    tables = {
+        unit: JointTable(
+            str(dataset.root),
+            names,
+            q[rows],
+            time=None,
+            pictures=labels,
+            episodes=episode[rows],
+        )
+        for unit, q in angles.items()
+    }
+    return tables, [picture for _, picture in frames], notes
 
 
-def _radians(
+def _angles(
     state: Array, names: tuple[str, ...], motors: Motors | None
-) -> tuple[Array, str]:
-    """Return joint values [rad], and what they were: the data set does not say."""
-    most = float(np.abs(state).max())
+) -> dict[str, Array]:
+    """Return joint values (n, k) [rad] by what the numbers (n, k) may be."""
+    most = float(np.abs(state).max(initial=0.0))
     if most <= _MOST_RADIANS:
-        return state, "radians"
-    if abs(most - WHOLE_SHARE) > 1e-3:
-        return np.radians(state), "degrees"
-    if motors is None:
+        return {"radians": state}
+    angles = {"degrees": np.radians(state)}
+    if most > WHOLE_SHARE + 1e-3:
+        return angles
+    is_whole = most > WHOLE_SHARE - 1e-3
+    if motors is not None:
+        shares = motors.angles(names, state)
+        if is_whole:
+            angles.clear()
+        angles["shares of the motors' ranges"] = shares
+    elif is_whole:
         raise LogError(
             "the joints are shares of each motor's range, -100 to 100, and no angles",
             hint="give the arm's `calibration.json`, or record with `--robot.use_degrees=true`",
         )
-    return motors.angles(names, state), "shares of the motors' ranges"
+    return angles
 
 
-def _resting(q: Array, time: Array, episode: Array) -> tuple[Index, bool]:
+def _resting(q: Array, time: Array, episode: Index) -> tuple[Index, bool]:
     """Return frames (k,) in which the arm rests, and whether it moves in most of them."""
     speed = _speed(q, time)
     # the slowest frame of each window
@@ -295,40 +331,22 @@ def _frames(
 
 
 @dataclass(frozen=True)
-class Motor:
-    """One motor of `calibration.json`."""
-
-    # [ticks], what the motor takes off its encoder's position
-    homing_offset: int
-    range_min: int  # [ticks], lower end of its range
-    range_max: int  # [ticks]
-    drive_mode: int = 0  # 1 turns the sign of shares, not that of degrees
-
-    def angle(self, share: Array) -> Array:
-        """Return angles [rad] from the middle of the range for shares of it, -100 to 100."""
-        ticks = share / (2 * WHOLE_SHARE) * (self.range_max - self.range_min)
-        if self.drive_mode:
-            ticks = -ticks
-        angle: Array = ticks * math.tau / (TICKS - 1)
-        return angle
-
-
-@dataclass(frozen=True)
 class Motors:
-    """The motors of an arm, by name, and the document that they stand in."""
+    """What `calibration.json` says of each motor of an arm, by name."""
 
-    motors: Mapping[str, Motor]
-    document: Mapping[str, Mapping[str, object]]
+    document: Mapping[str, Mapping[str, int]]
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Motors:
         """Read a `calibration.json`.  Raises LogError in one line if the file is none."""
         label = os.fspath(path)
         try:
-            document = json.loads(Path(path).read_text(encoding="utf-8"))
-            motors = {
-                str(name): _motor(entry) for name, entry in document.items()
-            }
+            motors = cls(json.loads(Path(path).read_text(encoding="utf-8")))
+            motors.angles(
+                tuple(motors.document), np.zeros(1)
+            )  # reads the ranges
+            for entry in motors.document.values():
+                int(entry["homing_offset"])
         except OSError as error:
             raise LogError(f"cannot read {label!r}: {error.strerror}") from None
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
@@ -336,24 +354,20 @@ class Motors:
                 f"{label} is no calibration of LeRobot: expected motors with `homing_offset`, "
                 "`range_min` and `range_max`"
             ) from None
-        return cls(motors, document)
+        return motors
 
     def angles(self, names: tuple[str, ...], shares: Array) -> Array:
         """Return joint values (n, k) [rad] for shares (n, k) of these motors' ranges."""
-        missing = [name for name in names if name not in self.motors]
-        if missing:
-            raise LogError(
-                f"the calibration has the motors {', '.join(self.motors)}, not {missing[0]}"
-            )
-        angles = shares.copy()
-        for column, name in enumerate(names):
-            angles[:, column] = self.motors[name].angle(shares[:, column])
-        return angles
-
-
-def _motor(entry: Mapping[str, int]) -> Motor:
-    numbers = {
-        key: int(entry[key])
-        for key in ("homing_offset", "range_min", "range_max")
-    }
-    return Motor(**numbers, drive_mode=int(entry.get("drive_mode", 0)))
+        turn = math.tau / (TICKS - 1)
+        scales = []
+        for name in names:
+            if name not in self.document:
+                raise LogError(
+                    f"the calibration has the motors {', '.join(self.document)}, not {name}"
+                )
+            entry = self.document[name]
+            ticks = int(entry["range_max"]) - int(entry["range_min"])
+            # 1 turns the sign of shares, not that of degrees
+            sign = -1 if entry.get("drive_mode") else 1
+            scales.append(sign * ticks * turn / (2 * WHOLE_SHARE))
+        return shares * scales

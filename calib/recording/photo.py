@@ -22,9 +22,8 @@ WIDEST = 1000
 """Pixels along a kept photo's longer side, at most."""
 
 COLOURS = {
-    "tip": (60, 200, 60),
+    "tag": (60, 200, 60),
     "mark": (230, 90, 230),
-    "ignored": (210, 210, 210),
     "place": (255, 200, 0),
 }
 """Red, green and blue of what is drawn."""
@@ -103,24 +102,17 @@ def write_seen(
     """
     cv2 = opencv()
     canvas = photo.copy()
-    thick = max(1, round(max(canvas.shape) / 640))
     grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
-    for tag in TagFinder(setting.dictionary).find(grey):
-        words = f"{tag.number}"
-        colour = COLOURS["tip" if tag.number == setting.tag else "mark"]
-        if tag.number not in setting.finder.numbers:
-            words = f"{tag.number} ignored"
-            colour = COLOURS["ignored"]
-        corners = np.round(tag.corners).astype(np.int32)
-        cv2.polylines(canvas, [corners], True, colour, thick + 1, cv2.LINE_AA)
-        at = (corners.max(axis=0) + 4).tolist()
-        cv2.putText(
-            canvas, words, at, 0, 0.55 * thick, colour, thick, cv2.LINE_AA
-        )
+    tags = TagFinder(setting.dictionary).find(grey)
+    if tags:
+        corners = [tag.corners[None].astype(np.float32) for tag in tags]
+        numbers = np.array([tag.number for tag in tags])
+        cv2.aruco.drawDetectedMarkers(canvas, corners, numbers, COLOURS["tag"])
     marks = {} if setting.board is None else setting.marks(grey, ())
+    radius = max(3, round(max(canvas.shape) / 213))
     circles = {"place": places, "mark": marks.values()}
     for what, centres in circles.items():
         for centre in centres:
             at = np.round(centre).astype(int).tolist()
-            cv2.circle(canvas, at, 3 * thick, COLOURS[what], -1, cv2.LINE_AA)
+            cv2.circle(canvas, at, radius, COLOURS[what], -1, cv2.LINE_AA)
     atomic_write(path, cv2.imencode(".png", canvas[:, :, ::-1])[1].tobytes())

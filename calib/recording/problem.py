@@ -108,9 +108,12 @@ def of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
                 f"{listed(arm.joint_names)}, those of {arm.name} up to {arm.tip}"
             )
     rows = _rows(views)
-    views = _by_pose(views, rows, _joint_values(views, rows))
-    rows = _rows(views)
-    q = _joint_values(views, rows)
+    q = np.zeros((len(rows), arm.dof))
+    for view in views:
+        q[np.searchsorted(rows, view.rows)] = view.shots.q
+    views, first = _by_pose(views, rows, q)
+    rows = rows[first]
+    q = q[first]
     motions = JointMotions(q, structure_of(arm, "pose"))
     refuse_readings(motions.structure, views[0])
     return replace(_problem(views, rows, motions, PRIORS.joints), arm=arm)
@@ -150,8 +153,8 @@ def of_poses(
         )
     flange[:, :3, 3] /= METRES[choice.convention["unit"]]
     rows = _rows(views)
-    views = _by_pose(views, rows, flange[rows, :3].reshape(-1, 12))
-    rows = _rows(views)
+    views, first = _by_pose(views, rows, flange[rows, :3].reshape(-1, 12))
+    rows = rows[first]
     problem = _problem(views, rows, Motions(flange[rows]), PRIORS.controller)
     return replace(problem, choice=choice)
 
@@ -180,22 +183,16 @@ def _rows(views: Sequence[View]) -> Index:
     return np.unique(np.concatenate([view.rows for view in views]))
 
 
-def _joint_values(views: Sequence[View], rows: Index) -> Array:
-    """Joints (n, dof) of rows (n,) that the cameras' pictures are of."""
-    q = np.zeros((len(rows), views[0].shots.q.shape[1]))
-    for view in views:
-        q[np.searchsorted(rows, view.rows)] = view.shots.q
-    return q
-
-
-def _by_pose(views: Sequence[View], rows: Index, poses: Array) -> list[View]:
+def _by_pose(
+    views: Sequence[View], rows: Index, poses: Array
+) -> tuple[list[View], Index]:
     """The views with one row for all pictures at one pose: the arm's error there is the same.
 
     rows : (n,), of the pictures;  poses : (n, k), joints or flange at them [rad or m]
-    Raises LogError where too few poses are left.
+    Returns the places (m,) of those rows too.  Raises LogError where too few poses are left.
     """
     pose = pose_index(poses)
-    first = rows[np.unique(pose, return_index=True)[1]]
+    first = np.unique(pose, return_index=True)[1]
     if len(first) < LEAST:
         raise LogError(
             f"the pictures are of {len(first)} poses of the arm: expected {LEAST} or more",
@@ -203,9 +200,9 @@ def _by_pose(views: Sequence[View], rows: Index, poses: Array) -> list[View]:
         )
     merged = []
     for view in views:
-        of_pose = first[pose[np.searchsorted(rows, view.rows)]]
+        of_pose = rows[first[pose[np.searchsorted(rows, view.rows)]]]
         merged.append(replace(view, shots=replace(view.shots, rows=of_pose)))
-    return merged
+    return merged, np.sort(first)
 
 
 def turning(poses: Array) -> tuple[Array, Array]:

@@ -1,9 +1,10 @@
-"""Cells: what stands in the rows of a log, and which rows are sound."""
+"""Cells: what stands in the rows of a log, and the sound ones among these rows."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,53 +15,65 @@ from ..common.rows import LARGEST, row_lengths
 from ..common.wording import listed
 from ..errors import LogError
 from .joint_values import JointLimits, wrap
-from .motion import directions
+from .motion import OfRows, directions
 from .roles import FURTHER, QUATERNION, ROUNDING, SOCKET, Roles
 from .settings import READING
 from .tables import Source, rows_in_words
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
-    """What stands in the rows of a log that are held."""
+class Cells(OfRows):
+    """What stands in some rows of a log."""
 
-    values: Array  # (n, names), of the roles; angles in rad, NaN where no number stands
+    label: str  # what messages call the log
+    total: int  # rows that the log has, or that are held of it
+    # (n, names), of the roles; joints in rad and m, NaN where no number stands
+    values: Array
     numbers: Index  # (n,), of the rows in the file
-    facts: Mapping[str, Array]  # (n,) each, `FURTHER` columns that are there
-    points: NDArray[
-        np.object_
-    ]  # (n, 2), names of setup and point, "" where there is none
+    # (n, 2), names of setup and point, "" where there is none
+    points: NDArray[np.object_]
     # (n, dof), see `Motion`; None where rows miss joints
     side: Array | None
-    notes: list[str]
+    time: Array | None = None  # (n,) [s]
+    episode: Array | None = None  # (n,)
+    notes: tuple[str, ...] = ()
 
     @property
-    def touched(self) -> Mask:
-        """Rows (n,) without a measured position."""
-        return np.asarray(self.points[:, 1] != "")
+    def measured(self) -> Mask:
+        """Rows (n,) that are no touch: a sensor measured the position."""
+        return np.asarray(self.points[:, 1] == "")
 
-    def further(self, sound: Mask) -> tuple[dict[str, Array], list[str]]:
-        """Return the facts that sound rows (n,) have a number of, and notes on the others."""
-        facts = {}
-        notes = []
-        for name, fact in self.facts.items():
-            gaps = self.numbers[sound & ~np.isfinite(fact)]
-            if len(gaps):
-                notes.append(
-                    f"the column {name} is not used, it has no number in {len(gaps):,} rows: "
-                    f"{rows_in_words(gaps)}"
-                )
-            else:
-                facts[name] = fact[sound]
-        return facts, notes
+    def without(self, wrong: Mask, words: str) -> Cells:
+        """Leave out rows (n,), with a note.  Raises LogError if nothing is left."""
+        if not wrong.any():
+            return self
+        of_all = f"{wrong.sum():,} of {self.total:,} rows {words}"
+        if wrong.all():
+            raise LogError(f"{self.label}: no row is left: {of_all}")
+        rows = rows_in_words(self.numbers[wrong])
+        note = f"{of_all}; left out: {rows}"
+        return replace(self.take(~wrong), notes=(*self.notes, note))
+
+    def without_gaps(self) -> Cells:
+        """Leave out times and episodes that some rows have no number of, with a note."""
+        cells = self
+        for name in FURTHER:
+            column = getattr(self, name)
+            if column is None or np.isfinite(column).all():
+                continue
+            gaps = self.numbers[~np.isfinite(column)]
+            note = (
+                f"the column {name} is not used, it has no number in {len(gaps):,} rows: "
+                f"{rows_in_words(gaps)}"
+            )
+            notes = (*cells.notes, note)
+            dropped: dict[str, Any] = {name: None}
+            cells = replace(cells, **dropped, notes=notes)
+        return cells
 
 
 def read_cells(
-    source: Source,
-    roles: Roles,
-    limits: JointLimits,
-    most: int,
-    seed: int,
+    source: Source, roles: Roles, limits: JointLimits, most: int, seed: int
 ) -> Cells:
     """Read a log's rows, at most so many; LogError if it has none."""
     drawn, total = source.drawn(most, seed)
@@ -69,95 +82,98 @@ def read_cells(
     values, numbers = drawn.numbers(roles.columns(roles.names))
     q = values[:, : len(roles.joints)]
     q *= [*limits.factors.values()]
-    facts = {}
-    time, episode = roles.columns(FURTHER)
-    if time in source.header and time not in roles.joints:
-        facts["time"] = drawn.seconds(time)
-    if episode in source.header and episode not in roles.joints:
-        facts["episode"] = drawn.numbers([episode])[0][:, 0]
-    notes = []
-    side = directions(q) if np.isfinite(q).all() else None
-    if total > most:
-        notes.append(
-            f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
-        )
-        side = np.zeros(q.shape)  # nobody knows where joints were before
     points = np.full((len(q), 2), "", dtype=object)
     if roles.touched:
         for k, column in enumerate(roles.columns(SOCKET)):
             if column in source.header:
                 points[:, k] = drawn.texts(column)
-    return Cells(values, numbers, facts, points, side, notes)
+    side = directions(q) if np.isfinite(q).all() else None
+    cells = Cells(source.label, len(q), values, numbers, points, side)
+    time, episode = roles.columns(FURTHER)
+    others = {*source.header} - {*roles.columns(roles.names)}
+    if time in others:
+        cells = replace(cells, time=drawn.seconds(time))
+    if episode in others:
+        numbered = drawn.numbers([episode])[0]
+        cells = replace(cells, episode=numbered[:, 0])
+    if total <= most:
+        return cells
+    note = f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
+    # nobody knows where joints were before
+    return replace(cells, side=np.zeros(q.shape), notes=(note,))
 
 
-@dataclass(eq=False)
-class SoundRows:
-    """Rows that are left of a log, and what is said of the others."""
-
-    label: str
-    numbers: Index  # (n,), of the rows in the file
-    sound: Mask  # (n,)
-    notes: list[str] = field(default_factory=list)
-    dropped: int = 0  # rows that miss a number
-    left_out: int = 0  # rows in which a sensor saw nothing
-
-    def leave_out(self, wrong: Mask, words: str) -> int:
-        """Leave out rows (n,), and return how many.  Raises LogError if nothing is left."""
-        wrong = wrong & self.sound
-        self.sound = self.sound & ~wrong
-        count = int(wrong.sum())
-        of_all = f"{count:,} of {len(wrong):,} rows {words}"
-        if not self.sound.any():
-            raise LogError(f"{self.label}: no row is left: {of_all}")
-        if count:
-            rows = rows_in_words(self.numbers[wrong])
-            self.notes.append(f"{of_all}; left out: {rows}")
-        return count
-
-
-def sound_rows(
-    label: str,
-    cells: Cells,
-    roles: Roles,
-    ranges: Mapping[str, Range],
-    revolute: Mapping[str, bool],
-) -> SoundRows:
-    """Return which rows of a log are sound.
-
-    cells : their wrong values, and those beyond a turn, change
-    ranges : limits of some joints [rad or m]; rows outside are left out
-    revolute : which joints turn
-    """
-    values = cells.values
-    touched = cells.touched
-    rows = SoundRows(label, cells.numbers, np.ones(len(values), dtype=bool))
-    finite = np.abs(values) < LARGEST
+def complete_rows(cells: Cells, roles: Roles) -> Cells:
+    """Leave out rows that miss a number."""
+    finite = np.abs(cells.values) < LARGEST
     _, has_position, _ = roles.split(finite)
+    touched = ~cells.measured
     has_position[touched] = True
     if roles.touched and not roles.axes:
         finite &= touched[:, None]
     columns = listed(np.array(roles.names)[~finite.all(axis=0)])
     words = f"miss a finite number (2.5, not 2,5) of {columns}"
-    rows.dropped = rows.leave_out(np.asarray(~finite.all(axis=1)), words)
-    values[~rows.sound] = 0.0
+    return cells.without(np.asarray(~finite.all(axis=1)), words)
+
+
+def rows_in_ranges(
+    cells: Cells,
+    roles: Roles,
+    ranges: Mapping[str, Range],
+    revolute: Mapping[str, bool],
+) -> Cells:
+    """Leave out rows outside of ranges of some joints [rad or m]; others are wrapped into them."""
     for name, (low, high) in ranges.items():
+        values = cells.values.copy()
         column = values[:, roles.joints.index(name)]
         if revolute[name]:
             column[:] = wrap(column, low, high)
         edge = READING.rounded * (high - low)
         away = (column < low - edge) | (column > high + edge)
-        rows.leave_out(away, f"have {name} outside of the chosen range")
         np.clip(column, low, high, out=column)
-    q, x, turns = roles.split(values)
-    zero = rows.sound & (x == 0.0).all(axis=1) & ~touched
+        words = f"have {name} outside of the chosen range"
+        cells = replace(cells, values=values).without(away, words)
+    return cells
+
+
+def seen_rows(cells: Cells, roles: Roles) -> Cells:
+    """Leave out rows in which the sensor saw nothing, or no orientation."""
+    q, x, _ = roles.split(cells.values)
+    zero = (x == 0.0).all(axis=1) & cells.measured
     # a single row, or one place of the joints, may be the origin of the sensor
     several = zero.sum() > 1 and np.ptp(q[zero], axis=0).any()
-    if several and not zero[rows.sound].all():
+    if several and not zero.all():
         words = "hold zeros for a position, as where a sensor saw nothing"
-        rows.left_out = rows.leave_out(zero, words)
-    if roles.turns == QUATERNION:
-        length = row_lengths(turns)
-        wrong = rows.sound & (np.abs(length - 1) > ROUNDING)
-        words = f"qx, qy, qz, qw of length {length[np.argmax(wrong)]:.4g}, expected 1"
-        rows.left_out += rows.leave_out(wrong, f"hold no orientation: {words}")
-    return rows
+        cells = cells.without(zero, words)
+    if not roles.touched:
+        q, x, _ = roles.split(cells.values)
+        words = (
+            "repeat the position of the row before although the joints moved, as where a sensor "
+            "holds its last value"
+        )
+        cells = cells.without(held_readings(q, x), words)
+    if roles.turns != QUATERNION:
+        return cells
+    length = row_lengths(roles.split(cells.values)[2])
+    wrong = np.abs(length - 1) > ROUNDING
+    words = (
+        f"qx, qy, qz, qw of length {length[np.argmax(wrong)]:.4g}, expected 1"
+    )
+    return cells.without(wrong, f"hold no orientation: {words}")
+
+
+def held_readings(q: Array, x: Array) -> Mask:
+    """Return rows (n,) that read as the row before to the last digit although the joints moved.
+
+    A sensor of coarse steps, as of whole pixels, reads the same at two places and holds nothing.
+    """
+    held = np.zeros(len(q), dtype=bool)
+    step = row_lengths(np.diff(x, axis=0))
+    same = step == 0.0
+    if not same.any() or same.all():
+        return held
+    digits = np.concatenate([np.diff(np.unique(axis)) for axis in x.T])
+    if np.median(step[~same]) > READING.fine * digits.min():
+        moved = row_lengths(np.diff(q, axis=0))
+        held[1:] = same & (moved > READING.moved * moved[~same].mean())
+    return held

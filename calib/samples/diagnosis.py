@@ -336,21 +336,19 @@ def _turned(
     return None
 
 
-def rows_behind(
-    predict: Predict, q: Array, x: Array, unit: str = "m", most: int = 20
-) -> int:
+def rows_behind(predict: Predict, q: Array, x: Array) -> int:
     """Return by how many rows positions follow the joints, 0 where no shift fits far better.
 
     Rows along a path fit nearly as well a row later; poses in any order fit not at all.
     """
     n = len(q)
     predicted = predict(q)
-    most = min(most, n // 5)
+    most = min(DIAGNOSIS.most_behind, n // 5)
     if most < 1 or not np.isfinite(predicted).all():
         return 0
     rows = most + thinned(n - 2 * most, DIAGNOSIS.rows)
     misfits = {
-        shift: misfit(predicted[rows - shift], x[rows], affine=unit == "px")
+        shift: misfit(predicted[rows - shift], x[rows])
         for shift in range(-most, most + 1)
     }
     best = min(misfits, key=lambda shift: (misfits[shift], abs(shift)))

@@ -18,7 +18,7 @@ from ..common.scale import METRES
 from ..common.wording import listed, vector
 from ..errors import LogError, OptionError
 from .camera import Camera, camera_of
-from .cells import read_cells, sound_rows
+from .cells import complete_rows, read_cells, rows_in_ranges, seen_rows
 from .delays import with_offset
 from .diagnosis import diagnose, refuse_mistakes, unmoved
 from .header import common_unit
@@ -109,55 +109,46 @@ def read_log(
         )
 
     cells = read_cells(source, roles, limits, most, seed)
-    rows = sound_rows(label, cells, roles, ranges or {}, limits.revolute)
-    sound = rows.sound
-    numbers = cells.numbers[sound]
-    q, x, turns = roles.split(cells.values[sound])
+    complete = complete_rows(cells, roles)
+    inside = rows_in_ranges(complete, roles, ranges or {}, limits.revolute)
+    sound = seen_rows(inside, roles).without_gaps()
+    q, x, turns = roles.split(sound.values)
     q, lower, upper, joint_notes = limits.settled(
-        label, q, numbers, anywhere=roles.touched
+        label, q, sound.numbers, anywhere=roles.touched
     )
-    notes = [*cells.notes, *rows.notes, *joint_notes]
+    notes = [*sound.notes, *joint_notes]
     if roles.touched:
-        readings = _touches(cells.points[sound], q, x, unit, arm)
+        readings = _touches(sound.points, q, x, unit, arm)
     else:
         readings, reading_notes = _positions(
-            source, x, numbers, unit, arm, outputs, lens
+            source, x, sound.numbers, unit, arm, outputs, lens
         )
         if roles.turns and readings.plane is None:
-            unit_of_turns = common_unit(roles.columns(roles.turns))
-            in_degrees = (
-                degrees if unit_of_turns is None else unit_of_turns != "rad"
-            )
+            stated = common_unit(roles.columns(roles.turns))
+            in_degrees = degrees if stated is None else stated != "rad"
             orientation = quaternions(turns, degrees=in_degrees)
             readings = replace(readings, orientation=orientation)
         notes += reading_notes
         # what can be nothing but a mistake is refused, what may be intended told
         refuse_mistakes(unmoved(q, readings.x, roles.joints), label)
-    facts, fact_notes = cells.further(sound)
     samples = Samples(
         q,
-        readings.x,
-        roles.joints,
-        lower,
-        upper,
-        tuple(limits.revolute.values()),
-        unit=readings.unit,
+        joint_names=roles.joints,
+        lower=lower,
+        upper=upper,
+        revolute=tuple(limits.revolute.values()),
         arm=arm and replace(arm, lower=lower, upper=upper),
-        side=None if cells.side is None else cells.side[sound],
-        time=facts.get("time"),
-        episode=facts.get("episode"),
-        plane=readings.plane,
-        camera=readings.camera,
-        orientation=readings.orientation,
-        touch=readings.touch,
-        rows=numbers,
+        side=sound.side,
+        time=sound.time,
+        episode=sound.episode,
+        rows=sound.numbers,
         columns=roles.column_of,
         degrees=limits.degrees,
         source=source.about,
-        dropped=rows.dropped,
-        left_out=rows.left_out,
+        dropped=cells.total - len(complete.numbers),
+        left_out=len(inside.numbers) - len(sound.numbers),
+        **vars(readings),
     )
-    notes += fact_notes
     if arm is not None and not roles.touched:
         pose = arm.pose if isinstance(arm, SpatialArm) else None
         scale = METRES.get(samples.unit, 1.0)

@@ -202,10 +202,9 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         raise LogError(
             f"{label} cannot be read: {reason}{''.join(hints)}"
         ) from None
-    try:
-        document = json.loads(about or "{}")
-    except ValueError:
-        document = None
+    document = None
+    with suppress(ValueError):
+        document = json.loads(about)
     if not isinstance(document, dict):
         document = {}
     return Source(label, table.with_row_index(_ROW, 1), document)

@@ -176,56 +176,47 @@ def usual_limit(model: Model) -> Array:
     return np.array(model.remembered["limit"])
 
 
-@dataclass(frozen=True, eq=False)
-class _Quick:
-    """What all corrections by the compiled kernel share; None of a kernel that differs."""
+_Shared = tuple[Array, tuple[str, ...], Wanted]
+"""What all corrections of a model share: the limit, the notes, where the nominal arm would be."""
 
-    wanted: Wanted
-    limit: Array
-    notes: tuple[str, ...]
 
-    @classmethod
-    def of(cls, model: Model) -> _Quick | None:
-        """Compare kernel and batch, once: it may correct to another place after adaptations."""
-        kernel = model.kernel
-        if kernel is None or not kernel.has("correct"):
-            return None
-        wanted = Wanted.of(model)
-        tried = visited_joints(model, CORRECTION.tried)
-        gaps = []
-        for q, nearest, reachable in zip(
-            tried, *wanted.solve(tried), strict=True
-        ):
-            answer = kernel.ask("correct", q)
-            if reachable and answer is not None and answer[1] == 1:
-                gaps.append(np.abs(answer[0] - nearest).max())
-        if not gaps or max(gaps) > CORRECTION.same:
-            return None
-        return cls(wanted, usual_limit(model), wanted.notes)
+def _agreement(model: Model) -> _Shared | None:
+    """What all corrections share, None where the compiled kernel corrects to another place."""
+    kernel = model.kernel
+    if kernel is None or not kernel.has("correct"):
+        return None
+    wanted = Wanted.of(model)
+    tried = visited_joints(model, CORRECTION.tried)
+    gaps = []
+    for q, nearest, reachable in zip(tried, *wanted.solve(tried), strict=True):
+        answer = kernel.ask("correct", q)
+        if reachable and answer is not None and answer[1] == 1:
+            gaps.append(np.abs(answer[0] - nearest).max())
+    # it may do so after adaptations
+    if not gaps or max(gaps) > CORRECTION.same:
+        return None
+    return usual_limit(model), wanted.notes, wanted
 
 
 def _compiled(model: Model, q: ArrayLike) -> Corrected | None:
     """The correction of one row by the compiled kernel; None where the batch has to answer."""
     if "correcting" not in model.remembered:
-        model.remembered["correcting"] = _Quick.of(model)
-    quick: _Quick | None = model.remembered["correcting"]
+        model.remembered["correcting"] = _agreement(model)
+    shared: _Shared | None = model.remembered["correcting"]
     kernel = model.kernel
-    answer = (
-        None if quick is None or kernel is None else kernel.ask("correct", q)
-    )
-    if quick is None or kernel is None or answer is None:
+    if shared is None or kernel is None:
+        return None
+    answer = kernel.ask("correct", q)
+    if answer is None:
         return None
     nearest, sure = answer
-    reachable = _REACHED
+    if sure != 1 and not model.strict:
+        return None
     if sure == 1 and not model.everywhere:
         inside = kernel.ask("forward", nearest[0])
         if inside is None or not inside[1]:
             return None
-    if sure != 1:
-        if not model.strict:
-            return None
-        reachable = _UNREACHED  # a strict model says no instead of a search
+    # a strict model says no instead of a search
+    reachable = _REACHED if sure == 1 else _UNREACHED
     given = np.array([q], dtype=float)
-    return Corrected(
-        given, nearest, reachable, quick.limit, quick.notes, quick.wanted
-    )
+    return Corrected(given, nearest, reachable, *shared)

@@ -72,12 +72,13 @@ class Geometry:
 
     @property
     def ends(self) -> list[Quantity]:
-        """Displacements in its plane of a planar arm's joints and tip (dof + 1) [m]."""
+        """Displacements in its plane of a planar arm's later joints and tip (dof) [m]."""
         assert isinstance(self.arm, PlanarArm)  # noqa: S101
         structure = self.structure
         axes = self.arm.plane.basis[:2]
         shifts = [
-            self._quantity(self._parts(row, axes)) for row in structure.shifts
+            self._quantity(self._parts(row, axes))
+            for row in structure.shifts[1:]
         ]
         tool = self._parts(
             structure.groups["tool"], axes @ self.arm.chain.rotation
@@ -134,9 +135,8 @@ class Geometry:
             document["places"] = dict(zip(self.places, places, strict=True))
             document["tip"] = {**tip, "written": False}
         else:
-            document["base"], *moved = self.ends
             names = self.arm.joint_names
-            document["moved"] = dict(zip(names, moved, strict=True))
+            document["moved"] = dict(zip(names, self.ends, strict=True))
             document["frame"] = frame
         return document | {
             "frame_fitted": self.free,

@@ -7,7 +7,6 @@ cannot see.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,17 +88,6 @@ class Points:
         return cls(q[valid], x[valid], unit, error)
 
 
-@dataclass(frozen=True)
-class Freedom:
-    """What is fitted beside the joints' offsets."""
-
-    frame: bool  # the sensor's frame; the first joint is nominal then
-    # joint origins and lengths; else the drawing's are true
-    origins: bool = True
-    # where on the last link of an arm in space the sensed point is; else it is the tip
-    probe: bool = False
-
-
 def fit_geometry(model: Model, *, drawn: bool = False) -> Geometry:
     """Fit the nominal chain to what was learned, where rows were, by Gauss-Newton.
 
@@ -123,9 +111,8 @@ def fit_geometry(model: Model, *, drawn: bool = False) -> Geometry:
             value=points.unit,
         )
     points = replace(points, x=_before_adaptations(model, points.x))
-    freedom = Freedom(free, not drawn, not is_simulated(model))
     if isinstance(arm, SpatialArm):
-        return fit_in_space(arm, model.body, points, freedom)
+        return fit_in_space(arm, model, points, free, drawn)
     if free and points.unit == "m" and model.history and model.body is not None:
         # the sensor is where the body knows it to be but for what adaptations found: fitted
         # again, its frame would take what they found of the first joint
@@ -133,8 +120,8 @@ def fit_geometry(model: Model, *, drawn: bool = False) -> Geometry:
         x = _before_adaptations(model, structure.predict(points.q, beta))
         to_base = Alignment.between(arm.forward(points.q), x).inverse()
         points = replace(points, x=to_base.apply(points.x))
-        freedom = replace(freedom, frame=False)
-    return fit_in_plane(arm, points, freedom)
+        free = False
+    return fit_in_plane(arm, points, free, drawn)
 
 
 def body_with_zeros(model: Model) -> Body | None:
@@ -169,35 +156,31 @@ def _before_adaptations(model: Model, x: Array) -> Array:
 
 
 def fit_in_space(
-    arm: SpatialArm, body: Body | None, points: Points, freedom: Freedom
+    arm: SpatialArm, model: Model, points: Points, free: bool, drawn: bool
 ) -> Geometry:
-    """Fit an arm in space; the prior and the view are those of a body, where there is one."""
-    structure, start, z = _seen_in_space(arm, body, points, freedom.frame)
+    """Fit an arm in space; the prior and the view are those of a model's body, if it has one."""
+    structure, start, z = _seen_in_space(arm, model.body, points, free)
     groups = structure.groups
-    tool = groups["tool"]
-    still: list[Indices] = []
-    if (
-        not freedom.probe
-    ):  # a simulation's point is the tip, and its base stands where it is drawn
-        still = [structure.shifts[0], structure.turns[0], tool]
-    elif start is None:
-        start = drawn_frame(structure, points.q, z)
     nominal = structure.neutral() if start is None else start
-    frame_prior = _held(structure.prior(structure.frame_groups), still)
-    if len(frame_prior.active):
-        nominal = _maximum(structure, points, z, nominal, frame_prior).beta
-    free_groups = [*structure.frame_groups, "offset"]
-    if freedom.origins:
-        free_groups.append("placement")
-    prior = _held(structure.prior(free_groups), still)
-    fit = _maximum(structure, points, z, nominal, prior)
+    simulated = is_simulated(model)
+    parts: list[str] = []
+    if not simulated:  # a simulation's point is the tip, in the base frame
+        parts += structure.frame_groups
+        if start is None:
+            nominal = drawn_frame(structure, points.q, z)
+        prior = structure.prior(parts)
+        nominal = _maximum(structure, points, z, nominal, prior).beta
+    parts.append("offset")
+    if not drawn:
+        parts.append("placement")
+    fit = _maximum(structure, points, z, nominal, structure.prior(parts))
     metre = 1.0 if structure.camera else structure.metre
     covariance = _covariance(fit)
     last = groups["offset"][-1]
     untold = (
         np.sqrt(covariance[last, last]) >= PRIOR_SHARE * fit.scales["offset"]
     )
-    if freedom.probe and arm.revolute[-1] and untold:
+    if not simulated and arm.revolute[-1] and untold:
         # nothing tells the last joint's offset apart from the probe's place
         covariance[last] = covariance[:, last] = 0.0
         covariance[last, last] = (np.pi / 1.96) ** 2
@@ -206,7 +189,7 @@ def fit_in_space(
         structure,
         fit.beta,
         covariance,
-        free=freedom.frame,
+        free=free,
         residual=_unexplained(fit, fit.beta) / metre,
         before=_unexplained(fit, nominal) / metre,
         reach=_reach(z[:, : structure.blocks[0]]) / metre,
@@ -243,7 +226,9 @@ def _seen_in_space(
     return seen, body.beta if structure.view == view else None, points.x
 
 
-def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
+def fit_in_plane(
+    arm: PlanarArm, points: Points, free: bool, drawn: bool
+) -> Geometry:
     """Fit a planar arm, whose sensor turns about the plane's normal alone."""
     x = points.x
     in_space = structure_of(arm, unit=points.unit, extent=points.extent)
@@ -253,10 +238,8 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
     turn = arm.plane.basis
     shift = -arm.plane.basis @ arm.plane.origin
     scale = 1.0
-    scaled = freedom.frame and points.unit != "m"
-    if (
-        freedom.frame
-    ):  # a sensor that sees the plane from behind is turned half round
+    scaled = free and points.unit != "m"
+    if free:  # a sensor that sees the plane from behind is turned half round
         readings = np.column_stack([x, np.zeros(len(x))])
         turn, shift, scale = similarity(tips, readings)
         if not scaled:
@@ -272,14 +255,12 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
         structure.revolute, FITTING.offset, FITTING.along
     )
     hypers = []
-    if freedom.origins:
+    if not drawn:
         sd[ends] = SHIFT
         shape = np.ones(ends.size)
         hyper = Hyper("link", SHIFT, PRIOR.wider, 0.0, ends.ravel(), shape)
         hypers.append(hyper)
-    if (
-        freedom.frame
-    ):  # the first joint's offset and a turn of the frame are one
+    if free:  # the first joint's offset and a turn of the frame are one
         sd[groups["offset"][0]] = 0.0
         sd[groups["view.rotation"][2]] = FITTING.flat
         sd[groups["view.shift"][:2]] = FREE * structure.extent
@@ -295,27 +276,11 @@ def fit_in_plane(arm: PlanarArm, points: Points, freedom: Freedom) -> Geometry:
         structure,
         fit.beta,
         _covariance(fit),
-        free=freedom.frame,
+        free=free,
         residual=_unexplained(fit, fit.beta) / metre,
         before=_unexplained(fit, nominal) / metre,
         reach=_reach(tips),
     )
-
-
-def _held(prior: Prior, groups: Sequence[Indices]) -> Prior:
-    """Return the prior that holds groups of parameters at their means."""
-    still = np.concatenate([np.zeros(0, dtype=int), *groups])
-    sd = prior.sd.copy()
-    sd[still] = 0.0
-    hypers = []
-    for hyper in prior.hypers:
-        moves = ~np.isin(hyper.indices, still)
-        if moves.any():
-            indices = hyper.indices[moves]
-            hypers.append(
-                hyper._replace(indices=indices, shape=hyper.shape[moves])
-            )
-    return Prior(prior.mean, sd, tuple(hypers))
 
 
 def _maximum(

@@ -50,10 +50,10 @@ def homed(
     zero is out of reach.
     """
     calibration = Motors.read(path)
-    missing = [name for name in offsets if name not in calibration.motors]
+    missing = [name for name in offsets if name not in calibration.document]
     if missing:
         raise OptionError(
-            f"the calibration has the motors {listed(calibration.motors)}, not {listed(missing)} "
+            f"the calibration has the motors {listed(calibration.document)}, not {listed(missing)} "
             "of the model"
         )
     ticks = {
@@ -64,7 +64,7 @@ def homed(
         name: dict(entry) for name, entry in calibration.document.items()
     }
     for name, change in ticks.items():
-        homing_offset = calibration.motors[name].homing_offset + change
+        homing_offset = int(document[name]["homing_offset"]) + change
         if abs(homing_offset) > _LARGEST_OFFSET:
             raise OptionError(
                 f"{name}: its homing offset would be {homing_offset} ticks, at most "

@@ -32,6 +32,8 @@ from ..model.model import Model
 class MonitorSettings:
     """How a stream is watched."""
 
+    # samples that are remembered: older ones fade by a factor of e
+    window: float = 200.0
     # samples between two judgements
     every: int = 10
     # of the model's own residual
@@ -76,8 +78,6 @@ class Monitor:
     ----------
     model : Model
         The map to watch.
-    window : float
-        Samples that are remembered: older ones fade by a factor of e.
 
     Examples
     --------
@@ -92,14 +92,14 @@ class Monitor:
     False
     """
 
-    def __init__(self, model: Model, window: float = 200.0) -> None:
+    def __init__(self, model: Model) -> None:
         if model.baseline is None:
             raise ModelError(
                 "the model has no baseline of its distortions: train it again"
             )
         self._model = model
         self._expected = model.baseline.sensory
-        self._fade = 1.0 - 1.0 / window
+        self._fade = 1.0 - 1.0 / MONITOR.window
         self._equations = None if model.body is None else _Equations(model)
         # sums that fade: samples, squared weights, zeta over the usual, rows beyond the bound
         self._sums = np.zeros(4)
@@ -271,12 +271,10 @@ class _Equations:
         tests = FTests(products, size, left, temper, len(self._groups))
         groups = tests.of_groups(self._groups, self._moves)
         penalty = math.log(max(left, 1.0))
-
-        def telling(test: GroupTest) -> tuple[float, float]:
-            # of chances too small for a number the more likely change
-            return test.score, test.statistic - penalty * test.freedom
-
-        return max(groups, key=telling)
+        # of chances too small for a number the more likely change
+        return max(
+            groups, key=lambda t: (t.score, t.statistic - penalty * t.freedom)
+        )
 
     def _correlation_time(self, samples: float) -> float:
         """Samples that count for one, where noise is alike from each to the next."""

@@ -20,7 +20,7 @@ class ModelFit:
     index: int  # of the model in the list
     fits: bool  # whether `check` finds it still calibrated
     score: float  # that of `check`; infinite where it cannot be compared
-    # [unit], median distance from predicted to measured position
+    # [unit], root mean square distance from predicted to measured position
     distance: float
 
     def to_json(self) -> dict[str, object]:
@@ -93,7 +93,7 @@ def recognise(models: Sequence[Model], log: Samples) -> Recognition:
             why = error
             fits.append(ModelFit(index, False, np.inf, np.inf))
             continue
-        distance = float(np.median(verdict.rows.missed))
+        distance = float(np.sqrt(np.mean(verdict.rows.missed**2)))
         fits.append(
             ModelFit(index, verdict.changed is False, verdict.score, distance)
         )

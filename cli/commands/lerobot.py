@@ -67,12 +67,22 @@ def lerobot(
     kind = Dataset.read(dataset).robot
     arm = Selection().load(robot or kind.split("_")[0] or None)
     motors = Motors.read(calibration)
-    table, frames, notes = read_dataset(
+    tables, frames, notes = read_dataset(
         dataset, arm.joint_names, camera, motors
     )
     say(notes)
-    rig = calib.handeye(arm, frames, table, board, eye)
-    say(rig.notes)
+    rigs: dict[str, calib.HandEye] = {}
+    refusals: list[calib.CalibError] = []
+    for unit, table in tables.items():
+        try:
+            rigs[unit] = calib.handeye(arm, frames, table, board, eye)
+        except calib.CalibError as error:
+            refusals.append(error)
+    if not rigs:
+        raise refusals[0]
+    unit = min(rigs, key=lambda name: rigs[name].held_out["rms"])
+    rig = rigs[unit]
+    say([f"joints are read as {unit}", *rig.notes])
     assert rig.poses is not None  # noqa: S101 - of joints there is a log
     learned = calib.train(rig.poses)
     offsets = zeros(learned)
@@ -96,7 +106,7 @@ def lerobot(
     }
     rows = []
     for name, zero in offsets.items():
-        old = motors.motors[name].homing_offset
+        old = int(motors.document[name]["homing_offset"])
         interval = number(math.degrees(zero.interval))
         offset = fixed(math.degrees(zero.value), 2)
         rows.append([name, offset, interval, str(old), str(old + ticks[name])])

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated
 
 from .. import options as opt
-from ..logs import Reading
 from ..output import Outcome, note
 from ..parsing import check_file, whole
 from ..pictures import load_drawn, size_of_page
@@ -30,7 +29,7 @@ def preview(
     import calib
 
     check_file(html, (".html", ".htm"), option="--html")
-    loaded, log = load_drawn(model, data, photo, no_photo, Reading())
+    loaded, log = load_drawn(model, data, photo, no_photo)
     browse = not no_open
     with calib.preview(loaded, html, log, port=port, browse=browse) as page:
         if html is not None:

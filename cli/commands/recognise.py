@@ -31,8 +31,12 @@ def recognise(
         fits.append({"model": models[fit.index], **fit.to_json()})
         sizes = number(fit.score), number(factor * fit.distance)
         rows.append([models[fit.index], *sizes, "fits" if fit.fits else ""])
-    header = ["model", "score", f"median distance [{shown}]", ""]
+    header = ["model", "score", f"rms distance [{shown}]", ""]
     table = TextTable(header, rows, f"{result.samples} samples of {data}")
+    verdict = f"{name} fits" if name else "none of the models fits"
+    alike = sum(fit.fits for fit in result.fits) - 1
+    if alike > 0:
+        verdict += f" best, but these rows do not contradict {alike} more"
     document = {
         "model": name,
         "samples": result.samples,
@@ -42,6 +46,6 @@ def recognise(
     }
     return Outcome(
         document,
-        [f"{name} fits" if name else "none of the models fits", table],
+        [verdict, table],
         code=0 if name else NO,
     )

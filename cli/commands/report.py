@@ -9,7 +9,6 @@ from typing import Annotated
 import calib
 
 from .. import options as opt
-from ..logs import Reading
 from ..output import Outcome, progress
 from ..parsing import BadOption, bad_value, check_file
 from ..pictures import load_drawn, size_of_page
@@ -42,7 +41,7 @@ def report(
     for option, folder in (("--png", png), ("--figures", figures)):
         if folder is not None and Path(folder).is_file():
             raise bad_value(folder, "a folder", option)
-    loaded, log = load_drawn(model, data, photo, no_photo, Reading())
+    loaded, log = load_drawn(model, data, photo, no_photo)
     warnings = []
     if isinstance(loaded, calib.Model):
         warnings = contradicted(loaded.about)

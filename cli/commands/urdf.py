@@ -84,8 +84,6 @@ def _table(geometry: Geometry) -> TextTable:
     for name, change in places.items():
         changes.append((name, "origin along {}", "m", change["shift"]))
         changes.append((name, "origin about {}", "rad", change["turn"]))
-    if "base" in parameters:
-        changes.append(("base", "along {}", "m", parameters["base"]))
     rows = []
     for name, what, kind, change in changes:
         factor, unit = for_people(kind)

@@ -53,6 +53,7 @@ CASES = [
     *(case(r, f"elbow.offset={DEGREE}", OFFSET, n=n) for r, n in (
         ("two_link", 12), ("two_link", 60), ("three_link", 20), ("six_axis", 20), ("six_axis", 60),
     )),
+    case("six_axis", "shoulder_pan.offset=0.005", {"offset:shoulder_pan"}, n=30),
     case("two_link", "elbow.offset=0.5236", OFFSET),
     case("two_link", "elbow.length=+5%", LINKS, n=12),
     case("two_link", "elbow.length=-30%", LINKS),

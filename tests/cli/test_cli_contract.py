@@ -111,7 +111,6 @@ GEOMETRY = {
     **each({"*": QUANTITY}, "offsets moved"),
     **each(float, "residual before reach"),
     "urdf": TEXT_OR_NONE,
-    "base": QUANTITY,
     "frame": {"matrix": [[float]], "shift": [float]},
     "frame_fitted": bool,
     "unit": str,
@@ -247,6 +246,11 @@ def test_the_catalogue_is_a_list(run):
     assert [entry["name"] for entry in entries] == [entry.name for entry in calib.list_robots()]
     assert all(entry["dof"] == len(entry["joints"]) for entry in entries)
     assert len(run("robots").out.splitlines()) == 1 + len(entries)  # a header, then one line each
+
+
+def test_models_that_rows_do_not_tell_apart_are_said(run):
+    line = run("recognise", "m.calib", "m.calib", "--data", "same.csv").out.splitlines()[0]
+    assert line == "m.calib fits best, but these rows do not contradict 1 more"
 
 
 def test_no_figure_of_a_model_whose_bound_fails_ends_with_0(run):

@@ -229,20 +229,9 @@ def test_no_message_of_the_library_names_an_option():
 
 @given(st.text())
 def test_readers_answer_or_say_what_they_expected(text):
-    readers = [
-        parsing.count,
-        parsing.not_negative,
-        parsing.above_zero,
-        parsing.lattice_size,
-        parsing.sigma,
-        parsing.names,
-        parsing.reals,
-        parsing.column_names,
-        parsing.joint_value,
-        parsing.joint_range,
-        parsing.one_of(("batch", "online")),
-        parsing.height,
-    ]
+    names = "count not_negative above_zero lattice_size sigma names reals column_names joint_value"
+    readers = [getattr(parsing, name) for name in [*names.split(), "joint_range", "height"]]
+    readers.append(parsing.one_of(("batch", "online")))
     told = []
     for read in readers:
         try:

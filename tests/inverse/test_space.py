@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
-from models import draw, six, warm
+from models import draw, six, trained, warm
 from reference import pinocchio_forward
 from refusals import refused
 
@@ -172,3 +172,18 @@ def test_no_rows_are_no_answers(compiled):
         answers = solve_poses(model, none, np.empty((0, 4)), every=every)
         assert answers.q.shape == (0, 6)
         assert answers.expected_error.shape == (0,)
+
+
+def test_poses_with_joints_at_their_limits_keep_their_ways():
+    """Once the table of starts lay between the limits: one of seven such poses lost a way."""
+    model = warm(trained("so101"))
+    about = model.about
+    rng = np.random.default_rng(3)
+    q = draw(model, 60, seed=5)
+    for row in q:
+        joints = rng.permutation(5)[:3]
+        row[joints] = np.where(rng.random(3) < 0.5, about.lower[joints], about.upper[joints])
+    position, turn = model.pose(q)
+    ways = solve_poses(model, position, turn, every=True, bounded=False)
+    gaps = [apart(model, ways.q[ways.target == k], q[k : k + 1]).min() for k in range(len(q))]
+    assert np.count_nonzero(np.array(gaps) > 1e-3) <= 1

@@ -113,63 +113,48 @@ def line(places, periodic=False, d=1):
     return Map(units, Lattice((len(places),)), scale, np.zeros((0, 4)))
 
 
-def associate(motor, sensory, links):
-    dense = np.zeros((motor.size, sensory.size))
-    for (i, j), strength in links.items():
-        dense[i, j] = strength
-    return linked(motor, sensory, dense)
-
-
 def linked(motor, sensory, dense):
     links = csr_array(dense)
     rows = Compressed(links.data, links.indices, links.indptr, links.shape)
     return Association(motor, sensory, rows)
 
 
-@pytest.fixture
-def one_to_one():
-    """Three motor nodes, each linked to one of three sensory nodes."""
-    links = {(0, 0): 1.0, (1, 1): 1.0, (2, 2): 1.0}
-    return associate(line([0.0, 0.5, 1.0]), line([0.0, 0.5, 1.0], d=2), links)
-
-
-@pytest.fixture
-def two_branches():
+def branching():
     """One position that motor nodes 4, 5 and 35, 36 of 41 reach, and one in the middle."""
-    links = {(4, 0): 1.0, (5, 0): 0.5, (35, 0): 0.25, (36, 0): 0.75, (20, 1): 1.0}
-    return associate(line(np.linspace(0, 1, 41)), line([0.2, 0.8], d=2), links)
+    links = np.zeros((41, 2))
+    links[[4, 5, 35, 36], 0] = 1.0, 0.5, 0.25, 0.75
+    links[20, 1] = 1.0
+    return linked(line(np.linspace(0, 1, 41)), line([0.2, 0.8], d=2), links)
 
 
-def test_winner_forward_is_the_winners_strongest_partner():
-    sensory = line([0.1, 0.4, 0.9], d=2)
-    links = {(0, 0): 0.2, (0, 2): 0.7, (1, 1): 0.5, (1, 0): 0.4}
-    pair = associate(line([0.0, 1.0]), sensory, links)
-    said = pair.forward(np.array([[0.2], [0.7]]), "winner")
+FORKED = linked(
+    line([0.0, 1.0]), line([0.1, 0.4, 0.9], d=2), np.array([[0.2, 0.0, 0.7], [0.4, 0.5, 0.0]])
+)
+"""Two motor nodes, each linked to two of three sensory nodes."""
+ONE_TO_ONE = linked(line([0.0, 0.5, 1.0]), line([0.0, 0.5, 1.0], d=2), np.eye(3))
+
+
+def active(u, nodes):
+    """Equation 6 of nodes that are evenly apart."""
+    return np.exp(-((u - nodes) ** 2) / (BANDWIDTH * (nodes[1] - nodes[0])) ** 2)
+
+
+def test_the_winner_answers_with_its_strongest_partner():
+    said = FORKED.forward(np.array([[0.2], [0.7]]), "winner")
     assert said.tolist() == [[0.9, 0.0], [0.4, 0.0]]
-
-
-def test_activity_forward_is_the_mean_of_the_partners_weighted_through_the_links():
-    sensory = line([0.1, 0.4, 0.9], d=2)
-    c = np.array([[0.2, 0.0, 0.7], [0.4, 0.5, 0.0]])
-    pair = linked(line([0.0, 1.0]), sensory, c)
-    u = np.array([[0.3], [0.5]])
-    a = np.exp(-((u - [[0.0, 1.0]]) ** 2) / BANDWIDTH**2)  # eq. 6, spacing 1
-    expected = (a @ c @ [0.1, 0.4, 0.9]) / (a @ c).sum(axis=1)
-    np.testing.assert_allclose(pair.forward(u, "activity")[:, 0], expected, rtol=1e-12)
-
-
-def test_activity_inverse_blends_what_the_active_nodes_are_linked_to(one_to_one):
-    v = np.array([[0.25, 0.0]])
-    a = np.exp(-((0.25 - np.array([0.0, 0.5, 1.0])) ** 2) / (BANDWIDTH * 0.5) ** 2)
-    expected = (a @ [0.0, 0.5, 1.0]) / a.sum()
-    said = one_to_one.inverses(v, np.array([[0.5]]))["activity"]
-    np.testing.assert_allclose(said, [[expected]], rtol=1e-9)
-
-
-def test_winner_inverse_is_the_strongest_partner(one_to_one):
-    v = np.array([[0.3, 0.0], [0.9, 0.0]])
-    said = one_to_one.inverses(v, np.full((2, 1), 0.5))["winner"]
+    said = ONE_TO_ONE.inverses(np.array([[0.3, 0.0], [0.9, 0.0]]), np.full((2, 1), 0.5))["winner"]
     assert said.tolist() == [[0.5], [1.0]]
+
+
+def test_activity_answers_with_the_mean_of_the_partners_weighted_through_the_links():
+    u = np.array([[0.3], [0.5]])
+    shares = active(u, np.array([0.0, 1.0])) @ [[0.2, 0.0, 0.7], [0.4, 0.5, 0.0]]
+    expected = shares @ [0.1, 0.4, 0.9] / shares.sum(axis=1)
+    np.testing.assert_allclose(FORKED.forward(u, "activity")[:, 0], expected, rtol=1e-12)
+    nodes = np.array([0.0, 0.5, 1.0])
+    a = active(0.25, nodes)
+    said = ONE_TO_ONE.inverses(np.array([[0.25, 0.0]]), np.array([[0.5]]))["activity"]
+    np.testing.assert_allclose(said, [[a @ nodes / a.sum()]], rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -182,17 +167,18 @@ def test_winner_inverse_is_the_strongest_partner(one_to_one):
     ],
 )
 def test_the_branch_near_to_the_wish_answers_and_branches_are_never_averaged(
-    two_branches, near, winner, activity
+    near, winner, activity
 ):
     v, wish = np.array([[0.2, 0.0]]), np.array([[near]])
-    assert two_branches.inverses(v, wish)["winner"][0, 0] == pytest.approx(winner)
-    said = two_branches.inverses(v, wish)["activity"][0, 0]
+    assert branching().inverses(v, wish)["winner"][0, 0] == pytest.approx(winner)
+    said = branching().inverses(v, wish)["activity"][0, 0]
     assert said == pytest.approx(activity)
 
 
 def test_a_branch_across_the_seam_of_a_turn_is_one_branch():
     motor = line([0.05, 0.35, 0.65, 0.95], periodic=True)
-    pair = associate(motor, line([0.2, 0.8], d=2), {(0, 0): 1.0, (3, 0): 1.0, (1, 1): 1.0})
+    dense = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
+    pair = linked(motor, line([0.2, 0.8], d=2), dense)
     said = pair.inverses(np.array([[0.2, 0.0]]), np.array([[0.9]]))["activity"][0, 0]
     assert min(said % 1.0, -said % 1.0) < 0.05
 

@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -166,19 +164,6 @@ def test_no_time_no_date_and_no_path_is_inside(tmp_path):
     # one canonical JSON string
     again = json.dumps(json.loads(text), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     assert text == again
-
-
-def test_a_file_is_loaded_and_asked_without_pinocchio_and_yourdfpy(data, tmp_path):
-    path = tmp_path / "m.calib"
-    path.write_bytes(data)
-    code = (
-        "import sys, calib; m = calib.load(sys.argv[1]);"
-        "assert abs(m.forward(m.inverse([0.3, 0.3])) - 0.3).max() < 1e-6;"
-        "print([n for n in ('pinocchio', 'yourdfpy', 'meshcat', 'polars') if n in sys.modules])"
-    )
-    words = [sys.executable, "-c", code, str(path)]
-    done = subprocess.run(words, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 def test_what_is_no_model_and_what_is_no_maps_is_told_in_one_line(data, tmp_path):

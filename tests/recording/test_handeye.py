@@ -336,6 +336,11 @@ def test_a_dataset_of_lerobot_is_read_as_pictures_and_joints(tmp_path, run):
     done = run.done("lerobot", tmp_path, *words, "-o", tmp_path / "new.json", "--json")
     elbow = done.document["offsets"][joints.names[2]]
     assert np.degrees(elbow["offset"]) == pytest.approx(3.0, abs=0.3)
+    # shares of ranges, none of which was driven to its end
+    write_dataset(tmp_path, "v3.0", q / 1.8, **written)
+    again = run.done("lerobot", tmp_path, *words, "-o", tmp_path / "new.json", "--json")
+    assert "joints are read as shares" in again.err
+    assert again.document["offsets"][joints.names[2]]["offset"] == pytest.approx(elbow["offset"])
     new = json.loads((tmp_path / "new.json").read_text())
     assert new[joints.names[2]]["homing_offset"] == pytest.approx(7 - 34, abs=4)
     assert new[joints.names[0]]["homing_offset"] == 7

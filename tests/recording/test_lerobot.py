@@ -105,14 +105,14 @@ def test_each_frame_has_the_joints_of_its_moment(tmp_path, joints, version):
     """AV1, which OpenCV's wheels do not decode."""
     write_dataset(tmp_path, version, np.degrees(recorded(joints)))
     assert is_dataset(tmp_path)
-    table, pictures, notes = read_dataset(tmp_path)
+    tables, pictures, _ = read_dataset(tmp_path)
+    table = tables["degrees"]
     assert table.names == JOINTS
     assert len(pictures) == POSES
     levels = np.array([picture.mean() for picture in pictures])
     pose = np.rint(levels / 10).astype(int) - 1
     assert sorted(pose) == list(range(POSES))
     assert np.allclose(table.q, joints[pose], atol=1e-6)
-    assert "degrees" in notes[0]
 
 
 def test_shares_of_ranges_need_the_motors_calibration(tmp_path, joints):
@@ -120,9 +120,24 @@ def test_shares_of_ranges_need_the_motors_calibration(tmp_path, joints):
     write_dataset(tmp_path, "v3.0", shares, codec="mpeg4")
     refused(LogError, "shares of each motor's range", read_dataset, tmp_path)
     (tmp_path / "calibration.json").write_text(json.dumps(MOTORS))
-    table, pictures, _ = read_dataset(tmp_path, motors=Motors.read(tmp_path / "calibration.json"))
+    tables, pictures, _ = read_dataset(tmp_path, motors=Motors.read(tmp_path / "calibration.json"))
+    (table,) = tables.values()
     pose = np.rint(np.array([picture.mean() for picture in pictures]) / 10).astype(int) - 1
     assert np.allclose(table.q, joints[pose], atol=1e-6)
+
+
+def test_rows_without_joints_are_left_out_and_odd_layouts_refused(tmp_path, joints):
+    state = np.degrees(recorded(joints))
+    state[4::REST] = np.nan
+    write_dataset(tmp_path, "v3.0", state, codec="mpeg4")
+    tables, pictures, _ = read_dataset(tmp_path)
+    pose = np.rint(np.array([picture.mean() for picture in pictures]) / 10).astype(int) - 1
+    assert np.allclose(tables["degrees"].q, joints[pose], atol=1e-6)
+    table = tmp_path / "data/chunk-000/file-000.parquet"
+    polars.read_parquet(table).drop("timestamp").write_parquet(table)
+    refused(LogError, "not a LeRobotDataset's.*timestamp", read_dataset, tmp_path)
+    table.unlink()
+    refused(LogError, "not a LeRobotDataset's", read_dataset, tmp_path)
 
 
 def test_what_is_missing_is_named(tmp_path, joints):

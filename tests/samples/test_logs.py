@@ -190,14 +190,12 @@ def test_a_header_says_that_a_joint_slides_or_contradicts(arm, file):
     log = read_log(table, joints=["turn", "rail"])
     assert log.revolute == (True, False)
     assert log.q[0].tolist() == [math.pi / 2, 0.1]
-    refused(
-        table, "states that its positions are in mm, not in m", joints=["turn", "rail"], unit="m"
-    )
+    words = "states that its positions are in mm, not in m"
+    refused(LogError, words, read_log, table, joints=["turn", "rail"], unit="m")
     mixed = file("a,b,x [mm],y [m]\n1,2,3,4\n2,1,4,3\n")
-    refused(mixed, "expected positions in one unit")
+    refused(LogError, "expected positions in one unit", read_log, mixed, joints=["a", "b"])
     slides = file("shoulder [mm],elbow,x,y\n1,2,3,4\n2,1,4,3\n")
-    with pytest.raises(LogError, match=r"'shoulder .mm.' is in mm, expected rad, deg, "):
-        read_log(slides, arm)
+    refused(LogError, "'shoulder .mm.' is in mm, expected rad, deg, ", read_log, slides, arm)
 
 
 @pytest.mark.parametrize(
@@ -215,11 +213,33 @@ def test_times_of_clocks_are_seconds(file, times):
     np.testing.assert_allclose(log.time, 1709294400 + 0.02 * np.arange(12), rtol=0, atol=1e-6)
 
 
+def test_a_sensor_that_holds_its_last_value_is_told_and_one_of_whole_pixels_is_not(arm, tmp_path):
+    time = np.arange(300) / 50
+    q = np.column_stack([0.8 + 0.7 * np.sin(time), 1.2 + np.cos(1.7 * time)])
+    x = arm.forward(q) + np.random.default_rng(0).normal(0, 1e-4, (300, 2))
+    x[100:112] = x[99]
+    held = Samples(q, x, arm.joint_names)
+    write_log(held, tmp_path / "held.csv")
+    log = read_log(tmp_path / "held.csv", arm)
+    assert (len(log), log.left_out) == (288, 12)
+    assert "12 of 300 rows repeat the position of the row before" in log.notes[0]
+    assert "rows 101, 102, 103" in log.notes[0]
+    pixels = Samples(q, np.round(200 * arm.forward(q)), arm.joint_names, unit="px")
+    write_log(pixels, tmp_path / "px.csv")
+    again = read_log(tmp_path / "px.csv", joints=arm.joint_names, unit="px")
+    assert (len(again), again.left_out) == (300, 0)
+    resting = Samples(
+        np.repeat(q[120::10], 5, axis=0), np.repeat(x[120::10], 5, axis=0), arm.joint_names
+    )
+    write_log(resting, tmp_path / "rest.csv")
+    assert read_log(tmp_path / "rest.csv", arm).left_out == 0
+
+
 def test_counts_of_an_encoder_are_neither_radians_nor_degrees(arm, file):
     table = file("shoulder,elbow,x,y\n3072,100,.1,.2\n2050,2000,.2,.3\n")
     for degrees in (False, True):
-        with pytest.raises(LogError, match="convert an encoder's counts to rad"):
-            read_log(table, arm, degrees=degrees)
+        words = "convert an encoder's counts to rad"
+        refused(LogError, words, read_log, table, arm, degrees=degrees)
 
 
 def test_the_arms_order_holds_and_its_joints_are_the_log(arm, file):

@@ -121,6 +121,14 @@ def test_a_sensor_is_asked_by_its_name(logs, run, tmp_path):
         "query", "inverse", path, *target, "--near", "0.3,0.6,-0.9", "--in", "right", "--json"
     )
     np.testing.assert_allclose([*back.document["solutions"][0]["joints"].values()], q, atol=1e-6)
+    lines = [",".join(map(str, target)) for target in (target, target)]
+    (tmp_path / "way.csv").write_text("\n".join(["x,y,z", *lines]))
+    follow = ("query", "path", path, "--input", tmp_path / "way.csv", "--from", "0.3,0.6,-0.9")
+    way = run(*follow, "--in", "right", "--json").document
+    assert way["sensor"] == "right"
+    np.testing.assert_allclose(way["path"]["shoulder_pan"], q[0], atol=1e-6)
+    for command in (follow, ("export", path, "-o", tmp_path / "base.h")):
+        run.refused(2, "base", *command, "--in", "base")
     assert "left, right" in run("query", "forward", path, *q, "--in", "top").err
     told = run("evaluate", path, "--in", "right", "--json").document
     assert told["errors"] == model.by("right").about.errors

@@ -9,11 +9,9 @@ import numpy as np
 import pinocchio
 import pytest
 from models import log_of
-from refusals import refused
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib.use.iso9283 import iso9283
 
 DEGREES = {"shoulder_pan": 4.0, "elbow": -2.5}
 MOTOR = {"drive_mode": 0, "homing_offset": 100, "range_min": 800, "range_max": 3200}
@@ -147,7 +145,7 @@ def test_a_drawing_with_other_axes_becomes_the_description_s_own_entries(run, tm
         assert np.allclose(placed[name], of_entry(values), atol=1e-6), name
 
 
-def test_poses_outside_of_what_was_learned_are_left_out_aloud():
+def test_poses_outside_of_what_was_learned_are_left_out_aloud(run, tmp_path):
     """Their accuracy is no number: whether it was the worst depended on the poses' order."""
     arm = calib.load_arm("two_link")
     rng = np.random.default_rng(0)
@@ -155,13 +153,17 @@ def test_poses_outside_of_what_was_learned_are_left_out_aloud():
     part = calib.load_arm("two_link", ranges={"shoulder": (0.0, 1.1)})
     rows = calib.babble(part, 200, seed=0, noise=1e-4)
     model = calib.train(replace(rows, simulation=None), size=4)
-    q = np.tile(poses, (4, 1))
-    x = arm.forward(q) + rng.normal(0.0, 1e-4, (12, 2))
-    standard = iso9283(model, log_of(arm, q, x))
-    assert len(standard.poses) == 2
-    centres = x.reshape(4, 3, 2)[:, 1:].mean(axis=0)
+    q = np.tile(poses, (6, 1))
+    x = arm.forward(q) + rng.normal(0.0, 1e-4, (18, 2))
+    model.save(tmp_path / "m.calib")
+    calib.write_log(log_of(arm, q, x), tmp_path / "log.csv")
+    evaluate = f"evaluate {tmp_path}/m.calib --data {tmp_path}/log.csv --iso9283 --json"
+    standard = run(evaluate).document["iso9283"]
+    assert standard["poses"] == 2
+    centres = x.reshape(6, 3, 2)[:, 1:].mean(axis=0)
     away = np.linalg.norm(model.forward(poses[1:]) - centres, axis=1)
-    assert standard.corrected == pytest.approx(away.max(), rel=1e-9)
-    assert any("1 of 3 poses" in note for note in standard.notes)
-    q = np.tile([[1.2, 2.0], [1.3, 1.9]], (4, 1))
-    refused(calib.LogError, "the 2 poses", iso9283, model, log_of(arm, q, arm.forward(q)))
+    assert standard["as_corrected"]["AP"] == pytest.approx(away.max(), rel=1e-9)
+    assert any("1 of 3 poses" in note for note in standard["notes"])
+    q = np.tile([[1.2, 2.0], [1.3, 1.9]], (6, 1))
+    calib.write_log(log_of(arm, q, arm.forward(q)), tmp_path / "log.csv")
+    run.refused(1, "no row of the log lies within", *evaluate.split())

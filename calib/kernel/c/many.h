@@ -43,7 +43,7 @@ static inline void calib_pose_of(const calib_real p[3], const calib_real R[9], f
 }
 
 /* Fills a table of postures evenly, multiples of powers of the root of g^(dof + 1) = g + 1 without
- * their whole parts (Roberts 2018), and makes it the one that searches begin at. */
+ * their whole parts (Roberts 2018), many of them at limits, and makes it the one that searches begin at. */
 CALIB_API void calib_prepare(calib_postures *table) {
   calib_real golden = 2, u[CALIB_DOF], p[3], R[9], G[6 * CALIB_DOF];
   int n, k;
@@ -55,8 +55,9 @@ CALIB_API void calib_prepare(calib_postures *table) {
       share /= golden;
       u[k] += share;
       u[k] -= floor(u[k]);
-      table->q[n][k] = calib_lower[k] + u[k] * calib_span[k];
+      table->q[n][k] = calib_lower[k] + (u[k] + @aside@ * (2 * u[k] - 1)) * calib_span[k];
     }
+    calib_clipped(table->q[n]);
     calib_chain(&calib_placed, 1, table->q[n], p, R, G);
     calib_pose_of(p, R, table->pose[n]);
   }

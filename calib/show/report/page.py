@@ -81,7 +81,7 @@ ARM = (
     Entry(
         "Why so",
         arm.joints,
-        "What rows say of each joint's own error (dots), the learned error curve and its band.",
+        "What rows say of each joint if it alone errs (dots), the learned curve and its band.",
     ),
     Entry(
         "Why so",

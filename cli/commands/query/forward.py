@@ -108,16 +108,9 @@ def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
     if query.frame == "base":
         space = Space.of(model)
         position, turn = space.forward(q)
-        bound = space.bound(q)
-        answers = dict(
-            zip((*"xyz", *TURN), [*position.T, *turn.T], strict=True)
-        )
-        answers |= dict.fromkeys(BOUNDS, bound)
-        answered = np.isfinite(position[:, 0])
-        return {
-            name: np.where(answered, column, np.nan)
-            for name, column in answers.items()
-        }
+        bound = np.where(np.isfinite(position[:, 0]), space.bound(q), np.nan)
+        columns = [*position.T, *turn.T, bound, bound]
+        return dict(zip((*query.axes, *TURN, *BOUNDS), columns, strict=True))
     answers = dict(zip(model.axes, model.forward(q, readout).T, strict=True))
     if len(model.axes) == 3 and knows_orientation(model.body):
         answers |= dict(zip(TURN, model.pose(q)[1].T, strict=True))

@@ -124,18 +124,17 @@ def inverse(
             raise BadOption(why)
     frame = "base" if on else frame
     query = Query(model, input_, columns, output, unit, degrees, frame, target)
-    search = Search(readout=readout, every=every, keep=keep, free=free)
     anchor = query.within_range("--near", near)
-    if anchor is not None:
-        search = replace(search, near=np.array(anchor))
+    turn = None
     if quaternion is not None:
         turn = np.array(quaternion) / math.hypot(*quaternion)
-        search = replace(search, turn=turn)
     elif rpy is not None:
         from calib.samples.roles import from_angles
 
         angles = np.radians([rpy]) if degrees else np.array([rpy])
-        search = replace(search, turn=from_angles(angles)[0])
+        turn = from_angles(angles)[0]
+    nearby = None if anchor is None else np.array(anchor)
+    search = Search(readout, every, keep, free, nearby, turn)
     if input_ is not None:
         return _table(query, search)
     return _single(query, search, target or (), None if on is None else on.low)
