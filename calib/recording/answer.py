@@ -22,9 +22,6 @@ from .problem import Problem
 from .rig import CameraPlace, HandEye, LensFacts, Place
 from .rigid import inverse, shift_of, turn_of
 
-LEVER = 0.5
-"""How far a turn of the flange moves what the camera sees, about [m]."""
-
 
 def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
     """Fit the pictures, and tell where all is; `frames` are the names of base and flange.
@@ -100,13 +97,9 @@ class Solved:
         """How many sd a 95 % interval is to each side."""
         from scipy.special import stdtrit
 
-        freedom = self.fit.freedom
-        if self.problem.arm and freedom.sum() < len(self.agreeing):
+        if self.problem.arm and self.fit.freedom < len(self.agreeing):
             return 1.96  # the joints are as good as exact
-        # Satterthwaite's, of what turns and shifts move
-        squares = (self.fit.noise.error[[0, 3]] * [LEVER, 1.0]) ** 2
-        number = squares.sum() ** 2 / (squares**2 / freedom).sum()
-        return float(stdtrit(max(number, 3.0), 0.975))
+        return float(stdtrit(max(self.fit.freedom, 3.0), 0.975))
 
     @cached_property
     def sd(self) -> Array:

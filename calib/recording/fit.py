@@ -87,8 +87,8 @@ class Fit:
     unknowns: Unknowns
     noise: Noise
     covariance: Array  # (s, s)
-    # (2,), numbers that the noise of the motions' turns and of their shifts is known by
-    freedom: Array
+    # degrees of freedom that the noise of the motions is known with
+    freedom: float = np.inf
 
 
 def solve(
@@ -240,16 +240,13 @@ def _learn(
     variances : (n, e), of the motions' errors
     """
     error, freedom = _error_noise(fit, variances)
-    corner = _corner_noise(bundle, fit, sight, float(freedom.sum()))
+    corner = _corner_noise(bundle, fit, sight, freedom)
     noise = Noise(corner, error, _prior_noise(prior, fit))
     return replace(fit, noise=noise, freedom=freedom)
 
 
-def _error_noise(fit: Fit, variances: Array) -> tuple[Array, Array]:
-    """Sd (e,) of the motions' errors, and by how many numbers those of turns and shifts are known.
-
-    variances : (n, e), of the errors
-    """
+def _error_noise(fit: Fit, variances: Array) -> tuple[Array, float]:
+    """Sd (e,) of the motions' errors, and the degrees of freedom of their turns and shifts."""
     noise = fit.noise
     columns = len(noise.error)
     starts = [0, 3, *range(POSE, columns)]  # of turn, shift, each focal length
@@ -265,7 +262,7 @@ def _error_noise(fit: Fit, variances: Array) -> tuple[Array, Array]:
     sizes[2:] = np.minimum(focus, SETTINGS.most_focus)
     sizes = np.maximum(sizes, SETTINGS.least_error)
     widths = np.diff([*starts, columns])
-    return np.repeat(sizes, widths), counts[:2]
+    return np.repeat(sizes, widths), float(counts[:2].sum())
 
 
 def _prior_noise(prior: Prior, fit: Fit) -> Array:

@@ -18,7 +18,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,9 +27,6 @@ from ..common.wording import listed
 from ..errors import LogError
 from .joint_table import JointTable
 from .pictures import Picture, Video
-
-if TYPE_CHECKING:
-    from polars import DataFrame
 
 TICKS = 4096
 """Ticks of a Feetech motor in a turn."""
@@ -129,8 +125,11 @@ class Dataset:
 
     def rows(self) -> tuple[Array, Array, Index]:
         """Return numbers (n, columns), times (n,) [s] and episodes (n,) of rows that have all."""
+        import polars as pl
+
         columns = [_STATE, "timestamp", "episode_index"]
-        table = _table(self.root / "data", columns).drop_nulls()
+        files = self.root / "data" / "**" / "*.parquet"
+        table = pl.read_parquet(files, columns=columns).drop_nulls()
         table = table.sort(columns[2], columns[1])
         state = np.array(table[_STATE].to_list(), float)
         state = state.reshape(len(table), len(self.columns))
@@ -143,6 +142,8 @@ class Dataset:
         self, camera: str, episodes: Index
     ) -> dict[int, tuple[Path, float]]:
         """Return the video of each episode, and where in it the episode begins [s]."""
+        import polars as pl
+
         if self.version.startswith("v2"):
             paths = {
                 episode: self.video_path.format(
@@ -155,9 +156,8 @@ class Dataset:
             return {k: (self.root / path, 0.0) for k, path in paths.items()}
         places: dict[int, tuple[Path, float]] = {}
         key = f"videos/{camera}"
-        for row in _table(self.root / "meta" / "episodes").iter_rows(
-            named=True
-        ):
+        files = self.root / "meta" / "episodes" / "**" / "*.parquet"
+        for row in pl.read_parquet(files).iter_rows(named=True):
             path = self.video_path.format(
                 video_key=camera,
                 chunk_index=row[f"{key}/chunk_index"],
@@ -168,22 +168,15 @@ class Dataset:
         return places
 
 
-def _table(folder: Path, columns: list[str] | None = None) -> DataFrame:
-    """All tables below a folder as one."""
-    import polars as pl
-
-    try:
-        return pl.read_parquet(folder / "**" / "*.parquet", columns=columns)
-    except (OSError, pl.exceptions.PolarsError) as error:
-        raise LookupError(str(error).partition("\n")[0]) from None
-
-
 @contextmanager
 def _one_line(path: Path) -> Iterator[None]:
     """Refuse in one line what is not as LeRobot lays it out."""
+    import polars as pl
+
     try:
         yield
     except (
+        pl.exceptions.PolarsError,
         OSError,
         ValueError,
         LookupError,
@@ -191,7 +184,8 @@ def _one_line(path: Path) -> Iterator[None]:
         AttributeError,
         ZeroDivisionError,
     ) as error:
-        raise LogError(f"{path} is not a LeRobotDataset's: {error!r}") from None
+        words = repr(error).partition("\\n")[0]
+        raise LogError(f"{path} is not a LeRobotDataset's: {words}") from None
 
 
 def is_dataset(path: object) -> bool:

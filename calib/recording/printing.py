@@ -37,7 +37,7 @@ def _page(
     """A page, below its marks a line of 100 mm, and words."""
     body = []
     for mark in marks:
-        body += _rectangles(mark, border)
+        body += _squares(mark, border)
     width, height = (1e3 * (side + 2 * border) for side in size)
     return filled(
         __package__,
@@ -51,26 +51,20 @@ def _page(
     )
 
 
-def _rectangles(mark: Mark, border: float) -> list[str]:
-    """A black square with white cells: a rectangle for each run of them in a row."""
+def _squares(mark: Mark, border: float) -> list[str]:
+    """A black square, and its white cells upon it."""
     cell = mark.side / len(mark.white)
     left = mark.x + border
     top = mark.y + border
-    rectangles = [_rectangle(left, top, mark.side, mark.side)]
-    for row, line in enumerate(mark.white):
-        edges = np.flatnonzero(np.diff(np.r_[False, line, False].astype(int)))
-        for start, stop in edges.reshape(-1, 2):
-            x = left + start * cell
-            width = (stop - start) * cell
-            fill = ' fill="#fff"'
-            rectangles.append(
-                _rectangle(x, top + row * cell, width, cell, fill)
-            )
-    return rectangles
+    squares = [_square(left, top, mark.side)]
+    for row, column in np.argwhere(mark.white).tolist():
+        x = left + column * cell
+        y = top + row * cell
+        squares.append(_square(x, y, cell, ' fill="#fff"'))
+    return squares
 
 
-def _rectangle(
-    x: float, y: float, width: float, height: float, fill: str = ""
-) -> str:
-    x, y, width, height = (1e3 * length for length in (x, y, width, height))
-    return f'<rect x="{x:.6g}" y="{y:.6g}" width="{width:.6g}" height="{height:.6g}"{fill}/>'
+def _square(x: float, y: float, side: float, fill: str = "") -> str:
+    """A square, its corner and its side [m]."""
+    x, y, side = (1e3 * length for length in (x, y, side))
+    return f'<rect x="{x:.6g}" y="{y:.6g}" width="{side:.6g}" height="{side:.6g}"{fill}/>'

@@ -169,12 +169,12 @@ def _refuse_mirrored(view: View, start: Start) -> None:
 
 def _refuse_late(flange: Array, view: View, start: Start) -> None:
     """Refuse poses (n, 4, 4) if those of the row before or behind explain the pictures better."""
-    for by, neighbour in ((1, "before"), (-1, "behind")):
+    for by in (1, -1):
         other = find_start(np.roll(flange, by, axis=0), view, start.unit)
         if other.misfit < PRIORS.late * start.misfit:
             raise LogError(
-                f"the rows of poses are late or early: the row {neighbour} fits each picture "
-                f"{start.misfit / other.misfit:.2g} times better",
+                "the rows of poses are late or early: those of the row before or behind fit each "
+                f"picture {start.misfit / other.misfit:.2g} times better",
                 hint="check which row is of which picture",
             )
 
@@ -264,7 +264,7 @@ def _problem(
     )
     exact = np.zeros((len(rows), layout.errors))
     unknowns = Unknowns(np.array(frames), begin, exact)
-    fit = Fit(unknowns, noise, np.zeros((0, 0)), np.zeros(2))
+    fit = Fit(unknowns, noise, np.zeros((0, 0)))
     return Problem(numbered, rows, bundle, Prior(mean, scales), fit)
 
 
