@@ -161,6 +161,11 @@ class PlanarStructure(Structure):
         reach = max(sum(drawing.lengths), 1e-12)
         return ArmSize(reach, unit, drawing.rotation, drawing.shift)
 
+    @property
+    def mirror(self) -> int:
+        """-1 where its sensor sees the plane from behind, else 1."""
+        return self.viewpoint.mirror
+
     def undrawn(self) -> PlanarStructure | None:
         """The structure without its drawing, None where the sensor's frame is the drawing's."""
         if self.nominal is None or self.view == "base" or self.zeros_alone:

@@ -157,7 +157,7 @@ def _trained(explanation: Explanation, log: Log) -> _Belief:
         offsets=tuple(old[groups["offset"]].tolist()),
         rotation=float(old[groups["view.rotation"]][0]),
         shift=tuple(old[groups["view.shift"]].tolist()),
-        mirror=structure.viewpoint.mirror,
+        mirror=structure.mirror,
         signs=structure.signs,
     )
     structure = structure.changed(nominal=drawing, simulated=False)
