@@ -107,7 +107,7 @@ def opencv(rig: Rig, true: object) -> dict[str, tuple[float, float]]:
     """How far OpenCV's solvers are off [m, rad], which take the arm as it is drawn."""
     if not hasattr(cv2, "calibrateHandEye"):
         return {}
-    base, neutral = rig.structure.with_view("base"), rig.structure.neutral()
+    base, neutral = rig.structure.with_sensor(view="base"), rig.structure.neutral()
     p, turn = base.pose(rig.q, neutral)
     seen = pictures(rig, rig.seen, 0, len(rig.q)).poses(rig.glass)
     there = held_poses(seen, in_hand=False)

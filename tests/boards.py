@@ -74,7 +74,7 @@ class Rig:
     def _place(self, rng, q) -> None:
         """Put what stands still where what is in the hand sees it."""
         s, b, middle = self.structure, self.beta, BOARD.mean(axis=0)
-        (p,), (hand,) = s.with_view("base").pose(q, b)
+        (p,), (hand,) = s.with_sensor(view="base").pose(q, b)
         facing = hand @ exponential(0.1 * rng.standard_normal(3))  # OpenCV's: z runs into the board
         if self.in_hand:
             there = p + 0.4 * hand[:, 2] - facing @ middle
@@ -102,7 +102,7 @@ class Rig:
 
     def hand(self, beta):
         """Position and rotation of the camera or board in the tip's frame."""
-        s, q = self.structure.with_view("base"), np.zeros((1, self.arm.dof))
+        s, q = self.structure.with_sensor(view="base"), np.zeros((1, self.arm.dof))
         bare = beta.copy()
         bare[s.groups["tool"]] = bare[s.groups["tool.rotation"]] = 0.0
         (p,), (turn,) = s.pose(q, beta)

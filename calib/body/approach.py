@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array, Shape
+from .settings import PLAY
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,15 +39,15 @@ def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
     residual : (n, m) [unit], measured less predicted position, in the order of motion
     slope : (n, m, dof) [unit / rad or m], derivative of the position by the joint values
     direction : (n, dof), sign of the last motion of each joint
-    Returns (dof,), zero for joints whose play is not four standard errors above zero.
+    Returns (dof,): one joint has to be sure of its play; beside it others count that are likely.
     """
     features = -slope * direction[:, None, :]
     half, error = _least_squares(features, residual)
-    sure = half > 4.0 * error
-    if not sure.any():
+    if not (half > PLAY.sure * error).any():
         return None
+    likely = half > PLAY.likely * error
     play = np.zeros(slope.shape[2])
-    play[sure], _ = _least_squares(features[:, :, sure], residual)
+    play[likely], _ = _least_squares(features[:, :, likely], residual)
     return None if (play < 0.0).any() else play
 
 

@@ -17,11 +17,9 @@ from ..arm.rotations import exponential, logarithm, quaternion_of
 from ..common.arrays import Array
 from ..common.wording import with_interval
 from .parameters import Gaussian, Indices
+from .sensors import PLACE
 from .spatial import SpatialStructure
 from .structure import OfStructure, Structure
-
-_SENSOR = ("view.rotation", "view.shift", "view.scale", "lens")
-"""Groups of parameters that are the sensor's."""
 
 _ALIKE = 0.05
 """A gauge is one where parameters move the tip as it does, but for this share."""
@@ -161,7 +159,7 @@ def hand_pose(body: OfStructure) -> SensorPose:
     groups = structure.groups
     turns = structure.revolute[-1]
     last = structure.chain_names.index(structure.joint_names[-1])
-    base = structure.with_view("base")
+    base = structure.with_sensor(view="base")
     zero = np.zeros((1, structure.dof))
     (tip,), (frame,) = base.pose(zero, structure.neutral())
     axis = structure.chain.axes[last]
@@ -232,7 +230,7 @@ def without_gauge(
 
 def sensor_of(structure: Structure) -> Indices:
     """Indices of the sensor's parameters."""
-    return np.concatenate([structure.groups[name] for name in _SENSOR])
+    return np.concatenate([structure.groups[name] for name in PLACE])
 
 
 def without_sensor(

@@ -28,6 +28,9 @@ from .views import (
     ViewKind,
 )
 
+PLACE = ("view.rotation", "view.shift", "view.scale", "lens")
+"""Blocks of where a sensor in space stands, and of its lens."""
+
 Lens = tuple[float, float, float, float]
 """Focal length, centre [px] and k1 of a camera."""
 

@@ -307,10 +307,6 @@ class SpatialStructure(Structure):
         ladder.append(("curves", (*bent, "curve"), bool(turning.any())))
         return wanted_members(ladder)
 
-    def with_view(self, view: str, **fields: Any) -> SpatialStructure:
-        """Return the structure with another view."""
-        return self.with_sensor(view=view, **fields)
-
     def pose(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Position (n, 3) [m] and orientation (n, 3, 3) of the tip in the arm's root frame."""
         motion = self.move(self.joint_values(q, beta), beta)

@@ -15,10 +15,11 @@ from ..common.arrays import Array
 from ..common.rows import thinned
 from ..errors import LogError
 from .chain_starts import chains
-from .frame_starts import SENSOR, drawn_frame, frame
+from .frame_starts import drawn_frame, frame
 from .planar import PlanarStructure
 from .planar_starts import framed, planar_starts
 from .rows import Rows
+from .sensors import PLACE
 from .settings import START
 from .spatial import SpatialStructure
 from .start import Start
@@ -87,7 +88,7 @@ def _drawn_start(structure: SpatialStructure, q: Array, z: Array) -> Start:
     if structure.view == "base pose":
         turn = beta[structure.groups["tool.rotation"]]
         if np.linalg.norm(turn) > START.target:
-            structure = structure.with_view("base target")
+            structure = structure.with_sensor(view="base target")
     return Start(structure, beta)
 
 
@@ -113,7 +114,7 @@ def _with_sensor(structure: SpatialStructure, rows: Rows, arm: Array) -> Array:
     groups = structure.groups
     alone = frame(structure, rows.q, rows.z, arm)
     beta = arm.copy()
-    for block in SENSOR:
+    for block in PLACE:
         beta[groups[block]] = alone[groups[block]]
     tool = groups["tool"]
     marker = groups["marker"]

@@ -143,9 +143,6 @@ def old_model(
 ) -> Adaptation:
     """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
     rows = verdict.rows
-    # rows of uniform joints have a variance of 1 / 12 in every direction
-    spread = np.atleast_2d(np.cov(rows.u.T))
-    least = float(np.linalg.eigvalsh(spread)[0])
     changed = [cause for cause in verdict.causes if cause.group != "noise"]
     if verdict.evidence is not None and verdict.evidence.explained:
         # what nobody may miss: another unit, a mirror, a joint that turns round
@@ -163,7 +160,7 @@ def old_model(
         kept=("the arm and the sensor",),
         coverage=_coverage(rows.u),
         notes=(*verdict.notes, *notes),
-        everywhere=least > ADAPTING.wide**2 / 12.0,
+        everywhere=rows.across > ADAPTING.wide,
         left_out=verdict.left_out,
         verdict=verdict,
     )

@@ -408,5 +408,5 @@ def _fit_to_poses(
     poses = np.hstack([rows.x, turns])
     floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
     measured = [Rows(rows.q, poses, floor=floor)]
-    poser = structure.with_view("pose")
+    poser = structure.with_sensor(view="pose")
     return Fit(poser, measured, prior.mean, prior, nu=STUDENT).maximise()

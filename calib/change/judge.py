@@ -125,16 +125,15 @@ def _of_body(logged: LogRows, cause: str | None, learn: bool) -> Verdict:
     # 4. log p(y | causes): which sets of causes explain the rows?
     fired = max(tests.score, bound.test.score) > 1.0
     calm = not (fired or bound.beyond > BEYOND or reference.new)
-    start = reference if learn else _without_second(reference)
-    systems = [System(start, data)]
-    if start.moved and not start.new:  # the frame may be where it was
-        there = Reference(start.body, body.beta)
+    systems = [System(reference, data)]
+    if reference.moved and not reference.new:  # it may be where it was
+        there = Reference(prior, body.beta)
         systems.insert(0, System(there, data))
     by_positions = Evidence(
         rows=rows,
         cause=cause,
         prior=prior,
-        reference=start,
+        reference=reference,
         data=data,
         tests=tests,
         bound=bound,
@@ -164,11 +163,6 @@ def _of_body(logged: LogRows, cause: str | None, learn: bool) -> Verdict:
         update=better,
         evidence=evidence,
     )
-
-
-def _without_second(reference: Reference) -> Reference:
-    """The reference without its body's second belief, which only the bound of a new model needs."""
-    return replace(reference, body=replace(reference.body, second=None))
 
 
 def check_choice(name: str, value: str | None, choices: Sequence[str]) -> None:

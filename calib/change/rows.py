@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -101,13 +102,18 @@ class LogRows(OfRows):
         return np.asarray(np.ptp(self.u, axis=0))
 
     @property
+    def across(self) -> float:
+        """Least spread of the rows in any direction, over that of rows all over the range."""
+        # uniform joints have a variance of 1 / 12 in every direction
+        spread = np.atleast_2d(np.cov(self.u.T))
+        least = float(np.linalg.eigvalsh(spread)[0])
+        return math.sqrt(12.0 * max(least, 0.0))
+
+    @property
     def widespread(self) -> bool:
         """Whether every joint moves over half of its learned range, and not along a line."""
-        # rows of uniform joints have a variance of 1 / 12 in every direction
-        spread = np.atleast_2d(np.cov(self.u.T))
-        across = float(np.linalg.eigvalsh(spread)[0])
         wide = bool((self.widths > ROWS.corner).all())
-        return wide and across > ROWS.line**2 / 12.0
+        return wide and self.across > ROWS.line
 
     @property
     def missed(self) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..body.structure import Structure
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from .causes import FRAME, changeable, freedom, indices_of, single_causes
 from .frame import Reference
@@ -368,7 +368,8 @@ def find_play(noise: FreeNoise, rows: LogRows) -> Play | None:
     """Find the joint whose play explains most beside all that may have changed; None for chance.
 
     A joint stands by half its play from where it stands coming from the other side: one more
-    column, the slope of the readings times the side.
+    column, the slope of the readings times the side. The model learned its own from rows, too,
+    with an error that the number of these tells.
     """
     system = noise.system
     side = rows.side[thinned(len(rows), len(system.log.q))]
@@ -381,27 +382,47 @@ def find_play(noise: FreeNoise, rows: LogRows) -> Play | None:
     moved = noise.unknown.rest(columns, noise.size)
     by_row = np.einsum("nmd,nm->nd", moved, noise.rest)
     square = by_row.sum(axis=0) ** 2
-    whole = (noise.rest**2).sum()
-    most = whole * (moved**2).sum(axis=(0, 1))
+    squared_residual = (noise.rest**2).sum()
+    squared_moves = (moved**2).sum(axis=(0, 1))
+    explained = square / np.maximum(squared_residual * squared_moves, 1e-300)
     # an encoder that is noisy moves the tip along the same slope, to either side
-    by_chance = square / (len(by_row) * by_row.var(axis=0) + 1e-300)
-    statistic = np.minimum(half * pull / noise.temper, by_chance)
-    above = (side > 0).mean(axis=0)
-    below = (side < 0).mean(axis=0)
-    may_play = np.minimum(above, below) > SIGNIFICANCE.least_share
+    variance_of_rows = len(by_row) * by_row.var(axis=0)
+    by_chance = square / (variance_of_rows + 1e-300)
+    statistic = half * pull / noise.temper
+    statistic = np.minimum(statistic, by_chance)
+    statistic /= 1.0 + _rows_beside_training(system)
+    may_play = _from_both_sides(side)
     may_play &= half > 0.0
-    may_play &= square > SIGNIFICANCE.least_explained * most
-    statistic *= may_play
+    may_play &= explained > SIGNIFICANCE.least_explained
+    statistic[~may_play] = 0.0
     best = int(np.argmax(statistic))
     test = GroupTest("backlash", tests.chance(float(statistic[best]), 1.0))
     if test.score <= 1.0:
         return None
-    half *= np.arange(len(half)) == best
-    deviation = math.sqrt(noise.temper / float(precision[best]))
+    play = np.zeros_like(half)
+    play[best] = half[best]
     approach = rows.model.approach
-    score = test.score
-    if approach is not None and (
-        half[best] <= SIGNIFICANCE.play_share * approach.play[best]
-    ):
-        score = 0.0
-    return Play(best, half, deviation, score)
+    learned = 0.0 if approach is None else approach.play[best]
+    is_error = play[best] <= SIGNIFICANCE.play_share * learned
+    return Play(
+        joint=best,
+        half=play,
+        deviation=math.sqrt(noise.temper / float(precision[best])),
+        score=0.0 if is_error else test.score,
+    )
+
+
+def _from_both_sides(side: Array) -> Mask:
+    """Whether enough rows come from either side of each joint, (dof,), of sides (n, dof)."""
+    above = (side > 0).mean(axis=0)
+    below = (side < 0).mean(axis=0)
+    smaller_share = np.minimum(above, below)
+    return np.asarray(smaller_share > SIGNIFICANCE.least_share)
+
+
+def _rows_beside_training(system: System) -> float:
+    """Rows of the log for each one that the model learned from; 0 where it was simulated."""
+    body = system.reference.body
+    if body.simulated or not body.rows:
+        return 0.0
+    return len(system.log.q) / body.rows

@@ -47,9 +47,8 @@ def search_by_links(association: Association, predictor: Predictor) -> Search:
     extent = float(np.linalg.norm(span))
     task = Positions(predictor.value_and_slope, len(span), extent)
     newton = Newton(task, association.motor.scale)
-    sure = SEARCH.surely if newton.redundant else SEARCH.beside
     starts = LinkStarts(association, newton)
-    return Search(newton, starts, sure, LINKS.folded)
+    return Search(newton, starts, not newton.redundant, LINKS.folded)
 
 
 class LinkStarts:

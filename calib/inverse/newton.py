@@ -126,9 +126,8 @@ class Newton:
             rest = trial.miss * ratio * ratio
             better = ratio < 1.0
             slow = ratio > 1.0 - SEARCH.slow
-            still = np.abs(move).max(axis=1) < STILL
             final = better | (here.miss < rounding)
-            ended = (slow & final) | still
+            ended = slow & final
             if better.all():
                 here = trial
             else:
@@ -178,12 +177,14 @@ class Newton:
         """
         slope = stand.slope
         slack = 0.0 if wish is None else SEARCH.slack
+        move = _nearest_move(slope, gap, damping, wish)
+        lowest_place = stand.u.min(initial=1.0)
+        highest_place = stand.u.max(initial=0.0)
+        if lowest_place > slack and highest_place < 1.0 - slack:
+            return move
         turning = self.scale.periodic
         lowest = (stand.u <= slack) & ~turning
         highest = (stand.u >= 1.0 - slack) & ~turning
-        move = _nearest_move(slope, gap, damping, wish)
-        if not (lowest.any() or highest.any()):
-            return move
         for _ in range(stand.u.shape[1] - 1):
             below = lowest & (move < 0.0)
             above = highest & (move > 0.0)
@@ -195,10 +196,6 @@ class Newton:
                 wish = np.where(stuck, 0.0, wish)
             move = _nearest_move(slope, gap, damping, wish)
         return move
-
-
-STILL = 1e-15
-"""Share of the ranges: a shorter move is none."""
 
 
 def _nearest_move(

@@ -46,13 +46,12 @@ class Nearest:
         rank = _rank(newton, stand, near)
         return Nearest(newton, near, stand, rank)
 
-    def missed(self) -> Index:
-        """Targets that no way has met."""
-        return (self.rank >= _FURTHER).nonzero()[0]
-
     def further(self, distance: float) -> Index:
-        """Targets whose joints are further from `near` than that, or miss them."""
-        return (self.rank > distance).nonzero()[0]
+        """Targets whose joints are further from `near` than that, or miss them.
+
+        Those that no way has met are `_FURTHER`.
+        """
+        return (self.rank >= distance).nonzero()[0]
 
     def try_starts(self, owner: Index, start: Array) -> None:
         """Take what starts (k, dof) of targets (k,) lead to where that is better."""
@@ -87,7 +86,8 @@ class Search:
 
     newton: Newton
     starts: Starts
-    sure: float  # so near to what was asked no other way is nearer
+    # whether few starts, and the joints asked for, are led to a target together
+    together: bool = False
     # least singular value of the Jacobian's squares, beside a fold that starts overlook
     folded: float = SEARCH.folded
 
@@ -142,18 +142,18 @@ class Search:
     def nearest(self, x: Array, near: Array) -> Stand:
         """Joints nearest to `near` (n, dof) for targets `x`, or what comes close to them."""
         newton = self.newton
-        if self.sure < SEARCH.surely:
+        if self.together:
             best = self._try_all_at_once(x, near)
         else:
             stand = settle(newton, near, x, near)
             best = Nearest.begun(newton, stand, near)
-            rows = best.further(self.sure)
+            rows = best.further(SEARCH.surely)
             if len(rows):
                 self._try_likely_starts(best, rows)
-        rows = best.missed()
+        rows = best.further(_FURTHER)
         if len(rows):
-            owner, start = _drawn(rows, near.shape[1])
-            best.try_starts(owner, start)
+            target, start = self._starts_everywhere(x[rows])
+            best.try_starts(rows[target], start)
         rows = best.further(SEARCH.beside)
         if len(rows) and not self.redundant:
             self._try_across_folds(best, rows)
@@ -180,12 +180,10 @@ class Search:
         best = Nearest.begun(newton, first, near)
         others = stand.rows(slice(count, None))
         best.take(owner[count:], others)
-        if len(best.missed()):
-            self._try_where_missed(best, target[~likely], start[~likely])
         return best
 
     def _try_likely_starts(self, best: Nearest, rows: Index) -> None:
-        """Try the starts of some targets that are near enough; where all miss, the others."""
+        """Try the starts of some targets that are near enough."""
         targets = best.stand.x[rows]
         target, start = self.starts.of(targets)
         owner = rows[target]
@@ -194,14 +192,6 @@ class Search:
         np.minimum.at(furthest, owner, away + 2 * SEARCH.margin)
         likely = away <= furthest[owner] + SEARCH.margin
         best.try_starts(owner[likely], start[likely])
-        self._try_where_missed(best, owner[~likely], start[~likely])
-
-    def _try_where_missed(
-        self, best: Nearest, owner: Index, start: Array
-    ) -> None:
-        """Try starts (k, dof) of targets (k,) that no way has met."""
-        missed = best.rank[owner] >= _FURTHER
-        best.try_starts(owner[missed], start[missed])
 
     def _try_across_folds(self, best: Nearest, rows: Index) -> None:
         """Try what lies across a fold beside the ways to some targets."""
@@ -220,12 +210,10 @@ class Search:
         Of redundant joints these are some of infinitely many.
         """
         newton = self.newton
-        target, start = self.starts.of(x)
         if newton.redundant:
-            targets = np.arange(len(x))
-            owner, drawn = _drawn(targets, start.shape[1])
-            target = np.concatenate([target, owner])
-            start = np.concatenate([start, drawn])
+            target, start = self._starts_everywhere(x)
+        else:
+            target, start = self.starts.of(x)
         stand = newton.refine(start, x[target])
         ways = Ways(target, stand.u, stand.miss)
         if newton.redundant:
@@ -240,11 +228,13 @@ class Search:
         single = distinct(self.scale, ways.target, ways.u, SEARCH.same)
         return ways.rows(single)
 
-
-def _drawn(rows: Index, dof: int) -> tuple[Index, Array]:
-    """For each row joints (k, dof) at random all over their ranges, many at a limit."""
-    rng = np.random.default_rng(0)
-    u = spread_to_limits(rng.random((SEARCH.drawn, dof)))
-    owner = np.repeat(rows, SEARCH.drawn)
-    repeated = np.tile(u, (len(rows), 1))
-    return owner, repeated
+    def _starts_everywhere(self, x: Array) -> tuple[Index, Array]:
+        """All starts of targets (n, m), and joints at random all over their ranges."""
+        target, start = self.starts.of(x)
+        count = len(x)
+        shape = SEARCH.drawn, start.shape[1]
+        share = np.random.default_rng(0).random(shape)
+        drawn = np.tile(spread_to_limits(share), (count, 1))
+        owner = np.repeat(np.arange(count), SEARCH.drawn)
+        targets = np.concatenate([target, owner])
+        return targets, np.concatenate([start, drawn])

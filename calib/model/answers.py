@@ -237,9 +237,9 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
             f"near has {names[k]} = {rows[row, k]:.6g}: expected a value in its range "
             f"{lower[k]:.6g} to {upper[k]:.6g}"
         )
-    return scale.to_unit(
-        np.where(scale.periodic, rows, np.clip(rows, lower, upper))
-    )
+    # quicker than NumPy's clip, which counts of one row
+    inside = np.minimum(np.maximum(rows, lower), upper)
+    return scale.to_unit(np.where(scale.periodic, rows, inside))
 
 
 def servo_step(

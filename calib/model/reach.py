@@ -61,7 +61,7 @@ class Reach:
     def search(self) -> Search:
         """The search in NumPy."""
         newton = Newton(self._task, self._scale)
-        return Search(newton, self._starts, SEARCH.surely)
+        return Search(newton, self._starts)
 
     def beside(self, target: Array, near: Array) -> tuple[Array, Array]:
         """Joints (n, dof) beside `near` (n, dof) for targets, and what is missing.

@@ -132,4 +132,4 @@ class JointMotions(Motions):
 
     @cached_property
     def _base(self) -> SpatialStructure:
-        return self.structure.with_view("base pose")
+        return self.structure.with_sensor(view="base pose")

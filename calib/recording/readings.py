@@ -29,7 +29,7 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
 
     structure : of the arm as it is drawn
     """
-    base = structure.with_view("base")
+    base = structure.with_sensor(view="base")
     neutral = structure.neutral()
     q = view.shots.q
 

@@ -16,7 +16,7 @@ from ..common.arrays import Array, Index, frozen
 from ..common.rows import LARGEST, column_names, number_rows, whole
 from ..common.scale import Scale
 from ..errors import LogError, OptionError
-from .camera import Camera
+from .camera import Camera, camera_of
 from .motion import Motion, OfRows, directions, pose_index
 from .simulation import Change, Simulation, parse_changes
 from .sockets import Touches
@@ -140,6 +140,9 @@ class Samples(LogFile, Readings, Motion):
             "revolute": turns,
             "notes": tuple(self.notes),
         }
+        in_space = self.arm is not None and self.arm.outputs == 3
+        if in_space and x.shape[1] == 2 and self.camera is None:
+            values["camera"] = camera_of(self.source, x)
         if np.shape(self.rows) != (n,):  # not stated, or of other rows
             values["rows"] = np.arange(1, n + 1)
         for name, (array, shape) in arrays.items():

@@ -152,7 +152,7 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
         structure = replace(structure, informed=False, simulated=True)
         measured = replace(measured, noise=simulation.noise or None)
     elif samples.orientation is not None and view in _POSED:
-        structure = structure.with_view(_POSED[view])
+        structure = structure.with_sensor(view=_POSED[view])
         turns = logarithm(matrix_of(samples.orientation[rows]))
         measured = replace(measured, z=np.hstack([measured.z, turns]))
     return Template(structure, measured, rows)

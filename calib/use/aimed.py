@@ -101,7 +101,7 @@ def at_point(
         structure = structure_of(source, "base")
         beta = structure.neutral()
     elif body is not None and isinstance(body.structure, SpatialStructure):
-        structure = body.structure.with_view("base")
+        structure = body.structure.with_sensor(view="base")
         beta = body.beta
     else:
         raise OptionError(
@@ -173,7 +173,7 @@ class Scene:
     def camera(self) -> SpatialStructure:
         """The same chain, whose readings are pixels of corners."""
         corners = Corners(self.structure.viewpoint, self.in_hand)
-        pixels = self.structure.with_view("pose", unit="px")
+        pixels = self.structure.with_sensor(view="pose", unit="px")
         return pixels.changed(others=(corners,), place=1)
 
     def corners(self, q: Array) -> Array:
@@ -302,7 +302,7 @@ def _assumed(
 
 def _known(body: Body, made: dict[str, Any]) -> Scene:
     """Return the scene of a model of pictures of a board, with its lens."""
-    structure = cast(SpatialStructure, body.structure).with_view("pose")
+    structure = cast(SpatialStructure, body.structure).with_sensor(view="pose")
     groups = structure.groups
     size = np.array(parse_board(made["board"]).size)
     in_hand = made["eye"] == "hand"

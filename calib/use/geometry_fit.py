@@ -218,7 +218,7 @@ def _seen_in_space(
         view = "pose"
     elif view == "pose":
         view = "rigid"
-    seen = structure.with_view(view)
+    seen = structure.with_sensor(view=view)
     if view == "pose":
         # orientations tell turns of the tool and of the wrist that positions leave open
         turns = seen.predict(points.q, body.beta)[:, points.x.shape[1] :]

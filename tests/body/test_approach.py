@@ -76,6 +76,16 @@ def test_a_log_along_a_path_shows_it_and_a_shuffled_one_does_not():
     assert calib.train(shuffled, size=10).approach is None
 
 
+def test_a_log_of_few_rows_learns_the_play_of_all_joints_and_fresh_rows_are_no_alarm():
+    changes = [f"{joint}.backlash=0.003" for joint in ("shoulder", "elbow", "wrist")]
+    three_link = calib.load_arm("three_link")
+    rows = calib.babble(three_link, 90, noise=1e-4, seed=0, changes=changes)
+    rows = replace(rows, simulation=None)
+    model = calib.train(rows.take(slice(0, 30)), size=4)
+    assert model.approach.play[:2] == pytest.approx(0.0015, rel=0.1)
+    assert calib.check(model, rows.take(slice(30, 90))).drifted is False
+
+
 def test_a_play_below_zero_is_none():
     rng = np.random.default_rng(0)
     direction = rng.choice([-1.0, 1.0], (200, 2))

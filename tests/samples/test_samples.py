@@ -240,3 +240,12 @@ def test_rows_of_zeros_in_space_are_left_out_of_learning_and_of_errors(tmp_path,
 def _read(tmp_path, table, arm):
     write_table(tmp_path / "log.csv", table)
     return calib.read_log(tmp_path / "log.csv", arm)
+
+
+def test_pixels_of_an_arm_in_space_are_a_cameras():
+    arm = calib.load_arm("spatial_three")
+    q = np.linspace(arm.lower, arm.upper, 6)
+    pixels = np.linspace([10, 20], [600, 400], 6)
+    samples = Samples(q, pixels, arm.joint_names, arm=arm, unit="px")
+    assert samples.camera.size == (640, 480)
+    assert samples.take([0]).camera is samples.camera

@@ -120,6 +120,7 @@ def test_a_short_stream_links_maps_by_what_its_body_predicts():
     q = np.random.default_rng(7).uniform(arm().lower, arm().upper, (1000, 2))
     off = adapted.forward(q, "activity") - samples.simulation.exact(q)
     assert np.linalg.norm(off, axis=1).mean() < 7.5e-3
+    assert 0.3 < adapted.visited.mean() < 0.9
 
 
 def test_a_change_that_stays_inside_of_the_map_is_noticed_by_the_links():

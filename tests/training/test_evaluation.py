@@ -42,6 +42,13 @@ def test_another_log_is_compared_row_by_row():
     off = np.linalg.norm(learned.forward(fresh.q) - fresh.x, axis=1)
     covered = np.mean(off <= learned.expected_error(fresh.q))
     assert calib.evaluate(learned, fresh).within["covered"] == covered
+    assert calib.evaluate(learned, replace(fresh, left_out=3)).left_out == 3  # by who read it
+
+
+def test_a_log_of_which_a_model_keeps_some_rows_is_learned_as_a_whole():
+    rows = measured().rows
+    some = replace(rows, **{name: getattr(rows, name)[::2] for name in ("q", "x", "held_out")})
+    assert calib.evaluate(replace(measured(), rows=some), log(1200, 1e-3)).learned == 1200
 
 
 def test_rows_outside_of_what_was_learned_are_left_out_and_counted():
