@@ -22,10 +22,10 @@ from ..training.residuals import (
 from .adaptation import (
     ADAPTING,
     Adaptation,
-    finished,
     old_model,
     rebuilt,
-    shown,
+    size_in_words,
+    with_model,
 )
 from .causes import FRAME, GROUPS
 from .evidence import Evidence
@@ -102,22 +102,24 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     learned = verdict.update
     evidence = verdict.evidence
     if learned is None or evidence is None:
-        missed = rows.missed
+        missed = rows.distance
         why = "maps without a body learn from a stream alone: give `method=online`"
         return old_model(verdict, missed, missed, "nothing", why)
     after = learned.after
     old = old_model(
         verdict, learned.before, after, _correction(evidence, learned)
     )
-    if evidence.attributed:
-        old = replace(old, kept=_kept(evidence, learned.explanation.groups))
-    if not learned.improved and not evidence.explained:
-        return old.noted(evidence.why_not())
+    if evidence.is_attributed:
+        old = replace(
+            old, kept=_other_parts(evidence, learned.explanation.groups)
+        )
+    if not learned.improved and not evidence.is_explained:
+        return old.with_note(evidence.why_not())
     report(0.8, "maps", float("nan"))
     fresh = rebuilt(rows.model, rows.body, learned.body, rows.u)
     if not learned.improved:
         # noise alone is no error of the model: rows miss evenly
-        missed = rows.missed
+        missed = rows.distance
         usual = float(np.median(missed))
         uneven = float(np.quantile(missed, 0.95)) > ADAPTING.tail * usual
         beyond = float(np.mean(missed > rows.bound))
@@ -126,7 +128,7 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
         return old
     if not np.isfinite(fresh.expected_error(rows.log.q)).any():
         why = "the new bound is a tenth of the reach or more at every row: measure more"
-        return old.noted(why)
+        return old.with_note(why)
     # the equations are linear and the model is not: what is written has to keep the promise
     predicted = predict(fresh, rows.log).value
     error = np.linalg.norm(rows.x - predicted, axis=1)
@@ -136,35 +138,37 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
     if error.mean() >= promise:
         if error.mean() >= ADAPTING.clearly_better * learned.before.mean():
             why = "the model that would be written misses these rows by more than promised"
-            return old.noted(why)
+            return old.with_note(why)
         old = replace(old, after=error_sizes(error))
     made = replace(old, improved=True)
     if not made.everywhere:
-        bound = shown(float(np.median(fresh.model_bounds)), rows.unit)
+        bound = size_in_words(float(np.median(fresh.model_bounds)), rows.unit)
         where = (
             f"improved at the rows, {100 * made.coverage:.0f} % of the learned range: unknown "
             f"elsewhere, where the position is known to {bound} (median of the bound)"
         )
-        made = made.noted(where)
+        made = made.with_note(where)
     frame = None
-    if evidence.attributed and FRAME[0] in learned.explanation.groups:
+    if evidence.is_attributed and FRAME[0] in learned.explanation.groups:
         frame = frame_between(evidence, learned.body.beta)
     report(1.0, "done", made.after["mean"])
     residual = learned.residual
     judged = rows.log.q[learned.rows]
-    return finished(verdict, made, fresh, judged, residual, "few-shot", frame)
+    return with_model(verdict, made, fresh, judged, residual, "few-shot", frame)
 
 
 def _correction(evidence: Evidence, learned: Update) -> str:
     """What is corrected, in words."""
-    if evidence.attributed:
+    if evidence.is_attributed:
         return learned.explanation.name
     drifted = evidence.score > 1.0
     why = "no single change explains the log" if drifted else "nothing changed"
     return f"{why}, rows added" if drifted or learned.improved else why
 
 
-def _kept(evidence: Evidence, changed: tuple[str, ...]) -> tuple[str, ...]:
+def _other_parts(
+    evidence: Evidence, changed: tuple[str, ...]
+) -> tuple[str, ...]:
     """What an adaptation leaves as it was, in words."""
     structure = evidence.reference.structure
     names = []
@@ -185,7 +189,7 @@ def _wider(verdict: Verdict, old: Adaptation, fresh: Model) -> Adaptation:
     model = rows.model
     u = np.clip(model.motor.units, 0.0, 1.0)
     apart = fresh.predictor.value(u) - model.predictor.value(u)
-    missed = float(np.quantile(rows.missed, 0.95))
+    missed = float(np.quantile(rows.distance, 0.95))
     bound = np.linalg.norm(apart, axis=1) + fresh.model_bounds
     bound = np.maximum(bound, missed)
     # bounds at more than three joints are the body's own
@@ -199,10 +203,10 @@ def _wider(verdict: Verdict, old: Adaptation, fresh: Model) -> Adaptation:
         model_bounds=np.maximum(model.model_bounds, bound),
     )
     words = (
-        f"the rows are missed by {shown(missed, rows.unit)} (95 %) but do not show why: the "
+        f"the rows are missed by {size_in_words(missed, rows.unit)} (95 %) but do not show why: the "
         "prediction stays, with a wider bound"
     )
-    return replace(old, model=wider).noted(words)
+    return replace(old, model=wider).with_note(words)
 
 
 def _online(verdict: Verdict, report: Progress) -> Adaptation:
@@ -223,16 +227,16 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
         report(0.9 * share, "online", step.error)
     fresh = adapter.model()
     residual = x[apart] - fresh.predictor.value(u[apart])
-    before = rows.missed[apart]
+    before = rows.distance[apart]
     after = np.linalg.norm(residual, axis=1)
     correction = "maps and Hebbian links trained online"
     old = replace(old_model(verdict, before, after, correction), kept=())
     if times > 1:
-        old = old.noted(f"{len(shown)} samples were shown {times} times")
+        old = old.with_note(f"{len(shown)} samples were shown {times} times")
     answered = np.isfinite(fresh.expected_error(q[apart]))
     if not better(after, before) or answered.mean() <= 0.5:
         return old
     bounds = learn_bounds(fresh.motor, u[apart], after)
     fresh = replace(fresh, bounds=bounds, model_bounds=bounds)
     made = replace(old, improved=True)
-    return finished(verdict, made, fresh, q[apart], residual, "online")
+    return with_model(verdict, made, fresh, q[apart], residual, "online")

@@ -28,7 +28,7 @@ from ..training.residuals import (
     summarise,
 )
 from .causes import Cause
-from .frame import carried_offset
+from .frame import offset_after
 from .rows import LogRows
 from .verdict import Verdict
 
@@ -115,7 +115,7 @@ class Adaptation:
     left_out: int = 0
     verdict: Verdict | None = None
 
-    def noted(self, note: str) -> Adaptation:
+    def with_note(self, note: str) -> Adaptation:
         """The same with one more note."""
         return replace(self, notes=(*self.notes, note))
 
@@ -132,7 +132,7 @@ class Adaptation:
         return f"{head}\n  mean error {before:.3g} -> {after:.3g} {self.model.about.unit}"
 
 
-def shown(size: float, unit: str) -> str:
+def size_in_words(size: float, unit: str) -> str:
     """A size [unit] for people."""
     factor, name = for_people(unit)
     return f"{factor * size:.3g} {name}"
@@ -144,7 +144,7 @@ def old_model(
     """An adaptation that keeps the old model, of distances (k,) from held-out rows [unit]."""
     rows = verdict.rows
     changed = [cause for cause in verdict.causes if cause.group != "noise"]
-    if verdict.evidence is not None and verdict.evidence.explained:
+    if verdict.evidence is not None and verdict.evidence.is_explained:
         # what nobody may miss: another unit, a mirror, a joint that turns round
         loud = verdict.evidence.reference.causes
         notes = (*notes, *(cause.words for cause in loud))
@@ -178,7 +178,7 @@ def _coverage(u: Array) -> float:
     return float(np.mean(shares))
 
 
-def finished(
+def with_model(
     verdict: Verdict,
     made: Adaptation,
     fresh: Model,
@@ -286,7 +286,7 @@ def rebuilt(model: Model, old: Body, body: Body, u: Array) -> Model:
     if float(np.abs(added).max()) > ADAPTING.nothing * float(
         np.linalg.norm(np.ptp(before, axis=0))
     ):
-        added = carried_offset(old, body, body.beta, q, added)
+        added = offset_after(old, body, body.beta, q, added)
         degree = max(model.predictor.models.degree, ADAPTING.degree)
         samples = max(
             ADAPTING.samples, 2 * len(exponents(asked.shape[1], degree))
@@ -295,7 +295,7 @@ def rebuilt(model: Model, old: Body, body: Body, u: Array) -> Model:
             motor, np.arange(motor.size), asked, added, (degree, samples)
         )
     after = Predictor(motor, BodyInBox(body, motor.scale), models).value(nodes)
-    sensory = _moved(model, before[: len(nodes)], after)
+    sensory = _sensory_map(model, before[: len(nodes)], after)
     reading, position = (
         body.bound(q[: len(nodes)], noise=noise) for noise in (True, False)
     )
@@ -314,7 +314,7 @@ def rebuilt(model: Model, old: Body, body: Body, u: Array) -> Model:
     )
 
 
-def _moved(model: Model, before: Array, after: Array) -> Map:
+def _sensory_map(model: Model, before: Array, after: Array) -> Map:
     """The sensory map, each node moved by the mean of the motor nodes that it is linked with.
 
     before, after : (motor nodes, m) [unit], what was and what is predicted at the motor nodes

@@ -220,7 +220,7 @@ def single_causes(
     return causes
 
 
-def doubled(body: Body) -> Indices:
+def frame_twin(body: Body) -> Indices:
     """The first joint's offset (k,) where a free frame says the same: a belief frees one."""
     first = indices_of(body.structure, ("offset",))[:1]
     return first[~np.isin(first, body.active)]
@@ -349,7 +349,7 @@ def _deviations(
             sd[indices] *= np.minimum(prior, most)
     # what a free frame already says: the first joint's offset, the first length
     if kind != "freed":
-        sd[doubled(body)] = 0.0
+        sd[frame_twin(body)] = 0.0
     loose = np.isin(lengths, body.active)
     if loose[1:].any() and not loose[0]:
         sd[lengths[0]] = 0.0

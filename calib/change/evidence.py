@@ -14,10 +14,10 @@ from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array
 from ..samples.diagnosis import rows_behind
 from .explain import Explanation, explain
-from .frame import Reference, TurnedTool, turned_tool
+from .frame import Reference, ToolTurn, tool_turn
 from .rows import LogRows
 from .settings import BEYOND, FALSE_ALARM, MARGIN
-from .significance import GroupTest, Tested
+from .significance import GroupTest, GroupTests
 from .system import Log, System
 
 _TOOL = "tool"  # the group of where it is
@@ -62,7 +62,7 @@ class BoundTest:
 
 
 def bound_test(
-    rows: LogRows, limit: Array, shared: Array | float, tests: Tested
+    rows: LogRows, limit: Array, shared: Array | float, tests: GroupTests
 ) -> BoundTest:
     """Count the rows beyond the 95 % bound, beside what a noisier sensor or encoder would do.
 
@@ -94,7 +94,7 @@ def bound_test(
     return BoundTest(beyond, usual, GroupTest("bound", chance))
 
 
-def _noise_of_sensor(square: Array, outputs: int, tests: Tested) -> float:
+def _noise_of_sensor(square: Array, outputs: int, tests: GroupTests) -> float:
     """Variance of an axis [unit^2] beyond the usual one, of squared distances (n,)."""
     from scipy.special import chdtri
 
@@ -103,7 +103,7 @@ def _noise_of_sensor(square: Array, outputs: int, tests: Tested) -> float:
     return max(max(tests.noise**2, median) - tests.usual**2, 0.0)
 
 
-def _noise_of_joint(rows: LogRows, tests: Tested) -> Array:
+def _noise_of_joint(rows: LogRows, tests: GroupTests) -> Array:
     """Variance (n,) [unit^2] of the rows by a joint whose encoder is noisy."""
     if tests.noisy is None:
         return np.zeros(len(rows))
@@ -146,7 +146,7 @@ class Evidence:
     prior: Body  # the belief that a changed arm starts from
     reference: Reference  # the same in the frame of the log
     data: Log
-    tests: Tested
+    tests: GroupTests
     bound: BoundTest
     explanations: tuple[Explanation, ...]  # the best first
 
@@ -171,7 +171,7 @@ class Evidence:
         return self.distance / max(spread, 1e-300)
 
     @cached_property
-    def explained(self) -> bool:
+    def is_explained(self) -> bool:
         """Whether any explanation comes near the rows: to a part of their spread, or as bounded."""
         if self.misfit < EVIDENCE.unexplained:
             return True
@@ -185,10 +185,10 @@ class Evidence:
         """Whether a change explains the rows, and by the margin better than none."""
         best = self.explanations[0].evidence - MARGIN
         nothing = [
-            some.evidence for some in self.explanations if some.unchanged
+            some.evidence for some in self.explanations if some.is_no_change
         ]
         changed = self.reference.new or best > max(nothing, default=-np.inf)
-        return self.explained and changed
+        return self.is_explained and changed
 
     @cached_property
     def score(self) -> float:
@@ -197,29 +197,29 @@ class Evidence:
         scores = [self.tests.score, self.bound.test.score]
         if self.reference.new:
             scores.append(2.0)
-        if not self.explained and (fails or max(scores) > 1.0):
+        if not self.is_explained and (fails or max(scores) > 1.0):
             scores.append(1.0 + self.misfit)
         if self.better and fails and self.tests.noisy is None:
             scores.append(1.0 + self.bound.beyond)
         return max(scores)
 
     @property
-    def attributed(self) -> bool:
+    def is_attributed(self) -> bool:
         """Whether something changed, and a change is clearly better than none."""
         return self.better and self.score > 1.0
 
     @cached_property
-    def tool(self) -> TurnedTool:
+    def tool(self) -> ToolTurn:
         """How the tool is turned beside the best explanation of the positions, as far as sure."""
-        if not self.attributed:
+        if not self.is_attributed:
             return self.tool_beside(self.rows.body.beta)
         best = self.explanations[0]
         structure = self.reference.structure
-        return turned_tool(self.rows, structure, best.beta, best.deviation)
+        return tool_turn(self.rows, structure, best.beta, best.deviation)
 
-    def tool_beside(self, beta: Array) -> TurnedTool:
+    def tool_beside(self, beta: Array) -> ToolTurn:
         """How the tool is turned beside what parameters (d,) predict."""
-        return turned_tool(self.rows, self.reference.structure, beta)
+        return tool_turn(self.rows, self.reference.structure, beta)
 
     def why_not(self) -> str:
         """One line on a log that nothing explains."""
@@ -250,7 +250,7 @@ def with_orientations(
     cause = evidence.cause
     if evidence.score <= 1.0 or evidence.tool.score <= 1.0:
         return evidence
-    if not evidence.attributed:
+    if not evidence.is_attributed:
         return _by_orientations(evidence)
     if cause not in (None, "joints"):
         return evidence
@@ -268,7 +268,7 @@ def _by_orientations(evidence: Evidence) -> Evidence:
     changes = [some for some in evidence.explanations if some.causes]
     least = evidence.explanations[0].evidence - MARGIN
     for best in changes:
-        tool = turned_tool(evidence.rows, structure, best.beta, best.deviation)
+        tool = tool_turn(evidence.rows, structure, best.beta, best.deviation)
         if best.evidence > least and tool.score <= 1.0:
             others = [some for some in changes if some is not best]
             return replace(evidence, explanations=(best, *others))

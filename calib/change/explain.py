@@ -25,7 +25,7 @@ from .causes import (
     FRAME,
     SETS,
     changeable,
-    doubled,
+    frame_twin,
     freedom,
     indices_of,
     single_causes,
@@ -54,7 +54,7 @@ class SearchSettings:
     rounds: int = 3
     # explanations of a round that are fitted to convergence at most, and nats from the best within
     # which they are
-    fitted: int = 8
+    fits: int = 8
     near: float = 10.0
     # one in so many sizes of the noise is compared: sets share it nearly
     coarser: int = 3
@@ -94,7 +94,7 @@ class Explanation:
         return tuple(dict.fromkeys(names))
 
     @property
-    def unchanged(self) -> bool:
+    def is_no_change(self) -> bool:
         """Whether it says that the arm and its sensor are as they were."""
         return self.level.calm and not len(self.indices)
 
@@ -214,7 +214,7 @@ class Search:
         for name, indices in (singles | together).items():
             free = indices[self.sd[indices] > 0.0]
             if np.isin(frame, [*free, *self.start]).any():
-                free = np.setdiff1d(free, doubled(reference.body))
+                free = np.setdiff1d(free, frame_twin(reference.body))
             if not np.isin(free, self.start).all():
                 self.sets[name] = free
         self.singles = [name for name in singles if name in self.sets]
@@ -286,7 +286,7 @@ class Search:
         every = chain(nothing, *tried.values())
         return sorted(every, key=_evidence, reverse=True)
 
-    def fitted(self, candidate: Candidate) -> Explanation:
+    def explanation_of(self, candidate: Candidate) -> Explanation:
         """Fit a set by damped Gauss-Newton steps: its noise by likelihood, its evidence."""
         best = None
         moved = np.zeros(len(candidate.indices))
@@ -351,14 +351,16 @@ class Search:
 
         calm : whether only the sizes of the log's own residual are compared
         """
-        fits = [self.fitted(candidate) for candidate in self.by_level(())]
+        fits = [
+            self.explanation_of(candidate) for candidate in self.by_level(())
+        ]
         causes: tuple[str, ...] | None = None
         for _ in range(0 if calm else SEARCH.rounds):
             candidates = self.candidates()
             promise = candidates[0].evidence
-            for candidate in candidates[: SEARCH.fitted]:
+            for candidate in candidates[: SEARCH.fits]:
                 if candidate.evidence > promise - SEARCH.near:
-                    fits.append(self.fitted(candidate))
+                    fits.append(self.explanation_of(candidate))
             fits.sort(key=_evidence, reverse=True)
             near = abs(fits[0].evidence - promise) < MARGIN
             if near or causes == fits[0].causes:
@@ -390,7 +392,7 @@ def explain(
     for system in systems:
         reference = system.reference
         always = turned
-        if reference.moved:
+        if reference.is_fitted:
             always = (*FRAME, *turned)
         search = Search(system, cause, always, temper)
         explanations += search.explanations(calm=calm)

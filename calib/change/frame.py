@@ -76,7 +76,7 @@ class Reference:
         return bool(self.causes)
 
     @property
-    def moved(self) -> bool:
+    def is_fitted(self) -> bool:
         """Whether the frame was fitted to the log."""
         return len(self.forgotten) > 0
 
@@ -92,7 +92,7 @@ class Reference:
         return np.maximum(self.body.noise, least)
 
     @property
-    def own_sd(self) -> Array:
+    def residual_sd(self) -> Array:
         """Standard deviation (m,) [unit] of the residual that a log may have of its own."""
         least = LEAST_OWN * np.asarray(self.structure.extents)
         return np.maximum(self.body.tau, least)
@@ -111,29 +111,29 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     if float(np.median(missed)) < PLACING.far * extent:
         return Reference(body, body.beta)
     if is_camera(old.view):
-        beta = _placed(old, q, z, _camera_anew(body, q, z), FRAME)
+        beta = _frame_fit(old, q, z, _camera_anew(body, q, z), FRAME)
         return Reference(body, beta, forgotten=indices_of(old, FRAME))
 
     # the sense of axes and joints that comes nearest, in the log's own unit
     senses = [*_senses(old, body.beta), *_stuck(old, body.beta)]
     fits = [_Placement.of(sense, q, z[:, places]) for sense in senses]
     best = min(fits, key=lambda fit: fit.cost(extent))
-    factor = best.ratio if best.rescaled else 1.0
+    factor = best.ratio if best.in_other_unit else 1.0
     structure = best.sense.structure
     fitted: tuple[str, ...] = FRAME
-    if best.rescaled:
+    if best.in_other_unit:
         structure = _in_unit(structure, factor, z, unit)
         fitted = (*FRAME, "view.scale")
 
     # the frame fitted to the rows, from where that sense stands
-    start = _turned(structure, best, factor)
+    start = _start(structure, best, factor)
     shift = structure.groups["view.shift"]
     residual = structure.residual(z, structure.predict(q, start))
     start[shift] += np.median(residual, axis=0)[: len(shift)]
-    beta = _placed(structure, q, z, start, fitted)
+    beta = _frame_fit(structure, q, z, start, fitted)
 
     causes = list(best.sense.causes)
-    if best.rescaled:
+    if best.in_other_unit:
         causes.append(_other_unit(factor, old.unit))
     if causes and causes[0].cause == "mirror":
         frame = Alignment.between(predicted, structure.predict(q, beta))
@@ -182,7 +182,7 @@ def _scaled(body: Body, structure: Structure, factor: float) -> Body:
     )
 
 
-def carried_offset(
+def offset_after(
     old: Body, new: Body, beta: Array, q: Array, offset: Array
 ) -> Array:
     """What maps add to a body, (n, m), after a change: as the joints that cause it move the tip."""
@@ -229,14 +229,14 @@ class _Placement(NamedTuple):
         )
 
     @property
-    def rescaled(self) -> bool:
+    def in_other_unit(self) -> bool:
         """Whether positions are in another unit."""
         low, high = PLACING.scales
         return not low < self.ratio < high
 
     def cost(self, extent: float) -> float:
         """The misfit beside that of others: each further freedom must halve what is left."""
-        freedom = len(self.sense.causes) + int(self.rescaled)
+        freedom = len(self.sense.causes) + int(self.in_other_unit)
         misfit = max(self.misfit, PLACING.exact * extent)
         return float(misfit / PLACING.better**freedom)
 
@@ -298,7 +298,7 @@ def _with_fields(structure: Structure, **change: Any) -> Structure:
     return structure.with_sensor(**sensor)
 
 
-def _turned(structure: Structure, best: _Placement, factor: float) -> Array:
+def _start(structure: Structure, best: _Placement, factor: float) -> Array:
     """Parameters (d,) with the frame turned and scaled as it fits best."""
     about = structure.groups["view.rotation"]
     turn = best.turn
@@ -311,7 +311,7 @@ def _turned(structure: Structure, best: _Placement, factor: float) -> Array:
     return structure.retract(best.sense.beta, step)
 
 
-def _placed(
+def _frame_fit(
     structure: Structure,
     q: Array,
     z: Array,
@@ -329,7 +329,7 @@ def _placed(
 
 
 @dataclass(frozen=True)
-class TurnedTool:
+class ToolTurn:
     """How the tool of a log is turned, beside what a belief says."""
 
     # statistic over its threshold; 0 where nothing can be compared
@@ -363,9 +363,9 @@ class TurnedTool:
         return replace(body, beta=beta, root=root_of(covariance))
 
 
-def turned_tool(
+def tool_turn(
     rows: LogRows, structure: Any, beta: Array, deviation: Array | None = None
-) -> TurnedTool:
+) -> ToolTurn:
     """Compare orientations with those that parameters (d,) predict.
 
     deviation : (d,), standard deviations of the parameters, which may turn the tool, too; the
@@ -375,7 +375,7 @@ def turned_tool(
 
     old = rows.body
     if rows.log.orientation is None or not knows_orientation(old):
-        return TurnedTool()
+        return ToolTurn()
     tool = structure.groups["tool.rotation"]
     sd = np.zeros(len(beta))
     if deviation is not None:
@@ -397,7 +397,7 @@ def turned_tool(
         square / float(chdtri(3, FALSE_ALARM)),
         float(np.linalg.norm(turn) / scatter),
     )
-    return TurnedTool(score, turn, covariance)
+    return ToolTurn(score, turn, covariance)
 
 
 def _fit_to_poses(

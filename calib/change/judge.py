@@ -31,7 +31,7 @@ from .frame import Reference, reference_of
 from .rows import LogRows, rows_of
 from .settings import BEYOND
 from .significance import FreeNoise, find_play, group_tests
-from .system import System, shared_variance, sound_data
+from .system import System, frame_variance, sound_data
 from .update import update
 from .verdict import Verdict, notes_of, verdict_on_maps
 from .words import causes_of
@@ -98,14 +98,14 @@ def _of_body(logged: LogRows, cause: str | None, learn: bool) -> Verdict:
 
     # 1. y: the log beside the belief that a changed arm starts from, in the frame of the log.
     prior = as_drawn(body) if cause == "offsets" else as_built(body)
-    positions = logged.x - logged.added
+    positions = logged.x - logged.map_offset
     reference = reference_of(prior, logged.q, positions, logged.unit)
     rows, readings = sound_data(logged, reference)
 
     # 2. s: the noise where everything may have changed; a joint's play is found beside it, and
     # taken up.  A frame that no posterior tells of leaves no old one to compare with.
     old = reference if reference.new else Reference(body, body.beta)
-    nearest = reference if reference.moved else old
+    nearest = reference if reference.is_fitted else old
     noise_of_readings = FreeNoise(System(nearest, readings))
     play = find_play(noise_of_readings, rows)
     if play is None:
@@ -120,13 +120,13 @@ def _of_body(logged: LogRows, cause: str | None, learn: bool) -> Verdict:
     old_noise = noise if old is nearest else FreeNoise(System(old, data))
     tests = group_tests(old_noise, rows.probes)
     limit = np.maximum(rows.bound, prior.bound(rows.q))
-    bound = bound_test(rows, limit, shared_variance(reference, data), tests)
+    bound = bound_test(rows, limit, frame_variance(reference, data), tests)
 
     # 4. log p(y | causes): which sets of causes explain the rows?
     fired = max(tests.score, bound.test.score) > 1.0
     calm = not (fired or bound.beyond > BEYOND or reference.new)
     systems = [System(reference, data)]
-    if reference.moved and not reference.new:  # it may be where it was
+    if reference.is_fitted and not reference.new:  # it may be where it was
         there = Reference(prior, body.beta)
         systems.insert(0, System(there, data))
     by_positions = Evidence(
@@ -149,7 +149,7 @@ def _of_body(logged: LogRows, cause: str | None, learn: bool) -> Verdict:
     # 6. Words.
     causes, notes = causes_of(evidence, play)
     score = max(evidence.score, evidence.tool.score)
-    if play is not None and evidence.explained:
+    if play is not None and evidence.is_explained:
         score = max(score, play.score)
     unsure = score <= 1.0 and tests.too_few
     return Verdict(

@@ -116,12 +116,12 @@ class LogRows(OfRows):
         return wide and self.across > ROWS.line
 
     @property
-    def missed(self) -> Array:
+    def distance(self) -> Array:
         """Distance of the rows from their prediction, (n,) [unit]."""
         return np.asarray(np.linalg.norm(self.x - self.predicted, axis=1))
 
     @property
-    def added(self) -> Array:
+    def map_offset(self) -> Array:
         """What the maps add to the body, (n, m) [unit]."""
         return np.asarray(self.predicted - self.body.predict(self.q))
 
@@ -224,7 +224,7 @@ def _misreadings(rows: LogRows) -> list[str]:
     spread = np.median(np.abs(log.x - middle))
     if (
         log.orientation is not None
-        or np.median(rows.missed) > ROWS.near * spread
+        or np.median(rows.distance) > ROWS.near * spread
     ):
         pose = model.pose if knows_orientation(model.body) else None
         findings = diagnose(log, model.forward, pose)
@@ -286,7 +286,7 @@ def distortions(rows: LogRows) -> dict[str, Signal]:
     tree = search_tree(np.unique(nodes, axis=0), sensory.scale)
     away = np.asarray(tree.query(nodes_predicted)[0])
     usual = np.where(np.isfinite(rows.bound), rows.bound, 0.0)
-    squares = np.mean([rows.missed**2, usual**2], axis=1)
+    squares = np.mean([rows.distance**2, usual**2], axis=1)
     links = np.sqrt(squares)
     return {
         "motor": _zeta(model.motor, rows.u, baseline.motor),

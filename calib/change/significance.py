@@ -28,7 +28,7 @@ from .system import (
     Products,
     System,
     Unknown,
-    own_columns,
+    residual_columns,
 )
 
 
@@ -90,7 +90,7 @@ class GroupTest:
 
 
 @dataclass(frozen=True)
-class Tested:
+class GroupTests:
     """All groups of one log."""
 
     groups: tuple[GroupTest, ...]
@@ -123,7 +123,7 @@ class Tested:
         return max(self._sizes, default=np.inf)
 
 
-def fired(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
+def alarms(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
     """Groups above their threshold, the most telling first."""
     above = (g for g in groups if g.score > 1.0 and g.name != DRIFT)
     return tuple(
@@ -316,7 +316,7 @@ def moves_of(reference: Reference, probes: Array) -> Array:
     return np.asarray(np.sqrt(square.mean(axis=0)))
 
 
-def group_tests(noise: FreeNoise, probes: Array) -> Tested:
+def group_tests(noise: FreeNoise, probes: Array) -> GroupTests:
     """Test every group against the belief as the model knows it.
 
     noise : of the log beside this
@@ -325,7 +325,7 @@ def group_tests(noise: FreeNoise, probes: Array) -> Tested:
     reference = noise.system.reference
     structure = reference.structure
     groups = groups_of(structure)
-    noisier = not reference.moved and noise.larger
+    noisier = not reference.is_fitted and noise.larger
     if noisier:
         noise = noise.of_one_joint()
         noisier = noise.larger
@@ -335,7 +335,7 @@ def group_tests(noise: FreeNoise, probes: Array) -> Tested:
     count = len(groups) + 2
     tests = noise.tests(unknown.products(system.y, system.x), count)
     results = tests.of_groups(groups, moves_of(reference, probes))
-    drifts = [system.whiten(own_columns(reference, system.log, 1.0))]
+    drifts = [system.whiten(residual_columns(reference, system.log, 1.0))]
     # waves of the joints that are finer than the rows look like a noisy encoder
     if reference.body.rows and noisy is None:
         curves = indices_of(structure, ("curve",))
@@ -345,7 +345,7 @@ def group_tests(noise: FreeNoise, probes: Array) -> Tested:
         if columns.any():
             products = unknown.products(system.y, columns)
             results.append(noise.tests(products, count).of_variance())
-    return Tested(
+    return GroupTests(
         groups=tuple(results),
         noise=noise.size * float(reference.sizes[0]),
         usual=float(reference.body.noise[0]),

@@ -24,7 +24,7 @@ from ..body.settings import STUDENT
 from ..common.arrays import Array, Mask
 from ..common.rows import thinned
 from .causes import changeable, creep, freedom
-from .frame import Reference, carried_offset
+from .frame import Reference, offset_after
 from .rows import LogRows
 from .settings import OUTLIER, PSEUDO, Level
 
@@ -92,10 +92,10 @@ def sound_rows(reference: Reference, q: Array, z: Array) -> Mask:
 
 def sound_data(rows: LogRows, reference: Reference) -> tuple[LogRows, Log]:
     """Return the rows that do not contradict all others, and what a body has to say of them."""
-    added = rows.added
+    added = rows.map_offset
     if reference.new:
         body = reference.body
-        added = carried_offset(rows.body, body, reference.beta, rows.q, added)
+        added = offset_after(rows.body, body, reference.beta, rows.q, added)
     z = rows.x - added
     sound = sound_rows(reference, rows.q, z)
     rows = rows.sound(sound)
@@ -270,8 +270,8 @@ class Unknown:
         reference = system.reference
         active, root = prior_columns(reference, level.waves, crept, freed)
         factor = level.residual * reference.body.kappa
-        smooth = own_columns(reference, system.log, factor)
-        shared = shared_columns(reference, system.log, system.predicted)
+        smooth = residual_columns(reference, system.log, factor)
+        shared = frame_columns(reference, system.log, system.predicted)
         parts = [
             system.whiten(smooth),
             system.first[:, active] @ root,
@@ -316,7 +316,7 @@ def principal_axes(columns: Array) -> tuple[Array, Array]:
     return columns @ turns[:, some] / np.sqrt(values[some]), values[some]
 
 
-def own_columns(reference: Reference, log: Log, factor: float) -> Array:
+def residual_columns(reference: Reference, log: Log, factor: float) -> Array:
     """Outputs (n, m, p m) by a smooth residual of one log, by its values at p of its rows."""
     nodes = log.q[thinned(len(log.q), SYSTEM.nodes)]
     return smooth_columns(reference, log.q, nodes, factor)
@@ -335,7 +335,7 @@ def smooth_columns(
     features = np.linalg.solve(
         np.linalg.cholesky(alike), matern(nodes, q, lengths)
     )
-    sd = np.diag(factor * reference.own_sd)
+    sd = np.diag(factor * reference.residual_sd)
     columns = np.einsum("kn,ij->nikj", features, sd)
     return np.asarray(columns.reshape(len(q), len(sd), -1))
 
@@ -366,7 +366,7 @@ def prior_columns(
     return active, root_of(covariance)
 
 
-def shared_columns(reference: Reference, log: Log, predicted: Array) -> Array:
+def frame_columns(reference: Reference, log: Log, predicted: Array) -> Array:
     """Outputs (n, m, r) by what all rows share: a frame that is shifted, turned and bent."""
     if not log.shared:
         return np.zeros((*log.z.shape, 0))
@@ -377,9 +377,9 @@ def shared_columns(reference: Reference, log: Log, predicted: Array) -> Array:
     )
 
 
-def shared_variance(reference: Reference, log: Log) -> Array:
+def frame_variance(reference: Reference, log: Log) -> Array:
     """Variance (n,) of an axis [unit^2] of what all rows share: two frames, bent and shifted."""
-    columns = shared_columns(reference, log, log.z)
+    columns = frame_columns(reference, log, log.z)
     variance = (columns**2).mean(axis=1)
     return np.asarray(variance.sum(axis=1))
 

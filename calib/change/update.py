@@ -30,7 +30,7 @@ from ..common.rows import row_lengths, thinned
 from .evidence import Evidence
 from .explain import SEARCH, Explanation, least_residual
 from .settings import BEYOND, CREEP, UPDATING
-from .system import Log, own_columns, prior_columns, shared_columns
+from .system import Log, frame_columns, prior_columns, residual_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,19 +64,19 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
 
     learn : whether the best belief is wanted, or whether there is a better one than before
     """
-    explanation = _to_update_by(evidence)
+    explanation = _basis(evidence)
     rows = thinned(len(evidence.rows), UPDATING.rows)
     log = evidence.data.some(UPDATING.rows)
-    body, residual = _updated(explanation, log)
+    body, residual = _posterior_belief(explanation, log)
     if learn:  # which only the bound of a new model needs
         body = replace(body, second=_second_after(explanation, log))
-    if evidence.attributed:
+    if evidence.is_attributed:
         body = _as_uncertain(body, explanation, evidence.explanations)
     body = _with_sound_bound(body, evidence.rows.q[rows], row_lengths(residual))
     belief = _Belief(body, rows, residual)
     improved = _is_better(evidence, belief)
     if (learn or not improved) and _is_trainable(evidence, explanation):
-        trained = _trained(explanation, evidence.data)
+        trained = _belief_of_training(explanation, evidence.data)
         better = row_lengths(residual) - row_lengths(trained.residual[rows])
         if better.mean() > 0.0:
             belief = trained
@@ -91,7 +91,7 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
         body=belief.body,
         explanation=explanation,
         rows=belief.rows,
-        before=evidence.rows.missed[belief.rows],
+        before=evidence.rows.distance[belief.rows],
         residual=belief.residual,
         improved=improved,
     )
@@ -107,11 +107,11 @@ def _as_it_was(evidence: Evidence) -> _Belief:
 def _is_better(evidence: Evidence, belief: _Belief) -> bool:
     """Whether held-out rows gain by more than chance, and by the share that is needed."""
     changed = evidence.score > 1.0
-    before = evidence.rows.missed[belief.rows]
+    before = evidence.rows.distance[belief.rows]
     gain = before - row_lengths(belief.residual)
     share = UPDATING.changed if changed else UPDATING.refined
     needed = max(_chance(gain), (1.0 - share) * float(before.mean()))
-    gains = evidence.explained and float(gain.mean()) > needed
+    gains = evidence.is_explained and float(gain.mean()) > needed
     if changed or not gains:
         return gains
     # rows of an arm that did not change made a model of half of series A worse by 1.15
@@ -144,7 +144,7 @@ def _is_trainable(evidence: Evidence, explanation: Explanation) -> bool:
     )
 
 
-def _trained(explanation: Explanation, log: Log) -> _Belief:
+def _belief_of_training(explanation: Explanation, log: Log) -> _Belief:
     """The belief of training: its members by held-out rows, noise and scales by evidence.
 
     The old belief is its drawing.  A simulation tells neither how noisy the sensor is nor how
@@ -169,10 +169,10 @@ def _trained(explanation: Explanation, log: Log) -> _Belief:
     return _Belief(fitted.body, np.arange(len(rows)), fitted.held_out)
 
 
-def _to_update_by(evidence: Evidence) -> Explanation:
+def _basis(evidence: Evidence) -> Explanation:
     """The best explanation; where nothing is blamed that of no change, which widens the bound."""
     explanations = evidence.explanations
-    if evidence.attributed:
+    if evidence.is_attributed:
         return least_residual(explanations)
     explanations = tuple(some for some in explanations if not some.causes)
     if evidence.score > 1.0 or evidence.prior.simulated:
@@ -230,7 +230,7 @@ def _is_surer(evidence: Evidence, body: Body) -> bool:
     return variances[0] < UPDATING.refined**2 * variances[1]
 
 
-def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
+def _posterior_belief(explanation: Explanation, log: Log) -> tuple[Body, Array]:
     """The posterior as a body, and held-out residuals (n, m) [unit]."""
     reference = explanation.reference
     old = reference.body
@@ -238,7 +238,7 @@ def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
     kappa = old.kappa
     if old.simulated:
         kappa = max(kappa, UPDATING.simulated_kappa)
-    smooth = explanation.level.residual * reference.own_sd
+    smooth = explanation.level.residual * reference.residual_sd
     body = replace(
         old,
         beta=posterior.beta,
@@ -250,7 +250,7 @@ def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
         residual=np.maximum(old.residual, smooth),
         second=None,
     )
-    return body, posterior.held_out()
+    return body, posterior.cross_residual()
 
 
 def _second_after(explanation: Explanation, log: Log) -> Second | None:
@@ -294,9 +294,9 @@ class _Arm:
         self.active, self.root = prior_columns(
             reference, level.waves, freed=explanation.sd
         )
-        smooth = own_columns(reference, log, level.residual)
+        smooth = residual_columns(reference, log, level.residual)
         predicted = self.structure.predict(log.q, explanation.beta)
-        shared = shared_columns(reference, log, predicted)
+        shared = frame_columns(reference, log, predicted)
         self.own = np.concatenate([smooth, shared], axis=2)  # (n, m, p)
 
     def beta(self, normals: Array) -> Array:
@@ -370,7 +370,7 @@ class _Posterior:
         inverse = Factor(self.fit.precision).inverse()[:known, :known]
         return root_of(self.temper * root @ inverse @ root.T)
 
-    def held_out(self) -> Array:
+    def cross_residual(self) -> Array:
         """Residuals (n, m) of blocks of rows that the fit leaves out in turn [unit]."""
         known = self.arm.root.shape[1]
         log = self.log

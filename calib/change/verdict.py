@@ -10,7 +10,7 @@ from .causes import Cause
 from .evidence import BoundTest, Evidence, bound_test
 from .rows import LogRows, Signal, distortions
 from .settings import FALSE_ALARM, OUTLIER
-from .significance import GroupTest, Tested, fired
+from .significance import GroupTest, GroupTests, alarms
 from .update import Update
 
 # Times the bound of maps: a corner's rows share the errors of a few nodes
@@ -33,7 +33,7 @@ class Verdict:
         What else the user should be told.
     rows : LogRows
         The rows that count, with the model's predictions.
-    tests : Tested
+    tests : GroupTests
         Each group of parameters freed alone.
     bound : BoundTest
         The rows beyond the bound, and the chance of so many.
@@ -51,7 +51,7 @@ class Verdict:
     score: float
     notes: tuple[str, ...]
     rows: LogRows
-    tests: Tested
+    tests: GroupTests
     bound: BoundTest
     update: Update | None = None
     evidence: Evidence | None = None
@@ -168,7 +168,7 @@ class Verdict:
             "covered": self.covered,
             "threshold": 1,
             "distortion": {name: one._asdict() for name, one in signals},
-            "fired": [group.name for group in fired(self.groups)],
+            "fired": [group.name for group in alarms(self.groups)],
             "causes": [cause.to_json() for cause in self.causes],
             "smallest_by_group": {
                 group.name: group.smallest for group in self.groups
@@ -183,11 +183,11 @@ def verdict_on_maps(rows: LogRows) -> Verdict:
     """The verdict on a model without a body: its rows beside its bound."""
     noise = rows.model.baseline.noise if rows.model.baseline else 0.0
     limit = SHARED_ERRORS * rows.bound
-    usual = float(np.median(rows.missed))
+    usual = float(np.median(rows.distance))
     most = max(OUTLIER * usual, float(limit.max()))
-    sound = np.asarray(rows.missed <= most)
+    sound = np.asarray(rows.distance <= most)
     rows = rows.sound(sound)
-    tests = Tested((), noise, noise)
+    tests = GroupTests((), noise, noise)
     bound = bound_test(rows, limit[sound], rows.shared**2, tests)
     score = bound.test.score
     causes: tuple[Cause, ...] = ()

@@ -20,7 +20,7 @@ from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, single_causes
 from .evidence import Evidence
 from .explain import Explanation, simplest
 from .settings import CREEP, NOISIER
-from .significance import Play, fired
+from .significance import Play, alarms
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def causes_of(
     Where nothing changed, more noise and a play are the only causes there may be.
     """
     drifted = evidence.score > 1.0
-    if drifted and not evidence.explained:
+    if drifted and not evidence.is_explained:
         return (Cause("unknown", "", evidence.why_not()),), ()
     causes: list[Cause] = []
     notes: list[str] = []
@@ -108,7 +108,7 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
         )
         causes.append(Cause(f"noise:{name}", "noise", words, sd, None, unit))
     noise = tests.noise
-    if evidence.attributed:
+    if evidence.is_attributed:
         # a large change is not linear: what the best one leaves
         size = float(evidence.reference.sizes[0])
         noise = min(noise, evidence.explanations[0].noise * size)
@@ -146,7 +146,7 @@ def _mount_once(causes: list[Cause], what: str) -> list[Cause]:
 def _of_change(evidence: Evidence) -> list[Cause]:
     """Return each parameter that is clearly away from where it was, the largest effect first."""
     best = simplest(evidence.explanations)
-    if not evidence.attributed:
+    if not evidence.is_attributed:
         best = _by_test(evidence)
     if not len(best.indices):
         words = "the joints have waves that the model does not know: gears, or their sensors"
@@ -168,7 +168,7 @@ def _of_change(evidence: Evidence) -> list[Cause]:
         if loud & {"mirror", "scale"}:
             effect = math.inf
         if math.isinf(effect) or clear[frame].any():
-            effects_and_causes.append((effect, _moved_sensor(evidence, best)))
+            effects_and_causes.append((effect, _move_of_sensor(evidence, best)))
     effects_and_causes.sort(key=lambda pair: -pair[0])
     finite = [e for e, _ in effects_and_causes if math.isfinite(e)]
     least = WORDS.matters * max(finite, default=0.0)
@@ -220,7 +220,7 @@ def _by_test(evidence: Evidence) -> Explanation:
     structure = evidence.rows.body.structure
     singles = single_causes(structure, evidence.cause)
     allowed = np.concatenate([*singles.values()])
-    for test in fired(evidence.tests.groups):
+    for test in alarms(evidence.tests.groups):
         change = test.change
         if change is None or not np.isin(change.indices, allowed).all():
             continue
@@ -243,7 +243,7 @@ def _half_width(evidence: Evidence, best: Explanation, k: int) -> float:
     """
     half = 1.96 * float(best.deviation[k])
     least = evidence.explanations[0].evidence - NATS
-    for other in evidence.explanations if evidence.attributed else ():
+    for other in evidence.explanations if evidence.is_attributed else ():
         if other.evidence > least:
             apart = abs(float(other.beta[k] - best.beta[k]))
             half = max(half, apart + 1.96 * float(other.deviation[k]))
@@ -284,7 +284,7 @@ def _of_parameter(
     return cause.within(half)
 
 
-def _moved_sensor(evidence: Evidence, best: Explanation) -> Cause:
+def _move_of_sensor(evidence: Evidence, best: Explanation) -> Cause:
     """The sensor's frame as one cause, its rotation as the number."""
     turn = best.reference.structure.groups["view.rotation"]
     moved = frame_between(evidence, best.beta)

@@ -93,7 +93,7 @@ def recognise(models: Sequence[Model], log: Samples) -> Recognition:
             why = error
             fits.append(ModelFit(index, False, np.inf, np.inf))
             continue
-        distance = float(np.sqrt(np.mean(verdict.rows.missed**2)))
+        distance = float(np.sqrt(np.mean(verdict.rows.distance**2)))
         fits.append(
             ModelFit(index, verdict.changed is False, verdict.score, distance)
         )
