@@ -202,9 +202,10 @@ def _wider(verdict: Verdict, old: Adaptation, fresh: Model) -> Adaptation:
         bounds=np.maximum(model.bounds, bound),
         model_bounds=np.maximum(model.model_bounds, bound),
     )
+    size = size_in_words(missed, rows.unit)
     words = (
-        f"the rows are missed by {size_in_words(missed, rows.unit)} (95 %) but do not show why: the "
-        "prediction stays, with a wider bound"
+        f"the rows are missed by {size} (95 %) but do not show why: the prediction stays, with a "
+        "wider bound"
     )
     return replace(old, model=wider).with_note(words)
 

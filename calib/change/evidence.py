@@ -14,11 +14,12 @@ from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array
 from ..samples.diagnosis import rows_behind
 from .explain import Explanation, explain
-from .frame import Reference, ToolTurn, tool_turn
+from .frame import Reference
 from .rows import LogRows
 from .settings import BEYOND, FALSE_ALARM, MARGIN
 from .significance import GroupTest, GroupTests
 from .system import Log, System
+from .tool import ToolTurn, tool_turn
 
 _TOOL = "tool"  # the group of where it is
 

@@ -1,4 +1,4 @@
-"""The frame: an old belief brought into the frame of a new log; the tool, by orientations.
+"""The frame: an old belief brought into the frame of a new log.
 
 A camera that was hung elsewhere, mirrored or read in other units moves every position by far
 more than anything else; so the frame comes first, and small changes after it.
@@ -12,13 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arm.rotations import exponential, logarithm, matrix_of, similarity
-from ..body.belief import Body, knows_orientation
-from ..body.covariance import root_of
-from ..body.fit import Fit
+from ..arm.rotations import logarithm, similarity
+from ..body.belief import Body
 from ..body.parameters import Indices, Prior
-from ..body.rows import Rows
-from ..body.settings import FREE, STUDENT
+from ..body.planar import PlanarStructure
 from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
@@ -26,8 +23,7 @@ from ..common.rows import thinned
 from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
 from .causes import FRAME, Cause, indices_of, is_sensors
-from .rows import LogRows
-from .settings import FALSE_ALARM, LEAST_OWN
+from .settings import LEAST_OWN
 
 
 @dataclass(frozen=True)
@@ -100,44 +96,58 @@ class Reference:
 
 def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     """Bring the old belief into the frame of a log of rows (n, dof), (n, m)."""
-    old = body.structure
+    structure = body.structure
     rows = thinned(len(q), PLACING.rows)
     q = q[rows]
     z = z[rows]
-    places = slice(old.blocks[0])
-    extent = float(old.extents[0])
-    predicted = old.predict(q, body.beta)
-    missed = np.linalg.norm((z - predicted)[:, places], axis=1)
-    if float(np.median(missed)) < PLACING.far * extent:
+    if _is_near(structure, body.beta, q, z):
         return Reference(body, body.beta)
-    if is_camera(old.view):
-        beta = _frame_fit(old, q, z, _camera_anew(body, q, z), FRAME)
-        return Reference(body, beta, forgotten=indices_of(old, FRAME))
+    if is_camera(structure.view):
+        start = _camera_anew(body, q, z)
+        beta = _frame_fit(structure, q, z, start, FRAME)
+        return Reference(body, beta, forgotten=indices_of(structure, FRAME))
+    return _by_best_sense(body, q, z, unit)
 
-    # the sense of axes and joints that comes nearest, in the log's own unit
+
+def _is_near(structure: Structure, beta: Array, q: Array, z: Array) -> bool:
+    """Whether a log needs no other frame than that of the parameters (d,)."""
+    residual = z - structure.predict(q, beta)
+    positions = residual[:, : structure.blocks[0]]
+    distance = np.linalg.norm(positions, axis=1)
+    far = PLACING.far * float(structure.extents[0])
+    return float(np.median(distance)) < far
+
+
+def _by_best_sense(body: Body, q: Array, z: Array, unit: str) -> Reference:
+    """The belief with the axes, the joints and the unit that come nearest to a log."""
+    old = body.structure
+    extent = float(old.extents[0])
+    positions = z[:, : old.blocks[0]]
     senses = [*_senses(old, body.beta), *_stuck(old, body.beta)]
-    fits = [_Placement.of(sense, q, z[:, places]) for sense in senses]
-    best = min(fits, key=lambda fit: fit.cost(extent))
-    factor = best.ratio if best.in_other_unit else 1.0
+    placements = [_Placement.of(sense, q, positions) for sense in senses]
+    best = min(placements, key=lambda placement: placement.cost(extent))
     structure = best.sense.structure
+    causes = list(best.sense.causes)
     fitted: tuple[str, ...] = FRAME
+    factor = 1.0
     if best.in_other_unit:
+        factor = best.ratio
         structure = _in_unit(structure, factor, z, unit)
+        causes.append(_other_unit(factor, old.unit))
         fitted = (*FRAME, "view.scale")
 
     # the frame fitted to the rows, from where that sense stands
     start = _start(structure, best, factor)
     shift = structure.groups["view.shift"]
     residual = structure.residual(z, structure.predict(q, start))
-    start[shift] += np.median(residual, axis=0)[: len(shift)]
+    middle = np.median(residual, axis=0)
+    start[shift] += middle[: len(shift)]
     beta = _frame_fit(structure, q, z, start, fitted)
 
-    causes = list(best.sense.causes)
-    if best.in_other_unit:
-        causes.append(_other_unit(factor, old.unit))
     if causes and causes[0].cause == "mirror":
-        frame = Alignment.between(predicted, structure.predict(q, beta))
-        if frame.swapped:
+        before = old.predict(q, body.beta)
+        after = structure.predict(q, beta)
+        if Alignment.between(before, after).swapped:
             words = "x and y of the log are exchanged, compared with the model"
             causes[0] = replace(causes[0], words=words)
     forgotten: tuple[str, ...] = FRAME
@@ -156,19 +166,19 @@ def _in_unit(
     structure: Structure, factor: float, z: Array, unit: str
 ) -> Structure:
     """The structure in the unit of positions (n, m), which are `factor` times the model's."""
-    return _with_fields(
-        structure,
-        extent=factor * float(structure.extent),
-        centre=tuple(z.mean(axis=0).tolist()),
-        unit="sensor" if unit == structure.unit else unit,
-    )
+    extent = factor * float(structure.extent)
+    name = "sensor" if unit == structure.unit else unit
+    if isinstance(structure, PlanarStructure):
+        middle = z.mean(axis=0)
+        structure = structure.with_sensor(centre=tuple(middle.tolist()))
+    return structure.with_sensor(extent=extent, unit=name)
 
 
 def _other_unit(factor: float, unit: str) -> Cause:
     """Positions that are `factor` times the model's, in its unit."""
     hint = unit_hint(factor, unit)
     words = f"the log's positions are {factor:.4g} times the model's{hint}"
-    return Cause("scale", "view.scale", words, factor, None, "1")
+    return Cause("scale", "view.scale", words, factor, unit="1")
 
 
 def _scaled(body: Body, structure: Structure, factor: float) -> Body:
@@ -188,8 +198,10 @@ def offset_after(
     """What maps add to a body, (n, m), after a change: as the joints that cause it move the tip."""
     before = old.structure.slope(q, old.beta)
     after = new.structure.slope(q, beta)
-    joints = np.einsum("ndm,nm->nd", np.linalg.pinv(before, rcond=1e-3), offset)
-    return np.asarray(np.einsum("nmd,nd->nm", after, joints))
+    inverse = np.linalg.pinv(before, rcond=1e-3)
+    joints = np.einsum("ndm,nm->nd", inverse, offset)
+    moves = np.einsum("nmd,nd->nm", after, joints)
+    return np.asarray(moves)
 
 
 class _Sense(NamedTuple):
@@ -221,12 +233,11 @@ class _Placement(NamedTuple):
                 ratio = 1.0
                 away = z[sound] - p[sound] @ turn.T
                 shift = away.mean(axis=0)
-            placed = shift + ratio * p @ turn.T
-            distance = np.linalg.norm(z - placed, axis=1)
-            sound = distance <= max(3.0 * float(np.median(distance)), 1e-12)
-        return _Placement(
-            sense, float(np.median(distance)) / ratio, turn, ratio
-        )
+            residual = z - (shift + ratio * p @ turn.T)
+            distance = np.linalg.norm(residual, axis=1)
+            typical = float(np.median(distance))
+            sound = distance <= max(3.0 * typical, 1e-12)
+        return _Placement(sense, typical / ratio, turn, ratio)
 
     @property
     def in_other_unit(self) -> bool:
@@ -241,25 +252,27 @@ class _Placement(NamedTuple):
         return float(misfit / PLACING.better**freedom)
 
 
-def _senses(structure: Structure, beta: Array) -> Iterator[_Sense]:
-    """The axes as they are and mirrored, and each joint the other way, as far as that may be."""
+def _senses(structure: Structure, beta: Array) -> list[_Sense]:
+    """The axes as they are, and in the plane mirrored, and each joint the other way."""
     plain = [_Sense(structure, beta)]
-    mirror = getattr(structure, "mirror", None)
-    if mirror is not None:
-        words = "the log's positions are mirrored, compared with the model"
-        cause = Cause("mirror", "view.mirror", words)
-        mirrored = _with_fields(structure, mirror=-mirror)
-        plain.append(_Sense(mirrored, beta, (cause,)))
-    yield from plain
-    signs = getattr(structure, "signs", ())
-    for k in np.flatnonzero(structure.revolute).tolist() if signs else ():
+    if not isinstance(structure, PlanarStructure):
+        return plain
+    words = "the log's positions are mirrored, compared with the model"
+    cause = Cause("mirror", "view.mirror", words)
+    mirrored = structure.with_sensor(mirror=-structure.mirror)
+    plain.append(_Sense(mirrored, beta, (cause,)))
+    senses = list(plain)
+    for k in np.flatnonzero(structure.revolute).tolist():
         name = structure.joint_names[k]
         words = f"{name} turns the other way than before"
         cause = Cause(f"sign:{name}", "sign", words)
-        other = (*signs[:k], -signs[k], *signs[k + 1 :])
+        signs = list(structure.signs)
+        signs[k] = -signs[k]
         for sense in plain:
-            turned = sense.structure.changed(signs=other)
-            yield _Sense(turned, beta, (*sense.causes, cause))
+            other = sense.structure.changed(signs=tuple(signs))
+            causes = (*sense.causes, cause)
+            senses.append(_Sense(other, beta, causes))
+    return senses
 
 
 def _stuck(structure: Structure, beta: Array) -> Iterator[_Sense]:
@@ -270,7 +283,7 @@ def _stuck(structure: Structure, beta: Array) -> Iterator[_Sense]:
             continue
         name = structure.joint_names[k]
         words = f"{name} no longer moves the tip"
-        lost = Cause(f"lost:{name}", "gain", words, 0.0, None, "1")
+        lost = Cause(f"lost:{name}", "gain", words, 0.0, unit="1")
         for angle in np.arange(-np.pi, np.pi, PLACING.angle):
             stuck = beta.copy()
             stuck[gains[k]] = 0.0
@@ -282,32 +295,29 @@ def _camera_anew(body: Body, q: Array, z: Array) -> Array:
     """Parameters of a camera that stands anywhere, its lens and the arm as they were."""
     from ..body.frame_starts import frame  # brings SciPy's linear algebra
 
-    structure: Any = body.structure
-    lens = tuple(body.beta[structure.groups["lens"]].tolist())
-    fixed = structure.with_sensor(lens=lens, lens_sd=(0.0, 0.0, 0.0, 0.0))
-    beta = body.beta.copy()
+    structure = body.structure
+    lens = body.beta[structure.groups["lens"]]
+    fixed = structure.with_sensor(
+        lens=tuple(lens.tolist()),
+        lens_sd=(0.0, 0.0, 0.0, 0.0),
+    )
     free = indices_of(structure, FRAME)
+    beta = body.beta.copy()
     beta[free] = frame(fixed, q, z, body.beta)[free]
     return beta
 
 
-def _with_fields(structure: Structure, **change: Any) -> Structure:
-    """The structure with other values of those fields that its sensor has."""
-    fields = vars(structure.viewpoint)
-    sensor = {name: value for name, value in change.items() if name in fields}
-    return structure.with_sensor(**sensor)
-
-
 def _start(structure: Structure, best: _Placement, factor: float) -> Array:
     """Parameters (d,) with the frame turned and scaled as it fits best."""
-    about = structure.groups["view.rotation"]
-    turn = best.turn
     step = np.zeros(structure.size)
-    step[indices_of(structure, ("view.scale",))] = np.log(factor)
-    if len(about) > 1:
-        step[about] = logarithm(turn)
+    scale = indices_of(structure, ("view.scale",))
+    step[scale] = np.log(factor)
+    rotation = structure.groups["view.rotation"]
+    if len(rotation) > 1:
+        step[rotation] = logarithm(best.turn)
     else:
-        step[about] = np.arctan2(turn[1, 0], turn[0, 0])
+        cosine, sine = best.turn[:, 0]
+        step[rotation] = np.arctan2(sine, cosine)
     return structure.retract(best.sense.beta, step)
 
 
@@ -318,95 +328,13 @@ def _frame_fit(
     start: Array,
     groups: tuple[str, ...],
 ) -> Array:
-    """The frame alone fitted to the rows, from a start (d,)."""
+    """Parameters (d,) with some groups fitted to the rows, from a start (d,)."""
     from ..body.start import Start
 
+    free = indices_of(structure, groups)
+    extent = float(structure.extents[0])
     sd = np.zeros(structure.size)
-    anywhere = 1e3 * max(1.0, float(structure.extents[0]))
-    sd[indices_of(structure, groups)] = anywhere
+    sd[free] = 1e3 * max(1.0, extent)
     prior = Prior(start, sd)
-    return Start(structure, start).run(q, z, prior, 30).beta
-
-
-@dataclass(frozen=True)
-class ToolTurn:
-    """How the tool of a log is turned, beside what a belief says."""
-
-    # statistic over its threshold; 0 where nothing can be compared
-    score: float = 0.0
-    turn: Array = field(
-        default_factory=lambda: np.zeros(3)
-    )  # [rad], in the tool's own axes
-    covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
-
-    @property
-    def cause(self) -> Cause:
-        """A tool that is turned about its own tip."""
-        angle = float(np.linalg.norm(self.turn))
-        deviation = np.sqrt(self.turn @ self.covariance @ self.turn) / angle
-        size = f"{np.degrees(angle):.3g} deg"
-        words = f"the tool is turned by {size} (its orientation, not its place)"
-        cause = Cause("tool", "tool.rotation", words, angle, unit="rad")
-        return cause.within(1.96 * float(deviation))
-
-    def of(self, body: Body) -> Body:
-        """A belief with the tool turned."""
-        tool = body.structure.groups["tool.rotation"]
-        delta = np.zeros(body.structure.size)
-        delta[tool] = self.turn
-        place = np.searchsorted(body.active, tool)
-        covariance = body.covariance.copy()
-        covariance[place] = 0.0
-        covariance[:, place] = 0.0
-        covariance[np.ix_(place, place)] = self.covariance / body.kappa**2
-        beta = body.structure.retract(body.beta, delta)
-        return replace(body, beta=beta, root=root_of(covariance))
-
-
-def tool_turn(
-    rows: LogRows, structure: Any, beta: Array, deviation: Array | None = None
-) -> ToolTurn:
-    """Compare orientations with those that parameters (d,) predict.
-
-    deviation : (d,), standard deviations of the parameters, which may turn the tool, too; the
-        sensor may be turned then: positions tell that less well
-    """
-    from scipy.special import chdtri
-
-    old = rows.body
-    if rows.log.orientation is None or not knows_orientation(old):
-        return ToolTurn()
-    tool = structure.groups["tool.rotation"]
-    sd = np.zeros(len(beta))
-    if deviation is not None:
-        sd = deviation.copy()
-        sd[structure.groups["view.rotation"]] = FREE
-    sd[tool] = FREE
-    fit = _fit_to_poses(rows, rows.log.orientation, structure, Prior(beta, sd))
-    before, after = exponential(np.stack([beta[tool], fit.beta[tool]]))
-    turn = logarithm(before.T @ after)
-    in_fit = np.searchsorted(fit.active, tool)
-    covariance = fit.covariance[np.ix_(in_fit, in_fit)]
-    # the model knows its own tool as well as it does
-    in_old = np.searchsorted(old.active, tool)
-    known = old.kappa**2 * old.covariance[np.ix_(in_old, in_old)]
-    square = float(turn @ np.linalg.solve(covariance + known, turn))
-    # what the chain leaves over differs between regions of the workspace by about its scatter
-    scatter = np.sqrt(3) * fit.noise[-1]
-    score = min(
-        square / float(chdtri(3, FALSE_ALARM)),
-        float(np.linalg.norm(turn) / scatter),
-    )
-    return ToolTurn(score, turn, covariance)
-
-
-def _fit_to_poses(
-    rows: LogRows, orientation: Array, structure: Any, prior: Prior
-) -> Fit:
-    """The parameters by the rows' orientations; of their positions nothing is asked."""
-    turns = logarithm(matrix_of(orientation))
-    poses = np.hstack([rows.x, turns])
-    floor = np.repeat([FREE**2 * structure.extent, 1e-9], 3)
-    measured = [Rows(rows.q, poses, floor=floor)]
-    poser = structure.with_sensor(view="pose")
-    return Fit(poser, measured, prior.mean, prior, nu=STUDENT).maximise()
+    fit = Start(structure, start).run(q, z, prior, 30)
+    return fit.beta
