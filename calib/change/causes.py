@@ -5,7 +5,7 @@ They know an arm only by the groups of its structure's parameters: one table ser
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
@@ -221,7 +221,7 @@ def single_causes(
 
 
 def frame_twin(body: Body) -> Indices:
-    """The first joint's offset (k,) where a free frame says the same: a belief frees one."""
+    """The first joint's offset (k,) where a free frame does the same: a belief frees one."""
     first = indices_of(body.structure, ("offset",))[:1]
     return first[~np.isin(first, body.active)]
 
@@ -256,7 +256,9 @@ def freedom(
     forgotten : parameters of a frame that was fitted to the log: a narrow prior would count rows
         twice
     """
-    sd = _deviations(body, groups, "freed", BUILT_CURVE)
+    sizes = {name: group.freed for name, group in GROUPS.items()}
+    link = _mean_length(body)
+    sd = _deviations(body, groups, sizes, link=link, curve=BUILT_CURVE)
     if forgotten is not None:
         frame = indices_of(body.structure, FRAME)
         sd[np.intersect1d(frame, forgotten)] *= ANYWHERE
@@ -269,7 +271,10 @@ def creep(body: Body, waves: float = CREEP) -> Array:
     waves : that of the joints' curves over their prior's; beyond `CREEP` of those too that the
         belief leaves out
     """
-    sd = _deviations(body, _arms(body), "creep", waves)
+    sizes = {name: group.creep for name, group in GROUPS.items()}
+    link = _mean_length(body)
+    sd = _deviations(body, _arms(body), sizes, link=link, curve=waves)
+    sd[frame_twin(body)] = 0.0
     creeping = body.active
     if waves > CREEP:
         curves = indices_of(body.structure, ("curve",))
@@ -281,12 +286,14 @@ def creep(body: Body, waves: float = CREEP) -> Array:
 
 def as_built(body: Body) -> Body:
     """The belief that a changed arm starts from: of a simulation, that of an arm as it is built."""
-    structure: Any = body.structure
+    structure = body.structure
     least = LEAST_MISFIT * np.asarray(structure.extents)
     body = replace(body, tau=np.maximum(body.tau, least))
     if not body.simulated:
         return body
-    sd = _deviations(body, _arms(body), "built", BUILT_CURVE)
+    sizes = {name: group.built for name, group in GROUPS.items()}
+    sd = _deviations(body, _arms(body), sizes, link=1.0, curve=BUILT_CURVE)
+    sd[frame_twin(body)] = 0.0
     # the first origin's place is the frame's own
     if isinstance(structure, SpatialStructure):
         sd[structure.shifts[0]] = 0.0
@@ -315,41 +322,48 @@ def _arms(body: Body) -> tuple[str, ...]:
     return tuple(g for g in body.structure.groups if not is_sensors(g))
 
 
+def _mean_length(body: Body) -> float:
+    """Mean length of the links, 1 where no parameter is one."""
+    lengths = indices_of(body.structure, ("length",))
+    links = np.abs(body.beta[lengths])
+    return float(links.mean()) if len(links) else 1.0
+
+
 def _deviations(
     body: Body,
     groups: Iterable[str],
-    kind: str,
+    sizes: Mapping[str, float],
+    *,
+    link: float,
     curve: float,
 ) -> Array:
-    """Standard deviation (d,) of the parameters of some groups by a column of `GROUPS`, else 0.
+    """Standard deviation (d,) of the parameters of some groups by their sizes, else 0.
 
+    link : what lengths are counted in
     curve : that of the joints' curves, over their prior's
     """
-    structure: Any = body.structure
+    structure = body.structure
     extent = float(structure.extents[0])
     lengths = indices_of(structure, ("length",))
     links = np.abs(body.beta[lengths])
     # what is tilted is the chain, in its own unit: a log may be in another
     chain = float(links.sum()) or extent
-    times = {"view.shift": extent, "view.tilt": 1.0 / chain}
-    if kind != "built" and len(links):
-        times["length"] = links.mean()
+    times = {"view.shift": extent, "view.tilt": 1.0 / chain, "length": link}
     sd = np.zeros(structure.size)
     for name in groups:
         indices = indices_of(structure, (name,))
         if name.startswith("curve"):
             sd[indices] = curve * structure.prior((name,)).sd[indices]
         elif name in GROUPS:
-            sd[indices] = getattr(GROUPS[name], kind) * times.get(name, 1.0)
-        if name == "placement":
+            sd[indices] = sizes[name] * times.get(name, 1.0)
+        if isinstance(structure, SpatialStructure) and name == "placement":
             # A chain without a drawing has flat priors of its joint origins.  What was learned has
             # taken their place: shares of them let origins creep by a tenth of the reach.
-            most = np.where(np.isin(indices, structure.turns), TURN, SHIFT)
+            is_turn = np.isin(indices, structure.turns)
+            most = np.where(is_turn, TURN, SHIFT)
             prior = structure.prior((name,)).sd[indices]
             sd[indices] *= np.minimum(prior, most)
-    # what a free frame already says: the first joint's offset, the first length
-    if kind != "freed":
-        sd[frame_twin(body)] = 0.0
+    # what a free frame already says: the first length
     loose = np.isin(lengths, body.active)
     if loose[1:].any() and not loose[0]:
         sd[lengths[0]] = 0.0

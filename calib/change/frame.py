@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ..arm.rotations import logarithm, similarity
 from ..body.belief import Body
 from ..body.parameters import Indices, Prior
 from ..body.planar import PlanarStructure
+from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
@@ -102,8 +103,8 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     z = z[rows]
     if _is_near(structure, body.beta, q, z):
         return Reference(body, body.beta)
-    if is_camera(structure.view):
-        start = _camera_anew(body, q, z)
+    if isinstance(structure, SpatialStructure) and is_camera(structure.view):
+        start = _camera_anew(structure, body.beta, q, z)
         beta = _frame_fit(structure, q, z, start, FRAME)
         return Reference(body, beta, forgotten=indices_of(structure, FRAME))
     return _by_best_sense(body, q, z, unit)
@@ -291,19 +292,20 @@ def _stuck(structure: Structure, beta: Array) -> Iterator[_Sense]:
             yield _Sense(structure, stuck, (lost,), unit_is_open=False)
 
 
-def _camera_anew(body: Body, q: Array, z: Array) -> Array:
-    """Parameters of a camera that stands anywhere, its lens and the arm as they were."""
+def _camera_anew(
+    structure: SpatialStructure, old: Array, q: Array, z: Array
+) -> Array:
+    """Parameters (d,) of a camera that stands anywhere, its lens and the arm as they were."""
     from ..body.frame_starts import frame  # brings SciPy's linear algebra
 
-    structure = body.structure
-    lens = body.beta[structure.groups["lens"]]
+    lens = old[structure.groups["lens"]]
     fixed = structure.with_sensor(
         lens=tuple(lens.tolist()),
         lens_sd=(0.0, 0.0, 0.0, 0.0),
     )
     free = indices_of(structure, FRAME)
-    beta = body.beta.copy()
-    beta[free] = frame(fixed, q, z, body.beta)[free]
+    beta = old.copy()
+    beta[free] = frame(fixed, q, z, old)[free]
     return beta
 
 
