@@ -13,7 +13,8 @@ from ..body.belief import Body
 from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array
 from ..samples.diagnosis import rows_behind
-from .explain import Explanation, explain
+from .explain import explain
+from .explanation import Explanation
 from .frame import Reference
 from .rows import LogRows
 from .settings import BEYOND, FALSE_ALARM, MARGIN

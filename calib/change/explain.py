@@ -8,7 +8,7 @@ far the system is set up again there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -19,7 +19,6 @@ import numpy as np
 
 from ..body.normal import Factor
 from ..body.parameters import Indices
-from ..body.settings import NATS
 from ..common.arrays import Array
 from .causes import (
     FRAME,
@@ -30,9 +29,8 @@ from .causes import (
     indices_of,
     single_causes,
 )
-from .frame import Reference
+from .explanation import Explanation
 from .settings import (
-    CREEP,
     MARGIN,
     OWN,
     Level,
@@ -68,51 +66,6 @@ class SearchSettings:
 SEARCH = SearchSettings()
 
 
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """A set of causes that accounts for a log, fitted to it."""
-
-    causes: tuple[str, ...]
-    level: Level
-    reference: Reference
-    indices: Indices  # parameters that are free
-    beta: Array  # (d,), parameters of the greatest evidence
-    sd: Array  # (d,), standard deviations by which they were free to change
-    evidence: float  # logarithm of the tempered evidence [nats]
-    temper: float  # rows that count for one
-    # (d,), posterior standard deviations of those that are free, zero elsewhere
-    deviation: Array
-    noise: float  # noise of the log, in `Reference.sizes`
-    # (n, m) [unit], measured less predicted outputs of the rows compared
-    residual: Array
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """Groups of the parameters that are free."""
-        labels = self.reference.structure.labels
-        names = [labels[k].group for k in self.indices.tolist()]
-        return tuple(dict.fromkeys(names))
-
-    @property
-    def is_no_change(self) -> bool:
-        """Whether it says that the arm and its sensor are as they were."""
-        return self.level.calm and not len(self.indices)
-
-    @property
-    def name(self) -> str:
-        """Such as "frame, length", or what it is where nothing is freed."""
-        names = [
-            group.removeprefix("view.")
-            for group in self.groups
-            if group not in FRAME
-        ]
-        if FRAME[0] in self.groups:
-            names.insert(0, "frame")
-        waves = self.level.waves > CREEP
-        shape = "waves of the joints" if waves else "a smooth residual"
-        return ", ".join(names) or shape
-
-
 class Candidate(NamedTuple):
     """A set of causes in the linear system."""
 
@@ -122,6 +75,10 @@ class Candidate(NamedTuple):
     evidence: float  # [nats]
     step: Array  # of the parameters, in the standard deviations by which they are free
 
+
+CauseNames = tuple[str, ...]
+Tried = dict[CauseNames, list[Candidate]]
+"""Sets of causes at each level, the best first."""
 
 _evidence = attrgetter("evidence")
 
@@ -136,14 +93,16 @@ class Information(NamedTuple):
 
     def evidence(self, places: Indices) -> tuple[Array, Array]:
         """Evidence (s,) of freeing some parameters (p,) [nats], and their best step (p,)."""
-        power = self.power[:, places[:, None], places]
-        power = power + np.eye(len(places))
+        prior = np.eye(len(places))
+        power = self.power[:, places[:, None], places] + prior
         pull = self.pull[:, places]
         root = np.linalg.cholesky(power)
-        half = np.linalg.solve(root, pull[..., None])[..., 0]
-        sizes = np.diagonal(root, axis1=1, axis2=2)
+        columns = np.linalg.solve(root, pull[..., None])
+        half = columns[..., 0]
         gain = 0.5 * (half**2).sum(axis=1)
-        evidence = self.likelihood + gain - np.log(sizes).sum(axis=1)
+        sizes = np.diagonal(root, axis1=1, axis2=2)
+        cost = np.log(sizes).sum(axis=1)
+        evidence = self.likelihood + gain - cost
         best = int(np.argmax(evidence))
         return evidence, np.linalg.solve(power[best], pull[best])
 
@@ -152,7 +111,7 @@ class Information(NamedTuple):
 class Place:
     """Where the freed parameters of a set may be, and how the rows lie there."""
 
-    moved: Array  # (p,), from the reference, in the standard deviations by which they are free
+    normals: Array  # (p,), from the reference, in the standard deviations by which they are free
     beta: Array  # (d,), all parameters
     residual: Array  # (n, m) [unit]
     products: Products
@@ -163,7 +122,7 @@ class Place:
     def fit(self) -> float:
         """Logarithm of the tempered posterior [nats]."""
         likelihood = float(self.products.likelihood(self.noise)[0])
-        prior = 0.5 * float((self.moved**2).sum())
+        prior = 0.5 * float((self.normals**2).sum())
         return likelihood / self.temper - prior
 
     @cached_property
@@ -173,13 +132,15 @@ class Place:
     @cached_property
     def precision(self) -> Factor:
         """Of the posterior, (p, p)."""
-        power = self._information[0] / self.temper
-        return Factor(power + np.eye(len(power)))
+        power, _ = self._information
+        prior = np.eye(len(power))
+        return Factor(power / self.temper + prior)
 
     @property
     def gradient(self) -> Array:
         """Of the logarithm of the posterior, (p,)."""
-        return self._information[1] / self.temper - self.moved
+        _, pull = self._information
+        return pull / self.temper - self.normals
 
 
 class Search:
@@ -205,22 +166,31 @@ class Search:
         self.start = np.sort(indices_of(structure, always))
         singles = single_causes(structure, cause)
         allowed = np.concatenate([*singles.values()])
-        together = {}
-        for some in SETS:
-            indices = indices_of(structure, some)
-            together["+".join(some)] = indices[np.isin(indices, allowed)]
-        self.sets = {}
-        frame = indices_of(structure, FRAME)
-        for name, indices in (singles | together).items():
-            free = indices[self.sd[indices] > 0.0]
-            if np.isin(frame, [*free, *self.start]).any():
-                free = np.setdiff1d(free, frame_twin(reference.body))
-            if not np.isin(free, self.start).all():
-                self.sets[name] = free
+        self.free = np.union1d(self.start, allowed).astype(np.intp)
+        self.sets = self._sets(singles)
         self.singles = [name for name in singles if name in self.sets]
         self.cost = float(np.log(max(len(self.sets), 1)))
-        self.free = np.union1d(self.start, allowed).astype(np.intp)
         self.informations: dict[Level, Information] = {}
+
+    def _sets(self, singles: Mapping[str, Indices]) -> dict[str, Indices]:
+        """Parameters of each cause, and of sets that belong together, that may be free."""
+        reference = self.system.reference
+        sets = dict(singles)
+        allowed = np.concatenate([*singles.values()])
+        for groups in SETS:
+            indices = indices_of(reference.structure, groups)
+            is_allowed = np.isin(indices, allowed)
+            sets["+".join(groups)] = indices[is_allowed]
+        frame = indices_of(reference.structure, FRAME)
+        free_sets = {}
+        for name, indices in sets.items():
+            free = indices[self.sd[indices] > 0.0]
+            all_free = np.union1d(free, self.start)
+            if np.isin(frame, all_free).any():
+                free = np.setdiff1d(free, frame_twin(reference.body))
+            if not np.isin(free, self.start).all():
+                free_sets[name] = free
+        return free_sets
 
     def information(self, level: Level) -> Information:
         """What rows tell at a level of all that may be free."""
@@ -230,20 +200,20 @@ class Search:
         unknown = self.system.unknown(level)
         products = unknown.products(self.system.y, x)
         noises, likelihood = products.noises()
-        rows = [
-            products.information(float(noise))
-            for noise in noises[:: SEARCH.coarser]
-        ]
+        some = slice(None, None, SEARCH.coarser)
+        by_noise = map(products.information, noises[some].tolist())
+        powers, pulls = zip(*by_noise, strict=True)
         information = Information(
-            likelihood[:: SEARCH.coarser] / self.temper,
-            np.stack([power for power, _ in rows]) / self.temper,
-            np.stack([pull for _, pull in rows]) / self.temper,
+            likelihood[some] / self.temper,
+            np.stack(powers) / self.temper,
+            np.stack(pulls) / self.temper,
         )
         # the noise of any set lies between those of all that may be free and of nothing
         most = int(np.argmax(information.likelihood))
         every = np.arange(len(self.free))
         evidence, _ = information.evidence(every)
-        least = min(int(np.argmax(evidence)), most)
+        least = int(np.argmax(evidence))
+        least = min(least, most)
         between = slice(max(least - 1, 0), most + 2)
         information = Information(*(part[between] for part in information))
         self.informations[level] = information
@@ -263,64 +233,77 @@ class Search:
         return sorted(candidates, key=_evidence, reverse=True)
 
     def candidates(self) -> list[Candidate]:
-        """Return nothing, sets that belong together, and causes added one by one, best first."""
+        """Nothing, sets that belong together, and causes added one by one, best first."""
         nothing = self.by_level(())
-        tried: dict[tuple[str, ...], list[Candidate]] = {}
-        for name in self.sets:
-            tried[(name,)] = self.by_level((name,))
-        best = nothing[0].evidence
-        beam: list[tuple[str, ...]] = [()]
+        tried: Tried = {(name,): self.by_level((name,)) for name in self.sets}
+        least = nothing[0].evidence
+        beam: list[CauseNames] = [()]
         for _ in range(SEARCH.causes):
-            longer = {}
-            for causes in beam:
-                for name in self.singles:
-                    key = tuple(sorted({*causes, name}))
-                    if len(key) > len(causes) and key not in longer:
-                        longer[key] = tried.get(key) or self.by_level(key)
+            longer = self._longer(beam, tried)
             tried |= longer
-            beam = sorted(longer, key=lambda key: -longer[key][0].evidence)
-            beam = beam[: SEARCH.beam]
-            if not beam or longer[beam[0]][0].evidence < best + SEARCH.better:
+            if not longer:
                 break
-            best = longer[beam[0]][0].evidence
+            best_first = sorted(
+                longer.values(),
+                key=lambda levels: levels[0].evidence,
+                reverse=True,
+            )
+            beam = [levels[0].causes for levels in best_first[: SEARCH.beam]]
+            best = best_first[0][0].evidence
+            if best < least + SEARCH.better:
+                break
+            least = best
         every = chain(nothing, *tried.values())
         return sorted(every, key=_evidence, reverse=True)
+
+    def _longer(self, beam: Sequence[CauseNames], tried: Tried) -> Tried:
+        """Sets of a beam with one more cause each, at each level."""
+        longer: Tried = {}
+        for causes in beam:
+            for name in self.singles:
+                if name in causes:
+                    continue
+                key = tuple(sorted((*causes, name)))
+                if key not in longer:
+                    longer[key] = tried.get(key) or self.by_level(key)
+        return longer
 
     def explanation_of(self, candidate: Candidate) -> Explanation:
         """Fit a set by damped Gauss-Newton steps: its noise by likelihood, its evidence."""
         best = None
-        moved = np.zeros(len(candidate.indices))
+        normals = np.zeros(len(candidate.indices))
         step = candidate.step
         for _ in range(SEARCH.steps):
-            place = self._place(candidate, moved + step)
+            place = self._place(candidate, normals + step)
             if place is None or not place.fit > (best.fit if best else -np.inf):
                 step = SEARCH.shorter * step
                 continue
             best = place
-            moved = place.moved
-            lead = place.gradient
-            step = place.precision.solve(lead)
-            if float(lead @ step) < SEARCH.nothing_left:
+            normals = place.normals
+            gradient = place.gradient
+            step = place.precision.solve(gradient)
+            if float(gradient @ step) < SEARCH.nothing_left:
                 break
         if best is None:
             raise np.linalg.LinAlgError("no prediction is a number")
         return self._explanation(candidate, best)
 
-    def _place(self, candidate: Candidate, moved: Array) -> Place | None:
-        """Compare the rows with a set whose parameters moved so far, None without a prediction."""
+    def _place(self, candidate: Candidate, normals: Array) -> Place | None:
+        """Compare the rows with a set at its parameters (p,), None without a prediction."""
         reference = self.system.reference
         free = candidate.indices
         sd = self.sd[free]
-        full = np.zeros(reference.structure.size)
-        full[free] = sd * moved
-        beta = reference.structure.retract(reference.beta, full)
+        step = np.zeros(reference.structure.size)
+        step[free] = sd * normals
+        beta = reference.structure.retract(reference.beta, step)
         residual, columns = self.system.residual(beta, free)
         if not np.isfinite(residual).all():
             return None
         unknown = self.system.unknown(candidate.level)
-        products = unknown.products(self.system.whiten(residual), columns * sd)
+        y = self.system.whiten(residual)
+        products = unknown.products(y, columns * sd)
         noise = products.most_likely_noise()
-        return Place(moved, beta, residual, products, noise, self.temper)
+        return Place(normals, beta, residual, products, noise, self.temper)
 
     def _explanation(self, candidate: Candidate, place: Place) -> Explanation:
         """The set of causes at the place of its best fit, with its evidence by Laplace."""
@@ -331,6 +314,7 @@ class Search:
         variance = np.diag(precision.inverse())
         deviation = np.zeros(len(place.beta))
         deviation[free] = sd[free] * np.sqrt(variance)
+        volume = 0.5 * precision.log_determinant()
         cost = self.cost * len(candidate.causes)
         return Explanation(
             causes=candidate.causes,
@@ -339,7 +323,7 @@ class Search:
             indices=free,
             beta=place.beta,
             sd=sd,
-            evidence=place.fit - 0.5 * precision.log_determinant() - cost,
+            evidence=place.fit - volume - cost,
             temper=self.temper,
             deviation=deviation,
             noise=place.noise,
@@ -397,23 +381,3 @@ def explain(
         search = Search(system, cause, always, temper)
         explanations += search.explanations(calm=calm)
     return tuple(sorted(explanations, key=_evidence, reverse=True))
-
-
-def least_residual(explanations: Sequence[Explanation]) -> Explanation:
-    """The best, with the least residual of the log's own that the evidence hardly tells from it."""
-    best = explanations[0]
-    alike = [
-        some
-        for some in explanations
-        if some.causes == best.causes and some.evidence > best.evidence - NATS
-    ]
-    return min(alike, key=lambda some: OWN.index(some.level))
-
-
-def simplest(explanations: Sequence[Explanation]) -> Explanation:
-    """The one that frees least, of those that the evidence hardly tells from the best."""
-    least = explanations[0].evidence - NATS
-    some = [one for one in explanations if one.evidence > least]
-    fewest = min(len(one.indices) for one in some)
-    simple = [one for one in some if len(one.indices) == fewest]
-    return max(simple, key=_evidence)

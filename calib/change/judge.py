@@ -28,9 +28,10 @@ from .causes import as_built, as_drawn
 from .evidence import Evidence, bound_test, with_orientations
 from .explain import explain
 from .frame import Reference, reference_of
+from .play import find_play
 from .rows import LogRows, rows_of
 from .settings import BEYOND
-from .significance import FreeNoise, find_play, group_tests
+from .significance import FreeNoise, group_tests
 from .system import System, frame_variance, sound_data
 from .update import update
 from .verdict import Verdict, notes_of, verdict_on_maps

@@ -28,7 +28,8 @@ from ..body.views import Measurement
 from ..common.arrays import Array
 from ..common.rows import row_lengths, thinned
 from .evidence import Evidence
-from .explain import SEARCH, Explanation, least_residual
+from .explain import SEARCH
+from .explanation import Explanation, least_residual
 from .settings import BEYOND, CREEP, UPDATING
 from .system import Log, frame_columns, prior_columns, residual_columns
 

@@ -18,9 +18,10 @@ from ..common.wording import for_people, with_interval
 from ..model.alignment import Alignment
 from .causes import FRAME, GROUPS, Cause, indices_of, is_sensors, single_causes
 from .evidence import Evidence
-from .explain import Explanation, simplest
+from .explanation import Explanation, simplest
+from .play import Play
 from .settings import CREEP, NOISIER
-from .significance import Play, alarms
+from .significance import alarms
 
 
 @dataclass(frozen=True)
