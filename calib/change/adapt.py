@@ -8,6 +8,7 @@ import numpy as np
 
 from ..body.covariance import RADIUS_95
 from ..common.choices import METHODS
+from ..common.rows import row_lengths
 from ..errors import require
 from ..maps.model_selection import better, blocks
 from ..maps.node_bounds import learn_bounds
@@ -16,9 +17,7 @@ from ..model.prediction import predict
 from ..samples.samples import Samples
 from ..stream.follow import BLOCK, HORIZON, OnlineAdapter
 from ..training.options import Progress
-from ..training.residuals import (
-    error_sizes,
-)
+from ..training.residuals import error_sizes
 from .adaptation import (
     ADAPTING,
     Adaptation,
@@ -131,8 +130,7 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
         return old.with_note(why)
     # the equations are linear and the model is not: what is written has to keep the promise
     predicted = predict(fresh, rows.log).value
-    error = np.linalg.norm(rows.x - predicted, axis=1)
-    error = error[learned.rows]
+    error = row_lengths(rows.x - predicted)[learned.rows]
     rounding = LEAST_OWN * float(evidence.reference.structure.extents[0])
     promise = ADAPTING.consistent * after.mean() + rounding
     if error.mean() >= promise:
@@ -190,7 +188,7 @@ def _wider(verdict: Verdict, old: Adaptation, fresh: Model) -> Adaptation:
     u = np.clip(model.motor.units, 0.0, 1.0)
     apart = fresh.predictor.value(u) - model.predictor.value(u)
     missed = float(np.quantile(rows.distance, 0.95))
-    bound = np.linalg.norm(apart, axis=1) + fresh.model_bounds
+    bound = row_lengths(apart) + fresh.model_bounds
     bound = np.maximum(bound, missed)
     # bounds at more than three joints are the body's own
     residual = float(np.median(bound)) / RADIUS_95
@@ -229,7 +227,7 @@ def _online(verdict: Verdict, report: Progress) -> Adaptation:
     fresh = adapter.model()
     residual = x[apart] - fresh.predictor.value(u[apart])
     before = rows.distance[apart]
-    after = np.linalg.norm(residual, axis=1)
+    after = row_lengths(residual)
     correction = "maps and Hebbian links trained online"
     old = replace(old_model(verdict, before, after, correction), kept=())
     if times > 1:

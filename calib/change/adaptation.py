@@ -9,7 +9,7 @@ import numpy as np
 
 from ..body.belief import Body
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import row_lengths, thinned
 from ..common.scale import Scale
 from ..common.wording import for_people
 from ..maps import local_models
@@ -193,7 +193,7 @@ def with_model(
     """
     rows = verdict.rows
     about = rows.model.about
-    after = np.linalg.norm(residual, axis=1)
+    after = row_lengths(residual)
     bound = np.nan_to_num(fresh.expected_error(judged)) + 1e-12
     usual = about.errors.get(rows.model.default_readout)
     event = {
@@ -263,7 +263,7 @@ def _errors(fresh: Model, rows: LogRows, residual: Array) -> ErrorTable:
     forward = errors[readout]["forward"]
     for axis, error in zip("xyz", residual.T, strict=False):
         forward[axis] = error_sizes(error)
-    forward["distance"] = error_sizes(np.linalg.norm(residual, axis=1))
+    forward["distance"] = error_sizes(row_lengths(residual))
     return errors
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from ..body.belief import Body
 from ..body.covariance import autocorrelation_time
 from ..common.arrays import Array
+from ..common.rows import median_length
 from ..samples.diagnosis import rows_behind
 from .explain import explain
 from .explanation import Explanation
@@ -110,8 +111,11 @@ def _noise_of_joint(rows: LogRows, tests: GroupTests) -> Array:
     if tests.noisy is None:
         return np.zeros(len(rows))
     joint, sd = tests.noisy
-    slope = rows.body.structure.slope(rows.q, rows.body.beta)
-    return np.asarray(sd**2 * (slope[..., joint] ** 2).sum(axis=1))
+    body = rows.body
+    slope = body.structure.slope(rows.q, body.beta)
+    moves = slope[..., joint] ** 2
+    variance: Array = sd**2 * moves.sum(axis=1)
+    return variance
 
 
 def variance_of_places(rows: LogRows, residual: Array) -> float:
@@ -162,19 +166,17 @@ class Evidence:
     @property
     def distance(self) -> float:
         """Typical distance of the rows from the best explanation [unit]."""
-        residual = self.explanations[0].residual
-        return float(np.median(np.linalg.norm(residual, axis=1)))
+        return median_length(self.explanations[0].residual)
 
     @property
     def misfit(self) -> float:
         """The same as a share of the typical distance of the positions from their middle."""
         away = self.rows.x - np.median(self.rows.x, axis=0)
-        spread = float(np.median(np.linalg.norm(away, axis=1)))
-        return self.distance / max(spread, 1e-300)
+        return self.distance / max(median_length(away), 1e-300)
 
     @cached_property
     def is_explained(self) -> bool:
-        """Whether any explanation comes near the rows: to a part of their spread, or as bounded."""
+        """Whether an explanation comes near the rows: to a part of their spread, or the bound."""
         if self.misfit < EVIDENCE.unexplained:
             return True
         # rows that lag or whose joints are exchanged come near too, but for those at each jump

@@ -20,7 +20,7 @@ from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import median_length, row_lengths, thinned
 from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
 from .causes import FRAME, Cause, indices_of, is_sensors
@@ -114,9 +114,8 @@ def _is_near(structure: Structure, beta: Array, q: Array, z: Array) -> bool:
     """Whether a log needs no other frame than that of the parameters (d,)."""
     residual = z - structure.predict(q, beta)
     positions = residual[:, : structure.blocks[0]]
-    distance = np.linalg.norm(positions, axis=1)
     far = PLACING.far * float(structure.extents[0])
-    return float(np.median(distance)) < far
+    return median_length(positions) < far
 
 
 def _by_best_sense(body: Body, q: Array, z: Array, unit: str) -> Reference:
@@ -201,8 +200,8 @@ def offset_after(
     after = new.structure.slope(q, beta)
     inverse = np.linalg.pinv(before, rcond=1e-3)
     joints = np.einsum("ndm,nm->nd", inverse, offset)
-    moves = np.einsum("nmd,nd->nm", after, joints)
-    return np.asarray(moves)
+    moves: Array = np.einsum("nmd,nd->nm", after, joints)
+    return moves
 
 
 class _Sense(NamedTuple):
@@ -235,7 +234,7 @@ class _Placement(NamedTuple):
                 away = z[sound] - p[sound] @ turn.T
                 shift = away.mean(axis=0)
             residual = z - (shift + ratio * p @ turn.T)
-            distance = np.linalg.norm(residual, axis=1)
+            distance = row_lengths(residual)
             typical = float(np.median(distance))
             sound = distance <= max(3.0 * typical, 1e-12)
         return _Placement(sense, typical / ratio, turn, ratio)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..body.belief import Body, knows_orientation
 from ..common.arrays import Array, Index, Mask
-from ..common.rows import thinned
+from ..common.rows import row_lengths, thinned
 from ..errors import LogError, ModelError
 from ..maps.map import Map, search_tree
 from ..model.model import Model
@@ -118,7 +118,7 @@ class LogRows(OfRows):
     @property
     def distance(self) -> Array:
         """Distance of the rows from their prediction, (n,) [unit]."""
-        return np.asarray(np.linalg.norm(self.x - self.predicted, axis=1))
+        return row_lengths(self.x - self.predicted)
 
     @property
     def map_offset(self) -> Array:

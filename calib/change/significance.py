@@ -117,10 +117,9 @@ class GroupTests:
 
 def alarms(groups: Iterable[GroupTest]) -> tuple[GroupTest, ...]:
     """Groups above their threshold, the most telling first."""
-    above = (g for g in groups if g.score > 1.0 and g.name != DRIFT)
-    return tuple(
-        sorted(above, key=lambda g: (-g.score, 3.0 * g.freedom - g.statistic))
-    )
+    above = [g for g in groups if g.score > 1.0 and g.name != DRIFT]
+    above.sort(key=lambda g: (-g.score, 3.0 * g.freedom - g.statistic))
+    return tuple(above)
 
 
 def groups_of(structure: Structure) -> dict[str, Indices]:
@@ -171,27 +170,42 @@ class FreeNoise:
         """The same where the encoder of one joint alone makes it larger."""
         system = self.system
         slope = system.slope / system.reference.sizes[:, None]
-        square = (self.rest**2).sum(axis=1)[:, None]
-        along = np.einsum("nmd,nm->nd", slope, self.rest) ** 2
-        length = (slope**2).sum(axis=1)
+        lengths = (slope**2).sum(axis=1)
         # so that at the tip all are alike
-        typical = np.sqrt(np.maximum(length.mean(axis=0), 1e-300))
-        gains = []
-        for times in SIGNIFICANCE.joint_noises:
-            ratio = (times / typical) ** 2
-            value = 1.0 + ratio * length
-            variance = (square - ratio * along / value).mean(axis=0)
-            gain = self.rest.size * np.log(square.mean() / variance)
-            gains.append(gain - np.log(value).sum(axis=0))
-        joint = int(np.argmax(np.max(gains, axis=0)))
+        mean = lengths.mean(axis=0)
+        typical = np.sqrt(np.maximum(mean, 1e-300))
+        joint = self._noisiest_joint(slope, lengths, typical)
         noises = []
         for times in SIGNIFICANCE.joint_noises:
             noisy = joint, times / float(typical[joint])
             other = System(system.reference, system.log, noisy)
             noises.append(FreeNoise(other))
         best = max(noises, key=lambda noise: noise.likelihood)
-        chance = best.chance_beside(self.likelihood) * (1 + len(typical))
+        chance = best.chance_beside(self.likelihood)
+        chance *= 1 + len(typical)
         return best if chance < FALSE_ALARM else self
+
+    def _noisiest_joint(
+        self, slope: Array, lengths: Array, typical: Array
+    ) -> int:
+        """The joint whose noise makes the residuals most likely, by one step.
+
+        slope, lengths, typical : (n, m, dof), (n, dof), (dof,), how a joint moves the tip, the
+            squares of that, and its usual size, in the sensor's noise
+        """
+        residual = (self.rest**2).sum(axis=1)
+        square = residual[:, None]
+        along = np.einsum("nmd,nm->nd", slope, self.rest) ** 2
+        gains = []
+        for times in SIGNIFICANCE.joint_noises:
+            ratio = (times / typical) ** 2
+            value = 1.0 + ratio * lengths
+            rest = square - ratio * along / value
+            variance = rest.mean(axis=0)
+            gain = self.rest.size * np.log(square.mean() / variance)
+            gains.append(gain - np.log(value).sum(axis=0))
+        best = np.max(gains, axis=0)
+        return int(np.argmax(best))
 
     def tests(self, products: Products, count: int) -> FTests:
         """F tests of columns by their products, beside this noise; `count` of them."""
@@ -231,21 +245,22 @@ class FTests:
         What the rows tell nothing of is left out.
         """
         power, pull = self.products.information(self.noise)
+        precision = np.diag(power)
         tests = []
         for name, at in groups.items():
-            if np.diag(power)[at].max() > 0.0:  # a tracker has no lens
+            if precision[at].max() > 0.0:  # a tracker has no lens
                 block = power[np.ix_(at, at)]
-                tests.append(
-                    self.of_change(name, at, block, pull[at], moves[at])
-                )
+                test = self.of_change(name, at, block, pull[at], moves[at])
+                tests.append(test)
         return tests
 
     def chance(self, statistic: float, freedom: float) -> float:
         """Return the chance of a statistic, after Bonferroni."""
         from scipy.special import fdtrc
 
-        chance = fdtrc(freedom, max(self.left, 1e-3), statistic / freedom)
-        return min(1.0, self.count * float(chance))
+        left = max(self.left, 1e-3)
+        chance = float(fdtrc(freedom, left, statistic / freedom))
+        return min(1.0, self.count * chance)
 
     def of_change(
         self,
@@ -267,9 +282,10 @@ class FTests:
         clear = values > 1e-9 * values[-1]
         values = values[clear]
         vectors = vectors[:, clear] / size[:, None]
-        turned = vectors.T @ pull
+        along = vectors.T @ pull
         freedom = len(values)
-        statistic = float((turned**2 / values).sum()) / self.temper
+        gain = float((along**2 / values).sum())
+        statistic = gain / self.temper
         variance = (vectors**2 / values).sum(axis=1)
         deviation = np.sqrt(variance * self.temper)
         threshold = 1.0 - FALSE_ALARM / self.count
@@ -277,15 +293,17 @@ class FTests:
         # with hardly a row left for the noise no change is large enough
         smallest = math.inf
         if needed < SIGNIFICANCE.largest:
-            shown = chndtrinc(needed, freedom, 1.0 - SIGNIFICANCE.power)
-            least = moves[precision > 0.0] / size[precision > 0.0]
-            smallest = float(np.sqrt(shown * self.temper) * least.min())
+            square = chndtrinc(needed, freedom, 1.0 - SIGNIFICANCE.power)
+            distance = np.sqrt(square * self.temper)
+            some = precision > 0.0
+            least = (moves[some] / size[some]).min()
+            smallest = float(distance * least)
         return GroupTest(
             name=SHOWN.get(name, name),
             p_value=self.chance(statistic, freedom),
             statistic=statistic,
             freedom=freedom,
-            change=Change(indices, vectors @ (turned / values), deviation),
+            change=Change(indices, vectors @ (along / values), deviation),
             smallest=smallest,
         )
 
@@ -293,19 +311,22 @@ class FTests:
         """Test whether all columns, of standard normals, are larger (Satterthwaite 1946)."""
         power, pull = self.products.information(self.noise)
         mean = float(np.trace(power))
-        spread = mean**2 / float((power**2).sum())
-        statistic = spread * float(pull @ pull) / mean / self.temper
-        chance = self.chance(statistic, spread)
-        return GroupTest(DRIFT, chance, statistic, round(spread))
+        square = float((power**2).sum())
+        freedom = mean**2 / square
+        gain = float(pull @ pull)
+        statistic = freedom * gain / mean / self.temper
+        chance = self.chance(statistic, freedom)
+        return GroupTest(DRIFT, chance, statistic, round(freedom))
 
 
 def moves_of(reference: Reference, probes: Array) -> Array:
     """Displacement (d,) of joints (p, dof) by one of each parameter, root mean square [unit]."""
     structure = reference.structure
-    moves = structure.linearise(probes, reference.beta)[1]
-    moves = moves[:, : structure.blocks[0]]
+    _, columns = structure.linearise(probes, reference.beta)
+    moves = columns[:, : structure.blocks[0]]
     square = (moves**2).sum(axis=1)
-    return np.asarray(np.sqrt(square.mean(axis=0)))
+    rms: Array = np.sqrt(square.mean(axis=0))
+    return rms
 
 
 def group_tests(noise: FreeNoise, probes: Array) -> GroupTests:

@@ -74,17 +74,20 @@ class Log:
 
 def sound_rows(reference: Reference, q: Array, z: Array) -> Mask:
     """Return which rows (n, dof), (n, m) are near a robust fit of all that may have changed."""
-    rows = thinned(len(q), SYSTEM.robust_rows)
+    structure = reference.structure
+    body = reference.body
+    start = reference.beta
     size = reference.sizes
-    sd = freedom(reference.body, changeable(reference.structure))
-    prior = Prior(reference.beta, np.hypot(sd, creep(reference.body)))
+    sd = freedom(body, changeable(structure))
+    prior = Prior(start, np.hypot(sd, creep(body)))
+    rows = thinned(len(q), SYSTEM.robust_rows)
     measured = [Rows(q[rows], z[rows], floor=size)]
-    fit = Fit(reference.structure, measured, reference.beta, prior, nu=STUDENT)
+    fit = Fit(structure, measured, start, prior, nu=STUDENT)
     fit.maximise(steps=SYSTEM.robust_steps)
-    predicted = reference.structure.predict(q, fit.beta)
-    squares = (reference.structure.residual(z, predicted) / size) ** 2
-    outputs = squares.shape[1]
-    square = squares.sum(axis=1)
+    predicted = structure.predict(q, fit.beta)
+    residual = structure.residual(z, predicted) / size
+    square = (residual**2).sum(axis=1)
+    outputs = residual.shape[1]
     median = float(np.median(square[rows]))
     noise = max(median / (outputs - 2 / 3), 1.0)
     return np.asarray(square <= OUTLIER**2 * outputs * noise)
@@ -140,10 +143,12 @@ class System:
         joint, ratio = self.noisy
         g = self.slope[..., joint] / sizes
         square = (g**2).sum(axis=1)
+        length = np.sqrt(np.maximum(square, 1e-300))
+        g /= length[:, None]
         value = 1.0 + ratio**2 * square
-        g /= np.sqrt(np.maximum(square, 1e-300))[:, None]
-        less = (1.0 - 1.0 / np.sqrt(value))[:, None, None]
-        white -= less * g[:, :, None] * (g[:, None] @ white)
+        less = 1.0 - 1.0 / np.sqrt(value)
+        along = g[:, None] @ white
+        white -= less[:, None, None] * g[:, :, None] * along
         return white, float(np.log(value).sum())
 
     @property
@@ -153,9 +158,10 @@ class System:
 
     def whiten(self, x: Array) -> Array:
         """Return residuals (n, m) or columns (n, m, k) [unit] in noises: (N,) or (N, k)."""
-        n, m = x.shape[:2]
-        flat = self._white[0] @ x.reshape(n, m, -1)
-        return np.asarray(flat.reshape(n * m, *x.shape[2:]))
+        roots, _ = self._white
+        n, m, *columns = x.shape
+        flat: Array = roots @ x.reshape(n, m, -1)
+        return flat.reshape(n * m, *columns)
 
     def residual(self, beta: Array, free: Indices) -> tuple[Array, Array]:
         """Residuals (n, m) [unit] at parameters (d,), and columns (N, k) of some of these."""
@@ -166,11 +172,12 @@ class System:
         return residual, self.whiten(columns)
 
     def again(self, at: Array) -> System:
-        """Return the same rows, linearised elsewhere; changes are told from the reference's."""
+        """Return the same rows, linearised elsewhere; changes count from the reference."""
+        every = np.arange(len(at))
+        change = at - self.reference.beta
         system = copy(self)
-        residual, system.x = self.residual(at, np.arange(len(at)))
-        system.y = self.whiten(residual)
-        system.y = system.y + system.x @ (at - self.reference.beta)
+        residual, system.x = self.residual(at, every)
+        system.y = self.whiten(residual) + system.x @ change
         return system
 
     def unknown(self, level: Level) -> Unknown:
@@ -201,42 +208,49 @@ class Products:
         """Products of the gram (r + k + 1)^2 of unknown columns (r), columns and residuals."""
         values, turns = np.linalg.eigh(gram[:unknown, :unknown])
         some = values > SYSTEM.nothing
+        values = values[some]
         along = turns[:, some].T @ gram[:unknown, unknown:]
-        along /= np.sqrt(values[some])[:, None]
+        along /= np.sqrt(values)[:, None]
         rest = gram[unknown:, unknown:]
         return Products(
             count,
             float(rest[-1, -1]),
             rest[:-1, -1],
             rest[:-1, :-1],
-            values[some],
+            values,
             along[:, -1],
             along[:, :-1],
         )
 
     def likelihood(self, noise: Array | float) -> Array:
         """Log likelihood (s,) [nats] of the residuals under sizes (s,) of the noise."""
-        square = np.atleast_1d(noise)[:, None] ** 2
-        share = self.values / (square + self.values)
-        size = np.log1p(self.values / square).sum(axis=1)
-        size += self.count * np.log(square[:, 0])
-        rest = (self.square - share @ self.axes_y**2) / square[:, 0]
-        return np.asarray(-0.5 * (size + rest + self.log_determinant))
+        variance = np.atleast_1d(noise) ** 2
+        column = variance[:, None]
+        size = np.log1p(self.values / column).sum(axis=1)
+        size += self.count * np.log(variance)
+        share = self.values / (column + self.values)
+        square = self.square - share @ self.axes_y**2
+        rest = square / variance
+        likelihood: Array = -0.5 * (size + rest + self.log_determinant)
+        return likelihood
 
     def information(self, noise: float) -> tuple[Array, Array]:
         """Information (k, k) on the columns, whatever else is unknown, and its moments (k,)."""
-        less = self.axes_x.T * (self.values / (noise**2 + self.values))
-        power = (self.power - less @ self.axes_x) / noise**2
-        return power, (self.pull - less @ self.axes_y) / noise**2
+        share = self.values / (noise**2 + self.values)
+        less = self.axes_x.T * share
+        power = self.power - less @ self.axes_x
+        pull = self.pull - less @ self.axes_y
+        return power / noise**2, pull / noise**2
 
     def noises(self, least: float | None = None) -> tuple[Array, Array]:
         """Sizes (s,) of the noise, and their log likelihood.
 
         They are `least` at least; where that is not given the old noise counts for some rows.
         """
-        usual = float(np.sqrt(self.square / self.count))
+        usual = math.sqrt(self.square / self.count)
         high = 2.0 * max(usual, least or 1.0)
-        sizes = np.geomspace(least or SYSTEM.least, high, SYSTEM.noises)
+        low = least or SYSTEM.least
+        sizes = np.geomspace(low, high, SYSTEM.noises)
         likelihood = self.likelihood(sizes)
         if least is None:
             likelihood -= PSEUDO * (np.log(sizes) + 0.5 / sizes**2)
@@ -245,12 +259,14 @@ class Products:
     def most_likely_noise(self, least: float | None = None) -> float:
         """Size of the noise of the greatest likelihood."""
         sizes, likelihood = self.noises(least)
-        return float(sizes[int(np.argmax(likelihood))])
+        best = np.argmax(likelihood)
+        return float(sizes[best])
 
     def freedom(self, noise: float) -> float:
         """Directions of the rows that tell the noise, whatever else is unknown."""
         share = self.values / (noise**2 + self.values)
-        return self.count - float((share * (2.0 - share)).sum())
+        lost = share * (2.0 - share)
+        return self.count - float(lost.sum())
 
 
 class Unknown:
@@ -297,9 +313,9 @@ class Unknown:
         """Return what the unknown does not follow of residuals or columns, by rows, in noises."""
         share = self.values / (noise**2 + self.values)
         along = (self.axes.T @ x).T * share
-        rest = (x - self.axes @ along.T) / noise
+        rest: Array = (x - self.axes @ along.T) / noise
         rows = len(self.system.log.q)
-        return np.asarray(rest.reshape(rows, -1, *x.shape[1:]))
+        return rest.reshape(rows, -1, *x.shape[1:])
 
 
 def principal_axes(columns: Array) -> tuple[Array, Array]:
@@ -313,7 +329,9 @@ def principal_axes(columns: Array) -> tuple[Array, Array]:
         return axes, np.maximum(values, 0.0)
     values, turns = np.linalg.eigh(columns.T @ columns)
     some = values > SYSTEM.nothing
-    return columns @ turns[:, some] / np.sqrt(values[some]), values[some]
+    values = values[some]
+    axes = columns @ turns[:, some]
+    return axes / np.sqrt(values), values
 
 
 def residual_columns(reference: Reference, log: Log, factor: float) -> Array:
@@ -332,12 +350,11 @@ def smooth_columns(
     lengths = lengths_of(reference.body, nodes)
     alike = matern(nodes, nodes, lengths)
     alike[np.diag_indices(len(alike))] += 1e-6
-    features = np.linalg.solve(
-        np.linalg.cholesky(alike), matern(nodes, q, lengths)
-    )
+    root = np.linalg.cholesky(alike)
+    features = np.linalg.solve(root, matern(nodes, q, lengths))
     sd = np.diag(factor * reference.residual_sd)
-    columns = np.einsum("kn,ij->nikj", features, sd)
-    return np.asarray(columns.reshape(len(q), len(sd), -1))
+    columns: Array = np.einsum("kn,ij->nikj", features, sd)
+    return columns.reshape(len(q), len(sd), -1)
 
 
 def prior_columns(
@@ -346,7 +363,7 @@ def prior_columns(
     crept: float = 1.0,
     freed: Array | None = None,
 ) -> tuple[Indices, Array]:
-    """What is not known of the arm's parameters: which (k,), by standard normals (k, r).
+    """What is unknown of the arm's parameters: which (k,), by standard normals (k, r).
 
     waves, crept, freed : as of `Level` and `Unknown`
     """
@@ -358,9 +375,9 @@ def prior_columns(
         lost = np.intersect1d(lost, np.flatnonzero(freed))
     active = np.union1d(body.active, np.flatnonzero(sd))
     active = active.astype(np.intp)
+    covariance = np.diag(sd[active] ** 2)
     old = body.root.copy()
     old[np.isin(body.active, lost)] = 0.0
-    covariance = np.diag(sd[active] ** 2)
     place = np.searchsorted(active, body.active)
     covariance[np.ix_(place, place)] += body.kappa**2 * old @ old.T
     return active, root_of(covariance)
@@ -371,23 +388,24 @@ def frame_columns(reference: Reference, log: Log, predicted: Array) -> Array:
     if not log.shared:
         return np.zeros((*log.z.shape, 0))
     structure = reference.structure
+    outputs = log.z.shape[1]
     places = predicted[:, : structure.blocks[0]]
-    return log.shared * affine_columns(
-        places / structure.extents[0], log.z.shape[1]
-    )
+    columns = affine_columns(places / structure.extents[0], outputs)
+    return log.shared * columns
 
 
 def frame_variance(reference: Reference, log: Log) -> Array:
     """Variance (n,) of an axis [unit^2] of what all rows share: two frames, bent and shifted."""
     columns = frame_columns(reference, log, log.z)
-    variance = (columns**2).mean(axis=1)
-    return np.asarray(variance.sum(axis=1))
+    variances = (columns**2).mean(axis=1)
+    variance: Array = variances.sum(axis=1)
+    return variance
 
 
 def affine_columns(x: Array, outputs: int) -> Array:
     """Displacements (n, m, (1 + p) m) of positions (n, p) by an affine map of their frame."""
     n = len(x)
     ones = np.ones((n, 1))
-    bent = np.concatenate([ones, x], axis=1)
-    moves = np.einsum("nk,ij->nikj", bent, np.eye(outputs))
-    return np.asarray(moves.reshape(n, outputs, -1))
+    features = np.concatenate([ones, x], axis=1)
+    moves: Array = np.einsum("nk,ij->nikj", features, np.eye(outputs))
+    return moves.reshape(n, outputs, -1)

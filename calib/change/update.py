@@ -111,8 +111,9 @@ def _is_better(evidence: Evidence, belief: _Belief) -> bool:
     before = evidence.rows.distance[belief.rows]
     gain = before - row_lengths(belief.residual)
     share = UPDATING.changed if changed else UPDATING.refined
-    needed = max(_chance(gain), (1.0 - share) * float(before.mean()))
-    gains = evidence.is_explained and float(gain.mean()) > needed
+    worthwhile = (1.0 - share) * float(before.mean())
+    least = max(_chance(gain), worthwhile)
+    gains = evidence.is_explained and float(gain.mean()) > least
     if changed or not gains:
         return gains
     # rows of an arm that did not change made a model of half of series A worse by 1.15
@@ -122,8 +123,9 @@ def _is_better(evidence: Evidence, belief: _Belief) -> bool:
 def _chance(gain: Array) -> float:
     """What the mean of gains (k,) by rows may be by chance, as contiguous blocks differ [unit]."""
     blocks = np.array_split(gain, UPDATING.blocks)
-    means = np.array([block.mean() for block in blocks])
-    return UPDATING.sure * float(means.std(ddof=1)) / math.sqrt(UPDATING.blocks)
+    means = [block.mean() for block in blocks]
+    deviation = float(np.std(means, ddof=1))
+    return UPDATING.sure * deviation / math.sqrt(UPDATING.blocks)
 
 
 def _is_trainable(evidence: Evidence, explanation: Explanation) -> bool:
@@ -199,24 +201,27 @@ def _as_uncertain(
         if some.reference is best.reference and some.evidence > least
     ]
     apart = np.stack([some.beta - best.beta for some in beside])
-    active = np.union1d(body.active, np.flatnonzero(apart.any(axis=0)))
+    loose = np.flatnonzero(apart.any(axis=0))
+    active = np.union1d(body.active, loose)
     # each may be as likely as the best
-    scaled = apart[:, active] / (math.sqrt(2.0) * body.kappa)
+    scale = math.sqrt(2.0) * body.kappa
+    scaled = apart[:, active] / scale
     covariance = scaled.T @ scaled
     place = np.searchsorted(active, body.active)
     covariance[np.ix_(place, place)] += body.covariance
     return replace(body, active=active, root=root_of(covariance))
 
 
-def _with_sound_bound(body: Body, q: Array, missed: Array) -> Body:
+def _with_sound_bound(body: Body, q: Array, distance: Array) -> Body:
     """The belief with a bound that rows (k, dof) do not contradict, of held-out distances (k,).
 
     What is known of a change may be wrong: a link that is longer is no lens.
     """
-    if np.mean(missed > body.bound(q)) <= BEYOND:
+    beyond = distance > body.bound(q)
+    if beyond.mean() <= BEYOND:
         return body
-    residual = float(np.quantile(missed, 0.95)) / RADIUS_95
-    return replace(body, residual=np.maximum(body.residual, residual))
+    least = float(np.quantile(distance, 0.95)) / RADIUS_95
+    return replace(body, residual=np.maximum(body.residual, least))
 
 
 def _is_surer(evidence: Evidence, body: Body) -> bool:
@@ -226,9 +231,11 @@ def _is_surer(evidence: Evidence, body: Body) -> bool:
     variances = []
     for belief in (body, old):
         spread = belief.spread(evidence.rows.probes)
-        own = float(np.einsum("nii->n", spread).mean())
-        variances.append(own * old.kappa**2 + unexplained)
-    return variances[0] < UPDATING.refined**2 * variances[1]
+        by_row = np.einsum("nii->n", spread)
+        variance = float(by_row.mean()) * old.kappa**2
+        variances.append(variance + unexplained)
+    new_variance, old_variance = variances
+    return new_variance < UPDATING.refined**2 * old_variance
 
 
 def _posterior_belief(explanation: Explanation, log: Log) -> tuple[Body, Array]:
@@ -295,6 +302,7 @@ class _Arm:
         self.active, self.root = prior_columns(
             reference, level.waves, freed=explanation.sd
         )
+        self.count = self.root.shape[1]  # numbers of the parameters
         smooth = residual_columns(reference, log, level.residual)
         predicted = self.structure.predict(log.q, explanation.beta)
         shared = frame_columns(reference, log, predicted)
@@ -302,9 +310,9 @@ class _Arm:
 
     def beta(self, normals: Array) -> Array:
         """The arm's parameters (d,)."""
-        away = np.zeros(self.structure.size)
-        away[self.active] = self.root @ normals[: self.root.shape[1]]
-        return self.structure.retract(self.start, away)
+        step = np.zeros(self.structure.size)
+        step[self.active] = self.root @ normals[: self.count]
+        return self.structure.retract(self.start, step)
 
     def as_seen_by(self, sensor: None) -> _Arm:
         """There is one sensor."""
@@ -321,20 +329,22 @@ class _Arm:
 
     def predict(self, q: Array, normals: Array) -> Array:
         """Outputs (n, m)."""
-        known = self.root.shape[1]
         predicted = self.structure.predict(q, self.beta(normals))
-        return np.asarray(predicted + self.own @ normals[known:])
+        return predicted + self._own_outputs(normals)
 
     def linearise(
         self, q: Array, normals: Array, _active: Indices
     ) -> tuple[Array, Array]:
         """Outputs (n, m), and their derivative (n, m, k) by all numbers."""
-        predicted, x = self.structure.linearise(
-            q, self.beta(normals), self.active
-        )
+        beta = self.beta(normals)
+        predicted, x = self.structure.linearise(q, beta, self.active)
         columns = np.concatenate([x @ self.root, self.own], axis=2)
-        known = self.root.shape[1]
-        return predicted + self.own @ normals[known:], columns
+        return predicted + self._own_outputs(normals), columns
+
+    def _own_outputs(self, normals: Array) -> Array:
+        """What this log alone shows, (n, m)."""
+        outputs: Array = self.own @ normals[self.count :]
+        return outputs
 
 
 class _Posterior:
@@ -344,46 +354,48 @@ class _Posterior:
         self.arm = _Arm(explanation, log)
         self.log = log
         self.temper = explanation.temper
-        root = self.arm.root
-        moved = explanation.beta - explanation.reference.beta
-        start = np.linalg.lstsq(root, moved[self.arm.active], rcond=1e-12)[0]
-        known = root.shape[1]
-        size = known + self.arm.own.shape[2]
+        reference = explanation.reference
+        arm = self.arm
+        change = explanation.beta - reference.beta
+        start, *_ = np.linalg.lstsq(arm.root, change[arm.active], rcond=1e-12)
+        size = arm.count + arm.own.shape[2]
         normals = np.zeros(size)
-        normals[:known] = start
+        normals[: arm.count] = start
         # rows that resemble their neighbours count for less than their number
         sd = np.full(size, 1.0 / math.sqrt(self.temper))
-        noise = explanation.noise * explanation.reference.sizes
-        structure = cast("Structure", self.arm)
+        noise = explanation.noise * reference.sizes
+        structure = cast("Structure", arm)
         prior = Prior(np.zeros(size), sd)
         rows = [Rows(log.q, log.z, noise=noise)]
         fit = Fit(structure, rows, normals, prior, nu=STUDENT)
         self.fit = fit.maximise(
             learn=False, steps=UPDATING.steps, tolerance=UPDATING.tolerance
         )
-        self.beta = self.arm.beta(fit.beta)
+        self.beta = arm.beta(fit.beta)
 
     @property
     def root(self) -> Array:
         """Root (k, r) of the posterior covariance of the active parameters."""
         root = self.arm.root
-        known = root.shape[1]
-        inverse = Factor(self.fit.precision).inverse()[:known, :known]
-        return root_of(self.temper * root @ inverse @ root.T)
+        count = self.arm.count
+        inverse = Factor(self.fit.precision).inverse()
+        covariance = inverse[:count, :count]
+        return root_of(self.temper * root @ covariance @ root.T)
 
     def cross_residual(self) -> Array:
         """Residuals (n, m) of blocks of rows that the fit leaves out in turn [unit]."""
-        known = self.arm.root.shape[1]
         log = self.log
-        predicted, x = self.arm.structure.linearise(
-            log.q, self.beta, self.arm.active
-        )
-        residual = self.arm.structure.residual(log.z, predicted)
-        part = self.fit.parts[0]
-        blocks = len(self.fit.grams)
-        for left_out in np.array_split(np.arange(blocks), UPDATING.blocks):
-            first, last = left_out[0], left_out[-1] + 1
+        arm = self.arm
+        structure = arm.structure
+        predicted, x = structure.linearise(log.q, self.beta, arm.active)
+        residual = structure.residual(log.z, predicted)
+        edges = self.fit.parts[0].edges
+        blocks = np.arange(len(self.fit.grams))
+        for block in np.array_split(blocks, UPDATING.blocks):
+            first = block[0]
+            last = block[-1] + 1
             _, step = self.fit.without(slice(first, last))
-            rows = slice(part.edges[first], part.edges[last])
-            residual[rows] -= x[rows] @ (self.arm.root @ step[:known])
+            change = arm.root @ step[: arm.count]
+            rows = slice(edges[first], edges[last])
+            residual[rows] -= x[rows] @ change
         return residual

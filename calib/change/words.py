@@ -184,7 +184,8 @@ def _effects(evidence: Evidence, best: Explanation) -> Array:
     square = (moves**2).sum(axis=1)
     effects = np.zeros(structure.size)
     effects[best.indices] = np.sqrt(square.mean(axis=0))
-    return np.asarray(effects * np.abs(best.beta - evidence.prior.beta))
+    change = best.beta - evidence.prior.beta
+    return effects * np.abs(change)
 
 
 def _of_group(
