@@ -27,7 +27,7 @@ class Approach:
         """Where joints (n, dof) stand that came from a direction, 1, -1 or 0 (unknown)."""
         return np.asarray(q - self.play * direction)
 
-    def known(self, direction: Array) -> NDArray[np.bool_]:
+    def has_direction(self, direction: Array) -> NDArray[np.bool_]:
         """Whether the direction (n, dof) is known of all joints with play, (n,)."""
         tells = (direction != 0.0) | (self.play == 0.0)
         return np.asarray(tells.all(axis=1))

@@ -97,7 +97,7 @@ class Body(OfStructure):
         parts = np.split(q, chunks)
         return np.concatenate([self._bound(part, noise) for part in parts])
 
-    def unexplained(self, *, noise: bool) -> Array:
+    def remaining_variance(self, *, noise: bool) -> Array:
         """Variance (p,) of positions that no parameter explains, of readings or of the truth.
 
         An error of the model that repeats and the noise of readings look alike unless poses are
@@ -125,7 +125,7 @@ class Body(OfStructure):
 
     def _bound(self, q: Array, noise: bool) -> Array:
         part = self._position
-        unexplained = np.diag(self.unexplained(noise=noise))
+        unexplained = np.diag(self.remaining_variance(noise=noise))
         here, x = self.structure.linearise(q, self.beta, self.active)
         spread = SHARED**2 * spread_of(x[:, part], self.root)
         bound = self.kappa * radius_95(spread + unexplained)
@@ -140,7 +140,7 @@ class Body(OfStructure):
             bound = np.maximum(bound, apart + radius_95(spread))
         return np.asarray(bound)
 
-    def changed(
+    def with_fields(
         self, fields_of: Callable[[Gaussian], Mapping[str, Array | Indices]]
     ) -> Body:
         """Return the body with other fields of both its fits."""
@@ -158,7 +158,7 @@ class Body(OfStructure):
         return sd
 
     @property
-    def informed_deviations(self) -> Array:
+    def deviations_by_rows(self) -> Array:
         """Sd (d,) of what the rows say of each parameter.
 
         The last joint's offset and a tool that stands anywhere are one: where the belief of it is
@@ -175,7 +175,7 @@ class Body(OfStructure):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The fitted parameters with 95 % intervals; the curves' harmonics are left out."""
-        half = 1.96 * self.informed_deviations
+        half = 1.96 * self.deviations_by_rows
         parameters: list[Parameter] = []
         for k in self.active.tolist():
             group, joint, name, unit = self.structure.labels[k]
@@ -203,7 +203,7 @@ class Body(OfStructure):
         from .words import words_of  # modules of every kind of arm
 
         structure = self.structure
-        sd = self.informed_deviations
+        sd = self.deviations_by_rows
         lines = [*words_of(structure, self.beta, sd, lower, upper)]
         if not self.simulated:  # of a simulation both bounds are of the truth
             repeats = "no pose was repeated: all of the residual counts as the model's"

@@ -142,7 +142,7 @@ def _fit(
         wide = _wide_fit(member, chain, some)
     root = as_kept(whole.covariance)
     fits = [
-        _seen_by(k, member, whole, wide, root, rows[k])
+        _body_fit_of(k, member, whole, wide, root, rows[k])
         for k in range(len(rows))
     ]
     return replace(fits[0], beside=tuple(fits[1:]))
@@ -171,7 +171,7 @@ def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
     return whole.maximise(learn=learn, steps=4, tolerance=FIT.settled)
 
 
-def _seen_by(
+def _body_fit_of(
     k: int,
     member: Member,
     whole: Fit,

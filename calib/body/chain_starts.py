@@ -34,7 +34,7 @@ def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
         ends.sort(key=lambda end: end.cost)
         if ends[0].noise <= least or _agreeing(ends, START.near) > 1:
             break
-    return [_absorbed(end) for end in ends[: START.alike]]
+    return [_with_fitted_chain(end) for end in ends[: START.alike]]
 
 
 def _beginnings(
@@ -44,7 +44,7 @@ def _beginnings(
     rng = np.random.default_rng(0)
     yield structure
     while True:
-        yield _drawn(structure, z, rng)
+        yield _random_chain(structure, z, rng)
 
 
 def _ends(
@@ -58,17 +58,17 @@ def _ends(
     """
     ends: list[Start] = []
     for begin in begins:
-        end = _carried_on(Start(begin, begin.neutral()), rows, START.steps)
+        end = _after_steps(Start(begin, begin.neutral()), rows, START.steps)
         ends.append(end)
         if end.noise <= least or _agreeing(ends, START.same) >= START.alike:
             break
     for count, steps in START.further_steps:
         ends.sort(key=lambda end: end.cost)
-        ends = [_carried_on(end, rows, steps) for end in ends[:count]]
+        ends = [_after_steps(end, rows, steps) for end in ends[:count]]
     return ends
 
 
-def _carried_on(start: Start, rows: Rows, steps: int) -> Start:
+def _after_steps(start: Start, rows: Rows, steps: int) -> Start:
     """Return a start after damped steps of the chain, which may be anywhere."""
     prior = start.structure.prior(("placement", "tool"))
     return start.run(rows.q, rows.z, prior, steps)
@@ -81,7 +81,7 @@ def _agreeing(ends: list[Start], near: float) -> int:
     return sum(cost < best + near for cost in costs)
 
 
-def _absorbed(end: Start) -> Start:
+def _with_fitted_chain(end: Start) -> Start:
     """Return an end whose nominal chain is where its parameters put origins and tip."""
     structure = end.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - chains are in space
@@ -99,7 +99,7 @@ def _absorbed(end: Start) -> Start:
     return replace(end, structure=there, beta=there.neutral())
 
 
-def _drawn(
+def _random_chain(
     structure: SpatialStructure, z: Array, rng: np.random.Generator
 ) -> SpatialStructure:
     """Draw a chain: axes of any direction, links as long as the workspace suggests."""

@@ -221,9 +221,11 @@ class Fit:
             )
             try:
                 delta = Factor(damped).solve(self.gradient)
-                beta = self._moved(self.beta, delta)
+                beta = self._after_step(self.beta, delta)
                 if linear is not None and linear.any():
-                    beta = self._moved(beta, self._linear_step(beta, linear))
+                    beta = self._after_step(
+                        beta, self._linear_step(beta, linear)
+                    )
             except np.linalg.LinAlgError:
                 continue
             residuals = [part.residual_at(beta) for part in self.parts]
@@ -235,7 +237,7 @@ class Fit:
                 return gain, delta, damping
         return 0.0, delta, damping
 
-    def _moved(self, beta: Array, delta: Array) -> Array:
+    def _after_step(self, beta: Array, delta: Array) -> Array:
         """Parameters (d,) after a step (k,) of those that are fitted."""
         step = np.zeros(len(beta))
         step[self.active] = delta

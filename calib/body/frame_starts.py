@@ -26,27 +26,27 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> Array:
 
     arm : (d,), the arm's parameters, which stay
     """
-    return _placed(structure, q, z, arm).beta
+    return _best_place(structure, q, z, arm).beta
 
 
-def drawn_frame(structure: SpatialStructure, q: Array, z: Array) -> Array:
+def frame_of_drawing(structure: SpatialStructure, q: Array, z: Array) -> Array:
     """Return parameters (d,) of the nominal arm in the sensor frame that fits rows best.
 
     Raises LogError where even these leave most of what the rows spread.
     """
-    start = _placed(structure, q, z, structure.neutral())
+    start = _best_place(structure, q, z, structure.neutral())
     if structure.camera:
         # a camera's pose and its focal length help each other
         free = [*structure.frame_groups, "offset"]
         sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0
         start = start.run(q, z, Prior(start.beta, sd), 60)
-    if not structure.viewpoint.seen_as.scaled:
+    if not structure.viewpoint.view_kind.has_scale:
         _refuse_misfit(structure, q, z, start.beta)
     return start.beta
 
 
-def _placed(
+def _best_place(
     structure: SpatialStructure, q: Array, z: Array, arm: Array
 ) -> Start:
     """Return the best guess of where the sensor stands, carried on over all rows."""
@@ -131,7 +131,7 @@ def _trackers(
     for tool, turn in zip(tools, turns, strict=True):
         tip = points + rotations @ tool
         scale = structure.metre
-        if structure.viewpoint.seen_as.scaled:
+        if structure.viewpoint.view_kind.has_scale:
             scale = similarity(tip, seen)[2]
         shifts = seen - scale * tip @ turn.T
         guess = arm.copy()

@@ -88,7 +88,7 @@ def _quantiles(parts: Sequence[Array]) -> list[float]:
     return quantiles
 
 
-class _Predicted(NamedTuple):
+class _Prediction(NamedTuple):
     """What a fit says of a sensor's rows from other rows."""
 
     residual: Array  # (n, m); NaN where these leave the body open
@@ -105,7 +105,7 @@ def leave_blocks_out(
     part = fit.parts[sensor]
     derivatives = list(part.by_blocks(fit.beta, fit.active))
     outlier = part.weight[:, 0] <= FIT.outlier
-    predicted: dict[int, _Predicted] = {}
+    predicted: dict[int, _Prediction] = {}
     ratios: dict[int, Array] = {}
     radii: dict[int, Array] = {}
     for count in partitions:
@@ -123,7 +123,7 @@ def leave_blocks_out(
     return HeldOut(residual, score, part.edges, ratios, widening)
 
 
-def _lengths(part: Part, predicted: _Predicted) -> Array:
+def _lengths(part: Part, predicted: _Prediction) -> Array:
     """Lengths (n,) of positions' residuals."""
     positions = part.outputs[0]
     lengths = np.linalg.norm(predicted.residual[:, positions], axis=1)
@@ -132,7 +132,7 @@ def _lengths(part: Part, predicted: _Predicted) -> Array:
 
 def _from_others(
     fit: Fit, part: Part, derivatives: list[tuple[slice, Array]], count: int
-) -> _Predicted:
+) -> _Prediction:
     """Predict the rows of each of `count` groups of blocks from the others; of none from all.
 
     derivatives : rows of each block, and how their predictions move (n, m, k)
@@ -158,7 +158,7 @@ def _from_others(
             y = y.reshape(len(y), *x.shape[:2])
             some = slice(rows.start, rows.stop, every)
             spread[some] = np.einsum("kni,knj->nij", y, y) + noise
-    return _Predicted(residual, spread)
+    return _Prediction(residual, spread)
 
 
 def _negative_log_density(length: Array, spread: Array) -> Array:
@@ -235,7 +235,7 @@ def pass_gate(
                 begin = best.fit.beta
         if frozenset(free) in tried:
             continue
-        member = _fitted(name, free, rows, Start(structure, begin), nu)
+        member = _member_of(name, free, rows, Start(structure, begin), nu)
         tried[frozenset(free)] = member
         if member is None:
             continue
@@ -255,7 +255,7 @@ def pass_gate(
     return replace(best, against_curves=gain / best.fit.autocorrelation)
 
 
-def _fitted(
+def _member_of(
     name: str,
     free: tuple[str, ...],
     rows: Sequence[Rows],

@@ -13,12 +13,12 @@ from ..common.arrays import Array
 from ..common.scale import METRES
 from .curves import curve_shape
 from .drawing import Complex, PlanarDrawing
-from .layout import Ladder, wanted_members
+from .layout import Ladder, members_of
 from .parameters import Block, Hyper, Indices
 from .sensors import InPlane
 from .settings import FIT, PRIOR, SHIFT, TURN
-from .structure import Moving, Structure, fixed_at
-from .views import ArmSize, Moved
+from .structure import Moving, Structure, constants_at
+from .views import ArmSize, TipMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class PlanarMotion:
         """The tip (2, n)."""
         return _pairs(self.terms.sum(axis=0))
 
-    def joints(self) -> Moved:
+    def joints(self) -> TipMotion:
         """How the tip moves with the value of each joint, (dof, 2, n)."""
         # a joint turns all that comes after it about its structure place
         beyond = self.terms[::-1].cumsum(axis=0)[::-1]
@@ -145,7 +145,7 @@ class PlanarStructure(Structure):
     def _link(self) -> tuple[float, str]:
         """What a link's length may be where no drawing says, and the unit of lengths."""
         first = self.sensors[0]
-        scaled = first.seen_as.scaled
+        scaled = first.view_kind.has_scale
         unit = "1"
         if self.nominal is not None or (first.unit in METRES and not scaled):
             unit = "m"
@@ -170,7 +170,7 @@ class PlanarStructure(Structure):
         """The structure without its drawing, None where the sensor's frame is the drawing's."""
         if self.nominal is None or self.view == "base" or self.zeros_alone:
             return None
-        return self.changed(nominal=None)
+        return self.with_fields(nominal=None)
 
     @property
     def viewpoint(self) -> InPlane:
@@ -201,7 +201,7 @@ class PlanarStructure(Structure):
             lengths = size * turning
             offsets = np.zeros(self.dof)
             sds = [2.0 * lengths, 10.0 * free, 2.0 * PRIOR.gain]
-            if self.sensors[0].seen_as.scaled and turning.all():
+            if self.sensors[0].view_kind.has_scale and turning.all():
                 # the view's scale is the first length
                 sds[0] = 2.0 * lengths * (np.arange(self.dof) > 0)
             loose = 2.0
@@ -240,7 +240,7 @@ class PlanarStructure(Structure):
 
     def move(self, values: Array, beta: Array) -> PlanarMotion:  # type: ignore[override]
         """Where the chain is at the true values (dof, n) of its joints."""
-        length, way, turning = fixed_at(self, beta).links
+        length, way, turning = constants_at(self, beta).links
         if not all(self.revolute):
             length = length + np.where(turning, 0.0, values)
             values = np.where(turning, values, 0.0)
@@ -284,7 +284,7 @@ class PlanarStructure(Structure):
             ("elastic", (*chain, "elastic"), turns),
             ("curves and elastic", (*chain, "elastic", "curve"), turns),
         )
-        return wanted_members(ladder)
+        return members_of(ladder)
 
 
 def planar_structure(

@@ -42,7 +42,7 @@ def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
     )
     if not others or structure.others:
         return structure
-    return structure.changed(others=others).as_seen_by(rows[0].sensor)
+    return structure.with_fields(others=others).as_seen_by(rows[0].sensor)
 
 
 def edges_of(count: int, blocks: int) -> Indices:

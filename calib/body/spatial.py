@@ -18,7 +18,7 @@ from ..arm.gravity import GRAVITY, Loads
 from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_shape
-from .layout import Ladder, wanted_members
+from .layout import Ladder, members_of
 from .parameters import Block, Hyper, Indices
 from .sensors import InSpace
 from .settings import FIT, PRIOR, SHIFT, TURN
@@ -173,7 +173,7 @@ class SpatialStructure(Structure):
             labels: list[tuple[str, str, str]] = []
             for joint, weights in zip(loads.joints, loads.weights, strict=True):
                 name = f"{names[joint]}.{block}"
-                if block != "elastic" or not self.weighed:
+                if block != "elastic" or not self.has_masses:
                     name += f" {ends[weights.argmax()]}"
                 labels.append((names[joint], name, "rad"))
             scale = Hyper(block, PRIOR.elastic, pseudo=1.0)
@@ -182,7 +182,7 @@ class SpatialStructure(Structure):
         yield Block.of("gravity", "rad", axes, PRIOR.tilt)
 
     @property
-    def weighed(self) -> bool:
+    def has_masses(self) -> bool:
         """Whether the drawing says masses."""
         return len(self.chain.masses) > 0
 
@@ -196,7 +196,7 @@ class SpatialStructure(Structure):
         if not self.informed:
             return {}
         units = Loads.of_unit_weights(self.chain).scaled(1.0 / self._reach)
-        if not self.weighed:
+        if not self.has_masses:
             return {"elastic": units}
         stretched = np.linalg.norm(
             self.chain.centres - self.chain.points[0], axis=1
@@ -232,13 +232,13 @@ class SpatialStructure(Structure):
             self._down + beta[self.groups["gravity"]] @ self.tilts["gravity"]
         )
 
-    def coupled(self, values: Array) -> Array:
+    def chain_values(self, values: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
         return np.asarray(
             self.chain.coupling @ values + self.chain.bias[:, None]
         )
 
-    def led(self, chained: Array) -> Array:
+    def joint_slope(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
         return np.tensordot(self.chain.coupling.T, chained, axes=1)
 
@@ -300,12 +300,12 @@ class SpatialStructure(Structure):
                 ("offsets", (*frame, "offset"), self.camera),
                 ("chain", chain, True),
                 ("elastic", bent, True),
-                ("payload", (*bent, "payload"), self.weighed),
+                ("payload", (*bent, "payload"), self.has_masses),
                 ("coupled", (*chain, "coupling"), gears),
                 ("geared", (*chain, "gain"), geared),
             ]
         ladder.append(("curves", (*bent, "curve"), bool(turning.any())))
-        return wanted_members(ladder)
+        return members_of(ladder)
 
     def pose(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Position (n, 3) [m] and orientation (n, 3, 3) of the tip in the arm's root frame."""

@@ -21,9 +21,9 @@ from .curves import HARMONICS, curve_slope, curve_value, waves_of
 from .layout import Layout
 from .parameters import Gaussian, Indices
 from .sensors import Sensor
-from .views import Moved, Placed, Sight, compose
+from .views import Projection, Sight, TipMotion, compose
 
-Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
+Moving = Iterator[tuple[Indices, Callable[[], TipMotion]]]
 """Parameters of a chain's geometry, and how the tip moves with each of them."""
 
 _BELIEFS = 16  # whose constants are remembered
@@ -46,7 +46,7 @@ class BendingLoads(Protocol):
         """Derivatives (e, dof, n) of the loads by the joint values."""
 
 
-class Fixed(NamedTuple):
+class Constants(NamedTuple):
     """What follows from the parameters alone, whatever the joints are."""
 
     gain: Array  # (dof, 1), with each joint's direction
@@ -60,7 +60,7 @@ class Fixed(NamedTuple):
     ]  # (e,) of each block by which joints bend, if they do
     gravity: Array  # (g,), what a load is of its levers
     links: Any  # of the chain
-    sensor: Placed
+    sensor: Projection
     blocks: Mapping[str, Array]  # all parameters
 
 
@@ -104,7 +104,7 @@ class Structure(Layout):
 
     def joint_values(self, q: Array, beta: Array) -> Array:
         """True values (c, n) of the chain's joints at logged values (n, dof) [rad or m]."""
-        fixed = fixed_at(self, beta)
+        fixed = constants_at(self, beta)
         logged = np.ascontiguousarray(q.T[: self.dof])
         values = logged * fixed.gain + fixed.offset
         if fixed.coupling is not None:
@@ -112,7 +112,7 @@ class Structure(Layout):
         if fixed.bent:
             # all at once: of one row each operation costs as much as of a hundred
             values[fixed.bent] += curve_value(logged[fixed.bent], fixed.curves)
-        values = self.coupled(values)
+        values = self.chain_values(values)
         if fixed.elastic:
             values += self.bends(q, beta)
         return values
@@ -121,7 +121,7 @@ class Structure(Layout):
         self, q: Array, beta: Array, gravity: Array | None = None
     ) -> Array:
         """How much loads bend the chain's joints (c, n) [rad or m] at logged values (n, dof)."""
-        fixed = fixed_at(self, beta)
+        fixed = constants_at(self, beta)
         if gravity is None:
             gravity = fixed.gravity
         out = np.zeros((len(self.chain_names), len(q)))
@@ -139,11 +139,11 @@ class Structure(Layout):
         """What is added to the joints' values (dof,)."""
         return beta[self.groups["offset"]]
 
-    def coupled(self, values: Array) -> Array:
+    def chain_values(self, values: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
         return values
 
-    def led(self, chained: Array) -> Array:
+    def joint_slope(self, chained: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
         return chained
 
@@ -157,14 +157,14 @@ class Structure(Layout):
 
     def move(self, values: Array, beta: Array) -> Motion:
         """Where the chain is at the true values (c, n) of its joints."""
-        return move(fixed_at(self, beta).links, values)
+        return move(constants_at(self, beta).links, values)
 
-    def seen(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
+    def motion_and_sight(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
         """Where the chain is at rows (n, dof + g), and what the sensor sees of it.
 
         Further columns than the joints' are what a row tells the measurement.
         """
-        fixed = fixed_at(self, beta)
+        fixed = constants_at(self, beta)
         motion = self.move(self.joint_values(q, beta), beta)
         if isinstance(self.measurement, Sensor):
             return motion, fixed.sensor.look(motion)
@@ -176,13 +176,13 @@ class Structure(Layout):
         """What the sensor of some parameters sees of a motion."""
         return self.measurement.look(blocks, motion, q[:, self.dof :])
 
-    def sensor(self, beta: Array) -> Placed:
+    def sensor(self, beta: Array) -> Projection:
         """The sensor: where it stands, its scale and its lens."""
-        return fixed_at(self, beta).sensor
+        return constants_at(self, beta).sensor
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
-        return self.seen(q, beta)[1].values
+        return self.motion_and_sight(q, beta)[1].values
 
     def residual(self, z: Array, predicted: Array) -> Array:
         """Residuals (n, m) of observed against predicted outputs.
@@ -206,7 +206,7 @@ class Structure(Layout):
         self, q: Array, beta: Array, active: Indices | None = None
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-        motion, sight = self.seen(q, beta)
+        motion, sight = self.motion_and_sight(q, beta)
         n, outputs = sight.values.shape
         active = np.arange(self.size) if active is None else active
         column = np.full(self.size, -1)
@@ -227,12 +227,12 @@ class Structure(Layout):
     ) -> Iterator[tuple[Indices, Callable[[], Array]]]:
         """Parameters, and how outputs (..., m, n) move with them."""
         groups = self.groups
-        fixed = fixed_at(self, beta)
+        fixed = constants_at(self, beta)
         joints = q[:, : self.dof]
-        for name in self.own_blocks:
+        for name in self.sensor_blocks:
             yield groups[name], partial(self._by_sensor, name, q, motion, beta)
         chained = sight.push(*motion.joints())
-        led = self.led(chained)
+        joint_slope = self.joint_slope(chained)
 
         def by_loads(block: str) -> Array:
             loads = loads_of(self._levers(block, q), fixed.gravity)
@@ -245,14 +245,20 @@ class Structure(Layout):
         if "gravity" in groups:
             yield groups["gravity"], lambda: self._by_gravity(q, beta, chained)
         if "coupling" in groups:
-            yield groups["coupling"], lambda: led[1:] * joints.T[:-1, None]
+            yield (
+                groups["coupling"],
+                lambda: joint_slope[1:] * joints.T[:-1, None],
+            )
         signed = (joints * self.directions).T
-        yield groups["offset"], lambda: led
-        yield groups["gain"], lambda: led * signed[:, None]
+        yield groups["offset"], lambda: joint_slope
+        yield groups["gain"], lambda: joint_slope * signed[:, None]
         for indices, moved in self.moving(motion):
-            yield indices, partial(_pushed, sight, moved)
+            yield indices, partial(_by_tip, sight, moved)
         for k in range(self.dof):
-            yield groups[f"curve.{k}"], partial(_waved, joints[:, k], led[k])
+            yield (
+                groups[f"curve.{k}"],
+                partial(_by_curve, joints[:, k], joint_slope[k]),
+            )
 
     def _by_gravity(self, q: Array, beta: Array, chained: Array) -> Array:
         """How outputs (t, m, n) move as gravity tilts."""
@@ -283,7 +289,7 @@ class Structure(Layout):
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
-        motion, sight = self.seen(q, beta)
+        motion, sight = self.motion_and_sight(q, beta)
         return sight.values, self.by_joints(
             q, beta, sight.push(*motion.joints())
         )
@@ -291,15 +297,15 @@ class Structure(Layout):
     def by_joints(self, q: Array, beta: Array, chained: Array) -> Array:
         """Derivative (n, m, dof) by the logged joints, of outputs (c, m, n) by the chain's."""
         joints = q[:, : self.dof]
-        fixed = fixed_at(self, beta)
+        fixed = constants_at(self, beta)
         rates = fixed.gain
         if fixed.bent:
             rates = np.repeat(rates, len(q), axis=1)
             rates[fixed.bent] += curve_slope(joints.T[fixed.bent], fixed.curves)
-        led = self.led(chained)
-        moved = led * rates[:, None]
+        joint_slope = self.joint_slope(chained)
+        moved = joint_slope * rates[:, None]
         if fixed.coupling is not None:
-            moved[:-1] += led[1:] * fixed.coupling[:, None]
+            moved[:-1] += joint_slope[1:] * fixed.coupling[:, None]
         for block, elastic in fixed.elastic.items():
             loads = self.loads[block]
             slopes = loads.slopes(joints, fixed.gravity)
@@ -313,23 +319,23 @@ class Structure(Layout):
         return self.predict_and_slope(q, beta)[1]
 
 
-def _pushed(sight: Sight, moved: Callable[[], Moved]) -> Array:
+def _by_tip(sight: Sight, moved: Callable[[], TipMotion]) -> Array:
     """How outputs (..., m, n) move with the tip."""
     return sight.push(*moved())
 
 
-def _waved(q: Array, led: Array) -> Array:
+def _by_curve(q: Array, joint_slope: Array) -> Array:
     """How outputs (96, m, n) move with the waves of a joint (n,) that leads them (m, n)."""
-    return waves_of(q)[:, None] * led
+    return waves_of(q)[:, None] * joint_slope
 
 
-def fixed_at(structure: Structure, beta: Array) -> Fixed:
+def constants_at(structure: Structure, beta: Array) -> Constants:
     """What follows from parameters (d,) alone, remembered."""
-    return _fixed(structure, beta.tobytes())
+    return _constants(structure, beta.tobytes())
 
 
 @lru_cache(_BELIEFS)
-def _fixed(structure: Structure, parameters: bytes) -> Fixed:
+def _constants(structure: Structure, parameters: bytes) -> Constants:
     beta = np.frombuffer(parameters)
     blocks = structure.by_blocks(beta)
     curves = {k: blocks[f"curve.{k}"] for k in range(structure.dof)}
@@ -337,7 +343,7 @@ def _fixed(structure: Structure, parameters: bytes) -> Fixed:
     shapes = [curves[k] for k in bent]
     gain = blocks["gain"] * structure.directions
     coupling = blocks.get("coupling", np.zeros(0))
-    return Fixed(
+    return Constants(
         gain=gain[:, None],
         offset=structure.offsets(beta)[:, None],
         bent=bent,

@@ -61,7 +61,7 @@ class Touch(Measurement):
 
 
 @dataclass(frozen=True, eq=False)
-class Stated(Measurement):
+class Facts(Measurement):
     """What is known of sockets, over its tolerance: a row for each distance and point of a plane.
 
     The joints have no part in it.
@@ -110,7 +110,7 @@ def rows_of_touches(
         )
         still = np.zeros((count, q.shape[1] + 1))
         still[:, -1] = np.arange(count)
-        stated = Stated(tuple(known))
+        stated = Facts(tuple(known))
         rows.append(Rows(still, np.zeros((count, 1)), stated))
     return rows
 
@@ -158,7 +158,7 @@ def fit_touches(
     points = of_all.body.beta[groups["point"]].reshape(-1, 3)
     body = in_structure(of_all.body, structure)
     held_out = np.empty((len(q), 3))
-    held_out[~measured] = _scattered(of_all.held_out, point[~measured])
+    held_out[~measured] = _about_means(of_all.held_out, point[~measured])
     if measured.any():
         held_out[measured] = of_all.beside[0].held_out
         sensor = structure.sensor(body.beta)
@@ -173,7 +173,7 @@ def fit_touches(
     return fitted, points
 
 
-def _scattered(residual: Array, point: NDArray[np.intp]) -> Array:
+def _about_means(residual: Array, point: NDArray[np.intp]) -> Array:
     """Return held-out residuals, about their mean where a block has most touches of a socket.
 
     What the other blocks say of the arm does not tell where such a socket is.
@@ -195,7 +195,7 @@ def in_structure(body: Body, structure: SpatialStructure) -> Body:
         [place.get(label.name, -1) for label in body.structure.labels]
     )
 
-    def carried(belief: Gaussian) -> dict[str, Array | Indices]:
+    def fields_of(belief: Gaussian) -> dict[str, Array | Indices]:
         beta = structure.neutral()
         beta[to[to >= 0]] = belief.beta[to >= 0]
         active = to[belief.active]
@@ -203,7 +203,7 @@ def in_structure(body: Body, structure: SpatialStructure) -> Body:
         root = as_kept(belief.covariance[np.ix_(shared, shared)])
         return {"beta": beta, "active": active[shared], "root": root}
 
-    return replace(body.changed(carried), structure=structure)
+    return replace(body.with_fields(fields_of), structure=structure)
 
 
 def without_whole_motion(body: Body, q: Array) -> Body:
@@ -227,7 +227,7 @@ def without_whole_motion(body: Body, q: Array) -> Body:
         root = np.concatenate([-whole @ belief.root, belief.root])
         return {"active": both[order], "root": root[order]}
 
-    return body.changed(without)
+    return body.with_fields(without)
 
 
 def with_size(body: Body, sd: float) -> Body:
@@ -244,7 +244,7 @@ def with_size(body: Body, sd: float) -> Body:
     *links, tool = sd * np.diff(stops, axis=0)
     growth[structure.shifts[1:]] = links
     growth[structure.groups["tool"]] = chain.rotation.T @ tool
-    return body.changed(
+    return body.with_fields(
         lambda belief: {
             "root": np.column_stack([belief.root, growth[belief.active]])
         }

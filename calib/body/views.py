@@ -18,7 +18,7 @@ from ..common.arrays import Array
 from .parameters import Block, Hyper
 from .settings import PRIOR
 
-Moved = tuple[Array, Array | None]
+TipMotion = tuple[Array, Array | None]
 """How the tip moves: velocity (..., 3, n) [m] and angular velocity (..., 3, n) [rad], or none."""
 
 LEAST_DEPTH = 1e-3
@@ -39,7 +39,7 @@ class ViewKind:
     least: int = 2
 
     @property
-    def scaled(self) -> bool:
+    def has_scale(self) -> bool:
         """Whether it has a scale of its own."""
         return "view.scale" in self.groups
 
@@ -145,13 +145,13 @@ class Measurement:
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class Projection:
     """A sensor: ``w = matrix (p, 1)`` of a point p; read as it is, or through a lens."""
 
     matrix: Array  # (w, d + 1), d coordinates of points
     # (4,), focal length, centre and k1 of what reads pixels
     lens: Array | None = None
-    posed: bool = False  # whether it reads orientations too
+    has_orientation: bool = False  # whether it reads orientations too
     rotation: Array = field(default_factory=lambda: np.eye(3))
     scale: float = 1.0
 
@@ -167,7 +167,7 @@ class Placed:
         if self.lens is not None:
             values, slope = pixels(self.lens, point)
             return Sight(values, np.einsum("mwn,wd->mdn", slope, linear))
-        if not self.posed:
+        if not self.has_orientation:
             return Sight(np.ascontiguousarray(point.T), linear)
         turn = logarithm(self.rotation @ np.moveaxis(motion.rotation, 2, 0))
         apart = np.zeros((3, 3))
@@ -190,7 +190,7 @@ def pixels(lens: Array, point: Array) -> Sight:
     return Sight(values + centre, slope)
 
 
-def refocused(lens: Array, point: Array) -> Array:
+def lens_slope(lens: Array, point: Array) -> Array:
     """Derivative (4, 2, n) of pixels by focal length, centre and k1."""
     ideal = point[:2] / np.maximum(point[2], LEAST_DEPTH)
     square = (ideal**2).sum(axis=0)
