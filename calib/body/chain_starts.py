@@ -30,9 +30,12 @@ def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
     begins = _beginnings(structure, rows.z)
     ends: list[Start] = []
     for _ in range(START.rounds):
-        ends += _ends(islice(begins, START.chains), rows, least)
+        some = islice(begins, START.chains)
+        ends += _ends(some, rows, least)
         ends.sort(key=lambda end: end.cost)
-        if ends[0].noise <= least or _agreeing(ends, START.near) > 1:
+        if ends[0].noise <= least:
+            break
+        if _agreeing(ends, START.near) > 1:
             break
     return [_with_fitted_chain(end) for end in ends[: START.alike]]
 
@@ -58,9 +61,12 @@ def _ends(
     """
     ends: list[Start] = []
     for begin in begins:
-        end = _after_steps(Start(begin, begin.neutral()), rows, START.steps)
+        start = Start(begin, begin.neutral())
+        end = _after_steps(start, rows, START.steps)
         ends.append(end)
-        if end.noise <= least or _agreeing(ends, START.same) >= START.alike:
+        if end.noise <= least:
+            break
+        if _agreeing(ends, START.same) >= START.alike:
             break
     for count, steps in START.further_steps:
         ends.sort(key=lambda end: end.cost)
@@ -88,9 +94,10 @@ def _with_fitted_chain(end: Start) -> Start:
     zero = np.zeros((structure.chain.joints, 1))
     still = structure.move(zero, end.beta)
     axes = still.axes[..., 0]
+    lengths = np.linalg.norm(axes, axis=1, keepdims=True)
     chain = replace(
         structure.chain,
-        axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        axes=axes / lengths,
         points=still.origins[..., 0],
         tip=still.position[..., 0],
         rotation=still.rotation[..., 0],
@@ -106,10 +113,12 @@ def _random_chain(
     dof = structure.dof
     axes = rng.normal(size=(dof, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    link = structure.extent / structure.metre / np.sqrt(3 * dof)
+    extent = structure.extent / structure.metre
+    link = extent / np.sqrt(3 * dof)
     steps = link * rng.normal(size=(dof, 3))
-    middle = z[:, :3].mean(axis=0) / structure.metre
     points = np.cumsum(steps, axis=0)
+    middle = z[:, :3].mean(axis=0)
+    middle /= structure.metre
     points += middle - points.mean(axis=0)
     tip = points[-1] + link * rng.normal(size=3)
     chain = replace(structure.chain, axes=axes, points=points, tip=tip)
