@@ -109,14 +109,14 @@ class Body(OfStructure):
             variance = np.maximum(variance - self.repeat**2, 0.0)
             if self.simulated:
                 variance = np.zeros_like(variance)
-        return np.asarray(self.residual[self._position] ** 2 + variance)
+        total: Array = self.residual[self._position] ** 2 + variance
+        return total
 
     def spread(self, q: Array) -> Array:
         """Covariance (n, m, m) of the predictions from the parameters alone, without kappa."""
-        _, x = self.structure.linearise(
-            np.asarray(q, dtype=float), self.beta, self.active
-        )
-        return spread_of(x, self.root)
+        q = np.asarray(q, dtype=float)
+        _, slope = self.structure.linearise(q, self.beta, self.active)
+        return spread_of(slope, self.root)
 
     @property
     def _position(self) -> slice:
@@ -125,20 +125,20 @@ class Body(OfStructure):
 
     def _bound(self, q: Array, noise: bool) -> Array:
         part = self._position
-        unexplained = np.diag(self.remaining_variance(noise=noise))
-        here, x = self.structure.linearise(q, self.beta, self.active)
-        spread = SHARED**2 * spread_of(x[:, part], self.root)
-        bound = self.kappa * radius_95(spread + unexplained)
-        if self.second is not None:
-            there, x = self.structure.linearise(
-                q, self.second.beta, self.second.active
-            )
-            apart = np.linalg.norm(
-                self.structure.residual(here, there)[:, part], axis=1
-            )
-            spread = spread_of(x[:, part], self.second.root) + unexplained
-            bound = np.maximum(bound, apart + radius_95(spread))
-        return np.asarray(bound)
+        structure = self.structure
+        second = self.second
+        remaining = np.diag(self.remaining_variance(noise=noise))
+        here, slope = structure.linearise(q, self.beta, self.active)
+        spread = SHARED**2 * spread_of(slope[:, part], self.root)
+        bound = self.kappa * radius_95(spread + remaining)
+        if second is not None:
+            there, slope = structure.linearise(q, second.beta, second.active)
+            away = structure.residual(here, there)[:, part]
+            apart = np.linalg.norm(away, axis=1)
+            spread = spread_of(slope[:, part], second.root)
+            bound_of_second = apart + radius_95(spread + remaining)
+            bound = np.maximum(bound, bound_of_second)
+        return bound
 
     def with_fields(
         self, fields_of: Callable[[Gaussian], Mapping[str, Array | Indices]]

@@ -152,13 +152,11 @@ def _gate_rows(
 
 def _least_noise(structure: Structure, rows: Rows) -> Array:
     """Return the least noise (m,) [unit, rad] that rows are taken to have."""
-    outputs = rows.z.shape[1]
-    share = LOG_FLOOR if outputs <= 3 else POSE_FLOOR
+    there = structure.as_seen_by(rows.sensor)
+    share = LOG_FLOOR if there.outputs <= 3 else POSE_FLOOR
     if structure.simulated:
         share = SIMULATED_FLOOR
-    extent = structure.as_seen_by(rows.sensor).extent
-    sizes = np.array([extent, extent, extent, 1.0, 1.0, 1.0])
-    return share * sizes[:outputs]
+    return share * there.extents
 
 
 def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:

@@ -68,8 +68,9 @@ def _refuse_misfit(
     """Refuse rows that the nominal arm does not explain; the log's reader says why."""
     misfit = structure.residual(z, structure.predict(q, beta))
     off = median_length(misfit[:, :3])
-    middle = np.median(z[:, :3], axis=0)
-    size = float(np.linalg.norm(z[:, :3] - middle, axis=1).max())
+    positions = z[:, :3]
+    away = positions - np.median(positions, axis=0)
+    size = float(np.linalg.norm(away, axis=1).max())
     most = START.other_arm
     what = "positions"
     if structure.camera:
@@ -184,11 +185,12 @@ def _cameras(
     centred = points - middle
     seen = z.mean(axis=0)
     # points in a plane tell nothing across it
-    affine = np.linalg.lstsq(centred, z - seen, rcond=1e-3)[0].T
+    affine, *_ = np.linalg.lstsq(centred, z - seen, rcond=1e-3)
     # the rotation nearest to the affine camera's two rows; its third axis looks ahead
-    u, s, vt = np.linalg.svd(affine, full_matrices=False)
+    u, s, vt = np.linalg.svd(affine.T, full_matrices=False)
     right, down = u @ vt
-    turn = np.array([right, down, np.cross(right, down)])
+    ahead = np.cross(right, down)
+    turn = np.array([right, down, ahead])
     factors = [1.0]
     if structure.viewpoint.lens_sd[0]:
         factors += [0.7, 1.4]

@@ -246,11 +246,11 @@ def pass_gate(
             break
     if best is None:
         raise np.linalg.LinAlgError("no member of the body could be fitted")
-    bent = -np.inf
+    with_curves = -np.inf
     for member in tried.values():
         if member is not None and "curve" in member.free:
-            bent = max(bent, member.fit.evidence)
-    gain = best.fit.evidence - bent
+            with_curves = max(with_curves, member.fit.evidence)
+    gain = best.fit.evidence - with_curves
     if not np.isfinite(gain):
         return best
     return replace(best, against_curves=gain / best.fit.autocorrelation)

@@ -71,14 +71,16 @@ class PlanarLoads:
         before = np.arange(dof) <= self.pairs[:, 1:]
         turns = before * self.turns
         directions = self._directions(q)[:, None]
-        moved = _pairs(1j * turns[:, :, None] * directions)
-        slopes = np.swapaxes(moved, 1, 2)
+        moved = 1j * turns[:, :, None] * directions
+        slopes = np.swapaxes(_pairs(moved), 1, 2)
         return slopes.reshape(len(self.joints), dof, n)
 
     def _directions(self, q: Array) -> Complex:
         """Directions (p, n) of the links."""
-        sums = np.cumsum(q * self.turns, axis=1).T
-        return np.asarray(np.exp(1j * sums[self.pairs[:, 1]]))
+        sums = np.cumsum(q * self.turns, axis=1)
+        links = self.pairs[:, 1]
+        directions: Complex = np.exp(1j * sums.T[links])
+        return directions
 
 
 def _pairs(values: Complex) -> Array:
@@ -132,9 +134,8 @@ class PlanarStructure(Structure):
     def reversals(self) -> int:
         """How many joints turn against their drawing, and whether the sensor sees a mirror."""
         drawn = self.nominal.signs if self.nominal else self.signs
-        return int(np.not_equal(drawn, self.signs).sum()) + (
-            self.viewpoint.mirror < 0
-        )
+        turned = np.not_equal(drawn, self.signs)
+        return int(turned.sum()) + (self.mirror < 0)
 
     @cached_property
     def loads(self) -> Mapping[str, PlanarLoads]:
@@ -244,7 +245,8 @@ class PlanarStructure(Structure):
         if not all(self.revolute):
             length = length + np.where(turning, 0.0, values)
             values = np.where(turning, values, 0.0)
-        direction = np.exp(1j * (values.cumsum(axis=0) + way))
+        angles = values.cumsum(axis=0) + way
+        direction = np.exp(1j * angles)
         return PlanarMotion(direction, direction * length, turning)
 
     def moving(self, motion: PlanarMotion) -> Moving:  # type: ignore[override]

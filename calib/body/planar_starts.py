@@ -57,7 +57,8 @@ def _starts_of_drawing(
         signs = np.multiply(turns, drawing.signs).tolist()
         turned = structure.with_fields(signs=tuple(signs))
         turned = turned.with_sensor(mirror=drawing.mirror)
-        yield Start(*side_and_frame(turned, q, z, turned.neutral()))
+        side, beta = side_and_frame(turned, q, z, turned.neutral())
+        yield Start(side, beta)
 
 
 def side_and_frame(
@@ -66,7 +67,8 @@ def side_and_frame(
     """The side and the frame from which a sensor sees an arm of parameters (d,)."""
     if structure.view == "base":
         return structure, arm
-    points = structure.motion_and_sight(q, arm)[0].position.T
+    motion, _ = structure.motion_and_sight(q, arm)
+    points = motion.position.T
     turn, _, scale = similarity(points, z, mirrored=True)
     if not structure.viewpoint.view_kind.has_scale:
         scale = structure.metre
@@ -84,7 +86,8 @@ def side_and_frame(
 def _miss(start: Start, q: Array, z: Array) -> float:
     """Error [unit] of a start, rms."""
     miss = z - start.structure.predict(q, start.beta)
-    return float(np.linalg.norm(miss) / np.sqrt(len(z)))
+    total = np.linalg.norm(miss)
+    return float(total / np.sqrt(len(z)))
 
 
 def _differs(signs: tuple[int, ...], revolute: tuple[bool, ...]) -> bool:
@@ -105,25 +108,20 @@ def _linear(structure: PlanarStructure, q: Array, z: Array) -> Array:
     """Parameters of the chain that fits positions (n, 2) best."""
     beta = structure.neutral()
     groups = structure.groups
-    columns = waves(
-        q, structure.signs, structure.viewpoint.mirror, structure.revolute
-    )
+    joints = (structure.signs, structure.mirror, structure.revolute)
+    columns = waves(q, *joints)
     columns = np.column_stack([columns, np.ones(len(q))])
     size = np.linalg.norm(columns, axis=0) + 1e-300
     # a joint that hardly moves makes columns alike: they share what they cannot tell apart
     tip = z @ (1, 1j)
-    fit = np.linalg.lstsq(columns / size, tip, rcond=START.one_column)
-    links = np.asarray(fit[0] / size, dtype=complex)
-    drawing = drawing_of(
-        links[:-1],
-        complex(links[-1]),
-        structure.signs,
-        structure.viewpoint.mirror,
-        structure.revolute,
-    )
+    fit, *_ = np.linalg.lstsq(columns / size, tip, rcond=START.one_column)
+    solution = np.asarray(fit / size, dtype=complex)
+    links = solution[:-1]
+    shift = complex(solution[-1])
+    drawing = drawing_of(links, shift, *joints)
     turning = np.asarray(structure.revolute)
     # of a slide how far it moves the tip
-    sizes = np.abs(links[:-1]) / structure.metre
+    sizes = np.abs(links) / structure.metre
     if structure.viewpoint.view_kind.has_scale:
         # in the first length, or where joints slide in metres
         unit = float(sizes[0])

@@ -106,9 +106,9 @@ class InSpace(Sensor):
     def groups(self) -> tuple[str, ...]:
         """Return the blocks that every member of the gate fits; of a camera its lens, too."""
         groups = self.view_kind.groups
-        return (
-            (*groups, "lens") if self.camera and any(self.lens_sd) else groups
-        )
+        if self.camera and any(self.lens_sd):
+            return (*groups, "lens")
+        return groups
 
     @property
     def tool(self) -> Hyper | None:  # type: ignore[override]
@@ -142,8 +142,9 @@ class InSpace(Sensor):
         if not self.camera:
             scale *= self.metre
         turn = exponential(beta["view.rotation"])
+        matrix = np.column_stack([scale * turn, beta["view.shift"]])
         return Projection(
-            matrix=np.column_stack([scale * turn, beta["view.shift"]]),
+            matrix=matrix,
             lens=beta["lens"] if self.camera else None,
             has_orientation=self.outputs == 6,
             rotation=turn,
@@ -204,4 +205,5 @@ class InPlane(Sensor):
         start = np.append((shift - middle) / size, 1.0)
         picture = np.outer(start, np.append(tilt, 1.0))
         picture[:2, :2] += linear / size
-        return Projection(picture, np.array([size, *middle, radial]))
+        lens = np.array([size, *middle, radial])
+        return Projection(picture, lens)
