@@ -51,7 +51,9 @@ def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
     play = np.zeros(len(half))
     likely_features = features[:, :, likely]
     play[likely], _ = _least_squares(likely_features, residual)
-    return None if (play < 0.0).any() else play
+    if (play < 0.0).any():
+        return None
+    return play
 
 
 def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:

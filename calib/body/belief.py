@@ -78,13 +78,13 @@ class Body(OfStructure):
 
     def predict(self, q: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof) [rad or m]."""
-        return self.structure.predict(np.asarray(q, dtype=float), self.beta)
+        q = np.asarray(q, dtype=float)
+        return self.structure.predict(q, self.beta)
 
     def predict_and_slope(self, q: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
-        return self.structure.predict_and_slope(
-            np.asarray(q, dtype=float), self.beta
-        )
+        q = np.asarray(q, dtype=float)
+        return self.structure.predict_and_slope(q, self.beta)
 
     def bound(self, q: Array, *, noise: bool = True) -> Array:
         """95 % bound (n,) on the distance of positions to what the sensor reads, or to the truth.
@@ -93,9 +93,9 @@ class Body(OfStructure):
         noise : whether the sensor's noise is part of the distance
         """
         q = np.asarray(q, dtype=float)
-        chunks = range(_CHUNK, len(q), _CHUNK)
-        parts = np.split(q, chunks)
-        return np.concatenate([self._bound(part, noise) for part in parts])
+        parts = np.split(q, range(_CHUNK, len(q), _CHUNK))
+        bounds = [self._bound(part, noise) for part in parts]
+        return np.concatenate(bounds)
 
     def remaining_variance(self, *, noise: bool) -> Array:
         """Variance (p,) of positions that no parameter explains, of readings or of the truth.

@@ -188,7 +188,6 @@ def _with_bound(
     """
     part = whole.parts[k]
     structure = part.structure
-    simulated = structure.simulated
     held_out = leave_blocks_out(whole, sensor=k)
     kappa = FIT.unknown_kappa
     if isinstance(rows.sensor, str) or k == 0:
@@ -211,7 +210,7 @@ def _with_bound(
         autocorrelation=whole.autocorrelation,
         scales=member.fit.scales,
         rows=len(rows),
-        simulated=simulated,
+        simulated=structure.simulated,
         member=member.name,
         second=second,
     )

@@ -25,7 +25,9 @@ def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
     The search begins at the structure's own chain, of a drawing where there is one, and goes on at
     random ones until the best end leaves no more than the rows' noise or another one agrees.
     """
-    noise = 0.0 if rows.noise is None else float(np.max(rows.noise))
+    noise = 0.0
+    if rows.noise is not None:
+        noise = float(np.max(rows.noise))
     least = max(START.exact, noise / structure.extent)
     begins = _beginnings(structure, rows.z)
     ends: list[Start] = []

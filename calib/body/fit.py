@@ -63,7 +63,7 @@ class Fit:
         self.beta = np.where(prior.sd > 0, beta, prior.mean)
         place = np.full(len(prior.sd), -1)
         place[self.active] = np.arange(len(self.active))
-        self.hypers: list[Hyper] = []  # their parameters are places among ours
+        self.hypers: list[Hyper] = []  # their indices are places in `active`
         for hyper in prior.hypers:
             index = place[hyper.indices]
             if (index >= 0).all():
@@ -326,9 +326,9 @@ class Fit:
         if residuals is None:
             residuals = [part.residual for part in self.parts]
         with np.errstate(all="ignore"):
-            value = 0.0
+            energy = 0.0
             for part, residual in zip(self.parts, residuals, strict=True):
-                value += part.energy(residual)
+                energy += part.energy(residual)
             away = (beta - self.mean)[self.active]
-            value += 0.5 * float(away @ self._pull(beta))
-        return value if np.isfinite(value) else np.inf
+            energy += 0.5 * float(away @ self._pull(beta))
+        return energy if np.isfinite(energy) else np.inf

@@ -179,8 +179,8 @@ def _cameras(
 ) -> Iterator[Array]:
     """Yield cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
     groups = structure.groups
-    known_focal = structure.viewpoint.lens[0]
-    principal = np.asarray(structure.viewpoint.lens[1:3])
+    camera = structure.viewpoint
+    principal = np.asarray(camera.lens[1:3])
     middle = points.mean(axis=0)
     centred = points - middle
     seen = z.mean(axis=0)
@@ -192,10 +192,10 @@ def _cameras(
     ahead = np.cross(right, down)
     turn = np.array([right, down, ahead])
     factors = [1.0]
-    if structure.viewpoint.lens_sd[0]:
+    if camera.lens_sd[0]:
         factors += [0.7, 1.4]
     for factor in factors:
-        focal = factor * known_focal
+        focal = factor * camera.lens[0]
         depth = focal / max(float(s.mean()), 1e-9)
         centre = np.append((seen - principal) / focal, 1.0) * depth
         guess = arm.copy()

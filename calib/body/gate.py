@@ -242,7 +242,9 @@ def pass_gate(
             continue
         if best is None or _wins(member, best):
             best = member
-        if _is_exact(member.fit):
+        least = 1.5 * member.fit.parts[0].floor
+        is_exact = member.fit.noise <= least
+        if structure.simulated and is_exact.all():
             break
     if best is None:
         raise np.linalg.LinAlgError("no member of the body could be fitted")
@@ -277,11 +279,3 @@ def _member_of(
     except np.linalg.LinAlgError:
         return None
     return Member(name, free, fit, held_out)
-
-
-def _is_exact(fit: Fit) -> bool:
-    """Whether samples of a simulation reach their least noise."""
-    if np.isfinite(fit.nu):
-        return False
-    least = 1.5 * fit.parts[0].floor
-    return bool((fit.noise <= least).all())

@@ -17,10 +17,8 @@ _SMOOTH = 0.5
 
 def matern(q: Array, other: Array, lengths: Array) -> Array:
     """Matern 5/2 correlation (n, k) of joints (n, dof) and (k, dof)."""
-    scaled = q[:, None] / lengths
-    away = scaled - other / lengths
-    distance = np.linalg.norm(away, axis=2)
-    d = np.sqrt(5.0) * distance
+    away = q[:, None] / lengths - other / lengths
+    d = np.sqrt(5.0) * np.linalg.norm(away, axis=2)
     rising = 1 + d + d * d / 3
     correlation: Array = rising * np.exp(-d)
     return correlation

@@ -72,8 +72,10 @@ class Layout:
     @property
     def viewpoint(self) -> Sensor:
         """The sensor that it sees as, or beside which it measures something else."""
-        beside = self.place >= len(self.sensors)
-        return self.sensors[0 if beside else self.place]
+        place = self.place
+        if place >= len(self.sensors):
+            place = 0
+        return self.sensors[place]
 
     @property
     def measurement(self) -> Measurement:
@@ -122,7 +124,9 @@ class Layout:
             if other.tool is not None:
                 return other.tool
         tools = [sensor.tool for sensor in self.sensors]
-        return None if None in tools else tools[0]
+        if None in tools:
+            return None
+        return tools[0]
 
     @property
     def frame_groups(self) -> tuple[str, ...]:
@@ -174,7 +178,9 @@ class Layout:
             place = len(self.sensors) + self.others.index(sensor)
         elif self.others:
             place = 0
-        return self if place == self.place else self.with_fields(place=place)
+        if place == self.place:
+            return self
+        return self.with_fields(place=place)
 
     # What the kinds of chains give.
 

@@ -36,7 +36,7 @@ class PlanarMotion:
 
     def joints(self) -> TipMotion:
         """How the tip moves with the value of each joint, (dof, 2, n)."""
-        # a joint turns all that comes after it about its structure place
+        # a joint turns all that comes after it about its own place
         beyond = self.terms[::-1].cumsum(axis=0)[::-1]
         moved = np.where(self.turning, 1j * beyond, self.direction)
         return _pairs(moved), None
@@ -146,11 +146,14 @@ class PlanarStructure(Structure):
     def _link(self) -> tuple[float, str]:
         """What a link's length may be where no drawing says, and the unit of lengths."""
         first = self.sensors[0]
+        length = 0.5 * first.extent / first.metre
         scaled = first.view_kind.has_scale
+        if scaled:
+            length = 1.0
         unit = "1"
         if self.nominal is not None or (first.unit in METRES and not scaled):
             unit = "m"
-        return 1.0 if scaled else 0.5 * first.extent / first.metre, unit
+        return length, unit
 
     @property
     def arm_size(self) -> ArmSize:
@@ -237,7 +240,8 @@ class PlanarStructure(Structure):
         turning = np.asarray(self.revolute)[:, None]
         length = beta[self.groups["length"], None]
         offset = beta[self.groups["offset"], None]
-        return length, np.where(turning, 0.0, offset), turning
+        way = np.where(turning, 0.0, offset)
+        return length, way, turning
 
     def move(self, values: Array, beta: Array) -> PlanarMotion:  # type: ignore[override]
         """Where the chain is at the true values (dof, n) of its joints."""
@@ -254,10 +258,8 @@ class PlanarStructure(Structure):
         yield self.groups["length"], lambda: (_pairs(motion.direction), None)
         # turning a slide's direction turns no other link
         slides = np.flatnonzero(np.logical_not(self.revolute))
-        yield (
-            self.groups["offset"][slides],
-            lambda: (_pairs(1j * motion.terms[slides]), None),
-        )
+        offsets = self.groups["offset"][slides]
+        yield offsets, lambda: (_pairs(1j * motion.terms[slides]), None)
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""

@@ -78,8 +78,11 @@ class Part:
         self.edges = edges_of(len(rows), blocks)
         stated = self.structure.measurement.noise
         self.stated = stated is not None
-        floor = rows.floor if stated is None else stated
-        noise = rows.noise if stated is None else stated
+        floor = rows.floor
+        noise = rows.noise
+        if stated is not None:
+            floor = stated
+            noise = stated
         self.floor = np.broadcast_to(
             np.asarray(floor, dtype=float), self.z.shape[1:]
         )

@@ -227,7 +227,8 @@ def without_gauge(
     alike = np.linalg.norm(misfit, axis=0) < _ALIKE * sizes
     ways, _ = np.linalg.qr(ways[:, alike])
     along_ways = (belief.root @ ways) @ ways.T
-    return np.asarray(belief.root - along_ways)
+    root: Array = belief.root - along_ways
+    return root
 
 
 def sensor_of(structure: Structure) -> Indices:

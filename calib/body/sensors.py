@@ -113,7 +113,9 @@ class InSpace(Sensor):
     @property
     def tool(self) -> Hyper | None:  # type: ignore[override]
         """Return what is known of the tool: a camera's tag is near the tip."""
-        return Hyper("tool", PRIOR.tag, PRIOR.wider) if self.camera else None
+        if not self.camera:
+            return None
+        return Hyper("tool", PRIOR.tag, PRIOR.wider)
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
         """Return what the sensor has of its own; a camera stands metres away."""

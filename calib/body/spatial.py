@@ -62,8 +62,7 @@ class SpatialStructure(Structure):
     @property
     def viewpoint(self) -> InSpace:
         """The sensor that it sees as, or beside which it measures something else."""
-        beside = self.place >= len(self.sensors)
-        return self.sensors[0 if beside else self.place]
+        return super().viewpoint  # type: ignore[return-value]
 
     @property
     def arm_size(self) -> ArmSize:
@@ -135,8 +134,8 @@ class SpatialStructure(Structure):
         scales: tuple[Hyper, ...] = ()
         if self.informed:
             within = self.others[0].within if self.others else PRIOR.wider
-            own = np.arange(6 * self._first, len(sd))
-            places = own.reshape(-1, 2, 3)
+            free = np.arange(6 * self._first, len(sd))
+            places = free.reshape(-1, 2, 3)
             shifts = places[:, 0].ravel()
             turns = places[:, 1].ravel()
             scales = (

@@ -294,7 +294,8 @@ class Structure(Layout):
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
         motion, sight = self.motion_and_sight(q, beta)
         chain_slope = sight.push(*motion.joints())
-        return sight.values, self.by_joints(q, beta, chain_slope)
+        slope = self.by_joints(q, beta, chain_slope)
+        return sight.values, slope
 
     def by_joints(self, q: Array, beta: Array, chain_slope: Array) -> Array:
         """Derivative (n, m, dof) by the logged joints, of outputs (c, m, n) by the chain's."""
@@ -368,7 +369,8 @@ def _constants(structure: Structure, parameters: bytes) -> Constants:
 
 def loads_of(levers: Array, gravity: Array) -> Array:
     """Loads (e, n) of levers (e, g, n) under gravity (g,)."""
-    return np.asarray(np.einsum("egn,g->en", levers, gravity))
+    loads: Array = np.einsum("egn,g->en", levers, gravity)
+    return loads
 
 
 class OfStructure(Gaussian):

@@ -141,7 +141,8 @@ def fit_touches(
     x : (n, 3), what the sensor measured [m]
     """
     point = np.asarray(point, dtype=int)
-    x = np.zeros((len(q), 3)) if x is None else x
+    if x is None:
+        x = np.zeros((len(q), 3))
     tip, _ = structure.pose(q, structure.neutral())
     measured = point < 0
     rows = rows_of_touches(q, point, known, x)

@@ -216,4 +216,5 @@ def lens_slope(lens: Array, point: Array) -> Array:
 
 def compose(first: Array, second: Array) -> Array:
     """Rotation vectors (..., 3) of exp(first) exp(second)."""
-    return np.asarray(logarithm(exponential(first) @ exponential(second)))
+    rotation = exponential(first) @ exponential(second)
+    return logarithm(rotation)
