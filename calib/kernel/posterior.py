@@ -48,7 +48,7 @@ COMPACT = CompactSettings()
 
 @dataclass(frozen=True, eq=False)
 class CompactPosterior:
-    """What the C source has of a body's beliefs, b of them, in w directions each.
+    """A body's b beliefs as the C source has them, in w directions each.
 
     The last direction is by how much the beliefs are apart.
     """
@@ -220,7 +220,7 @@ def _amounts(basis: Array, moves: Array, least: float) -> Array:
 
 
 def _split(root: Array, curved: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Two roots of a covariance, which add up: of the geometry, and of curves beside a known one.
+    """Two roots of a covariance, which add up: of the geometry, and of curves where it is known.
 
     What rows tell together of a curve and of the geometry, such as its mean and its joint's offset,
     is in the first one alone.
