@@ -221,9 +221,8 @@ class Association:
 class _ActivitySums:
     """Sums over the samples at which the nodes of a map were active."""
 
-    offsets: (
-        Array  # (nodes, d), of activity times the sample's offset from the node
-    )
+    # (nodes, d), of activity times the sample's offset from the node
+    offsets: Array
     activity: Array  # (nodes,)
     squares: Array  # (nodes,), of the squared activity
 

@@ -60,9 +60,8 @@ class Candidates:
     motor: Map
     u: Array  # (n, dof), all samples in the unit box
     rows: Index  # (k,), those with a node among wrong rows in their blend
-    among_wrong: (
-        Mask  # (nodes,), which nodes lie among wrong rows and may carry a model
-    )
+    # (nodes,), which nodes lie among wrong rows and may carry a model
+    among_wrong: Mask
     held_out: Array  # (k, o), what the smooth part leaves over
     noise: float  # mean square of the noise
     care: Array  # (k,), weight of each row's gain
