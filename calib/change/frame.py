@@ -20,7 +20,7 @@ from ..body.spatial import SpatialStructure
 from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
-from ..common.rows import median_length, row_lengths, thinned
+from ..common.rows import median_length, row_lengths, spread_rows
 from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
 from .causes import FRAME, Cause, indices_of, is_sensors
@@ -98,7 +98,7 @@ class Reference:
 def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     """Bring the old belief into the frame of a log of rows (n, dof), (n, m)."""
     structure = body.structure
-    rows = thinned(len(q), PLACING.rows)
+    rows = spread_rows(len(q), PLACING.rows)
     q = q[rows]
     z = z[rows]
     if _is_near(structure, body.beta, q, z):
@@ -269,7 +269,7 @@ def _senses(structure: Structure, beta: Array) -> list[_Sense]:
         signs = list(structure.signs)
         signs[k] = -signs[k]
         for sense in plain:
-            other = sense.structure.changed(signs=tuple(signs))
+            other = sense.structure.with_fields(signs=tuple(signs))
             causes = (*sense.causes, cause)
             senses.append(_Sense(other, beta, causes))
     return senses

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Mask
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from .rows import LogRows
 from .significance import FreeNoise, GroupTest
 from .system import System
@@ -47,7 +47,7 @@ def find_play(noise: FreeNoise, rows: LogRows) -> Play | None:
     with an error that the number of these tells.
     """
     system = noise.system
-    side = rows.side[thinned(len(rows), len(system.log.q))]
+    side = rows.side[spread_rows(len(rows), len(system.log.q))]
     columns = system.whiten(-system.slope * side[:, None])
     products = noise.unknown.products(system.y, columns)
     power, pull = products.information(noise.size)

@@ -17,7 +17,14 @@ from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..body.structure import Structure
 from ..common.arrays import Array
-from .causes import FRAME, changeable, freedom, indices_of, single_causes
+from .causes import (
+    FRAME,
+    changeable,
+    frame_twin,
+    freedom,
+    indices_of,
+    single_causes,
+)
 from .frame import Reference
 from .settings import CREPT, FALSE_ALARM, NOISIER, OWN
 from .system import (
@@ -218,7 +225,10 @@ def everything(reference: Reference) -> Array:
     """Standard deviation (d,) by which the parameters may have changed, all together."""
     # the unit weights of a payload, and couplings, would leave few rows no freedom
     groups = set(changeable(reference.structure)) - {"payload", "coupling"}
-    return freedom(reference.body, groups, forgotten=reference.forgotten)
+    sd = freedom(reference.body, groups, forgotten=reference.forgotten)
+    # the frame turns about the first joint's axis as its offset does: it is free once
+    sd[frame_twin(reference.body)] = 0.0
+    return sd
 
 
 def usual_noise(reference: Reference) -> float:

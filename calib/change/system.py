@@ -22,7 +22,7 @@ from ..body.parameters import Indices, Prior
 from ..body.rows import Rows
 from ..body.settings import STUDENT
 from ..common.arrays import Array, Mask
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from .causes import changeable, creep, freedom
 from .frame import Reference, offset_after
 from .rows import LogRows
@@ -68,7 +68,7 @@ class Log:
 
     def some(self, most: int) -> Log:
         """Return at most so many rows, evenly spread."""
-        rows = thinned(len(self.q), most)
+        rows = spread_rows(len(self.q), most)
         return replace(self, q=self.q[rows], z=self.z[rows])
 
 
@@ -80,7 +80,7 @@ def sound_rows(reference: Reference, q: Array, z: Array) -> Mask:
     size = reference.sizes
     sd = freedom(body, changeable(structure))
     prior = Prior(start, np.hypot(sd, creep(body)))
-    rows = thinned(len(q), SYSTEM.robust_rows)
+    rows = spread_rows(len(q), SYSTEM.robust_rows)
     measured = [Rows(q[rows], z[rows], floor=size)]
     fit = Fit(structure, measured, start, prior, nu=STUDENT)
     fit.maximise(steps=SYSTEM.robust_steps)
@@ -336,7 +336,7 @@ def principal_axes(columns: Array) -> tuple[Array, Array]:
 
 def residual_columns(reference: Reference, log: Log, factor: float) -> Array:
     """Outputs (n, m, p m) by a smooth residual of one log, by its values at p of its rows."""
-    nodes = log.q[thinned(len(log.q), SYSTEM.nodes)]
+    nodes = log.q[spread_rows(len(log.q), SYSTEM.nodes)]
     return smooth_columns(reference, log.q, nodes, factor)
 
 

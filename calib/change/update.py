@@ -26,7 +26,7 @@ from ..body.settings import STUDENT
 from ..body.structure import Structure
 from ..body.views import Measurement
 from ..common.arrays import Array
-from ..common.rows import row_lengths, thinned
+from ..common.rows import row_lengths, spread_rows
 from .evidence import Evidence
 from .explain import SEARCH
 from .explanation import Explanation, least_residual
@@ -66,7 +66,7 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
     learn : whether the best belief is wanted, or whether there is a better one than before
     """
     explanation = _basis(evidence)
-    rows = thinned(len(evidence.rows), UPDATING.rows)
+    rows = spread_rows(len(evidence.rows), UPDATING.rows)
     log = evidence.data.some(UPDATING.rows)
     body, residual = _posterior_belief(explanation, log)
     if learn:  # which only the bound of a new model needs
@@ -100,7 +100,7 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
 
 def _as_it_was(evidence: Evidence) -> _Belief:
     """The belief before the log, judged by the rows as the model predicts them."""
-    rows = thinned(len(evidence.rows), UPDATING.rows)
+    rows = spread_rows(len(evidence.rows), UPDATING.rows)
     measured = evidence.rows.x - evidence.rows.predicted
     return _Belief(evidence.prior, rows, measured[rows])
 
@@ -166,7 +166,7 @@ def _belief_of_training(explanation: Explanation, log: Log) -> _Belief:
         mirror=structure.mirror,
         signs=structure.signs,
     )
-    structure = structure.changed(nominal=drawing, simulated=False)
+    structure = structure.with_fields(nominal=drawing, simulated=False)
     rows = Rows(log.q, log.z)
     fitted = fit(structure, [rows], begin=explanation.beta)
     return _Belief(fitted.body, np.arange(len(rows)), fitted.held_out)
