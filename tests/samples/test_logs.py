@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import threading
 from dataclasses import replace
 
@@ -25,7 +26,6 @@ from calib import (
     train,
     write_log,
 )
-from calib.samples.joint_values import locked_from_log
 from calib.samples.tables import read_batch, write_table
 
 GOOD = "a,b,x,y\n0.1,0.2,1,2\n0.2,0.4,3,4\n0.3,0.1,5,6\n"
@@ -275,25 +275,29 @@ def test_parquet_of_other_types(tmp_path):
     unread(path, "one usable row")
 
 
-def test_locked_joints_are_the_medians_of_their_columns(file):
-    path = file("wrist,pan,x\n10,1,0\n12,,0\n11,1,0\n")
-    values, (note,) = locked_from_log(
-        path, ["pan", "wrist", "other"], degrees=True, prismatic=["pan"]
-    )
-    assert values == {"pan": 1.0, "wrist": pytest.approx(math.radians(11))}
-    assert "wrist is locked but moved by up to 1 deg" in note
-    assert locked_from_log(path, ["w"], columns={"w": "pan"}) == ({"w": 1.0}, [])
-    with pytest.raises(LogError, match="no column 'pam': did you mean 'pan'"):
-        locked_from_log(path, ["w"], columns={"w": "pam"})
-    pan = np.full(200, 0.25)
-    pan[7] = 0.6  # a wrong reading
-    write_table(path, {"pan": pan})
-    values, (note,) = locked_from_log(path, ["pan"])
-    assert values == {"pan": 0.25}
-    assert "moved by up to" in note
-    pan[50:90] += np.linspace(0.0, 0.5, 40)
-    write_table(path, {"pan": pan})
-    refused(LogError, r"pan is locked but moved.*row 90.*joints", locked_from_log, path, ["pan"])
+def test_locked_joints_are_the_medians_of_their_columns(tmp_path, run):
+    three = load_arm("three_link")
+    q = babble(three, 200).q
+    path, out = tmp_path / "log.csv", tmp_path / "m.calib"
+    words = ["train", "three_link", "--joints", "shoulder,elbow", "--tip", "tip", "--data", path]
+    words += ["--size", 3, "-o", out]
+
+    def trained(wrist, *more, factor=1.0):
+        x = three.forward(np.column_stack([q[:, :2], wrist]))
+        columns = np.column_stack([factor * q[:, :2], factor * wrist, x]).T
+        write_table(path, dict(zip(["shoulder", "elbow", "w", "x", "y"], columns, strict=True)))
+        return run(*words, "--columns", "wrist=w", *more)
+
+    wrist = np.full(200, 0.25)
+    wrist[7] = 0.6  # a wrong reading
+    for more, factor in (((), 1.0), (("--degrees",), 180.0 / np.pi)):
+        done = trained(wrist, *more, factor=factor)
+        assert "wrist is locked but moved by up to 20.1 deg" in done.err + done.out
+        assert calib.load(out).about.locked["wrist"] == pytest.approx(0.25)
+    wrist[50:90] += np.linspace(0.0, 0.5, 40)
+    assert trained(wrist).code == 1
+    assert re.search("wrist is locked but moved.*row 90", trained(wrist).err)
+    run.refused(1, "no column 'ww': did you mean 'w'", *words, "--columns", "wrist=ww")
 
 
 def test_a_batch_keeps_its_order_and_names_its_bad_rows(file):
