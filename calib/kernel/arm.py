@@ -18,7 +18,7 @@ from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure, loads_of
-from ..body.views import pixels, refocused
+from ..body.views import lens_slope, pixels
 from ..common.arrays import Array
 
 
@@ -172,7 +172,7 @@ class KernelArm:
         point = self.view @ motion.position + self.shift[:, None]
         sight = pixels(self.lens, point)
         in_pixels = {name: sight.push(part) for name, part in parts.items()}
-        by_lens = refocused(self.lens, point)
+        by_lens = lens_slope(self.lens, point)
         return in_pixels | {"lens": by_lens}, sight.push(joints)
 
 

@@ -125,7 +125,7 @@ class CompactPosterior:
         # as in `Body.bound`: the first belief is inflated, the second not
         factors = [(body.kappa, SHARED**2), (1.0, 1.0)]
         scale = np.array(factors[: len(beliefs)])
-        model = body.unexplained(noise=False)
+        model = body.remaining_variance(noise=False)
         return CompactPosterior(
             arm,
             dict(zip(parts, of_parts, strict=True)),
@@ -133,7 +133,7 @@ class CompactPosterior:
             np.array(alone),
             scale,
             model,
-            body.unexplained(noise=True) - model,
+            body.remaining_variance(noise=True) - model,
         )
 
     def bound(self, q: Array, *, noise: bool) -> Array:
