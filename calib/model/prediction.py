@@ -103,7 +103,7 @@ class Prediction:
         side = self.motion.side
         sides: Mask | None = None
         if approach is not None and side is not None:
-            sides = approach.known(side[self.answered])
+            sides = approach.has_direction(side[self.answered])
         bound = self._unanswered()
         if self.answered.any():
             bound[self.answered] = self.model.bound_at(
