@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..arm.rotations import logarithm, similarity
 from ..arm.spatial_chain import Motion
 from ..common.arrays import Array
-from ..samples.sockets import Known
+from ..samples.sockets import Fact
 from .belief import Body
 from .body_fit import BodyFit, fit
 from .covariance import as_kept
@@ -67,7 +67,7 @@ class Stated(Measurement):
     The joints have no part in it.
     """
 
-    facts: tuple[Known, ...]
+    facts: tuple[Fact, ...]
 
     outputs = 1
     noise = 1.0
@@ -87,7 +87,7 @@ class Stated(Measurement):
 
 
 def rows_of_touches(
-    q: Array, point: NDArray[np.intp], known: Sequence[Known], x: Array
+    q: Array, point: NDArray[np.intp], known: Sequence[Fact], x: Array
 ) -> list[Rows]:
     """Return touches, positions, and what is known of sockets, each a measurement.
 
@@ -119,7 +119,7 @@ def fit_touches(
     structure: SpatialStructure,
     q: Array,
     point: NDArray[np.intp],
-    known: Sequence[Known] = (),
+    known: Sequence[Fact] = (),
     *,
     lower: Array,
     upper: Array,

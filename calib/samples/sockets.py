@@ -30,8 +30,8 @@ _DISTANCE = re.compile(rf"(.+),(.+)={_LENGTH}(?:(?:\+-|±){_LENGTH})?")
 
 
 @dataclass(frozen=True)
-class Known:
-    """What is known of some sockets: the distance of two, or that several lie in a plane."""
+class Fact:
+    """A fact about some sockets: the distance of two, or that several lie in a plane."""
 
     points: tuple[int, ...]  # their numbers
     value: float | None  # their distance [m]; None: a plane
@@ -58,7 +58,7 @@ class Touches(OfRows):
     # (n,), of the socket; -1 where a sensor measured the tip instead
     number: Index
     sockets: tuple[tuple[str, str], ...]  # setup and point of each number
-    facts: tuple[Known, ...] = ()
+    facts: tuple[Fact, ...] = ()
 
     @staticmethod
     def of(points: NDArray[np.object_], x: Array) -> Touches:
@@ -77,16 +77,16 @@ class Touches(OfRows):
         for i, j in combinations(range(len(sockets)), 2):
             apart = float(np.linalg.norm(stated[i] - stated[j]))
             if sockets[i][0] == sockets[j][0] and np.isfinite(apart):
-                facts.append(Known((i, j), apart))
+                facts.append(Fact((i, j), apart))
         return touches.with_facts(facts)
 
     @property
-    def touched(self) -> Mask:
+    def is_touch(self) -> Mask:
         """Whether each row is a touch (n,)."""
         return np.asarray(self.number >= 0)
 
     @property
-    def distances(self) -> list[Known]:
+    def distances(self) -> list[Fact]:
         """The facts that are distances."""
         return [fact for fact in self.facts if fact.value is not None]
 
@@ -94,7 +94,7 @@ class Touches(OfRows):
         """Setup and point of a socket in a message."""
         return " ".join(self.sockets[socket]).strip()
 
-    def with_facts(self, facts: Iterable[Known]) -> Touches:
+    def with_facts(self, facts: Iterable[Fact]) -> Touches:
         """The touches with further facts."""
         return replace(self, facts=(*self.facts, *facts))
 
@@ -102,13 +102,13 @@ class Touches(OfRows):
         """Mean, or median, of positions `x` (n, m) in each socket (p, m); NaN of none."""
         middles = np.full((len(self.sockets), x.shape[1]), np.nan)
         middle = np.median if median else np.mean
-        for socket in np.unique(self.number[self.touched]):
+        for socket in np.unique(self.number[self.is_touch]):
             middles[socket] = middle(x[self.number == socket], axis=0)
         return middles
 
-    def placed(self, x: Array, places: Array) -> Array:
+    def positions(self, x: Array, places: Array) -> Array:
         """Positions (n, m): places (p, m) of the touched sockets, `x` of rows of a sensor."""
-        return np.where(self.touched[:, None], places[self.number], x)
+        return np.where(self.is_touch[:, None], places[self.number], x)
 
     def strays(self, tip: Array, places: Array | None = None) -> Mask:
         """Rows (n,) whose tips (n, 3) are far from their socket: the tip was not in it.
@@ -117,13 +117,13 @@ class Touches(OfRows):
         """
         if places is None:
             places = self.means(tip, median=True)
-        off = row_lengths(tip - self.placed(tip, places))
-        usual = np.median(off[self.touched]) if self.touched.any() else 0.0
+        off = row_lengths(tip - self.positions(tip, places))
+        usual = np.median(off[self.is_touch]) if self.is_touch.any() else 0.0
         return np.asarray(off > STRAY * usual)
 
-    def renumbered(self) -> tuple[Index, tuple[Known, ...], Index]:
-        """Numbers of the sockets that some row touched, what is known of these, and which."""
-        sockets = np.unique(self.number[self.touched])
+    def numbers_and_facts(self) -> tuple[Index, tuple[Fact, ...], Index]:
+        """Numbers (n,) and facts of the touched sockets alone, and which (k,) these are."""
+        sockets = np.unique(self.number[self.is_touch])
         place = {int(old): new for new, old in enumerate(sockets)}
         number = [place.get(int(old), -1) for old in self.number]
         facts = [
@@ -136,15 +136,15 @@ class Touches(OfRows):
     def stated(
         self, distances: Sequence[str] = (), planes: Sequence[str] = ()
     ) -> Touches:
-        """With what was typed of them, such as `A,B=50mm+-0.1mm` and `A,B,C,D`.
+        """The touches with facts that the user states: `A,B=50mm+-0.1mm`, and `A,B,C,D` of a plane.
 
-        It holds in each setup that has these points.  Raises OptionError if none has.
+        They hold in each setup that has these points.  Raises OptionError if none has.
         """
-        facts: list[Known] = []
+        facts: list[Fact] = []
         for text in distances:
             points, value, tolerance = _distance(text)
             sockets = self._in_each_setup(text, points, "two points")
-            facts += [Known(some, value, tolerance) for some in sockets]
+            facts += [Fact(some, value, tolerance) for some in sockets]
         for text in planes:
             points = text.split(",")
             if len(points) < 4:
@@ -152,7 +152,7 @@ class Touches(OfRows):
                     f"plane {text!r}: expected four points or more"
                 )
             sockets = self._in_each_setup(text, points, "the points of a plane")
-            facts += [Known(some, None) for some in sockets]
+            facts += [Fact(some, None) for some in sockets]
         return self.with_facts(facts)
 
     def _in_each_setup(

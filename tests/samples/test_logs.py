@@ -25,7 +25,7 @@ from calib import (
     train,
     write_log,
 )
-from calib.samples.joint_values import locked_from_log
+from calib.samples.joint_values import locked_joint_values
 from calib.samples.tables import read_batch, write_table
 
 GOOD = "a,b,x,y\n0.1,0.2,1,2\n0.2,0.4,3,4\n0.3,0.1,5,6\n"
@@ -277,23 +277,25 @@ def test_parquet_of_other_types(tmp_path):
 
 def test_locked_joints_are_the_medians_of_their_columns(file):
     path = file("wrist,pan,x\n10,1,0\n12,,0\n11,1,0\n")
-    values, (note,) = locked_from_log(
+    values, (note,) = locked_joint_values(
         path, ["pan", "wrist", "other"], degrees=True, prismatic=["pan"]
     )
     assert values == {"pan": 1.0, "wrist": pytest.approx(math.radians(11))}
     assert "wrist is locked but moved by up to 1 deg" in note
-    assert locked_from_log(path, ["w"], columns={"w": "pan"}) == ({"w": 1.0}, [])
+    assert locked_joint_values(path, ["w"], columns={"w": "pan"}) == ({"w": 1.0}, [])
     with pytest.raises(LogError, match="no column 'pam': did you mean 'pan'"):
-        locked_from_log(path, ["w"], columns={"w": "pam"})
+        locked_joint_values(path, ["w"], columns={"w": "pam"})
     pan = np.full(200, 0.25)
     pan[7] = 0.6  # a wrong reading
     write_table(path, {"pan": pan})
-    values, (note,) = locked_from_log(path, ["pan"])
+    values, (note,) = locked_joint_values(path, ["pan"])
     assert values == {"pan": 0.25}
     assert "moved by up to" in note
     pan[50:90] += np.linspace(0.0, 0.5, 40)
     write_table(path, {"pan": pan})
-    refused(LogError, r"pan is locked but moved.*row 90.*joints", locked_from_log, path, ["pan"])
+    refused(
+        LogError, r"pan is locked but moved.*row 90.*joints", locked_joint_values, path, ["pan"]
+    )
 
 
 def test_a_batch_keeps_its_order_and_names_its_bad_rows(file):
