@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..common.wording import listed, quoted, suggestion
+from ..common.wording import listing, quoted, suggestion
 from ..errors import OptionError, RobotError
 from .finding import (
     FINDING,
@@ -57,7 +57,7 @@ def choose_chain(
     notes: list[str] = []
     if joints is None:
         usable = [j for j in free if j.name in ranges or not j.stuck]
-        chain, notes = _furthest(
+        chain, notes = _furthest_chain(
             urdf,
             posture,
             usable,
@@ -68,7 +68,7 @@ def choose_chain(
     else:
         if isinstance(joints, str):
             joints = re.split(r"\s*,\s*", joints.strip())
-        chain = _named(
+        chain = _chain_by_names(
             urdf,
             posture,
             joints,
@@ -96,7 +96,7 @@ def check_limits(joints: Sequence[Joint]) -> None:
         )
 
 
-def _furthest(
+def _furthest_chain(
     urdf: Urdf,
     posture: Posture,
     usable: Sequence[Joint],
@@ -120,10 +120,10 @@ def _furthest(
         hint = "name other `joints`, `tip` or `lock`"
         if columns is not None:
             hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
-        movable = listed(joint.name for joint in urdf.joints if joint.movable)
+        movable = listing(joint.name for joint in urdf.joints if joint.movable)
         raise RobotError(
             f"no arm{f' to {quoted(tip)}' if tip else ''}: it needs two joints in one chain; of "
-            f"the movable joints {movable} these are free: {listed(j.name for j in free)}",
+            f"the movable joints {movable} these are free: {listing(j.name for j in free)}",
             hint=hint,
         )
     parts = [planar_part(chain, posture) for chain in chains]
@@ -156,12 +156,12 @@ def _furthest(
         idle = [j.name for j in usable if j in path and j.name not in columns]
         if idle:
             notes.append(
-                f"locked because the log has no columns for them: {listed(idle)}"
+                f"locked because the log has no columns for them: {listing(idle)}"
             )
     return best, notes
 
 
-def _named(
+def _chain_by_names(
     urdf: Urdf,
     posture: Posture,
     names: Sequence[str],
@@ -185,9 +185,9 @@ def _named(
     if chains and sorted(j.name for j in chains[0].joints) == sorted(names):
         return chains[0]
     raise OptionError(
-        f"`joints` are {listed(map(quoted, names))}: expected two or more of those that move "
+        f"`joints` are {listing(map(quoted, names))}: expected two or more of those that move "
         f"the tip {quoted(tip or '')} on their own, each once: "
-        f"{listed(quoted(joint.name) for joint in moving)}",
+        f"{listing(quoted(joint.name) for joint in moving)}",
         parameter="joints",
         value=list(names),
     )

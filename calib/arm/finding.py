@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import listed, quoted, vector
+from ..common.wording import listing, quoted, vector
 from ..errors import RobotError
 from .posture import Posture
 from .urdf import Joint, Urdf
@@ -122,7 +122,7 @@ def plane_normal(
     planes = list(_planes(joints, posture))
     if not planes:
         raise RobotError(
-            f"joints {listed(joint.name for joint in joints)} all slide along {vector(axes[0])}: "
+            f"joints {listing(joint.name for joint in joints)} all slide along {vector(axes[0])}: "
             "they move the tip along a line, not over a plane"
         )
     # the direction that most joints share; the first of them where several tie

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import listed, one_line, quoted
+from ..common.wording import listing, one_line, quoted
 from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm
 from .choice import check_limits, check_lock, choose_chain
@@ -23,7 +23,7 @@ from .description import parse_robot
 from .finding import FINDING, Chain, check_tip, plane_normal
 from .gravity import standard
 from .plane import plane_of
-from .posture import Posture, folded, posture_of
+from .posture import Posture, chain_of, posture_of
 from .robot_text import read_urdf
 from .robots import resolve_robot
 from .urdf import Mimic, Range, Urdf
@@ -164,7 +164,7 @@ def arm_from_urdf(
         "notes": tuple(map(one_line, (*urdf.notes, *notes, *locked_notes))),
         "limits": travel,
         "travel": travel,
-        "chain": folded(
+        "chain": chain_of(
             urdf,
             following,
             names,
@@ -190,7 +190,7 @@ def _followers(
     names = [joint.name for joint in chain.joints]
     following: dict[str, Mimic] = {}
     for joint in urdf.path(chain.tip):
-        mimic = urdf.followed(joint, lock)
+        mimic = urdf.mimic_of(joint, lock)
         if joint.movable and mimic.leader in names:
             following[joint.name] = mimic
     return following
@@ -243,5 +243,5 @@ def _locked_joints(
     ]
     if not neutral:
         return locked, []
-    note = f"locked at neutral: {listed(neutral, 8)} (`lock` changes it)"
+    note = f"locked at neutral: {listing(neutral, 8)} (`lock` changes it)"
     return locked, [note]

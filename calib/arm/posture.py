@@ -64,7 +64,7 @@ def _direction(joint: Joint) -> Array:
     return np.asarray(axis / np.linalg.norm(axis))
 
 
-def folded(
+def chain_of(
     urdf: Urdf,
     moving: Mapping[str, Mimic],
     active: Sequence[str],
@@ -91,11 +91,11 @@ def folded(
         tuple(joint.revolute for joint in joints),
         coupling,
         np.array([mimic.offset for mimic in moving.values()]),
-        *(_carried(urdf, posture, joints) if weighed else ()),
+        *(_masses(urdf, posture, joints) if weighed else ()),
     )
 
 
-def _carried(
+def _masses(
     urdf: Urdf, posture: Posture, joints: Sequence[Joint]
 ) -> tuple[Array, Array]:
     """Masses (m,) [kg] beyond each joint of a chain, up to the next, and their centres (m, 3) [m].

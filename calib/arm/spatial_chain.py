@@ -18,7 +18,7 @@ from typing import Annotated
 
 import numpy as np
 
-from ..common.arrays import Array, Shape, own_floats
+from ..common.arrays import Array, Shape, freeze_copies
 from .rotations import cross_matrix, exponential
 
 
@@ -98,10 +98,10 @@ class SpatialChain:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        own_floats(
+        freeze_copies(
             self, "axes", "points", "tip", "rotation", "coupling", "bias"
         )
-        own_floats(self, "masses", "centres")
+        freeze_copies(self, "masses", "centres")
 
     @property
     def joints(self) -> int:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import listed, quoted, suggestion
+from ..common.wording import listing, quoted, suggestion
 from ..errors import RobotError
 from .robot_text import LIMITS, Attributes, Vector
 from .rotations import exponential
@@ -126,7 +126,7 @@ class Urdf:
             link = path[-1].parent
         return tuple(reversed(path))
 
-    def followed(self, joint: Joint, stops: Collection[str] = ()) -> Mimic:
+    def mimic_of(self, joint: Joint, stops: Collection[str] = ()) -> Mimic:
         """What a joint follows in the end, over other mimic joints that are none of `stops`.
 
         That is the joint itself where it follows none.
@@ -153,7 +153,7 @@ class Urdf:
         }
         values: dict[str, float] = {}
         for joint in movable:
-            leader, scale, offset = self.followed(joint, chosen)
+            leader, scale, offset = self.mimic_of(joint, chosen)
             values[joint.name] = scale * free.get(leader, 0.0) + offset
         return values
 
@@ -367,6 +367,6 @@ def _find_root(links: Collection[str], joints: tuple[Joint, ...]) -> str:
         names = [joint.name for joint in looped]
     if fault:
         raise RobotError(
-            f"the URDF is no tree of links: {fault}: {listed(names, 4)}"
+            f"the URDF is no tree of links: {fault}: {listing(names, 4)}"
         )
     return roots[0]

@@ -39,7 +39,7 @@ class Second(Gaussian):
     # its parameters: those of the first fit and the curves
     active: Annotated[Indices, Shape("k")]
     root: Annotated[
-        Array, Shape("k", "k", kept=TRIANGLE)
+        Array, Shape("k", "k", storage=TRIANGLE)
     ]  # of their covariance
     noise: Annotated[Array, Shape("outputs")]
 
@@ -54,7 +54,7 @@ class Body(OfStructure):
     ]  # parameters at the maximum of the posterior
     active: Annotated[Indices, Shape("k")]  # the parameters that were fitted
     # (k, r), root of their posterior covariance, which is root root'; a triangle after a fit
-    root: Annotated[Array, Shape("k", "k", kept=TRIANGLE)]
+    root: Annotated[Array, Shape("k", "k", storage=TRIANGLE)]
     noise: Annotated[
         Array, Shape("outputs")
     ]  # noise sd of each output [unit; rad for rotations]

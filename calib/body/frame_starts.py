@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
 from ..common.arrays import Array
-from ..common.rows import median_length, thinned
+from ..common.rows import median_length, spread_rows
 from ..errors import LogError
 from .parameters import Prior
 from .sensors import PLACE
@@ -52,7 +52,7 @@ def _placed(
     """Return the best guess of where the sensor stands, carried on over all rows."""
     groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
-    some = thinned(len(q), START.guessed_rows)
+    some = spread_rows(len(q), START.guessed_rows)
     runs: list[Start] = []
     for guess in _guesses(structure, q, z, arm):
         start = Start(structure, guess)

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from ..errors import LogError
 from .chain_starts import chains
 from .frame_starts import drawn_frame, frame
@@ -60,7 +60,7 @@ def candidates(structure: Structure, rows: Rows) -> list[Start]:
     assert isinstance(structure, SpatialStructure)  # noqa: S101
     _refuse_open(structure, rows.z)
     if not structure.informed:
-        some = rows.take(thinned(len(rows), START.chain_rows))
+        some = rows.take(spread_rows(len(rows), START.chain_rows))
         return chains(structure, some)
     return [_drawn_start(structure, rows.q, rows.z)]
 
@@ -100,7 +100,7 @@ def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
         if not isinstance(further.sensor, str):
             continue
         there = structure.as_seen_by(further.sensor)
-        some = further.take(thinned(len(further), START.rows))
+        some = further.take(spread_rows(len(further), START.rows))
         if isinstance(there, PlanarStructure):
             there, beta = framed(there, some.q, some.z, beta)
         elif isinstance(there, SpatialStructure):

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..body.belief import Body
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from ..common.scale import Scale
 from ..common.wording import for_people
 from ..maps import local_models
@@ -255,7 +255,7 @@ def finished(
 def _errors(fresh: Model, rows: LogRows, residual: Array) -> ErrorTable:
     """Errors of all readouts; held-out residuals (k, m) tell those of the default one."""
     readout = fresh.default_readout
-    some = thinned(len(rows), ADAPTING.evaluated)
+    some = spread_rows(len(rows), ADAPTING.evaluated)
     motion = Motion(rows.q[some])
     errors = summarise(evaluate_residuals(fresh, motion, rows.x[some]))
     if readout != "body":

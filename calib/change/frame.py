@@ -22,7 +22,7 @@ from ..body.settings import FREE, STUDENT
 from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
 from .causes import FRAME, Cause, indices_of, is_sensors
@@ -101,7 +101,7 @@ class Reference:
 def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     """Bring the old belief into the frame of a log of rows (n, dof), (n, m)."""
     old = body.structure
-    rows = thinned(len(q), PLACING.rows)
+    rows = spread_rows(len(q), PLACING.rows)
     q = q[rows]
     z = z[rows]
     places = slice(old.blocks[0])

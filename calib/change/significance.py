@@ -17,7 +17,7 @@ from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..body.structure import Structure
 from ..common.arrays import Array, Mask
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from .causes import (
     FRAME,
     changeable,
@@ -382,7 +382,7 @@ def find_play(noise: FreeNoise, rows: LogRows) -> Play | None:
     with an error that the number of these tells.
     """
     system = noise.system
-    side = rows.side[thinned(len(rows), len(system.log.q))]
+    side = rows.side[spread_rows(len(rows), len(system.log.q))]
     columns = system.whiten(-system.slope * side[:, None])
     products = noise.unknown.products(system.y, columns)
     power, pull = products.information(noise.size)

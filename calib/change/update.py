@@ -26,7 +26,7 @@ from ..body.settings import STUDENT
 from ..body.structure import Structure
 from ..body.views import Measurement
 from ..common.arrays import Array
-from ..common.rows import row_lengths, thinned
+from ..common.rows import row_lengths, spread_rows
 from .evidence import Evidence
 from .explain import SEARCH, Explanation, least_residual
 from .settings import BEYOND, CREEP, UPDATING
@@ -65,7 +65,7 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
     learn : whether the best belief is wanted, or whether there is a better one than before
     """
     explanation = _to_update_by(evidence)
-    rows = thinned(len(evidence.rows), UPDATING.rows)
+    rows = spread_rows(len(evidence.rows), UPDATING.rows)
     log = evidence.data.some(UPDATING.rows)
     body, residual = _updated(explanation, log)
     if learn:  # which only the bound of a new model needs
@@ -99,7 +99,7 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
 
 def _as_it_was(evidence: Evidence) -> _Belief:
     """The belief before the log, judged by the rows as the model predicts them."""
-    rows = thinned(len(evidence.rows), UPDATING.rows)
+    rows = spread_rows(len(evidence.rows), UPDATING.rows)
     measured = evidence.rows.x - evidence.rows.predicted
     return _Belief(evidence.prior, rows, measured[rows])
 

@@ -58,19 +58,22 @@ def spread_to_limits(u: Array) -> Array:
 def distinct(
     scale: Scale, target: Index, u: Array, apart: Array | float
 ) -> Mask:
-    """Which joints (n, dof), sorted by target, are `apart` from all earlier ones that stay."""
+    """Which joints (n, dof) stay: they are `apart` from all earlier ones of their target that stay.
+
+    target : (n,), ascending
+    apart : (n,), share of the joints' ranges; the smaller of two rows' counts
+    """
     stays = np.ones(len(u), dtype=bool)
     apart = np.broadcast_to(apart, len(u))
-    counts = np.bincount(target)
-    most = int(counts.max(initial=0))
-    for lag in range(1, most):
-        of_one_target = target[lag:] == target[:-lag]
-        earlier = np.flatnonzero(of_one_target)
-        later = earlier + lag
+    rank = rank_within(target)
+    for place in range(int(rank.max(initial=0))):
+        later = np.flatnonzero(stays & (rank > place))
+        earlier = later - rank[later] + place
+        both_stay = stays[earlier]
+        later = later[both_stay]
+        earlier = earlier[both_stay]
         difference = scale.difference(u[later], u[earlier])
         away = np.abs(difference).max(axis=1)
         least = np.minimum(apart[later], apart[earlier])
-        same = away < least
-        same &= stays[earlier]
-        stays[later[same]] = False
+        stays[later[away < least]] = False
     return stays

@@ -95,7 +95,7 @@ class KernelArm:
     structure: PlanarStructure | SpatialStructure  # of the body
     beta: Array  # its parameters
     chain: SpatialChain
-    moved: Deviations
+    deviations: Deviations
     gain: Array  # (dof,)
     offset: Array  # (dof,)
     view: Array  # (3, 3), the sensor sees view @ tip + shift
@@ -124,7 +124,7 @@ class KernelArm:
     @cached_property
     def links(self) -> Links:
         """Its links as the body has them."""
-        return Links.of(self.chain, self.moved)
+        return Links.of(self.chain, self.deviations)
 
     def joints(self, q: Array) -> Array:
         """Values (m, n) of the chain's joints."""

@@ -94,7 +94,7 @@ class Buffers:
     answer: Array
 
 
-class Compiled:
+class Library:
     """A shared library that answers queries; every thread has buffers of its own."""
 
     def __init__(
@@ -146,7 +146,7 @@ class Compiled:
         try:
             buffers: Buffers = getattr(self._local, name)
         except AttributeError:
-            buffers = self._prepared(name)
+            buffers = self._new_buffers(name)
             setattr(self._local, name, buffers)
         try:
             if len(joints) != self._dof:  # type: ignore[arg-type]
@@ -177,12 +177,12 @@ class Compiled:
         self._local.reason = None
         return reason
 
-    def refused(self, value: Array, reason: str) -> Array:
-        """NaN in place of a value, and the reason for :attr:`reason`."""
+    def refusal(self, value: Array, reason: str) -> Array:
+        """Return NaN in place of a value, and leave the reason to :attr:`reason`."""
         self._local.reason = reason
         return np.full_like(value, np.nan)
 
-    def _prepared(self, name: str) -> Buffers:
+    def _new_buffers(self, name: str) -> Buffers:
         """Buffers of one kind of query, for the thread that asks."""
         question = self._questions[name]
         call = getattr(self._library, f"calib_{question.function}")
@@ -239,7 +239,7 @@ class Compiled:
         return answers, flags
 
 
-def compile_source(text: str, dof: int, outputs: int) -> Compiled:
+def compile_source(text: str, dof: int, outputs: int) -> Library:
     """The library that the C compiler (``$CC``, else ``cc``) makes of a header's text.
 
     Raises OptionError where it cannot be made.
@@ -264,7 +264,7 @@ def compile_source(text: str, dof: int, outputs: int) -> Compiled:
     for flags in ((*COMPILER.flags, *COMPILER.quick), COMPILER.flags):
         complaint = _complaint([*command, *flags, *files])
         if not complaint:
-            return Compiled(path, folder, dof, outputs)
+            return Library(path, folder, dof, outputs)
     raise OptionError(f"{command[-1]} failed: {complaint}")
 
 

@@ -96,7 +96,7 @@ class CompactPosterior:
             root[belief.active] = belief.root
             directions, of_curves = _split(root, curved)
             alone.append(_curves_alone(of_curves, groups))
-            directions = _ordered(directions, moves)[:, : COMPACT.ways]
+            directions = _principal_root(directions, moves)[:, : COMPACT.ways]
             ways = directions.shape[1]
             apart = belief.beta - body.beta
             for k, group in enumerate(groups):
@@ -233,8 +233,8 @@ def _split(root: Array, curved: NDArray[np.intp]) -> tuple[Array, Array]:
     return turned[:, :count], turned[:, count:]
 
 
-def _ordered(root: Array, moves: Array) -> Array:
-    """Another root (d, k) of a covariance, whose columns move positions most first."""
+def _principal_root(root: Array, moves: Array) -> Array:
+    """The root (d, k) of a covariance whose first columns move positions most."""
     moved = moves @ root
     _, axes = np.linalg.eigh(moved.T @ moved)
     return np.asarray(root @ axes[:, ::-1])

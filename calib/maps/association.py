@@ -14,7 +14,7 @@ from ..common.parallel import side_by_side
 from ..common.scale import Scale
 from ..errors import OptionError
 from .linear_models import LinearModels, regress
-from .links import WIRINGS, Compressed, Wiring
+from .links import WIRINGS, SparseRows, Wiring
 from .map import Map
 from .settings import READOUT
 
@@ -62,7 +62,7 @@ class Association:
     Attributes
     ----------
     motor, sensory : Map
-    linked : Compressed of shape (motor nodes, sensory nodes)
+    linked : SparseRows of shape (motor nodes, sensory nodes)
         Strength c_ij of each connection; `links` is the same as a csr_array.
     wiring : Wiring
         How they were learned (eq. 5) and how active nodes are (eq. 6).
@@ -73,13 +73,13 @@ class Association:
 
     motor: Map
     sensory: Map
-    linked: Compressed
+    linked: SparseRows
     wiring: Wiring = WIRINGS["reciprocal"]
-    motor_shifts: Annotated[Array, Shape("nodes", "dof", kept="f2")] | None = (
-        None
-    )
+    motor_shifts: (
+        Annotated[Array, Shape("nodes", "dof", storage="f2")] | None
+    ) = None
     sensory_shifts: (
-        Annotated[Array, Shape("places", "width", kept="f2")] | None
+        Annotated[Array, Shape("places", "width", storage="f2")] | None
     ) = None
 
     def __repr__(self) -> str:
@@ -147,7 +147,7 @@ class Association:
         # sum_i a_i c_ij w_j / sum_i a_i c_ij
         total = a @ self._strength
         predicted = (
-            np.asarray(a @ self._weighted)
+            np.asarray(a @ self._partner_sums)
             / np.where(total > 0, total, 1.0)[:, None]
         )
         unlinked = np.flatnonzero(~(total > 0))
@@ -196,7 +196,7 @@ class Association:
         strength = self._strength
         means = _places(motor, self.motor_shifts)
         partners = (
-            self._weighted / np.where(strength > 0, strength, 1.0)[:, None]
+            self._partner_sums / np.where(strength > 0, strength, 1.0)[:, None]
         )
         inside = motor.scale.wrapped(motor.units)
         predicted = self.sensory.scale.from_unit(partners)
@@ -213,7 +213,7 @@ class Association:
         return np.asarray(self.links.sum(axis=1), dtype=float).ravel()
 
     @cached_property
-    def _weighted(self) -> Array:
+    def _partner_sums(self) -> Array:
         return self.links @ self.sensory.units
 
     @cached_property
@@ -223,7 +223,7 @@ class Association:
         return np.asarray(self.links.argmax(axis=1)).ravel()[source]
 
     @cached_property
-    def partners(self) -> Compressed:
+    def partners(self) -> SparseRows:
         """Links by sensory node, (sensory nodes, motor nodes), or those of the nearest linked."""
         links = self.linked.transposed()
         return links.take(self.sensory.nearest_of(np.diff(links.indptr) > 0))
@@ -260,7 +260,7 @@ class Association:
         return Clusters(center[table], strength, motor_node[strongest][table])
 
 
-def _cluster_labels(links: Compressed, motor: Map) -> Index:
+def _cluster_labels(links: SparseRows, motor: Map) -> Index:
     """Cluster of each link: those of one sensory node to motor nodes that are close to each other.
 
     links : (sensory nodes, motor nodes)

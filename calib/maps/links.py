@@ -61,7 +61,7 @@ class Wiring:
         together: csr_array,
         motor: Array,
         sensory: Array,
-    ) -> Compressed:
+    ) -> SparseRows:
         """Links (motor nodes, sensory nodes) at the fixed point of Oja's rule (eq. 5).
 
         Where its mean change vanishes, c_ij = <a_i a_j> / <a_j^2>, or with both sides
@@ -71,9 +71,9 @@ class Wiring:
         together, motor, sensory : sums of a_i a_j, (motor nodes, sensory nodes), and of a^2
         """
         rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
-        scale = _reached(sensory)[together.indices]
+        scale = _oja_factor(sensory)[together.indices]
         if self.mutual:
-            scale = np.sqrt(scale * _reached(motor)[rows])
+            scale = np.sqrt(scale * _oja_factor(motor)[rows])
         together.data *= scale
         return without_weak(together)
 
@@ -96,7 +96,7 @@ def wiring_of(links: str) -> Wiring:
     return WIRINGS[links]
 
 
-def without_weak(links: csr_array | NDArray[np.floating]) -> Compressed:
+def without_weak(links: csr_array | NDArray[np.floating]) -> SparseRows:
     """Links (motor nodes, sensory nodes), sparse or dense, that count for one of their nodes."""
     from scipy.sparse import csr_array
 
@@ -113,7 +113,7 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> Compressed:
     links.sort_indices()
     # as a model file keeps them
     data = links.data.astype(np.float32).astype(float)
-    return Compressed(
+    return SparseRows(
         data,
         links.indices,
         links.indptr,
@@ -121,18 +121,18 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> Compressed:
     )
 
 
-def _reached(square: Array) -> Array:
-    """Where Oja's rule has come, over <a_i a_j>, from sum a_j^2 of each node, (nodes,)."""
+def _oja_factor(square: Array) -> Array:
+    """Factor (nodes,) on sums of a_i a_j that gives the links of Oja's rule, from sums of a_j^2."""
     return np.divide(
         -np.expm1(-square), square, out=np.zeros_like(square), where=square > 0
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Compressed(ReadOnly):
+class SparseRows(ReadOnly):
     """A sparse matrix by rows; SciPy's `csr_array` has the same attributes."""
 
-    data: Annotated[Array, Shape("nnz", kept="f4")]  # entries, row by row
+    data: Annotated[Array, Shape("nnz", storage="f4")]  # entries, row by row
     indices: Annotated[NDArray[np.int32], Shape("nnz")]  # column of each entry
     # where each row begins, and the end
     indptr: Annotated[NDArray[np.int32], Shape("ends")]
@@ -143,7 +143,7 @@ class Compressed(ReadOnly):
         """Row of each entry, (nnz,)."""
         return np.repeat(np.arange(self.shape[0]), np.diff(self.indptr))
 
-    def transposed(self) -> Compressed:
+    def transposed(self) -> SparseRows:
         """The same by columns; rows stay ascending within each."""
         columns = self.shape[1]
         small = self.indices.astype(
@@ -153,11 +153,11 @@ class Compressed(ReadOnly):
         order = small.argsort(kind="stable")
         ends = np.cumsum(np.bincount(self.indices, minlength=columns))
         rows = self.rows[order].astype(self.indices.dtype)
-        return Compressed(
+        return SparseRows(
             self.data[order], rows, np.append(0, ends), (columns, self.shape[0])
         )
 
-    def take(self, rows: Index) -> Compressed:
+    def take(self, rows: Index) -> SparseRows:
         """Some of the rows, in this order."""
         counts = np.diff(self.indptr)[rows]
         ends = np.cumsum(counts)
@@ -165,6 +165,6 @@ class Compressed(ReadOnly):
             self.indptr[rows] - ends + counts, counts
         )
         shape = (len(rows), self.shape[1])
-        return Compressed(
+        return SparseRows(
             self.data[place], self.indices[place], np.append(0, ends), shape
         )

@@ -113,7 +113,7 @@ class Candidates:
         shape : degree, and number of samples that each model is fitted to
         """
         predictions = self._predictions(residual, shape)
-        _, gain = self._mended(predictions, self.stands)
+        _, gain = self._remaining(predictions, self.stands)
         by_node = self.blend.weight * gain[:, None]
         part = self.rows * SELECTION.parts // len(self.u)
         gains = [
@@ -122,7 +122,7 @@ class Candidates:
         ]
         gains_nodes = _beyond_chance(np.stack(gains), SELECTION.node_gain)
         talks = self.stands & gains_nodes
-        remaining, gain = self._mended(predictions, talks)
+        remaining, gain = self._remaining(predictions, talks)
         sums = np.bincount(part, gain, SELECTION.parts).astype(float)
         sure = bool(_beyond_chance(sums, SELECTION.total_gain))
         total = float(sums.sum()) if sure else 0.0
@@ -150,7 +150,9 @@ class Candidates:
             predictions.append(local.answers(models, blend))
         return np.concatenate(predictions)
 
-    def _mended(self, predictions: Array, talks: Mask) -> tuple[Array, Array]:
+    def _remaining(
+        self, predictions: Array, talks: Mask
+    ) -> tuple[Array, Array]:
         """What nodes that talk (nodes,) leave over, (k, o), and the gain of each row, (k,)."""
         weight = local.heard(self.blend.weight, talks[self.blend.index])
         remaining = self.held_out - np.einsum("nm,nmo->no", weight, predictions)

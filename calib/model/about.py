@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array, ReadOnly, Shape
 from ..common.choices import READOUTS
-from ..common.wording import for_people, sized, unit_of_joint, vector
+from ..common.wording import for_people, quantity, unit_of_joint, vector
 from ..errors import ModelError
 from ..samples.samples import Samples
 from ..samples.tables import Document
@@ -254,7 +254,7 @@ def _source(about: About) -> str:
     if about.simulation:
         noise = about.simulation.get("noise") or 0.0
         if noise:
-            words.append(f"sensor noise {sized(noise, about.unit)}")
+            words.append(f"sensor noise {quantity(noise, about.unit)}")
         else:
             words.append("no noise")
         words += map(str, about.simulation.get("changes", ()))

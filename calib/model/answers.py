@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
-from ..common.rows import checked_rows
+from ..common.rows import query_rows
 from ..errors import QueryError
 from ..inverse.links import search_by_links
-from ..inverse.newton import capped, shortened
+from ..inverse.newton import limit_joints, limit_length
 from ..inverse.settings import SEARCH
 from ..inverse.tracking import follow_targets
 from ..kernel.compiled import NOTHING
@@ -201,7 +201,7 @@ def rows_for(
     values: ArrayLike, names: Sequence[str], what: str, n: int
 ) -> Array:
     """Rows (n, d) beside `n` others, one of which may stand for all."""
-    rows, _ = checked_rows(values, names, what)
+    rows, _ = query_rows(values, names, what)
     if len(rows) == n:
         return rows
     if len(rows) != 1:
@@ -249,7 +249,7 @@ def servo_step(
         raise QueryError(
             f"gain {gain!r}: expected a share of the way, above 0 and up to 1"
         )
-    joints, single = checked_rows(q, model.about.joint_names, "q")
+    joints, single = query_rows(q, model.about.joint_names, "q")
     place = rows_for(measured, model.axes, "measured position", len(joints))
     wanted = rows_for(target, model.axes, "target", len(joints))
     scale = model.motor.scale
@@ -257,7 +257,7 @@ def servo_step(
     stand = newton.at(scale.to_unit(joints), wanted)
     measured_gap = replace(stand, gap=gain * (wanted - place))
     step = newton.move(measured_gap, np.full(len(joints), ANSWER.calm))
-    step = shortened(capped(step, SEARCH.longest), ANSWER.longest)
+    step = limit_length(limit_joints(step, SEARCH.longest), ANSWER.longest)
     result = scale.from_unit(newton.clip(stand.u + step))
     return result[0] if single else result
 
@@ -269,7 +269,7 @@ def follow_path(
     step: float | None,
 ) -> Path:
     """Follow waypoints; see :meth:`calib.Model.path`."""
-    corners, single = checked_rows(waypoints, model.axes, "waypoints")
+    corners, single = query_rows(waypoints, model.axes, "waypoints")
     if single or len(corners) < 2:
         raise QueryError(
             f"a path needs 2 waypoints or more, got {len(corners)}: add rows, or ask for the "

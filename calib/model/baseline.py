@@ -23,9 +23,11 @@ class RowPlaces(ReadOnly):
     It tells no further than is usual: where rows are few, the bound is that of others.
     """
 
-    places: Annotated[Array, Shape("seen", "dof", kept="f4")]  # in the unit box
+    places: Annotated[
+        Array, Shape("seen", "dof", storage="f4")
+    ]  # in the unit box
     # how far each tells, in the unit box
-    reach: Annotated[Array, Shape("seen", kept="f4")]
+    reach: Annotated[Array, Shape("seen", storage="f4")]
 
     @staticmethod
     def of(scale: Scale, u: Array) -> RowPlaces:
@@ -47,8 +49,8 @@ class Baseline(ReadOnly):
     """Distortions of samples that training never saw, stored with a model."""
 
     # (nodes,), expected squared distance of a sample to its winner, per winner, in the unit box
-    motor: Annotated[Array, Shape("nodes", kept="f4")]
-    sensory: Annotated[Array, Shape("places", kept="f4")]
+    motor: Annotated[Array, Shape("nodes", storage="f4")]
+    sensory: Annotated[Array, Shape("places", storage="f4")]
     # variance of squared distance over expected one, in the motor and sensory map
     spread: tuple[float, float]
     # [unit], standard deviation per axis of measured less predicted position in training

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from ..kernel.compiled import Compiled
+from ..kernel.compiled import Library
 from .header import kernel_of
 from .parts import Parts
 
@@ -34,7 +34,7 @@ COST = NumpyCost()
 CHUNK = 20_000
 
 
-def prepare(model: Parts, kind: Kind, rows: int) -> Compiled | None:
+def prepare(model: Parts, kind: Kind, rows: int) -> Library | None:
     """The compiled C for rows of a query, made where that pays; None where NumPy answers.
 
     Why it cannot be made is said once, as a warning.
@@ -93,7 +93,7 @@ def all_rows(model: Parts, x: Array) -> list[Array] | None:
     return ways
 
 
-def _branches_of(model: Parts, kernel: Compiled, x: Array) -> list[Array]:
+def _branches_of(model: Parts, kernel: Library, x: Array) -> list[Array]:
     q, count = kernel.rows(
         "inverse_all", np.zeros((len(x), len(model.about.lower))), x
     )

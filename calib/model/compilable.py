@@ -81,10 +81,10 @@ class Compilable(Parts):
             return None
         value, sure = answer
         if self.strict and sure == NOTHING:
-            return self.kernel.refused(value, _NOWHERE)
+            return self.kernel.refusal(value, _NOWHERE)
         if sure not in unsure:
             return value
-        return self.kernel.refused(value, why) if self.strict else None
+        return self.kernel.refusal(value, why) if self.strict else None
 
     def _single_at(self, kind: str, q: ArrayLike) -> Array | None:
         """What the compiled C answers at joint values; None where the batch has to."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
-from ..common.rows import checked_rows, number_rows
+from ..common.rows import number_rows, query_rows
 from ..errors import QueryError
 from ..kernel.compiled import CERTAIN, NOTHING
 from ..samples.motion import Motion
@@ -163,7 +163,7 @@ class Model(Compilable):
                 return quick
         readout = self._readout(readout)
         if readout == "local":
-            rows, single = checked_rows(x, self.axes, "positions")
+            rows, single = query_rows(x, self.axes, "positions")
             batches.prepare(self, "inverse", len(rows))
             q = answers.inverse(self, rows, near, nearest=nearest)
             return q[0] if single else q
@@ -186,7 +186,7 @@ class Model(Compilable):
     ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         readout = self._readout(readout)
-        rows, _ = checked_rows(x, self.axes, "positions")
+        rows, _ = query_rows(x, self.axes, "positions")
         if readout == "local":
             batches.prepare(self, "inverse", len(rows))
             return answers.solve(self, rows, near)
@@ -202,7 +202,7 @@ class Model(Compilable):
 
         A target out of reach has one answer, the nearest attainable point.
         """
-        rows, _ = checked_rows(x, self.axes, "positions")
+        rows, _ = query_rows(x, self.axes, "positions")
         ways = self.solver.solve_all(answers.in_sight(self, rows))
         every = answers.answer(self, ways.u, rows[ways.target])
         numbers = np.arange(len(rows) + 1)
@@ -218,7 +218,7 @@ class Model(Compilable):
         The one closest to the middle of the joints' ranges comes first; a target out of reach has
         none.  Of a redundant arm each connected family of solutions has one.
         """
-        rows, _ = checked_rows(x, self.axes, "positions")
+        rows, _ = query_rows(x, self.axes, "positions")
         ways = batches.all_rows(self, rows)
         if ways is None:
             ways = [

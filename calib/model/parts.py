@@ -16,7 +16,7 @@ from ..common.wording import one_line
 from ..errors import OptionError
 from ..inverse.links import search_by_links
 from ..inverse.search import Search
-from ..kernel.compiled import Compiled
+from ..kernel.compiled import Library
 from ..kernel.posterior import CompactPosterior
 from ..maps.association import Association, check_readout
 from ..maps.blend import blend_nodes
@@ -81,7 +81,7 @@ class Parts:
     others: tuple[Parts, ...] = ()
 
     # what `warm_up` compiled, which answers single queries
-    kernel: ClassVar[Compiled | None] = None
+    kernel: ClassVar[Library | None] = None
 
     def __post_init__(self) -> None:
         freeze(self, "bounds", "model_bounds", "visited")

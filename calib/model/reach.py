@@ -19,7 +19,7 @@ from ..inverse.settings import SEARCH
 from ..inverse.slides import settle
 from ..inverse.task import Poses, Positions, Task
 from ..inverse.ways import rank_within
-from ..kernel.compiled import CERTAIN, Compiled
+from ..kernel.compiled import CERTAIN, Library
 from .space import REACHED, Space
 
 _LONG = 16  # times as many steps of Newton beside a singularity
@@ -142,7 +142,7 @@ class Reach:
                 goals = np.tile(target[k], (len(u), 1))
                 wishes = np.tile(wish[k], (len(u), 1))
                 stand = settle(newton, u, goals, wishes)
-                met = newton.met(stand.miss)
+                met = newton.is_met(stand.miss)
                 rows[met] = self._scale.from_unit(stand.u[met])
                 u = self._unit(rows)
             order = np.argsort(newton.away(u, wish[k]), kind="stable")
@@ -179,7 +179,7 @@ class Reach:
         )
 
     @property
-    def _kernel(self) -> Compiled | None:
+    def _kernel(self) -> Library | None:
         """The compiled C that knows poses."""
         kernel = self.space.model.kernel
         if kernel is None or not kernel.poses or not self.posed:

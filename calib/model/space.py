@@ -20,7 +20,7 @@ from ..body.sensor_pose import sensor_of, without_gauge, without_sensor
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.views import is_camera, pixels
 from ..common.arrays import Array, Mask
-from ..common.rows import checked_rows
+from ..common.rows import query_rows
 from ..errors import QueryError
 from ..inverse.families import free_directions
 from .parts import Parts
@@ -93,7 +93,7 @@ class Space:
 
     def forward(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""
-        rows, _ = checked_rows(q, self.model.about.joint_names, "joint values")
+        rows, _ = query_rows(q, self.model.about.joint_names, "joint values")
         position, rotation, _ = self.evaluate(rows)
         lost = ~self.model.covers(rows)
         turn = quaternion_of(rotation)
@@ -165,7 +165,7 @@ class Space:
 
         Raises QueryError if the model is of no camera, or a line of sight misses the plane.
         """
-        rows, _ = checked_rows(pixel, ("x", "y"), "pixels")
+        rows, _ = query_rows(pixel, ("x", "y"), "pixels")
         body = self.model.body
         if body is None or not self.camera:
             raise QueryError(

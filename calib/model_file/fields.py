@@ -208,8 +208,8 @@ def _file_array(value: Tensor | bytes, shape: Shape) -> Tensor:
     """Return an array as a file keeps it: whole numbers in as few bytes as they need."""
     if isinstance(value, bytes):
         return np.frombuffer(value, np.uint8)
-    array = pack(value.astype(float)) if shape.kept == TRIANGLE else value
-    kind: np.dtype[np.generic] = shape.stored
+    array = pack(value.astype(float)) if shape.storage == TRIANGLE else value
+    kind: np.dtype[np.generic] = shape.dtype
     if array.dtype.kind != "f":
         kind = np.min_scalar_type(int(array.max(initial=0)))
     return np.ascontiguousarray(array.astype(kind))
@@ -224,10 +224,10 @@ def _valid_array(array: Tensor, hint: Hint, path: str, sizes: Sizes) -> object:
         wanted = np.dtype(get_args(get_args(hint.kinds[0])[1])[0])
     fits = array.dtype.kind == "u"
     if wanted.kind == "f":
-        fits = array.dtype == shape.stored
+        fits = array.dtype == shape.dtype
         fits = fits and bool((np.abs(array.astype(float)) < LARGEST).all())
     size = math.isqrt(2 * array.size)
-    if shape.kept == TRIANGLE and array.shape == (size * (size + 1) // 2,):
+    if shape.storage == TRIANGLE and array.shape == (size * (size + 1) // 2,):
         array = unpack(array.astype(np.float32), size)
     axes = [
         sizes.setdefault(axis, length) if isinstance(axis, str) else axis

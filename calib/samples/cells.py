@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index, Mask
 from ..common.rows import LARGEST, row_lengths
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import LogError
 from .joint_values import JointLimits, wrap
 from .motion import OfRows, directions
@@ -111,7 +111,7 @@ def complete_rows(cells: Cells, roles: Roles) -> Cells:
     has_position[touched] = True
     if roles.touched and not roles.axes:
         finite &= touched[:, None]
-    columns = listed(np.array(roles.names)[~finite.all(axis=0)])
+    columns = listing(np.array(roles.names)[~finite.all(axis=0)])
     words = f"miss a finite number (2.5, not 2,5) of {columns}"
     return cells.without(np.asarray(~finite.all(axis=1)), words)
 

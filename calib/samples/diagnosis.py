@@ -15,9 +15,9 @@ import numpy as np
 from ..arm.rotations import logarithm, matrix_of, nearest_rotation, similarity
 from ..common.arrays import Array, Mask
 from ..common.least_squares import solve_least_squares
-from ..common.rows import finite_rows, median_length, row_lengths, thinned
+from ..common.rows import finite_rows, median_length, row_lengths, spread_rows
 from ..common.scale import METRES
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import LogError
 from .samples import Samples
 from .settings import DIAGNOSIS
@@ -66,7 +66,7 @@ def diagnose(
     ...     print(finding.kind, finding.value)
     exchanged ['shoulder', 'elbow']
     """
-    rows = samples.take(thinned(len(samples), DIAGNOSIS.rows))
+    rows = samples.take(spread_rows(len(samples), DIAGNOSIS.rows))
     q = rows.q
     x = rows.x
     predicted = predict(q)
@@ -229,7 +229,7 @@ def _orders(
     for order in itertools.permutations(range(len(names))):
         column_of = {names[k]: names[j] for k, j in enumerate(order) if k != j}
         if len(column_of) == 2 or (column_of and any_order):
-            holds = listed(
+            holds = listing(
                 f"{column} holds {name}" for name, column in column_of.items()
             )
             words = f"columns are exchanged ({holds})"
@@ -360,7 +360,7 @@ def rows_behind(predict: Predict, q: Array, x: Array) -> int:
     most = min(DIAGNOSIS.most_behind, n // 5)
     if most < 1 or not np.isfinite(predicted).all():
         return 0
-    rows = most + thinned(n - 2 * most, DIAGNOSIS.rows)
+    rows = most + spread_rows(n - 2 * most, DIAGNOSIS.rows)
     misfits = {
         shift: misfit(predicted[rows - shift], x[rows])
         for shift in range(-most, most + 1)

@@ -15,7 +15,7 @@ from ..arm.urdf import Range
 from ..common.arrays import Array, Index
 from ..common.rows import whole
 from ..common.scale import METRES
-from ..common.wording import listed, vector
+from ..common.wording import listing, vector
 from ..errors import LogError, OptionError
 from .camera import Camera, camera_of
 from .cells import complete_rows, read_cells, rows_in_ranges, rows_in_sight
@@ -246,7 +246,7 @@ def _check_touches(label: str, unit: str, outputs: int | None) -> None:
         )
     if unit not in METRES:
         raise LogError(
-            f"{label}: x, y, z of touches in {unit}, expected {listed(METRES)}"
+            f"{label}: x, y, z of touches in {unit}, expected {listing(METRES)}"
         )
 
 

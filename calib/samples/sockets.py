@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..common.arrays import Array, Index, Mask
 from ..common.rows import row_lengths
 from ..common.scale import METRES
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import OptionError
 from .motion import OfRows
 
@@ -165,7 +165,7 @@ class Touches(OfRows):
             if {*sockets} <= {*self.sockets}:
                 numbers.append(tuple(map(self.sockets.index, sockets)))
         if not numbers:
-            choices = listed(sorted({point for _, point in self.sockets}))
+            choices = listing(sorted({point for _, point in self.sockets}))
             raise OptionError(
                 f"{text!r}: expected {what} of one setup, of {choices}"
             )

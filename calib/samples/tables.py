@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array, Index
 from ..common.atomic import atomic_write
 from ..common.rows import finite_rows
-from ..common.wording import clipped, listed, printable, quoted
+from ..common.wording import clipped, listing, printable, quoted
 from ..errors import LogError
 from .header import SECONDS, common_unit, find_column, name_and_unit
 
@@ -99,7 +99,7 @@ class Source:
                 meant = f"did you mean {quoted(near[0])}? " if near else ""
                 raise LogError(
                     f"{self.label} has no column {quoted(name)}: {meant}columns: "
-                    f"{listed(map(repr, self.header))}",
+                    f"{listing(map(repr, self.header))}",
                     hint=f"map another name with `columns={{{clipped(name)!r}: 'OTHER'}}`",
                     parameter="columns",
                     value=name,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.rows import finite_rows, row_lengths
-from ..common.wording import sized
+from ..common.wording import quantity
 from ..errors import LogError, OptionError
 from ..model.model import Model
 from ..model.prediction import predict
@@ -117,8 +117,8 @@ def _disagreement(log: PreparedLog, together: SmoothPart) -> list[str]:
     unit = log.readings.unit
     return [
         f"sensor {log.readings.sensor} disagrees with the others about the arm: its held-out rows "
-        f"are missed by {sized(together.error, unit)}, by {sized(alone.error, unit)} where it is "
-        "fitted alone; check that its joints and positions are of the same arm"
+        f"are missed by {quantity(together.error, unit)}, by {quantity(alone.error, unit)} where "
+        "it is fitted alone; check that its joints and positions are of the same arm"
     ]
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.rotations import logarithm
 from ..common.arrays import Array
-from ..common.rows import checked_rows, each_joint
+from ..common.rows import joint_numbers, query_rows
 from ..errors import OptionError, QueryError, require
 from ..model.model import Model
 from ..model.nominal import visited_joints
@@ -136,7 +136,7 @@ def correct(
         if quick is not None:
             return quick
     about = model.about
-    rows, _ = checked_rows(q, about.joint_names, "joint values")
+    rows, _ = query_rows(q, about.joint_names, "joint values")
     check_joint_values(
         rows,
         about.joint_names,
@@ -152,7 +152,7 @@ def correct(
     if limit is None:
         limits = usual_limit(model)
     else:
-        limits = each_joint("limit", limit, about.joint_names, zero=False)
+        limits = joint_numbers("limit", limit, about.joint_names, zero=False)
     return Corrected(rows, nearest, reachable, limits, wanted.notes, wanted)
 
 

@@ -240,6 +240,6 @@ def test_ways_to_a_pose_with_an_open_turn_are_told_once_each(free):
 def test_a_way_beside_one_that_went_stays():
     """Of .1, .16 and .22 the second is too near to the first; the third, to the second alone."""
     scale = Scale(np.zeros(1), np.full(1, TURN), np.array([True]))
-    u = np.array([[0.1], [0.16], [0.5], [0.22], [0.22], [0.99], [0.02]])
+    u = np.array([[0.1], [0.16], [0.22], [0.5], [0.22], [0.99], [0.02]])
     stays = distinct(scale, np.array([0, 0, 0, 0, 1, 1, 1]), u, 0.1)
     assert stays.tolist() == [True, False, True, True, True, True, False]
