@@ -106,8 +106,8 @@ class _Reader:
         """Transform (4, 4) of an element in its body's frame, a body's in its parent's."""
         attributes = self.attributes(element)
         place = attributes.numbers("pos", _ZERO)
-        own = _transform(self._orientation(attributes), place)
-        return np.asarray(element.frame @ own)
+        transform = _transform(self._orientation(attributes), place)
+        return np.asarray(element.frame @ transform)
 
     def _orientation(self, attributes: Attributes) -> Array:
         """Rotation (3, 3) in any of the forms that MJCF has."""

@@ -151,7 +151,7 @@ class SpatialChain:
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """What of a chain with deviations no joint moves; constants of all joints side by side."""
+    """The constants of a chain with deviations, those of all joints side by side."""
 
     strides: Array  # (m + 1, 3, 1) [m], from each joint's origin to the next, in the frame before
     axes: Array  # (m, 3, 1), in the frame before

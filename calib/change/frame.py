@@ -258,7 +258,7 @@ def _senses(structure: Structure, beta: Array) -> Iterator[_Sense]:
         cause = Cause(f"sign:{name}", "sign", words)
         other = (*signs[:k], -signs[k], *signs[k + 1 :])
         for sense in plain:
-            turned = sense.structure.changed(signs=other)
+            turned = sense.structure.with_fields(signs=other)
             yield _Sense(turned, beta, (*sense.causes, cause))
 
 

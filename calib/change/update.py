@@ -163,7 +163,7 @@ def _trained(explanation: Explanation, log: Log) -> _Belief:
         mirror=structure.mirror,
         signs=structure.signs,
     )
-    structure = structure.changed(nominal=drawing, simulated=False)
+    structure = structure.with_fields(nominal=drawing, simulated=False)
     rows = Rows(log.q, log.z)
     fitted = fit(structure, [rows], begin=explanation.beta)
     return _Belief(fitted.body, np.arange(len(rows)), fitted.held_out)

@@ -203,7 +203,7 @@ def _rotate_back(rotation: Array, vector: Array) -> Array:
 
 
 def _across(axis: Array, vectors: Array) -> Array:
-    """What of vectors (..., 3) lies across an axis (3,)."""
+    """Components of vectors (..., 3) across an axis (3,)."""
     height = vectors @ axis
     along = height[..., None] * axis
     return np.asarray(vectors - along)

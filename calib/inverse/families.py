@@ -96,7 +96,7 @@ def _families(
 
 
 def _first_of_each_pair(a: Index, b: Index) -> Index:
-    """Where each pair of numbers (n,), in either order, comes first."""
+    """Index of the first occurrence of each pair of numbers (n,), in either order."""
     pairs = np.sort([a, b], axis=0)
     _, first = np.unique(pairs, axis=1, return_index=True)
     return np.asarray(first)
@@ -116,7 +116,7 @@ def _pairs(target: Index) -> tuple[Index, Index]:
 
 
 def _labels(count: int, a: Index, b: Index) -> Index:
-    """Number (n,) of the connected part in which each of n things is that pairs join."""
+    """Connected component (n,) of each of n solutions, which pairs join."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

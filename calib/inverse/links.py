@@ -42,7 +42,7 @@ LINKS = LinkSettings()
 
 
 def search_by_links(association: Association, predictor: Predictor) -> Search:
-    """The search for positions of a forward map, from where links say that solutions may be."""
+    """The search for positions of a forward map that starts at what links propose."""
     span = association.sensory.scale.span
     extent = float(np.linalg.norm(span))
     task = Positions(predictor.value_and_slope, len(span), extent)
@@ -117,7 +117,7 @@ class LinkStarts:
         self._ready[nodes] = True
 
     def _ways(self, nodes: Index) -> Ways:
-        """What links propose for sensory nodes, led there; of a node what misses it least first."""
+        """Ways to sensory nodes from the joints that links propose; of each the closest first."""
         sensory = self.association.sensory
         places = sensory.units[nodes]
         x = sensory.scale.from_unit(places)

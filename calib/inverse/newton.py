@@ -101,7 +101,7 @@ class Newton:
         tolerance: float = ROUNDING,
         steps: int = SEARCH.steps,
     ) -> None:
-        """The same of some rows (n,) of where joints stand, which is changed in place."""
+        """Refine some rows (n,) of a stand in place, see `refine`."""
         enough = tolerance * self.task.size
         rounding = max(tolerance, 1e-12) * self.task.size
         going = which & (stand.miss > enough)
@@ -227,16 +227,16 @@ def lengths(vectors: Array) -> Array:
 
 def limit_length(moves: Array, longest: float) -> Array:
     """Moves (n, d) of at most that length, shortened where they are longer."""
-    return _scaled(moves, lengths(moves), longest)
+    return _limit(moves, lengths(moves), longest)
 
 
 def limit_joints(moves: Array, longest: float) -> Array:
     """Moves (n, d) shortened so that no joint goes further than that."""
     size = np.abs(moves).max(axis=1)
-    return _scaled(moves, size, longest)
+    return _limit(moves, size, longest)
 
 
-def _scaled(moves: Array, size: Array, longest: float) -> Array:
-    """Moves (n, d) of sizes (n,), made smaller where they are larger than that."""
+def _limit(moves: Array, size: Array, longest: float) -> Array:
+    """Moves (n, d) scaled down where their sizes (n,) are larger than that."""
     share = np.minimum(1.0, longest / np.maximum(size, 1e-300))
     return np.asarray(moves * share[:, None])

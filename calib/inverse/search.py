@@ -42,7 +42,7 @@ class Nearest:
 
     @staticmethod
     def of(newton: Newton, stand: Stand, near: Array) -> Nearest:
-        """The first way to each target."""
+        """Begin with one way to each target."""
         rank = _rank(newton, stand, near)
         return Nearest(newton, near, stand, rank)
 
@@ -54,7 +54,7 @@ class Nearest:
         return (self.rank >= distance).nonzero()[0]
 
     def try_starts(self, owner: Index, start: Array) -> None:
-        """Take what starts (k, dof) of targets (k,) lead to where that is better."""
+        """Lead starts (k, dof) to targets (k,) and take the ways that are better."""
         if not len(owner):
             return
         near = self.near[owner]

@@ -108,13 +108,13 @@ def _coarse_lattices(lattice: Lattice) -> list[Lattice]:
         return []
     levels = math.ceil(math.log(growth, BATCH.growth))
     coarse = [
-        shrunk(lattice, BATCH.coarsest * growth ** (level / levels))
+        _smaller_lattice(lattice, BATCH.coarsest * growth ** (level / levels))
         for level in range(levels)
     ]
     return [small for small in coarse if small.size < lattice.size]
 
 
-def shrunk(lattice: Lattice, nodes: float) -> Lattice:
+def _smaller_lattice(lattice: Lattice, nodes: float) -> Lattice:
     """A lattice of the same proportions with about `nodes` nodes."""
     factor = (nodes / lattice.size) ** (1 / lattice.dim)
     return Lattice(tuple(max(2, round(s * factor)) for s in lattice.shape))

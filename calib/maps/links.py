@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Wiring:
-    """How links are learned and read: what eq. 5 and 6 leave open."""
+    """How links are learned (eq. 5) and read (eq. 6), where the paper leaves it open."""
 
-    # bandwidth of eq. 6 in units of each node's own spacing, so that a dense region is read as
-    # finely as its nodes stand; else of the map's mean spacing.
+    # whether the bandwidth of eq. 6 is in units of each node's own spacing, so that a dense region
+    # is read as finely as its nodes lie; else in units of the map's mean spacing
     local: bool = True
-    # links normalised by the activities on both sides, c_ij = <a_i a_j> / (<a_i^2> <a_j^2>)^(1/2):
-    # the same for both directions.  Else by the sensory side alone, which is what eq. 5 says of the
-    # direction from motor to sensory nodes.
+    # whether links are normalised on both sides, c_ij = <a_i a_j> / (<a_i^2> <a_j^2>)^(1/2), the
+    # same for both directions; else on the sensory side alone, as eq. 5 has it from motor to
+    # sensory nodes
     mutual: bool = True
     bandwidth: float = LINKS.bandwidth  # of eq. 6, in units of the spacing.
 
@@ -65,10 +65,11 @@ class Wiring:
         """Links (motor nodes, sensory nodes) at the fixed point of Oja's rule (eq. 5).
 
         Where its mean change vanishes, c_ij = <a_i a_j> / <a_j^2>, or with both sides
-        <a_i a_j> / (<a_i^2> <a_j^2>)^(1/2).  Those of a node that was hardly ever active stand at
-        the share 1 - exp(-sum a_j^2) of it that the rule, at a learning rate of one, has reached.
+        <a_i a_j> / (<a_i^2> <a_j^2>)^(1/2).  Links of a node that was hardly ever active are the
+        share 1 - exp(-sum a_j^2) of that, as far as the rule gets at a learning rate of one.
 
-        together, motor, sensory : sums of a_i a_j, (motor nodes, sensory nodes), and of a^2
+        together : sums of a_i a_j, (motor nodes, sensory nodes); changed in place
+        motor, sensory : sums of a_i^2 and of a_j^2 of each node
         """
         rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
         scale = _oja_factor(sensory)[together.indices]
@@ -97,7 +98,10 @@ def wiring_of(links: str) -> Wiring:
 
 
 def without_weak(links: csr_array | NDArray[np.floating]) -> SparseRows:
-    """Links (motor nodes, sensory nodes), sparse or dense, that count for one of their nodes."""
+    """Links (motor nodes, sensory nodes) without those that are weak for both of their nodes.
+
+    links : sparse or dense
+    """
     from scipy.sparse import csr_array
 
     links = csr_array(links)
@@ -144,13 +148,11 @@ class SparseRows(ReadOnly):
         return np.repeat(np.arange(self.shape[0]), np.diff(self.indptr))
 
     def transposed(self) -> SparseRows:
-        """The same by columns; rows stay ascending within each."""
+        """The transpose; entries of a row stay in ascending order."""
         columns = self.shape[1]
-        small = self.indices.astype(
-            np.uint16 if columns <= 1 << 16 else np.uint32
-        )
-        # of 16 bits linear in their number
-        order = small.argsort(kind="stable")
+        # NumPy sorts integers of 16 bits in linear time
+        small = np.uint16 if columns <= 1 << 16 else np.uint32
+        order = self.indices.astype(small).argsort(kind="stable")
         ends = np.cumsum(np.bincount(self.indices, minlength=columns))
         rows = self.rows[order].astype(self.indices.dtype)
         return SparseRows(
@@ -161,9 +163,9 @@ class SparseRows(ReadOnly):
         """Some of the rows, in this order."""
         counts = np.diff(self.indptr)[rows]
         ends = np.cumsum(counts)
-        place = np.arange(counts.sum()) + np.repeat(
-            self.indptr[rows] - ends + counts, counts
-        )
+        # from each entry's place in the result to its place here
+        shift = self.indptr[rows] - (ends - counts)
+        place = np.arange(counts.sum()) + np.repeat(shift, counts)
         shape = (len(rows), self.shape[1])
         return SparseRows(
             self.data[place], self.indices[place], np.append(0, ends), shape

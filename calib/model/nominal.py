@@ -36,7 +36,7 @@ def nominal_in_plane(
     nominal = body.structure.nominal
     if nominal is None:
         nominal = PlanarDrawing.of(nominal_arm(model))
-    structure = body.structure.changed(nominal=nominal, signs=nominal.signs)
+    structure = body.structure.with_fields(nominal=nominal, signs=nominal.signs)
     if based:
         structure = structure.with_sensor(view="base", mirror=nominal.mirror)
         return structure, structure.neutral()

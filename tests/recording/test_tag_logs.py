@@ -269,8 +269,7 @@ def test_videos_that_make_no_log(film, tmp_path):
     refused(
         CalibError, "a column 'time'", log_video, run, read_joints(tmp_path / "p.csv"), Setup(7)
     )
-    with pytest.raises(OptionError):
-        log_video(run, joints, Setup(7), still=-1.0)
+    refused(OptionError, "still", log_video, run, joints, Setup(7), still=-1.0)
 
 
 def test_the_commands(run, shot, film, tmp_path):

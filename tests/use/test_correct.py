@@ -18,11 +18,7 @@ Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        ("elbow.length=+5%",),
-        ("shoulder.offset=0.03", "elbow.offset=-0.02"),
-        ("elbow.gear=1.02",),
-    ],
+    [("elbow.length=+5%",), ("shoulder.offset=0.03", "elbow.offset=-0.02"), ("elbow.gear=1.02",)],
 )
 def test_the_real_arm_goes_where_the_nominal_one_would(changes):
     samples = log(*changes, n=100, noise=0.0)
