@@ -137,7 +137,7 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
         causes.append(_other_unit(factor, old.unit))
     if causes and causes[0].cause == "mirror":
         frame = Alignment.between(predicted, structure.predict(q, beta))
-        if frame.swapped:
+        if frame.is_swapped:
             words = "x and y of the log are exchanged, compared with the model"
             causes[0] = replace(causes[0], words=words)
     forgotten: tuple[str, ...] = FRAME
