@@ -207,7 +207,7 @@ def beside(batch: Batch, valid: Mask, added: Columns) -> Columns:
         whole = np.full(len(valid), 0 if name == "reachable" else np.nan)
         whole[valid] = column
         answers[name] = whole
-    return batch.answered(answers)
+    return batch.with_answers(answers)
 
 
 def _note_rows(numbers: Sequence[int], count: int, what: str) -> None:

@@ -18,7 +18,7 @@ from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
 from ..model.about import MeasuredRows
 from ..model.alignment import Alignment
-from ..model.baseline import Seen, learn_baseline
+from ..model.baseline import RowPlaces, learn_baseline
 from ..model.model import Model
 from ..samples.motion import Motion
 from ..training.residuals import (
@@ -215,7 +215,7 @@ def with_model(
             "mean": usual and usual["forward"]["distance"]["mean"],
         },
     }
-    facts = about.measured(
+    facts = about.by_readings(
         samples=made.samples,
         unit=verdict.unit,
         errors=_errors(fresh, rows, residual),
@@ -237,7 +237,7 @@ def with_model(
         learned = replace(learned, held_out=residual)
     if fresh.body is None:  # maps that followed these rows know no others
         scale = fresh.motor.scale
-        places = Seen.of(scale, scale.to_unit(learned.q))
+        places = RowPlaces.of(scale, scale.to_unit(learned.q))
         baseline = replace(baseline, seen=places)
     # a camera that was moved sees another picture
     photo = rows.model.photo if method == "few-shot" and frame is None else None

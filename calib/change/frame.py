@@ -147,7 +147,7 @@ def _by_best_sense(body: Body, q: Array, z: Array, unit: str) -> Reference:
     if causes and causes[0].cause == "mirror":
         before = old.predict(q, body.beta)
         after = structure.predict(q, beta)
-        if Alignment.between(before, after).swapped:
+        if Alignment.between(before, after).is_swapped:
             words = "x and y of the log are exchanged, compared with the model"
             causes[0] = replace(causes[0], words=words)
     forgotten: tuple[str, ...] = FRAME

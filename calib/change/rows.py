@@ -165,7 +165,7 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     rows_in_file = log.left_out + len(log)
     left_out = log.left_out
     unit = log.unit
-    shared = log.shared
+    shared = log.common_sd
     _refuse_degrees(model, log)
     log, more = sound_log(model, log)
     notes = [*notes, *more]

@@ -1,4 +1,4 @@
-"""Answers: what a model says of targets and of paths, in both directions."""
+"""Answers: joints for targets, steps of a servo and paths, with errors and bounds of each row."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SURE = 1e-2
 
 @dataclass(frozen=True)
 class AnswerSettings:
-    """What counts as an answer, and how far a step goes."""
+    """When a target counts as reached, and the sizes of steps."""
 
     # of the workspace's extent, that always counts as reached
     reached: float = 1e-9
@@ -146,12 +146,10 @@ def joints_and_reach(
     u, distance = model.solver.solve(in_sight(model, x), near)
     within = np.ones(len(u), dtype=bool)
     far = np.flatnonzero(distance > ANSWER.reached * model.solver.extent)
-    if (
-        len(far) and bounded
-    ):  # only the expected error can still call these reachable
-        within[far] = distance[far] <= _within_reach(
-            model, model.bound_at(u[far])
-        )
+    if len(far) and bounded:
+        # only the expected error can still call these reachable
+        reach = _within_reach(model, model.bound_at(u[far]))
+        within[far] = distance[far] <= reach
     return model.motor.scale.from_unit(u), within
 
 
@@ -164,9 +162,8 @@ def in_sight(model: Parts, x: Array) -> Array:
         model.solver.extent + float(np.abs(model.sensory.scale.lower).max())
     )
     furthest = np.abs(x).max(axis=1, keepdims=True)
-    return np.where(
-        furthest > limit, x / np.maximum(furthest, limit) * limit, x
-    )
+    nearer = x / np.maximum(furthest, limit) * limit
+    return np.where(furthest > limit, nearer, x)
 
 
 def answer(
@@ -175,9 +172,8 @@ def answer(
     """Describe joints `u` (n, dof) of the unit box that answer the targets `x` (n, m)."""
     if position is None:
         position = model.predictor.value(u)
-    with np.errstate(
-        over="ignore"
-    ):  # the distance of a target at 1e308 may be infinite
+    # the distance of a target at 1e308 may be infinite
+    with np.errstate(over="ignore"):
         gap = position - x
         distance = (
             np.hypot(*gap.T)
@@ -228,9 +224,8 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
     lower = model.about.lower
     upper = model.about.upper
     # an encoder may stand a hair beyond a limit; a whole range beyond are other units
-    out = (
-        (rows < 2 * lower - upper) | (rows > 2 * upper - lower)
-    ) & ~scale.periodic
+    beyond = (rows < 2 * lower - upper) | (rows > 2 * upper - lower)
+    out = beyond & ~scale.periodic
     if out.any():
         row, k = np.argwhere(out)[0]
         raise QueryError(
@@ -305,23 +300,19 @@ def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:
     with np.errstate(over="ignore"):
         length = np.linalg.norm(np.diff(corners, axis=0), axis=1)
         total = float(length.sum())
-    if not total / step + len(corners) <= ANSWER.most_rows or not math.isfinite(
-        total
-    ):
+    few = total / step + len(corners) <= ANSWER.most_rows
+    if not few or not math.isfinite(total):
         raise QueryError(
             f"step {step:g} makes more than {ANSWER.most_rows:,} rows of a path {total:.4g} long: "
             "give a longer one"
         )
     # rounding of the length must not add a row
-    parts = np.append(1, np.maximum(1, np.ceil(length / step - 1e-9))).astype(
-        np.intp
-    )
-    waypoint = np.repeat(np.arange(len(corners)), parts)
-    share = np.concatenate([np.arange(1, n + 1) / n for n in parts.tolist()])[
-        :, None
-    ]
+    parts = np.maximum(1, np.ceil(length / step - 1e-9))
+    counts = np.append(1, parts).astype(np.intp)
+    waypoint = np.repeat(np.arange(len(corners)), counts)
+    shares = [np.arange(1, count + 1) / count for count in counts.tolist()]
+    share = np.concatenate(shares)[:, None]
     before = corners[np.maximum(waypoint - 1, 0)]
     after = corners[waypoint]
-    return np.where(
-        share < 1.0, before + (after - before) * share, after
-    ), waypoint
+    between = before + (after - before) * share
+    return np.where(share < 1.0, between, after), waypoint

@@ -12,7 +12,7 @@ from ..common.arrays import Array
 from ..errors import OptionError
 from ..kernel.compiled import NOTHING
 from .answers import solve
-from .header import compiled_of
+from .header import kernel_of
 from .parts import Parts
 
 _UNSURE = "the bound on the position may be too wide here: ask without strict"
@@ -37,7 +37,7 @@ class Compilable(Parts):
             a millisecond, and `unanswered` says why, instead of a search by NumPy.  Raises
             OptionError where nothing can be compiled.
         """
-        kernel, sentence = compiled_of(self)
+        kernel, sentence = kernel_of(self)
         if strict and kernel is None:
             raise OptionError(f"strict=True: {sentence}", parameter="strict")
         object.__setattr__(self, "kernel", kernel)

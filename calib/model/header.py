@@ -118,7 +118,7 @@ class Header:
         ), tables
 
     @property
-    def _trusted(self) -> bool:
+    def _answers_in_ranges(self) -> bool:
         """Whether there is an answer wherever joints are within their ranges."""
         return self.model.everywhere or self.small
 
@@ -147,7 +147,7 @@ class Header:
             body = self._space.body
             placed = KernelArm.of(body.structure, body.beta)
             if placed.chain.joints == self.arm.chain.joints:
-                arms["placed"] = (placed, self._space.measured)
+                arms["placed"] = (placed, self._space.is_measured)
         if self.arm.sag is not None:
             drawn = Deviations.none(self.arm.chain.joints)
             arms["drawn"] = (replace(self.arm, deviations=drawn), False)
@@ -215,7 +215,7 @@ class Header:
             **ways,
             "bounded": int(not self.small),
             "normal": NORMAL_95,
-            "trusted": "" if self._trusted else refused,
+            "trusted": "" if self._answers_in_ranges else refused,
         }
 
     @cached_property
@@ -244,7 +244,7 @@ class Header:
             tables["start_x"] = model.predictor.value(middle)
         else:
             tables |= _starts(model)
-        if not self._trusted:
+        if not self._answers_in_ranges:
             tables["position_bound"] = model.model_bounds
         if not self.small and posterior is None:
             tables["bound"] = model.bounds
@@ -392,7 +392,7 @@ def _arm(name: str, arm: KernelArm, single: bool, *, bends: bool) -> str:
     return f"static const calib_arm {name} = {{\n{listed}}};\n"
 
 
-def compiled_of(model: Parts) -> tuple[Library | None, str]:
+def kernel_of(model: Parts) -> tuple[Library | None, str]:
     """A model's compiled kernel, or None, and a sentence on what queries are answered by."""
     started = time.perf_counter()
     try:

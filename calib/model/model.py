@@ -71,9 +71,9 @@ class Model(Compilable):
         parts = super().by(sensor)
         if isinstance(parts, Model):
             return parts
-        if sensor not in self.remembered:
-            self.remembered[sensor] = Model(**parts.values())
-        model: Model = self.remembered[sensor]
+        if sensor not in self.cache:
+            self.cache[sensor] = Model(**parts.values())
+        model: Model = self.cache[sensor]
         return model
 
     def with_sensor(self, adapted: Model) -> Model:
@@ -194,7 +194,7 @@ class Model(Compilable):
             self, rows, answers.anchor(self, near, len(rows)), (readout,)
         )
         return answers.answer(
-            self, u[readout], rows, self.predicted(u[readout], readout)
+            self, u[readout], rows, self.positions_at(u[readout], readout)
         )
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
@@ -394,7 +394,7 @@ class Model(Compilable):
         position = prediction.value
         space = Space.of(self)
         turns = np.full((len(motion), 4), np.nan)
-        answered = prediction.answered
+        answered = prediction.has_answer
         rotation = space.evaluate(motion.q[answered])[1]
         turns[answered] = quaternion_of(space.sensor[0] @ rotation)
         return (position[0], turns[0]) if single else (position, turns)

@@ -90,7 +90,7 @@ def solve_poses(
     reach = Reach.of(space, posed=r is not None, free=axis)
     target = np.arange(n)
     if r is None and keep:
-        q = reach.turned_least(p, wish)
+        q = reach.least_turn_joints(p, wish)
     elif r is None:
         q = reach.nearest(p, wish)
     elif every:

@@ -51,10 +51,10 @@ class Reach:
     def of(space: Space, *, posed: bool, free: int | None = None) -> Reach:
         """The search of a model, made once."""
         key = f"reach {posed} {free}"
-        remembered = space.model.remembered
-        if key not in remembered:
-            remembered[key] = Reach(space, posed, free)
-        reach: Reach = remembered[key]
+        cache = space.model.cache
+        if key not in cache:
+            cache[key] = Reach(space, posed, free)
+        reach: Reach = cache[key]
         return reach
 
     @cached_property
@@ -102,7 +102,7 @@ class Reach:
             q[rest] = self._scale.from_unit(stand.u)
         return q
 
-    def turned_least(self, p: Array, near: Array) -> Array:
+    def least_turn_joints(self, p: Array, near: Array) -> Array:
         """Joints (n, dof) for places (n, 3) with the orientation at `near` as far as they can."""
         space = self.space
         # positions weigh a thousand times as much as the turn

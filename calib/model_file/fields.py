@@ -134,7 +134,7 @@ class Codec:
             if inner.shape is None:
                 data[name] = self.data_of(part, inner, place)
             elif part is not None:
-                self.tensors[place] = _stored(part, inner.shape)
+                self.tensors[place] = _file_array(part, inner.shape)
         return data
 
     def value_of(self, data: object, hint: Hint, path: str) -> object:
@@ -192,7 +192,7 @@ class Codec:
             if inner.shape is None:
                 values[name] = self.value_of(data.get(name, ...), inner, place)
             elif tensor is not None:
-                values[name] = _checked(tensor, inner, place, sizes)
+                values[name] = _valid_array(tensor, inner, place, sizes)
             elif inner.optional:
                 values[name] = None
             else:
@@ -204,7 +204,7 @@ def _under(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
 
 
-def _stored(value: Tensor | bytes, shape: Shape) -> Tensor:
+def _file_array(value: Tensor | bytes, shape: Shape) -> Tensor:
     """Return an array as a file keeps it: whole numbers in as few bytes as they need."""
     if isinstance(value, bytes):
         return np.frombuffer(value, np.uint8)
@@ -215,7 +215,7 @@ def _stored(value: Tensor | bytes, shape: Shape) -> Tensor:
     return np.ascontiguousarray(array.astype(kind))
 
 
-def _checked(array: Tensor, hint: Hint, path: str, sizes: Sizes) -> object:
+def _valid_array(array: Tensor, hint: Hint, path: str, sizes: Sizes) -> object:
     """Return an array of the type and shape that its annotation says, with finite numbers."""
     shape = hint.shape or Shape()
     is_bytes = hint.kinds[0] is bytes

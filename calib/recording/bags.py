@@ -15,7 +15,7 @@ from ..errors import LogError
 from ..samples.motion import (
     MAX_GAP,
     check_limits,
-    covered,
+    gaps_between,
     joint_speed,
     joints_at,
 )
@@ -75,7 +75,7 @@ def read_bag(
     if time_offset is None:
         time_offset, notes = _offset(stamps, x, times, values)
     stamps = stamps + time_offset
-    doubts = covered(stamps, times, max_gap) | {
+    doubts = gaps_between(stamps, times, max_gap) | {
         "not finite": ~np.isfinite(x).all(axis=1)
     }
     if still is not None:

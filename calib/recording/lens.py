@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..errors import LogError, OptionError
-from ..samples.camera import bent
+from ..samples.camera import distort
 from .board import LEAST_CORNERS, Pattern
 from .pictures import list_pictures, one_thread, opencv, read_series
 
@@ -76,7 +76,7 @@ class Lens:
         """Focal lengths, principal point and distortion (9,), as `covariance` has them."""
         return np.concatenate([self.focal, self.centre, self.distortion])
 
-    def moved(self, change: Array) -> Lens:
+    def plus(self, change: Array) -> Lens:
         """Return the lens with a change (9,) of its parameters."""
         return Lens.of(self.size, self.parameters + change, self.rms)
 
@@ -90,7 +90,7 @@ class Lens:
     def distort(self, points: ArrayLike) -> Array:
         """Return pixels (n, 2) of points (n, 2) of the plane at distance one."""
         return np.asarray(
-            self.centre + self.focal * bent(points, self.distortion)
+            self.centre + self.focal * distort(points, self.distortion)
         )
 
     def undistort(self, pixels: ArrayLike) -> Array:

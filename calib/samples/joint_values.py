@@ -181,7 +181,7 @@ class JointLimits:
     def _in_degrees(self, name: str) -> bool:
         return self.revolute[name] and self.factors[name] != 1.0
 
-    def settled(
+    def joints_and_ranges(
         self,
         label: str,
         q: Array,
@@ -281,7 +281,7 @@ def wrap(values: Array, low: float, high: float) -> Array:
     return np.where((values < low) | (values > high), turned, values)
 
 
-def locked_from_log(
+def locked_joint_values(
     path: str | os.PathLike[str] | Source,
     names: Sequence[str],
     *,

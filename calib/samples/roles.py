@@ -87,7 +87,7 @@ def find_roles(
     among the axes where the log has one.
     """
     names = joint_names(source, arm, joints)
-    # locked joints are named for `locked_from_log`
+    # locked joints are named for `locked_joint_values`
     choices = (*POSITION, *names, *(arm.locked if arm is not None else ()))
     for name, column in columns.items():
         if name not in (*choices, *QUATERNION, *ANGLES, *SOCKET, *FURTHER):

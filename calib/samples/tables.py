@@ -79,7 +79,7 @@ class Source:
         found = (find_column(self.header, name) for name in "xyz")
         return common_unit([column for column in found if column])
 
-    def drawn(self, most: int, seed: int) -> tuple[Source, int]:
+    def random_rows(self, most: int, seed: int) -> tuple[Source, int]:
         """The table with at most so many rows, drawn at random, and how many it has."""
         total = len(self.table)
         if total <= most:
@@ -318,7 +318,7 @@ class Batch:
         pl.DataFrame
     )  # all columns in their order, those that are read by their `names`
 
-    def answered(self, added: Mapping[str, ArrayLike]) -> dict[str, Any]:
+    def with_answers(self, added: Mapping[str, ArrayLike]) -> dict[str, Any]:
         """Return the table's columns in their places, answers in place or behind them."""
         columns = {
             name: column

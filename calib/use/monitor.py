@@ -283,7 +283,7 @@ class _Equations:
         error = 1.0 / math.sqrt(samples * self._reference.structure.outputs)
         if alike < MONITOR.chance * error:
             return 1.0
-        alike = min(alike + error, MONITOR.most_alike)
+        alike = min(alike, MONITOR.most_alike)
         return (1.0 + alike) / (1.0 - alike)
 
 

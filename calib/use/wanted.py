@@ -56,9 +56,9 @@ class Wanted:
     @classmethod
     def of(cls, model: Model) -> Wanted:
         """Find it, once for a model: a controller corrects row by row."""
-        if "wanted" not in model.remembered:
-            model.remembered["wanted"] = _wanted(model)
-        wanted: Wanted = model.remembered["wanted"]
+        if "wanted" not in model.cache:
+            model.cache["wanted"] = _wanted(model)
+        wanted: Wanted = model.cache["wanted"]
         return wanted
 
     @property

@@ -8,8 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
-from calib.change.frame import Reference
-from calib.change.significance import everything
+from calib.change.significance import Reference, everything
 from calib.use.geometry_fit import fit_geometry
 
 NOISE = 2e-4

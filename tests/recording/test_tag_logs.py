@@ -16,8 +16,7 @@ from calib import CalibError, OptionError
 from calib.recording.board import parse_board
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens, load_lens
-from calib.recording.setting import Setup
-from calib.recording.tag_logs import log_pictures, log_video
+from calib.recording.tag_logs import Setup, log_pictures, log_video
 from calib.samples.tables import open_source
 
 CAMERA = Camera(size=(640, 480), focal=600.0)
