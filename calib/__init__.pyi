@@ -19,7 +19,7 @@ from .maps.density import Visit as Visit
 from .maps.map import Map as Map
 from .maps.som import SOM as SOM
 from .model.answers import Answer as Answer
-from .model.answers import Path as Path
+from .model.paths import Path as Path
 from .model.model import Model as Model
 from .model_file.loading import load as load
 from .model_file.loading import load_maps as load_maps

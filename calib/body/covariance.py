@@ -29,7 +29,8 @@ def radius_95(covariance: Array) -> Array:
     trace = np.einsum("nii->n", covariance)
     square = (covariance**2).sum(axis=(1, 2))
     freedom = trace**2 / np.maximum(square, 1e-300)
-    a = 2 / (9 * np.maximum(freedom, 1e-300))
+    # at least one: none at all is of a covariance of zeros
+    a = 2 / (9 * np.maximum(freedom, 1.0))
     root = 1 - a + NORMAL_95 * np.sqrt(a)
     return np.asarray(np.sqrt(np.maximum(trace, 0.0) * root**3))
 
