@@ -36,7 +36,7 @@ POSTURES = (5, 8, 12, 20, 30)
 
 def tool_alone(arm: calib.PlanarArm, log: Samples) -> np.ndarray:
     """Parameters of the drawing, of which the tool alone was fitted to the touches."""
-    base, number = structure_of(arm, "base"), log.touch.renumbered()[0]
+    base, number = structure_of(arm, "base"), log.touch.numbers_and_facts()[0]
     rows = [replace(rows_of_touches(log.q, number, (), log.x)[0], floor=1e-4)]
     seen = with_measurements(base, rows)
     fit = Fit(seen, rows, seen.neutral(), seen.prior(("tool", "point")), nu=6.0).maximise(steps=20)
@@ -47,7 +47,7 @@ def tool_alone(arm: calib.PlanarArm, log: Samples) -> np.ndarray:
 
 def mukca(arm: calib.PlanarArm, log: Samples) -> np.ndarray:
     """Parameters that minimise the variance in each socket and the bias of their distance."""
-    base, (number, known, own) = structure_of(arm, "base"), log.touch.renumbered()
+    base, (number, known, own) = structure_of(arm, "base"), log.touch.numbers_and_facts()
     free = np.concatenate([base.groups["tool"], base.shifts.ravel(), base.turns.ravel()])
 
     def residual(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

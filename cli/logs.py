@@ -154,7 +154,7 @@ def _arm_of_log(
 ) -> Arm:
     """Load the arm with its other joints where the log says that they stood."""
     from calib.samples.header import find_column
-    from calib.samples.joint_values import locked_from_log
+    from calib.samples.joint_values import locked_joint_values
 
     turns = joints_that_turn(robot)
     header = {name for name in turns if find_column(source.header, name)}
@@ -166,7 +166,7 @@ def _arm_of_log(
         say([f"{tip}; `tip` names the frame that was measured"])
     typed = {part.joint for part in selection.lock or ()}
     others = [name for name in arm.locked if name not in typed]
-    locked, notes = locked_from_log(
+    locked, notes = locked_joint_values(
         source,
         others,
         columns=columns,
@@ -234,7 +234,7 @@ def log_for(model: Model, path: str, reading: Reading) -> Samples:
     factor = METRES[about.unit] / METRES[unit]
     say([f"positions converted from {unit} to {about.unit}"])
     # that noise is a length too, in the unit of the log that states it
-    facts = {**log.source, "noise_of_reference": log.shared * factor}
+    facts = {**log.source, "noise_of_reference": log.common_sd * factor}
     return replace(log, x=log.x * factor, unit=about.unit, source=facts)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 import calib
 from calib.common.arrays import Array, Mask
 from calib.common.scale import METRES
-from calib.common.wording import for_people, listed
+from calib.common.wording import for_people, listing
 from calib.samples.tables import Batch, read_batch, write_table
 
 from .output import NO, Outcome, TextTable, fixed, note, number, say
@@ -207,11 +207,11 @@ def beside(batch: Batch, valid: Mask, added: Columns) -> Columns:
         whole = np.full(len(valid), 0 if name == "reachable" else np.nan)
         whole[valid] = column
         answers[name] = whole
-    return batch.answered(answers)
+    return batch.with_answers(answers)
 
 
 def note_rows(numbers: Sequence[int], count: int, what: str) -> None:
     """Say what is the matter with some rows, the first of which are named, if there are any."""
     if numbers:
         rows = "row" if len(numbers) == 1 else "rows"
-        note(f"{rows} {listed(map(str, numbers))} of {count}: {what}")
+        note(f"{rows} {listing(map(str, numbers))} of {count}: {what}")

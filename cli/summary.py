@@ -162,14 +162,16 @@ def tested_rows(about: About) -> str:
 
 def error_table(model: Model, errors: Errors, title: str) -> TextTable:
     """Return all errors, a line for each readout, direction and quantity."""
-    from calib.model.about import STATISTICS, shown_errors
+    from calib.model.about import STATISTICS, error_statistics
 
     rows = []
     for readout in READOUTS:
         if readout not in errors:
             continue
         alone = {readout: errors[readout]}
-        for direction, name, unit, sizes in shown_errors(model.about, alone):
+        for direction, name, unit, sizes in error_statistics(
+            model.about, alone
+        ):
             values = map(number, sizes[readout].values())
             rows.append([readout, direction, name, unit, *values])
     header = ["readout", "direction", "error of", "unit", *STATISTICS]

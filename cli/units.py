@@ -75,10 +75,10 @@ class JointFormat:
         """Say which joint of q (dof,) [rad or m] is outside of its learned range, None if none."""
         import numpy as np
 
-        from calib.model.about import learned_range
+        from calib.model.about import range_in_words
 
         for k in np.flatnonzero(~model.in_range(np.array([q]))[0]).tolist():
-            ends = learned_range(model.about, k, degrees=self._degrees)
+            ends = range_in_words(model.about, k, degrees=self._degrees)
             value = f"{q[k] * self.typed[k]:.6g} {self._units[k]}"
             return f"{self.names[k]} = {value} is outside of the learned range {ends}"
         return None

@@ -57,7 +57,7 @@ class Rig:
         self.start = lower + rng.uniform(0.35, 0.65, (1, arm.dof)) * (upper - lower)
         self._place(rng, self.start)
         corners = Corners(s.viewpoint, self.in_hand)
-        self.truth = s.with_sensor(unit="px").changed(others=(corners,), place=1)
+        self.truth = s.with_sensor(unit="px").with_fields(others=(corners,), place=1)
         self.look(self._poses(rng, lower, upper), rng)
 
     def look(self, q, rng) -> None:

@@ -218,6 +218,15 @@ def six():
     return replace(drawn, body=body)
 
 
+def of_the_drawing(body) -> np.ndarray:
+    """Parameters (d,) of the drawing's arm with the tool that a body in space knows."""
+    structure = body.structure
+    beta = structure.neutral()
+    shared = [ix for name, ix in structure.groups.items() if name.startswith(("view.", "tool"))]
+    beta[np.concatenate(shared)] = body.beta[np.concatenate(shared)]
+    return beta
+
+
 @cache
 def in_plane():
     """Return a planar arm of four joints, one a slide, behind a bent lens; all is uncertain."""

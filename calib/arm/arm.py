@@ -10,10 +10,10 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..common.arrays import Array, own_floats
-from ..common.rows import checked_rows
+from ..common.arrays import Array, freeze_copies
+from ..common.rows import query_rows
 from ..common.scale import TURN
-from ..common.wording import listed, quoted, suggestion
+from ..common.wording import listing, quoted, suggestion
 from ..errors import OptionError
 from .gravity import GRAVITY
 from .plane import Plane
@@ -85,7 +85,7 @@ class Arm:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        own_floats(self, "lower", "upper")
+        freeze_copies(self, "lower", "upper")
 
     def forward(self, q: ArrayLike) -> Array:
         """Positions (n, outputs) or (outputs,) [m] at joint values (n, dof) or (dof,)."""
@@ -186,7 +186,7 @@ class Arm:
         for name, chosen in ranges.items():
             k = self._index(name, "ranges")
             if chosen != self.limits[k]:
-                chosen = checked_range(
+                chosen = clip_range(
                     name, chosen, self.limits[k], self.units_of_joints[k]
                 )
             travel[k] = chosen
@@ -221,7 +221,7 @@ class Arm:
         self, q: ArrayLike, compute: Callable[[Array], Array]
     ) -> Array:
         """Compute something of joint values, some rows at a time; of one vector its only row."""
-        rows, single = checked_rows(q, self.joint_names, "joint values")
+        rows, single = query_rows(q, self.joint_names, "joint values")
         starts = range(0, max(len(rows), 1), _CACHED)
         out = np.concatenate(
             [compute(rows[start : start + _CACHED]) for start in starts]
@@ -294,7 +294,7 @@ class SpatialArm(Arm):
     outputs = 3
 
 
-def checked_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
+def clip_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
     """Return a range that the user chose, clipped into the limits if only rounding is over.
 
     Raises OptionError if it is not finite, empty or inverted, or goes beyond the joint's limits.
@@ -324,7 +324,7 @@ def one_turn(chosen: Range) -> Range:
 
 
 def notes_of_turns(chosen: Mapping[str, Range]) -> list[str]:
-    """Tell of which turning joints' ranges more than rounding is cut to one turn."""
+    """Return a note on the turning joints whose ranges are cut to one turn, if there are any."""
     cut = [
         repr(name)
         for name, (low, high) in chosen.items()
@@ -333,5 +333,5 @@ def notes_of_turns(chosen: Mapping[str, Range]) -> list[str]:
     if not cut:
         return []
     return [
-        f"{listed(cut)} can turn more than once: one turn of each is learned"
+        f"{listing(cut)} can turn more than once: one turn of each is learned"
     ]

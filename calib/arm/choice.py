@@ -1,4 +1,4 @@
-"""Choice: the joints and the tip of an arm that users named, or those that are found for them."""
+"""Choice: the joints and the tip of an arm, as a user names them or by the furthest reach."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..common.wording import listed, quoted, suggestion
+from ..common.wording import listing, quoted, suggestion
 from ..errors import OptionError, RobotError
 from .finding import (
     FINDING,
@@ -24,7 +24,7 @@ from .urdf import Joint, Urdf
 
 
 def check_lock(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
-    """Return the values [rad or m] at which joints are held; they are movable and finite."""
+    """Return `lock` as a dict, or refuse fixed joints and values [rad or m] that are not finite."""
     for name, value in lock.items():
         unit = _movable(urdf, name, "lock").unit
         if not np.isfinite(value):
@@ -46,7 +46,14 @@ def choose_chain(
     planar: bool,
     columns: Collection[str] | None,
 ) -> tuple[Chain, list[str]]:
-    """Return the joints and the tip that the user named, or the arm found for them, and notes."""
+    """Return the chain of an arm, and notes on what was chosen for the user.
+
+    joints, tip : as the user names them; None where calib chooses
+    lock : values [rad or m] of joints that do not move
+    ranges : joints with a range of the user's, which need no limits
+    planar : whether only joints that move the tip within one plane are chosen
+    columns : columns of a log, which names the joints that moved
+    """
     link = None if tip is None else _link(urdf, tip)
     # joints that move on their own
     free = [
@@ -57,46 +64,35 @@ def choose_chain(
     notes: list[str] = []
     if joints is None:
         usable = [j for j in free if j.name in ranges or not j.stuck]
-        chain, notes = _furthest(
-            urdf,
-            posture,
-            usable,
-            link,
-            planar,
-            columns,
+        chain, notes = _furthest_chain(
+            urdf, posture, usable, link, planar, columns
         )
     else:
         if isinstance(joints, str):
             joints = re.split(r"\s*,\s*", joints.strip())
-        chain = _named(
-            urdf,
-            posture,
-            joints,
-            link,
-            free,
-        )
+        chain = _chain_by_names(urdf, posture, joints, link, free)
     if link is None and not chain.tip.lower().endswith(TIP_NAMES):
         notes.append(f"tip {quoted(chain.tip)} was chosen (`tip` changes it)")
     return chain, notes
 
 
 def check_limits(joints: Sequence[Joint]) -> None:
-    """Ask for `ranges` of all joints whose limits are unusable."""
+    """Refuse joints whose limits are unusable, and ask for their `ranges`."""
     faulty = [joint for joint in joints if joint.fault]
     if faulty:
         faults = "; ".join(
             f"joint {j.name!r} cannot be babbled, {j.fault}" for j in faulty
         )
-        wanted = ", ".join(f"{j.name!r}: (LOWER, UPPER)" for j in faulty)
+        ranges = ", ".join(f"{j.name!r}: (LOWER, UPPER)" for j in faulty)
         units = ", ".join(sorted({joint.unit for joint in faulty}))
         raise RobotError(
             faults,
-            hint=f"give `ranges={{{wanted}}}` [{units}]",
+            hint=f"give `ranges={{{ranges}}}` [{units}]",
             parameter="ranges",
         )
 
 
-def _furthest(
+def _furthest_chain(
     urdf: Urdf,
     posture: Posture,
     usable: Sequence[Joint],
@@ -106,43 +102,26 @@ def _furthest(
 ) -> tuple[Chain, list[str]]:
     """Return the arm for users who named no joints, and notes."""
     free = [j for j in usable if columns is None or j.name in columns]
-    chains = find_chains(
-        urdf,
-        posture,
-        free,
-        tip,
-    )
+    chains = find_chains(urdf, posture, free, tip)
     if not chains:
-        stuck = [joint for joint in urdf.joints if joint.stuck]
-        stuck = [joint for joint in stuck if joint not in free]
-        if len(free) + len(stuck) > 1:
-            check_limits(stuck)
-        hint = "name other `joints`, `tip` or `lock`"
-        if columns is not None:
-            hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
-        movable = listed(joint.name for joint in urdf.joints if joint.movable)
-        raise RobotError(
-            f"no arm{f' to {quoted(tip)}' if tip else ''}: it needs two joints in one chain; of "
-            f"the movable joints {movable} these are free: {listed(j.name for j in free)}",
-            hint=hint,
-        )
+        raise _no_arm(urdf, free, tip, columns)
     parts = [planar_part(chain, posture) for chain in chains]
     flat = planar or plane_normal(chains[0].joints, posture) is not None
     if flat:
-        chains = [
+        arms = [
             part or chain for part, chain in zip(parts, chains, strict=True)
         ]
     else:
-        chains = [
+        arms = [
             replace(chain, joints=chain.joints[-FINDING.most_joints :])
             for chain in chains
         ]
-    best = chains[0]
-    others = "; ".join(map(str, chains[1:]))
+    best = arms[0]
+    others = "; ".join(map(str, arms[1:]))
     # a log was measured on one of them only; in simulation the first serves
     if others and columns is not None:
         raise RobotError(
-            f"the robot has {len(chains)} arms of one reach, choose one: {best}; {others}"
+            f"the robot has {len(arms)} arms of one reach, choose one: {best}; {others}"
         )
     notes: list[str] = []
     if others:
@@ -151,24 +130,47 @@ def _furthest(
         notes.append(
             f"the arm moves in space; `planar=True` takes its planar part: {parts[0]}"
         )
-    if columns is not None:
-        path = urdf.path(best.tip)
-        idle = [j.name for j in usable if j in path and j.name not in columns]
-        if idle:
-            notes.append(
-                f"locked because the log has no columns for them: {listed(idle)}"
-            )
+    path = urdf.path(best.tip)
+    idle = [j.name for j in usable if j in path and j not in free]
+    if idle:
+        notes.append(
+            f"locked because the log has no columns for them: {listing(idle)}"
+        )
     return best, notes
 
 
-def _named(
+def _no_arm(
+    urdf: Urdf,
+    free: Sequence[Joint],
+    tip: str | None,
+    columns: Collection[str] | None,
+) -> RobotError:
+    """Return why free joints make no arm; raise where unusable limits are the reason."""
+    stuck = [j for j in urdf.joints if j.stuck and j not in free]
+    if len(free) + len(stuck) > 1:
+        check_limits(stuck)
+    hint = "name other `joints`, `tip` or `lock`"
+    if columns is not None:
+        hint = "if columns have other names, give `columns={'JOINT': 'COLUMN'}`"
+    movable = listing(joint.name for joint in urdf.joints if joint.movable)
+    return RobotError(
+        f"no arm{f' to {quoted(tip)}' if tip else ''}: it needs two joints in one chain; of "
+        f"the movable joints {movable} these are free: {listing(j.name for j in free)}",
+        hint=hint,
+    )
+
+
+def _chain_by_names(
     urdf: Urdf,
     posture: Posture,
     names: Sequence[str],
     tip: str | None,
     free: Sequence[Joint],
 ) -> Chain:
-    """Return the arm of the joints that a user named, all of them `free` ones."""
+    """Return the chain of the joints that a user names, or refuse them.
+
+    free : joints that move on their own
+    """
     joints = [_movable(urdf, name, "joints") for name in names]
     if tip is None and joints:
         last = max(joints, key=lambda joint: len(urdf.path(joint.child)))
@@ -176,25 +178,20 @@ def _named(
     path = urdf.path(tip or "")
     moving = [joint for joint in free if joint in path]
     active = [joint for joint in joints if joint in moving]
-    chains = find_chains(
-        urdf,
-        posture,
-        active,
-        tip,
-    )
+    chains = find_chains(urdf, posture, active, tip)
     if chains and sorted(j.name for j in chains[0].joints) == sorted(names):
         return chains[0]
     raise OptionError(
-        f"`joints` are {listed(map(quoted, names))}: expected two or more of those that move "
+        f"`joints` are {listing(map(quoted, names))}: expected two or more of those that move "
         f"the tip {quoted(tip or '')} on their own, each once: "
-        f"{listed(quoted(joint.name) for joint in moving)}",
+        f"{listing(quoted(joint.name) for joint in moving)}",
         parameter="joints",
         value=list(names),
     )
 
 
 def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
-    """Return the movable joint of a name, or say which there are."""
+    """Return the movable joint of a name, or refuse it and say which there are."""
     joint = urdf.joint(name)
     if joint is None or not joint.movable:
         what = "does not exist" if joint is None else "is fixed"
@@ -208,7 +205,7 @@ def _movable(urdf: Urdf, name: str, parameter: str) -> Joint:
 
 
 def _link(urdf: Urdf, tip: str) -> str:
-    """Return the link of a frame's name: a link, or the child of a joint."""
+    """Return the link of a frame that is named by its link or by the joint that carries it."""
     joint = urdf.joint(tip)
     if tip in urdf.links:
         return tip

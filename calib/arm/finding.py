@@ -1,7 +1,7 @@
-"""Finding: which joints and which tip, for users who named none: the chain that reaches furthest.
+"""Finding: the joints and the tip of an arm for users who name none, and its planar part.
 
-It ends before its hand: where a link branches and what lies beyond a joint of it is short beside
-the way up to it.  And which of its joints move a tip within one plane.
+The arm is the chain that reaches furthest.  It ends before its hand: at a link that branches, where
+a branch is short beside the way from the first joint to that link.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import listed, quoted, vector
+from ..common.wording import listing, quoted, vector
 from ..errors import RobotError
 from .posture import Posture
 from .urdf import Joint, Urdf
@@ -23,13 +23,14 @@ from .urdf import Joint, Urdf
 class Finding:
     """What makes joints an arm; shares and lengths were chosen on the robots of docs/robots.md."""
 
-    # that a log could cover: those nearest to the root are held
+    # of an arm in space, as many as a log can cover: of more those nearest to the root are locked
     most_joints: int = 7
     most_in_plane: int = 3  # joints of a planar part
-    least_share: float = 0.05  # of its reach, that the link of each joint has
-    # of the way from the first joint up to a branching link: what is shorter beyond is a hand
+    # share of a planar part's reach that each of its links has at least
+    least_share: float = 0.05
+    # share of the way from the first joint to a branching link: a shorter branch is a hand
     hand: float = 0.35
-    # share of the reach by which chains of one reach differ
+    # share of the reach by which chains of one reach differ at most
     alike: float = 0.01
     # [rad], axes that are closer count as parallel, or across
     parallel: float = 1e-4
@@ -54,7 +55,7 @@ TIP_NAMES = (
 
 @dataclass(frozen=True)
 class Chain:
-    """An arm within a robot: joints from base to tip, and how far it reaches [m]."""
+    """Some joints on the way to a tip, base to tip, and how far they reach [m]."""
 
     joints: tuple[Joint, ...]
     tip: str
@@ -67,7 +68,10 @@ class Chain:
 def find_chains(
     urdf: Urdf, posture: Posture, free: Sequence[Joint], tip: str | None
 ) -> list[Chain]:
-    """Chains of two free joints or more that reach alike and furthest, the furthest first."""
+    """Chains of at least two free joints that reach furthest, several where they reach alike.
+
+    tip : the link at their end; None for any
+    """
     tips = [tip] if tip else []
     if tip is None:
         tips = sorted({_arm_tip(urdf, posture, joint) for joint in free})
@@ -79,32 +83,32 @@ def find_chains(
     chains.sort(key=lambda chain: (-round(chain.reach, 6), str(chain)))
     alike: dict[tuple[Joint, ...], Chain] = {}
     for chain in chains:
-        near = chain.reach >= (1 - FINDING.alike) * chains[0].reach
-        if near and len(chain.joints) == len(chains[0].joints):
+        far = chain.reach >= (1 - FINDING.alike) * chains[0].reach
+        if far and len(chain.joints) == len(chains[0].joints):
             alike.setdefault(chain.joints, chain)
     return list(alike.values())
 
 
 def find_tip(urdf: Urdf, link: str) -> str:
-    """Follow a link outwards to the tip it leads to: a leaf, or where it branches.
+    """Return the tip that a link leads to: a leaf, or the link where its way outwards branches.
 
     At a branching, a child with a tool's usual name (tool0, tcp, ...) is followed, or else
     the only child that carries further joints (its siblings are sensors and covers).
     """
     while below := urdf.below(link):
         if len(below) > 1:
-            named = [
+            tools = [
                 joint
                 for name in TIP_NAMES
                 for joint in below
                 if joint.child.lower().endswith(name)
             ]
-            carrying = [
+            branches = [
                 joint
                 for joint in below
                 if joint.movable or urdf.carries(joint.child)
             ]
-            below = tuple(named[:1] or carrying)
+            below = tuple(tools[:1] or branches)
         if len(below) != 1:
             break
         link = below[0].child
@@ -112,24 +116,25 @@ def find_tip(urdf: Urdf, link: str) -> str:
 
 
 def plane_normal(
-    joints: Sequence[Joint], posture: Posture, *, wanted: bool = False
+    joints: Sequence[Joint], posture: Posture, *, planar: bool = False
 ) -> Array | None:
-    """Direction (3,) across the plane in which all joints move, None of an arm in space.
+    """Unit normal (3,) of the plane in which all joints move, None of an arm in space.
 
-    Raises RobotError if they move along a line, or a planar arm is `wanted` and they are none
+    Raises RobotError if they all slide along one line, or a `planar` arm is required and they do
+    not move in one plane.
     """
     axes = [posture.axis(joint) for joint in joints]
     planes = list(_planes(joints, posture))
     if not planes:
         raise RobotError(
-            f"joints {listed(joint.name for joint in joints)} all slide along {vector(axes[0])}: "
+            f"joints {listing(joint.name for joint in joints)} all slide along {vector(axes[0])}: "
             "they move the tip along a line, not over a plane"
         )
     # the direction that most joints share; the first of them where several tie
     normal, within = max(planes, key=lambda plane: len(plane[1]))
     for joint, axis in zip(joints, axes, strict=True):
         if joint not in within:
-            if not wanted:
+            if not planar:
                 return None
             way = "parallel to" if joint.revolute else "perpendicular to"
             raise RobotError(
@@ -138,7 +143,7 @@ def plane_normal(
                 hint="choose other `joints`, or leave out `planar`",
                 parameter="joints",
             )
-    # antiparallel axes are one direction; the mean keeps a joint's own tilt small
+    # antiparallel axes are one direction; beside the mean of all each joint's tilt is small
     turning = [
         axis for joint, axis in zip(joints, axes, strict=True) if joint.revolute
     ]
@@ -147,26 +152,29 @@ def plane_normal(
 
 
 def planar_part(chain: Chain, posture: Posture) -> Chain | None:
-    """The joints of a chain, most and then furthest, that move its tip within one plane."""
+    """The joints of a chain that move its tip within one plane; None where fewer than two do.
+
+    Of several planes the one with the most joints, of as many the one with the furthest reach.
+    """
     parts: list[Chain] = []
     for normal, members in _planes(chain.joints, posture):
-        within = members
-        # joints that hardly move the tip are left out, and too many
-        while len(within) > 1:
-            links = _links(within, chain.tip, posture)
+        joints = members
+        # without the joint of the shortest link, until all are long enough and few enough
+        while len(joints) > 1:
+            links = _links(joints, chain.tip, posture)
             flat = links - np.outer(links @ normal, normal)
-            levers = np.linalg.norm(flat, axis=1)
-            levers += [_slid(joint) for joint in within]
-            reach = float(levers.sum())
-            weakest = int(np.argmin(levers))
+            lengths = np.linalg.norm(flat, axis=1)
+            lengths += [_slide_length(joint) for joint in joints]
+            reach = float(lengths.sum())
+            shortest = int(np.argmin(lengths))
             least = max(FINDING.least_share * reach, FINDING.least_lever)
             if (
-                levers[weakest] >= least
-                and len(within) <= FINDING.most_in_plane
+                lengths[shortest] >= least
+                and len(joints) <= FINDING.most_in_plane
             ):
-                parts.append(Chain(tuple(within), chain.tip, reach))
+                parts.append(Chain(tuple(joints), chain.tip, reach))
                 break
-            within = within[:weakest] + within[weakest + 1 :]
+            joints = joints[:shortest] + joints[shortest + 1 :]
     return max(
         parts,
         key=lambda part: (len(part.joints), round(part.reach, 6)),
@@ -192,7 +200,10 @@ def check_tip(last: Joint, tip: str, posture: Posture) -> None:
 def _planes(
     joints: Sequence[Joint], posture: Posture
 ) -> Iterator[tuple[Array, list[Joint]]]:
-    """Normals (3,) of the planes that axes span, with the joints that move within each."""
+    """Yield unit normals (3,) of planes, each with the joints that move within its plane.
+
+    A joint turns about a normal; two slides span a plane.
+    """
     axes = np.array([posture.axis(joint) for joint in joints])
     turning = np.array([joint.revolute for joint in joints])
     normals = [*axes[turning]]
@@ -202,29 +213,32 @@ def _planes(
         if size > FINDING.parallel:
             normals.append(normal / size)
     for normal in normals:
-        off = np.linalg.norm(np.cross(axes, normal), axis=1)
-        off = np.where(turning, off, np.abs(axes @ normal))
+        # sines of the angles by which axes are off: along the normal, of slides across it
+        sines = np.linalg.norm(np.cross(axes, normal), axis=1)
+        off = np.where(turning, sines, np.abs(axes @ normal))
         within = np.flatnonzero(off <= FINDING.parallel)
         yield normal, [joints[k] for k in within.tolist()]
 
 
 def _arm_tip(urdf: Urdf, posture: Posture, joint: Joint) -> str:
-    """Follow a joint outwards to the tip it leads to, and back to before a hand."""
+    """Return the tip that a joint leads to, or the link before the hand on the way to it."""
     tip = find_tip(urdf, joint.child)
     path = [other for other in urdf.path(tip) if other.movable]
     for k, other in enumerate(path[1:], start=1):
         end = find_tip(urdf, other.parent)
-        if end != tip and other not in urdf.path(end):
+        branches = end != tip and other not in urdf.path(end)
+        if branches:
             before = _reach(path[:k], other.parent, posture)
-            if _reach(path[k:], tip, posture) < FINDING.hand * before:
+            beyond = _reach(path[k:], tip, posture)
+            if beyond < FINDING.hand * before:
                 return end
     return tip
 
 
 def _reach(joints: Sequence[Joint], tip: str, posture: Posture) -> float:
-    """Distances from joint to joint and to the tip, and the travel of slides [m]."""
+    """Sum of the distances from joint to joint and to the tip, and of the slides' travel [m]."""
     lengths = np.linalg.norm(_links(joints, tip, posture), axis=1)
-    return float(lengths.sum()) + sum(map(_slid, joints))
+    return float(lengths.sum()) + sum(map(_slide_length, joints))
 
 
 def _links(joints: Sequence[Joint], tip: str, posture: Posture) -> Array:
@@ -233,8 +247,8 @@ def _links(joints: Sequence[Joint], tip: str, posture: Posture) -> Array:
     return np.diff([posture.place(link) for link in links], axis=0)
 
 
-def _slid(joint: Joint) -> float:
-    """How far a joint slides [m]; 1 where its limits do not say."""
+def _slide_length(joint: Joint) -> float:
+    """Travel of a sliding joint [m], 1 where its limits do not say; 0 of a turning one."""
     if joint.revolute:
         return 0.0
     lower, upper = joint.travel

@@ -1,4 +1,4 @@
-"""Loading: find an arm in a robot and load it.
+"""Loading: an arm from the description of a robot.
 
 A planar arm is a serial chain whose active revolute axes are all parallel to one normal and
 whose active prismatic axes are all perpendicular to it. Any other serial chain is a spatial
@@ -7,15 +7,15 @@ arm. Joints that are not active are locked.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import listed, one_line, quoted
+from ..common.wording import listing, one_line, quoted
 from ..errors import OptionError, RobotError
 from .arm import PlanarArm, SpatialArm
 from .choice import check_limits, check_lock, choose_chain
@@ -23,7 +23,7 @@ from .description import parse_robot
 from .finding import FINDING, Chain, check_tip, plane_normal
 from .gravity import standard
 from .plane import plane_of
-from .posture import Posture, folded, posture_of
+from .posture import Posture, chain_of, posture_of
 from .robot_text import read_urdf
 from .robots import resolve_robot
 from .urdf import Mimic, Range, Urdf
@@ -57,7 +57,7 @@ def load_arm(
     tip : str, optional
         The link (or the fixed joint) whose position is sensed.
     lock : mapping of str to float, optional
-        Values [rad or m] at which other joints are held (default: neutral).
+        Values [rad or m] of other joints, which do not move (default: neutral).
     ranges : mapping of str to (lower, upper), optional
         Part of a joint's range [rad or m] to babble and learn.
     planar : bool
@@ -134,84 +134,78 @@ def arm_from_urdf(
     )
     active = chain.joints
     names = [joint.name for joint in active]
-    following = _followers(urdf, chain, lock)
-    posture = posture_of(urdf, {**lock, **dict.fromkeys(following, 0.0)})
-    normal = _normal(
-        chain,
-        following,
-        posture,
-        planar,
-    )
-    limited = [joint for joint in active if joint.name not in ranges]
-    check_limits(limited)
-    locked, locked_notes = _locked_joints(
-        urdf,
-        chain,
-        following,
-        lock,
-    )
+    moving = _moving_joints(urdf, chain, lock)
+    at_zero = posture_of(urdf, {**lock, **dict.fromkeys(moving, 0.0)})
+    normal = _normal(chain, moving, at_zero, planar)
+    make: Callable[..., PlanarArm | SpatialArm] = SpatialArm
+    if normal is not None:
+        plane = plane_of(normal, at_zero.place(chain.tip))
+        make = partial(PlanarArm, plane=plane)
+    without_range = [joint for joint in active if joint.name not in ranges]
+    check_limits(without_range)
+    locked, locked_notes = _locked_joints(urdf, chain, moving, lock)
     travel = tuple(joint.travel for joint in active)
-    parts: dict[str, Any] = {
-        "name": urdf.name,
-        "joint_names": tuple(names),
+    arm = make(
+        name=urdf.name,
+        joint_names=tuple(names),
         # set by `with_range`
-        "lower": np.zeros(len(active)),
-        "upper": np.zeros(len(active)),
-        "revolute": tuple(joint.revolute for joint in active),
-        "tip": chain.tip,
-        "locked": locked,
-        "urdf": text,
-        "notes": tuple(map(one_line, (*urdf.notes, *notes, *locked_notes))),
-        "limits": travel,
-        "travel": travel,
-        "chain": folded(
+        lower=np.zeros(len(active)),
+        upper=np.zeros(len(active)),
+        revolute=tuple(joint.revolute for joint in active),
+        tip=chain.tip,
+        locked=locked,
+        urdf=text,
+        notes=tuple(map(one_line, (*urdf.notes, *notes, *locked_notes))),
+        limits=travel,
+        travel=travel,
+        chain=chain_of(
             urdf,
-            following,
+            moving,
             names,
             chain.tip,
-            posture,
-            weighed=normal is None,
+            at_zero,
+            with_masses=normal is None,
         ),
-    }
-    arm: PlanarArm | SpatialArm
-    if normal is None:
-        arm = SpatialArm(**parts)
-    else:
-        plane = plane_of(normal, posture.place(chain.tip))
-        arm = PlanarArm(plane=plane, **parts)
-    whole = {joint.name: joint.travel for joint in limited}
+    )
+    whole = {joint.name: joint.travel for joint in without_range}
     return arm.with_range({**ranges, **whole})
 
 
-def _followers(
+def _moving_joints(
     urdf: Urdf, chain: Chain, lock: Collection[str]
 ) -> dict[str, Mimic]:
-    """Return what each joint that the active ones move follows, base to tip; those themselves."""
+    """Return the joints that move the tip, base to tip, each with the active joint it follows.
+
+    An active joint follows itself.
+    """
     names = [joint.name for joint in chain.joints]
-    following: dict[str, Mimic] = {}
+    moving: dict[str, Mimic] = {}
     for joint in urdf.path(chain.tip):
-        mimic = urdf.followed(joint, lock)
+        mimic = urdf.mimic_of(joint, lock)
         if joint.movable and mimic.leader in names:
-            following[joint.name] = mimic
-    return following
+            moving[joint.name] = mimic
+    return moving
 
 
 def _normal(
     chain: Chain,
-    following: Mapping[str, Mimic],
+    moving: Mapping[str, Mimic],
     posture: Posture,
     planar: bool,
 ) -> Array | None:
-    """Return the direction (3,) across the plane of a planar arm, None of one in space."""
+    """Return the unit normal (3,) of a planar arm's plane, None of an arm in space.
+
+    An arm with mimic joints on the way to its tip is one in space.
+    """
     names = [joint.name for joint in chain.joints]
-    normal = plane_normal(chain.joints, posture, wanted=planar)
-    copies = [name for name in following if name not in names]
-    if copies and planar:
+    normal = plane_normal(chain.joints, posture, planar=planar)
+    mimics = [name for name in moving if name not in names]
+    if mimics and planar:
         raise RobotError(
-            f"joint {quoted(copies[0])} mimics the active {quoted(following[copies[0]].leader)} on "
+            f"joint {quoted(mimics[0])} mimics the active {quoted(moving[mimics[0]].leader)} on "
             "the way to the tip: expected no such joint in a planar arm; choose others"
         )
-    if normal is not None and not copies:
+    if normal is not None and not mimics:
         check_tip(chain.joints[-1], chain.tip, posture)
         return normal
     if len(names) > FINDING.most_joints:
@@ -226,15 +220,15 @@ def _normal(
 def _locked_joints(
     urdf: Urdf,
     chain: Chain,
-    following: Collection[str],
+    moving: Collection[str],
     lock: Mapping[str, float],
 ) -> tuple[dict[str, float], list[str]]:
-    """Return the other movable joints on the way to the tip with their values, and notes."""
+    """Return values [rad or m] of the joints before the tip that do not move, and notes."""
     values = urdf.values(lock)
     locked = {
         joint.name: values[joint.name]
         for joint in urdf.path(chain.tip)
-        if joint.movable and joint.name not in following
+        if joint.movable and joint.name not in moving
     }
     neutral = [
         f"{name}={value:.4g}"
@@ -243,5 +237,5 @@ def _locked_joints(
     ]
     if not neutral:
         return locked, []
-    note = f"locked at neutral: {listed(neutral, 8)} (`lock` changes it)"
+    note = f"locked at neutral: {listing(neutral, 8)} (`lock` changes it)"
     return locked, [note]

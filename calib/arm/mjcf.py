@@ -40,8 +40,8 @@ _AXES = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
-    """The element of the text that places a joint: ``origin = before element after``."""
+class JointElement:
+    """Where the text places a joint: its origin is ``before element after``."""
 
     element: int  # its number among all elements, in the order of the text
     before: Array  # (4, 4), of the frames around it
@@ -54,7 +54,7 @@ class Mjcf:
 
     tree: Urdf
     # by the names of joints; not of a body's further joints
-    places: Mapping[str, Placed]
+    places: Mapping[str, JointElement]
 
 
 class Element(NamedTuple):
@@ -77,7 +77,7 @@ class _Reader:
     links: list[str] = field(default_factory=lambda: [WORLD])
     joints: list[Joint] = field(default_factory=list)
     masses: dict[str, tuple[float, Vector]] = field(default_factory=dict)
-    places: dict[str, Placed] = field(default_factory=dict)
+    places: dict[str, JointElement] = field(default_factory=dict)
     # [rad or m], value of each joint at which the model is drawn
     references: dict[str, float] = field(default_factory=dict)
 
@@ -106,8 +106,8 @@ class _Reader:
         """Transform (4, 4) of an element in its body's frame, a body's in its parent's."""
         attributes = self.attributes(element)
         place = attributes.numbers("pos", _ZERO)
-        own = _transform(self._orientation(attributes), place)
-        return np.asarray(element.frame @ own)
+        transform = _transform(self._orientation(attributes), place)
+        return np.asarray(element.frame @ transform)
 
     def _orientation(self, attributes: Attributes) -> Array:
         """Rotation (3, 3) in any of the forms that MJCF has."""
@@ -236,7 +236,7 @@ class _Reader:
         after: Array,
     ) -> None:
         number = self.numbers[element.node]
-        self.places[joint] = Placed(number, element.frame, after)
+        self.places[joint] = JointElement(number, element.frame, after)
 
     def _new_link(self, name: str, kind: str) -> str:
         if name in self.links:  # MuJoCo lets a site have a body's name

@@ -1,4 +1,4 @@
-"""The text of an MJCF: what of it is read, the defaults of its classes, joints that are tied."""
+"""MJCF text: elements that are refused, defaults of classes, equalities between joints."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def couplings(
             {"polycoef": " ".join([*words, *straight[len(words) :]])},
         )
         offset, multiplier, *higher = polynomial.numbers("polycoef", (0.0,) * 5)
-        known = name in references and leader in references
-        if known and node.get("active") != "false" and not any(higher):
+        both_exist = name in references and leader in references
+        if both_exist and node.get("active") != "false" and not any(higher):
             offset += references[name] - multiplier * references[leader]
             yield name, Mimic(leader, multiplier, offset)
 

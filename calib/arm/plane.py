@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..common.arrays import Array, own_floats
+from ..common.arrays import Array, freeze_copies
 from ..errors import LogError, RobotError
 
 #: Axes closer to the normal than this (cosine of 45 degrees, rounding apart) are skipped.
@@ -36,7 +36,7 @@ class Plane:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        own_floats(self, "origin", "x", "y")
+        freeze_copies(self, "origin", "x", "y")
 
     @property
     def normal(self) -> Array:

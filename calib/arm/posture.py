@@ -29,7 +29,7 @@ class Posture:
 
 
 def posture_of(urdf: Urdf, chosen: Mapping[str, float]) -> Posture:
-    """Return the posture at joint values [rad or m]; others follow one, or are neutral.
+    """Return the posture at joint values [rad or m]; other joints follow them or are neutral.
 
     They are products of the joints' transforms; Pinocchio, which has no wheel for Windows, is not
     needed.
@@ -64,20 +64,20 @@ def _direction(joint: Joint) -> Array:
     return np.asarray(axis / np.linalg.norm(axis))
 
 
-def folded(
+def chain_of(
     urdf: Urdf,
     moving: Mapping[str, Mimic],
     active: Sequence[str],
     tip: str,
     posture: Posture,
     *,
-    weighed: bool,
+    with_masses: bool,
 ) -> SpatialChain:
-    """Return the chain of an arm.
+    """Return the chain of the joints that move a tip, with all other transforms folded into it.
 
-    moving : what each joint that moves the tip follows, base to tip; an active one itself
+    moving : the active joint that each of them follows, base to tip; an active one itself
     posture : with the moving joints at zero
-    weighed : whether the masses that it carries are chosen
+    with_masses : whether the masses beyond each joint are part of it
     """
     joints = [joint for joint in urdf.path(tip) if joint.name in moving]
     coupling = np.zeros((len(joints), len(active)))
@@ -91,11 +91,11 @@ def folded(
         tuple(joint.revolute for joint in joints),
         coupling,
         np.array([mimic.offset for mimic in moving.values()]),
-        *(_carried(urdf, posture, joints) if weighed else ()),
+        *(_masses(urdf, posture, joints) if with_masses else ()),
     )
 
 
-def _carried(
+def _masses(
     urdf: Urdf, posture: Posture, joints: Sequence[Joint]
 ) -> tuple[Array, Array]:
     """Masses (m,) [kg] beyond each joint of a chain, up to the next, and their centres (m, 3) [m].

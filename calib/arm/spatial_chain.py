@@ -18,7 +18,7 @@ from typing import Annotated
 
 import numpy as np
 
-from ..common.arrays import Array, Shape, own_floats
+from ..common.arrays import Array, Shape, freeze_copies
 from .rotations import cross_matrix, exponential
 
 
@@ -98,10 +98,10 @@ class SpatialChain:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        own_floats(
+        freeze_copies(
             self, "axes", "points", "tip", "rotation", "coupling", "bias"
         )
-        own_floats(self, "masses", "centres")
+        freeze_copies(self, "masses", "centres")
 
     @property
     def joints(self) -> int:
@@ -151,7 +151,7 @@ class SpatialChain:
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """What of a chain with deviations no joint moves; constants of all joints side by side."""
+    """The constants of a chain with deviations, those of all joints side by side."""
 
     strides: Array  # (m + 1, 3, 1) [m], from each joint's origin to the next, in the frame before
     axes: Array  # (m, 3, 1), in the frame before

@@ -1,6 +1,6 @@
-"""URDF: read, check and explain a robot description before any library sees it.
+"""URDF: a robot description as a checked tree of links and joints.
 
-Harmless gaps do no harm, and real faults are told in one line.
+Harmless gaps are filled and noted; what is wrong is refused in one line.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import listed, quoted, suggestion
+from ..common.wording import listing, quoted, suggestion
 from ..errors import RobotError
 from .robot_text import LIMITS, Attributes, Vector
 from .rotations import exponential
@@ -126,10 +126,10 @@ class Urdf:
             link = path[-1].parent
         return tuple(reversed(path))
 
-    def followed(self, joint: Joint, stops: Collection[str] = ()) -> Mimic:
-        """What a joint follows in the end, over other mimic joints that are none of `stops`.
+    def mimic_of(self, joint: Joint, stops: Collection[str] = ()) -> Mimic:
+        """How a joint follows another, over mimic joints in between that are none of `stops`.
 
-        That is the joint itself where it follows none.
+        A joint that follows none, or is one of `stops`, follows itself.
         """
         scale = 1.0
         offset = 0.0
@@ -153,7 +153,7 @@ class Urdf:
         }
         values: dict[str, float] = {}
         for joint in movable:
-            leader, scale, offset = self.followed(joint, chosen)
+            leader, scale, offset = self.mimic_of(joint, chosen)
             values[joint.name] = scale * free.get(leader, 0.0) + offset
         return values
 
@@ -185,7 +185,7 @@ def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
     Raises RobotError: what is wrong, what was expected and what to do.
     """
     notes: list[str] = []
-    own_name = robot.get("name", "").strip()
+    title = robot.get("name", "").strip() or name
     links = _names(robot, "link")
     joint_names = _names(robot, "joint")
     if not links:
@@ -208,7 +208,7 @@ def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
     root = _find_root(links, joints)
     masses = dict(_masses(robot))
     return Urdf(
-        own_name or name,
+        title,
         root,
         tuple(links),
         joints,
@@ -367,6 +367,6 @@ def _find_root(links: Collection[str], joints: tuple[Joint, ...]) -> str:
         names = [joint.name for joint in looped]
     if fault:
         raise RobotError(
-            f"the URDF is no tree of links: {fault}: {listed(names, 4)}"
+            f"the URDF is no tree of links: {fault}: {listing(names, 4)}"
         )
     return roots[0]

@@ -1,4 +1,19 @@
 """The body: what an arm and its sensor must obey, as one Gaussian belief over its parameters.
 
-`body_fit.fit` finds it from rows; `belief.Body` answers: positions, slopes, bounds, words.
+In the order of a fit, whose steps `body_fit.fit` goes through:
+
+- `settings`: every number that was chosen, with its reason
+- `parameters`, `curves`: named blocks with their priors; error curves of joints
+- `views`, `sensors`, `corners`: kinds of readings, where a sensor stands, corners of a board
+- `layout`, `structure`: the parameters of a chain and its sensors; predictions and derivatives
+- `spatial`, `planar`, `drawing`: structures of both kinds of arms; a planar arm's drawing
+- `rows`, `normal`, `fit`: rows of sensors, normal equations, one maximisation of a posterior
+- `start`, `starts`: parameters to begin with, and the best of them
+- `planar_starts`, `frame_starts`, `chain_starts`: signs, the sensor's frame, the whole chain
+- `gate`: the member of a structure that the rows support, and its held-out errors
+- `covariance`, `body_fit`: roots and radii of Gaussians; from rows to a body with its bound
+- `touch`: the same fit of touches of sockets
+- `belief`: `Body`, which answers: positions, slopes, bounds, parameters with intervals
+- `words`, `sensor_pose`, `row_notes`: the body and its sensor in words; what rows cannot tell
+- `approach`, `information`: backlash; the poses that would tell most
 """

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..common.arrays import Array, Shape
+from ..common.arrays import Array, Mask, Shape
 from .settings import PLAY
 
 
@@ -25,12 +24,14 @@ class Approach:
 
     def effective(self, q: Array, direction: Array) -> Array:
         """Where joints (n, dof) stand that came from a direction, 1, -1 or 0 (unknown)."""
-        return np.asarray(q - self.play * direction)
+        values: Array = q - self.play * direction
+        return values
 
-    def known(self, direction: Array) -> NDArray[np.bool_]:
+    def has_direction(self, direction: Array) -> Mask:
         """Whether the direction (n, dof) is known of all joints with play, (n,)."""
         tells = (direction != 0.0) | (self.play == 0.0)
-        return np.asarray(tells.all(axis=1))
+        has_direction: Mask = tells.all(axis=1)
+        return has_direction
 
 
 def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
@@ -43,12 +44,16 @@ def learn_play(residual: Array, slope: Array, direction: Array) -> Array | None:
     """
     features = -slope * direction[:, None, :]
     half, error = _least_squares(features, residual)
-    if not (half > PLAY.sure * error).any():
+    is_sure = half > PLAY.sure * error
+    if not is_sure.any():
         return None
     likely = half > PLAY.likely * error
-    play = np.zeros(slope.shape[2])
-    play[likely], _ = _least_squares(features[:, :, likely], residual)
-    return None if (play < 0.0).any() else play
+    play = np.zeros(len(half))
+    likely_features = features[:, :, likely]
+    play[likely], _ = _least_squares(likely_features, residual)
+    if (play < 0.0).any():
+        return None
+    return play
 
 
 def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:
@@ -60,8 +65,9 @@ def _least_squares(features: Array, residual: Array) -> tuple[Array, Array]:
         return np.zeros(k), np.full(k, np.inf)
     inverse = np.linalg.inv(gram)
     solution = inverse @ flat.T @ residual.ravel()
+    misfit = residual - features @ solution
     # one row's coordinates are one measurement: robust to what they share
-    missed = residual - features @ solution
-    scores = (features * missed[:, :, None]).sum(axis=1)
-    deviations = np.linalg.norm(scores @ inverse, axis=0)
-    return solution, deviations
+    products = features * misfit[:, :, None]
+    scores = products.sum(axis=1)
+    errors = np.linalg.norm(scores @ inverse, axis=0)
+    return solution, errors

@@ -39,7 +39,7 @@ class Second(Gaussian):
     # its parameters: those of the first fit and the curves
     active: Annotated[Indices, Shape("k")]
     root: Annotated[
-        Array, Shape("k", "k", kept=TRIANGLE)
+        Array, Shape("k", "k", storage=TRIANGLE)
     ]  # of their covariance
     noise: Annotated[Array, Shape("outputs")]
 
@@ -54,7 +54,7 @@ class Body(OfStructure):
     ]  # parameters at the maximum of the posterior
     active: Annotated[Indices, Shape("k")]  # the parameters that were fitted
     # (k, r), root of their posterior covariance, which is root root'; a triangle after a fit
-    root: Annotated[Array, Shape("k", "k", kept=TRIANGLE)]
+    root: Annotated[Array, Shape("k", "k", storage=TRIANGLE)]
     noise: Annotated[
         Array, Shape("outputs")
     ]  # noise sd of each output [unit; rad for rotations]
@@ -78,13 +78,13 @@ class Body(OfStructure):
 
     def predict(self, q: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof) [rad or m]."""
-        return self.structure.predict(np.asarray(q, dtype=float), self.beta)
+        q = np.asarray(q, dtype=float)
+        return self.structure.predict(q, self.beta)
 
     def predict_and_slope(self, q: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
-        return self.structure.predict_and_slope(
-            np.asarray(q, dtype=float), self.beta
-        )
+        q = np.asarray(q, dtype=float)
+        return self.structure.predict_and_slope(q, self.beta)
 
     def bound(self, q: Array, *, noise: bool = True) -> Array:
         """95 % bound (n,) on the distance of positions to what the sensor reads, or to the truth.
@@ -93,11 +93,11 @@ class Body(OfStructure):
         noise : whether the sensor's noise is part of the distance
         """
         q = np.asarray(q, dtype=float)
-        chunks = range(_CHUNK, len(q), _CHUNK)
-        parts = np.split(q, chunks)
-        return np.concatenate([self._bound(part, noise) for part in parts])
+        parts = np.split(q, range(_CHUNK, len(q), _CHUNK))
+        bounds = [self._bound(part, noise) for part in parts]
+        return np.concatenate(bounds)
 
-    def unexplained(self, *, noise: bool) -> Array:
+    def remaining_variance(self, *, noise: bool) -> Array:
         """Variance (p,) of positions that no parameter explains, of readings or of the truth.
 
         An error of the model that repeats and the noise of readings look alike unless poses are
@@ -109,14 +109,14 @@ class Body(OfStructure):
             variance = np.maximum(variance - self.repeat**2, 0.0)
             if self.simulated:
                 variance = np.zeros_like(variance)
-        return np.asarray(self.residual[self._position] ** 2 + variance)
+        total: Array = self.residual[self._position] ** 2 + variance
+        return total
 
     def spread(self, q: Array) -> Array:
         """Covariance (n, m, m) of the predictions from the parameters alone, without kappa."""
-        _, x = self.structure.linearise(
-            np.asarray(q, dtype=float), self.beta, self.active
-        )
-        return spread_of(x, self.root)
+        q = np.asarray(q, dtype=float)
+        _, slope = self.structure.linearise(q, self.beta, self.active)
+        return spread_of(slope, self.root)
 
     @property
     def _position(self) -> slice:
@@ -125,22 +125,22 @@ class Body(OfStructure):
 
     def _bound(self, q: Array, noise: bool) -> Array:
         part = self._position
-        unexplained = np.diag(self.unexplained(noise=noise))
-        here, x = self.structure.linearise(q, self.beta, self.active)
-        spread = SHARED**2 * spread_of(x[:, part], self.root)
-        bound = self.kappa * radius_95(spread + unexplained)
-        if self.second is not None:
-            there, x = self.structure.linearise(
-                q, self.second.beta, self.second.active
-            )
-            apart = np.linalg.norm(
-                self.structure.residual(here, there)[:, part], axis=1
-            )
-            spread = spread_of(x[:, part], self.second.root) + unexplained
-            bound = np.maximum(bound, apart + radius_95(spread))
-        return np.asarray(bound)
+        structure = self.structure
+        second = self.second
+        remaining = np.diag(self.remaining_variance(noise=noise))
+        here, slope = structure.linearise(q, self.beta, self.active)
+        spread = SHARED**2 * spread_of(slope[:, part], self.root)
+        bound = self.kappa * radius_95(spread + remaining)
+        if second is not None:
+            there, slope = structure.linearise(q, second.beta, second.active)
+            away = structure.residual(here, there)[:, part]
+            apart = np.linalg.norm(away, axis=1)
+            spread = spread_of(slope[:, part], second.root)
+            bound_of_second = apart + radius_95(spread + remaining)
+            bound = np.maximum(bound, bound_of_second)
+        return bound
 
-    def changed(
+    def with_fields(
         self, fields_of: Callable[[Gaussian], Mapping[str, Array | Indices]]
     ) -> Body:
         """Return the body with other fields of both its fits."""
@@ -158,7 +158,7 @@ class Body(OfStructure):
         return sd
 
     @property
-    def informed_deviations(self) -> Array:
+    def deviations_by_rows(self) -> Array:
         """Sd (d,) of what the rows say of each parameter.
 
         The last joint's offset and a tool that stands anywhere are one: where the belief of it is
@@ -175,7 +175,7 @@ class Body(OfStructure):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The fitted parameters with 95 % intervals; the curves' harmonics are left out."""
-        half = 1.96 * self.informed_deviations
+        half = 1.96 * self.deviations_by_rows
         parameters: list[Parameter] = []
         for k in self.active.tolist():
             group, joint, name, unit = self.structure.labels[k]
@@ -203,7 +203,7 @@ class Body(OfStructure):
         from .words import words_of  # modules of every kind of arm
 
         structure = self.structure
-        sd = self.informed_deviations
+        sd = self.deviations_by_rows
         lines = [*words_of(structure, self.beta, sd, lower, upper)]
         if not self.simulated:  # of a simulation both bounds are of the truth
             repeats = "no pose was repeated: all of the residual counts as the model's"

@@ -1,4 +1,4 @@
-"""The fit of a body: start, gate, final step over all rows, second fit, bound.
+"""The fit of a body: start, gate, all rows, second fit, bound; `fit` goes through them in order.
 
 `fit` takes any structure, which is a chain, what is measured of it, and their prior; `fit_sensors`
 takes what several sensors measured of one chain.
@@ -25,7 +25,6 @@ from .settings import (
     LOG_FLOOR,
     POSE_FLOOR,
     SIMULATED_FLOOR,
-    STUDENT,
 )
 from .start import Start
 from .starts import best_start, with_other_sensors
@@ -81,6 +80,8 @@ def fit(
 ) -> BodyFit:
     """Fit a structure to what one sensor or several saw of its chain.
 
+    A planar arm whose drawing the rows contradict is fitted again without it.
+
     structure : the chain and its priors; signs and mirror are found, and without a drawing the
         chain.  Of several sensors it is what `rows.with_measurements` or
         `layout.with_all_sensors` makes of it.
@@ -88,12 +89,31 @@ def fit(
     begin : (d,), parameters to begin with; by default they are found from the first sensor's rows
     seed : chooses the rows of the gate where there are many
     """
-    drawn = _fit(structure, rows, begin, seed)
+    rows = [replace(part, floor=_least_noise(structure, part)) for part in rows]
+    gate_rows = _gate_rows(structure, rows, seed)
+    members = structure.members()
+    chain = dict(members).get("chain", members[0][1])
+    if begin is None:
+        best = best_start(structure, rows[0], chain)
+        start = with_other_sensors(best, rows)
+    else:
+        start = Start(structure, begin)
+    member = pass_gate(start, chain, gate_rows)
+    whole = _over_all_rows(member.fit, rows)
+    second = None
+    if not structure.simulated and not structure.zeros_alone:
+        second = _second_fit(member, chain, gate_rows)
+    root = as_kept(whole.covariance)
+    first, *beside = [
+        _with_bound(k, member, whole, second, root, rows[k])
+        for k in range(len(rows))
+    ]
+    drawn = replace(first, beside=tuple(beside))
     undrawn = structure.undrawn()
     typical = median_length(drawn.held_out)
     if undrawn is None or typical < FIT.doubted * structure.extent:
         return drawn
-    free = _fit(undrawn, rows, begin, seed)
+    free = fit(undrawn, rows, begin=begin, seed=seed)
     if not median_length(free.held_out) < typical / 2:
         return drawn
     note = "the nominal geometry does not fit the rows, even with its frame free: it is not used"
@@ -117,46 +137,26 @@ def fit_sensors(
     return dict(zip(structures, fits, strict=True))
 
 
-def _fit(
-    structure: Structure, rows: Sequence[Rows], begin: Array | None, seed: int
-) -> BodyFit:
-    """Fit the structure; simulated samples have Gaussian weights and a lower noise floor."""
-    rows = [replace(some, floor=_least_noise(structure, some)) for some in rows]
-    nu = np.inf if structure.simulated else STUDENT
-    members = structure.members()
-    chain = dict(members).get("chain", members[0][1])
+def _gate_rows(
+    structure: Structure, rows: Sequence[Rows], seed: int
+) -> list[Rows]:
+    """Return those rows of each sensor that the gate uses, in the order of the log."""
     rng = np.random.default_rng(seed)
-    some: list[Rows] = []
-    for part in rows:  # a draw in the order of the log
-        drawn = np.sort(rng.permutation(len(part))[: structure.gate_rows])
-        some.append(part.take(drawn))
-    if begin is None:
-        best = best_start(structure, rows[0], chain)
-        start = with_other_sensors(best, rows)
-    else:
-        start = Start(structure, begin)
-    member = pass_gate(start, chain, some, nu)
-    whole = _over_all_rows(member.fit, rows)
-    wide = None
-    if not structure.simulated and not structure.zeros_alone:
-        wide = _wide_fit(member, chain, some)
-    root = as_kept(whole.covariance)
-    fits = [
-        _seen_by(k, member, whole, wide, root, rows[k])
-        for k in range(len(rows))
-    ]
-    return replace(fits[0], beside=tuple(fits[1:]))
+    parts: list[Rows] = []
+    for part in rows:
+        order = rng.permutation(len(part))
+        first = order[: structure.gate_rows]
+        parts.append(part.take(np.sort(first)))
+    return parts
 
 
 def _least_noise(structure: Structure, rows: Rows) -> Array:
     """Return the least noise (m,) [unit, rad] that rows are taken to have."""
-    outputs = rows.z.shape[1]
-    share = LOG_FLOOR if outputs <= 3 else POSE_FLOOR
+    there = structure.as_seen_by(rows.sensor)
+    share = LOG_FLOOR if there.outputs <= 3 else POSE_FLOOR
     if structure.simulated:
         share = SIMULATED_FLOOR
-    extent = structure.as_seen_by(rows.sensor).extent
-    sizes = np.array([extent, extent, extent, 1.0, 1.0, 1.0])
-    return share * sizes[:outputs]
+    return share * there.extents
 
 
 def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
@@ -166,12 +166,14 @@ def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
     sd = np.zeros(len(fit.beta))
     sd[fit.active] = fit.sd
     # exact rows leave nothing to learn of their noise
-    learn = bool((fit.noise > fit.parts[0].floor).any())
-    whole = fit.beginning(rows, Prior(fit.mean, sd))
+    is_noisy = fit.noise > fit.parts[0].floor
+    learn = bool(is_noisy.any())
+    prior = Prior(fit.mean, sd)
+    whole = fit.beginning(rows, prior)
     return whole.maximise(learn=learn, steps=4, tolerance=FIT.settled)
 
 
-def _seen_by(
+def _with_bound(
     k: int,
     member: Member,
     whole: Fit,
@@ -179,10 +181,13 @@ def _seen_by(
     root: Array,
     rows: Rows,
 ) -> BodyFit:
-    """Return the body as the k-th sensor sees it, with its held-out errors."""
+    """Return the body as the k-th sensor sees it, with its bound and held-out errors.
+
+    wide : the second fit, and the root (k, k) of its covariance
+    root : (k, k), of the covariance of all rows' parameters
+    """
     part = whole.parts[k]
     structure = part.structure
-    simulated = structure.simulated
     held_out = leave_blocks_out(whole, sensor=k)
     kappa = FIT.unknown_kappa
     if isinstance(rows.sensor, str) or k == 0:
@@ -205,63 +210,67 @@ def _seen_by(
         autocorrelation=whole.autocorrelation,
         scales=member.fit.scales,
         rows=len(rows),
-        simulated=simulated,
+        simulated=structure.simulated,
         member=member.name,
         second=second,
     )
     # where the other blocks determine nothing, they predict their mean
     unknown = rows.z - rows.z.mean(axis=0)
     residual = held_out.residual
-    missed = np.where(np.isfinite(residual), residual, unknown)
-    return BodyFit(body, missed, held_out.widening)
+    errors = np.where(np.isfinite(residual), residual, unknown)
+    return BodyFit(body, errors, held_out.widening)
 
 
-def _wide_fit(
+def _second_fit(
     member: Member, chain: tuple[str, ...], rows: Sequence[Rows]
 ) -> tuple[Fit, Array] | None:
-    """Return a fit of what the member left out, for the bound: the whole chain, larger curves.
+    """Return a fit of what the member has not, for the bound: the whole chain, larger curves.
 
     Lens and elasticity too; and the root (k, k) of what rows leave of its covariance.  None where
     the member has them and the rows speak against curves.
     """
     structure = member.fit.structure
-    missed = [*chain]
+    blocks = [*chain]
     if len(rows[0]) >= FIT.guarded_rows:
         for block in _GUARDED:
             if len(structure.groups.get(block, ())):
-                missed.append(block)
+                blocks.append(block)
     if "curve" in member.free or member.against_curves < FIT.no_curves:
-        missed.append("curve")
-    elif {*missed} <= {*member.free}:
+        blocks.append("curve")
+    elif {*blocks} <= {*member.free}:
         return None
-    prior = _wide_prior(member, missed)
-    wide = member.fit.beginning(rows, prior).maximise(steps=4)
+    prior = _wide_prior(member, blocks)
+    wide = member.fit.beginning(rows, prior)
+    wide.maximise(steps=4)
     share = 1.0
     if len(rows[0]) < structure.few_rows:
         ratio = leave_blocks_out(wide).ratio()
         share = float(np.clip(ratio, FIT.least_share, 1.0))
-    return wide, as_kept(share**2 * wide.covariance)
+    covariance = share**2 * wide.covariance
+    return wide, as_kept(covariance)
 
 
-def _wide_prior(member: Member, missed: Sequence[str]) -> Prior:
-    """Return the prior of what a member fits, which stays as it is, and of what it missed.
+def _wide_prior(member: Member, blocks: Sequence[str]) -> Prior:
+    """Return the prior of what a member fits, which stays as it is, and of further blocks.
 
     The curves are larger, and some blocks as the structure guards them.
     """
     first = member.fit
     structure = first.structure
-    prior = structure.prior([*member.free, *missed])
+    prior = structure.prior([*member.free, *blocks])
     sd = prior.sd.copy()
-    for block in {*missed} & structure.guards.keys():
-        sd[structure.groups[block]] = structure.guards[block]
+    for block in {*blocks} & structure.guards.keys():
+        indices = structure.groups[block]
+        sd[indices] = structure.guards[block]
     sd[first.active] = first.sd
     hypers: list[Hyper] = []
     pseudo, rms = structure.wide
     for hyper in prior.hypers:
         if hyper.name.startswith("curve"):
             # held by many pseudo-observations of a large one
-            scale = rms / float(np.sqrt(len(hyper.indices)))
-            hypers.append(hyper._replace(pseudo=pseudo, scale=scale))
+            waves = float(np.sqrt(len(hyper.indices)))
+            larger = hyper._replace(pseudo=pseudo, scale=rms / waves)
+            hypers.append(larger)
         elif not np.isin(hyper.indices, first.active).any():
             hypers.append(hyper)
     for hyper in hypers:

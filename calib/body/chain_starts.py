@@ -25,16 +25,21 @@ def chains(structure: SpatialStructure, rows: Rows) -> list[Start]:
     The search begins at the structure's own chain, of a drawing where there is one, and goes on at
     random ones until the best end leaves no more than the rows' noise or another one agrees.
     """
-    noise = 0.0 if rows.noise is None else float(np.max(rows.noise))
+    noise = 0.0
+    if rows.noise is not None:
+        noise = float(np.max(rows.noise))
     least = max(START.exact, noise / structure.extent)
     begins = _beginnings(structure, rows.z)
     ends: list[Start] = []
     for _ in range(START.rounds):
-        ends += _ends(islice(begins, START.chains), rows, least)
+        some = islice(begins, START.chains)
+        ends += _ends(some, rows, least)
         ends.sort(key=lambda end: end.cost)
-        if ends[0].noise <= least or _agreeing(ends, START.near) > 1:
+        if ends[0].noise <= least:
             break
-    return [_absorbed(end) for end in ends[: START.alike]]
+        if _agreeing(ends, START.near) > 1:
+            break
+    return [_with_fitted_chain(end) for end in ends[: START.alike]]
 
 
 def _beginnings(
@@ -44,7 +49,7 @@ def _beginnings(
     rng = np.random.default_rng(0)
     yield structure
     while True:
-        yield _drawn(structure, z, rng)
+        yield _random_chain(structure, z, rng)
 
 
 def _ends(
@@ -58,17 +63,20 @@ def _ends(
     """
     ends: list[Start] = []
     for begin in begins:
-        end = _carried_on(Start(begin, begin.neutral()), rows, START.steps)
+        start = Start(begin, begin.neutral())
+        end = _after_steps(start, rows, START.steps)
         ends.append(end)
-        if end.noise <= least or _agreeing(ends, START.same) >= START.alike:
+        if end.noise <= least:
+            break
+        if _agreeing(ends, START.same) >= START.alike:
             break
     for count, steps in START.further_steps:
         ends.sort(key=lambda end: end.cost)
-        ends = [_carried_on(end, rows, steps) for end in ends[:count]]
+        ends = [_after_steps(end, rows, steps) for end in ends[:count]]
     return ends
 
 
-def _carried_on(start: Start, rows: Rows, steps: int) -> Start:
+def _after_steps(start: Start, rows: Rows, steps: int) -> Start:
     """Return a start after damped steps of the chain, which may be anywhere."""
     prior = start.structure.prior(("placement", "tool"))
     return start.run(rows.q, rows.z, prior, steps)
@@ -81,16 +89,17 @@ def _agreeing(ends: list[Start], near: float) -> int:
     return sum(cost < best + near for cost in costs)
 
 
-def _absorbed(end: Start) -> Start:
+def _with_fitted_chain(end: Start) -> Start:
     """Return an end whose nominal chain is where its parameters put origins and tip."""
     structure = end.structure
     assert isinstance(structure, SpatialStructure)  # noqa: S101 - chains are in space
     zero = np.zeros((structure.chain.joints, 1))
     still = structure.move(zero, end.beta)
     axes = still.axes[..., 0]
+    lengths = np.linalg.norm(axes, axis=1, keepdims=True)
     chain = replace(
         structure.chain,
-        axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        axes=axes / lengths,
         points=still.origins[..., 0],
         tip=still.position[..., 0],
         rotation=still.rotation[..., 0],
@@ -99,17 +108,19 @@ def _absorbed(end: Start) -> Start:
     return replace(end, structure=there, beta=there.neutral())
 
 
-def _drawn(
+def _random_chain(
     structure: SpatialStructure, z: Array, rng: np.random.Generator
 ) -> SpatialStructure:
     """Draw a chain: axes of any direction, links as long as the workspace suggests."""
     dof = structure.dof
     axes = rng.normal(size=(dof, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    link = structure.extent / structure.metre / np.sqrt(3 * dof)
+    extent = structure.extent / structure.metre
+    link = extent / np.sqrt(3 * dof)
     steps = link * rng.normal(size=(dof, 3))
-    middle = z[:, :3].mean(axis=0) / structure.metre
     points = np.cumsum(steps, axis=0)
+    middle = z[:, :3].mean(axis=0)
+    middle /= structure.metre
     points += middle - points.mean(axis=0)
     tip = points[-1] + link * rng.normal(size=3)
     chain = replace(structure.chain, axes=axes, points=points, tip=tip)

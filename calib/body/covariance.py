@@ -27,20 +27,26 @@ def radius_95(covariance: Array) -> Array:
     (Satterthwaite 1946), its quantile by Wilson and Hilferty (1931).
     """
     trace = np.einsum("nii->n", covariance)
-    square = (covariance**2).sum(axis=(1, 2))
+    squares = covariance**2
+    square = squares.sum(axis=(1, 2))
     freedom = trace**2 / np.maximum(square, 1e-300)
     # at least one: none at all is of a covariance of zeros
-    a = 2 / (9 * np.maximum(freedom, 1.0))
-    root = 1 - a + NORMAL_95 * np.sqrt(a)
-    return np.asarray(np.sqrt(np.maximum(trace, 0.0) * root**3))
+    ninths = 9 * np.maximum(freedom, 1.0)
+    variance = 2 / ninths
+    root = 1 - variance + NORMAL_95 * np.sqrt(variance)
+    mean = np.maximum(trace, 0.0)
+    radius: Array = np.sqrt(mean * root**3)
+    return radius
 
 
 def spread_of(derivative: Array, root: Array) -> Array:
     """Covariances (n, p, p) of predictions: derivatives (n, p, k), root (k, r) of a covariance."""
     n, p, k = derivative.shape
-    flat = derivative.reshape(n * p, k) @ root
-    y = flat.reshape(n, p, root.shape[1])
-    return np.asarray(y @ np.swapaxes(y, 1, 2))
+    flat = derivative.reshape(n * p, k)
+    roots = flat @ root
+    roots = roots.reshape(n, p, root.shape[1])
+    spread: Array = roots @ np.swapaxes(roots, 1, 2)
+    return spread
 
 
 def autocorrelation_time(r: Array) -> float:
@@ -53,9 +59,10 @@ def autocorrelation_time(r: Array) -> float:
     r = r - r.mean(axis=0)
     power = float((r * r).sum()) + 1e-300
     total = 1.0
-    for lag in range(1, min(_LAGS, n // 3)):
-        shared = float((r[lag:] * r[:-lag]).sum())
-        rho = shared / power
+    longest = min(_LAGS, n // 3)
+    for lag in range(1, longest):
+        products = r[lag:] * r[:-lag]
+        rho = float(products.sum()) / power
         if rho < 2 / np.sqrt(r.size):
             break
         total += 2 * rho
@@ -64,13 +71,15 @@ def autocorrelation_time(r: Array) -> float:
 
 def root_of(covariance: Array) -> Array:
     """Root (k, k) of a positive semidefinite matrix, a lower triangle where it is definite."""
-    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    variances = np.diag(covariance)
+    deviations = np.sqrt(np.maximum(variances, 0.0))
     safe = np.where(deviations > 0, deviations, 1.0)
     correlation = covariance / safe[:, None] / safe
+    symmetric = (correlation + correlation.T) / 2
     try:
-        root = np.linalg.cholesky((correlation + correlation.T) / 2)
+        root = np.linalg.cholesky(symmetric)
     except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
+        values, vectors = np.linalg.eigh(symmetric)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
     return np.asarray(root * deviations[:, None])
 
@@ -80,7 +89,7 @@ def pack(root: Array) -> _Packed:
     k = len(root)
     upper = np.zeros((k, k))
     above = np.triu(root, 1)
-    if root.shape == (k, k) and not above.any():
+    if root.shape == upper.shape and not above.any():
         upper = root.T
     else:
         triangle = np.linalg.qr(root.T, mode="r")
@@ -97,4 +106,5 @@ def unpack(packed: _Packed, size: int) -> Array:
 
 def as_kept(covariance: Array) -> Array:
     """A root (k, k) of a covariance in single precision, as a model file keeps it."""
-    return unpack(pack(root_of(covariance)), len(covariance))
+    packed = pack(root_of(covariance))
+    return unpack(packed, len(covariance))

@@ -20,10 +20,13 @@ def curve_shape(*more: float) -> Array:
 
     `more` are the widths [waves a turn] of further Gaussians beside that of `WIDTH`.
     """
-    widths = np.array([PRIOR.width, *more])[:, None]
-    falling = np.exp(-((ORDERS / widths) ** 2) / 2)
-    shape = falling.sum(axis=0) + PRIOR.curve_floor
-    return np.tile(shape / shape.mean(), 2)
+    widths = np.array([PRIOR.width, *more])
+    relative = ORDERS / widths[:, None]
+    falling = np.exp(-(relative**2) / 2)
+    shape = falling.sum(axis=0)
+    shape += PRIOR.curve_floor
+    shape /= shape.mean()
+    return np.tile(shape, 2)
 
 
 def waves_of(q: Array) -> Array:
@@ -33,10 +36,9 @@ def waves_of(q: Array) -> Array:
     count = 1
     while count < HARMONICS:
         more = min(count, HARMONICS - count)
-        np.multiply(
-            waves[:more], waves[count - 1], out=waves[count : count + more]
-        )
-        count += more
+        end = count + more
+        waves[count:end] = waves[:more] * waves[count - 1]
+        count = end
     return np.concatenate([waves.real, waves.imag])
 
 
@@ -49,13 +51,14 @@ def curve_value(q: Array, coefficients: Array) -> Array:
     while len(terms) > 3:  # neighbours in pairs: 48 terms, 24, 12, 6, 3
         terms = terms[::2] + power * terms[1::2]
         power = power * power
-    total = terms[0] + power * (terms[1] + power * terms[2])
-    return np.asarray((total * wave).real)
+    total = terms[1] + power * terms[2]
+    total = terms[0] + power * total
+    curve: Array = (total * wave).real
+    return curve
 
 
 def curve_slope(q: Array, coefficients: Array) -> Array:
     """Derivative [rad/rad] of the curve by the joint value, as `curve_value`."""
     cosines, sines = np.split(coefficients, 2, axis=-1)
-    return curve_value(
-        q, np.concatenate([ORDERS * sines, -ORDERS * cosines], axis=-1)
-    )
+    parts = [ORDERS * sines, -ORDERS * cosines]
+    return curve_value(q, np.concatenate(parts, axis=-1))

@@ -31,19 +31,12 @@ class PlanarDrawing:
     # angle of each link against the one before; direction of a slide.  The first is zero.
     offsets: tuple[float, ...]
     # angle of the chain's own frame in the plane's frame [rad]
-    rotation: float = 0.0
-    shift: tuple[float, float] = (
-        0.0,
-        0.0,
-    )  # origin of the chain in the plane's frame [m]
+    rotation: float
+    shift: tuple[float, float]  # origin of the chain in the plane's frame [m]
     # -1 where the first turning joint turns clockwise in that frame
-    mirror: int = 1
+    mirror: int
     # direction of each joint against the first turning one; slides are +1
-    signs: tuple[int, ...] = ()
-
-    def __post_init__(self) -> None:
-        if not self.signs:
-            object.__setattr__(self, "signs", (1,) * len(self.lengths))
+    signs: tuple[int, ...]
 
     @staticmethod
     def of(arm: Arm) -> PlanarDrawing:

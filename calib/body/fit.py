@@ -63,7 +63,7 @@ class Fit:
         self.beta = np.where(prior.sd > 0, beta, prior.mean)
         place = np.full(len(prior.sd), -1)
         place[self.active] = np.arange(len(self.active))
-        self.hypers: list[Hyper] = []  # their parameters are places among ours
+        self.hypers: list[Hyper] = []  # their indices are places in `active`
         for hyper in prior.hypers:
             index = place[hyper.indices]
             if (index >= 0).all():
@@ -108,11 +108,9 @@ class Fit:
 
     def softer(self, gram: Array) -> Factor:
         """Factor of the precision that is left of rows of information `gram` (k, k), and prior."""
-        return Factor(
-            with_prior(
-                self.information_share * gram, self.sd, self.prior_precision
-            )
-        )
+        information = self.information_share * gram
+        precision = with_prior(information, self.sd, self.prior_precision)
+        return Factor(precision)
 
     def without(self, blocks: slice) -> tuple[Array, Array]:
         """The information (k, k) of all rows but those of some blocks, and the step (k,) to it."""
@@ -146,15 +144,15 @@ class Fit:
             # A step that fails is damped: a shorter one would hardly move what the rows determine,
             # since directions that they leave open, such as the gauge of a chain without a
             # drawing, are the long and curved part of it.
-            gain, delta, damping = self.descend(
-                (0.0, *1e-4 * 8.0 ** np.arange(8))
-            )
+            dampings = (0.0, *1e-4 * 8.0 ** np.arange(8))
+            gain, delta, damping = self.descend(dampings)
             if learn:
                 self._learn(factor, variance)
-            settled = (np.abs(delta) / np.sqrt(variance)).max(
-                initial=0.0
-            ) <= tolerance
-            if (step >= least and settled) or (damping > 0 and gain <= 0.05):
+            shares = np.abs(delta) / np.sqrt(variance)
+            settled = shares.max(initial=0.0) <= tolerance
+            if step >= least and settled:
+                break
+            if damping > 0 and gain <= 0.05:
                 break
         self._linearise(by_blocks=True)
         self.autocorrelation = 1.0
@@ -210,20 +208,20 @@ class Fit:
         """
         before = self._energy(self.beta)
         damped = self.precision.copy()
-        strength = np.diag(self.precision).copy()
+        diagonal = np.diag(self.precision)
+        strength = diagonal.copy()
         if linear is not None:
             strength[linear] = 0.0
         delta = np.zeros(len(self.active))
         damping = np.inf
         for damping in dampings:
-            np.fill_diagonal(
-                damped, np.diag(self.precision) + damping * strength
-            )
+            np.fill_diagonal(damped, diagonal + damping * strength)
             try:
                 delta = Factor(damped).solve(self.gradient)
-                beta = self._moved(self.beta, delta)
+                beta = self._after_step(self.beta, delta)
                 if linear is not None and linear.any():
-                    beta = self._moved(beta, self._linear_step(beta, linear))
+                    step = self._linear_step(beta, linear)
+                    beta = self._after_step(beta, step)
             except np.linalg.LinAlgError:
                 continue
             residuals = [part.residual_at(beta) for part in self.parts]
@@ -235,7 +233,7 @@ class Fit:
                 return gain, delta, damping
         return 0.0, delta, damping
 
-    def _moved(self, beta: Array, delta: Array) -> Array:
+    def _after_step(self, beta: Array, delta: Array) -> Array:
         """Parameters (d,) after a step (k,) of those that are fitted."""
         step = np.zeros(len(beta))
         step[self.active] = delta
@@ -278,12 +276,14 @@ class Fit:
         moments = np.zeros((blocks, size))
         for part, residual in zip(self.parts, residuals, strict=True):
             root = part.weigh()
-            missed = root * residual
+            misfit = root * residual
             derivatives = part.by_blocks(beta, indices)
-            for k, (rows, x) in enumerate(derivatives):
-                flat = (x * root[rows, :, None]).reshape(-1, size)
-                grams[k % blocks] += flat.T @ flat
-                moments[k % blocks] += flat.T @ missed[rows].ravel()
+            for k, (rows, slope) in enumerate(derivatives):
+                weighted = slope * root[rows, :, None]
+                flat = weighted.reshape(-1, size)
+                block = k % blocks
+                grams[block] += flat.T @ flat
+                moments[block] += flat.T @ misfit[rows].ravel()
         return grams, moments
 
     def _learn(self, factor: Factor, variance: Array) -> None:
@@ -301,8 +301,8 @@ class Fit:
             count = len(index) - float(shares.sum()) + hyper.pseudo
             if count <= 0.0:  # the rows tell nothing of it
                 continue
-            total = float((away[index] ** 2 / hyper.shape).sum())
-            total += hyper.pseudo * hyper.scale**2
+            squares = away[index] ** 2 / hyper.shape
+            total = float(squares.sum()) + hyper.pseudo * hyper.scale**2
             least, most = hyper.scale * np.array(hyper.within)
             scale = float(np.clip(np.sqrt(total / count), least, most))
             self.scales[hyper.name] = scale
@@ -314,11 +314,10 @@ class Fit:
     def _pull(self, beta: Array) -> Array:
         """Gradient (k,) of the prior's energy."""
         away = (beta - self.mean)[self.active]
-        return np.asarray(
-            away / self.sd**2
-            if self.prior_precision is None
-            else self.prior_precision @ away
-        )
+        if self.prior_precision is not None:
+            return self.prior_precision @ away
+        gradient: Array = away / self.sd**2
+        return gradient
 
     def _energy(
         self, beta: Array, residuals: list[Array] | None = None
@@ -327,9 +326,9 @@ class Fit:
         if residuals is None:
             residuals = [part.residual for part in self.parts]
         with np.errstate(all="ignore"):
-            value = 0.0
+            energy = 0.0
             for part, residual in zip(self.parts, residuals, strict=True):
-                value += part.energy(residual)
+                energy += part.energy(residual)
             away = (beta - self.mean)[self.active]
-            value += 0.5 * float(away @ self._pull(beta))
-        return value if np.isfinite(value) else np.inf
+            energy += 0.5 * float(away @ self._pull(beta))
+        return energy if np.isfinite(energy) else np.inf

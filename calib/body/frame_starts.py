@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arm.rotations import exponential, logarithm, nearest_rotation, similarity
 from ..common.arrays import Array
-from ..common.rows import median_length, thinned
+from ..common.rows import median_length, spread_rows
 from ..errors import LogError
 from .parameters import Prior
 from .sensors import PLACE
@@ -26,33 +26,33 @@ def frame(structure: SpatialStructure, q: Array, z: Array, arm: Array) -> Array:
 
     arm : (d,), the arm's parameters, which stay
     """
-    return _placed(structure, q, z, arm).beta
+    return _best_place(structure, q, z, arm).beta
 
 
-def drawn_frame(structure: SpatialStructure, q: Array, z: Array) -> Array:
+def frame_of_drawing(structure: SpatialStructure, q: Array, z: Array) -> Array:
     """Return parameters (d,) of the nominal arm in the sensor frame that fits rows best.
 
     Raises LogError where even these leave most of what the rows spread.
     """
-    start = _placed(structure, q, z, structure.neutral())
+    start = _best_place(structure, q, z, structure.neutral())
     if structure.camera:
         # a camera's pose and its focal length help each other
         free = [*structure.frame_groups, "offset"]
         sd = structure.prior(free).sd
         sd[structure.groups["offset"]] *= 20.0
         start = start.run(q, z, Prior(start.beta, sd), 60)
-    if not structure.viewpoint.seen_as.scaled:
+    if not structure.viewpoint.view_kind.has_scale:
         _refuse_misfit(structure, q, z, start.beta)
     return start.beta
 
 
-def _placed(
+def _best_place(
     structure: SpatialStructure, q: Array, z: Array, arm: Array
 ) -> Start:
     """Return the best guess of where the sensor stands, carried on over all rows."""
     groups = [group for group in structure.frame_groups if group != "lens"]
     sd = structure.prior(groups).sd
-    some = thinned(len(q), START.guessed_rows)
+    some = spread_rows(len(q), START.guessed_rows)
     runs: list[Start] = []
     for guess in _guesses(structure, q, z, arm):
         start = Start(structure, guess)
@@ -68,8 +68,9 @@ def _refuse_misfit(
     """Refuse rows that the nominal arm does not explain; the log's reader says why."""
     misfit = structure.residual(z, structure.predict(q, beta))
     off = median_length(misfit[:, :3])
-    middle = np.median(z[:, :3], axis=0)
-    size = float(np.linalg.norm(z[:, :3] - middle, axis=1).max())
+    positions = z[:, :3]
+    away = positions - np.median(positions, axis=0)
+    size = float(np.linalg.norm(away, axis=1).max())
     most = START.other_arm
     what = "positions"
     if structure.camera:
@@ -131,7 +132,7 @@ def _trackers(
     for tool, turn in zip(tools, turns, strict=True):
         tip = points + rotations @ tool
         scale = structure.metre
-        if structure.viewpoint.seen_as.scaled:
+        if structure.viewpoint.view_kind.has_scale:
             scale = similarity(tip, seen)[2]
         shifts = seen - scale * tip @ turn.T
         guess = arm.copy()
@@ -178,22 +179,23 @@ def _cameras(
 ) -> Iterator[Array]:
     """Yield cameras that an affine fit of pixels to points suggests, at a few focal lengths."""
     groups = structure.groups
-    known_focal = structure.viewpoint.lens[0]
-    principal = np.asarray(structure.viewpoint.lens[1:3])
+    camera = structure.viewpoint
+    principal = np.asarray(camera.lens[1:3])
     middle = points.mean(axis=0)
     centred = points - middle
     seen = z.mean(axis=0)
     # points in a plane tell nothing across it
-    affine = np.linalg.lstsq(centred, z - seen, rcond=1e-3)[0].T
+    affine, *_ = np.linalg.lstsq(centred, z - seen, rcond=1e-3)
     # the rotation nearest to the affine camera's two rows; its third axis looks ahead
-    u, s, vt = np.linalg.svd(affine, full_matrices=False)
+    u, s, vt = np.linalg.svd(affine.T, full_matrices=False)
     right, down = u @ vt
-    turn = np.array([right, down, np.cross(right, down)])
+    ahead = np.cross(right, down)
+    turn = np.array([right, down, ahead])
     factors = [1.0]
-    if structure.viewpoint.lens_sd[0]:
+    if camera.lens_sd[0]:
         factors += [0.7, 1.4]
     for factor in factors:
-        focal = factor * known_focal
+        focal = factor * camera.lens[0]
         depth = focal / max(float(s.mean()), 1e-9)
         centre = np.append((seen - principal) / focal, 1.0) * depth
         guess = arm.copy()

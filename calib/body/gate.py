@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from .covariance import radius_95
 from .fit import Fit
 from .parameters import Indices
 from .rows import Part, Rows, edges_of
-from .settings import FIT, NATS
+from .settings import FIT, NATS, STUDENT
 from .start import Start
 
 _PARTITIONS = (0, 2, 5, 10)
@@ -43,9 +42,9 @@ class HeldOut:
         means = np.full(len(self.edges) - 1, np.nan)
         for k, (first, last) in enumerate(pairwise(self.edges)):
             scores = self.score[first:last]
-            finite = np.isfinite(scores)
-            if finite.any():
-                means[k] = scores[finite].mean()
+            scores = scores[np.isfinite(scores)]
+            if len(scores):
+                means[k] = scores.mean()
         return means
 
     def ratio(self) -> float:
@@ -55,12 +54,14 @@ class HeldOut:
         beyond it, since the place that is asked next may be one of the worse. `UNKNOWN_KAPPA`
         where there are too few rows.
         """
-        most = _quantiles(list(self.ratios.values()))
+        quantiles = _quantiles([*self.ratios.values()])
         finest = self.ratios[max(self.ratios)]
-        single = _quantiles(np.split(finest, self.edges[1:-1]))
-        if len(single) > 1:
-            most.append(float(np.mean(single) + np.std(single)))
-        return max(most) if most else FIT.unknown_kappa
+        blocks = np.split(finest, self.edges[1:-1])
+        of_blocks = _quantiles(blocks)
+        if len(of_blocks) > 1:
+            beyond = np.mean(of_blocks) + np.std(of_blocks)
+            quantiles.append(float(beyond))
+        return max(quantiles, default=FIT.unknown_kappa)
 
     def tau(self, part: Part) -> Array:
         """Residual sd (m,) of the body itself: held-out errors beyond the noise."""
@@ -68,13 +69,16 @@ class HeldOut:
         for columns in part.outputs:
             p = columns.stop - columns.start
             noise = part.noise[columns.start]
-            lengths = np.linalg.norm(self.residual[:, columns], axis=1)
+            residual = self.residual[:, columns]
+            lengths = np.linalg.norm(residual, axis=1)
             lengths = lengths[np.isfinite(lengths)]
             limited = np.array([noise])
             if len(lengths):
                 limited = np.minimum(lengths, 4 * np.median(lengths))
-            beyond = float((limited**2).mean()) / p - 1.3 * noise**2
-            tau[columns] = np.sqrt(max(beyond, (0.05 * noise) ** 2))
+            square = float((limited**2).mean())
+            beyond = square / p - 1.3 * noise**2
+            least = (0.05 * noise) ** 2
+            tau[columns] = np.sqrt(max(beyond, least))
         return tau
 
 
@@ -88,13 +92,6 @@ def _quantiles(parts: Sequence[Array]) -> list[float]:
     return quantiles
 
 
-class _Predicted(NamedTuple):
-    """What a fit says of a sensor's rows from other rows."""
-
-    residual: Array  # (n, m); NaN where these leave the body open
-    spread: Array  # (n, p, p), covariance of positions' residuals; NaN where it was not computed
-
-
 def leave_blocks_out(
     fit: Fit, partitions: tuple[int, ...] = _PARTITIONS, *, sensor: int = 0
 ) -> HeldOut:
@@ -105,41 +102,38 @@ def leave_blocks_out(
     part = fit.parts[sensor]
     derivatives = list(part.by_blocks(fit.beta, fit.active))
     outlier = part.weight[:, 0] <= FIT.outlier
-    predicted: dict[int, _Predicted] = {}
+    finest = max(partitions)
     ratios: dict[int, Array] = {}
     radii: dict[int, Array] = {}
-    for count in partitions:
-        predicted[count] = _from_others(fit, part, derivatives, count)
-        radii[count] = radius_95(predicted[count].spread)
-        ratios[count] = _lengths(part, predicted[count]) / radii[count]
+    for count in sorted(partitions):  # the finest is the last
+        residual, spread = _from_others(fit, part, derivatives, count)
+        positions = residual[:, part.outputs[0]]
+        lengths = np.linalg.norm(positions, axis=1)
+        radii[count] = radius_95(spread)
+        ratios[count] = lengths / radii[count]
         ratios[count][outlier] = np.nan
-    finest = max(partitions)
-    residual, spread = predicted[finest]
     widening = np.ones(len(residual))
     if 0 in radii:
         wider = radii[finest] / radii[0]
-        widening = np.where(np.isfinite(wider), np.maximum(wider, 1.0), 1.0)
-    score = _negative_log_density(_lengths(part, predicted[finest]), spread)
+        wider = np.maximum(wider, 1.0)
+        widening = np.where(np.isfinite(wider), wider, 1.0)
+    score = _negative_log_density(lengths, spread)
     return HeldOut(residual, score, part.edges, ratios, widening)
-
-
-def _lengths(part: Part, predicted: _Predicted) -> Array:
-    """Lengths (n,) of positions' residuals."""
-    positions = part.outputs[0]
-    lengths = np.linalg.norm(predicted.residual[:, positions], axis=1)
-    return np.asarray(lengths)
 
 
 def _from_others(
     fit: Fit, part: Part, derivatives: list[tuple[slice, Array]], count: int
-) -> _Predicted:
+) -> tuple[Array, Array]:
     """Predict the rows of each of `count` groups of blocks from the others; of none from all.
 
     derivatives : rows of each block, and how their predictions move (n, m, k)
+    Returns residual : (n, m), NaN where the others leave the body open
+    Returns spread : (n, p, p), covariance of positions' residuals; NaN where it was not computed
     """
     positions = part.outputs[0]
     noise = np.diag(part.noise[positions] ** 2)
-    every = max(1, round(len(part.z) * len(fit.active) / FIT.spread_work))
+    work = len(part.z) * len(fit.active)
+    every = max(1, round(work / FIT.spread_work))
     residual = np.full_like(part.residual, np.nan)
     spread = np.full((len(residual), *noise.shape), np.nan)
     groups = max(min(count, len(derivatives)), 1)
@@ -151,23 +145,27 @@ def _from_others(
             softer = fit.softer(gram)
         except np.linalg.LinAlgError:  # the others leave parameters open
             continue
-        for rows, by_all in derivatives[first:last]:
-            residual[rows] = part.residual[rows] - by_all @ step
-            x = by_all[::every, positions]
-            y = softer.whiten(x.reshape(-1, x.shape[2]).T)
-            y = y.reshape(len(y), *x.shape[:2])
-            some = slice(rows.start, rows.stop, every)
-            spread[some] = np.einsum("kni,knj->nij", y, y) + noise
-    return _Predicted(residual, spread)
+        for rows, derivative in derivatives[first:last]:
+            residual[rows] = part.residual[rows] - derivative @ step
+            some = derivative[::every, positions]
+            n, p, k = some.shape
+            flat = some.reshape(n * p, k)
+            white = softer.whiten(flat.T).reshape(k, n, p)
+            covariance = np.einsum("kni,knj->nij", white, white)
+            spread[rows][::every] = covariance + noise
+    return residual, spread
 
 
 def _negative_log_density(length: Array, spread: Array) -> Array:
     """Of errors (n,) under covariances (n, p, p), of a Student with 4 degrees of freedom."""
     p = spread.shape[1]
     variance = np.einsum("nii->n", spread) / p
-    beyond = np.log1p(length**2 / (4 * variance))
-    twice = p * np.log(variance) + (4 + p) * beyond
-    return np.asarray(0.5 * twice)
+    square = length**2 / (4 * variance)
+    beyond = np.log1p(square)
+    volume = p * np.log(variance)
+    twice = volume + (4 + p) * beyond
+    density: Array = 0.5 * twice
+    return density
 
 
 @dataclass(frozen=True)
@@ -192,15 +190,16 @@ def _wins(richer: Member, simpler: Member) -> bool:
     """
     new = richer.held_out.blockwise()
     old = simpler.held_out.blockwise()
-    both = np.isfinite(new) & np.isfinite(old)
-    if np.isfinite(new).sum() < np.isfinite(old).sum():
+    has_new = np.isfinite(new)
+    has_old = np.isfinite(old)
+    both = has_new & has_old
+    if has_new.sum() < has_old.sum():
         return False
     if not both.any():
-        return bool(np.isfinite(new).any())
+        return bool(has_new.any())
     gain = (old - new)[both]
-    evidence = (
-        richer.fit.evidence - simpler.fit.evidence
-    ) / richer.fit.autocorrelation
+    evidence = richer.fit.evidence - simpler.fit.evidence
+    evidence /= richer.fit.autocorrelation
     if gain.mean() <= 0 or evidence <= 0:
         return False
     error = np.inf
@@ -210,16 +209,18 @@ def _wins(richer: Member, simpler: Member) -> bool:
 
 
 def pass_gate(
-    start: Start, chain: tuple[str, ...], rows: Sequence[Rows], nu: float
+    start: Start, chain: tuple[str, ...], rows: Sequence[Rows]
 ) -> Member:
     """Fit members from simple to rich, each with what has passed; a richer one must win.
 
+    Samples of a simulation have Gaussian noise, a log's is Student.  Nothing richer is tried where
+    samples reach their least noise.
+
     start : the structure, whose members they are, and parameters to begin with
     chain : groups of the simplest member that is a start for richer ones
-    nu : degrees of freedom of the Student noise; infinite for Gaussian: samples of a simulation,
-        of which nothing richer is tried where they reach their least noise
     """
     structure = start.structure
+    nu = np.inf if structure.simulated else STUDENT
     names = {frozenset(groups): name for name, groups in structure.members()}
     best: Member | None = None
     tried: dict[frozenset[str], Member | None] = {}
@@ -235,27 +236,29 @@ def pass_gate(
                 begin = best.fit.beta
         if frozenset(free) in tried:
             continue
-        member = _fitted(name, free, rows, Start(structure, begin), nu)
+        member = _member_of(name, free, rows, Start(structure, begin), nu)
         tried[frozenset(free)] = member
         if member is None:
             continue
         if best is None or _wins(member, best):
             best = member
-        if _is_exact(member.fit):
+        least = 1.5 * member.fit.parts[0].floor
+        is_exact = member.fit.noise <= least
+        if structure.simulated and is_exact.all():
             break
     if best is None:
         raise np.linalg.LinAlgError("no member of the body could be fitted")
-    bent = -np.inf
+    with_curves = -np.inf
     for member in tried.values():
         if member is not None and "curve" in member.free:
-            bent = max(bent, member.fit.evidence)
-    gain = best.fit.evidence - bent
+            with_curves = max(with_curves, member.fit.evidence)
+    gain = best.fit.evidence - with_curves
     if not np.isfinite(gain):
         return best
     return replace(best, against_curves=gain / best.fit.autocorrelation)
 
 
-def _fitted(
+def _member_of(
     name: str,
     free: tuple[str, ...],
     rows: Sequence[Rows],
@@ -276,11 +279,3 @@ def _fitted(
     except np.linalg.LinAlgError:
         return None
     return Member(name, free, fit, held_out)
-
-
-def _is_exact(fit: Fit) -> bool:
-    """Whether samples of a simulation reach their least noise."""
-    if np.isfinite(fit.nu):
-        return False
-    least = 1.5 * fit.parts[0].floor
-    return bool((fit.noise <= least).all())

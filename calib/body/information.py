@@ -20,7 +20,8 @@ def matern(q: Array, other: Array, lengths: Array) -> Array:
     away = q[:, None] / lengths - other / lengths
     d = np.sqrt(5.0) * np.linalg.norm(away, axis=2)
     rising = 1 + d + d * d / 3
-    return np.asarray(rising * np.exp(-d))
+    correlation: Array = rising * np.exp(-d)
+    return correlation
 
 
 def lengths_of(body: Body, q: Array) -> Array:
@@ -28,7 +29,8 @@ def lengths_of(body: Body, q: Array) -> Array:
     turning = np.asarray(body.structure.revolute)
     span = np.maximum(np.ptp(q, axis=0), 1e-9)
     smooth = _SMOOTH * np.sqrt(body.structure.dof / 2)
-    return np.asarray(np.where(turning, smooth, 0.3 * span))
+    lengths: Array = np.where(turning, smooth, 0.3 * span)
+    return lengths
 
 
 def most_telling(body: Body, q: Array, n: int) -> Index:
@@ -39,12 +41,15 @@ def most_telling(body: Body, q: Array, n: int) -> Index:
     n : how many, at most k
     Returns (n,), rows of `q`, in the order of choice.
     """
-    p = body.structure.blocks[0]
+    structure = body.structure
+    p = structure.blocks[0]
     # what no parameter explains counts as noise
     noise = np.hypot(body.noise, body.tau)[:p]
-    _, x = body.structure.linearise(q, body.beta, body.active)
-    directions = x[:, :p] @ body.root
-    return greedy(directions * body.kappa / noise[:, None], n)
+    _, slope = structure.linearise(q, body.beta, body.active)
+    directions = slope[:, :p] @ body.root
+    directions *= body.kappa
+    directions /= noise[:, None]
+    return greedy(directions, n)
 
 
 def greedy(directions: Array, n: int) -> Index:
@@ -60,7 +65,7 @@ def greedy(directions: Array, n: int) -> Index:
     factors: list[Array] = []  # columns of a growing Cholesky factor
     chosen: list[int] = []
     for _ in range(n):
-        gain = np.linalg.slogdet(eye + spread)[1]
+        _, gain = np.linalg.slogdet(eye + spread)
         gain[chosen] = -1.0
         best = int(gain.argmax())
         chosen.append(best)

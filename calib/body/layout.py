@@ -26,7 +26,7 @@ Ladder = tuple[tuple[str, tuple[str, ...]], ...]
 """The gate's members from simple to rich: a name and the blocks that it frees."""
 
 
-def wanted_members(
+def members_of(
     ladder: Sequence[tuple[str, tuple[str, ...], bool]],
 ) -> Ladder:
     """The members of a ladder that are wanted."""
@@ -72,8 +72,10 @@ class Layout:
     @property
     def viewpoint(self) -> Sensor:
         """The sensor that it sees as, or beside which it measures something else."""
-        beside = self.place >= len(self.sensors)
-        return self.sensors[0 if beside else self.place]
+        place = self.place
+        if place >= len(self.sensors):
+            place = 0
+        return self.sensors[place]
 
     @property
     def measurement(self) -> Measurement:
@@ -122,7 +124,9 @@ class Layout:
             if other.tool is not None:
                 return other.tool
         tools = [sensor.tool for sensor in self.sensors]
-        return None if None in tools else tools[0]
+        if None in tools:
+            return None
+        return tools[0]
 
     @property
     def frame_groups(self) -> tuple[str, ...]:
@@ -144,7 +148,7 @@ class Layout:
             groups += other.free
         return tuple(groups)
 
-    def changed(self, **fields: Any) -> Self:
+    def with_fields(self, **fields: Any) -> Self:
         """Return the structure with other values of its fields."""
         return replace(self, **fields)  # type: ignore[type-var]
 
@@ -154,7 +158,7 @@ class Layout:
         sensors[sensors.index(self.viewpoint)] = replace(
             self.viewpoint, **fields
         )
-        return self.changed(sensors=tuple(sensors))
+        return self.with_fields(sensors=tuple(sensors))
 
     def as_seen_by(self, sensor: str | Measurement | None) -> Self:
         """Return the structure as one of its sensors, by name, or of its measurements sees it.
@@ -174,7 +178,9 @@ class Layout:
             place = len(self.sensors) + self.others.index(sensor)
         elif self.others:
             place = 0
-        return self if place == self.place else self.changed(place=place)
+        if place == self.place:
+            return self
+        return self.with_fields(place=place)
 
     # What the kinds of chains give.
 
@@ -213,7 +219,7 @@ class Layout:
         arm = self.arm_size
         blocks: list[Block] = []
         for place, sensor in enumerate(self.sensors):
-            for block in sensor.named_parameters(arm, further=place > 0):
+            for block in sensor.parameters_with_name(arm, further=place > 0):
                 if sensor is self.viewpoint:
                     blocks.append(block)
                 else:
@@ -225,7 +231,7 @@ class Layout:
         return (*blocks, *self.geometry())
 
     @cached_property
-    def own_blocks(self) -> tuple[str, ...]:
+    def sensor_blocks(self) -> tuple[str, ...]:
         """Names of the blocks of what it sees as, and of what else is measured."""
         measurements = (self.viewpoint, *self.others)
         return tuple(
@@ -314,4 +320,4 @@ def with_all_sensors(structures: Mapping[str, L]) -> L:
         replace(structure.viewpoint, name=name)
         for name, structure in structures.items()
     )
-    return first.changed(sensors=sensors)
+    return first.with_fields(sensors=sensors)

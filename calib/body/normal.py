@@ -35,10 +35,10 @@ class Factor:
 
     def solve(self, b: Array) -> Array:
         """Solution (k,) or (k, r) of ``matrix x = b``."""
-        s = self.scale if b.ndim == 1 else self.scale[:, None]
-        return np.asarray(
-            s * cho_solve((self._root, True), s * b, check_finite=False)
-        )
+        scale = self.scale if b.ndim == 1 else self.scale[:, None]
+        inner = cho_solve((self._root, True), scale * b, check_finite=False)
+        solution: Array = scale * inner
+        return solution
 
     def inverse(self) -> Array:
         """Inverse (k, k)."""
@@ -55,15 +55,18 @@ class Factor:
 
     def variances(self) -> Array:
         """Diagonal (k,) of the inverse, at half the work of all of it."""
-        root = dtrtri(self._root, lower=1)[0]
-        return np.asarray(np.einsum("ij,ij->j", root, root) * self.scale**2)
+        root, _ = dtrtri(self._root, lower=1)
+        squares = np.einsum("ij,ij->j", root, root)
+        variances: Array = squares * self.scale**2
+        return variances
 
     def whiten(self, b: Array) -> Array:
         """``L^-1 b`` (k, r): columns whose scalar products are ``b' matrix^-1 b``."""
         scaled = b * self.scale[:, None]
-        return np.asarray(
-            solve_triangular(self._root, scaled, lower=True, check_finite=False)
+        white: Array = solve_triangular(
+            self._root, scaled, lower=True, check_finite=False
         )
+        return white
 
     def log_determinant(self) -> float:
         """Logarithm of the matrix's determinant."""

@@ -74,7 +74,7 @@ class Block:
                 labels.append((joint, label, next(units)))
         return Block(name, tuple(labels), mean, sd, scales)
 
-    def named(self, sensor: str) -> Block:
+    def with_sensor_name(self, sensor: str) -> Block:
         """Return the block with the name of a sensor before its parameters'."""
         if not sensor:
             return self

@@ -13,12 +13,12 @@ from ..common.arrays import Array
 from ..common.scale import METRES
 from .curves import curve_shape
 from .drawing import Complex, PlanarDrawing
-from .layout import Ladder, wanted_members
+from .layout import Ladder, members_of
 from .parameters import Block, Hyper, Indices
 from .sensors import InPlane
 from .settings import FIT, PRIOR, SHIFT, TURN
-from .structure import Moving, Structure, fixed_at
-from .views import ArmSize, Moved
+from .structure import Moving, Structure, constants_at
+from .views import ArmSize, TipMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +34,9 @@ class PlanarMotion:
         """The tip (2, n)."""
         return _pairs(self.terms.sum(axis=0))
 
-    def joints(self) -> Moved:
+    def joints(self) -> TipMotion:
         """How the tip moves with the value of each joint, (dof, 2, n)."""
-        # a joint turns all that comes after it about its structure place
+        # a joint turns all that comes after it about its own place
         beyond = self.terms[::-1].cumsum(axis=0)[::-1]
         moved = np.where(self.turning, 1j * beyond, self.direction)
         return _pairs(moved), None
@@ -71,14 +71,16 @@ class PlanarLoads:
         before = np.arange(dof) <= self.pairs[:, 1:]
         turns = before * self.turns
         directions = self._directions(q)[:, None]
-        moved = _pairs(1j * turns[:, :, None] * directions)
-        slopes = np.swapaxes(moved, 1, 2)
+        moved = 1j * turns[:, :, None] * directions
+        slopes = np.swapaxes(_pairs(moved), 1, 2)
         return slopes.reshape(len(self.joints), dof, n)
 
     def _directions(self, q: Array) -> Complex:
         """Directions (p, n) of the links."""
-        sums = np.cumsum(q * self.turns, axis=1).T
-        return np.asarray(np.exp(1j * sums[self.pairs[:, 1]]))
+        sums = np.cumsum(q * self.turns, axis=1)
+        links = self.pairs[:, 1]
+        directions: Complex = np.exp(1j * sums.T[links])
+        return directions
 
 
 def _pairs(values: Complex) -> Array:
@@ -132,9 +134,8 @@ class PlanarStructure(Structure):
     def reversals(self) -> int:
         """How many joints turn against their drawing, and whether the sensor sees a mirror."""
         drawn = self.nominal.signs if self.nominal else self.signs
-        return int(np.not_equal(drawn, self.signs).sum()) + (
-            self.viewpoint.mirror < 0
-        )
+        turned = np.not_equal(drawn, self.signs)
+        return int(turned.sum()) + (self.mirror < 0)
 
     @cached_property
     def loads(self) -> Mapping[str, PlanarLoads]:
@@ -145,11 +146,14 @@ class PlanarStructure(Structure):
     def _link(self) -> tuple[float, str]:
         """What a link's length may be where no drawing says, and the unit of lengths."""
         first = self.sensors[0]
-        scaled = first.seen_as.scaled
+        length = 0.5 * first.extent / first.metre
+        scaled = first.view_kind.has_scale
+        if scaled:
+            length = 1.0
         unit = "1"
         if self.nominal is not None or (first.unit in METRES and not scaled):
             unit = "m"
-        return 1.0 if scaled else 0.5 * first.extent / first.metre, unit
+        return length, unit
 
     @property
     def arm_size(self) -> ArmSize:
@@ -170,7 +174,7 @@ class PlanarStructure(Structure):
         """The structure without its drawing, None where the sensor's frame is the drawing's."""
         if self.nominal is None or self.view == "base" or self.zeros_alone:
             return None
-        return self.changed(nominal=None)
+        return self.with_fields(nominal=None)
 
     @property
     def viewpoint(self) -> InPlane:
@@ -201,7 +205,7 @@ class PlanarStructure(Structure):
             lengths = size * turning
             offsets = np.zeros(self.dof)
             sds = [2.0 * lengths, 10.0 * free, 2.0 * PRIOR.gain]
-            if self.sensors[0].seen_as.scaled and turning.all():
+            if self.sensors[0].view_kind.has_scale and turning.all():
                 # the view's scale is the first length
                 sds[0] = 2.0 * lengths * (np.arange(self.dof) > 0)
             loose = 2.0
@@ -236,15 +240,17 @@ class PlanarStructure(Structure):
         turning = np.asarray(self.revolute)[:, None]
         length = beta[self.groups["length"], None]
         offset = beta[self.groups["offset"], None]
-        return length, np.where(turning, 0.0, offset), turning
+        way = np.where(turning, 0.0, offset)
+        return length, way, turning
 
     def move(self, values: Array, beta: Array) -> PlanarMotion:  # type: ignore[override]
         """Where the chain is at the true values (dof, n) of its joints."""
-        length, way, turning = fixed_at(self, beta).links
+        length, way, turning = constants_at(self, beta).links
         if not all(self.revolute):
             length = length + np.where(turning, 0.0, values)
             values = np.where(turning, values, 0.0)
-        direction = np.exp(1j * (values.cumsum(axis=0) + way))
+        angles = values.cumsum(axis=0) + way
+        direction = np.exp(1j * angles)
         return PlanarMotion(direction, direction * length, turning)
 
     def moving(self, motion: PlanarMotion) -> Moving:  # type: ignore[override]
@@ -252,10 +258,8 @@ class PlanarStructure(Structure):
         yield self.groups["length"], lambda: (_pairs(motion.direction), None)
         # turning a slide's direction turns no other link
         slides = np.flatnonzero(np.logical_not(self.revolute))
-        yield (
-            self.groups["offset"][slides],
-            lambda: (_pairs(1j * motion.terms[slides]), None),
-        )
+        offsets = self.groups["offset"][slides]
+        yield offsets, lambda: (_pairs(1j * motion.terms[slides]), None)
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
@@ -284,7 +288,7 @@ class PlanarStructure(Structure):
             ("elastic", (*chain, "elastic"), turns),
             ("curves and elastic", (*chain, "elastic", "curve"), turns),
         )
-        return wanted_members(ladder)
+        return members_of(ladder)
 
 
 def planar_structure(

@@ -23,9 +23,9 @@ def planar_starts(
     if drawing is None:
         starts = [*_free_starts(structure, q, z)]
     else:
-        starts = [*_drawn_starts(structure, drawing, q, z)]
+        starts = [*_starts_of_drawing(structure, drawing, q, z)]
     starts.sort(key=lambda start: _miss(start, q, z))
-    if drawing is not None and not structure.viewpoint.seen_as.scaled:
+    if drawing is not None and not structure.viewpoint.view_kind.has_scale:
         # lengths tell whether the joints turn as drawn; a camera says nothing of the servos
         as_drawn = [
             start
@@ -43,32 +43,34 @@ def _free_starts(
     """Chains of all signs and both sides that they are seen from."""
     for signs in product((1, -1), repeat=structure.dof):
         if _differs(signs, structure.revolute):
-            turned = structure.changed(signs=signs)
+            turned = structure.with_fields(signs=signs)
             for mirror in (1, -1):
                 side = turned.with_sensor(mirror=mirror)
                 yield Start(side, _linear(side, q, z))
 
 
-def _drawn_starts(
+def _starts_of_drawing(
     structure: PlanarStructure, drawing: PlanarDrawing, q: Array, z: Array
 ) -> Iterator[Start]:
     """The drawing with all signs of its joints, in front of the sensor."""
     for turns in product((1, -1), repeat=structure.dof):
         signs = np.multiply(turns, drawing.signs).tolist()
-        turned = structure.changed(signs=tuple(signs))
+        turned = structure.with_fields(signs=tuple(signs))
         turned = turned.with_sensor(mirror=drawing.mirror)
-        yield Start(*framed(turned, q, z, turned.neutral()))
+        side, beta = side_and_frame(turned, q, z, turned.neutral())
+        yield Start(side, beta)
 
 
-def framed(
+def side_and_frame(
     structure: PlanarStructure, q: Array, z: Array, arm: Array
 ) -> tuple[PlanarStructure, Array]:
     """The side and the frame from which a sensor sees an arm of parameters (d,)."""
     if structure.view == "base":
         return structure, arm
-    points = structure.seen(q, arm)[0].position.T
+    motion, _ = structure.motion_and_sight(q, arm)
+    points = motion.position.T
     turn, _, scale = similarity(points, z, mirrored=True)
-    if not structure.viewpoint.seen_as.scaled:
+    if not structure.viewpoint.view_kind.has_scale:
         scale = structure.metre
     beta = arm.copy()
     groups = structure.groups
@@ -84,7 +86,8 @@ def framed(
 def _miss(start: Start, q: Array, z: Array) -> float:
     """Error [unit] of a start, rms."""
     miss = z - start.structure.predict(q, start.beta)
-    return float(np.linalg.norm(miss) / np.sqrt(len(z)))
+    total = np.linalg.norm(miss)
+    return float(total / np.sqrt(len(z)))
 
 
 def _differs(signs: tuple[int, ...], revolute: tuple[bool, ...]) -> bool:
@@ -105,26 +108,21 @@ def _linear(structure: PlanarStructure, q: Array, z: Array) -> Array:
     """Parameters of the chain that fits positions (n, 2) best."""
     beta = structure.neutral()
     groups = structure.groups
-    columns = waves(
-        q, structure.signs, structure.viewpoint.mirror, structure.revolute
-    )
+    joints = (structure.signs, structure.mirror, structure.revolute)
+    columns = waves(q, *joints)
     columns = np.column_stack([columns, np.ones(len(q))])
     size = np.linalg.norm(columns, axis=0) + 1e-300
     # a joint that hardly moves makes columns alike: they share what they cannot tell apart
     tip = z @ (1, 1j)
-    fit = np.linalg.lstsq(columns / size, tip, rcond=START.one_column)
-    links = np.asarray(fit[0] / size, dtype=complex)
-    drawing = drawing_of(
-        links[:-1],
-        complex(links[-1]),
-        structure.signs,
-        structure.viewpoint.mirror,
-        structure.revolute,
-    )
+    fit, *_ = np.linalg.lstsq(columns / size, tip, rcond=START.one_column)
+    solution = np.asarray(fit / size, dtype=complex)
+    links = solution[:-1]
+    shift = complex(solution[-1])
+    drawing = drawing_of(links, shift, *joints)
     turning = np.asarray(structure.revolute)
     # of a slide how far it moves the tip
-    sizes = np.abs(links[:-1]) / structure.metre
-    if structure.viewpoint.seen_as.scaled:
+    sizes = np.abs(links) / structure.metre
+    if structure.viewpoint.view_kind.has_scale:
         # in the first length, or where joints slide in metres
         unit = float(sizes[0])
         if not turning.all():

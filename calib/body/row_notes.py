@@ -70,13 +70,17 @@ def _tied_joints(
     least_part : in such a relation, of one, of a joint that counts
     """
     span = np.ptp(q, axis=0)
-    moving = np.flatnonzero(span >= np.where(turning, _LITTLE, _STILL))
-    tied = np.zeros(len(span), dtype=bool)
-    unit = np.where(turning, 1.0, span)[moving]
-    away = (q[:, moving] - q[:, moving].mean(axis=0)) / unit
-    variance, axes = np.linalg.eigh(away.T @ away / len(q))
+    least = np.where(turning, _LITTLE, _STILL)
+    moving = np.flatnonzero(span >= least)
+    unit = np.where(turning, 1.0, span)
+    values = q[:, moving]
+    away = values - values.mean(axis=0)
+    away /= unit[moving]
+    covariance = away.T @ away / len(q)
+    variance, axes = np.linalg.eigh(covariance)
     # of a motion that is spread evenly over so much
     little = variance < _LITTLE**2 / 12
-    part = np.abs(axes[:, little]).max(axis=1, initial=0.0)
-    tied[moving] = part > least_part
+    parts = np.abs(axes[:, little])
+    tied = np.zeros(len(span), dtype=bool)
+    tied[moving] = parts.max(axis=1, initial=0.0) > least_part
     return tied, int(tied.sum() - little.sum())

@@ -42,7 +42,7 @@ def with_measurements(structure: S, rows: Sequence[Rows]) -> S:
     )
     if not others or structure.others:
         return structure
-    return structure.changed(others=others).as_seen_by(rows[0].sensor)
+    return structure.with_fields(others=others).as_seen_by(rows[0].sensor)
 
 
 def edges_of(count: int, blocks: int) -> Indices:
@@ -78,8 +78,11 @@ class Part:
         self.edges = edges_of(len(rows), blocks)
         stated = self.structure.measurement.noise
         self.stated = stated is not None
-        floor = rows.floor if stated is None else stated
-        noise = rows.noise if stated is None else stated
+        floor = rows.floor
+        noise = rows.noise
+        if stated is not None:
+            floor = stated
+            noise = stated
         self.floor = np.broadcast_to(
             np.asarray(floor, dtype=float), self.z.shape[1:]
         )
@@ -91,10 +94,10 @@ class Part:
 
     def residual_at(self, beta: Array) -> Array:
         """Residuals (n, m) at parameters (d,)."""
+        structure = self.structure
         with np.errstate(all="ignore"):
-            return self.structure.residual(
-                self.z, self.structure.predict(self.q, beta)
-            )
+            predicted = structure.predict(self.q, beta)
+            return structure.residual(self.z, predicted)
 
     def by_blocks(
         self, beta: Array, active: Indices
@@ -103,11 +106,13 @@ class Part:
         blocks = [slice(*ends) for ends in pairwise(self.edges.tolist())]
         structure = self.structure
         if len(self.q) <= FIT.rows_at_once:
-            whole = structure.linearise(self.q, beta, active)[1]
-            yield from ((rows, whole[rows]) for rows in blocks)
+            _, whole = structure.linearise(self.q, beta, active)
+            for rows in blocks:
+                yield rows, whole[rows]
         else:
             for rows in blocks:
-                yield rows, structure.linearise(self.q[rows], beta, active)[1]
+                _, slope = structure.linearise(self.q[rows], beta, active)
+                yield rows, slope
 
     def learn_noise(self, share: float = 0.0) -> None:
         """Find the most probable noise (m,); a `share` of the numbers was fitted."""
@@ -116,17 +121,19 @@ class Part:
         n, m = self.residual.shape
         noise = np.empty(m)
         for columns, p, squares in self._squares(self.residual):
-            lowest = max(float(self.floor[columns.start]) ** 2, 1e-300)
+            floor = float(self.floor[columns.start])
+            lowest = max(floor**2, 1e-300)
             freedom = max((1 - share) * p * n, p * n / 4 + 1)
             variance = max(float(np.median(squares)) / p, lowest)
             if np.isfinite(self.nu):
                 for _ in range(FIT.noise_steps):
-                    weight = (self.nu + p) / (self.nu + squares / variance)
-                    variance = max(
-                        float((weight * squares).sum()) / freedom, lowest
-                    )
+                    away = squares / variance
+                    weighted = (self.nu + p) / (self.nu + away) * squares
+                    total = float(weighted.sum())
+                    variance = max(total / freedom, lowest)
             else:
-                variance = max(float(squares.sum()) / freedom, lowest)
+                total = float(squares.sum())
+                variance = max(total / freedom, lowest)
             noise[columns] = np.sqrt(variance)
         self.noise = noise
 
@@ -138,7 +145,8 @@ class Part:
                 away = squares / self.noise[columns.start] ** 2
                 weight = (self.nu + p) / (self.nu + away)
                 self.weight[:, columns] = weight[:, None]
-        return np.asarray(np.sqrt(self.weight) / self.noise)
+        roots: Array = np.sqrt(self.weight) / self.noise
+        return roots
 
     def energy(self, residual: Array) -> float:
         """Negative log likelihood of residuals (n, m), up to a constant."""

@@ -212,7 +212,7 @@ def without_gauge(
     of_arm = ~np.isin(belief.active, sensor_of(structure))
     rng = np.random.default_rng(0)
     q = rng.uniform(-2.0, 2.0, (_POSES, base.dof))
-    position, x = base.linearise(q, beta, belief.active[of_arm])
+    position, slope = base.linearise(q, beta, belief.active[of_arm])
     axis = base.chain.axes[0]
     arm = position - base.chain.points[0]
     motions = [np.cross(axis, arm), np.broadcast_to(axis, arm.shape)]
@@ -220,12 +220,15 @@ def without_gauge(
         motions.append(arm)
     wanted = np.reshape(motions, (len(motions), -1)).T
     # of independent standard normals
-    columns = x.reshape(len(wanted), -1) @ belief.root[of_arm]
-    ways = np.linalg.lstsq(columns, wanted, rcond=1e-9)[0]
-    missed = np.linalg.norm(columns @ ways - wanted, axis=0)
-    alike = missed < _ALIKE * np.linalg.norm(wanted, axis=0)
+    columns = slope.reshape(len(wanted), -1) @ belief.root[of_arm]
+    ways, *_ = np.linalg.lstsq(columns, wanted, rcond=1e-9)
+    misfit = columns @ ways - wanted
+    sizes = np.linalg.norm(wanted, axis=0)
+    alike = np.linalg.norm(misfit, axis=0) < _ALIKE * sizes
     ways, _ = np.linalg.qr(ways[:, alike])
-    return np.asarray(belief.root - (belief.root @ ways) @ ways.T)
+    along_ways = (belief.root @ ways) @ ways.T
+    root: Array = belief.root - along_ways
+    return root
 
 
 def sensor_of(structure: Structure) -> Indices:

@@ -23,7 +23,7 @@ from .views import (
     SPATIAL,
     ArmSize,
     Measurement,
-    Placed,
+    Projection,
     Sight,
     ViewKind,
 )
@@ -49,21 +49,21 @@ class Sensor(Measurement):
     name: str = ""  # where the arm has several
 
     @property
-    def seen_as(self) -> ViewKind:
+    def view_kind(self) -> ViewKind:
         """Return the kind of its view."""
         return self.kinds[self.view]
 
     @property
     def outputs(self) -> int:  # type: ignore[override]
         """Return how many numbers a row has."""
-        return self.seen_as.outputs
+        return self.view_kind.outputs
 
     @property
     def groups(self) -> tuple[str, ...]:
         """Return the blocks that every member of the gate fits: its place, the tip that it sees."""
-        return self.seen_as.groups
+        return self.view_kind.groups
 
-    def place(self, beta: Mapping[str, Array]) -> Placed:
+    def place(self, beta: Mapping[str, Array]) -> Projection:
         """Return the sensor at its parameters, by block."""
         raise NotImplementedError
 
@@ -76,7 +76,7 @@ class Sensor(Measurement):
         """See the tip."""
         return self.place(blocks).look(motion)
 
-    def named_parameters(
+    def parameters_with_name(
         self, arm: ArmSize, *, further: bool
     ) -> tuple[Block, ...]:
         """Return its parameters with its own name before theirs."""
@@ -84,7 +84,7 @@ class Sensor(Measurement):
         if further and self.marked:
             apart = Hyper(f"{self.name}.marker", PRIOR.marker, PRIOR.markers)
             blocks = (*blocks, Block.of("marker", "m", "xyz", scales=(apart,)))
-        return tuple(block.named(self.name) for block in blocks)
+        return tuple(block.with_sensor_name(self.name) for block in blocks)
 
 
 @dataclass(frozen=True)
@@ -105,15 +105,17 @@ class InSpace(Sensor):
     @property
     def groups(self) -> tuple[str, ...]:
         """Return the blocks that every member of the gate fits; of a camera its lens, too."""
-        groups = self.seen_as.groups
-        return (
-            (*groups, "lens") if self.camera and any(self.lens_sd) else groups
-        )
+        groups = self.view_kind.groups
+        if self.camera and any(self.lens_sd):
+            return (*groups, "lens")
+        return groups
 
     @property
     def tool(self) -> Hyper | None:  # type: ignore[override]
         """Return what is known of the tool: a camera's tag is near the tip."""
-        return Hyper("tool", PRIOR.tag, PRIOR.wider) if self.camera else None
+        if not self.camera:
+            return None
+        return Hyper("tool", PRIOR.tag, PRIOR.wider)
 
     def parameters(self, arm: ArmSize) -> tuple[Block, ...]:
         """Return what the sensor has of its own; a camera stands metres away."""
@@ -136,16 +138,17 @@ class InSpace(Sensor):
             lens,
         )
 
-    def place(self, beta: Mapping[str, Array]) -> Placed:
+    def place(self, beta: Mapping[str, Array]) -> Projection:
         """Return the sensor: where it stands, its scale and its lens."""
         scale = float(np.exp(beta["view.scale"][0]))
         if not self.camera:
             scale *= self.metre
         turn = exponential(beta["view.rotation"])
-        return Placed(
-            matrix=np.column_stack([scale * turn, beta["view.shift"]]),
+        matrix = np.column_stack([scale * turn, beta["view.shift"]])
+        return Projection(
+            matrix=matrix,
             lens=beta["lens"] if self.camera else None,
-            posed=self.outputs == 6,
+            has_orientation=self.outputs == 6,
             rotation=turn,
             scale=scale,
         )
@@ -185,7 +188,7 @@ class InPlane(Sensor):
             Block.of("lens", "1", middle, 0.5),
         )
 
-    def place(self, beta: Mapping[str, Array]) -> Placed:
+    def place(self, beta: Mapping[str, Array]) -> Projection:
         """Return the plane as a picture, or without tilt and bend positions as they are."""
         size = PRIOR.lens_size * self.extent
         radial = beta["lens"][0]
@@ -199,9 +202,10 @@ class InPlane(Sensor):
         linear = scale * turn @ sides @ np.diag([1.0, self.mirror])
         tilt = beta["view.tilt"]
         if not radial and not tilt.any() and self.view != "homography":
-            return Placed(np.column_stack([linear, shift]))
+            return Projection(np.column_stack([linear, shift]))
         # A / size in the corner, and the product of (t - middle, size) / size with (h, 1)
         start = np.append((shift - middle) / size, 1.0)
         picture = np.outer(start, np.append(tilt, 1.0))
         picture[:2, :2] += linear / size
-        return Placed(picture, np.array([size, *middle, radial]))
+        lens = np.array([size, *middle, radial])
+        return Projection(picture, lens)

@@ -18,7 +18,7 @@ from ..arm.gravity import GRAVITY, Loads
 from ..arm.spatial_chain import Deviations, Links, Motion, SpatialChain
 from ..common.arrays import Array
 from .curves import curve_shape
-from .layout import Ladder, wanted_members
+from .layout import Ladder, members_of
 from .parameters import Block, Hyper, Indices
 from .sensors import InSpace
 from .settings import FIT, PRIOR, SHIFT, TURN
@@ -62,8 +62,7 @@ class SpatialStructure(Structure):
     @property
     def viewpoint(self) -> InSpace:
         """The sensor that it sees as, or beside which it measures something else."""
-        beside = self.place >= len(self.sensors)
-        return self.sensors[0 if beside else self.place]
+        return super().viewpoint  # type: ignore[return-value]
 
     @property
     def arm_size(self) -> ArmSize:
@@ -135,8 +134,8 @@ class SpatialStructure(Structure):
         scales: tuple[Hyper, ...] = ()
         if self.informed:
             within = self.others[0].within if self.others else PRIOR.wider
-            own = np.arange(6 * self._first, len(sd))
-            places = own.reshape(-1, 2, 3)
+            free = np.arange(6 * self._first, len(sd))
+            places = free.reshape(-1, 2, 3)
             shifts = places[:, 0].ravel()
             turns = places[:, 1].ravel()
             scales = (
@@ -173,7 +172,7 @@ class SpatialStructure(Structure):
             labels: list[tuple[str, str, str]] = []
             for joint, weights in zip(loads.joints, loads.weights, strict=True):
                 name = f"{names[joint]}.{block}"
-                if block != "elastic" or not self.weighed:
+                if block != "elastic" or not self.has_masses:
                     name += f" {ends[weights.argmax()]}"
                 labels.append((names[joint], name, "rad"))
             scale = Hyper(block, PRIOR.elastic, pseudo=1.0)
@@ -182,7 +181,7 @@ class SpatialStructure(Structure):
         yield Block.of("gravity", "rad", axes, PRIOR.tilt)
 
     @property
-    def weighed(self) -> bool:
+    def has_masses(self) -> bool:
         """Whether the drawing says masses."""
         return len(self.chain.masses) > 0
 
@@ -196,14 +195,14 @@ class SpatialStructure(Structure):
         if not self.informed:
             return {}
         units = Loads.of_unit_weights(self.chain).scaled(1.0 / self._reach)
-        if not self.weighed:
+        if not self.has_masses:
             return {"elastic": units}
-        stretched = np.linalg.norm(
-            self.chain.centres - self.chain.points[0], axis=1
-        )
+        chain = self.chain
+        arms = chain.centres - chain.points[0]
+        lengths = np.linalg.norm(arms, axis=1)
         # [kg m], on the first joint
-        largest = max(float(self.chain.masses @ stretched), 1e-12)
-        masses = Loads.of_masses(self.chain).scaled(1.0 / largest)
+        largest = max(float(chain.masses @ lengths), 1e-12)
+        masses = Loads.of_masses(chain).scaled(1.0 / largest)
         return {"elastic": masses, "payload": units}
 
     @property
@@ -224,23 +223,25 @@ class SpatialStructure(Structure):
     def _down(self) -> Array:
         """The drawing's direction (3,) of gravity."""
         gravity = np.asarray(self.gravity, dtype=float)
-        return gravity / max(float(np.linalg.norm(gravity)), 1e-300)
+        size = float(np.linalg.norm(gravity))
+        return gravity / max(size, 1e-300)
 
     def gravity_at(self, beta: Array) -> Array:
         """Direction (3,) of gravity in the root frame."""
-        return np.asarray(
-            self._down + beta[self.groups["gravity"]] @ self.tilts["gravity"]
-        )
+        angles = beta[self.groups["gravity"]]
+        direction: Array = self._down + angles @ self.tilts["gravity"]
+        return direction
 
-    def coupled(self, values: Array) -> Array:
+    def chain_values(self, values: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
-        return np.asarray(
-            self.chain.coupling @ values + self.chain.bias[:, None]
-        )
+        chain = self.chain
+        values = chain.coupling @ values
+        values += chain.bias[:, None]
+        return values
 
-    def led(self, chained: Array) -> Array:
+    def joint_slope(self, chain_slope: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
-        return np.tensordot(self.chain.coupling.T, chained, axes=1)
+        return np.tensordot(self.chain.coupling.T, chain_slope, axes=1)
 
     def deviations(self, beta: Array) -> Deviations:
         """How the chain differs from its nominal one."""
@@ -248,7 +249,9 @@ class SpatialStructure(Structure):
         if "marker" in self.groups:
             tool = tool + beta[self.groups["marker"]]
         turn = beta[self.groups["tool.rotation"]]
-        return Deviations(beta[self.shifts], beta[self.turns], tool, turn)
+        shifts = beta[self.shifts]
+        turns = beta[self.turns]
+        return Deviations(shifts, turns, tool, turn)
 
     def links(self, beta: Array) -> Links:
         """The chain's links."""
@@ -266,15 +269,18 @@ class SpatialStructure(Structure):
 
     def retract(self, beta: Array, delta: Array) -> Array:
         """`beta` (d,) moved by `delta` (d,): the sum, or a step on a rotation."""
-        out = beta + delta
+        moved = beta + delta
         # a sensor's step turns about the sensor's axes (on the left), the arm's about their own
-        for block, view in self.groups.items():
-            if block.endswith("view.rotation") and delta[view].any():
-                out[view] = compose(delta[view], beta[view])
+        for block, indices in self.groups.items():
+            if block.endswith("view.rotation"):
+                step = delta[indices]
+                if step.any():
+                    moved[indices] = compose(step, beta[indices])
         turns = np.vstack([self.groups["tool.rotation"], self.turns])
-        if delta[turns].any():
-            out[turns] = compose(beta[turns], delta[turns])
-        return out
+        step = delta[turns]
+        if step.any():
+            moved[turns] = compose(beta[turns], step)
+        return moved
 
     def members(self) -> Ladder:
         """The gate's members from simple to rich."""
@@ -282,38 +288,35 @@ class SpatialStructure(Structure):
         if self.zeros_alone:
             return (("frame", frame), ("chain", (*frame, "offset")))
         turning = np.asarray(self.revolute)
+        drawn = self.informed
+        chain = (*frame, "placement")
+        bent = chain
+        if drawn:
+            chain = (*chain, "offset")
+            bent = (*chain, "elastic", "gravity")
+        gears = bool((turning[1:] & turning[:-1]).any())
         # touches of some places follow wrong gains: 2 % more error elsewhere
         geared = "point" not in self.groups
-        if not self.informed:
-            chain = (*frame, "placement")
-            ladder = [
-                ("chain", chain, True),
-                ("geared", (*chain, "gain"), geared),
-            ]
-            bent = chain
-        else:
-            chain = (*frame, "placement", "offset")
-            bent = (*chain, "elastic", "gravity")
-            gears = bool((turning[1:] & turning[:-1]).any())
-            ladder = [
-                ("frame", frame, True),
-                ("offsets", (*frame, "offset"), self.camera),
-                ("chain", chain, True),
-                ("elastic", bent, True),
-                ("payload", (*bent, "payload"), self.weighed),
-                ("coupled", (*chain, "coupling"), gears),
-                ("geared", (*chain, "gain"), geared),
-            ]
-        ladder.append(("curves", (*bent, "curve"), bool(turning.any())))
-        return wanted_members(ladder)
+        ladder = (
+            ("frame", frame, drawn),
+            ("offsets", (*frame, "offset"), drawn and self.camera),
+            ("chain", chain, True),
+            ("elastic", bent, drawn),
+            ("payload", (*bent, "payload"), drawn and self.has_masses),
+            ("coupled", (*chain, "coupling"), drawn and gears),
+            ("geared", (*chain, "gain"), geared),
+            ("curves", (*bent, "curve"), bool(turning.any())),
+        )
+        return members_of(ladder)
 
     def pose(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Position (n, 3) [m] and orientation (n, 3, 3) of the tip in the arm's root frame."""
-        motion = self.move(self.joint_values(q, beta), beta)
+        values = self.joint_values(q, beta)
+        motion = self.move(values, beta)
         # rows first and contiguous, or every product that follows would copy
-        return np.ascontiguousarray(motion.position.T), np.moveaxis(
-            motion.rotation, 2, 0
-        ).copy()
+        position = np.ascontiguousarray(motion.position.T)
+        rotation = np.moveaxis(motion.rotation, 2, 0)
+        return position, rotation.copy()
 
 
 def _axes(rotation: Array) -> Array:

@@ -23,6 +23,8 @@ class Start:
 
     def run(self, q: Array, z: Array, prior: Prior, steps: int) -> Start:
         """Return the start carried on by damped steps, with Student noise."""
-        rows = [Rows(q, z, floor=SIMULATED_FLOOR * self.structure.extents)]
-        fit = Fit(self.structure, rows, self.beta, prior, nu=STUDENT)
-        return Start(self.structure, *fit.settle(steps))
+        structure = self.structure
+        floor = SIMULATED_FLOOR * structure.extents
+        rows = Rows(q, z, floor=floor)
+        fit = Fit(structure, [rows], self.beta, prior, nu=STUDENT)
+        return Start(structure, *fit.settle(steps))

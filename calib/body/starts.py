@@ -12,12 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from ..errors import LogError
 from .chain_starts import chains
-from .frame_starts import drawn_frame, frame
+from .frame_starts import frame, frame_of_drawing
 from .planar import PlanarStructure
-from .planar_starts import framed, planar_starts
+from .planar_starts import planar_starts, side_and_frame
 from .rows import Rows
 from .sensors import PLACE
 from .settings import START
@@ -60,16 +60,16 @@ def candidates(structure: Structure, rows: Rows) -> list[Start]:
     assert isinstance(structure, SpatialStructure)  # noqa: S101
     _refuse_open(structure, rows.z)
     if not structure.informed:
-        some = rows.take(thinned(len(rows), START.chain_rows))
+        some = rows.take(spread_rows(len(rows), START.chain_rows))
         return chains(structure, some)
-    return [_drawn_start(structure, rows.q, rows.z)]
+    return [_start_of_drawing(structure, rows.q, rows.z)]
 
 
 def _refuse_open(structure: SpatialStructure, z: Array) -> None:
     """Refuse readings (n, m) that are too few or too alike to place an arm in space."""
     least = START.least_rows
     if structure.informed:
-        least = structure.viewpoint.seen_as.least
+        least = structure.viewpoint.view_kind.least
     if len(z) < least:
         raise LogError(
             f"{len(z)} rows cannot place a spatial arm in its sensor's frame: expected {least} or "
@@ -82,9 +82,9 @@ def _refuse_open(structure: SpatialStructure, z: Array) -> None:
         )
 
 
-def _drawn_start(structure: SpatialStructure, q: Array, z: Array) -> Start:
+def _start_of_drawing(structure: SpatialStructure, q: Array, z: Array) -> Start:
     """Return the drawing in front of its sensor."""
-    beta = drawn_frame(structure, q, z)
+    beta = frame_of_drawing(structure, q, z)
     if structure.view == "base pose":
         turn = beta[structure.groups["tool.rotation"]]
         if np.linalg.norm(turn) > START.target:
@@ -100,9 +100,9 @@ def with_other_sensors(start: Start, rows: Sequence[Rows]) -> Start:
         if not isinstance(further.sensor, str):
             continue
         there = structure.as_seen_by(further.sensor)
-        some = further.take(thinned(len(further), START.rows))
+        some = further.take(spread_rows(len(further), START.rows))
         if isinstance(there, PlanarStructure):
-            there, beta = framed(there, some.q, some.z, beta)
+            there, beta = side_and_frame(there, some.q, some.z, beta)
         elif isinstance(there, SpatialStructure):
             beta = _with_sensor(there, some, beta)
         structure = there.as_seen_by(structure.viewpoint.name)

@@ -21,9 +21,9 @@ from .curves import HARMONICS, curve_slope, curve_value, waves_of
 from .layout import Layout
 from .parameters import Gaussian, Indices
 from .sensors import Sensor
-from .views import Moved, Placed, Sight, compose
+from .views import Projection, Sight, TipMotion, compose
 
-Moving = Iterator[tuple[Indices, Callable[[], Moved]]]
+Moving = Iterator[tuple[Indices, Callable[[], TipMotion]]]
 """Parameters of a chain's geometry, and how the tip moves with each of them."""
 
 _BELIEFS = 16  # whose constants are remembered
@@ -46,7 +46,7 @@ class BendingLoads(Protocol):
         """Derivatives (e, dof, n) of the loads by the joint values."""
 
 
-class Fixed(NamedTuple):
+class Constants(NamedTuple):
     """What follows from the parameters alone, whatever the joints are."""
 
     gain: Array  # (dof, 1), with each joint's direction
@@ -60,7 +60,7 @@ class Fixed(NamedTuple):
     ]  # (e,) of each block by which joints bend, if they do
     gravity: Array  # (g,), what a load is of its levers
     links: Any  # of the chain
-    sensor: Placed
+    sensor: Projection
     blocks: Mapping[str, Array]  # all parameters
 
 
@@ -104,16 +104,18 @@ class Structure(Layout):
 
     def joint_values(self, q: Array, beta: Array) -> Array:
         """True values (c, n) of the chain's joints at logged values (n, dof) [rad or m]."""
-        fixed = fixed_at(self, beta)
+        constants = constants_at(self, beta)
         logged = np.ascontiguousarray(q.T[: self.dof])
-        values = logged * fixed.gain + fixed.offset
-        if fixed.coupling is not None:
-            values[1:] += fixed.coupling * logged[:-1]
-        if fixed.bent:
+        values = logged * constants.gain
+        values += constants.offset
+        if constants.coupling is not None:
+            values[1:] += constants.coupling * logged[:-1]
+        bent = constants.bent
+        if bent:
             # all at once: of one row each operation costs as much as of a hundred
-            values[fixed.bent] += curve_value(logged[fixed.bent], fixed.curves)
-        values = self.coupled(values)
-        if fixed.elastic:
+            values[bent] += curve_value(logged[bent], constants.curves)
+        values = self.chain_values(values)
+        if constants.elastic:
             values += self.bends(q, beta)
         return values
 
@@ -121,14 +123,15 @@ class Structure(Layout):
         self, q: Array, beta: Array, gravity: Array | None = None
     ) -> Array:
         """How much loads bend the chain's joints (c, n) [rad or m] at logged values (n, dof)."""
-        fixed = fixed_at(self, beta)
+        constants = constants_at(self, beta)
         if gravity is None:
-            gravity = fixed.gravity
-        out = np.zeros((len(self.chain_names), len(q)))
-        for block, elastic in fixed.elastic.items():
-            bends = elastic[:, None] * loads_of(self._levers(block, q), gravity)
-            np.add.at(out, self.loads[block].joints, bends)
-        return out
+            gravity = constants.gravity
+        bends = np.zeros((len(self.chain_names), len(q)))
+        for block, elastic in constants.elastic.items():
+            levers = self._levers(block, q)
+            angles = elastic[:, None] * loads_of(levers, gravity)
+            np.add.at(bends, self.loads[block].joints, angles)
+        return bends
 
     @cached_property
     def _last_levers(self) -> dict[str, tuple[Array, Array]]:
@@ -139,50 +142,48 @@ class Structure(Layout):
         """What is added to the joints' values (dof,)."""
         return beta[self.groups["offset"]]
 
-    def coupled(self, values: Array) -> Array:
+    def chain_values(self, values: Array) -> Array:
         """Values (c, n) of the chain's joints that follow the logged ones (dof, n)."""
         return values
 
-    def led(self, chained: Array) -> Array:
+    def joint_slope(self, chain_slope: Array) -> Array:
         """How outputs move with each logged joint (dof, m, n), from the chain's (c, m, n)."""
-        return chained
+        return chain_slope
 
     def _levers(self, block: str, q: Array) -> Array:
         """Levers (e, g, n) of rows, remembered: a fit asks for the same again."""
         rows, levers = self._last_levers.get(block, (None, None))
         if levers is None or rows is not q:
-            levers = self.loads[block].levers(q[:, : self.dof])
+            joints = q[:, : self.dof]
+            levers = self.loads[block].levers(joints)
             self._last_levers[block] = (q, levers)
         return levers
 
     def move(self, values: Array, beta: Array) -> Motion:
         """Where the chain is at the true values (c, n) of its joints."""
-        return move(fixed_at(self, beta).links, values)
+        return move(constants_at(self, beta).links, values)
 
-    def seen(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
+    def motion_and_sight(self, q: Array, beta: Array) -> tuple[Motion, Sight]:
         """Where the chain is at rows (n, dof + g), and what the sensor sees of it.
 
         Further columns than the joints' are what a row tells the measurement.
         """
-        fixed = fixed_at(self, beta)
-        motion = self.move(self.joint_values(q, beta), beta)
+        constants = constants_at(self, beta)
+        values = self.joint_values(q, beta)
+        motion = self.move(values, beta)
         if isinstance(self.measurement, Sensor):
-            return motion, fixed.sensor.look(motion)
-        return motion, self._look(q, motion, fixed.blocks)
+            return motion, constants.sensor.look(motion)
+        also = q[:, self.dof :]
+        return motion, self.measurement.look(constants.blocks, motion, also)
 
-    def _look(
-        self, q: Array, motion: Motion, blocks: Mapping[str, Array]
-    ) -> Sight:
-        """What the sensor of some parameters sees of a motion."""
-        return self.measurement.look(blocks, motion, q[:, self.dof :])
-
-    def sensor(self, beta: Array) -> Placed:
+    def sensor(self, beta: Array) -> Projection:
         """The sensor: where it stands, its scale and its lens."""
-        return fixed_at(self, beta).sensor
+        return constants_at(self, beta).sensor
 
     def predict(self, q: Array, beta: Array) -> Array:
         """Outputs (n, m) at joint values (n, dof); a rotation is a rotation vector."""
-        return self.seen(q, beta)[1].values
+        _, sight = self.motion_and_sight(q, beta)
+        return sight.values
 
     def residual(self, z: Array, predicted: Array) -> Array:
         """Residuals (n, m) of observed against predicted outputs.
@@ -192,8 +193,8 @@ class Structure(Layout):
         """
         out = np.asarray(z - predicted)
         if len(self.blocks) == 2:
-            observed = z[:, 3:]
-            out[:, 3:] = compose(observed, -predicted[:, 3:])
+            back = -predicted[:, 3:]
+            out[:, 3:] = compose(z[:, 3:], back)
         return out
 
     def retract(self, beta: Array, delta: Array) -> Array:
@@ -206,66 +207,73 @@ class Structure(Layout):
         self, q: Array, beta: Array, active: Indices | None = None
     ) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, k) by the parameters `active` (or all)."""
-        motion, sight = self.seen(q, beta)
+        motion, sight = self.motion_and_sight(q, beta)
         n, outputs = sight.values.shape
-        active = np.arange(self.size) if active is None else active
+        if active is None:
+            active = np.arange(self.size)
         column = np.full(self.size, -1)
         column[active] = np.arange(len(active))
-        out = np.zeros((n, outputs, len(active)))
-        for indices, columns in self._columns(q, beta, motion, sight):
-            columns_out = column[indices.ravel()]
-            wanted = columns_out >= 0
-            if wanted.any():
-                moved = columns().reshape(len(columns_out), outputs, n)
-                out[:, :, columns_out[wanted]] = moved[wanted].transpose(
-                    2, 1, 0
-                )
-        return sight.values, out
+        slope = np.zeros((n, outputs, len(active)))
+        for indices, moved in self._columns(q, beta, motion, sight):
+            places = column[indices.ravel()]
+            is_active = places >= 0
+            if is_active.any():
+                columns = moved().reshape(len(places), outputs, n)
+                columns = columns[is_active]
+                places = places[is_active]
+                slope[:, :, places] = columns.transpose(2, 1, 0)
+        return sight.values, slope
 
     def _columns(
         self, q: Array, beta: Array, motion: Motion, sight: Sight
     ) -> Iterator[tuple[Indices, Callable[[], Array]]]:
         """Parameters, and how outputs (..., m, n) move with them."""
         groups = self.groups
-        fixed = fixed_at(self, beta)
+        constants = constants_at(self, beta)
         joints = q[:, : self.dof]
-        for name in self.own_blocks:
+        for name in self.sensor_blocks:
             yield groups[name], partial(self._by_sensor, name, q, motion, beta)
-        chained = sight.push(*motion.joints())
-        led = self.led(chained)
+        chain_slope = sight.push(*motion.joints())
+        joint_slope = self.joint_slope(chain_slope)
 
         def by_loads(block: str) -> Array:
-            loads = loads_of(self._levers(block, q), fixed.gravity)
-            return np.asarray(
-                chained[self.loads[block].joints] * loads[:, None]
-            )
+            levers = self._levers(block, q)
+            loads = loads_of(levers, constants.gravity)
+            bent = self.loads[block].joints
+            moved: Array = chain_slope[bent] * loads[:, None]
+            return moved
 
         for block in self.loads:
             yield groups[block], partial(by_loads, block)
         if "gravity" in groups:
-            yield groups["gravity"], lambda: self._by_gravity(q, beta, chained)
+            by_gravity = partial(self._by_gravity, q, beta, chain_slope)
+            yield groups["gravity"], by_gravity
         if "coupling" in groups:
-            yield groups["coupling"], lambda: led[1:] * joints.T[:-1, None]
+            motors = joints.T[:-1, None]
+            yield groups["coupling"], lambda: joint_slope[1:] * motors
         signed = (joints * self.directions).T
-        yield groups["offset"], lambda: led
-        yield groups["gain"], lambda: led * signed[:, None]
+        yield groups["offset"], lambda: joint_slope
+        yield groups["gain"], lambda: joint_slope * signed[:, None]
         for indices, moved in self.moving(motion):
-            yield indices, partial(_pushed, sight, moved)
+            yield indices, partial(_by_tip, sight, moved)
         for k in range(self.dof):
-            yield groups[f"curve.{k}"], partial(_waved, joints[:, k], led[k])
+            by_curve = partial(_by_curve, joints[:, k], joint_slope[k])
+            yield groups[f"curve.{k}"], by_curve
 
-    def _by_gravity(self, q: Array, beta: Array, chained: Array) -> Array:
+    def _by_gravity(self, q: Array, beta: Array, chain_slope: Array) -> Array:
         """How outputs (t, m, n) move as gravity tilts."""
         moved: list[Array] = []
         for way in self.tilts["gravity"]:
             bends = self.bends(q, beta, way)
-            moved.append((chained * bends[:, None]).sum(axis=0))
+            by_joints = chain_slope * bends[:, None]
+            moved.append(by_joints.sum(axis=0))
         return np.array(moved)
 
     def _by_sensor(
         self, block: str, q: Array, motion: Motion, beta: Array
     ) -> Array:
         """How outputs (k, m, n) move with a block of the sensor's parameters."""
+        also = q[:, self.dof :]
         moved: list[Array] = []
         for index in self.groups[block]:
             sights: list[Array] = []
@@ -273,7 +281,8 @@ class Structure(Layout):
                 step = np.zeros(self.size)
                 step[index] = size
                 blocks = self.by_blocks(self.retract(beta, step))
-                sights.append(self._look(q, motion, blocks).values)
+                sight = self.measurement.look(blocks, motion, also)
+                sights.append(sight.values)
             moved.append(self.residual(*sights).T)
         return np.array(moved) / (2 * _STEP)
 
@@ -283,53 +292,56 @@ class Structure(Layout):
 
     def predict_and_slope(self, q: Array, beta: Array) -> tuple[Array, Array]:
         """Outputs (n, m) and their derivative (n, m, dof) by the joint values."""
-        motion, sight = self.seen(q, beta)
-        return sight.values, self.by_joints(
-            q, beta, sight.push(*motion.joints())
-        )
+        motion, sight = self.motion_and_sight(q, beta)
+        chain_slope = sight.push(*motion.joints())
+        slope = self.by_joints(q, beta, chain_slope)
+        return sight.values, slope
 
-    def by_joints(self, q: Array, beta: Array, chained: Array) -> Array:
+    def by_joints(self, q: Array, beta: Array, chain_slope: Array) -> Array:
         """Derivative (n, m, dof) by the logged joints, of outputs (c, m, n) by the chain's."""
         joints = q[:, : self.dof]
-        fixed = fixed_at(self, beta)
-        rates = fixed.gain
-        if fixed.bent:
+        constants = constants_at(self, beta)
+        rates = constants.gain
+        bent = constants.bent
+        if bent:
             rates = np.repeat(rates, len(q), axis=1)
-            rates[fixed.bent] += curve_slope(joints.T[fixed.bent], fixed.curves)
-        led = self.led(chained)
-        moved = led * rates[:, None]
-        if fixed.coupling is not None:
-            moved[:-1] += led[1:] * fixed.coupling[:, None]
-        for block, elastic in fixed.elastic.items():
+            rates[bent] += curve_slope(joints.T[bent], constants.curves)
+        joint_slope = self.joint_slope(chain_slope)
+        moved = joint_slope * rates[:, None]
+        coupling = constants.coupling
+        if coupling is not None:
+            moved[:-1] += joint_slope[1:] * coupling[:, None]
+        for block, elastic in constants.elastic.items():
             loads = self.loads[block]
-            slopes = loads.slopes(joints, fixed.gravity)
-            bent = elastic[:, None, None] * slopes
-            pushed = chained[loads.joints]
-            moved += np.einsum("emn,ekn->kmn", pushed, bent)
+            slopes = loads.slopes(joints, constants.gravity)
+            bends = elastic[:, None, None] * slopes
+            bent_slope = chain_slope[loads.joints]
+            moved += np.einsum("emn,ekn->kmn", bent_slope, bends)
         return np.ascontiguousarray(moved.transpose(2, 1, 0))
 
     def slope(self, q: Array, beta: Array) -> Array:
         """Derivative (n, m, dof) of the outputs by the joint values."""
-        return self.predict_and_slope(q, beta)[1]
+        _, slope = self.predict_and_slope(q, beta)
+        return slope
 
 
-def _pushed(sight: Sight, moved: Callable[[], Moved]) -> Array:
+def _by_tip(sight: Sight, moved: Callable[[], TipMotion]) -> Array:
     """How outputs (..., m, n) move with the tip."""
     return sight.push(*moved())
 
 
-def _waved(q: Array, led: Array) -> Array:
-    """How outputs (96, m, n) move with the waves of a joint (n,) that leads them (m, n)."""
-    return waves_of(q)[:, None] * led
+def _by_curve(q: Array, joint_slope: Array) -> Array:
+    """How outputs (96, m, n) move with the waves of a joint (n,), which moves them by (m, n)."""
+    return waves_of(q)[:, None] * joint_slope
 
 
-def fixed_at(structure: Structure, beta: Array) -> Fixed:
+def constants_at(structure: Structure, beta: Array) -> Constants:
     """What follows from parameters (d,) alone, remembered."""
-    return _fixed(structure, beta.tobytes())
+    return _constants(structure, beta.tobytes())
 
 
 @lru_cache(_BELIEFS)
-def _fixed(structure: Structure, parameters: bytes) -> Fixed:
+def _constants(structure: Structure, parameters: bytes) -> Constants:
     beta = np.frombuffer(parameters)
     blocks = structure.by_blocks(beta)
     curves = {k: blocks[f"curve.{k}"] for k in range(structure.dof)}
@@ -337,15 +349,17 @@ def _fixed(structure: Structure, parameters: bytes) -> Fixed:
     shapes = [curves[k] for k in bent]
     gain = blocks["gain"] * structure.directions
     coupling = blocks.get("coupling", np.zeros(0))
-    return Fixed(
+    elastic: dict[str, Array] = {}
+    for name in structure.loads:
+        if blocks[name].any():
+            elastic[name] = blocks[name]
+    return Constants(
         gain=gain[:, None],
         offset=structure.offsets(beta)[:, None],
         bent=bent,
         curves=np.reshape(shapes, (-1, 2 * HARMONICS)),
         coupling=coupling[:, None] if coupling.any() else None,
-        elastic={
-            name: blocks[name] for name in structure.loads if blocks[name].any()
-        },
+        elastic=elastic,
         gravity=structure.gravity_at(beta),
         links=structure.links(beta),
         sensor=structure.viewpoint.place(blocks),
@@ -355,7 +369,8 @@ def _fixed(structure: Structure, parameters: bytes) -> Fixed:
 
 def loads_of(levers: Array, gravity: Array) -> Array:
     """Loads (e, n) of levers (e, g, n) under gravity (g,)."""
-    return np.asarray(np.einsum("egn,g->en", levers, gravity))
+    loads: Array = np.einsum("egn,g->en", levers, gravity)
+    return loads
 
 
 class OfStructure(Gaussian):

@@ -56,12 +56,13 @@ class Touch(Measurement):
     ) -> Sight:
         """See the tip in its sockets."""
         places = blocks["point"].reshape(-1, 3)
-        miss = motion.position.T - places[also[:, 0].astype(int)]
+        number = also[:, 0].astype(int)
+        miss = motion.position.T - places[number]
         return Sight(miss, np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
-class Stated(Measurement):
+class Facts(Measurement):
     """What is known of sockets, over its tolerance: a row for each distance and point of a plane.
 
     The joints have no part in it.
@@ -81,9 +82,9 @@ class Stated(Measurement):
         """See how far the sockets are off."""
         places = blocks["point"].reshape(-1, 3)
         misfits = [fact.misfit(places) / fact.tolerance for fact in self.facts]
+        values = np.concatenate(misfits)
         rows = also[:, 0].astype(int)
-        values = np.concatenate(misfits)[rows, None]
-        return Sight(values, np.zeros((1, 3)))
+        return Sight(values[rows, None], np.zeros((1, 3)))
 
 
 def rows_of_touches(
@@ -94,24 +95,26 @@ def rows_of_touches(
     The parameters are those of `fit_touches`.
     """
     touched = point >= 0
+    measured = ~touched
     # origins are not far off where nothing tells how large the arm is
-    sized = not touched.all() or any(fact.value is not None for fact in known)
+    sized = measured.any() or any(fact.value is not None for fact in known)
     most = 5.0 if sized else 1.0
     sockets = int(point.max()) + 1
     touch = Touch(sockets, within=(FINER[0], most))
     number = point[touched].astype(float)
     numbered = np.column_stack([q[touched], number])
-    rows = [Rows(numbered, np.zeros((len(number), 3)), touch)]
-    if not touched.all():
-        rows.append(Rows(q[~touched], x[~touched]))
+    miss = np.zeros((len(number), 3))
+    rows = [Rows(numbered, miss, touch)]
+    if measured.any():
+        rows.append(Rows(q[measured], x[measured]))
     if known:
-        count = sum(
-            1 if fact.value is not None else len(fact.points) for fact in known
-        )
+        count = 0
+        for fact in known:
+            count += 1 if fact.value is not None else len(fact.points)
         still = np.zeros((count, q.shape[1] + 1))
         still[:, -1] = np.arange(count)
-        stated = Stated(tuple(known))
-        rows.append(Rows(still, np.zeros((count, 1)), stated))
+        misfit = np.zeros((count, 1))
+        rows.append(Rows(still, misfit, Facts(tuple(known))))
     return rows
 
 
@@ -138,19 +141,22 @@ def fit_touches(
     x : (n, 3), what the sensor measured [m]
     """
     point = np.asarray(point, dtype=int)
-    x = np.zeros((len(q), 3)) if x is None else x
-    tip = structure.pose(q, structure.neutral())[0]
+    if x is None:
+        x = np.zeros((len(q), 3))
+    tip, _ = structure.pose(q, structure.neutral())
     measured = point < 0
     rows = rows_of_touches(q, point, known, x)
-    extent = float(np.sqrt(tip.var(axis=0).sum()))
-    whole = with_measurements(structure.with_sensor(extent=extent), rows)
+    variance = tip.var(axis=0).sum()
+    sized = structure.with_sensor(extent=float(np.sqrt(variance)))
+    whole = with_measurements(sized, rows)
     begin = whole.neutral()
     groups = whole.groups
     # each socket begins where the drawing says that the tip was on average
     for k, place in enumerate(groups["point"].reshape(-1, 3)):
-        begin[place] = tip[point == k].mean(axis=0)
+        in_socket = tip[point == k]
+        begin[place] = in_socket.mean(axis=0)
     if measured.any():
-        turn = similarity(tip[measured], x[measured])[0]
+        turn, *_ = similarity(tip[measured], x[measured])
         begin[groups["view.rotation"]] = logarithm(turn)
         shifts = x[measured] - tip[measured] @ turn.T
         begin[groups["view.shift"]] = shifts.mean(axis=0)
@@ -158,7 +164,7 @@ def fit_touches(
     points = of_all.body.beta[groups["point"]].reshape(-1, 3)
     body = in_structure(of_all.body, structure)
     held_out = np.empty((len(q), 3))
-    held_out[~measured] = _scattered(of_all.held_out, point[~measured])
+    held_out[~measured] = _about_means(of_all.held_out, point[~measured])
     if measured.any():
         held_out[measured] = of_all.beside[0].held_out
         sensor = structure.sensor(body.beta)
@@ -166,23 +172,26 @@ def fit_touches(
     else:
         rng = np.random.default_rng(seed)
         shares = rng.random((_POSTURES, q.shape[1]))
-        body = without_whole_motion(body, lower + shares * (upper - lower))
+        postures = lower + shares * (upper - lower)
+        body = without_whole_motion(body, postures)
     # of a block that has most touches of a socket the others do not tell where that is
     alike = np.ones(len(q))
     fitted = replace(of_all, body=body, held_out=held_out, widening=alike)
     return fitted, points
 
 
-def _scattered(residual: Array, point: NDArray[np.intp]) -> Array:
+def _about_means(residual: Array, point: NDArray[np.intp]) -> Array:
     """Return held-out residuals, about their mean where a block has most touches of a socket.
 
     What the other blocks say of the arm does not tell where such a socket is.
     """
     out = residual.copy()
     counts = np.bincount(point)
-    for block in np.array_split(np.arange(len(point)), FIT.blocks):
-        for k in np.unique(point[block]):
-            rows = block[point[block] == k]
+    order = np.arange(len(point))
+    for block in np.array_split(order, FIT.blocks):
+        numbers = point[block]
+        for k in np.unique(numbers):
+            rows = block[numbers == k]
             if 2 * len(rows) > counts[k]:
                 out[rows] -= out[rows].mean(axis=0)
     return out
@@ -191,19 +200,20 @@ def _scattered(residual: Array, point: NDArray[np.intp]) -> Array:
 def in_structure(body: Body, structure: SpatialStructure) -> Body:
     """Return the belief in another structure of the same arm, without what that does not have."""
     place = {label.name: k for k, label in enumerate(structure.labels)}
-    to = np.array(
-        [place.get(label.name, -1) for label in body.structure.labels]
-    )
+    labels = body.structure.labels
+    to = np.array([place.get(label.name, -1) for label in labels])
 
-    def carried(belief: Gaussian) -> dict[str, Array | Indices]:
+    def fields_of(belief: Gaussian) -> dict[str, Array | Indices]:
         beta = structure.neutral()
-        beta[to[to >= 0]] = belief.beta[to >= 0]
+        is_shared = to >= 0
+        beta[to[is_shared]] = belief.beta[is_shared]
+        shared = is_shared[belief.active]
         active = to[belief.active]
-        shared = active >= 0
-        root = as_kept(belief.covariance[np.ix_(shared, shared)])
+        covariance = belief.covariance[np.ix_(shared, shared)]
+        root = as_kept(covariance)
         return {"beta": beta, "active": active[shared], "root": root}
 
-    return replace(body.changed(carried), structure=structure)
+    return replace(body.with_fields(fields_of), structure=structure)
 
 
 def without_whole_motion(body: Body, q: Array) -> Body:
@@ -221,13 +231,14 @@ def without_whole_motion(body: Body, q: Array) -> Body:
         both = np.concatenate([base, belief.active])
         _, slope = structure.linearise(q, belief.beta, both)
         flat = slope.reshape(-1, len(both))
-        base_moved, moved = np.split(flat, [6], axis=1)
-        whole = np.linalg.lstsq(base_moved, moved, rcond=None)[0]
+        by_base, by_belief = np.split(flat, [6], axis=1)
+        whole, *_ = np.linalg.lstsq(by_base, by_belief, rcond=None)
+        opposite = -whole @ belief.root
+        root = np.concatenate([opposite, belief.root])
         order = np.argsort(both)
-        root = np.concatenate([-whole @ belief.root, belief.root])
         return {"active": both[order], "root": root[order]}
 
-    return body.changed(without)
+    return body.with_fields(without)
 
 
 def with_size(body: Body, sd: float) -> Body:
@@ -244,7 +255,7 @@ def with_size(body: Body, sd: float) -> Body:
     *links, tool = sd * np.diff(stops, axis=0)
     growth[structure.shifts[1:]] = links
     growth[structure.groups["tool"]] = chain.rotation.T @ tool
-    return body.changed(
+    return body.with_fields(
         lambda belief: {
             "root": np.column_stack([belief.root, growth[belief.active]])
         }

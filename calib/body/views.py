@@ -18,7 +18,7 @@ from ..common.arrays import Array
 from .parameters import Block, Hyper
 from .settings import PRIOR
 
-Moved = tuple[Array, Array | None]
+TipMotion = tuple[Array, Array | None]
 """How the tip moves: velocity (..., 3, n) [m] and angular velocity (..., 3, n) [rad], or none."""
 
 LEAST_DEPTH = 1e-3
@@ -39,7 +39,7 @@ class ViewKind:
     least: int = 2
 
     @property
-    def scaled(self) -> bool:
+    def has_scale(self) -> bool:
         """Whether it has a scale of its own."""
         return "view.scale" in self.groups
 
@@ -87,9 +87,11 @@ class Sight(NamedTuple):
     def push(self, velocity: Array, angular: Array | None = None) -> Array:
         """How outputs (..., m, n) move when the tip moves (..., d, n) [m] and turns [rad]."""
         size = velocity.shape[-2]
-        moved = _product(self.slope[:, :size], velocity)
+        by_place = self.slope[:, :size]
+        moved = _product(by_place, velocity)
         if angular is not None and self.slope.shape[1] > size:
-            moved = moved + _product(self.slope[:, size:], angular)
+            by_turn = self.slope[:, size:]
+            moved = moved + _product(by_turn, angular)
         return moved
 
 
@@ -98,7 +100,8 @@ def _product(slope: Array, moved: Array) -> Array:
     if slope.ndim == 2:
         return slope @ moved
     products = slope * moved[..., None, :, :]
-    return np.asarray(products.sum(axis=-2))
+    total: Array = products.sum(axis=-2)
+    return total
 
 
 class ArmSize(NamedTuple):
@@ -145,13 +148,13 @@ class Measurement:
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class Projection:
     """A sensor: ``w = matrix (p, 1)`` of a point p; read as it is, or through a lens."""
 
     matrix: Array  # (w, d + 1), d coordinates of points
     # (4,), focal length, centre and k1 of what reads pixels
     lens: Array | None = None
-    posed: bool = False  # whether it reads orientations too
+    has_orientation: bool = False  # whether it reads orientations too
     rotation: Array = field(default_factory=lambda: np.eye(3))
     scale: float = 1.0
 
@@ -163,16 +166,21 @@ class Placed:
     def look(self, motion: Motion) -> Sight:
         """See the tip of a chain."""
         linear = self.matrix[:, :-1]
-        point = linear @ motion.position + self.shift[:, None]
+        point = linear @ motion.position
+        point += self.shift[:, None]
         if self.lens is not None:
-            values, slope = pixels(self.lens, point)
-            return Sight(values, np.einsum("mwn,wd->mdn", slope, linear))
-        if not self.posed:
-            return Sight(np.ascontiguousarray(point.T), linear)
-        turn = logarithm(self.rotation @ np.moveaxis(motion.rotation, 2, 0))
+            values, by_point = pixels(self.lens, point)
+            slope = np.einsum("mwn,wd->mdn", by_point, linear)
+            return Sight(values, slope)
+        if not self.has_orientation:
+            values = np.ascontiguousarray(point.T)
+            return Sight(values, linear)
+        orientation = self.rotation @ np.moveaxis(motion.rotation, 2, 0)
+        turn = logarithm(orientation)
+        values = np.concatenate([point.T, turn], axis=1)
         apart = np.zeros((3, 3))
         slope = np.block([[linear, apart], [apart, self.rotation]])
-        return Sight(np.concatenate([point.T, turn], axis=1), slope)
+        return Sight(values, slope)
 
 
 def pixels(lens: Array, point: Array) -> Sight:
@@ -180,17 +188,21 @@ def pixels(lens: Array, point: Array) -> Sight:
     focal, *centre, radial = lens
     depth = np.maximum(point[2], LEAST_DEPTH)
     ideal = point[:2] / depth
-    bent = 1 + radial * (ideal**2).sum(axis=0)
+    square = (ideal**2).sum(axis=0)
+    bent = 1 + radial * square
     # d pixel / d ideal = f ((1 + k1 r^2) 1 + 2 k1 u u'), d ideal / d point = [1, -u] / depth
     across = 2 * radial * ideal[:, None] * ideal
-    across = focal / depth * (across + bent * np.eye(2)[..., None])
-    ahead = -(across * ideal).sum(axis=1)
+    across += bent * np.eye(2)[..., None]
+    across *= focal / depth
+    products = across * ideal
+    ahead = -products.sum(axis=1)
     slope = np.concatenate([across, ahead[:, None]], axis=1)
-    values = np.ascontiguousarray((focal * ideal * bent).T)
+    bent_ideal = focal * ideal * bent
+    values = np.ascontiguousarray(bent_ideal.T)
     return Sight(values + centre, slope)
 
 
-def refocused(lens: Array, point: Array) -> Array:
+def lens_slope(lens: Array, point: Array) -> Array:
     """Derivative (4, 2, n) of pixels by focal length, centre and k1."""
     ideal = point[:2] / np.maximum(point[2], LEAST_DEPTH)
     square = (ideal**2).sum(axis=0)
@@ -204,4 +216,5 @@ def refocused(lens: Array, point: Array) -> Array:
 
 def compose(first: Array, second: Array) -> Array:
     """Rotation vectors (..., 3) of exp(first) exp(second)."""
-    return np.asarray(logarithm(exponential(first) @ exponential(second)))
+    rotation = exponential(first) @ exponential(second)
+    return logarithm(rotation)

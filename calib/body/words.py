@@ -125,11 +125,12 @@ def _of_sensor(structure: Structure, beta: Array, half: Array) -> Iterator[str]:
             ]
             shift = ", ".join(value for value, _ in parts)
             yield f"{group} ({shift}) ± {parts[0][1]} mm from {place}"
-    lens = [k for k in structure.groups["lens"] if half[k]]
     words: list[str] = []
-    for k in lens:
-        label = structure.labels[k]
-        name = label.name.rpartition("lens.")[2]
-        words.append(f"{name} {_interval(float(beta[k]), half[k], label.unit)}")
+    for k in structure.groups["lens"]:
+        if half[k]:
+            label = structure.labels[k]
+            name = label.name.rpartition("lens.")[2]
+            value = float(beta[k])
+            words.append(f"{name} {_interval(value, half[k], label.unit)}")
     if words:
         yield f"lens: {', '.join(words)}"

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..body.belief import Body
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from ..common.scale import Scale
 from ..common.wording import for_people
 from ..maps import local_models
@@ -18,7 +18,7 @@ from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
 from ..model.about import MeasuredRows
 from ..model.alignment import Alignment
-from ..model.baseline import Seen, learn_baseline
+from ..model.baseline import RowPlaces, learn_baseline
 from ..model.model import Model
 from ..samples.motion import Motion
 from ..training.residuals import (
@@ -215,7 +215,7 @@ def finished(
             "mean": usual and usual["forward"]["distance"]["mean"],
         },
     }
-    facts = about.measured(
+    facts = about.by_readings(
         samples=made.samples,
         unit=verdict.unit,
         errors=_errors(fresh, rows, residual),
@@ -237,7 +237,7 @@ def finished(
         learned = replace(learned, held_out=residual)
     if fresh.body is None:  # maps that followed these rows know no others
         scale = fresh.motor.scale
-        places = Seen.of(scale, scale.to_unit(learned.q))
+        places = RowPlaces.of(scale, scale.to_unit(learned.q))
         baseline = replace(baseline, seen=places)
     # a camera that was moved sees another picture
     photo = rows.model.photo if method == "few-shot" and frame is None else None
@@ -255,7 +255,7 @@ def finished(
 def _errors(fresh: Model, rows: LogRows, residual: Array) -> ErrorTable:
     """Errors of all readouts; held-out residuals (k, m) tell those of the default one."""
     readout = fresh.default_readout
-    some = thinned(len(rows), ADAPTING.evaluated)
+    some = spread_rows(len(rows), ADAPTING.evaluated)
     motion = Motion(rows.q[some])
     errors = summarise(evaluate_residuals(fresh, motion, rows.x[some]))
     if readout != "body":

@@ -22,7 +22,7 @@ from ..body.settings import FREE, STUDENT
 from ..body.structure import Structure
 from ..body.views import is_camera
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from ..model.alignment import Alignment
 from ..samples.diagnosis import unit_hint
 from .causes import FRAME, Cause, indices_of, is_sensors
@@ -101,7 +101,7 @@ class Reference:
 def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
     """Bring the old belief into the frame of a log of rows (n, dof), (n, m)."""
     old = body.structure
-    rows = thinned(len(q), PLACING.rows)
+    rows = spread_rows(len(q), PLACING.rows)
     q = q[rows]
     z = z[rows]
     places = slice(old.blocks[0])
@@ -137,7 +137,7 @@ def reference_of(body: Body, q: Array, z: Array, unit: str) -> Reference:
         causes.append(_other_unit(factor, old.unit))
     if causes and causes[0].cause == "mirror":
         frame = Alignment.between(predicted, structure.predict(q, beta))
-        if frame.swapped:
+        if frame.is_swapped:
             words = "x and y of the log are exchanged, compared with the model"
             causes[0] = replace(causes[0], words=words)
     forgotten: tuple[str, ...] = FRAME
@@ -258,7 +258,7 @@ def _senses(structure: Structure, beta: Array) -> Iterator[_Sense]:
         cause = Cause(f"sign:{name}", "sign", words)
         other = (*signs[:k], -signs[k], *signs[k + 1 :])
         for sense in plain:
-            turned = sense.structure.changed(signs=other)
+            turned = sense.structure.with_fields(signs=other)
             yield _Sense(turned, beta, (*sense.causes, cause))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..body.belief import Body, knows_orientation
 from ..common.arrays import Array, Index, Mask
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from ..errors import LogError, ModelError
 from ..maps.map import Map, search_tree
 from ..model.model import Model
@@ -165,7 +165,7 @@ def rows_of(model: Model, log: Samples) -> LogRows:
     rows_in_file = log.left_out + len(log)
     left_out = log.left_out
     unit = log.unit
-    shared = log.shared
+    shared = log.common_sd
     _refuse_degrees(model, log)
     log, more = sound_log(model, log)
     notes = [*notes, *more]
@@ -274,7 +274,7 @@ def distortions(rows: LogRows) -> dict[str, Signal]:
     "reverse" is the mean squared distance of the nodes predicted for the joints to those that the
     positions visit, in the unit box; "links" the root mean square of the residuals [unit].
     """
-    rows = rows.take(thinned(len(rows), ROWS.most))
+    rows = rows.take(spread_rows(len(rows), ROWS.most))
     model = rows.model
     baseline = model.baseline
     assert baseline is not None  # noqa: S101 - checked where the rows are read

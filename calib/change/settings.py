@@ -69,8 +69,11 @@ class UpdateSettings:
     blocks: int = 5
     # linearisations at most
     steps: int = 60
-    # standard deviations that the last step moves at most: the next one would move their square
-    tolerance: float = 0.3
+    # nats (twice) that one has to gain.  Along the ways in which an arm without a drawing may be
+    # put together the fit betters by little for long, and predictions no more
+    nothing_left: float = 1.0
+    # of ever more damped steps, the share of the rows' information of each parameter that is added
+    dampings: tuple[float, ...] = (0.0, *(1e-4 * 8.0**k for k in range(8)))
     # share of the held-out error that a change may leave at most
     changed: float = 0.95
     # The same where nothing changed, and of the error that a belief expects of itself: rows of half

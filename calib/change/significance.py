@@ -17,8 +17,15 @@ from ..body.covariance import autocorrelation_time
 from ..body.parameters import Indices
 from ..body.structure import Structure
 from ..common.arrays import Array, Mask
-from ..common.rows import thinned
-from .causes import FRAME, changeable, freedom, indices_of, single_causes
+from ..common.rows import spread_rows
+from .causes import (
+    FRAME,
+    changeable,
+    doubled,
+    freedom,
+    indices_of,
+    single_causes,
+)
 from .frame import Reference
 from .rows import LogRows
 from .settings import CREPT, FALSE_ALARM, NOISIER, OWN
@@ -212,7 +219,10 @@ def everything(reference: Reference) -> Array:
     """Standard deviation (d,) by which the parameters may have changed, all together."""
     # the unit weights of a payload, and couplings, would leave few rows no freedom
     groups = set(changeable(reference.structure)) - {"payload", "coupling"}
-    return freedom(reference.body, groups, forgotten=reference.forgotten)
+    sd = freedom(reference.body, groups, forgotten=reference.forgotten)
+    # the frame turns about the first joint's axis as its offset does: it is free once
+    sd[doubled(reference.body)] = 0.0
+    return sd
 
 
 def usual_noise(reference: Reference) -> float:
@@ -372,7 +382,7 @@ def find_play(noise: FreeNoise, rows: LogRows) -> Play | None:
     with an error that the number of these tells.
     """
     system = noise.system
-    side = rows.side[thinned(len(rows), len(system.log.q))]
+    side = rows.side[spread_rows(len(rows), len(system.log.q))]
     columns = system.whiten(-system.slope * side[:, None])
     products = noise.unknown.products(system.y, columns)
     power, pull = products.information(noise.size)

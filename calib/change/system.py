@@ -22,7 +22,7 @@ from ..body.parameters import Indices, Prior
 from ..body.rows import Rows
 from ..body.settings import STUDENT
 from ..common.arrays import Array, Mask
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from .causes import changeable, creep, freedom
 from .frame import Reference, carried_offset
 from .rows import LogRows
@@ -68,13 +68,13 @@ class Log:
 
     def some(self, most: int) -> Log:
         """Return at most so many rows, evenly spread."""
-        rows = thinned(len(self.q), most)
+        rows = spread_rows(len(self.q), most)
         return replace(self, q=self.q[rows], z=self.z[rows])
 
 
 def sound_rows(reference: Reference, q: Array, z: Array) -> Mask:
     """Return which rows (n, dof), (n, m) are near a robust fit of all that may have changed."""
-    rows = thinned(len(q), SYSTEM.robust_rows)
+    rows = spread_rows(len(q), SYSTEM.robust_rows)
     size = reference.sizes
     sd = freedom(reference.body, changeable(reference.structure))
     prior = Prior(reference.beta, np.hypot(sd, creep(reference.body)))
@@ -318,7 +318,7 @@ def principal_axes(columns: Array) -> tuple[Array, Array]:
 
 def own_columns(reference: Reference, log: Log, factor: float) -> Array:
     """Outputs (n, m, p m) by a smooth residual of one log, by its values at p of its rows."""
-    nodes = log.q[thinned(len(log.q), SYSTEM.nodes)]
+    nodes = log.q[spread_rows(len(log.q), SYSTEM.nodes)]
     return smooth_columns(reference, log.q, nodes, factor)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,16 +17,13 @@ from ..body.belief import Body, Second
 from ..body.body_fit import fit
 from ..body.covariance import RADIUS_95, root_of
 from ..body.drawing import PlanarDrawing
-from ..body.fit import Fit
 from ..body.normal import Factor
-from ..body.parameters import Indices, Prior
+from ..body.parameters import Indices
 from ..body.planar import PlanarStructure
 from ..body.rows import Rows
 from ..body.settings import STUDENT
-from ..body.structure import Structure
-from ..body.views import Measurement
 from ..common.arrays import Array
-from ..common.rows import row_lengths, thinned
+from ..common.rows import row_lengths, spread_rows
 from .evidence import Evidence
 from .explain import SEARCH, Explanation, least_residual
 from .settings import BEYOND, CREEP, UPDATING
@@ -65,7 +62,7 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
     learn : whether the best belief is wanted, or whether there is a better one than before
     """
     explanation = _to_update_by(evidence)
-    rows = thinned(len(evidence.rows), UPDATING.rows)
+    rows = spread_rows(len(evidence.rows), UPDATING.rows)
     log = evidence.data.some(UPDATING.rows)
     body, residual = _updated(explanation, log)
     if learn:  # which only the bound of a new model needs
@@ -99,7 +96,7 @@ def update(evidence: Evidence, *, learn: bool) -> Update:
 
 def _as_it_was(evidence: Evidence) -> _Belief:
     """The belief before the log, judged by the rows as the model predicts them."""
-    rows = thinned(len(evidence.rows), UPDATING.rows)
+    rows = spread_rows(len(evidence.rows), UPDATING.rows)
     measured = evidence.rows.x - evidence.rows.predicted
     return _Belief(evidence.prior, rows, measured[rows])
 
@@ -163,7 +160,7 @@ def _trained(explanation: Explanation, log: Log) -> _Belief:
         mirror=structure.mirror,
         signs=structure.signs,
     )
-    structure = structure.changed(nominal=drawing, simulated=False)
+    structure = structure.with_fields(nominal=drawing, simulated=False)
     rows = Rows(log.q, log.z)
     fitted = fit(structure, [rows], begin=explanation.beta)
     return _Belief(fitted.body, np.arange(len(rows)), fitted.held_out)
@@ -234,7 +231,7 @@ def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
     """The posterior as a body, and held-out residuals (n, m) [unit]."""
     reference = explanation.reference
     old = reference.body
-    posterior = _Posterior(explanation, log)
+    posterior = _Fit(explanation, log).maximise()
     kappa = old.kappa
     if old.simulated:
         kappa = max(kappa, UPDATING.simulated_kappa)
@@ -242,7 +239,7 @@ def _updated(explanation: Explanation, log: Log) -> tuple[Body, Array]:
     body = replace(
         old,
         beta=posterior.beta,
-        active=posterior.arm.active,
+        active=posterior.active,
         # the bound inflates by kappa what is kept here without it
         root=posterior.root / old.kappa,
         kappa=kappa,
@@ -269,120 +266,154 @@ def _second_after(explanation: Explanation, log: Log) -> Second | None:
     )
     there = replace(reference, body=body, beta=reference.beta + apart)
     beta = explanation.beta + apart
-    posterior = _Posterior(
-        replace(explanation, reference=there, beta=beta), log
-    )
+    shifted = replace(explanation, reference=there, beta=beta)
+    posterior = _Fit(shifted, log).maximise()
     noise = np.maximum(explanation.noise * reference.sizes, old.second.noise)
-    return Second(posterior.beta, posterior.arm.active, posterior.root, noise)
+    return Second(posterior.beta, posterior.active, posterior.root, noise)
 
 
-class _Arm:
-    """An arm in the numbers of which a log's outputs are made.
+class _Fit:
+    """All parameters fitted to the rows of a log, beside a smooth residual of the log's own.
 
-    These are standard normals (k,): first of the arm's parameters, which may have changed, then of
-    what this log alone shows.  It is a structure as far as a fit asks for one.
+    Parameters and the log's own residual are standard normals times columns.
     """
-
-    measurement = Measurement()
 
     def __init__(self, explanation: Explanation, log: Log) -> None:
         reference = explanation.reference
         level = explanation.level
+        self.reference = reference
         self.structure = reference.structure
-        self.blocks = self.structure.blocks
-        self.start = reference.beta
-        self.active, self.root = prior_columns(
-            reference, level.waves, freed=explanation.sd
-        )
-        smooth = own_columns(reference, log, level.residual)
-        predicted = self.structure.predict(log.q, explanation.beta)
-        shared = shared_columns(reference, log, predicted)
-        self.own = np.concatenate([smooth, shared], axis=2)  # (n, m, p)
-
-    def beta(self, normals: Array) -> Array:
-        """The arm's parameters (d,)."""
-        away = np.zeros(self.structure.size)
-        away[self.active] = self.root @ normals[: self.root.shape[1]]
-        return self.structure.retract(self.start, away)
-
-    def as_seen_by(self, sensor: None) -> _Arm:
-        """There is one sensor."""
-        assert sensor is None  # noqa: S101 - as the rows of an update say
-        return self
-
-    def retract(self, normals: Array, step: Array) -> Array:
-        """The numbers after a step."""
-        return normals + step
-
-    def residual(self, z: Array, predicted: Array) -> Array:
-        """Residuals (n, m)."""
-        return self.structure.residual(z, predicted)
-
-    def predict(self, q: Array, normals: Array) -> Array:
-        """Outputs (n, m)."""
-        known = self.root.shape[1]
-        predicted = self.structure.predict(q, self.beta(normals))
-        return np.asarray(predicted + self.own @ normals[known:])
-
-    def linearise(
-        self, q: Array, normals: Array, _active: Indices
-    ) -> tuple[Array, Array]:
-        """Outputs (n, m), and their derivative (n, m, k) by all numbers."""
-        predicted, x = self.structure.linearise(
-            q, self.beta(normals), self.active
-        )
-        columns = np.concatenate([x @ self.root, self.own], axis=2)
-        known = self.root.shape[1]
-        return predicted + self.own @ normals[known:], columns
-
-
-class _Posterior:
-    """All parameters fitted to the rows of a log, beside what this log alone shows."""
-
-    def __init__(self, explanation: Explanation, log: Log) -> None:
-        self.arm = _Arm(explanation, log)
         self.log = log
         self.temper = explanation.temper
-        root = self.arm.root
-        moved = explanation.beta - explanation.reference.beta
-        start = np.linalg.lstsq(root, moved[self.arm.active], rcond=1e-12)[0]
-        known = root.shape[1]
-        size = known + self.arm.own.shape[2]
-        normals = np.zeros(size)
-        normals[:known] = start
-        # rows that resemble their neighbours count for less than their number
-        sd = np.full(size, 1.0 / math.sqrt(self.temper))
-        noise = explanation.noise * explanation.reference.sizes
-        structure = cast("Structure", self.arm)
-        prior = Prior(np.zeros(size), sd)
-        rows = [Rows(log.q, log.z, noise=noise)]
-        fit = Fit(structure, rows, normals, prior, nu=STUDENT)
-        self.fit = fit.maximise(
-            learn=False, steps=UPDATING.steps, tolerance=UPDATING.tolerance
+        # [unit], of one number of each output
+        self.scale = np.sqrt(self.temper) * explanation.noise * reference.sizes
+        self.active, self.prior = prior_columns(
+            reference, level.waves, freed=explanation.sd
         )
-        self.beta = self.arm.beta(fit.beta)
+        self.smooth = own_columns(reference, log, level.residual)
+        self.beta = explanation.beta
+        moved = (self.beta - reference.beta)[self.active]
+        self.normals = np.linalg.lstsq(self.prior, moved, rcond=1e-12)[0]
+        # root of that of each number (n m,), for Student noise
+        self.weight = np.ones(log.z.size)
+
+    def maximise(self) -> _Fit:
+        """Go to the maximum of the posterior, by damped steps (Levenberg 1944, Marquardt 1963).
+
+        Attributes of its end are the weighted columns (n m, k) of all normals, the residuals
+        (n m,), the information (k, k) and the gradient (k,).
+        """
+        size = self.prior.shape[1]
+        gain = np.inf
+        for _ in range(UPDATING.steps):
+            predicted, moved = self.structure.linearise(
+                self.log.q, self.beta, self.active
+            )
+            away = self._away(predicted)
+            shared = shared_columns(self.reference, self.log, predicted)
+            own = self._flat(np.concatenate([self.smooth, shared], axis=2))
+            cost = self._learn_weights(away, own)
+            moved = self._flat(moved) * self.weight[:, None]
+            own_weighted = own * self.weight[:, None]
+            self.columns = np.hstack([moved @ self.prior, own_weighted])
+            self.residual = away * self.weight
+            self.information = self.columns.T @ self.columns
+            self.gradient = self.columns.T @ self.residual
+            # the log's own part is followed anew
+            self.gradient[:size] -= self.normals
+            if gain < UPDATING.nothing_left:
+                break
+            by_parameter = (moved**2).sum(axis=0)[:, None] * self.prior
+            stiffness = self.prior.T @ by_parameter
+            gain = self._descend(cost, own, stiffness)
+        return self
+
+    def held_out(self) -> Array:
+        """Residuals (n, m) of blocks of rows that the fit leaves out in turn [unit].
+
+        Without the rows of a block the information is a difference: no fit is needed.
+        """
+        n, outputs = self.log.z.shape
+        size = self.prior.shape[1]
+        all_rows = _with_ones(self.information)
+        residual = np.empty_like(self.residual)
+        for block in np.array_split(np.arange(n), UPDATING.blocks):
+            first = block[0] * outputs
+            end = (block[-1] + 1) * outputs
+            rows = slice(first, end)
+            x = self.columns[rows]
+            y = self.residual[rows]
+            others = Factor(all_rows - x.T @ x)
+            delta = others.solve(self.gradient - x.T @ y)
+            by_parameters = x[:, :size] @ delta[:size]
+            residual[rows] = y - by_parameters
+        unit = (residual / self.weight).reshape(n, -1) * self.scale
+        return np.asarray(unit)
 
     @property
     def root(self) -> Array:
         """Root (k, r) of the posterior covariance of the active parameters."""
-        root = self.arm.root
-        known = root.shape[1]
-        inverse = Factor(self.fit.precision).inverse()[:known, :known]
-        return root_of(self.temper * root @ inverse @ root.T)
+        size = self.prior.shape[1]
+        inverse = Factor(_with_ones(self.information)).inverse()[:size, :size]
+        return root_of(self.prior @ inverse @ self.prior.T)
 
-    def held_out(self) -> Array:
-        """Residuals (n, m) of blocks of rows that the fit leaves out in turn [unit]."""
-        known = self.arm.root.shape[1]
-        log = self.log
-        predicted, x = self.arm.structure.linearise(
-            log.q, self.beta, self.arm.active
-        )
-        residual = self.arm.structure.residual(log.z, predicted)
-        part = self.fit.parts[0]
-        blocks = len(self.fit.grams)
-        for left_out in np.array_split(np.arange(blocks), UPDATING.blocks):
-            first, last = left_out[0], left_out[-1] + 1
-            _, step = self.fit.without(slice(first, last))
-            rows = slice(part.edges[first], part.edges[last])
-            residual[rows] -= x[rows] @ (self.arm.root @ step[:known])
-        return residual
+    def _descend(self, cost: float, own: Array, stiffness: Array) -> float:
+        """Move by the first of ever more damped steps that gains, and return the gain."""
+        size = len(stiffness)
+        weight = self.weight
+        normals = self.normals
+        for damping in UPDATING.dampings:
+            damped = _with_ones(self.information)
+            damped[:size, :size] += damping * stiffness
+            step = Factor(damped).solve(self.gradient)[:size]
+            self.normals = normals + step
+            full = np.zeros(self.structure.size)
+            full[self.active] = self.prior @ step
+            beta = self.structure.retract(self.beta, full)
+            with np.errstate(all="ignore"):
+                predicted = self.structure.predict(self.log.q, beta)
+                away = self._away(predicted)
+                gain = cost - self._learn_weights(away, own)
+            if gain > 0.0:
+                self.beta = beta
+                return gain
+            self.weight = weight
+        self.normals = normals
+        return 0.0
+
+    def _learn_weights(self, away: Array, own: Array) -> float:
+        """Set the weights of Student noise, and return twice the negative log posterior.
+
+        What the log's own residual does not follow is Student's.
+        """
+        n, outputs = self.log.z.shape
+        weighted = own * self.weight[:, None]
+        follows = Factor(_with_ones(weighted.T @ weighted))
+        followed = follows.solve(weighted.T @ (self.weight * away))
+        rest = (away - own @ followed).reshape(n, outputs)
+        square = self.temper * (rest**2).sum(axis=1)
+        energy = (STUDENT + outputs) * np.log1p(square / STUDENT).sum()
+        weights = (STUDENT + outputs) / (STUDENT + square)
+        roots = np.sqrt(weights)
+        self.weight = np.repeat(roots, outputs)
+        of_rows = float(energy) / self.temper
+        of_own = float(followed @ followed)
+        of_parameters = float(self.normals @ self.normals)
+        return of_rows + of_own + of_parameters
+
+    def _away(self, predicted: Array) -> Array:
+        """Residuals (n m,) of the log's rows [scales]."""
+        residual = self.structure.residual(self.log.z, predicted)
+        return np.asarray((residual / self.scale).ravel())
+
+    def _flat(self, columns: Array) -> Array:
+        """Columns (n m, k) of columns (n, m, k) [unit], in scales."""
+        scaled = columns / self.scale[:, None]
+        return np.asarray(scaled.reshape(self.log.z.size, -1))
+
+
+def _with_ones(information: Array) -> Array:
+    """Precision (k, k) of standard normals of which rows tell so much."""
+    precision = information.copy()
+    precision[np.diag_indices(len(precision))] += 1.0
+    return precision

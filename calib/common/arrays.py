@@ -17,18 +17,18 @@ TRIANGLE = "triangle"
 class Shape:
     """Axes of an array in an annotation, ``Annotated[Array, Shape("nodes", 3)]``.
 
-    Axes of the same name are of the same length within one object of a model file; `kept` is the
-    type that floating-point numbers have there.
+    Axes of the same name are of the same length within one object of a model file; `storage` is
+    the type that floating-point numbers have there.
     """
 
-    def __init__(self, *axes: str | int, kept: str = "f8") -> None:
+    def __init__(self, *axes: str | int, storage: str = "f8") -> None:
         self.axes = axes
-        self.kept = kept
+        self.storage = storage
 
     @property
-    def stored(self) -> np.dtype[np.floating]:
+    def dtype(self) -> np.dtype[np.floating]:
         """Type of the numbers in a file."""
-        return np.dtype("f4" if self.kept == TRIANGLE else self.kept)
+        return np.dtype("f4" if self.storage == TRIANGLE else self.storage)
 
 
 def frozen(array: NDArray[_Number]) -> NDArray[_Number]:
@@ -38,7 +38,7 @@ def frozen(array: NDArray[_Number]) -> NDArray[_Number]:
     return view
 
 
-def own_floats(holder: object, *names: str) -> None:
+def freeze_copies(holder: object, *names: str) -> None:
     """Let a frozen dataclass hold read-only copies of arrays of numbers, in its `__post_init__`."""
     for name in names:
         array = np.array(getattr(holder, name), dtype=float)

@@ -28,7 +28,7 @@ def atomic_write(
     Raises BrokenPipeError if the reader of a pipe has left.
     """
     fill = data if callable(data) else lambda file: file.write(data)
-    with _told(path):
+    with _explain_errors(path):
         target, mode = _target(path)
         if mode is not None and not stat.S_ISREG(mode):
             with target.open("wb") as file:
@@ -55,16 +55,17 @@ def atomic_write(
 
 def check_writable(path: str | os.PathLike[str]) -> None:
     """Refuse a place that cannot be written, before the work whose result goes there."""
-    with _told(path):
+    with _explain_errors(path):
         _target(path)
 
 
 @contextmanager
-def _told(path: str | os.PathLike[str]) -> Iterator[None]:
+def _explain_errors(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Raise CalibError with the reason where a block cannot write a file."""
     try:
         yield
-    except BrokenPipeError:  # no fault of ours: who read has seen enough
-        raise
+    except BrokenPipeError:
+        raise  # the reader has closed its end, which is no fault
     except OSError as error:
         reason = f"{error.strerror or error}; choose another name or place"
         reason = _REASONS.get(error.errno or 0, reason)

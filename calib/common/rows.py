@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import CalibError, OptionError, QueryError
 from .arrays import Array
-from .wording import listed, quoted, suggestion
+from .wording import listing, quoted, suggestion
 
 LARGEST = 1e15
 """No measure of an arm is so large, and its powers are numbers still."""
@@ -25,7 +25,7 @@ def number_rows(
     what: str,
     error: type[CalibError] = QueryError,
 ) -> tuple[Array, bool]:
-    """Return rows of numbers, and whether they were items as a single vector.
+    """Return rows of numbers, and whether it was a single vector.
 
     values : (n, len(names)) or (len(names),) array-like, or named columns: Polars and pandas
         tables, mappings and structured arrays are read by name, their other columns ignored
@@ -35,15 +35,14 @@ def number_rows(
     Returns single : whether it was one vector
     Raises CalibError if a column is missing, or the values are masked, dates or no numbers.
     """
-    there = column_names(values)
-    if (
-        there
-    ):  # they may stand in any order: NumPy would take them as they stand
+    columns = column_names(values)
+    # they may stand in any order: NumPy would take them as they stand
+    if columns:
         for name in names:
-            if name not in there:
+            if name not in columns:
                 raise error(
-                    f"{what}: no column {quoted(name)} among {listed(map(repr, there))}",
-                    hint=suggestion(name, [str(name) for name in there]),
+                    f"{what}: no column {quoted(name)} among {listing(map(repr, columns))}",
+                    hint=suggestion(name, [str(name) for name in columns]),
                     value=name,
                 )
         parts = [
@@ -59,15 +58,15 @@ def number_rows(
     if rows.ndim not in (1, 2) or rows.shape[-1] != len(names):
         raise error(
             f"{what} of shape {rows.shape}: expected ({len(names)},) or (n, {len(names)}), "
-            f"one column each for {listed(names)}"
+            f"one column each for {listing(names)}"
         )
     return np.atleast_2d(rows), single
 
 
-def checked_rows(
+def query_rows(
     values: object, names: Sequence[str], what: str
 ) -> tuple[Array, bool]:
-    """`number_rows` of finite numbers."""
+    """Return rows as `number_rows` does, all of them finite, or raise QueryError."""
     rows, single = number_rows(values, names, what)
     if not np.isfinite(rows).all():
         row = int(np.argmin(np.isfinite(rows).all(axis=1)))
@@ -78,14 +77,17 @@ def checked_rows(
     return rows, single
 
 
-def each_joint(
+def joint_numbers(
     name: str,
     value: object,
     joints: Sequence[str],
     *,
     zero: bool = True,
 ) -> Array:
-    """Return a number (dof,) for each joint, from one for all or one each: `zero` or more."""
+    """Return an option's numbers (dof,), one for each joint, from one for all or one each.
+
+    zero : whether a number may be zero; else it has to be positive
+    """
     try:
         numbers = np.broadcast_to(
             np.asarray(value, dtype=float), (len(joints),)
@@ -155,7 +157,7 @@ def finite_rows(x: Array) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(x).all(axis=1))
 
 
-def thinned(count: int, most: int) -> NDArray[np.intp]:
+def spread_rows(count: int, most: int) -> NDArray[np.intp]:
     """Return at most `most` row numbers of `count`, evenly spread, in order."""
     return np.unique(
         np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)

@@ -12,7 +12,7 @@ INSTALL = "pip install 'calib-arm[{0}]', or in a checkout pip install '.[{0}]'"
 ROUNDED_AWAY = 1e-9
 """Errors below this [m], or below this share of a sensor's extent, are rounding."""
 
-# in a page that is a file of a package
+# a place to fill in, in a page that is a file of a package
 _PLACE = re.compile(r"@([a-z]+(?:\.[a-z]+)?)@")
 
 
@@ -56,8 +56,8 @@ def quoted(name: str) -> str:
     return repr(clipped(name))
 
 
-def listed(names: Iterable[str], most: int = 12) -> str:
-    """Names in one line, long ones cut, and cut after `most` of them."""
+def listing(names: Iterable[str], most: int = 12) -> str:
+    """Return names in one line: long ones are cut, and the rest after `most` of them is counted."""
     items = list(names)
     more = f", ... ({len(items)} in all)" if len(items) > most else ""
     return (", ".join(map(clipped, items[:most])) or "(none)") + more
@@ -68,7 +68,7 @@ def suggestion(name: str, names: Iterable[str]) -> str:
     items = list(names)
     close = get_close_matches(name, items, n=1)
     meant = f"did you mean {clipped(close[0])}? " if close else ""
-    return f"{meant}choose from {listed(items)}"
+    return f"{meant}choose from {listing(items)}"
 
 
 def for_people(unit: str) -> tuple[float, str]:
@@ -76,16 +76,16 @@ def for_people(unit: str) -> tuple[float, str]:
 
     Metres become mm and radians degrees; a unit that is not known is the sensor's own.
     """
-    named = {
+    units = {
         "m": (1e3, "mm"),
         "rad": (math.degrees(1.0), "deg"),
         "sensor": (1.0, "sensor units"),
     }
-    return named.get(unit, (1.0, unit))
+    return units.get(unit, (1.0, unit))
 
 
 def unit_of_joint(revolute: bool, degrees: bool) -> tuple[float, str]:
-    """Return what makes of a joint's rad or m the unit that it is typed and told in, and that."""
+    """Return the factor from a joint's rad or m to the unit that people read, and its name."""
     if not revolute:
         return 1.0, "m"
     return (math.degrees(1.0), "deg") if degrees else (1.0, "rad")
@@ -100,20 +100,20 @@ def vector(values: Iterable[float]) -> str:
     )
 
 
-def sized(value: float, unit: str, half: float = 0.0) -> str:
+def quantity(value: float, unit: str, half: float = 0.0) -> str:
     """Return a value in the unit that suits it, with half of its interval if there is one.
 
-    >>> sized(0.00012345, "m"), sized(0.01, "rad", 0.0005), sized(1e-12, "m")
+    >>> quantity(0.00012345, "m"), quantity(0.01, "rad", 0.0005), quantity(1e-12, "m")
     ('0.123 mm', '0.573 ± 0.029 deg', 'below 1 nm')
-    >>> sized(0.0039, "m", 0.00009)  # as many decimals as two digits of the interval have
+    >>> quantity(0.0039, "m", 0.00009)  # as many decimals as two digits of the interval have
     '3.900 ± 0.090 mm'
     """
     if unit == "m" and abs(value) + half < ROUNDED_AWAY:
         return "below 1 nm"
-    factor, shown = unit_for(abs(value) + half, unit)
+    factor, name = unit_for(abs(value) + half, unit)
     if not half:
-        return f"{number(factor * value)} {shown}"
-    return f"{with_interval(factor * value, factor * half)} {shown}"
+        return f"{number(factor * value)} {name}"
+    return f"{with_interval(factor * value, factor * half)} {name}"
 
 
 def with_interval(value: float, half: float, sign: str = "") -> str:
@@ -142,10 +142,10 @@ def unit_for(largest: float, unit: str) -> tuple[float, str]:
     return for_people(unit)
 
 
-def filled(package: str, name: str, **parts: str) -> str:
-    """Return a file of a package whose places are filled.
+def fill_template(package: str, name: str, **parts: str) -> str:
+    """Return a file of a package with its places filled in.
 
-    A place such as `@page.css@` takes the file of that name, any other one of the parts.
+    A place such as `@page.css@` is filled with the file of that name, others with the parts.
     """
     from importlib.resources import files
 

@@ -76,7 +76,7 @@ class ClosedForm:
         base_to_wrist = wrist - base
         back = _at_height(first, base_to_wrist, second, height)
         turns = _turns(first, back)
-        in_plane = base + _applied(turns, base_to_wrist)
+        in_plane = base + _rotate(turns, base_to_wrist)
         turn_left = turns @ turn
         if self.spherical:
             others = self._spherical_arm(turn_left, in_plane)
@@ -126,8 +126,8 @@ class ClosedForm:
         middle = _at_height(second, third, first, height)
         bent = _turns(second, middle)
         fourth = _angle(first, bent @ third, goal)
-        start = _back(bent, first)
-        end = _back(wrist, first)
+        start = _rotate_back(bent, first)
+        end = _rotate_back(wrist, first)
         sixth = -_angle(third, start, end)
         return upper, lower, fourth, middle, sixth
 
@@ -143,8 +143,8 @@ class ClosedForm:
         height = goal @ axis
         tilt = _at_height(fifth, sixth, axis, height)
         bent = _turns(fifth, tilt)
-        start = _back(bent, axis)
-        end = _back(turn, axis)
+        start = _rotate_back(bent, axis)
+        end = _rotate_back(turn, axis)
         spin = -_angle(sixth, start, end)
         wrist = bent @ _turns(sixth, spin)
         # what is left of the turn is about the parallel axes
@@ -170,11 +170,11 @@ def _meeting_point(axes: Array, points: Array) -> tuple[Array, float]:
     """
     outer = axes[:, :, None] * axes[:, None, :]
     across = np.eye(3) - outer
-    projected = _applied(across, points)
+    projected = _rotate(across, points)
     normal = across.sum(axis=0)
     wanted = projected.sum(axis=0)
     point = np.linalg.lstsq(normal, wanted, rcond=None)[0]
-    gaps = _applied(across, point - points)
+    gaps = _rotate(across, point - points)
     distances = np.linalg.norm(gaps, axis=1)
     return point, float(distances.max())
 
@@ -190,20 +190,20 @@ def _turns(axis: Array, angle: Array) -> Array:
     return exponential(vectors)
 
 
-def _applied(rotation: Array, vectors: Array) -> Array:
-    """Vectors (..., 3) turned by rotations (..., 3, 3)."""
+def _rotate(rotation: Array, vectors: Array) -> Array:
+    """Turn vectors (..., 3) by rotations (..., 3, 3)."""
     columns = rotation @ vectors[..., None]
     return np.asarray(columns[..., 0])
 
 
-def _back(rotation: Array, vector: Array) -> Array:
-    """A vector (3,) turned back by rotations (..., 3, 3)."""
+def _rotate_back(rotation: Array, vector: Array) -> Array:
+    """Turn a vector (3,) by the inverses of rotations (..., 3, 3)."""
     inverse = np.swapaxes(rotation, -1, -2)
     return np.asarray(inverse @ vector)
 
 
 def _across(axis: Array, vectors: Array) -> Array:
-    """What of vectors (..., 3) lies across an axis (3,)."""
+    """Components of vectors (..., 3) across an axis (3,)."""
     height = vectors @ axis
     along = height[..., None] * axis
     return np.asarray(vectors - along)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array
-from .newton import Newton, Stand, lengths, shortened
+from .newton import Newton, Stand, lengths, limit_length
 from .settings import SEARCH
 
 
@@ -42,8 +42,8 @@ def closest(newton: Newton, u: Array, x: Array) -> tuple[Array, Array]:
             break
         here = stand.rows(rows)
         missing = x[rows] + here.gap
-        gap = shortened(missing, newton.task.size)
-        whole_step = _curved_step(newton, here, gap)
+        gap = limit_length(missing, newton.task.size)
+        whole_step = _second_order_step(newton, here, gap)
         step = share[rows, None] * whole_step
         trial = newton.at(here.u + step, here.x)
         gap_after = gap + trial.gap - here.gap
@@ -61,7 +61,7 @@ def closest(newton: Newton, u: Array, x: Array) -> tuple[Array, Array]:
     return stand.u, lengths(missing)
 
 
-def _curved_step(newton: Newton, stand: Stand, gap: Array) -> Array:
+def _second_order_step(newton: Newton, stand: Stand, gap: Array) -> Array:
     """Newton step (n, dof) of half the squared distance, with the joints that may move.
 
     ``H^-1 J' gap`` with the curvature ``H = J' J - sum(gap_i J_i')`` of Jacobians (n, m, dof), by
@@ -101,4 +101,4 @@ def _curved_step(newton: Newton, stand: Stand, gap: Array) -> Array:
     steps = axes @ amounts[..., None]
     step = steps[..., 0]
     free_step = np.where(stuck, 0.0, step)
-    return shortened(free_step, CLOSEST.far)
+    return limit_length(free_step, CLOSEST.far)

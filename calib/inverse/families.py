@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
-from .newton import Newton, lengths, shortened
+from .newton import Newton, lengths, limit_length
 from .settings import SEARCH
 from .slides import settle
 from .ways import Ways
@@ -37,7 +37,7 @@ FAMILIES = FamilySettings()
 def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
     """Of solutions of targets (n, m) the most central one of each connected family."""
     goals = x[ways.target]
-    central = _slid_to_middle(newton, ways, goals)
+    central = _slide_to_middle(newton, ways, goals)
     family = _families(newton, ways, goals, central.u)
     order = central.by_middle(newton.scale)
     _, first = np.unique(family[order], return_index=True)
@@ -45,12 +45,12 @@ def representatives(newton: Newton, ways: Ways, x: Array) -> Ways:
     return central.rows(order[first])
 
 
-def _slid_to_middle(newton: Newton, ways: Ways, goals: Array) -> Ways:
+def _slide_to_middle(newton: Newton, ways: Ways, goals: Array) -> Ways:
     """Solutions as far towards the middle of the ranges as they slide."""
     middle = np.full_like(ways.u, 0.5)
     stand = settle(newton, ways.u, goals, middle, FAMILIES.step)
     u = stand.u
-    lost = ~newton.met(stand.miss)
+    lost = ~newton.is_met(stand.miss)
     u[lost] = ways.u[lost]
     return Ways(ways.target, u, stand.miss)
 
@@ -96,7 +96,7 @@ def _families(
 
 
 def _first_of_each_pair(a: Index, b: Index) -> Index:
-    """Where each pair of numbers (n,), in either order, comes first."""
+    """Index of the first occurrence of each pair of numbers (n,), in either order."""
     pairs = np.sort([a, b], axis=0)
     _, first = np.unique(pairs, axis=1, return_index=True)
     return np.asarray(first)
@@ -116,7 +116,7 @@ def _pairs(target: Index) -> tuple[Index, Index]:
 
 
 def _labels(count: int, a: Index, b: Index) -> Index:
-    """Number (n,) of the connected part in which each of n things is that pairs join."""
+    """Connected component (n,) of each of n solutions, which pairs join."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -138,12 +138,12 @@ def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
         ahead = lengths(wish)
         move = newton.tangent(here, wish)
         possible = lengths(move)
-        u = here.u + shortened(move, FAMILIES.step)
+        u = here.u + limit_length(move, FAMILIES.step)
         trial = newton.refine(u, here.x, SEARCH.close)
         stand.put(rows, trial)
         shift = newton.away(trial.u, here.u)
         rest = newton.away(trial.u, goal[rows])
-        going = newton.met(trial.miss)
+        going = newton.is_met(trial.miss)
         going &= possible > FAMILIES.stuck * ahead
         going &= shift < 2 * FAMILIES.step
         going &= rest < ahead

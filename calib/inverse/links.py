@@ -9,7 +9,7 @@ import numpy as np
 from ..common.arrays import Array, Index
 from ..maps.association import Association
 from ..maps.predictor import Predictor
-from .newton import Newton, shortened
+from .newton import Newton, limit_length
 from .search import Search
 from .settings import SEARCH
 from .task import Positions
@@ -42,7 +42,7 @@ LINKS = LinkSettings()
 
 
 def search_by_links(association: Association, predictor: Predictor) -> Search:
-    """The search for positions of a forward map, from where links say that solutions may be."""
+    """The search for positions of a forward map that starts at what links propose."""
     span = association.sensory.scale.span
     extent = float(np.linalg.norm(span))
     task = Positions(predictor.value_and_slope, len(span), extent)
@@ -84,7 +84,7 @@ class LinkStarts:
         inverse = self._inverse[start]
         step = (inverse @ gap[..., None])[..., 0]
         longest = LINKS.step * self.association.motor.spacing
-        u = self._u[start] + shortened(step, longest)
+        u = self._u[start] + limit_length(step, longest)
         return target, u
 
     def _nearest_nodes(self, x: Array) -> Index:
@@ -110,14 +110,14 @@ class LinkStarts:
         fits = column < self._width
         ways = ways.rows(fits)
         place = nodes[ways.target], column[fits]
-        value, inverse = self._linearised(ways.u)
+        value, inverse = self._linearise(ways.u)
         self._u[place] = ways.u
         self._value[place] = value
         self._inverse[place] = inverse
         self._ready[nodes] = True
 
     def _ways(self, nodes: Index) -> Ways:
-        """What links propose for sensory nodes, led there; of a node what misses it least first."""
+        """Ways to sensory nodes from the joints that links propose; of each the closest first."""
         sensory = self.association.sensory
         places = sensory.units[nodes]
         x = sensory.scale.from_unit(places)
@@ -138,7 +138,7 @@ class LinkStarts:
         best = rank_within(ways.target) == 0
         ways = ways.rows(near | best)
         solved = LINKS.cell if newton.redundant else LINKS.apart
-        met = newton.met(ways.miss)
+        met = newton.is_met(ways.miss)
         apart = np.where(met, solved, 1.0) * motor.spacing
         single = distinct(newton.scale, ways.target, ways.u, apart)
         return ways.rows(single)
@@ -158,7 +158,7 @@ class LinkStarts:
         single = distinct(self._newton.scale, target, u, apart)
         return target[single], u[single]
 
-    def _linearised(self, u: Array) -> tuple[Array, Array]:
+    def _linearise(self, u: Array) -> tuple[Array, Array]:
         """Position (n, m) and inverse Jacobian (n, dof, m) at joints (n, dof)."""
         count = self._newton.task.count
         origin = np.zeros((len(u), count))

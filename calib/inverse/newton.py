@@ -55,8 +55,8 @@ class Newton:
         """Whether there are more joints than the task has residuals."""
         return len(self.scale.span) > self.task.count
 
-    def met(self, miss: Array) -> Mask:
-        """Whether what is missing (n,) is as little as a solution's."""
+    def is_met(self, miss: Array) -> Mask:
+        """Whether misses (n,) are as small as a solution's."""
         return np.asarray(miss <= SEARCH.close * self.task.size)
 
     def away(self, u: Array, v: Array) -> Array:
@@ -101,7 +101,7 @@ class Newton:
         tolerance: float = ROUNDING,
         steps: int = SEARCH.steps,
     ) -> None:
-        """The same of some rows (n,) of where joints stand, which is changed in place."""
+        """Refine some rows (n,) of a stand in place, see `refine`."""
         enough = tolerance * self.task.size
         rounding = max(tolerance, 1e-12) * self.task.size
         going = which & (stand.miss > enough)
@@ -114,7 +114,7 @@ class Newton:
         rest = np.full(len(rows), np.inf)
         for _ in range(steps):
             move = self.move(here, damping)
-            step = capped(move, SEARCH.longest)
+            step = limit_joints(move, SEARCH.longest)
             u = here.u + step
             inside = u.min() > 0.0 and u.max() < 1.0
             if inside and rest.max() <= enough:
@@ -153,7 +153,7 @@ class Newton:
 
         A joint at a limit that the move would push further stays, and the others take over.
         """
-        return self._limited_move(stand, stand.gap, damping)
+        return self._move_within_limits(stand, stand.gap, damping)
 
     def tangent(self, stand: Stand, wish: Array) -> Array:
         """The move (n, dof) nearest to a wish (n, dof) that leaves gaps as they are.
@@ -162,9 +162,9 @@ class Newton:
         """
         still = np.zeros(stand.gap.shape)
         damping = np.full(len(wish), SEARCH.easiest)
-        return self._limited_move(stand, still, damping, wish)
+        return self._move_within_limits(stand, still, damping, wish)
 
-    def _limited_move(
+    def _move_within_limits(
         self,
         stand: Stand,
         gap: Array,
@@ -225,18 +225,18 @@ def lengths(vectors: Array) -> Array:
     return np.asarray(np.sqrt(squares))
 
 
-def shortened(moves: Array, longest: float) -> Array:
-    """Moves (n, d) of at most that length."""
-    return _scaled(moves, lengths(moves), longest)
+def limit_length(moves: Array, longest: float) -> Array:
+    """Moves (n, d) of at most that length, shortened where they are longer."""
+    return _limit(moves, lengths(moves), longest)
 
 
-def capped(moves: Array, longest: float) -> Array:
-    """Moves (n, d) of which no joint goes further than that."""
+def limit_joints(moves: Array, longest: float) -> Array:
+    """Moves (n, d) shortened so that no joint goes further than that."""
     size = np.abs(moves).max(axis=1)
-    return _scaled(moves, size, longest)
+    return _limit(moves, size, longest)
 
 
-def _scaled(moves: Array, size: Array, longest: float) -> Array:
-    """Moves (n, d) of sizes (n,), made smaller where they are larger than that."""
+def _limit(moves: Array, size: Array, longest: float) -> Array:
+    """Moves (n, d) scaled down where their sizes (n,) are larger than that."""
     share = np.minimum(1.0, longest / np.maximum(size, 1e-300))
     return np.asarray(moves * share[:, None])

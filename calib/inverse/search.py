@@ -41,8 +41,8 @@ class Nearest:
     rank: Array
 
     @staticmethod
-    def begun(newton: Newton, stand: Stand, near: Array) -> Nearest:
-        """The first way to each target."""
+    def of(newton: Newton, stand: Stand, near: Array) -> Nearest:
+        """Begin with one way to each target."""
         rank = _rank(newton, stand, near)
         return Nearest(newton, near, stand, rank)
 
@@ -54,7 +54,7 @@ class Nearest:
         return (self.rank >= distance).nonzero()[0]
 
     def try_starts(self, owner: Index, start: Array) -> None:
-        """Take what starts (k, dof) of targets (k,) lead to where that is better."""
+        """Lead starts (k, dof) to targets (k,) and take the ways that are better."""
         if not len(owner):
             return
         near = self.near[owner]
@@ -74,7 +74,7 @@ class Nearest:
 
 def _rank(newton: Newton, stand: Stand, near: Array) -> Array:
     """How bad answers are, (n,): how far from `near` if they are met, else by the miss."""
-    met = newton.met(stand.miss)
+    met = newton.is_met(stand.miss)
     away = newton.away(stand.u, near)
     behind = _FURTHER + stand.miss / newton.task.size
     return np.where(met, away, behind)
@@ -114,7 +114,7 @@ class Search:
         stand = self.nearest(x, near)
         u = stand.u
         miss = stand.miss
-        met = self.newton.met(miss)
+        met = self.newton.is_met(miss)
         lost = np.flatnonzero(~met)
         if len(lost):
             u[lost], miss[lost] = closest(self.newton, u[lost], x[lost])
@@ -146,7 +146,7 @@ class Search:
             best = self._try_all_at_once(x, near)
         else:
             stand = settle(newton, near, x, near)
-            best = Nearest.begun(newton, stand, near)
+            best = Nearest.of(newton, stand, near)
             rows = best.further(SEARCH.surely)
             if len(rows):
                 self._try_likely_starts(best, rows)
@@ -177,7 +177,7 @@ class Search:
         hopeful[count:] = True
         newton.descend(stand, hopeful)
         first = stand.rows(slice(count))
-        best = Nearest.begun(newton, first, near)
+        best = Nearest.of(newton, first, near)
         others = stand.rows(slice(count, None))
         best.take(owner[count:], others)
         return best
@@ -223,7 +223,7 @@ class Search:
             other = newton.refine(across, stand.x[place])
             others = Ways(target[place], other.u, other.miss)
             ways = ways.joined(others, self.scale)
-        met = newton.met(ways.miss)
+        met = newton.is_met(ways.miss)
         ways = ways.rows(met)
         single = distinct(self.scale, ways.target, ways.u, SEARCH.same)
         return ways.rows(single)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Index, Mask
-from .newton import Newton, Stand, capped, lengths, shortened
+from .newton import Newton, Stand, lengths, limit_joints, limit_length
 from .settings import SEARCH
 
 
@@ -26,7 +26,7 @@ def settle(
     if not newton.redundant:
         return newton.refine(u, x)
     stand = newton.refine(u, x, SEARCH.rough)
-    slides = Slides.begun(newton, near)
+    slides = Slides.of(newton, near)
     rows = np.flatnonzero(slides.close_to(stand))
     for _ in range(SEARCH.slides):
         rows = slides.next(stand, rows, longest)
@@ -34,7 +34,7 @@ def settle(
             break
     stand = newton.refine(stand.u, x)
     # joints that slid into a corner of their limits: where they were led without
-    met = newton.met(stand.miss)
+    met = newton.is_met(stand.miss)
     lost = np.flatnonzero(~met)
     if len(lost):
         others = newton.refine(u[lost], x[lost])
@@ -58,8 +58,8 @@ class Slides:
     shift: Array  # (n, dof), the way of the last slide, zero if it was undone
 
     @staticmethod
-    def begun(newton: Newton, near: Array) -> Slides:
-        """No slides so far."""
+    def of(newton: Newton, near: Array) -> Slides:
+        """Slides towards joints (n, dof), before the first."""
         share = np.ones(len(near))
         pull = np.zeros(near.shape)
         shift = np.zeros(near.shape)
@@ -76,7 +76,7 @@ class Slides:
         wish = newton.scale.difference(near, here.u)
         pull = newton.tangent(here, wish)
         self._adapt_share(rows, pull)
-        unmet = ~newton.met(here.miss)
+        unmet = ~newton.is_met(here.miss)
         unsettled = lengths(pull) > SEARCH.settled
         going = unsettled | unmet
         going &= self.share[rows] > SEARCH.stuck
@@ -90,8 +90,8 @@ class Slides:
         easy = np.full(len(rows), SEARCH.easy)
         step = newton.move(here, easy)
         step += self.share[rows, None] * pull
-        step = capped(step, SEARCH.longest)
-        step = shortened(step, longest)
+        step = limit_joints(step, SEARCH.longest)
+        step = limit_length(step, longest)
         step = self._within_limits(here.u, step)
         trial = newton.at(here.u + step, here.x)
         away = newton.away(here.u, near)

@@ -138,7 +138,7 @@ def _advance(
         stand = _step(newton, u[rows], targets)
         shift = newton.away(stand.u, u[rows])
         smooth = shift <= TRACKING.smooth
-        met = newton.met(stand.miss)
+        met = newton.is_met(stand.miss)
         smooth &= met | (ahead < 1.0)
         if first and not smooth.all() and not _reaches(search, end):
             smooth[:] = True  # joints are as close as they can be
@@ -170,5 +170,5 @@ def _reaches(search: Search, x: Array) -> bool:
     targets = x[None]
     owner, start = search.starts.of(targets)
     stand = newton.refine(start, targets[owner], SEARCH.close)
-    met = newton.met(stand.miss)
+    met = newton.is_met(stand.miss)
     return bool(met.any())

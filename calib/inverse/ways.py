@@ -27,7 +27,7 @@ class Ways:
         return Ways(target, u, miss)
 
     def joined(self, other: Ways, scale: Scale) -> Ways:
-        """Both, those of a target by their distance to the middle of the ranges."""
+        """These and other ways, by target and distance to the middle of the ranges."""
         target = np.concatenate([self.target, other.target])
         u = np.concatenate([self.u, other.u])
         miss = np.concatenate([self.miss, other.miss])
@@ -58,19 +58,21 @@ def spread_to_limits(u: Array) -> Array:
 def distinct(
     scale: Scale, target: Index, u: Array, apart: Array | float
 ) -> Mask:
-    """Which joints (n, dof), sorted by target, are `apart` from all earlier ones that stay."""
+    """Which joints (n, dof) are `apart` from all earlier ones of their target that stay, (n,).
+
+    target : (n,), ascending
+    apart : one or (n,), share of the joints' ranges; of two rows the smaller one counts
+    """
     stays = np.ones(len(u), dtype=bool)
     apart = np.broadcast_to(apart, len(u))
-    counts = np.bincount(target)
-    most = int(counts.max(initial=0))
-    for lag in range(1, most):
-        of_one_target = target[lag:] == target[:-lag]
-        earlier = np.flatnonzero(of_one_target)
-        later = earlier + lag
+    rank = rank_within(target)
+    for k in range(int(rank.max(initial=0))):
+        # row k of each target, whose own fate is settled by now, against those after it
+        later = np.flatnonzero(stays & (rank > k))
+        earlier = later - rank[later] + k
         difference = scale.difference(u[later], u[earlier])
         away = np.abs(difference).max(axis=1)
         least = np.minimum(apart[later], apart[earlier])
-        same = away < least
-        same &= stays[earlier]
+        same = stays[earlier] & (away < least)
         stays[later[same]] = False
     return stays

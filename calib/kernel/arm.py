@@ -18,7 +18,7 @@ from ..body.curves import HARMONICS
 from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure
 from ..body.structure import Structure, loads_of
-from ..body.views import pixels, refocused
+from ..body.views import lens_slope, pixels
 from ..common.arrays import Array
 
 
@@ -33,7 +33,7 @@ class Sag:
 
     @staticmethod
     def of(structure: SpatialStructure, beta: Array) -> Sag | None:
-        """That of an arm in space at parameters (d,); None where the drawing has no loads."""
+        """The sag of an arm in space at parameters (d,); None where its drawing has no loads."""
         blocks = [
             name
             for name in structure.loads
@@ -95,7 +95,7 @@ class KernelArm:
     structure: PlanarStructure | SpatialStructure  # of the body
     beta: Array  # its parameters
     chain: SpatialChain
-    moved: Deviations
+    deviations: Deviations
     gain: Array  # (dof,)
     offset: Array  # (dof,)
     view: Array  # (3, 3), the sensor sees view @ tip + shift
@@ -124,7 +124,7 @@ class KernelArm:
     @cached_property
     def links(self) -> Links:
         """Its links as the body has them."""
-        return Links.of(self.chain, self.moved)
+        return Links.of(self.chain, self.deviations)
 
     def joints(self, q: Array) -> Array:
         """Values (m, n) of the chain's joints."""
@@ -167,13 +167,13 @@ class KernelArm:
         parts = {name: part.reshape(shape) for name, part in parts.items()}
         if self.lens is None:
             outputs = self.outputs
-            seen = {name: part[:, :outputs] for name, part in parts.items()}
-            return seen, joints[:, :outputs]
+            flat = {name: part[:, :outputs] for name, part in parts.items()}
+            return flat, joints[:, :outputs]
         point = self.view @ motion.position + self.shift[:, None]
         sight = pixels(self.lens, point)
-        seen = {name: sight.push(part) for name, part in parts.items()}
-        by_lens = refocused(self.lens, point)
-        return seen | {"lens": by_lens}, sight.push(joints)
+        in_pixels = {name: sight.push(part) for name, part in parts.items()}
+        by_lens = lens_slope(self.lens, point)
+        return in_pixels | {"lens": by_lens}, sight.push(joints)
 
 
 def _curves(structure: Structure, beta: Array) -> Array:

@@ -57,7 +57,7 @@ class Compiler:
 COMPILER = Compiler()
 
 
-# where what is asked beside joints stands in a question, see ``c/many.h``
+# where the arguments beside joints begin in a question, see ``c/many.h``
 PARTS = (16, 20, 24, 25, 26)
 # from how many rows on two threads share them: one takes a millisecond or more
 SHARED_ROWS = 1000
@@ -65,7 +65,7 @@ SHARED_ROWS = 1000
 
 @dataclass(frozen=True)
 class MostWays:
-    """How many answers of a row have room."""
+    """How many answers of one row there is room for."""
 
     most_ways: int = 32  # of a pose: six joints have 16 at most
     branches: int = 8  # of a position without spare joints
@@ -79,22 +79,22 @@ class Question:
     """What a function of the C source answers to one row."""
 
     function: str
-    sizes: tuple[int, ...]  # of what is asked beside joints
+    sizes: tuple[int, ...]  # of the arguments beside joints
     answer: tuple[int, ...]  # its shape
 
 
 @dataclass(frozen=True)
 class Buffers:
-    """Where a thread's single query of one kind stands: views of its parts."""
+    """Buffers of a thread's single queries of one kind: views of their parts."""
 
     call: Callable[[int, int], int]
     addresses: tuple[int, int]  # of question and answer
     joints: Array  # (dof,)
-    arguments: tuple[Array, ...]  # what is asked beside joints
+    arguments: tuple[Array, ...]  # beside joints
     answer: Array
 
 
-class Compiled:
+class Library:
     """A shared library that answers queries; every thread has buffers of its own."""
 
     def __init__(
@@ -139,14 +139,14 @@ class Compiled:
     def ask(
         self, name: str, joints: ArrayLike, *arguments: ArrayLike
     ) -> tuple[Array, int] | None:
-        """The answer for joints (dof,) and what else is asked, and how sure, see ``c/many.h``.
+        """The answer at joints (dof,) and arguments, and how certain it is, see ``c/many.h``.
 
-        None where a question is none: the batch refuses it in words.
+        None where these are no question: the batch refuses them in words.
         """
         try:
             buffers: Buffers = getattr(self._local, name)
         except AttributeError:
-            buffers = self._prepared(name)
+            buffers = self._new_buffers(name)
             setattr(self._local, name, buffers)
         try:
             if len(joints) != self._dof:  # type: ignore[arg-type]
@@ -177,12 +177,12 @@ class Compiled:
         self._local.reason = None
         return reason
 
-    def refused(self, value: Array, reason: str) -> Array:
-        """NaN in place of a value, and the reason for :attr:`reason`."""
+    def refusal(self, value: Array, reason: str) -> Array:
+        """Return NaN in place of a value, and leave the reason to :attr:`reason`."""
         self._local.reason = reason
         return np.full_like(value, np.nan)
 
-    def _prepared(self, name: str) -> Buffers:
+    def _new_buffers(self, name: str) -> Buffers:
         """Buffers of one kind of query, for the thread that asks."""
         question = self._questions[name]
         call = getattr(self._library, f"calib_{question.function}")
@@ -202,8 +202,8 @@ class Compiled:
     ) -> tuple[Array, NDArray[np.int8]]:
         """The answers to many rows (n, ...), and a flag of each (n,), see ``c/many.h``.
 
-        joints : (n, dof), those that are asked, or that answers should be near to
-        arguments : (n, k) each, what else is asked
+        joints : (n, dof), of the question, or those that answers should be near to
+        arguments : (n, k) each, see ``c/many.h``
         """
         n = len(joints)
         questions = np.asarray(joints, dtype=float)
@@ -239,7 +239,7 @@ class Compiled:
         return answers, flags
 
 
-def compile_source(text: str, dof: int, outputs: int) -> Compiled:
+def compile_source(text: str, dof: int, outputs: int) -> Library:
     """The library that the C compiler (``$CC``, else ``cc``) makes of a header's text.
 
     Raises OptionError where it cannot be made.
@@ -264,7 +264,7 @@ def compile_source(text: str, dof: int, outputs: int) -> Compiled:
     for flags in ((*COMPILER.flags, *COMPILER.quick), COMPILER.flags):
         complaint = _complaint([*command, *flags, *files])
         if not complaint:
-            return Compiled(path, folder, dof, outputs)
+            return Library(path, folder, dof, outputs)
     raise OptionError(f"{command[-1]} failed: {complaint}")
 
 

@@ -48,7 +48,7 @@ COMPACT = CompactSettings()
 
 @dataclass(frozen=True, eq=False)
 class CompactPosterior:
-    """What the C source has of a body's beliefs, b of them, in w directions each.
+    """A body's b beliefs as the C source has them, in w directions each.
 
     The last direction is by how much the beliefs are apart.
     """
@@ -96,7 +96,7 @@ class CompactPosterior:
             root[belief.active] = belief.root
             directions, of_curves = _split(root, curved)
             alone.append(_curves_alone(of_curves, groups))
-            directions = _ordered(directions, moves)[:, : COMPACT.ways]
+            directions = _principal_root(directions, moves)[:, : COMPACT.ways]
             ways = directions.shape[1]
             apart = belief.beta - body.beta
             for k, group in enumerate(groups):
@@ -125,7 +125,7 @@ class CompactPosterior:
         # as in `Body.bound`: the first belief is inflated, the second not
         factors = [(body.kappa, SHARED**2), (1.0, 1.0)]
         scale = np.array(factors[: len(beliefs)])
-        model = body.unexplained(noise=False)
+        model = body.remaining_variance(noise=False)
         return CompactPosterior(
             arm,
             dict(zip(parts, of_parts, strict=True)),
@@ -133,7 +133,7 @@ class CompactPosterior:
             np.array(alone),
             scale,
             model,
-            body.unexplained(noise=True) - model,
+            body.remaining_variance(noise=True) - model,
         )
 
     def bound(self, q: Array, *, noise: bool) -> Array:
@@ -220,7 +220,7 @@ def _amounts(basis: Array, moves: Array, least: float) -> Array:
 
 
 def _split(root: Array, curved: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Two roots of a covariance, which add up: of the geometry, and of curves beside a known one.
+    """Two roots of a covariance, which add up: of the geometry, and of curves where it is known.
 
     What rows tell together of a curve and of the geometry, such as its mean and its joint's offset,
     is in the first one alone.
@@ -233,8 +233,8 @@ def _split(root: Array, curved: NDArray[np.intp]) -> tuple[Array, Array]:
     return turned[:, :count], turned[:, count:]
 
 
-def _ordered(root: Array, moves: Array) -> Array:
-    """Another root (d, k) of a covariance, whose columns move positions most first."""
+def _principal_root(root: Array, moves: Array) -> Array:
+    """The root (d, k) of a covariance whose first columns move positions most."""
     moved = moves @ root
     _, axes = np.linalg.eigh(moved.T @ moved)
     return np.asarray(root @ axes[:, ::-1])

@@ -38,7 +38,7 @@ class Stage:
     lattice: Lattice
     sigma: Array  # (epochs,) [nodes], neighbourhood radius of each epoch
     # the nodes follow the winners' steps, times this (below 2, which would overshoot); without it
-    # Kohonen's batch rule, see :func:`moved`
+    # Kohonen's batch rule, see :func:`next_weights`
     step: float | None = None
     # t / T of a varying density before and after this stage; without it the density does not vary
     progress: tuple[float, float] | None = None
@@ -108,13 +108,13 @@ def _coarse_lattices(lattice: Lattice) -> list[Lattice]:
         return []
     levels = math.ceil(math.log(growth, BATCH.growth))
     coarse = [
-        shrunk(lattice, BATCH.coarsest * growth ** (level / levels))
+        _smaller_lattice(lattice, BATCH.coarsest * growth ** (level / levels))
         for level in range(levels)
     ]
     return [small for small in coarse if small.size < lattice.size]
 
 
-def shrunk(lattice: Lattice, nodes: float) -> Lattice:
+def _smaller_lattice(lattice: Lattice, nodes: float) -> Lattice:
     """A lattice of the same proportions with about `nodes` nodes."""
     factor = (nodes / lattice.size) ** (1 / lattice.dim)
     return Lattice(tuple(max(2, round(s * factor)) for s in lattice.shape))
@@ -187,7 +187,7 @@ def learn_batch(
                 g,
                 lattice.size,
             )
-            weights = moved(
+            weights = next_weights(
                 weights,
                 sums,
                 lattice,
@@ -261,14 +261,14 @@ def spread(sums: Array, lattice: Lattice, sigma: float) -> Array:
     return grid.reshape(sums.shape)
 
 
-def moved(
+def next_weights(
     weights: Array,
     sums: Array,
     lattice: Lattice,
     sigma: float,
     step: float | None,
 ) -> Array:
-    """Where the nodes (size, d) go after an epoch.
+    """Weights (size, d) of the nodes after an epoch.
 
     Kohonen's batch rule puts each node at the mean of all samples, weighted by h of their winners.
     With a `step` nodes follow those of the winners instead, w_j += step sum_s h_ji (x_s - w_i) /
@@ -281,10 +281,10 @@ def moved(
         sums = np.concatenate(
             [step * (sums[:, :-1] - counts * weights), counts], axis=1
         )
-    met = spread(sums, lattice, sigma)
-    count = met[:, -1:]
-    reached = count > 1e-12 * count.max()
-    mean = met[:, :-1] / np.where(reached, count, 1.0)
+    sums = spread(sums, lattice, sigma)
+    count = sums[:, -1:]
+    active = count > 1e-12 * count.max()
+    mean = sums[:, :-1] / np.where(active, count, 1.0)
     if step is not None:
         mean = weights + mean
-    return np.where(reached, mean, weights)
+    return np.where(active, mean, weights)

@@ -1,4 +1,4 @@
-"""Blend: the nodes that speak for a point, and how much each of them counts."""
+"""Blend: the nodes nearest to a point, and how much each of them counts there."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def blend_size(dim: int) -> int:
 
 
 class Blend:
-    """Nodes that speak for points `u` (n, d) of the unit box, the nearest first.
+    """The `m` nodes nearest to points `u` (n, d) of the unit box, the nearest first.
 
     A weight falls smoothly to zero where its node leaves the nearest `m`, so that what is blended
     has no steps.

@@ -140,10 +140,10 @@ def residual(visit: Visit) -> Array:
     return gain * share ** min(1.0, visit.progress / DENSITY.full)
 
 
-def checked_gain(gain: Gain) -> Gain:
-    """A user's gain whose answers are checked whenever it is asked."""
+def guard_gain(gain: Gain) -> Gain:
+    """Return a user's gain that refuses an answer which is no factor for each sample."""
 
-    def ask(visit: Visit) -> Array:
+    def guard(visit: Visit) -> Array:
         answer = gain(visit)
         shape = visit.winners.shape
         try:
@@ -161,7 +161,7 @@ def checked_gain(gain: Gain) -> Gain:
             )
         return factors
 
-    return ask
+    return guard
 
 
 READINGS: dict[str, Gain] = {

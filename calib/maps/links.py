@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Wiring:
-    """How links are learned and read: what eq. 5 and 6 leave open."""
+    """How links are learned (eq. 5) and read (eq. 6), where the paper leaves it open."""
 
-    # bandwidth of eq. 6 in units of each node's own spacing, so that a dense region is read as
-    # finely as its nodes stand; else of the map's mean spacing.
+    # whether the bandwidth of eq. 6 is in units of each node's own spacing, so that a dense region
+    # is read as finely as its nodes lie; else in units of the map's mean spacing
     local: bool = True
-    # links normalised by the activities on both sides, c_ij = <a_i a_j> / (<a_i^2> <a_j^2>)^(1/2):
-    # the same for both directions.  Else by the sensory side alone, which is what eq. 5 says of the
-    # direction from motor to sensory nodes.
+    # whether links are normalised on both sides, c_ij = <a_i a_j> / (<a_i^2> <a_j^2>)^(1/2), the
+    # same for both directions; else on the sensory side alone, as eq. 5 has it from motor to
+    # sensory nodes
     mutual: bool = True
     bandwidth: float = LINKS.bandwidth  # of eq. 6, in units of the spacing.
 
@@ -61,19 +61,20 @@ class Wiring:
         together: csr_array,
         motor: Array,
         sensory: Array,
-    ) -> Compressed:
+    ) -> SparseRows:
         """Links (motor nodes, sensory nodes) at the fixed point of Oja's rule (eq. 5).
 
         Where its mean change vanishes, c_ij = <a_i a_j> / <a_j^2>, or with both sides
-        <a_i a_j> / (<a_i^2> <a_j^2>)^(1/2).  Those of a node that was hardly ever active stand at
-        the share 1 - exp(-sum a_j^2) of it that the rule, at a learning rate of one, has reached.
+        <a_i a_j> / (<a_i^2> <a_j^2>)^(1/2).  Links of a node that was hardly ever active are the
+        share 1 - exp(-sum a_j^2) of that, as far as the rule gets at a learning rate of one.
 
-        together, motor, sensory : sums of a_i a_j, (motor nodes, sensory nodes), and of a^2
+        together : sums of a_i a_j, (motor nodes, sensory nodes); changed in place
+        motor, sensory : sums of a_i^2 and of a_j^2 of each node
         """
         rows = np.repeat(np.arange(together.shape[0]), np.diff(together.indptr))
-        scale = _reached(sensory)[together.indices]
+        scale = _oja_factor(sensory)[together.indices]
         if self.mutual:
-            scale = np.sqrt(scale * _reached(motor)[rows])
+            scale = np.sqrt(scale * _oja_factor(motor)[rows])
         together.data *= scale
         return without_weak(together)
 
@@ -96,8 +97,11 @@ def wiring_of(links: str) -> Wiring:
     return WIRINGS[links]
 
 
-def without_weak(links: csr_array | NDArray[np.floating]) -> Compressed:
-    """Links (motor nodes, sensory nodes), sparse or dense, that count for one of their nodes."""
+def without_weak(links: csr_array | NDArray[np.floating]) -> SparseRows:
+    """Links (motor nodes, sensory nodes) without those that are weak for both of their nodes.
+
+    links : sparse or dense
+    """
     from scipy.sparse import csr_array
 
     links = csr_array(links)
@@ -113,7 +117,7 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> Compressed:
     links.sort_indices()
     # as a model file keeps them
     data = links.data.astype(np.float32).astype(float)
-    return Compressed(
+    return SparseRows(
         data,
         links.indices,
         links.indptr,
@@ -121,18 +125,18 @@ def without_weak(links: csr_array | NDArray[np.floating]) -> Compressed:
     )
 
 
-def _reached(square: Array) -> Array:
-    """Where Oja's rule has come, over <a_i a_j>, from sum a_j^2 of each node, (nodes,)."""
+def _oja_factor(square: Array) -> Array:
+    """Factor (nodes,) on sums of a_i a_j that gives the links of Oja's rule, from sums of a_j^2."""
     return np.divide(
         -np.expm1(-square), square, out=np.zeros_like(square), where=square > 0
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Compressed(ReadOnly):
+class SparseRows(ReadOnly):
     """A sparse matrix by rows; SciPy's `csr_array` has the same attributes."""
 
-    data: Annotated[Array, Shape("nnz", kept="f4")]  # entries, row by row
+    data: Annotated[Array, Shape("nnz", storage="f4")]  # entries, row by row
     indices: Annotated[NDArray[np.int32], Shape("nnz")]  # column of each entry
     # where each row begins, and the end
     indptr: Annotated[NDArray[np.int32], Shape("ends")]
@@ -143,28 +147,26 @@ class Compressed(ReadOnly):
         """Row of each entry, (nnz,)."""
         return np.repeat(np.arange(self.shape[0]), np.diff(self.indptr))
 
-    def transposed(self) -> Compressed:
-        """The same by columns; rows stay ascending within each."""
+    def transposed(self) -> SparseRows:
+        """The transpose; entries of a row stay in ascending order."""
         columns = self.shape[1]
-        small = self.indices.astype(
-            np.uint16 if columns <= 1 << 16 else np.uint32
-        )
-        # of 16 bits linear in their number
-        order = small.argsort(kind="stable")
+        # NumPy sorts integers of 16 bits in linear time
+        small = np.uint16 if columns <= 1 << 16 else np.uint32
+        order = self.indices.astype(small).argsort(kind="stable")
         ends = np.cumsum(np.bincount(self.indices, minlength=columns))
         rows = self.rows[order].astype(self.indices.dtype)
-        return Compressed(
+        return SparseRows(
             self.data[order], rows, np.append(0, ends), (columns, self.shape[0])
         )
 
-    def take(self, rows: Index) -> Compressed:
+    def take(self, rows: Index) -> SparseRows:
         """Some of the rows, in this order."""
         counts = np.diff(self.indptr)[rows]
         ends = np.cumsum(counts)
-        place = np.arange(counts.sum()) + np.repeat(
-            self.indptr[rows] - ends + counts, counts
-        )
+        # from each entry's place in the result to its place here
+        shift = self.indptr[rows] - (ends - counts)
+        place = np.arange(counts.sum()) + np.repeat(shift, counts)
         shape = (len(rows), self.shape[1])
-        return Compressed(
+        return SparseRows(
             self.data[place], self.indices[place], np.append(0, ends), shape
         )

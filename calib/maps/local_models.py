@@ -19,11 +19,11 @@ class LocalModels(ReadOnly):
 
     # largest total degree, -1 for none: the smooth part stands alone
     degree: int
-    samples: int  # number of samples that each was fitted to
+    samples: int  # number of samples that each model was fitted to
     # distance to the first sample that was left out, in the unit box
     radius: Annotated[Array, Shape("nodes")]
-    # of the monomials of (u - w) / radius [unit]; a node that is silent, or of a lower degree, has
-    # zeros for the others
+    # of the monomials of (u - w) / radius [unit]; zeros of a node without a model, and beyond the
+    # degree of a node's own
     coefficients: Annotated[Array, Shape("nodes", "terms", "width")]
 
 
@@ -62,7 +62,7 @@ def fit(
     residual: Array,
     shape: tuple[int, int],
 ) -> LocalModels:
-    """Kernel-weighted least squares around some of the nodes (k,); the others are silent.
+    """Kernel-weighted least squares around some of the nodes (k,); the others have no model.
 
     The weight of a sample at the distance d is (1 - (d / radius)^2)^2.  Where samples do not carry
     this degree, as rows on a line, whose noise it multiplies beside them, a lower one is taken.
@@ -125,22 +125,24 @@ def _ring(motor: Map, nodes: Index) -> Array:
     return np.where(motor.scale.periodic, ring, inside) - middle
 
 
-def heard(weight: Array, talks: Mask) -> Array:
-    """Weights (n, m) of the nodes that talk, by their share beside silent ones.
+def model_weights(weight: Array, has_model: Mask) -> Array:
+    """Weights (n, m) of models, from those of nodes and which of these have one, both (n, m).
 
-    The edge of a sharp defect then lies between nodes, and neither side dilutes the other.
+    Nodes without a model take no part: where those with one have most of the weight they count in
+    full, where they have little not at all.  The edge of a sharp defect then lies between nodes,
+    and neither side dilutes the other.
     """
-    talking = np.where(talks, weight, 0.0)
-    share = talking.sum(axis=1, keepdims=True)
+    of_models = np.where(has_model, weight, 0.0)
+    share = of_models.sum(axis=1, keepdims=True)
     t = (share - LOCAL.silent) / (LOCAL.full - LOCAL.silent)
     t = np.clip(t, 0.0, 1.0)
     smooth_step = t * t * (3.0 - 2.0 * t)
-    loudness = smooth_step / np.maximum(share, LOCAL.silent)
-    return np.asarray(talking * loudness)
+    factor = smooth_step / np.maximum(share, LOCAL.silent)
+    return np.asarray(of_models * factor)
 
 
-def answers(models: LocalModels, blend: Blend) -> Array:
-    """What each node's model says of the points that it speaks for, (n, m, o)."""
+def model_values(models: LocalModels, blend: Blend) -> Array:
+    """Values (n, m, o) [unit] of the models of a blend's nodes at its points."""
     z = blend.gap / models.radius[blend.index][..., None]
     products = monomials(z, exponents(z.shape[-1], models.degree))
     coefficients = models.coefficients[blend.index]
@@ -148,19 +150,20 @@ def answers(models: LocalModels, blend: Blend) -> Array:
 
 
 def _weights(models: LocalModels, blend: Blend) -> Array:
-    """Weights (n, m) of the models that speak for some points."""
-    talks = (models.coefficients != 0.0).any(axis=(1, 2))
-    return heard(blend.weight, talks[blend.index])
+    """Weights (n, m) of the models of a blend's nodes."""
+    has_model = (models.coefficients != 0.0).any(axis=(1, 2))
+    return model_weights(blend.weight, has_model[blend.index])
 
 
 def correction(models: LocalModels, blend: Blend) -> Array:
-    """What local models say at points of the unit box, (n, m) [unit]."""
+    """What local models add at the points of a blend, (n, o) [unit]."""
     weight = _weights(models, blend)
-    return np.asarray(np.einsum("nm,nmo->no", weight, answers(models, blend)))
+    values = model_values(models, blend)
+    return np.asarray(np.einsum("nm,nmo->no", weight, values))
 
 
 def correction_slope(models: LocalModels, blend: Blend) -> Array:
-    """Derivatives (n, m, d) of the correction by the coordinates of the points.
+    """Derivatives (n, o, d) of the correction by the coordinates of the points.
 
     They are those of the polynomials alone: what the weights add is small where neighbours agree,
     and a Newton step that is a little off is corrected by the next.

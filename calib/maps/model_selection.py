@@ -1,4 +1,4 @@
-"""Which nodes carry local models, and of which shape: by held-out errors, silent within noise.
+"""Model selection: which nodes carry local models, and of which shape, by held-out errors.
 
 Folds are contiguous: neighbouring rows of a real log can be near-repeats.  Figures: docs/maps.md.
 """
@@ -55,15 +55,16 @@ def follows_the_motion(x: Array, residual: Array) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Rows that local models may mend, and the nodes that may speak for them."""
+    """Wrong rows, which local models may mend, and the nodes that may carry such models."""
 
     motor: Map
     u: Array  # (n, dof), all samples in the unit box
-    rows: Index  # (k,), those that may be mended
-    stands: Mask  # (nodes,), which nodes stand among wrong rows
+    rows: Index  # (k,), those with a node among wrong rows in their blend
+    # (nodes,), which nodes lie among wrong rows and may carry a model
+    among_wrong: Mask
     held_out: Array  # (k, o), what the smooth part leaves over
     noise: float  # mean square of the noise
-    care: Array  # (k,), weight of each row's cost
+    care: Array  # (k,), weight of each row's gain
 
     @staticmethod
     def of(
@@ -72,13 +73,11 @@ class Candidates:
         x: Array,
         held_out: Array,
     ) -> Candidates:
-        """The wrong rows, and those that the nodes among them speak for too."""
-        near = nearest_points(
-            u,
-            motor.scale,
-            u,
-            SELECTION.rows_around,
-        )[1]
+        """Candidates by the held-out residuals (n, o) at positions (n, o), around each row.
+
+        A row is wrong where the median of its neighbours' residuals exceeds the noise.
+        """
+        _, near = nearest_points(u, motor.scale, u, SELECTION.rows_around)
         # neighbours share what a smooth part misses: their difference is noise
         difference = float(np.median(_square(held_out - held_out[near[:, 1]])))
         extent = float(np.linalg.norm(np.ptp(x, axis=0)))
@@ -87,15 +86,15 @@ class Candidates:
         median = np.median(_square(held_out)[near], axis=1)
         calm = median < SELECTION.calm * noise
         blend = Blend(motor, u)
-        wrongness = blend.weight * (~calm[:, None] - SELECTION.speaks)
-        stands = _sum_by_node(motor, blend.index, wrongness) > 0.0
-        rows = np.flatnonzero(stands[blend.index].any(axis=1))
+        wrongness = blend.weight * (~calm[:, None] - SELECTION.wrong_share)
+        among_wrong = _sum_by_node(motor, blend.index, wrongness) > 0.0
+        rows = np.flatnonzero(among_wrong[blend.index].any(axis=1))
         care = np.where(calm[rows], SELECTION.harm, 1.0)
         return Candidates(
             motor,
             u,
             rows,
-            stands,
+            among_wrong,
             held_out[rows],
             noise,
             care,
@@ -103,7 +102,7 @@ class Candidates:
 
     @cached_property
     def blend(self) -> Blend:
-        """The nodes that speak for each row."""
+        """The nodes nearest to each row."""
         return Blend(self.motor, self.u[self.rows])
 
     def choice(self, residual: Array, shape: tuple[int, int]) -> Choice:
@@ -113,28 +112,30 @@ class Candidates:
         shape : degree, and number of samples that each model is fitted to
         """
         predictions = self._predictions(residual, shape)
-        _, gain = self._mended(predictions, self.stands)
-        by_node = self.blend.weight * gain[:, None]
+        remaining = self._remaining(predictions, self.among_wrong)
         part = self.rows * SELECTION.parts // len(self.u)
-        gains = [
-            _sum_by_node(self.motor, self.blend.index[inside], by_node[inside])
-            for inside in (part == k for k in range(SELECTION.parts))
-        ]
-        gains_nodes = _beyond_chance(np.stack(gains), SELECTION.node_gain)
-        talks = self.stands & gains_nodes
-        remaining, gain = self._mended(predictions, talks)
+        helps = self._helpful_nodes(self._gain(remaining), part)
+        has_model = self.among_wrong & helps
+        remaining = self._remaining(predictions, has_model)
+        gain = self._gain(remaining)
         sums = np.bincount(part, gain, SELECTION.parts).astype(float)
         sure = bool(_beyond_chance(sums, SELECTION.total_gain))
         total = float(sums.sum()) if sure else 0.0
-        return Choice(
-            shape,
-            np.flatnonzero(talks),
-            remaining,
-            total,
-        )
+        nodes = np.flatnonzero(has_model)
+        return Choice(shape, nodes, remaining, total)
+
+    def _helpful_nodes(self, gain: Array, part: Index) -> Mask:
+        """Which nodes (nodes,) gain in several parts of the log, from each row's gain and part."""
+        by_node = self.blend.weight * gain[:, None]
+        sums = []
+        for k in range(SELECTION.parts):
+            inside = part == k
+            nodes = self.blend.index[inside]
+            sums.append(_sum_by_node(self.motor, nodes, by_node[inside]))
+        return _beyond_chance(np.stack(sums), SELECTION.node_gain)
 
     def _predictions(self, residual: Array, shape: tuple[int, int]) -> Array:
-        """What nodes' models that have not seen a row's fold say of it, (k, m, o)."""
+        """Values (k, m, o) of nodes' models at the rows, each fitted without the row's fold."""
         predictions = []
         for fold in blocks(len(self.u), SELECTION.folds):
             rows = self.rows[np.isin(self.rows, fold)]
@@ -147,15 +148,20 @@ class Candidates:
                 residual[others],
                 shape,
             )
-            predictions.append(local.answers(models, blend))
+            predictions.append(local.model_values(models, blend))
         return np.concatenate(predictions)
 
-    def _mended(self, predictions: Array, talks: Mask) -> tuple[Array, Array]:
-        """What nodes that talk (nodes,) leave over, (k, o), and the gain of each row, (k,)."""
-        weight = local.heard(self.blend.weight, talks[self.blend.index])
-        remaining = self.held_out - np.einsum("nm,nmo->no", weight, predictions)
+    def _remaining(self, predictions: Array, has_model: Mask) -> Array:
+        """What the models of some nodes (nodes,) leave of the held-out residuals, (k, o)."""
+        of_row = has_model[self.blend.index]
+        weight = local.model_weights(self.blend.weight, of_row)
+        corrections = np.einsum("nm,nmo->no", weight, predictions)
+        return np.asarray(self.held_out - corrections)
+
+    def _gain(self, remaining: Array) -> Array:
+        """By how much each row's cost falls, (k,), harm of calm rows counted more."""
         gain = self._cost(self.held_out) - self._cost(remaining)
-        return remaining, self.care * gain
+        return self.care * gain
 
     def _cost(self, residual: Array) -> Array:
         """Cost of each row: to halve a large error counts the same wherever it is."""
@@ -181,8 +187,8 @@ def select(
 ) -> tuple[Predictor, Array]:
     """Give nodes local models of one shape where that mends what a smooth part leaves over.
 
-    Nodes that stand among wrong rows may speak; those that mend held-out rows do.  Cost of a row is
-    log(1 + |residual|^2 / noise).  The shape with the least cost is taken.
+    Nodes among wrong rows may carry one; those whose models mend held-out rows do.  The cost of a
+    row is log(1 + |residual|^2 / noise).  The shape with the largest gain is taken.
 
     u, x : (n, dof), (n, m), joints of the samples in the unit box, in their order, and positions
     smooth : the smooth part, fitted to all samples
@@ -198,12 +204,7 @@ def select(
     ]
     if not shapes or follows_the_motion(x, held_out):
         return plain, held_out
-    candidates = Candidates.of(
-        motor,
-        u,
-        x,
-        held_out,
-    )
+    candidates = Candidates.of(motor, u, x, held_out)
     if not len(candidates.rows):
         return plain, held_out
     residual = x - smooth.value(u)
@@ -213,13 +214,7 @@ def select(
         return plain, held_out
     mended = held_out.copy()
     mended[candidates.rows] = best.remaining
-    models = local.fit(
-        motor,
-        best.nodes,
-        u,
-        residual,
-        best.shape,
-    )
+    models = local.fit(motor, best.nodes, u, residual, best.shape)
     return Predictor(motor, smooth, models), mended
 
 
@@ -247,10 +242,10 @@ def misfit(
     extent: float,
     at: Array,
 ) -> Array | None:
-    """Mean square (k,) of held-out residuals around points beyond noise, None where all is noise.
+    """Mean squares (k,) of held-out residuals around points, less noise; None where all is noise.
 
-    The median over the points is taken for the noise and subtracted.  A mean square that exceeds
-    it by no more than chance counts as zero, so that noise draws no nodes.
+    The median over the points is taken for the noise.  A mean square that exceeds it by no more
+    than chance counts as zero, so that noise draws no nodes.
 
     u, held_out : (n, dof), (n, m) [unit], joints in the unit box, and what a smooth model that
         has not seen the row leaves over
@@ -259,18 +254,15 @@ def misfit(
     """
     square = np.maximum(_square(held_out), (SELECTION.rounding * extent) ** 2)
     k = min(SELECTION.rows_averaged, len(u) // 4)
-    index = nearest_points(
-        u,
-        scale,
-        at,
-        k,
-    )[1]
+    _, index = nearest_points(u, scale, at, k)
     # without the largest: an outlier is no misfit
-    here = np.sort(square[index], axis=1)[:, : k - k // 5].mean(axis=1)
+    ascending = np.sort(square[index], axis=1)
+    here = ascending[:, : k - k // 5].mean(axis=1)
     noise, low = (float(v) for v in np.quantile(here, (0.5, 0.16)))
     # a mean of o k squares of noise is noise (1 +- sqrt(2 / (o k))); repeated rows tell less than
     # their number: the calm half shows how much
     chance = SELECTION.chance * np.sqrt(2.0 / (held_out.shape[1] * k)) * noise
     threshold = noise + max(chance, SELECTION.spreads * (noise - low))
     excess = np.where(here > threshold, here - noise, 0.0)
-    return excess if np.count_nonzero(excess) > k * len(at) / len(u) else None
+    points_of_a_row = k * len(at) / len(u)
+    return excess if np.count_nonzero(excess) > points_of_a_row else None

@@ -61,7 +61,7 @@ class LinkSettings:
 
 @dataclass(frozen=True)
 class ReadoutSettings:
-    """Readouts of the links and branches of the inverse (`association.py`, `linear_models.py`)."""
+    """Readouts of the links and branches of the inverse (`clusters.py`, `linear_models.py`)."""
 
     # nodes closer than so many spacings belong to one cluster
     joined: float = 1.9
@@ -100,9 +100,9 @@ class GrowingSettings:
 class LocalSettings:
     """Local models of the motor nodes (`local_models.py`)."""
 
-    # share of the weight at which speaking nodes are not heard
+    # share of the weight up to which nodes with models count nothing
     silent: float = 0.3
-    full: float = 0.5  # share of the weight at which they are heard in full
+    full: float = 0.5  # share from which on they count in full
     ring: int = 16  # places around a node where its polynomial has to be firm
     firm: float = 10.0  # variance of an answer there, over that of one sample
 
@@ -120,8 +120,8 @@ class SelectionSettings:
     calm: float = 2.0
     # weight of a calm row: what mends a defect must not spoil what is right
     harm: float = 30.0
-    # of a node's weight on wrong rows, above which it may speak
-    speaks: float = 0.5
+    # of a node's weight: with more on wrong rows it may carry a model
+    wrong_share: float = 0.5
     # of a log: a gain has to come from several, near-repeats are no evidence
     parts: int = 20
     node_gain: float = 1.0  # standard errors beyond zero of a node's gain

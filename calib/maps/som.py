@@ -13,7 +13,7 @@ from ..common.scale import Scale
 from ..errors import LogError, OptionError
 from .association import Association
 from .batch import Density, coarse_to_fine, learn_batch
-from .density import Gain, checked_gain, gain_of, kind_of
+from .density import Gain, gain_of, guard_gain, kind_of
 from .dsom import learn_dsom
 from .gng import learn_gng
 from .lattice import Lattice, Size, shape_of
@@ -107,7 +107,7 @@ class SOM:
         residual : (n,) array, optional
             How wrong a smooth model is at each sample, for the default varying density.
         """
-        x = _checked(x)
+        x = _training_samples(x)
         scale = scale or Scale.of_data(x)
         epochs, total = self._training(scale.to_unit(x), scale, residual)
         history = []
@@ -138,8 +138,8 @@ class SOM:
             Maps, links and their readouts.  With the online rule maps and links develop together:
             eq. 5 is stepped.
         """
-        q = _checked(q)
-        x = _checked(x)
+        q = _training_samples(q)
+        x = _training_samples(x)
         if len(q) != len(x) or len(q) < 2:
             raise LogError(
                 f"samples of shapes {q.shape} and {x.shape}: expected (n, d) and (n, k)"
@@ -249,7 +249,7 @@ class SOM:
     def _gain(self) -> Gain | None:
         if isinstance(self.map, str):
             return gain_of(self.map)
-        return checked_gain(self.map)
+        return guard_gain(self.map)
 
     @property
     def _passes(self) -> int:
@@ -306,8 +306,8 @@ class SOM:
         return epochs, self._passes
 
 
-def _checked(samples: Array) -> Array:
-    """Samples (n, d) that a map can be trained on."""
+def _training_samples(samples: Array) -> Array:
+    """Return samples (n, d) as finite numbers that a map can be trained on, or raise LogError."""
     x = np.asarray(samples, dtype=float)
     if x.ndim != 2 or not x.size:
         raise LogError(

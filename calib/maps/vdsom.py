@@ -81,7 +81,7 @@ class Layer:
         winner = int(squares.argmin())  # eq. 1
         grid = self._w.reshape(-1, *self.lattice.shape)
         if self.gain is as_printed:
-            h_printed = self._printed(winner, sigma, progress)
+            h_printed = self._printed_h(winner, sigma, progress)
             step = np.asarray(min(alpha * h_printed, 1.0))
         else:
             window, h = self.lattice.around(winner, sigma)  # eq. 3
@@ -92,7 +92,7 @@ class Layer:
         grid += step * (sample - grid)  # eq. 2
         return float(squares[winner] ** 0.5)
 
-    def _printed(
+    def _printed_h(
         self,
         winner: int,
         sigma: float,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..common.arrays import Array, ReadOnly, Shape
 from ..common.choices import READOUTS
-from ..common.wording import for_people, sized, unit_of_joint, vector
+from ..common.wording import for_people, quantity, unit_of_joint, vector
 from ..errors import ModelError
 from ..samples.samples import Samples
 from ..samples.tables import Document
@@ -90,8 +90,8 @@ class About(ReadOnly):
         """Unit of each joint: "rad" or "m"."""
         return tuple("rad" if turns else "m" for turns in self.revolute)
 
-    def measured(self, **facts: Any) -> About:
-        """The same facts but for these, of a model that now rests on what a sensor read."""
+    def by_readings(self, **facts: Any) -> About:
+        """The facts, with these instead, of a model that was adapted to readings of a sensor."""
         return replace(
             self,
             source="log",
@@ -181,7 +181,7 @@ def facts(
     options = about.options
     words = {"robot": about.robot or "none, learned from a log alone"}
     for k, name in enumerate(about.joint_names):
-        words[f"joint {name}"] = learned_range(about, k, degrees=degrees)
+        words[f"joint {name}"] = range_in_words(about, k, degrees=degrees)
     if about.tip:
         words["tip"] = about.tip
     if about.locked:
@@ -209,7 +209,7 @@ def facts(
     return words
 
 
-def learned_range(about: About | Arm, k: int, *, degrees: bool) -> str:
+def range_in_words(about: About | Arm, k: int, *, degrees: bool) -> str:
     """Return the learned range of joint `k` in words."""
     factor, unit = unit_of_joint(about.revolute[k], degrees)
     return (
@@ -217,7 +217,7 @@ def learned_range(about: About | Arm, k: int, *, degrees: bool) -> str:
     )
 
 
-def shown_errors(
+def error_statistics(
     about: About, errors: Errors
 ) -> Iterator[tuple[str, str, str, _ErrorRow]]:
     """Yield direction, name and unit of each error with its statistics in that unit, by readout.
@@ -254,7 +254,7 @@ def _source(about: About) -> str:
     if about.simulation:
         noise = about.simulation.get("noise") or 0.0
         if noise:
-            words.append(f"sensor noise {sized(noise, about.unit)}")
+            words.append(f"sensor noise {quantity(noise, about.unit)}")
         else:
             words.append("no noise")
         words += map(str, about.simulation.get("changes", ()))

@@ -41,15 +41,15 @@ class Alignment:
         return float(abs(np.linalg.det(self.matrix)) ** (1 / len(self.shift)))
 
     @property
-    def mirrored(self) -> bool:
+    def is_mirrored(self) -> bool:
         """Whether the sense of turning is reversed."""
         return float(np.linalg.det(self.matrix)) < 0
 
     @property
-    def swapped(self) -> bool:
+    def is_swapped(self) -> bool:
         """Whether x and y are exchanged."""
         turned = np.abs(self.matrix / max(self.scale, 1e-300))
-        return self.mirrored and bool(
+        return self.is_mirrored and bool(
             np.min([turned[0, 1], turned[1, 0]]) > 0.9
         )
 
@@ -58,7 +58,7 @@ class Alignment:
         """Rotation [rad], after a mirror of x where there is one; in space without its sign."""
         # the nearest rotation of a 2x2 matrix: its antisymmetric part over its trace
         matrix = self.matrix.copy()
-        matrix[:, 0] *= -1.0 if self.mirrored else 1.0
+        matrix[:, 0] *= -1.0 if self.is_mirrored else 1.0
         if len(matrix) == 3:
             odd = np.linalg.norm(matrix - matrix.T) / math.sqrt(
                 2.0
@@ -73,7 +73,7 @@ class Alignment:
         factor, name = for_people(unit)
         shift = ", ".join(number(factor * part, 4) for part in self.shift)
         return (
-            f"{'mirrored, ' * self.mirrored}turned {math.degrees(self.angle):.3g} deg, "
+            f"{'mirrored, ' * self.is_mirrored}turned {math.degrees(self.angle):.3g} deg, "
             f"scaled {self.scale:.5g}, shifted {shift} {name}"
         )
 

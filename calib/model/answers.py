@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
-from ..common.rows import checked_rows
+from ..common.rows import query_rows
 from ..errors import QueryError
 from ..inverse.links import search_by_links
-from ..inverse.newton import capped, shortened
+from ..inverse.newton import limit_joints, limit_length
 from ..inverse.settings import SEARCH
 from ..kernel.compiled import NOTHING
 from .parts import Parts
@@ -25,7 +25,7 @@ SURE = 1e-2
 
 @dataclass(frozen=True)
 class AnswerSettings:
-    """What counts as an answer, and how far a step goes."""
+    """When a target counts as reached, and the sizes of steps."""
 
     # of the workspace's extent, that always counts as reached
     reached: float = 1e-9
@@ -111,12 +111,10 @@ def joints_and_reach(
     u, distance = model.solver.solve(in_sight(model, x), near)
     within = np.ones(len(u), dtype=bool)
     far = np.flatnonzero(distance > ANSWER.reached * model.solver.extent)
-    if (
-        len(far) and bounded
-    ):  # only the expected error can still call these reachable
-        within[far] = distance[far] <= _within_reach(
-            model, model.bound_at(u[far])
-        )
+    if len(far) and bounded:
+        # only the expected error can still call these reachable
+        reach = _within_reach(model, model.bound_at(u[far]))
+        within[far] = distance[far] <= reach
     return model.motor.scale.from_unit(u), within
 
 
@@ -129,9 +127,8 @@ def in_sight(model: Parts, x: Array) -> Array:
         model.solver.extent + float(np.abs(model.sensory.scale.lower).max())
     )
     furthest = np.abs(x).max(axis=1, keepdims=True)
-    return np.where(
-        furthest > limit, x / np.maximum(furthest, limit) * limit, x
-    )
+    nearer = x / np.maximum(furthest, limit) * limit
+    return np.where(furthest > limit, nearer, x)
 
 
 def answer(
@@ -140,9 +137,8 @@ def answer(
     """Describe joints `u` (n, dof) of the unit box that answer the targets `x` (n, m)."""
     if position is None:
         position = model.predictor.value(u)
-    with np.errstate(
-        over="ignore"
-    ):  # the distance of a target at 1e308 may be infinite
+    # the distance of a target at 1e308 may be infinite
+    with np.errstate(over="ignore"):
         gap = position - x
         distance = (
             np.hypot(*gap.T)
@@ -170,7 +166,7 @@ def rows_for(
     values: ArrayLike, names: Sequence[str], what: str, n: int
 ) -> Array:
     """Rows (n, d) beside `n` others, one of which may stand for all."""
-    rows, _ = checked_rows(values, names, what)
+    rows, _ = query_rows(values, names, what)
     if len(rows) == n:
         return rows
     if len(rows) != 1:
@@ -193,9 +189,8 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
     lower = model.about.lower
     upper = model.about.upper
     # an encoder may stand a hair beyond a limit; a whole range beyond are other units
-    out = (
-        (rows < 2 * lower - upper) | (rows > 2 * upper - lower)
-    ) & ~scale.periodic
+    beyond = (rows < 2 * lower - upper) | (rows > 2 * upper - lower)
+    out = beyond & ~scale.periodic
     if out.any():
         row, k = np.argwhere(out)[0]
         raise QueryError(
@@ -219,7 +214,7 @@ def servo_step(
         raise QueryError(
             f"gain {gain!r}: expected a share of the way, above 0 and up to 1"
         )
-    joints, single = checked_rows(q, model.about.joint_names, "q")
+    joints, single = query_rows(q, model.about.joint_names, "q")
     place = rows_for(measured, model.axes, "measured position", len(joints))
     wanted = rows_for(target, model.axes, "target", len(joints))
     scale = model.motor.scale
@@ -227,6 +222,6 @@ def servo_step(
     stand = newton.at(scale.to_unit(joints), wanted)
     measured_gap = replace(stand, gap=gain * (wanted - place))
     step = newton.move(measured_gap, np.full(len(joints), ANSWER.calm))
-    step = shortened(capped(step, SEARCH.longest), ANSWER.longest)
+    step = limit_length(limit_joints(step, SEARCH.longest), ANSWER.longest)
     result = scale.from_unit(newton.clip(stand.u + step))
     return result[0] if single else result

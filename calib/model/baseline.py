@@ -16,28 +16,27 @@ _PRIOR = 4.0  # samples that the mean of all nodes counts for at each node
 
 
 @dataclass(frozen=True, eq=False)
-class Seen(ReadOnly):
-    """Where the rows of a log were: without a body its bound holds there, and grows beside them.
+class RowPlaces(ReadOnly):
+    """Places of the rows of a log: without a body its bound holds there, and grows beside them.
 
     A place tells as far as its n + 1 neighbours are away, for n joints: along a path they are near.
     It tells no further than is usual: where rows are few, the bound is that of others.
     """
 
-    places: Annotated[Array, Shape("seen", "dof", kept="f4")]  # in the unit box
-    reach: Annotated[
-        Array, Shape("seen", kept="f4")
-    ]  # how far each tells, in the unit box
+    places: Annotated[
+        Array, Shape("seen", "dof", storage="f4")
+    ]  # in the unit box
+    # how far each tells, in the unit box
+    reach: Annotated[Array, Shape("seen", storage="f4")]
 
     @staticmethod
-    def of(scale: Scale, u: Array) -> Seen:
-        """Those of rows `u` (n, dof)."""
-        places = np.unique(
-            np.round(scale.wrapped(u), 3), axis=0
-        )  # an arm at rest is at one
+    def of(scale: Scale, u: Array) -> RowPlaces:
+        """Places of rows `u` (n, dof) in the unit box."""
+        # an arm at rest is at one place
+        places = np.unique(np.round(scale.wrapped(u), 3), axis=0)
         away = nearest_points(places, scale, places, u.shape[1] + 2)[0][:, -1]
-        return Seen(
-            _in_file(places), _in_file(np.minimum(away, np.median(away)))
-        )
+        reach = np.minimum(away, np.median(away))
+        return RowPlaces(_in_file(places), _in_file(reach))
 
     def beside(self, scale: Scale, u: Array) -> Array:
         """How far points `u` (n, dof) are beyond what the places tell, (n,)."""
@@ -50,13 +49,13 @@ class Baseline(ReadOnly):
     """Distortions of samples that training never saw, stored with a model."""
 
     # (nodes,), expected squared distance of a sample to its winner, per winner, in the unit box
-    motor: Annotated[Array, Shape("nodes", kept="f4")]
-    sensory: Annotated[Array, Shape("places", kept="f4")]
+    motor: Annotated[Array, Shape("nodes", storage="f4")]
+    sensory: Annotated[Array, Shape("places", storage="f4")]
     # variance of squared distance over expected one, in the motor and sensory map
     spread: tuple[float, float]
     # [unit], standard deviation per axis of measured less predicted position in training
     noise: float
-    seen: Seen | None = None  # of a log without a body
+    seen: RowPlaces | None = None  # of a log without a body
 
 
 def learn_baseline(
@@ -67,8 +66,8 @@ def learn_baseline(
     They are joints `u` (n, dof) in the unit box and positions `x` (n, m); `errors` (m,) [unit] are
     the distances from measured to predicted positions of the samples of training.
     """
-    motor, first = _expected(association.motor, u)
-    sensory, second = _expected(
+    motor, first = _usual_squares(association.motor, u)
+    sensory, second = _usual_squares(
         association.sensory, association.sensory.scale.to_unit(x)
     )
     # the median of a Rayleigh distribution: a few wrong detections do not count
@@ -76,7 +75,7 @@ def learn_baseline(
     return Baseline(motor, sensory, (first, second), float(noise))
 
 
-def _expected(network: Map, points: Array) -> tuple[Array, float]:
+def _usual_squares(network: Map, points: Array) -> tuple[Array, float]:
     distance, winner = (part[:, 0] for part in network.nearest(points))
     square = distance**2
     count = np.bincount(winner, minlength=network.size)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.arrays import Array
-from ..kernel.compiled import Compiled
-from .header import compiled_of
+from ..kernel.compiled import Library
+from .header import kernel_of
 from .parts import Parts
 
 Kind = Literal["forward", "bounds", "inverse", "poses", "branches"]
@@ -34,7 +34,7 @@ COST = NumpyCost()
 CHUNK = 20_000
 
 
-def prepare(model: Parts, kind: Kind, rows: int) -> Compiled | None:
+def prepare(model: Parts, kind: Kind, rows: int) -> Library | None:
     """The compiled C for rows of a query, made where that pays; None where NumPy answers.
 
     Why it cannot be made is said once, as a warning.
@@ -42,11 +42,11 @@ def prepare(model: Parts, kind: Kind, rows: int) -> Compiled | None:
     cost = rows * len(model.about.lower) ** 2 * getattr(COST, kind)
     if model.kernel is not None or cost < COST.compiler:
         return model.kernel
-    if "uncompiled" in model.remembered or model.body is None:
+    if "uncompiled" in model.cache or model.body is None:
         return None
-    kernel, reason = compiled_of(model)
+    kernel, reason = kernel_of(model)
     if kernel is None:
-        model.remembered["uncompiled"] = reason
+        model.cache["uncompiled"] = reason
         warnings.warn(
             f"{reason}; large batches take longer", RuntimeWarning, stacklevel=4
         )
@@ -60,7 +60,7 @@ def forward_rows(model: Parts, q: Array) -> Array | None:
     if kernel is None:
         return None
     x, valid = kernel.rows("forward", q)
-    return x if _settled(model, valid) else None
+    return x if _is_final(model, valid) else None
 
 
 def bound_rows(model: Parts, q: Array, which: str) -> Array | None:
@@ -69,10 +69,10 @@ def bound_rows(model: Parts, q: Array, which: str) -> Array | None:
     if kernel is None:
         return None
     bound, valid = kernel.rows(which, q)
-    return bound if _settled(model, valid) else None
+    return bound if _is_final(model, valid) else None
 
 
-def _settled(model: Parts, valid: NDArray[np.int8]) -> bool:
+def _is_final(model: Parts, valid: NDArray[np.int8]) -> bool:
     """Whether NumPy has nothing to add: where rows were refused it may know better."""
     return model.everywhere or bool(valid.all())
 
@@ -93,7 +93,7 @@ def all_rows(model: Parts, x: Array) -> list[Array] | None:
     return ways
 
 
-def _branches_of(model: Parts, kernel: Compiled, x: Array) -> list[Array]:
+def _branches_of(model: Parts, kernel: Library, x: Array) -> list[Array]:
     q, count = kernel.rows(
         "inverse_all", np.zeros((len(x), len(model.about.lower))), x
     )

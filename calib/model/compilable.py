@@ -12,7 +12,7 @@ from ..common.arrays import Array
 from ..errors import OptionError
 from ..kernel.compiled import NOTHING
 from .answers import solve
-from .header import compiled_of
+from .header import kernel_of
 from .parts import Parts
 
 _UNSURE = "the bound on the position may be too wide here: ask without strict"
@@ -37,7 +37,7 @@ class Compilable(Parts):
             a millisecond, and `unanswered` says why, instead of a search by NumPy.  Raises
             OptionError where nothing can be compiled.
         """
-        kernel, sentence = compiled_of(self)
+        kernel, sentence = kernel_of(self)
         if strict and kernel is None:
             raise OptionError(f"strict=True: {sentence}", parameter="strict")
         object.__setattr__(self, "kernel", kernel)
@@ -81,10 +81,10 @@ class Compilable(Parts):
             return None
         value, sure = answer
         if self.strict and sure == NOTHING:
-            return self.kernel.refused(value, _NOWHERE)
+            return self.kernel.refusal(value, _NOWHERE)
         if sure not in unsure:
             return value
-        return self.kernel.refused(value, why) if self.strict else None
+        return self.kernel.refusal(value, why) if self.strict else None
 
     def _single_at(self, kind: str, q: ArrayLike) -> Array | None:
         """What the compiled C answers at joint values; None where the batch has to."""

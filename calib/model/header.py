@@ -15,12 +15,12 @@ from ..body.covariance import NORMAL_95
 from ..body.curves import HARMONICS
 from ..body.views import LEAST_DEPTH
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from ..errors import CalibError, OptionError
 from ..inverse.settings import SEARCH
 from ..inverse.ways import distinct
 from ..kernel.arm import KernelArm
-from ..kernel.compiled import MOST, Compiled, compile_source
+from ..kernel.compiled import MOST, Library, compile_source
 from ..kernel.posterior import COMPACT, CompactPosterior
 from ..kernel.source import braces, c_number, c_source, source, table
 from ..maps.blend import blend_size
@@ -118,7 +118,7 @@ class Header:
         ), tables
 
     @property
-    def _trusted(self) -> bool:
+    def _answers_in_ranges(self) -> bool:
         """Whether there is an answer wherever joints are within their ranges."""
         return self.model.everywhere or self.small
 
@@ -147,10 +147,10 @@ class Header:
             body = self._space.body
             placed = KernelArm.of(body.structure, body.beta)
             if placed.chain.joints == self.arm.chain.joints:
-                arms["placed"] = (placed, self._space.measured)
+                arms["placed"] = (placed, self._space.is_measured)
         if self.arm.sag is not None:
             drawn = Deviations.none(self.arm.chain.joints)
-            arms["drawn"] = (replace(self.arm, moved=drawn), False)
+            arms["drawn"] = (replace(self.arm, deviations=drawn), False)
         return arms
 
     def _words(self, single: bool) -> dict[str, object]:
@@ -215,7 +215,7 @@ class Header:
             **ways,
             "bounded": int(not self.small),
             "normal": NORMAL_95,
-            "trusted": "" if self._trusted else refused,
+            "trusted": "" if self._answers_in_ranges else refused,
         }
 
     @cached_property
@@ -244,7 +244,7 @@ class Header:
             tables["start_x"] = model.predictor.value(middle)
         else:
             tables |= _starts(model)
-        if not self._trusted:
+        if not self._answers_in_ranges:
             tables["position_bound"] = model.model_bounds
         if not self.small and posterior is None:
             tables["bound"] = model.bounds
@@ -282,7 +282,7 @@ def _starts(model: Parts) -> Tables:
     tables: Tables = {}
     if model.solver.redundant:
         nodes = np.flatnonzero(model.visited)
-        nodes = nodes[thinned(len(nodes), STARTS.postures)]
+        nodes = nodes[spread_rows(len(nodes), STARTS.postures)]
         u = np.clip(model.motor.units[nodes], 0.0, 1.0)
     else:
         step = place.span / side
@@ -392,7 +392,7 @@ def _arm(name: str, arm: KernelArm, single: bool, *, bends: bool) -> str:
     return f"static const calib_arm {name} = {{\n{listed}}};\n"
 
 
-def compiled_of(model: Parts) -> tuple[Compiled | None, str]:
+def kernel_of(model: Parts) -> tuple[Library | None, str]:
     """A model's compiled kernel, or None, and a sentence on what queries are answered by."""
     started = time.perf_counter()
     try:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
-from ..common.rows import checked_rows, number_rows
+from ..common.rows import number_rows, query_rows
 from ..errors import QueryError
 from ..kernel.compiled import CERTAIN, NOTHING
 from ..samples.motion import Motion
@@ -73,9 +73,9 @@ class Model(Compilable):
         parts = super().by(sensor)
         if isinstance(parts, Model):
             return parts
-        if sensor not in self.remembered:
-            self.remembered[sensor] = Model(**parts.values())
-        model: Model = self.remembered[sensor]
+        if sensor not in self.cache:
+            self.cache[sensor] = Model(**parts.values())
+        model: Model = self.cache[sensor]
         return model
 
     def with_sensor(self, adapted: Model) -> Model:
@@ -165,7 +165,7 @@ class Model(Compilable):
                 return quick
         readout = self._readout(readout)
         if readout == "local":
-            rows, single = checked_rows(x, self.axes, "positions")
+            rows, single = query_rows(x, self.axes, "positions")
             batches.prepare(self, "inverse", len(rows))
             q = answers.inverse(self, rows, near, nearest=nearest)
             return q[0] if single else q
@@ -188,7 +188,7 @@ class Model(Compilable):
     ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         readout = self._readout(readout)
-        rows, _ = checked_rows(x, self.axes, "positions")
+        rows, _ = query_rows(x, self.axes, "positions")
         if readout == "local":
             batches.prepare(self, "inverse", len(rows))
             return answers.solve(self, rows, near)
@@ -196,7 +196,7 @@ class Model(Compilable):
             self, rows, answers.anchor(self, near, len(rows)), (readout,)
         )
         return answers.answer(
-            self, u[readout], rows, self.predicted(u[readout], readout)
+            self, u[readout], rows, self.positions_at(u[readout], readout)
         )
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
@@ -204,7 +204,7 @@ class Model(Compilable):
 
         A target out of reach has one answer, the nearest attainable point.
         """
-        rows, _ = checked_rows(x, self.axes, "positions")
+        rows, _ = query_rows(x, self.axes, "positions")
         ways = self.solver.solve_all(answers.in_sight(self, rows))
         every = answers.answer(self, ways.u, rows[ways.target])
         numbers = np.arange(len(rows) + 1)
@@ -220,7 +220,7 @@ class Model(Compilable):
         The one closest to the middle of the joints' ranges comes first; a target out of reach has
         none.  Of a redundant arm each connected family of solutions has one.
         """
-        rows, _ = checked_rows(x, self.axes, "positions")
+        rows, _ = query_rows(x, self.axes, "positions")
         ways = batches.all_rows(self, rows)
         if ways is None:
             ways = [
@@ -401,7 +401,7 @@ class Model(Compilable):
         position = prediction.value
         space = Space.of(self)
         turns = np.full((len(motion), 4), np.nan)
-        answered = prediction.answered
+        answered = prediction.has_answer
         rotation = space.evaluate(motion.q[answered])[1]
         turns[answered] = quaternion_of(space.sensor[0] @ rotation)
         return (position[0], turns[0]) if single else (position, turns)

@@ -15,7 +15,7 @@ from ..body.planar import PlanarStructure
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.structure import Structure
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from ..errors import CalibError, OptionError
 from ..kernel.arm import KernelArm
 from .parts import Parts
@@ -36,7 +36,7 @@ def nominal_in_plane(
     nominal = body.structure.nominal
     if nominal is None:
         nominal = PlanarDrawing.of(nominal_arm(model))
-    structure = body.structure.changed(nominal=nominal, signs=nominal.signs)
+    structure = body.structure.with_fields(nominal=nominal, signs=nominal.signs)
     if based:
         structure = structure.with_sensor(view="base", mirror=nominal.mirror)
         return structure, structure.neutral()
@@ -71,7 +71,7 @@ def moves_in_space(model: Parts) -> bool:
 def visited_joints(model: Parts, most: int) -> Array:
     """Joints (n, dof) of motor nodes that rows visited, at most so many, within the ranges."""
     nodes = np.flatnonzero(model.visited)
-    nodes = nodes[thinned(len(nodes), most)]
+    nodes = nodes[spread_rows(len(nodes), most)]
     return np.clip(
         model.motor.weights[nodes], model.about.lower, model.about.upper
     )

@@ -1,4 +1,4 @@
-"""Parts: what a model is made of, and what follows from it without a query."""
+"""Parts: the maps, body and bounds of a model, and bounds and readouts that follow from them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..common.wording import one_line
 from ..errors import OptionError
 from ..inverse.links import search_by_links
 from ..inverse.search import Search
-from ..kernel.compiled import Compiled
+from ..kernel.compiled import Library
 from ..kernel.posterior import CompactPosterior
 from ..maps.association import Association, check_readout
 from ..maps.blend import blend_nodes
@@ -26,7 +26,7 @@ from ..maps.map import Map
 from ..maps.predictor import BodyInBox, Predictor
 from ..samples.tables import Document
 from .about import About, MeasuredRows, Photo
-from .baseline import Baseline, Seen
+from .baseline import Baseline, RowPlaces
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -59,9 +59,8 @@ class Parts:
     # position in the sensor's frame
     bounds: Annotated[Array, Shape("nodes")]
     model_bounds: Annotated[Array, Shape("nodes")]
-    visited: Annotated[
-        Mask, Shape("nodes")
-    ]  # motor nodes that training samples have visited
+    # motor nodes that training samples have visited
+    visited: Annotated[Mask, Shape("nodes")]
     # the kinematic model under the maps, with intervals
     body: Body | None = None
     # measured rows that are kept with the model of a log
@@ -82,27 +81,24 @@ class Parts:
     others: tuple[Parts, ...] = ()
 
     # what `warm_up` compiled, which answers single queries
-    kernel: ClassVar[Compiled | None] = None
+    kernel: ClassVar[Library | None] = None
 
     def __post_init__(self) -> None:
         freeze(self, "bounds", "model_bounds", "visited")
-        if np.array_equal(
-            self.bounds, self.model_bounds
-        ):  # one answer is enough
+        # one answer is enough
+        if np.array_equal(self.bounds, self.model_bounds):
             object.__setattr__(self, "model_bounds", self.bounds)
 
     def values(self) -> dict[str, Any]:
-        """What each field holds, by name."""
+        """Values of the fields by name."""
         return {part.name: getattr(self, part.name) for part in fields(Parts)}
 
     def __getstate__(self) -> dict[str, object]:
-        """What was compiled for single queries stays behind when a model is pickled."""
-        left_behind = ("kernel", "remembered")
-        return {
-            name: value
-            for name, value in vars(self).items()
-            if name not in left_behind
-        }
+        """State to pickle: all but the compiled kernel and the cache."""
+        state = dict(vars(self))
+        state.pop("kernel", None)
+        state.pop("cache", None)
+        return state
 
     def __repr__(self) -> str:
         """Say in a line what it is a model of and what it has learned."""
@@ -157,8 +153,8 @@ class Parts:
         return self.others[self.sensors.index(sensor) - 1]
 
     @cached_property
-    def remembered(self) -> dict[str, Any]:
-        """What functions of a model found once and keep for their next call."""
+    def cache(self) -> dict[str, Any]:
+        """Results that functions of a model keep for their next call."""
         return {}
 
     @cached_property
@@ -199,15 +195,15 @@ class Parts:
         return float(structure.extents[: structure.blocks[0]].max())
 
     @property
-    def seen(self) -> Seen | None:
-        """Where rows were, of a log without a body."""
+    def row_places(self) -> RowPlaces | None:
+        """Places of the rows of a log without a body; None of others."""
         if self.baseline is None or self.body is not None:
             return None
         return self.baseline.seen
 
     @cached_property
     def posterior(self) -> CompactPosterior | None:
-        """What bounds positions of more than three joints; None where nodes' bounds are blended."""
+        """Belief for bounds of more than three joints; None where nodes' bounds are blended."""
         if self.body is None or self.motor.units.shape[1] <= MOST_BLENDED:
             return None
         try:
@@ -221,7 +217,7 @@ class Parts:
     def everywhere(self) -> bool:
         """Whether there is an answer wherever joints are within their range."""
         within = bool((self.model_bounds <= self.most_bound).all())
-        return within and self.seen is None
+        return within and self.row_places is None
 
     def in_range(self, q: Array) -> Mask:
         """Which joint values (n, dof) [rad or m] are within the joints' range.
@@ -239,7 +235,7 @@ class Parts:
         covered = np.asarray(self.in_range(q).all(axis=1))
         if not self.everywhere and covered.any():
             u = self.motor.scale.to_unit(q[covered])
-            bound = self._blended(u, self.model_bounds, noise=False)
+            bound = self._bound_of_nodes(u, self.model_bounds, noise=False)
             covered[covered] = bound <= self.most_bound
         return covered
 
@@ -265,7 +261,7 @@ class Parts:
             # a lattice covers too little of their box to blend between its nodes
             bound = belief.bound(scale.from_unit(u), noise=noise)
         else:
-            bound = self._blended(u, getattr(self, which), noise=noise)
+            bound = self._bound_of_nodes(u, getattr(self, which), noise=noise)
         if self.approach is None:
             return bound
         # with all joints at the worst side of their play
@@ -275,7 +271,7 @@ class Parts:
             reach = np.where(side_known, 0.0, reach)
         return np.asarray(bound + reach)
 
-    def _blended(self, u: Array, nodes: Array, *, noise: bool) -> Array:
+    def _bound_of_nodes(self, u: Array, nodes: Array, *, noise: bool) -> Array:
         """Bounds (n,) at points `u` (n, dof), from those of the nodes (nodes,)."""
         bound = blend_nodes(self.motor, nodes, u)
         scale = self.motor.scale
@@ -285,8 +281,8 @@ class Parts:
             # spacing: a blended bound would refuse the measured rows themselves
             belief = self.body.bound(scale.from_unit(u[wide]), noise=noise)
             bound[wide] = np.minimum(bound[wide], belief)
-        if self.seen is not None:
-            beside = self.seen.beside(scale, u)
+        if self.row_places is not None:
+            beside = self.row_places.beside(scale, u)
             bound = bound + STEEP * self.solver.extent * beside
         return bound
 
@@ -313,7 +309,7 @@ class Parts:
             return ("local", "body", *MAP_READOUTS)
         return ("local", *MAP_READOUTS)
 
-    def predicted(self, u: Array, readout: str) -> Array:
+    def positions_at(self, u: Array, readout: str) -> Array:
         """Positions (n, m) that a readout answers at points (n, dof) of the unit box [unit]."""
         if readout == "local":
             return self.predictor.value(u)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
-from ..common.rows import checked_rows
+from ..common.rows import query_rows
 from ..errors import QueryError
 from ..inverse.tracking import close_to_map, follow_targets
 from .answers import Answer, anchor, answer, in_sight, rows_for
@@ -84,7 +84,7 @@ def follow_path(
         raise QueryError(f"frame {frame!r}: expected 'sensor' or 'base'")
     space = Space.of(model) if frame == "base" else None
     axes = model.axes if space is None else ("x", "y", "z")
-    corners, single = checked_rows(waypoints, axes, "waypoints")
+    corners, single = query_rows(waypoints, axes, "waypoints")
     if single or len(corners) < 2:
         raise QueryError(
             f"a path needs 2 waypoints or more, got {len(corners)}: add rows, or ask for the "
@@ -141,23 +141,19 @@ def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:
     with np.errstate(over="ignore"):
         length = np.linalg.norm(np.diff(corners, axis=0), axis=1)
         total = float(length.sum())
-    if not total / step + len(corners) <= PATHS.most_rows or not math.isfinite(
-        total
-    ):
+    few = total / step + len(corners) <= PATHS.most_rows
+    if not few or not math.isfinite(total):
         raise QueryError(
             f"step {step:g} makes more than {PATHS.most_rows:,} rows of a path {total:.4g} long: "
             "give a longer one"
         )
     # rounding of the length must not add a row
-    parts = np.append(1, np.maximum(1, np.ceil(length / step - 1e-9))).astype(
-        np.intp
-    )
-    waypoint = np.repeat(np.arange(len(corners)), parts)
-    share = np.concatenate([np.arange(1, n + 1) / n for n in parts.tolist()])[
-        :, None
-    ]
+    parts = np.maximum(1, np.ceil(length / step - 1e-9))
+    counts = np.append(1, parts).astype(np.intp)
+    waypoint = np.repeat(np.arange(len(corners)), counts)
+    shares = [np.arange(1, count + 1) / count for count in counts.tolist()]
+    share = np.concatenate(shares)[:, None]
     before = corners[np.maximum(waypoint - 1, 0)]
     after = corners[waypoint]
-    return np.where(
-        share < 1.0, before + (after - before) * share, after
-    ), waypoint
+    between = before + (after - before) * share
+    return np.where(share < 1.0, between, after), waypoint

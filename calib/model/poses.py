@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.rotations import matrix_of, quaternion_of
 from ..common.arrays import Array
-from ..common.rows import checked_rows
+from ..common.rows import query_rows
 from ..errors import QueryError
 from ..inverse.task import Poses, turn_left
 from ..samples.motion import Motion
@@ -74,7 +74,7 @@ def solve_poses(
         raise QueryError(
             "pixels are no positions in space: ask with frame='base'"
         )
-    p, _ = checked_rows(position, ("x", "y", "z"), "positions")
+    p, _ = query_rows(position, ("x", "y", "z"), "positions")
     n = len(p)
     r = None if quaternion is None else _rotations(quaternion, n)
     wish = model.motor.scale.from_unit(anchor(model, near, n))
@@ -90,7 +90,7 @@ def solve_poses(
     reach = Reach.of(space, posed=r is not None, free=axis)
     target = np.arange(n)
     if r is None and keep:
-        q = reach.turned_least(p, wish)
+        q = reach.least_turn_joints(p, wish)
     elif r is None:
         q = reach.nearest(p, wish)
     elif every:
@@ -130,7 +130,7 @@ def pose_in_sensor(
 ) -> tuple[Array, Array | None]:
     """A pose (3,), (4,) of the base frame, or a place, in the sensor's."""
     space = Space.of(model)
-    place, _ = checked_rows(position, ("x", "y", "z"), "positions")
+    place, _ = query_rows(position, ("x", "y", "z"), "positions")
     if quaternion is None:
         return space.to_sensor(place, np.eye(3))[0][0], None
     turn = _rotations(quaternion, len(place))

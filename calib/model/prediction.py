@@ -32,7 +32,7 @@ class Prediction:
     motion: Motion
 
     @cached_property
-    def answered(self) -> Mask:
+    def has_answer(self) -> Mask:
         """Whether there is an answer, (n,)."""
         return self.model.covers(self.motion.q)
 
@@ -67,17 +67,19 @@ class Prediction:
     def slope(self) -> Array:
         """Derivative (n, m, dof) [unit / rad or m] of the readings by the joint values."""
         model = self.model
-        slope = self._unanswered(len(model.axes), len(model.about.lower))
-        if self.answered.any():
+        slope = self._nan_rows(len(model.axes), len(model.about.lower))
+        if self.has_answer.any():
             by_unit = model.predictor.value_and_slope(self._unit)[1]
-            slope[self.answered] = by_unit / model.motor.scale.span
+            slope[self.has_answer] = by_unit / model.motor.scale.span
         return slope
 
     def read(self, readout: str) -> Array:
         """Readings (n, m) [unit] of any readout."""
-        readings = self._unanswered(len(self.model.axes))
-        if self.answered.any():
-            readings[self.answered] = self.model.predicted(self._unit, readout)
+        readings = self._nan_rows(len(self.model.axes))
+        if self.has_answer.any():
+            readings[self.has_answer] = self.model.positions_at(
+                self._unit, readout
+            )
         return readings
 
     def apart(self, readout: str) -> Array:
@@ -95,7 +97,7 @@ class Prediction:
     @cached_property
     def _unit(self) -> Array:
         """Where the joints of the answered rows stand in the unit box, (k, dof)."""
-        return self.model.motor.scale.to_unit(self.joints[self.answered])
+        return self.model.motor.scale.to_unit(self.joints[self.has_answer])
 
     def bound_of(self, which: BoundName) -> Array:
         """95 % bound (n,) [unit], see `Parts.bound_at`."""
@@ -103,15 +105,15 @@ class Prediction:
         side = self.motion.side
         sides: Mask | None = None
         if approach is not None and side is not None:
-            sides = approach.known(side[self.answered])
-        bound = self._unanswered()
-        if self.answered.any():
-            bound[self.answered] = self.model.bound_at(
+            sides = approach.has_direction(side[self.has_answer])
+        bound = self._nan_rows()
+        if self.has_answer.any():
+            bound[self.has_answer] = self.model.bound_at(
                 self._unit, which, side_known=sides
             )
         return bound
 
-    def _unanswered(self, *shape: int) -> Array:
+    def _nan_rows(self, *shape: int) -> Array:
         """NaN (n, *shape), what stands in rows without an answer."""
         return np.full((len(self.motion), *shape), np.nan)
 

@@ -19,7 +19,7 @@ from ..inverse.settings import SEARCH
 from ..inverse.slides import settle
 from ..inverse.task import Poses, Positions, Task
 from ..inverse.ways import rank_within
-from ..kernel.compiled import CERTAIN, Compiled
+from ..kernel.compiled import CERTAIN, Library
 from .space import REACHED, Space
 
 _LONG = 16  # times as many steps of Newton beside a singularity
@@ -51,10 +51,10 @@ class Reach:
     def of(space: Space, *, posed: bool, free: int | None = None) -> Reach:
         """The search of a model, made once."""
         key = f"reach {posed} {free}"
-        remembered = space.model.remembered
-        if key not in remembered:
-            remembered[key] = Reach(space, posed, free)
-        reach: Reach = remembered[key]
+        cache = space.model.cache
+        if key not in cache:
+            cache[key] = Reach(space, posed, free)
+        reach: Reach = cache[key]
         return reach
 
     @cached_property
@@ -102,7 +102,7 @@ class Reach:
             q[rest] = self._scale.from_unit(stand.u)
         return q
 
-    def turned_least(self, p: Array, near: Array) -> Array:
+    def least_turn_joints(self, p: Array, near: Array) -> Array:
         """Joints (n, dof) for places (n, 3) with the orientation at `near` as far as they can."""
         space = self.space
         # positions weigh a thousand times as much as the turn
@@ -142,7 +142,7 @@ class Reach:
                 goals = np.tile(target[k], (len(u), 1))
                 wishes = np.tile(wish[k], (len(u), 1))
                 stand = settle(newton, u, goals, wishes)
-                met = newton.met(stand.miss)
+                met = newton.is_met(stand.miss)
                 rows[met] = self._scale.from_unit(stand.u[met])
                 u = self._unit(rows)
             order = np.argsort(newton.away(u, wish[k]), kind="stable")
@@ -179,7 +179,7 @@ class Reach:
         )
 
     @property
-    def _kernel(self) -> Compiled | None:
+    def _kernel(self) -> Library | None:
         """The compiled C that knows poses."""
         kernel = self.space.model.kernel
         if kernel is None or not kernel.poses or not self.posed:

@@ -1,4 +1,4 @@
-"""Space: what the chain of an arm in space answers, in its base frame: poses, pixels on a plane.
+"""Space: poses of an arm in space in its base frame, and pixels on a plane there.
 
 Positions in the sensor's frame are answered by the model itself, see `calib.Model.solve`.
 """
@@ -20,7 +20,7 @@ from ..body.sensor_pose import sensor_of, without_gauge, without_sensor
 from ..body.spatial import SpatialStructure, structure_of
 from ..body.views import is_camera, pixels
 from ..common.arrays import Array, Mask
-from ..common.rows import checked_rows
+from ..common.rows import query_rows
 from ..errors import QueryError
 from ..inverse.families import free_directions
 from .parts import Parts
@@ -43,16 +43,16 @@ class Space:
     @staticmethod
     def of(model: Parts) -> Space:
         """The arm of a model, made once; QueryError if the model knows no chain in space."""
-        if "space" not in model.remembered:
-            body = _in_base(model.body) or _drawn(model)
+        if "space" not in model.cache:
+            body = _in_base(model.body) or _drawn_body(model)
             if body is None:
                 raise QueryError(
                     "the model knows no arm in space in its base frame: expected one of an arm "
                     "that moves in space, learned together with its robot"
                 )
             length = max(spatial(body).chain.reach, 1e-9)
-            model.remembered["space"] = Space(model, body, length)
-        space: Space = model.remembered["space"]
+            model.cache["space"] = Space(model, body, length)
+        space: Space = model.cache["space"]
         return space
 
     @property
@@ -93,7 +93,7 @@ class Space:
 
     def forward(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""
-        rows, _ = checked_rows(q, self.model.about.joint_names, "joint values")
+        rows, _ = query_rows(q, self.model.about.joint_names, "joint values")
         position, rotation, _ = self.evaluate(rows)
         lost = ~self.model.covers(rows)
         turn = quaternion_of(rotation)
@@ -126,7 +126,7 @@ class Space:
     # What its sensor sees.
 
     @property
-    def measured(self) -> bool:
+    def is_measured(self) -> bool:
         """Whether its body was learned from a log, rather than drawn."""
         return measured_chain(self.model.body) is not None
 
@@ -165,22 +165,22 @@ class Space:
 
         Raises QueryError if the model is of no camera, or a line of sight misses the plane.
         """
-        rows, _ = checked_rows(pixel, ("x", "y"), "pixels")
+        rows, _ = query_rows(pixel, ("x", "y"), "pixels")
         body = self.model.body
         if body is None or not self.camera:
             raise QueryError(
                 "a pixel on a plane needs a model that was learned from pixels u, v"
             )
         turn, shift, _ = self.sensor
-        ideal = _undistorted(rows, body.beta[body.structure.groups["lens"]])
+        ideal = _directions_of(rows, body.beta[body.structure.groups["lens"]])
         rays = np.column_stack([ideal, np.ones(len(ideal))]) @ turn
         eye = -turn.T @ shift
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = (height - eye[2]) / rays[:, 2]
-        missed = ~((depth > 0) & np.isfinite(depth))
-        if missed.any():
+        beside = ~((depth > 0) & np.isfinite(depth))
+        if beside.any():
             raise QueryError(
-                f"pixel {rows[missed][0].round(1).tolist()} shows no point of the plane "
+                f"pixel {rows[beside][0].round(1).tolist()} shows no point of the plane "
                 f"z = {height:g} m in front of the camera: its line of sight runs along the plane "
                 "or away from it"
             )
@@ -200,10 +200,10 @@ class Space:
         size = self.model.about.picture or tuple(2 * lens[1:3])
         inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
         # where the lens folds over, the picture shrinks as the point moves outwards
-        out = place.T * np.array([[1.0], [1.0], [0.0]])
-        return np.asarray(
-            ahead & inside & ((view.push(out) * out[:2]).sum(axis=0) >= 0)
-        )
+        outwards = place.T * np.array([[1.0], [1.0], [0.0]])
+        shift = view.push(outwards)
+        unfolded = (shift * outwards[:2]).sum(axis=0) >= 0
+        return np.asarray(ahead & inside & unfolded)
 
 
 def spatial(body: Body) -> SpatialStructure:
@@ -220,8 +220,8 @@ def measured_chain(body: Body | None) -> SpatialStructure | None:
     return body.structure if body.structure.informed else None
 
 
-def _undistorted(pixel: Array, lens: Array) -> Array:
-    """Directions (n, 2) as x/z, y/z of pixels (n, 2) through a lens (f, u0, v0, k1)."""
+def _directions_of(pixel: Array, lens: Array) -> Array:
+    """Directions (n, 2), x/z and y/z, that a lens (f, u0, v0, k1) shows at pixels (n, 2)."""
     f, u0, v0, k1 = lens
     bent = (pixel - (u0, v0)) / f
     radius = np.linalg.norm(bent, axis=1)
@@ -255,7 +255,7 @@ def _in_base(body: Body | None) -> Body | None:
 
 
 def _of_the_arm(structure: SpatialStructure, belief: _Belief) -> _Belief:
-    """What is believed of the arm, without the sensor."""
+    """The belief on the arm alone, without its sensor."""
     root = belief.root
     if structure.view != "base":
         # a base frame behind a sensor is turned about the first axis as the belief has it
@@ -270,7 +270,7 @@ def _of_the_arm(structure: SpatialStructure, belief: _Belief) -> _Belief:
     )
 
 
-def _drawn(model: Parts) -> Body | None:
+def _drawn_body(model: Parts) -> Body | None:
     """The drawn arm of a simulation whose arm and sensor were not changed."""
     about = model.about
     if (

@@ -21,17 +21,17 @@ _ROUNDED = 1e-9  # [rad] by which a joint may be rounded beyond its limit
 
 def joint_limits(model: Parts) -> Array:
     """Lower and upper limit (dof, 2) [rad or m]: of more than a turn, or infinite, as drawn."""
-    if "limits" not in model.remembered:
+    if "limits" not in model.cache:
         about = model.about
         limits = np.column_stack([about.lower, about.upper])
         several = about.urdf and model.motor.scale.periodic.any()
-        drawn = _drawn_limits(about.urdf) if several else {}
+        drawn = _urdf_limits(about.urdf) if several else {}
         for k, name in enumerate(about.joint_names):
             lower, upper = drawn.get(name, (0.0, 0.0))
             if model.motor.scale.periodic[k] and upper - lower > TURN:
                 limits[k] = lower, upper
-        model.remembered["limits"] = limits
-    both: Array = model.remembered["limits"]
+        model.cache["limits"] = limits
+    both: Array = model.cache["limits"]
     return both
 
 
@@ -41,7 +41,7 @@ def within_limits(model: Parts, q: Array) -> Mask:
     return np.asarray((q >= lower - _ROUNDED) & (q <= upper + _ROUNDED))
 
 
-def _drawn_limits(urdf: str) -> dict[str, tuple[float, float]]:
+def _urdf_limits(urdf: str) -> dict[str, tuple[float, float]]:
     """What the joints of a URDF can reach, by name; nothing where there is none."""
     try:
         joints = parse_robot(urdf).joints

@@ -134,7 +134,7 @@ class Codec:
             if inner.shape is None:
                 data[name] = self.data_of(part, inner, place)
             elif part is not None:
-                self.tensors[place] = _stored(part, inner.shape)
+                self.tensors[place] = _file_array(part, inner.shape)
         return data
 
     def value_of(self, data: object, hint: Hint, path: str) -> object:
@@ -192,7 +192,7 @@ class Codec:
             if inner.shape is None:
                 values[name] = self.value_of(data.get(name, ...), inner, place)
             elif tensor is not None:
-                values[name] = _checked(tensor, inner, place, sizes)
+                values[name] = _valid_array(tensor, inner, place, sizes)
             elif inner.optional:
                 values[name] = None
             else:
@@ -204,18 +204,18 @@ def _under(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
 
 
-def _stored(value: Tensor | bytes, shape: Shape) -> Tensor:
+def _file_array(value: Tensor | bytes, shape: Shape) -> Tensor:
     """Return an array as a file keeps it: whole numbers in as few bytes as they need."""
     if isinstance(value, bytes):
         return np.frombuffer(value, np.uint8)
-    array = pack(value.astype(float)) if shape.kept == TRIANGLE else value
-    kind: np.dtype[np.generic] = shape.stored
+    array = pack(value.astype(float)) if shape.storage == TRIANGLE else value
+    kind: np.dtype[np.generic] = shape.dtype
     if array.dtype.kind != "f":
         kind = np.min_scalar_type(int(array.max(initial=0)))
     return np.ascontiguousarray(array.astype(kind))
 
 
-def _checked(array: Tensor, hint: Hint, path: str, sizes: Sizes) -> object:
+def _valid_array(array: Tensor, hint: Hint, path: str, sizes: Sizes) -> object:
     """Return an array of the type and shape that its annotation says, with finite numbers."""
     shape = hint.shape or Shape()
     is_bytes = hint.kinds[0] is bytes
@@ -224,10 +224,10 @@ def _checked(array: Tensor, hint: Hint, path: str, sizes: Sizes) -> object:
         wanted = np.dtype(get_args(get_args(hint.kinds[0])[1])[0])
     fits = array.dtype.kind == "u"
     if wanted.kind == "f":
-        fits = array.dtype == shape.stored
+        fits = array.dtype == shape.dtype
         fits = fits and bool((np.abs(array.astype(float)) < LARGEST).all())
     size = math.isqrt(2 * array.size)
-    if shape.kept == TRIANGLE and array.shape == (size * (size + 1) // 2,):
+    if shape.storage == TRIANGLE and array.shape == (size * (size + 1) // 2,):
         array = unpack(array.astype(np.float32), size)
     axes = [
         sizes.setdefault(axis, length) if isinstance(axis, str) else axis

@@ -14,7 +14,7 @@ from ..body.structure import Structure
 from ..common.atomic import atomic_write
 from ..common.parallel import one_blas_thread
 from ..errors import CalibError, ModelError
-from ..maps.links import Compressed
+from ..maps.links import SparseRows
 from ..model.parts import Parts
 from .container import check_sum, pack, unpack
 from .fields import Kinds, Tensors, read, write
@@ -114,7 +114,7 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
     return model
 
 
-def _check_links(links: Compressed) -> None:
+def _check_links(links: SparseRows) -> None:
     """Refuse links of nodes that do not exist; ModelError."""
     rows, columns = links.shape
     starts = links.indptr

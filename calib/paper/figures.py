@@ -101,7 +101,7 @@ def lattice_figure(setting: Setting, path: Path) -> None:
     _save(figure, path)
 
 
-def changed_figure(episodes: Mapping[str, Episode], path: Path) -> None:
+def change_figure(episodes: Mapping[str, Episode], path: Path) -> None:
     """Sensory map before a change, with its distortion there, and after it has followed."""
     figure = _figure(12.4, 3.0 * len(episodes))
     rows = figure.subplots(

@@ -9,10 +9,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from .setting import NETWORKS, Setting
-from .trial import SAME_SCHEDULE, Found, NetworkTrial, Row, Schedule, best_trial
+from .trial import (
+    SAME_SCHEDULE,
+    Candidate,
+    NetworkTrial,
+    Row,
+    Schedule,
+    best_trial,
+)
 
 
-class Printed(NamedTuple):
+class PaperErrors(NamedTuple):
     """Mean and largest error of one column of a table [mm or deg]."""
 
     mean: float
@@ -25,10 +32,10 @@ UNITS = {"x": "mm", "y": "mm", "shoulder": "deg", "elbow": "deg"}
 COLUMNS = tuple(UNITS)
 
 
-def _row(*figures: float) -> dict[str, Printed]:
+def _row(*figures: float) -> dict[str, PaperErrors]:
     """Means and largest errors, in turn, of the four columns."""
     return {
-        name: Printed(*figures[2 * k : 2 * k + 2])
+        name: PaperErrors(*figures[2 * k : 2 * k + 2])
         for k, name in enumerate(COLUMNS)
     }
 
@@ -86,7 +93,7 @@ class Result:
 def table1(setting: Setting) -> Result:
     """SOM against VDSOM: each at its own best schedule, then both at the same one."""
     best: dict[str, Row] = {}
-    searched: dict[str, list[Found]] = {}
+    searched: dict[str, list[Candidate]] = {}
     for network in NETWORKS:
         trial, searched[network] = best_trial(setting, network)
         best[network] = trial.row(setting)
@@ -94,7 +101,7 @@ def table1(setting: Setting) -> Result:
         n: NetworkTrial(n, SAME_SCHEDULE, setting.side).row(setting)
         for n in NETWORKS
     }
-    paper = _printed(TABLE1)
+    paper = _in_si_units(TABLE1)
     setting.report(1.0, "the default varying density")
     default = NetworkTrial("vdsom:residual", Schedule(), setting.side).row(
         setting
@@ -161,7 +168,7 @@ def table2(setting: Setting) -> Result:
         paper = None if setting.quick else TABLE2.get(side)
         lines[f"VDSOM {side}x{side}"] = (row, paper)
     printed = {f"{n}x{n}": columns for n, columns in TABLE2.items()}
-    data["paper"] = _printed(printed)
+    data["paper"] = _in_si_units(printed)
     data |= {"schedule": str(trial.schedule), **_size_of(setting)}
     title = f"Table 2, {trial.schedule}, {_conditions(setting)}"
     return Result(data, (_comparison("table2", title, lines),))
@@ -170,7 +177,7 @@ def table2(setting: Setting) -> Result:
 def _comparison(
     name: str,
     title: str,
-    lines: Mapping[str, tuple[Row, Mapping[str, Printed] | None]],
+    lines: Mapping[str, tuple[Row, Mapping[str, PaperErrors] | None]],
 ) -> Table:
     """Mean and largest errors, spread over the seeds and share of the range, beside the paper's."""
     header = ["network", "readout", "error", "mean", "+-", "max", "+-"]
@@ -233,8 +240,8 @@ def _size_of(setting: Setting) -> dict[str, object]:
     }
 
 
-def _printed(
-    table: Mapping[str, Mapping[str, Printed]],
+def _in_si_units(
+    table: Mapping[str, Mapping[str, PaperErrors]],
 ) -> dict[str, dict[str, dict[str, float]]]:
     """A table of the paper for JSON, in SI units."""
     return {

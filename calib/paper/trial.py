@@ -68,7 +68,7 @@ class NetworkTrial:
 
     def row(self, setting: Setting, n: int | None = None) -> Row:
         """Errors of all seeds, of `n` samples each, on 10,000 exact test points of their own."""
-        return joined(
+        return row_of_seeds(
             [
                 self.errors(setting.babble(seed, n), seed)
                 for seed in setting.seeds
@@ -113,7 +113,7 @@ class NetworkTrial:
         return SeedErrors(summarise(residuals), ranges)
 
 
-def joined(results: Sequence[SeedErrors]) -> Row:
+def row_of_seeds(results: Sequence[SeedErrors]) -> Row:
     """One row of several seeds: mean over the seeds, and their standard deviation.
 
     "mean_of_range" and "max_of_range" are the errors as shares of the coordinate's range.
@@ -199,14 +199,14 @@ _SIGMAS = (0.4, 0.7, 1.0, 1.5, 2.0)
 _FINALISTS = 4
 
 
-class Found(NamedTuple):
+class Candidate(NamedTuple):
     """A schedule and its score: mean error of the four columns, as a share of the ranges."""
 
     schedule: Schedule
     score: float
 
 
-def best_schedule(setting: Setting, network: str) -> list[Found]:
+def best_schedule(setting: Setting, network: str) -> list[Candidate]:
     """Schedules of one network by their validation error, the best first.
 
     The readout is ``activity``.  Successive halving (Jamieson and Talwalkar, AISTATS 2016): each
@@ -214,11 +214,11 @@ def best_schedule(setting: Setting, network: str) -> list[Found]:
     candidate that stayed longer comes before one that was dropped earlier.
     """
     candidates = schedules(setting)
-    dropped: list[Found] = []
+    dropped: list[Candidate] = []
     scores: dict[Schedule, list[float]] = {
         schedule: [] for schedule in candidates
     }
-    ranking: list[Found] = []
+    ranking: list[Candidate] = []
     for k, seed in enumerate(setting.seeds):
         samples = setting.babble(seed)
         q, x = setting.validation(samples, seed)
@@ -234,7 +234,7 @@ def best_schedule(setting: Setting, network: str) -> list[Found]:
             share = (k + (n + 1) / len(candidates)) / len(setting.seeds)
             setting.report(share, f"{network}: {schedule}")
         judged = [
-            Found(schedule, float(np.mean(scores[schedule])))
+            Candidate(schedule, float(np.mean(scores[schedule])))
             for schedule in candidates
         ]
         ranking = sorted(judged, key=lambda result: result.score)
@@ -262,7 +262,7 @@ def schedules(setting: Setting) -> list[Schedule]:
 @lru_cache(maxsize=8)
 def best_trial(
     setting: Setting, network: str
-) -> tuple[NetworkTrial, list[Found]]:
+) -> tuple[NetworkTrial, list[Candidate]]:
     """The network at its own best schedule, and all that were compared."""
     ranking = best_schedule(setting, network)
     return NetworkTrial(network, ranking[0].schedule, setting.side), ranking

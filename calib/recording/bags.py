@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import INSTALL, listed
+from ..common.wording import INSTALL, listing
 from ..errors import LogError
 from ..samples.motion import (
     MAX_GAP,
     check_limits,
-    covered,
+    gaps_between,
     joint_speed,
     joints_at,
 )
@@ -75,7 +75,7 @@ def read_bag(
     if time_offset is None:
         time_offset, notes = _offset(stamps, x, times, values)
     stamps = stamps + time_offset
-    doubts = covered(stamps, times, max_gap) | {
+    doubts = gaps_between(stamps, times, max_gap) | {
         "not finite": ~np.isfinite(x).all(axis=1)
     }
     if still is not None:
@@ -149,7 +149,7 @@ def _topic(
     ]
     if len(fitting) == 1:
         return fitting[0]
-    shown = listed(
+    shown = listing(
         f"{name} ({kind.rpartition('/')[2]})"
         for name, kind in sorted(topics.items())
     )
@@ -195,8 +195,8 @@ def _joint_states(
             rows.setdefault(time, row)
     if len(rows) < 2:
         raise LogError(
-            f"topic {topic!r} has {len(rows)} joint states of {listed(names)}, 2 expected; its "
-            f"joints: {listed(sorted(recorded))}"
+            f"topic {topic!r} has {len(rows)} joint states of {listing(names)}, 2 expected; its "
+            f"joints: {listing(sorted(recorded))}"
         )
     times = np.array(sorted(rows))
     return names, times, np.array([rows[time] for time in times.tolist()])
@@ -252,7 +252,7 @@ def _poses(
             moving[pair] = rows
     pairs = [*moving] if frames is None else [(frames[0], frames[1])]
     if len(pairs) != 1 or pairs[0] not in moving:
-        shown = listed(",".join(pair) for pair in sorted(moving))
+        shown = listing(",".join(pair) for pair in sorted(moving))
         raise LogError(
             f"{len(moving)} transforms or topics move, expected one: {shown}",
             hint="name one, the sensor's frame and the tip's, as `frames`",

@@ -11,7 +11,7 @@ import numpy as np
 from ..arm.arm import SpatialArm
 from ..arm.rotations import cross_matrix, matrix_of, quaternion_of
 from ..common.arrays import Array, Index, Mask
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import LogError, OptionError
 from ..model.model import Model
 from ..samples.samples import Samples
@@ -221,7 +221,7 @@ def find_board(
     for reason, left in reasons.items():
         if left:
             notes.append(
-                f"{reason}, in {len(left)} pictures, left out: {listed(left)}"
+                f"{reason}, in {len(left)} pictures, left out: {listing(left)}"
             )
     places = np.array([*shown])
     episodes = table.episodes

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from ..errors import CalibError, LogError
 from ..samples.delays import estimate_delay
 from ..samples.motion import joints_at
@@ -216,7 +216,7 @@ class _Pair:
         inside = np.flatnonzero(
             (when >= self.joint_time[0]) & (when <= self.joint_time[-1])
         )
-        some = inside[thinned(len(inside), rows)]
+        some = inside[spread_rows(len(inside), rows)]
         return when[some], self.x[some]
 
     def refined(

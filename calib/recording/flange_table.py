@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..common.arrays import Array
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import LogError
 from ..samples.tables import open_source
 from .joint_table import JointTable, finite_rows, picture_column
@@ -84,7 +84,7 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
         named, columns = _columns(set(names))
         if not columns or names.keys() - {*columns, *_IGNORED}:
             raise LogError(
-                f"{label} has the columns {listed(source.header)}: expected {EXPECTED}"
+                f"{label} has the columns {listing(source.header)}: expected {EXPECTED}"
             )
         rows = finite_rows(source, [names[column] for column in columns])
         numbers = rows.numbers
@@ -135,7 +135,7 @@ def _without_header(path: Path, label: str) -> Array:
     counts = {len(row) for row in rows}
     if len(counts) > 1 or not counts & {*_LENGTHS}:
         raise LogError(
-            f"{label} has no header and {listed(map(str, counts))} numbers a row: expected "
+            f"{label} has no header and {listing(map(str, counts))} numbers a row: expected "
             f"{EXPECTED}"
         )
     try:

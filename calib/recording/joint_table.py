@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from ..common.choices import PICTURES
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import LogError
 from ..samples.header import name_and_unit
 from ..samples.tables import Source, open_source
@@ -66,8 +66,8 @@ def read_joints(
     rows = finite_rows(source, [*names, *beside])
     if not names or not len(rows.numbers):
         raise LogError(
-            f"{source.label} has no row with numbers for {listed(names)}: expected a column for "
-            f"each joint, decimals with a point; columns: {listed(source.header)}"
+            f"{source.label} has no row with numbers for {listing(names)}: expected a column for "
+            f"each joint, decimals with a point; columns: {listing(source.header)}"
         )
     q, about = np.split(rows.numbers, [len(names)], axis=1)
     turning = [k for k, name in enumerate(names) if name not in prismatic]
@@ -146,7 +146,7 @@ def read_shots(
         names = table.pictures
         rows = [row for row, name in enumerate(names) if name in by_name]
         paths = [by_name[names[row]] for row in rows]
-        words = f", which name {listed(names, 3)}"
+        words = f", which name {listing(names, 3)}"
         is_fitting = bool(rows) and len(set(paths)) == len(rows)
         lonely = {
             "rows of joints, without a picture": len(names) - len(rows),

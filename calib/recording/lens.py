@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..common.arrays import Array
 from ..common.atomic import atomic_write
 from ..errors import LogError, OptionError
-from ..samples.camera import bent
+from ..samples.camera import distort
 from .board import LEAST_CORNERS, Pattern
 from .pictures import list_pictures, one_thread, opencv, read_series
 
@@ -90,7 +90,7 @@ class Lens:
     def distort(self, points: ArrayLike) -> Array:
         """Return pixels (n, 2) of points (n, 2) of the plane at distance one."""
         return np.asarray(
-            self.centre + self.focal * bent(points, self.distortion)
+            self.centre + self.focal * distort(points, self.distortion)
         )
 
     def undistort(self, pixels: ArrayLike) -> Array:

@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from ..common.arrays import Array, Index
-from ..common.rows import thinned
-from ..common.wording import listed
+from ..common.rows import spread_rows
+from ..common.wording import listing
 from ..errors import LogError
 from .joint_table import JointTable
 from .pictures import Picture, Video
@@ -108,7 +108,7 @@ class Dataset:
         if len(fitting) == 1:
             return fitting[0]
         raise LogError(
-            f"{self.root} has the videos {listed(self.cameras)}: expected one, of several by its "
+            f"{self.root} has the videos {listing(self.cameras)}: expected one, of several by its "
             f"name as `camera`, not {name!r}"
         )
 
@@ -119,7 +119,8 @@ class Dataset:
         missing = [name for name in names if name not in self.columns]
         if missing:
             raise LogError(
-                f"{self.root} has the joints {listed(self.columns)}: expected {listed(missing)} too"
+                f"{self.root} has the joints {listing(self.columns)}: expected "
+                f"{listing(missing)} too"
             )
         return tuple(names)
 
@@ -292,7 +293,7 @@ def _resting(q: Array, time: Array, episode: Index) -> tuple[Index, bool]:
     for frame in slowest[speed[slowest] <= limit].tolist():
         if not resting or np.abs(q[frame] - q[resting[-1]]).max() > RESTS.apart:
             resting.append(frame)
-    some = thinned(len(resting), RESTS.most)
+    some = spread_rows(len(resting), RESTS.most)
     return np.array(resting)[some], bool(is_moving)
 
 

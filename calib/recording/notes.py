@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arm.arm import SpatialArm
 from ..common.arrays import Mask
-from ..common.wording import listed, two_digits
+from ..common.wording import listing, two_digits
 from .bundle import POSE
 from .fit import Fit
 from .joint_motions import JointMotions
@@ -44,7 +44,7 @@ def limit_of(problem: Problem, rig: HandEye, agreeing: Mask) -> str:
     turns, _ = turning(rig.flange[agreeing])
     wrist = "the hand"
     if problem.arm is not None:
-        wrist = listed(problem.arm.joint_names[-2:])
+        wrist = listing(problem.arm.joint_names[-2:])
     add = f"add pictures with {wrist} turned by 30 deg and more, each way"
     if turns[1] < LIMITS.turn:
         return f"few turns of the wrist (by {np.degrees(turns[1]):.1f} deg about one axis); {add}"
@@ -97,7 +97,7 @@ def _contradicting(rig: HandEye, agreeing: Mask) -> Iterator[str]:
     is_end = count > 1 and not agreeing[-count:].any()
     where = f"from {names[0]} on" if is_end else "in them"
     yield (
-        f"{len(names)} pictures contradict the others and are left out ({listed(names)}): {where} "
+        f"{len(names)} pictures contradict the others and are left out ({listing(names)}): {where} "
         "camera or board was moved, the camera refocused or zoomed, or the joints or poses are "
         "not theirs"
     )

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..common.choices import DICTIONARY
-from ..common.wording import filled
+from ..common.wording import fill_template
 from .board import Mark, Pattern
 from .tags import tag_cells
 
@@ -39,7 +39,7 @@ def _page(
     for mark in marks:
         body += _squares(mark, border)
     width, height = (1e3 * (side + 2 * border) for side in size)
-    return filled(
+    return fill_template(
         __package__,
         "page.svg",
         body="\n".join(body),

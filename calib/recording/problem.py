@@ -12,7 +12,7 @@ from ..arm.rotations import logarithm, nearest_rotation
 from ..body.spatial import structure_of
 from ..common.arrays import Array, Index, Mask
 from ..common.scale import METRES
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import LogError
 from ..samples.motion import pose_index
 from .board_pictures import LEAST
@@ -104,8 +104,8 @@ def of_joints(arm: SpatialArm, views: Sequence[View]) -> Problem:
         names = view.shots.joint_names
         if names != arm.joint_names:
             raise LogError(
-                f"the pictures of {view.name} are of the joints {listed(names)}, expected "
-                f"{listed(arm.joint_names)}, those of {arm.name} up to {arm.tip}"
+                f"the pictures of {view.name} are of the joints {listing(names)}, expected "
+                f"{listing(arm.joint_names)}, those of {arm.name} up to {arm.tip}"
             )
     rows = _rows(views)
     q = np.zeros((len(rows), arm.dof))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..body.spatial import SpatialStructure
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from ..errors import LogError
 from ..samples.diagnosis import Finding, readings
 from ..samples.settings import DIAGNOSIS
@@ -41,7 +41,7 @@ def refuse_readings(structure: SpatialStructure, view: View) -> None:
     is_board = abs(np.expm1(usual.size)) < _MISSAID
     if usual.misfit < _FAR and is_board:
         return
-    some = thinned(len(q), _TRIED)
+    some = spread_rows(len(q), _TRIED)
     few = replace(view, poses=view.poses[some])
     other_eye = replace(few, in_hand=not view.in_hand)
     best = usual.misfit

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.choices import DICTIONARY
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import LogError, OptionError
 from .board import Board
 from .lens import UNSTATED, Lens
@@ -184,7 +184,7 @@ def sight(
     if len(twice) > _MOST_TWICE * count:
         raise LogError(
             f"tag {setting.tag} is there twice in {len(twice)} of {count} {what} "
-            f"({listed(twice, 3)}): cover one, or print another id for the tip"
+            f"({listing(twice, 3)}): cover one, or print another id for the tip"
         )
     if not sharp:
         raise LogError(
@@ -222,4 +222,4 @@ def _tags_of(pictures: Sequence[Picture], dictionary: str) -> str:
     for grey in pictures:
         counts.update({tag.number for tag in finder.find(grey)})
     words = [f"{tag} ({times} times)" for tag, times in counts.most_common()]
-    return listed(words, 6)
+    return listing(words, 6)

@@ -17,7 +17,7 @@ from ..samples.motion import (
     MAX_GAP,
     SETTLE,
     check_limits,
-    covered,
+    gaps_between,
     joint_speed,
     joints_at,
 )
@@ -150,7 +150,7 @@ def log_video(
         notes.append(clocks.words())
     when = clocks.joints_time(time)
     usable = np.isfinite(pixels[:, 0])
-    doubts = {"a jump of the track": jumps(pixels)} | covered(
+    doubts = {"a jump of the track": jumps(pixels)} | gaps_between(
         when, joint_time, max_gap
     )
     for why, wrong in doubts.items():

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.arrays import Array, Mask
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
         first = max(0, -shift)
         end = min(len(q), len(q) - shift)
         rows = np.arange(first, end)
-        rows = rows[thinned(len(rows), TRACK.searched)]
+        rows = rows[spread_rows(len(rows), TRACK.searched)]
         miss = Judge(q[rows + shift]).miss(x[rows])
         return float(np.linalg.norm(miss, axis=1).mean())
 

@@ -56,8 +56,8 @@ def camera_of(about: Document, pixels: ArrayLike) -> Camera:
     low = pixels.min(axis=0)
     high = pixels.max(axis=0)
     if "lens" not in about:
-        return _uncalibrated(about.get("size"), high)
-    camera = _calibrated(about["lens"])
+        return _usual_camera(about.get("size"), high)
+    camera = _camera_with_lens(about["lens"])
     size = np.array(camera.size)
     if (low < -0.5 * size).any() or (high > 1.5 * size).any():
         raise LogError(
@@ -69,7 +69,7 @@ def camera_of(about: Document, pixels: ArrayLike) -> Camera:
     return camera
 
 
-def _uncalibrated(size: object, furthest: Array) -> Camera:
+def _usual_camera(size: object, furthest: Array) -> Camera:
     """A camera whose pictures have a size, or one that holds the furthest pixel (2,)."""
     note = ""
     if isinstance(size, list) and len(size) == 2:
@@ -87,7 +87,7 @@ def _uncalibrated(size: object, furthest: Array) -> Camera:
     )
 
 
-def _calibrated(lens: Document) -> Camera:
+def _camera_with_lens(lens: Document) -> Camera:
     """A camera with a calibrated lens; a prior where k1 alone, or one focal length, is wrong."""
     try:
         width, height = (int(side) for side in lens["size"])
@@ -106,7 +106,7 @@ def _calibrated(lens: Document) -> Camera:
     n = (grid * (width, height) - centre) / (fx, fy) * 0.9
     f = float(fx + fy) / 2.0
     k1 = float(distortion[0])
-    off = f * bent(n, (k1, 0, 0, 0, 0)) - bent(n, distortion) * (fx, fy)
+    off = f * distort(n, (k1, 0, 0, 0, 0)) - distort(n, distortion) * (fx, fy)
     wrong = float(np.abs(off).max())
     simple = (f, float(centre[0]), float(centre[1]), k1)
     if wrong <= _BENT:
@@ -117,7 +117,7 @@ def _calibrated(lens: Document) -> Camera:
     return Camera((width, height), simple, sd, note)
 
 
-def bent(n: ArrayLike, distortion: ArrayLike) -> Array:
+def distort(n: ArrayLike, distortion: ArrayLike) -> Array:
     """Directions n = (x/z, y/z), (..., 2), as a lens with k1, k2, p1, p2, k3 bends them.
 
     Brown's model, in the form and order of OpenCV's ``projectPoints``.

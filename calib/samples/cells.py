@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index, Mask
 from ..common.rows import LARGEST, row_lengths
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import LogError
 from .joint_values import JointLimits, wrap
 from .motion import OfRows, directions
@@ -23,7 +23,7 @@ from .tables import Source, rows_in_words
 
 @dataclass(frozen=True, eq=False)
 class Cells(OfRows):
-    """What stands in some rows of a log."""
+    """The values of some rows of a log."""
 
     label: str  # what messages call the log
     total: int  # rows that the log has, or that are held of it
@@ -39,7 +39,7 @@ class Cells(OfRows):
     notes: tuple[str, ...] = ()
 
     @property
-    def measured(self) -> Mask:
+    def of_sensor(self) -> Mask:
         """Rows (n,) that are no touch: a sensor measured the position."""
         return np.asarray(self.points[:, 1] == "")
 
@@ -76,25 +76,25 @@ def read_cells(
     source: Source, roles: Roles, limits: JointLimits, most: int, seed: int
 ) -> Cells:
     """Read a log's rows, at most so many; LogError if it has none."""
-    drawn, total = source.drawn(most, seed)
+    some, total = source.random_rows(most, seed)
     if not total:
         raise LogError(f"{source.label} has no rows below its header")
-    values, numbers = drawn.numbers(roles.columns(roles.names))
+    values, numbers = some.numbers(roles.columns(roles.names))
     q = values[:, : len(roles.joints)]
     q *= [*limits.factors.values()]
     points = np.full((len(q), 2), "", dtype=object)
     if roles.touched:
         for k, column in enumerate(roles.columns(SOCKET)):
             if column in source.header:
-                points[:, k] = drawn.texts(column)
+                points[:, k] = some.texts(column)
     side = directions(q) if np.isfinite(q).all() else None
     cells = Cells(source.label, len(q), values, numbers, points, side)
     time, episode = roles.columns(FURTHER)
     others = {*source.header} - {*roles.columns(roles.names)}
     if time in others:
-        cells = replace(cells, time=drawn.seconds(time))
+        cells = replace(cells, time=some.seconds(time))
     if episode in others:
-        numbered = drawn.numbers([episode])[0]
+        numbered = some.numbers([episode])[0]
         cells = replace(cells, episode=numbered[:, 0])
     if total <= most:
         return cells
@@ -107,11 +107,11 @@ def complete_rows(cells: Cells, roles: Roles) -> Cells:
     """Leave out rows that miss a number."""
     finite = np.abs(cells.values) < LARGEST
     _, has_position, _ = roles.split(finite)
-    touched = ~cells.measured
+    touched = ~cells.of_sensor
     has_position[touched] = True
     if roles.touched and not roles.axes:
         finite &= touched[:, None]
-    columns = listed(np.array(roles.names)[~finite.all(axis=0)])
+    columns = listing(np.array(roles.names)[~finite.all(axis=0)])
     words = f"miss a finite number (2.5, not 2,5) of {columns}"
     return cells.without(np.asarray(~finite.all(axis=1)), words)
 
@@ -136,10 +136,10 @@ def rows_in_ranges(
     return cells
 
 
-def seen_rows(cells: Cells, roles: Roles) -> Cells:
+def rows_in_sight(cells: Cells, roles: Roles) -> Cells:
     """Leave out rows in which the sensor saw nothing, or no orientation."""
     q, x, _ = roles.split(cells.values)
-    zero = (x == 0.0).all(axis=1) & cells.measured
+    zero = (x == 0.0).all(axis=1) & cells.of_sensor
     # a single row, or one place of the joints, may be the origin of the sensor
     several = zero.sum() > 1 and np.ptp(q[zero], axis=0).any()
     if several and not zero.all():
@@ -151,7 +151,7 @@ def seen_rows(cells: Cells, roles: Roles) -> Cells:
             "repeat the position of the row before although the joints moved, as where a sensor "
             "holds its last value"
         )
-        cells = cells.without(held_readings(q, x), words)
+        cells = cells.without(repeated_readings(q, x), words)
     if roles.turns != QUATERNION:
         return cells
     length = row_lengths(roles.split(cells.values)[2])
@@ -162,7 +162,7 @@ def seen_rows(cells: Cells, roles: Roles) -> Cells:
     return cells.without(wrong, f"hold no orientation: {words}")
 
 
-def held_readings(q: Array, x: Array) -> Mask:
+def repeated_readings(q: Array, x: Array) -> Mask:
     """Return rows (n,) that read as the row before to the last digit although the joints moved.
 
     A sensor of coarse steps, as of whole pixels, reads the same at two places and holds nothing.

@@ -37,7 +37,7 @@ class Delay:
         return sure and self.share > CLOCK.share
 
     def note(self) -> str:
-        """What the user should be told of a clear delay."""
+        """One line for the user on a clear delay."""
         factor, unit = (1e3, "ms") if self.unit == "s" else (1.0, "rows")
         side = "late" if self.value > 0 else "early"
         size = f"{factor * abs(self.value):.3g} +- {1.96 * factor * self.sd:.2g} {unit}"
@@ -63,12 +63,12 @@ class Trajectory:
         motion = Trajectory(samples.rows.astype(float), samples.q, "rows")
         if samples.time is not None:
             motion = Trajectory(samples.time, samples.q, "s")
-        joined = motion.joined
-        moves = joined.mean() >= 0.5 and is_path(samples.q, joined)
+        mostly = motion.is_continued.mean() >= 0.5
+        moves = mostly and is_path(samples.q, motion.is_continued)
         return motion if moves else None
 
     @property
-    def joined(self) -> Mask:
+    def is_continued(self) -> Mask:
         """Whether each row but the last goes on to the next one without a pause (n - 1,)."""
         step = np.diff(self.time)
         later = step > 0
@@ -85,7 +85,7 @@ class Trajectory:
         when = self.time - delay
         q = np.full(self.q.shape, np.nan)
         velocity = np.full(self.q.shape, np.nan)
-        ends = np.flatnonzero(~self.joined) + 1
+        ends = np.flatnonzero(~self.is_continued) + 1
         for run in np.split(np.arange(len(when)), ends):
             if len(run) < 3:
                 continue
@@ -97,7 +97,7 @@ class Trajectory:
             velocity[inside] = path(when[inside], 1)
         return q, velocity
 
-    def moved(self, samples: Samples, delay: float) -> Samples:
+    def samples_before(self, samples: Samples, delay: float) -> Samples:
         """The rows whose joints are known `delay` [unit] before, with these."""
         q, _ = self.before(delay)
         inside = finite_rows(q)
@@ -121,7 +121,7 @@ def with_offset(samples: Samples, offset: float) -> Samples:
         )
     outside = int((~inside).sum())
     note = f"{offset:+g} s added to the positions' times; {outside} rows have no joints"
-    moved = motion.moved(samples, -offset)
+    moved = motion.samples_before(samples, -offset)
     return replace(moved, in_time=True, notes=(*samples.notes, note))
 
 
@@ -149,47 +149,99 @@ def estimate_delay(
     Returns the delay and how the parameters change with it (k,), None where nothing moves.
     """
     rows = np.flatnonzero(finite_rows(np.hstack([velocity, residual])))
-    n = len(rows)
-    m = residual.shape[1]
     late = -velocity[rows].reshape(-1, 1)
-    if n < CLOCK.fewest_rows or not np.abs(late).max() > 0:
+    if len(rows) < CLOCK.fewest_rows or not np.abs(late).max() > 0:
         return None
-    size = row_lengths(residual[rows])
-    noise = float(np.median(size)) / np.sqrt(m) + 1e-9 * np.abs(late).max()
-    weight = (CLOCK.student + m) / (CLOCK.student + (size / noise) ** 2)
-    root = np.repeat(np.sqrt(weight) / noise, m)
-    beside = columns[rows].reshape(n * m, -1)
-    # a row for what the prior says of each parameter
-    prior = np.sqrt(np.asarray(precision, dtype=float))
-    target = np.append(root * residual[rows].ravel(), prior * np.asarray(pull))
+    numbers = residual[rows].size
+    regression = _Regression(
+        residual[rows],
+        _weights(residual[rows], 1e-9 * np.abs(late).max()),
+        columns[rows].reshape(numbers, -1),
+        np.sqrt(np.asarray(precision, dtype=float)),
+        np.asarray(pull),
+    )
+    solution = regression.of(late)
+    value = float(solution.values[0])
+    gain = value**2 / solution.power
+    share = float(gain / (solution.squares + gain))
+    if play is not None:
+        by_play = regression.of(play[rows].reshape(numbers, -1))
+        if by_play.squares <= solution.squares:
+            share = 0.0
+    delay = Delay(
+        value, solution.sd_of_first(*residual[rows].shape), unit, share
+    )
+    return delay, solution.values[1:]
 
-    def fitted(cause: Array) -> tuple[Array, Array, Array]:
-        """The inverse (j + k, rows) of a cause (n * m, j) beside the others, values and rest."""
-        of_prior = np.zeros((len(prior), cause.shape[1]))
+
+def _weights(residual: Array, least: float) -> Array:
+    """Roots (n * m,) [1 / unit] of the weights of residuals (n, m), robust by Student's t.
+
+    least : what the noise is larger by than its median [unit]: residuals may be zero
+    """
+    outputs = residual.shape[1]
+    size = row_lengths(residual)
+    noise = float(np.median(size)) / np.sqrt(outputs) + least
+    weight = (CLOCK.student + outputs) / (CLOCK.student + (size / noise) ** 2)
+    return np.repeat(np.sqrt(weight) / noise, outputs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Weighted least squares of a cause (j columns) and of k parameters beside it."""
+
+    inverse: Array  # (j + k, n * m + k), pseudoinverse of the columns
+    values: Array  # (j + k,)
+    rest: Array  # (n * m + k,), what the columns do not explain, in noises
+
+    @property
+    def power(self) -> float:
+        """Variance of the first value where the rows' noise is 1."""
+        return float(self.inverse[0] @ self.inverse[0])
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squares of the rest."""
+        return float(self.rest @ self.rest)
+
+    def sd_of_first(self, n: int, m: int) -> float:
+        """Standard deviation of the first value, of n rows of m outputs.
+
+        The larger one of blocks of neighbouring rows (a sandwich) and of independent rows: beside
+        smooth columns the blocks' sums are too small.
+        """
+        score = (self.inverse[0] * self.rest)[: n * m].reshape(n, m).sum(axis=1)
+        blocks = np.array_split(score, CLOCK.blocks)
+        sandwich = float(np.linalg.norm([block.sum() for block in blocks]))
+        freedom = max(n * m - len(self.values), 1)
+        white = float(np.sqrt(self.power * self.squares / freedom))
+        return max(sandwich, white)
+
+
+@dataclass(frozen=True, eq=False)
+class _Regression:
+    """Residuals to be explained by a cause and by parameters beside it."""
+
+    residual: Array  # (n, m) [unit]
+    root: Array  # (n * m,) [1 / unit], roots of the rows' weights
+    beside: Array  # (n * m, k) [unit], columns of the parameters
+    prior: Array  # (k,), roots of their prior precision
+    pull: Array  # (k,), how far they are below their prior mean
+
+    def of(self, cause: Array) -> _Solution:
+        """The solution with a cause (n * m, j); the prior adds a row for each parameter."""
+        rows = self.root[:, None]
+        target = np.append(
+            self.root * self.residual.ravel(), self.prior * self.pull
+        )
+        of_prior = np.zeros((len(self.prior), cause.shape[1]))
         features = np.block(
             [
-                [root[:, None] * cause, root[:, None] * beside],
-                [of_prior, np.diag(prior)],
+                [rows * cause, rows * self.beside],
+                [of_prior, np.diag(self.prior)],
             ]
         )
         scale = np.linalg.norm(features, axis=0) + 1e-300
         inverse = np.linalg.pinv(features / scale) / scale[:, None]
         values = inverse @ target
-        return inverse, values, target - features @ values
-
-    inverse, values, rest = fitted(late)
-    power = inverse[0] @ inverse[0]
-    gain = values[0] ** 2 / power
-    squares = rest @ rest
-    score = (inverse[0] * rest)[: n * m].reshape(n, m).sum(axis=1)
-    blocks = np.array_split(score, CLOCK.blocks)
-    sandwich = float(np.linalg.norm([block.sum() for block in blocks]))
-    # of smooth columns beside it the blocks' sums show too little
-    white = float(np.sqrt(power * squares / max(n * m - len(values), 1)))
-    sd = max(sandwich, white)
-    share = float(gain / (squares + gain))
-    if play is not None:
-        played = fitted(play[rows].reshape(n * m, -1))[2]
-        if played @ played <= squares:
-            share = 0.0
-    return Delay(float(values[0]), sd, unit, share), values[1:]
+        return _Solution(inverse, values, target - features @ values)

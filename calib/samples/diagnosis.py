@@ -1,4 +1,4 @@
-"""Diagnosis of a log: what is wrong with its columns and units, told by what predicts it.
+"""Diagnosis of a log: mistakes in its columns and units, found by a predictor of its positions.
 
 Other readings of the rows are tried in turn.  One that a predictor explains far better than the log
 as it stands is a finding; where the predictor's frame stands does not matter.
@@ -15,9 +15,9 @@ import numpy as np
 from ..arm.rotations import logarithm, matrix_of, nearest_rotation, similarity
 from ..common.arrays import Array, Mask
 from ..common.least_squares import solve_least_squares
-from ..common.rows import finite_rows, median_length, row_lengths, thinned
+from ..common.rows import finite_rows, median_length, row_lengths, spread_rows
 from ..common.scale import METRES
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import LogError
 from .samples import Samples
 from .settings import DIAGNOSIS
@@ -66,52 +66,52 @@ def diagnose(
     ...     print(finding.kind, finding.value)
     exchanged ['shoulder', 'elbow']
     """
-    rows = samples.take(thinned(len(samples), DIAGNOSIS.rows))
+    rows = samples.take(spread_rows(len(samples), DIAGNOSIS.rows))
     q = rows.q
     x = rows.x
     predicted = predict(q)
     answered = finite_rows(predicted)
-    places = len(np.unique(x, axis=0))  # of touches few, which fit anything
-    few = places < DIAGNOSIS.fewest_rows or answered.mean() <= 0.5
-    if few or not np.ptp(predicted[answered], axis=0).any():
+    # few places, such as those of touches, fit any prediction
+    few = len(np.unique(x, axis=0)) < DIAGNOSIS.fewest_rows
+    unknown = answered.mean() <= 0.5
+    if few or unknown or not np.ptp(predicted[answered], axis=0).any():
         return []
     affine = rows.unit == "px" or predicted.shape[1] != x.shape[1]
 
-    def missed(q: Array, *, tool: bool = True) -> float:
-        """Median distance that is left of rows read otherwise; `tool`: one of unknown size."""
+    def distance_left(q: Array, *, tool: bool = True) -> float:
+        """Median distance of rows with joints `q` from the predictor, in the best frame.
+
+        tool : whether a tool of unknown size may explain some of it
+        """
         predicted = predict(q)
         answered = finite_rows(predicted)
         if answered.mean() < 0.6:
             return float("inf")
         if not tool or pose is None or len(q) < DIAGNOSIS.tool_rows:
             return misfit(predicted[answered], x[answered], affine=affine)
-        place, turn = pose(q)  # positions are linear in the tool
-        moved = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
-        return misfit(moved[answered], x[answered], affine=True)
+        place, turn = pose(q)
+        # positions are linear in the tool
+        features = np.column_stack([place, matrix_of(turn).reshape(-1, 9)])
+        return misfit(features[answered], x[answered], affine=True)
 
     if rows.unit in METRES:
-        wrong = _wrong_unit(missed, rows, spread(predicted))
+        wrong = _wrong_unit(distance_left, rows, spread(predicted))
         if wrong:
             return [wrong]
     if rows.orientation is not None and pose is not None:
-        wrong = _turned(*pose(q), x, rows.orientation)
+        wrong = _wrong_turns(*pose(q), x, rows.orientation)
         if wrong:
             return [wrong]
 
     findings = []
-    wrong = _other_reading(missed, rows)
+    wrong = _other_reading(distance_left, rows)
     if wrong:
         if wrong.kind == "reversed" and x.shape[1] == 2:
             wrong = replace(wrong, hint="", mistake=False)  # it may be learned
         findings.append(wrong)
     if rows.plane is not None or affine or (wrong and wrong.mistake):
         return findings
-    mirrored = x * np.where(np.arange(x.shape[1]) == 0, -1.0, 1.0)
-    as_it_is = misfit(predicted[answered], x[answered])
-    if (
-        misfit(predicted[answered], mirrored[answered])
-        < DIAGNOSIS.far_better * as_it_is
-    ):
+    if _is_mirrored(predicted[answered], x[answered]):
         words = (
             "the positions are mirrored, compared with the robot: the sensor's axes are "
             "left-handed, or one of them is reversed"
@@ -120,18 +120,26 @@ def diagnose(
     return findings
 
 
+def _is_mirrored(predicted: Array, x: Array) -> bool:
+    """Whether positions (n, m) fit predicted ones (n, m) far better with one axis reversed."""
+    reflected = x.copy()
+    reflected[:, 0] *= -1.0
+    as_it_is = misfit(predicted, x)
+    return misfit(predicted, reflected) < DIAGNOSIS.far_better * as_it_is
+
+
 def _wrong_unit(
-    missed: Callable[..., float], rows: Samples, nominal: float
+    distance_left: Callable[..., float], rows: Samples, nominal: float
 ) -> Finding | None:
-    """Positions that extend otherwise than the nominal ones [unit], and what would explain it."""
+    """The finding that positions extend otherwise than the nominal ones [unit], with the remedy."""
     ratio = spread(rows.x) / max(nominal, 1e-300)
     low, high = DIAGNOSIS.usual_size
     hint = unit_hint(ratio, rows.unit).removeprefix("; ")
     if not hint or low < ratio < high:
         return None
-    as_it_is = missed(rows.q)
+    as_it_is = distance_left(rows.q)
     for q, finding in _units(rows.q, rows.revolute):
-        if missed(q) < DIAGNOSIS.far_better * as_it_is:
+        if distance_left(q) < DIAGNOSIS.far_better * as_it_is:
             words = f"the log fits the robot only if {finding.words}"
             return replace(finding, words=words)
     words = (
@@ -142,11 +150,11 @@ def _wrong_unit(
 
 
 def _other_reading(
-    missed: Callable[..., float], rows: Samples
+    distance_left: Callable[..., float], rows: Samples
 ) -> Finding | None:
-    """The simplest other reading of joints that is missed by far less than this one."""
+    """The simplest other reading of the joints that fits far better than the log as it stands."""
     size = spread(rows.x)
-    as_it_is = missed(rows.q)
+    as_it_is = distance_left(rows.q)
     if as_it_is <= DIAGNOSIS.small * size:
         return None
     names = rows.joint_names
@@ -157,9 +165,9 @@ def _other_reading(
     for others in readings(rows.q, names, rows.revolute, any_order=any_order):
         # a tool of unknown size explains what a mirror does: by the place alone
         far_better = {
-            missed(other, tool=False): finding
+            distance_left(other, tool=False): finding
             for other, finding in others
-            if missed(other) < DIAGNOSIS.far_better * as_it_is
+            if distance_left(other) < DIAGNOSIS.far_better * as_it_is
         }
         if far_better:
             best = far_better[min(far_better)]
@@ -221,7 +229,7 @@ def _orders(
     for order in itertools.permutations(range(len(names))):
         column_of = {names[k]: names[j] for k, j in enumerate(order) if k != j}
         if len(column_of) == 2 or (column_of and any_order):
-            holds = listed(
+            holds = listing(
                 f"{column} holds {name}" for name, column in column_of.items()
             )
             words = f"columns are exchanged ({holds})"
@@ -264,8 +272,11 @@ def spread(x: Array) -> float:
     return median_length(x - np.median(x, axis=0))
 
 
-def unmoved(q: Array, x: Array, names: Sequence[str]) -> list[Finding]:
-    """What never moves, and joints that are copies; in space a sensor may see a plane's points."""
+def still_columns(q: Array, x: Array, names: Sequence[str]) -> list[Finding]:
+    """Findings of columns that never move, and of joints that are copies of another.
+
+    In space a coordinate may be still: a sensor may see the points of a plane.
+    """
     findings = []
     if len(q) < 2:
         words = "one usable row; learning needs two or more"
@@ -285,10 +296,13 @@ def unmoved(q: Array, x: Array, names: Sequence[str]) -> list[Finding]:
     return findings
 
 
-def _turned(
+def _wrong_turns(
     place: Array, nominal: Array, x: Array, turns: Array
 ) -> Finding | None:
-    """Quaternions `turns` that do not turn as the joints predict, and the reading that does."""
+    """The finding that quaternions `turns` (n, 4) are written otherwise than this reads them.
+
+    place, nominal : positions (n, 3) and quaternions (n, 4) that the joints predict
+    """
     answered = finite_rows(np.hstack([place, nominal]))
     if answered.sum() < DIAGNOSIS.fewest_rows:
         return None
@@ -300,7 +314,7 @@ def _turned(
 
     def angle(x: Array, seen: Array) -> float:
         """Median turn [rad] that the best frame and tool leave."""
-        frame = similarity(place, aligned(place, x))[0]
+        frame = similarity(place, align(place, x))[0]
         between = (np.swapaxes(drawn, 1, 2) @ frame.T @ seen).sum(axis=0)
         expected = frame @ drawn @ nearest_rotation(between)
         off = logarithm(seen @ np.swapaxes(expected, 1, 2))
@@ -346,7 +360,7 @@ def rows_behind(predict: Predict, q: Array, x: Array) -> int:
     most = min(DIAGNOSIS.most_behind, n // 5)
     if most < 1 or not np.isfinite(predicted).all():
         return 0
-    rows = most + thinned(n - 2 * most, DIAGNOSIS.rows)
+    rows = most + spread_rows(n - 2 * most, DIAGNOSIS.rows)
     misfits = {
         shift: misfit(predicted[rows - shift], x[rows])
         for shift in range(-most, most + 1)
@@ -356,20 +370,20 @@ def rows_behind(predict: Predict, q: Array, x: Array) -> int:
     return best if misfits[best] < share * misfits[0] else 0
 
 
-def is_path(q: Array, joined: Mask | slice = slice(None)) -> bool:
-    """Whether rows (n, dof) are those of a motion, by the steps that are `joined` (n - 1,)."""
-    step = np.median(np.abs(np.diff(q, axis=0)[joined]), axis=0)
+def is_path(q: Array, steps: Mask | slice = slice(None)) -> bool:
+    """Whether rows (n, dof) are those of a motion, by some of their `steps` (n - 1,)."""
+    step = np.median(np.abs(np.diff(q, axis=0)[steps]), axis=0)
     extent = np.maximum(np.ptp(q, axis=0), 1e-12)
     return bool(np.max(step / extent) <= DIAGNOSIS.path)
 
 
 def misfit(a: Array, b: Array, *, affine: bool = False) -> float:
-    """Median distance of `b` (n, m) from `a` (n, k), `aligned`."""
-    off = b - aligned(a, b, affine=affine)
+    """Median distance of `b` (n, m) from `a` (n, k) after `align`."""
+    off = b - align(a, b, affine=affine)
     return median_length(off)
 
 
-def aligned(a: Array, b: Array, *, affine: bool = False) -> Array:
+def align(a: Array, b: Array, *, affine: bool = False) -> Array:
     """`a` (n, k), turned, shifted and scaled to `b` (n, m), whatever a few rows contradict.
 
     Where `affine`, or the one has more coordinates, by the best affine map instead.  No reflection:

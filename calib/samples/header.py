@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 
 from ..common.scale import METRES
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import LogError
 
 RADIANS = {"rad": 1.0, "deg": math.radians(1.0), "°": math.radians(1.0)}
@@ -49,7 +49,7 @@ def common_unit(columns: Sequence[str]) -> str | None:
     units = {name_and_unit(column)[1] for column in columns}
     if len(units) > 1:
         raise LogError(
-            f"columns {listed(columns)}: expected positions in one unit"
+            f"columns {listing(columns)}: expected positions in one unit"
         )
     return units.pop() or None if units else None
 
@@ -63,7 +63,7 @@ def joint_factor(column: str, *, turns: bool, degrees: bool) -> float:
     choices, others = (RADIANS, LENGTHS) if turns else (LENGTHS, RADIANS)
     if unit in others:
         raise LogError(
-            f"column {column!r} is in {unit}, expected {listed(choices)} of a joint that "
+            f"column {column!r} is in {unit}, expected {listing(choices)} of a joint that "
             f"{'turns' if turns else 'slides'}",
             parameter="prismatic",
         )

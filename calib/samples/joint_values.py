@@ -17,7 +17,7 @@ from ..arm.urdf import Range
 from ..common.arrays import Array, Index
 from ..common.rows import LARGEST, finite_rows
 from ..common.scale import TURN
-from ..common.wording import for_people, listed, unit_of_joint
+from ..common.wording import for_people, listing, unit_of_joint
 from ..errors import CalibError, LogError, OptionError
 from .header import LENGTHS, find_column, joint_factor, name_and_unit
 from .settings import READING, SLIDING, TURNING
@@ -181,7 +181,7 @@ class JointLimits:
     def _in_degrees(self, name: str) -> bool:
         return self.revolute[name] and self.factors[name] != 1.0
 
-    def settled(
+    def joints_and_ranges(
         self,
         label: str,
         q: Array,
@@ -237,8 +237,8 @@ def limits_of(
         }
         if not {*prismatic} <= {*columns}:
             raise OptionError(
-                f"{listed(prismatic)} named as sliding: expected some of the joints "
-                f"{listed(columns)}",
+                f"{listing(prismatic)} named as sliding: expected some of the joints "
+                f"{listing(columns)}",
                 parameter="prismatic",
             )
     check_ranges(ranges, revolute)
@@ -281,7 +281,7 @@ def wrap(values: Array, low: float, high: float) -> Array:
     return np.where((values < low) | (values > high), turned, values)
 
 
-def locked_from_log(
+def locked_joint_values(
     path: str | os.PathLike[str] | Source,
     names: Sequence[str],
     *,

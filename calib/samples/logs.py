@@ -15,12 +15,12 @@ from ..arm.urdf import Range
 from ..common.arrays import Array, Index
 from ..common.rows import whole
 from ..common.scale import METRES
-from ..common.wording import listed, vector
+from ..common.wording import listing, vector
 from ..errors import LogError, OptionError
 from .camera import Camera, camera_of
-from .cells import complete_rows, read_cells, rows_in_ranges, seen_rows
+from .cells import complete_rows, read_cells, rows_in_ranges, rows_in_sight
 from .delays import with_offset
-from .diagnosis import diagnose, refuse_mistakes, unmoved
+from .diagnosis import diagnose, refuse_mistakes, still_columns
 from .header import common_unit
 from .joint_values import limits_of
 from .roles import Roles, find_roles, log_columns, quaternions
@@ -111,9 +111,9 @@ def read_log(
     cells = read_cells(source, roles, limits, most, seed)
     complete = complete_rows(cells, roles)
     inside = rows_in_ranges(complete, roles, ranges or {}, limits.revolute)
-    sound = seen_rows(inside, roles).without_gaps()
+    sound = rows_in_sight(inside, roles).without_gaps()
     q, x, turns = roles.split(sound.values)
-    q, lower, upper, joint_notes = limits.settled(
+    q, lower, upper, joint_notes = limits.joints_and_ranges(
         label, q, sound.numbers, anywhere=roles.touched
     )
     notes = [*sound.notes, *joint_notes]
@@ -130,7 +130,7 @@ def read_log(
             readings = replace(readings, orientation=orientation)
         notes += reading_notes
         # what can be nothing but a mistake is refused, what may be intended told
-        refuse_mistakes(unmoved(q, readings.x, roles.joints), label)
+        refuse_mistakes(still_columns(q, readings.x, roles.joints), label)
     samples = Samples(
         q,
         joint_names=roles.joints,
@@ -178,7 +178,7 @@ def _touches(
         in_metres = x / METRES[unit]
     touch = Touches.of(points, in_metres)
     tips = np.zeros_like(in_metres) if arm is None else arm.forward(q)
-    return Readings(touch.placed(in_metres, touch.means(tips)), touch=touch)
+    return Readings(touch.positions(in_metres, touch.means(tips)), touch=touch)
 
 
 def _positions(
@@ -246,7 +246,7 @@ def _check_touches(label: str, unit: str, outputs: int | None) -> None:
         )
     if unit not in METRES:
         raise LogError(
-            f"{label}: x, y, z of touches in {unit}, expected {listed(METRES)}"
+            f"{label}: x, y, z of touches in {unit}, expected {listing(METRES)}"
         )
 
 

@@ -88,10 +88,10 @@ def check_limits(max_gap: float, still: float | None) -> None:
             raise OptionError(f"`{name}={value:g}`: expected more than zero")
 
 
-def covered(when: Array, time: Array, max_gap: float) -> dict[str, Mask]:
-    """Tell which times (n,) lie between no joints that are close enough to interpolate, and why.
+def gaps_between(when: Array, time: Array, max_gap: float) -> dict[str, Mask]:
+    """Times (n,) at which joints cannot be interpolated, by the reason.
 
-    Joints have times (m,), and are close at most `max_gap` [s] apart.
+    time : (m,) [s], of the joints; two of them are close if at most `max_gap` [s] apart
     """
     after = np.clip(np.searchsorted(time, when), 1, len(time) - 1)
     outside = (when < time[0]) | (when > time[-1])
@@ -116,7 +116,9 @@ def visits_of(q: Array) -> Visits:
     pose = pose_index(q)
     rows = np.flatnonzero(np.bincount(pose)[pose] > 1)
     arrivals = np.cumsum(np.diff(pose, prepend=-1) != 0)
-    return Visits(rows, _numbered(pose[rows]), _numbered(arrivals[rows]))
+    return Visits(
+        rows, _label_numbers(pose[rows]), _label_numbers(arrivals[rows])
+    )
 
 
 def pose_index(q: Array) -> Index:
@@ -131,13 +133,13 @@ def pose_index(q: Array) -> Index:
     place = np.asarray(place.ravel(), dtype=np.intp)
     count = len(distinct)
     if not 1 < count <= ONE_POSE.most_rows:
-        return _numbered(place)
+        return _label_numbers(place)
     near = min(ONE_POSE.neighbours + 1, count)
     distance, neighbour = map(
         np.asarray, cKDTree(distinct).query(distinct, k=near, p=np.inf)
     )
     if distance[:, 1].min() > ONE_POSE.most_apart:
-        return _numbered(place)
+        return _label_numbers(place)
     row = np.repeat(np.arange(count), near)
 
     def groups(longest: float) -> Index:
@@ -154,10 +156,10 @@ def pose_index(q: Array) -> Index:
     if len(middles) > 1:
         apart = cKDTree(middles).query(middles, k=2, p=np.inf)[0]
         lengths = np.append(lengths, np.asarray(apart)[:, 1])
-    return _numbered(groups(_reading_difference(lengths))[place])
+    return _label_numbers(groups(_reading_difference(lengths))[place])
 
 
-def _numbered(labels: Index) -> Index:
+def _label_numbers(labels: Index) -> Index:
     """Return labels (n,) as numbers from 0 in the order in which they come."""
     _, first, index = np.unique(labels, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..arm.rotations import exponential, quaternion_of
 from ..common.arrays import Array
 from ..common.rows import row_lengths
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import LogError, OptionError
 from .header import find_column
 from .samples import POSITION, Samples
@@ -87,7 +87,7 @@ def find_roles(
     among the axes where the log has one.
     """
     names = joint_names(source, arm, joints)
-    # locked joints are named for `locked_from_log`
+    # locked joints are named for `locked_joint_values`
     choices = (*POSITION, *names, *(arm.locked if arm is not None else ()))
     for name, column in columns.items():
         if name not in (*choices, *QUATERNION, *ANGLES, *SOCKET, *FURTHER):
@@ -110,7 +110,7 @@ def find_roles(
         raise LogError(
             f"{source.label} has no positions: expected columns x, y and z [m] of a tracker, "
             "u and v of a camera, or point of sockets that the tip touched; columns: "
-            f"{listed(map(repr, source.header))}",
+            f"{listing(map(repr, source.header))}",
             hint="if they have other names, give `columns={'x': 'OTHER', 'y': ..}`",
             parameter="columns",
         )
@@ -127,7 +127,7 @@ def find_roles(
     read = roles.columns(roles.names)
     if len({*read}) < len(read):
         raise OptionError(
-            f"columns {listed(read)}: one is taken twice; each joint and position needs "
+            f"columns {listing(read)}: one is taken twice; each joint and position needs "
             "a column and a name of its own",
             parameter="columns",
             value=read,
@@ -165,7 +165,7 @@ def joint_names(
             f"joints {list(joints)}: the arm was loaded with {list(names)}"
         )
     if not names:
-        others = listed(
+        others = listing(
             repr(name) for name in source.header if name not in POSITION
         )
         raise OptionError(
@@ -195,7 +195,7 @@ def log_columns(samples: Samples) -> dict[str, Array]:
     columns |= dict(zip(samples.axes, samples.x.T, strict=True))
     if len(columns) < samples.dof + len(samples.axes):
         raise OptionError(
-            f"joints {listed(samples.joint_names)} cannot be told from the positions"
+            f"joints {listing(samples.joint_names)} cannot be told from the positions"
         )
     if samples.orientation is not None:
         columns |= dict(zip(QUATERNION, samples.orientation.T, strict=True))

@@ -66,7 +66,7 @@ class LogFile(OfRows):
     notes: tuple[str, ...] = ()  # what the user should be told, one line each
 
     @property
-    def shared(self) -> float:
+    def common_sd(self) -> float:
         """Standard deviation along each axis that all rows share [unit].
 
         Where a camera sees a board, that is how well the board was found.

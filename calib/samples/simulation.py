@@ -241,17 +241,17 @@ class Simulation:
 
         Positions (n, 2) or (2,) [m] for encoders that read `q` (n, dof) or (dof,) [rad or m].
         """
-        return self._see(self._geared(q))
+        return self._see(self._behind_gears(q))
 
     def true(self, q: ArrayLike, rng: Generator) -> Array:
         """Return where the tip truly is while the arm goes through `q` (n, dof), row by row.
 
         As `measure`, without the sensor's noise and outliers: what a bound has to cover.
         """
-        theta = self._geared(q)
+        theta = self._behind_gears(q)
         noise = rng.spawn(1)[0].standard_normal(theta.shape)
         for k, width in self._of_joints("backlash"):
-            theta[:, k] = _followed(theta[:, k], width)
+            theta[:, k] = _behind_play(theta[:, k], width)
         for k, size in self._of_joints("noise"):
             theta[:, k] += size * noise[:, k]
         return self._see(theta)
@@ -296,7 +296,7 @@ class Simulation:
             arm, noise=data["noise"], changes=parse_changes(data["changes"])
         )
 
-    def _geared(self, q: ArrayLike) -> Array:
+    def _behind_gears(self, q: ArrayLike) -> Array:
         """Where the joints stand when their encoders read `q`."""
         theta = np.array(q, dtype=np.float64)
         for k, gear in self._of_joints("gear"):
@@ -337,7 +337,7 @@ class Simulation:
         ]
 
 
-def _followed(theta: Array, width: float) -> Array:
+def _behind_play(theta: Array, width: float) -> Array:
     """Let a joint (n,) follow its motor (n,), in the order of motion, with play [rad or m]."""
     half = width / 2.0
     joint = accumulate(

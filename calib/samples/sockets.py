@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..common.arrays import Array, Index, Mask
 from ..common.rows import row_lengths
 from ..common.scale import METRES
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import OptionError
 from .motion import OfRows
 
@@ -31,7 +31,7 @@ _DISTANCE = re.compile(rf"(.+),(.+)={_LENGTH}(?:(?:\+-|±){_LENGTH})?")
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of some sockets: the distance of two, or that several lie in a plane."""
+    """A fact about some sockets: the distance of two, or that several lie in a plane."""
 
     points: tuple[int, ...]  # their numbers
     value: float | None  # their distance [m]; None: a plane
@@ -81,7 +81,7 @@ class Touches(OfRows):
         return touches.with_facts(facts)
 
     @property
-    def touched(self) -> Mask:
+    def is_touch(self) -> Mask:
         """Whether each row is a touch (n,)."""
         return np.asarray(self.number >= 0)
 
@@ -102,13 +102,13 @@ class Touches(OfRows):
         """Mean, or median, of positions `x` (n, m) in each socket (p, m); NaN of none."""
         middles = np.full((len(self.sockets), x.shape[1]), np.nan)
         middle = np.median if median else np.mean
-        for socket in np.unique(self.number[self.touched]):
+        for socket in np.unique(self.number[self.is_touch]):
             middles[socket] = middle(x[self.number == socket], axis=0)
         return middles
 
-    def placed(self, x: Array, places: Array) -> Array:
+    def positions(self, x: Array, places: Array) -> Array:
         """Positions (n, m): places (p, m) of the touched sockets, `x` of rows of a sensor."""
-        return np.where(self.touched[:, None], places[self.number], x)
+        return np.where(self.is_touch[:, None], places[self.number], x)
 
     def strays(self, tip: Array, places: Array | None = None) -> Mask:
         """Rows (n,) whose tips (n, 3) are far from their socket: the tip was not in it.
@@ -117,13 +117,13 @@ class Touches(OfRows):
         """
         if places is None:
             places = self.means(tip, median=True)
-        off = row_lengths(tip - self.placed(tip, places))
-        usual = np.median(off[self.touched]) if self.touched.any() else 0.0
+        off = row_lengths(tip - self.positions(tip, places))
+        usual = np.median(off[self.is_touch]) if self.is_touch.any() else 0.0
         return np.asarray(off > STRAY * usual)
 
-    def renumbered(self) -> tuple[Index, tuple[Known, ...], Index]:
-        """Numbers of the sockets that some row touched, what is known of these, and which."""
-        sockets = np.unique(self.number[self.touched])
+    def numbers_and_facts(self) -> tuple[Index, tuple[Known, ...], Index]:
+        """Numbers (n,) and facts of the touched sockets alone, and which (k,) these are."""
+        sockets = np.unique(self.number[self.is_touch])
         place = {int(old): new for new, old in enumerate(sockets)}
         number = [place.get(int(old), -1) for old in self.number]
         facts = [
@@ -136,9 +136,9 @@ class Touches(OfRows):
     def stated(
         self, distances: Sequence[str] = (), planes: Sequence[str] = ()
     ) -> Touches:
-        """With what was typed of them, such as `A,B=50mm+-0.1mm` and `A,B,C,D`.
+        """The touches with facts that the user states: `A,B=50mm+-0.1mm`, and `A,B,C,D` of a plane.
 
-        It holds in each setup that has these points.  Raises OptionError if none has.
+        They hold in each setup that has these points.  Raises OptionError if none has.
         """
         facts: list[Known] = []
         for text in distances:
@@ -165,7 +165,7 @@ class Touches(OfRows):
             if {*sockets} <= {*self.sockets}:
                 numbers.append(tuple(map(self.sockets.index, sockets)))
         if not numbers:
-            choices = listed(sorted({point for _, point in self.sockets}))
+            choices = listing(sorted({point for _, point in self.sockets}))
             raise OptionError(
                 f"{text!r}: expected {what} of one setup, of {choices}"
             )

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array, Index
 from ..common.atomic import atomic_write
 from ..common.rows import finite_rows
-from ..common.wording import clipped, listed, printable, quoted
+from ..common.wording import clipped, listing, printable, quoted
 from ..errors import LogError
 from .header import SECONDS, common_unit, find_column, name_and_unit
 
@@ -79,7 +79,7 @@ class Source:
         found = (find_column(self.header, name) for name in "xyz")
         return common_unit([column for column in found if column])
 
-    def drawn(self, most: int, seed: int) -> tuple[Source, int]:
+    def random_rows(self, most: int, seed: int) -> tuple[Source, int]:
         """The table with at most so many rows, drawn at random, and how many it has."""
         total = len(self.table)
         if total <= most:
@@ -99,7 +99,7 @@ class Source:
                 meant = f"did you mean {quoted(near[0])}? " if near else ""
                 raise LogError(
                     f"{self.label} has no column {quoted(name)}: {meant}columns: "
-                    f"{listed(map(repr, self.header))}",
+                    f"{listing(map(repr, self.header))}",
                     hint=f"map another name with `columns={{{clipped(name)!r}: 'OTHER'}}`",
                     parameter="columns",
                     value=name,
@@ -318,7 +318,7 @@ class Batch:
         pl.DataFrame
     )  # all columns in their order, those that are read by their `names`
 
-    def answered(self, added: Mapping[str, ArrayLike]) -> dict[str, Any]:
+    def with_answers(self, added: Mapping[str, ArrayLike]) -> dict[str, Any]:
         """Return the table's columns in their places, answers in place or behind them."""
         columns = {
             name: column

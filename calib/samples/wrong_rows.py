@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..common.arrays import Array, Mask
-from ..common.rows import row_lengths, thinned
+from ..common.rows import row_lengths, spread_rows
 from .samples import Samples
 from .settings import WRONG
 from .tables import rows_in_words
@@ -43,7 +43,7 @@ def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
     box = scale.periodic.astype(float) if scale.periodic.any() else None
     tree = cKDTree(u, boxsize=box)
     around = min(WRONG.around, n - 1) + 1  # with the row itself
-    some = u[thinned(n, WRONG.fitted)]
+    some = u[spread_rows(n, WRONG.fitted)]
     usual = float(np.median(tree.query(some, k=[around])[0]))
     nearest = np.arange(1, around + 1)
     reach, near = map(np.asarray, tree.query(u[suspects], k=nearest))

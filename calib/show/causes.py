@@ -13,7 +13,7 @@ from ..body.belief import Body
 from ..body.curves import waves_of
 from ..body.structure import Structure
 from ..common.arrays import Array, Index
-from ..common.wording import sized
+from ..common.wording import quantity
 from ..errors import CalibError
 from ..model.model import Model
 from ..model.nominal import nominal_before
@@ -47,7 +47,7 @@ class Cause:
     @property
     def words(self) -> str:
         """It with its value and interval: "elbow: zero 0.56 ± 0.003 deg"."""
-        return f"{self.name} {sized(self.value, self.unit, self.half)}"
+        return f"{self.name} {quantity(self.value, self.unit, self.half)}"
 
 
 def drawing_behind(model: Model) -> tuple[Structure, Array] | None:

@@ -12,7 +12,7 @@ from ..body.rows import Rows as Measured
 from ..common.arrays import Array
 from ..errors import CalibError
 from ..maps.association import Association
-from ..maps.links import Compressed
+from ..maps.links import SparseRows
 from ..maps.local_models import NO_MODELS
 from ..maps.map import Map
 from ..maps.model_selection import blocks, select
@@ -43,7 +43,7 @@ def settled_model(
     sensory: Map,
     q: Array,
     x: Array,
-    links: Compressed | None = None,
+    links: SparseRows | None = None,
 ) -> Model:
     """A model with maps as they are now, which have followed some samples.
 

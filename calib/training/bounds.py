@@ -43,7 +43,7 @@ def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
     return reading, position
 
 
-def simulated_bounds(
+def simulation_bounds(
     model: Model,
     simulation: Simulation,
     play: Array,

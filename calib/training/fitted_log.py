@@ -169,7 +169,7 @@ def in_time(
     delay = _delay(samples, trajectory, body, fresh=fresh)
     if delay is None or not delay.clear:
         return samples, []
-    return trajectory.moved(samples, delay.value), [delay.note()]
+    return trajectory.samples_before(samples, delay.value), [delay.note()]
 
 
 def _delay(

@@ -125,7 +125,7 @@ class TrainingOptions:
         return SeedSequence(self.seed, spawn_key=(_STREAMS[name],))
 
 
-def resolved(
+def options_for(
     samples: Samples, options: TrainingOptions
 ) -> tuple[TrainingOptions, list[str]]:
     """The options with lattices and map for these samples, and what the user is told."""

@@ -10,11 +10,11 @@ import numpy as np
 
 from ..common.arrays import Array
 from ..common.rows import finite_rows, row_lengths
-from ..common.wording import sized
+from ..common.wording import quantity
 from ..errors import LogError, OptionError
 from ..model.model import Model
 from ..model.prediction import predict
-from ..samples.diagnosis import aligned
+from ..samples.diagnosis import align
 from ..samples.repeatability import at_poses, noise_beside_poses
 from ..samples.samples import Samples
 from ..samples.settings import DIAGNOSIS
@@ -33,7 +33,7 @@ from .touched import fit_sockets
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class PreparedLog:
     """What is learned from: sound rows of one sensor, in time, and the body under the maps."""
 
     readings: Samples  # poses as often as they were read
@@ -55,13 +55,13 @@ class Prepared:
         return self.rows_given - len(self.readings)
 
 
-def _alone(samples: Samples, options: TrainingOptions) -> Prepared:
+def _alone(samples: Samples, options: TrainingOptions) -> PreparedLog:
     """Leave wrong rows out, bring clocks together, and fit the body; a row a pose is left."""
     rows_given = len(samples) + samples.left_out
     no_play = np.zeros(samples.dof)
     if samples.touch is not None:
         samples, part, notes = fit_sockets(samples, samples.touch, options)
-        return Prepared(samples, rows_given, notes, part, no_play)
+        return PreparedLog(samples, rows_given, notes, part, no_play)
 
     def fit(rows: Samples) -> SmoothPart:
         return find_smooth_part(at_poses(rows), options)
@@ -69,23 +69,23 @@ def _alone(samples: Samples, options: TrainingOptions) -> Prepared:
     if options.body == "none":
         simulation = samples.simulation
         if simulation is not None and not simulation.has_outliers:
-            return Prepared(samples, rows_given, [], None, no_play)
+            return PreparedLog(samples, rows_given, [], None, no_play)
         fitted = FittedLog.of(samples, fit).without_outliers()
         if simulation is None:
             fitted = fitted.without_wrong_rows()
         notes = [*fitted.notes]
-        return Prepared(fitted.samples, rows_given, notes, None, no_play)
+        return PreparedLog(fitted.samples, rows_given, notes, None, no_play)
     fitted = fit_sound_rows(samples, fit)
     notes = [*fitted.notes]
     if fitted.play.any():
         notes.append(play_words(samples, fitted.play))
     part = _of_single_readings(fitted.part, fitted.samples)
-    return Prepared(fitted.samples, rows_given, notes, part, fitted.play)
+    return PreparedLog(fitted.samples, rows_given, notes, part, fitted.play)
 
 
 def prepare(
     logs: Mapping[str, Samples], options: TrainingOptions
-) -> list[Prepared]:
+) -> list[PreparedLog]:
     """Prepare the log of each sensor by itself, then fit one body to all of several."""
     alone = {name: _alone(log, options) for name, log in logs.items()}
     if len(alone) == 1:
@@ -106,7 +106,7 @@ def prepare(
     return prepared
 
 
-def _disagreement(log: Prepared, together: SmoothPart) -> list[str]:
+def _disagreement(log: PreparedLog, together: SmoothPart) -> list[str]:
     """Return a note where one body of all sensors misses this one's rows by far more than its own.
 
     log : with the part of its own
@@ -117,8 +117,8 @@ def _disagreement(log: Prepared, together: SmoothPart) -> list[str]:
     unit = log.readings.unit
     return [
         f"sensor {log.readings.sensor} disagrees with the others about the arm: its held-out rows "
-        f"are missed by {sized(together.error, unit)}, by {sized(alone.error, unit)} where it is "
-        "fitted alone; check that its joints and positions are of the same arm"
+        f"are missed by {quantity(together.error, unit)}, by {quantity(alone.error, unit)} where "
+        "it is fitted alone; check that its joints and positions are of the same arm"
     ]
 
 
@@ -195,7 +195,7 @@ def sound_log(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
         return samples, notes
     # a sensor that was moved is no reason to leave rows out
     x = samples.x[answered]
-    moved = x - aligned(predicted[answered], x, affine=samples.unit == "px")
+    moved = x - align(predicted[answered], x, affine=samples.unit == "px")
     far = np.median(row_lengths(residual[answered]))
     if np.median(row_lengths(moved)) < 0.5 * far:
         residual[answered] = moved

@@ -33,7 +33,7 @@ ErrorTable = dict[str, dict[str, dict[str, Sizes]]]
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """What was predicted less what is true, row by row."""
+    """Predicted less true values, row by row."""
 
     motion: Motion  # (n, dof), joints that training never saw
     x: Array  # (n, m), positions there
@@ -211,10 +211,10 @@ def error_sizes(error: Array) -> Sizes:
     }
 
 
-def answered_within(model: Model, residuals: Residuals) -> dict[str, float]:
-    """What 95 % of the errors are within [unit], and what share the model's own bound covers.
+def p95_and_coverage(model: Model, residuals: Residuals) -> dict[str, float]:
+    """The 95th percentile of the errors [unit], and the share that the model's own bound covers.
 
-    Of the rows that it answers; their share, "answered", where it is not all.
+    They are of the rows that it answers; their share, "answered", where it is not all.
     """
     errors = residuals.errors[model.default_readout]
     bound = residuals.widening * predict(model, residuals.motion).bound

@@ -81,7 +81,7 @@ class Template:
                 parameter="free",
                 value=options.free,
             )
-        structure = template.structure.changed(zeros_alone=True)
+        structure = template.structure.with_fields(zeros_alone=True)
         return replace(template, structure=structure)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arm.arm import SpatialArm
+from ..body.belief import Body
 from ..body.body_fit import BodyFit
 from ..body.fit import Fit
 from ..body.parameters import Prior
@@ -52,7 +53,7 @@ class Sockets:
 
     fit: BodyFit
     places: Array  # (p, 3) [m], where the sockets are
-    used: Mask  # (n,), rows that are in theirs
+    used: Mask  # (n,), rows whose tips are in their sockets
     scatter: float  # [m], median distance of tips from their sockets
 
 
@@ -71,27 +72,17 @@ def fit_sockets(
             "touches need the robot in space that made them: give its URDF"
         )
     _refuse_alike(samples, touch)
-    touched_alone = bool(touch.touched.all())
+    touched_alone = bool(touch.is_touch.all())
     structure = structure_of(arm, "base" if touched_alone else "rigid")
     structure = replace(structure, zeros_alone=options.free == "offsets")
     sockets = _fit_sound_touches(samples, touch, structure, options.seed)
     notes: list[str] = []
-    doubt = 0.0  # relative sd of the arm's size, beside what the rows tell
+    size_sd = 0.0
     if touched_alone:
-        notes.append(_BASE)
-    if touched_alone and not touch.distances:
-        notes.append(_SIZE)
-        doubt = DRAWN_SIZE
-    elif touched_alone:
-        planes = tuple(fact for fact in touch.facts if fact.value is None)
-        drawn = _fit_sound_touches(
-            samples, replace(touch, facts=planes), structure, options.seed
+        sockets, size_sd, words = _of_right_size(
+            sockets, samples, touch, structure, options.seed
         )
-        words, apart = _size_words(touch, drawn)
-        if words:
-            notes.append(words)
-            sockets = drawn
-            doubt = apart / 1.96 if apart <= TOUCHING.most_doubt else 0.0
+        notes = [_BASE, *words]
     if sockets.scatter > LEARNING.no_arm * arm.chain.reach:
         raise LogError(
             f"no arm explains the touches: the tips scatter by {1e3 * sockets.scatter:.3g} mm "
@@ -105,21 +96,45 @@ def fit_sockets(
             f"{rows_in_words(samples.rows[strays])}"
         )
     fit = sockets.fit
-    if doubt:
-        fit = replace(fit, body=with_size(fit.body, doubt))
-    placed = replace(samples, x=touch.placed(samples.x, sockets.places))
-    samples = placed.take(sockets.used)
+    if size_sd:
+        fit = replace(fit, body=with_size(fit.body, size_sd))
+    positions = touch.positions(samples.x, sockets.places)
+    samples = replace(samples, x=positions).take(sockets.used)
     return samples, SmoothPart.of(samples, fit, np.arange(len(samples))), notes
+
+
+def _of_right_size(
+    sockets: Sockets,
+    samples: Samples,
+    touch: Touches,
+    structure: SpatialStructure,
+    seed: int,
+) -> tuple[Sockets, float, list[str]]:
+    """The fit that has the arm's size right, where no sensor measured: by distances or the drawing.
+
+    Returns the fit, the relative sd of its size beside what the rows tell, and notes.
+    """
+    if not touch.distances:
+        return sockets, DRAWN_SIZE, [_SIZE]
+    planes = tuple(fact for fact in touch.facts if fact.value is None)
+    drawn = _fit_sound_touches(
+        samples, replace(touch, facts=planes), structure, seed
+    )
+    words, apart = _size_words(touch, drawn)
+    if not words:
+        return sockets, 0.0, []
+    size_sd = apart / 1.96 if apart <= TOUCHING.most_doubt else 0.0
+    return drawn, size_sd, [words]
 
 
 def _fit_sound_touches(
     samples: Samples, touch: Touches, structure: SpatialStructure, seed: int
 ) -> Sockets:
-    """Fit arm and sockets to the rows that are in theirs."""
+    """Fit arm and sockets, without the rows whose tips are far from their sockets."""
     used = np.ones(len(samples), dtype=bool)
     places = np.full((len(touch.sockets), 3), np.nan)
     for attempt in range(1, TOUCHING.attempts + 1):
-        number, facts, sockets = touch.take(used).renumbered()
+        number, facts, sockets = touch.take(used).numbers_and_facts()
         fit, places[sockets] = fit_touches(
             structure,
             samples.q[used],
@@ -137,7 +152,7 @@ def _fit_sound_touches(
         if (sound == used).all() or too_many or attempt == TOUCHING.attempts:
             break
         used = sound
-    in_place = used & touch.touched
+    in_place = used & touch.is_touch
     scatter = median_length((tip - places[touch.number])[in_place])
     return Sockets(fit, places, used, scatter)
 
@@ -175,7 +190,9 @@ def _size_words(touch: Touches, drawn: Sockets) -> tuple[str, float]:
 
 def _refuse_alike(samples: Samples, touch: Touches) -> None:
     """Refuse touches that are too few or too much alike to tell anything of the arm."""
-    sockets, counts = np.unique(touch.number[touch.touched], return_counts=True)
+    sockets, counts = np.unique(
+        touch.number[touch.is_touch], return_counts=True
+    )
     spans = [np.ptp(samples.q[touch.number == k], axis=0) for k in sockets]
     alike = np.max(spans, initial=0.0) < TOUCHING.alike
     few = counts.sum() < TOUCHING.few or counts.max() < TOUCHING.few_of_one
@@ -198,41 +215,62 @@ def in_sockets(
     rows = np.flatnonzero(finite_rows(tip))
     rows = rows[~touch.take(rows).strays(tip[rows])]
     touch = touch.take(rows)
-    touched = touch.touched
+    touched = touch.is_touch
     tip = tip[rows]
     if not touched.any():
         raise LogError(NOT_LEARNED)
     means = touch.means(tip)
     samples = samples.take(rows)
-    placed = touch.placed(samples.x, means)
-    samples = replace(samples, x=placed, side=np.zeros_like(samples.q))
+    samples = replace(
+        samples,
+        x=touch.positions(samples.x, means),
+        side=np.zeros_like(samples.q),
+    )
     off = row_lengths(tip - samples.x)
+    bound = model.expected_error(samples.q[touched])
+    scatter = {
+        "mean": float(off[touched].mean()),
+        "rms": float(np.sqrt((off[touched] ** 2).mean())),
+        "p95": float(np.quantile(off[touched], 0.95)),
+        "max": float(off[touched].max()),
+        "covered": float(np.mean(off[touched] <= bound)),
+    }
+    return samples, {
+        "scatter": scatter,
+        "points": _scatter_by_point(touch, off),
+        "distances": _distances(touch, means),
+    }
+
+
+def _scatter_by_point(touch: Touches, off: Array) -> list[dict[str, Any]]:
+    """Number of touches of each socket and the mean of their distances `off` (n,) [m] from it."""
     points = []
-    for number in np.unique(touch.number[touched]):
+    for number in np.unique(touch.number[touch.is_touch]):
         setup, point = touch.sockets[number]
         scatter = off[touch.number == number]
-        mean = float(scatter.mean())
-        place = {"setup": setup, "point": point}
-        points.append({**place, "rows": len(scatter), "scatter": mean})
+        points.append(
+            {
+                "setup": setup,
+                "point": point,
+                "rows": len(scatter),
+                "scatter": float(scatter.mean()),
+            }
+        )
+    return points
+
+
+def _distances(touch: Touches, places: Array) -> list[dict[str, Any]]:
+    """Stated distances [m] beside those of the sockets' places (p, 3), where both are known."""
     distances = []
     for fact in touch.distances:
-        one, other = means[list(fact.points)]
+        one, other = places[list(fact.points)]
         predicted = float(np.linalg.norm(one - other))
         if np.isfinite(predicted):
             ends = [list(touch.sockets[number]) for number in fact.points]
             distances.append(
                 {"points": ends, "stated": fact.value, "predicted": predicted}
             )
-    bound = model.expected_error(samples.q[touched])
-    off = off[touched]
-    sizes = {
-        "mean": float(off.mean()),
-        "rms": float(np.sqrt((off**2).mean())),
-        "p95": float(np.quantile(off, 0.95)),
-        "max": float(off.max()),
-        "covered": float(np.mean(off <= bound)),
-    }
-    return samples, {"scatter": sizes, "points": points, "distances": distances}
+    return distances
 
 
 def as_positions(
@@ -240,8 +278,8 @@ def as_positions(
 ) -> tuple[Samples, list[str]]:
     """A log of touches with its sockets as positions of a model, and notes.
 
-    They are found with the model's belief as prior, as it is and with what may have changed: where
-    the evidence speaks clearly for a change they are where the changed arm has them.
+    Sockets are where the model has them; where touches speak clearly for a change of the arm, where
+    the changed arm has them.
     Raises LogError if the model is not of an arm in space.
     """
     body = model.body
@@ -262,47 +300,65 @@ def as_positions(
         notes.append(
             f"{count - len(log)} touches in no socket of theirs are left out"
         )
+    places = _places_after_change(
+        body, structure, model.about.joints_of(log), log, touch
+    )
+    if places is not None:
+        log = replace(log, x=touch.positions(log.x, places))
+    return replace(log, touch=None), notes
+
+
+def _places_after_change(
+    body: Body,
+    structure: SpatialStructure,
+    q: Array,
+    log: Samples,
+    touch: Touches,
+) -> Array | None:
+    """Places (p, 3) of the sockets in the sensor's frame, as a changed arm has them.
+
+    body, q : the belief before, and joint values (n, dof) in its order
+    Returns None where the touches do not clearly speak for a change.
+    """
     noise = float(body.noise[0]) / structure.metre
-    number, facts, sockets = touch.renumbered()
-    q = model.about.joints_of(log)
+    number, facts, sockets = touch.numbers_and_facts()
     rows = [
         replace(measured, floor=0.5 * noise, noise=noise)
         for measured in rows_of_touches(q, number, facts, log.x)
     ]
     seen = with_measurements(structure, rows)
+    point = seen.groups["point"]
     belief = in_structure(body, seen)
     beta = belief.beta.copy()
-    point = seen.groups["point"]
     beta[point] = touch.means(structure.pose(q, body.beta)[0])[sockets].ravel()
+
+    # the covariance of the belief, and of sockets that may be anywhere
     active = belief.active
     variance = np.zeros((seen.size, seen.size))
-    known = body.kappa**2 * belief.covariance
     gauge = TOUCHING.gauge**2 * np.eye(len(active))
-    variance[np.ix_(active, active)] = known + gauge
+    variance[np.ix_(active, active)] = body.kappa**2 * belief.covariance + gauge
     variance[point, point] = structure.chain.reach**2
+    may_change = np.zeros(seen.size)
+    may_change[seen.groups["offset"]] = TOUCHING.offset**2
+    may_change[seen.groups["tool"]] = TOUCHING.tool**2
+    may_change[seen.groups["placement"]] = TOUCHING.placement**2
 
-    def fitted(variance: Array) -> Fit:
-        """The fit with a prior of this variance around the parameters."""
+    def fit_with(variance: Array) -> Fit:
+        """The fit with a prior of this covariance (d, d) around the parameters."""
         sd = np.sqrt(np.diag(variance))
         free = np.flatnonzero(sd)
         precision = np.asarray(np.linalg.inv(variance[np.ix_(free, free)]))
         prior = Prior(beta, sd, precision=precision)
         return Fit(seen, rows, beta, prior, nu=STUDENT).maximise(steps=8)
 
-    may_change = np.zeros(seen.size)
-    may_change[seen.groups["offset"]] = TOUCHING.offset**2
-    may_change[seen.groups["tool"]] = TOUCHING.tool**2
-    may_change[seen.groups["placement"]] = TOUCHING.placement**2
-    same = fitted(variance)
-    changed = fitted(variance + np.diag(may_change))
+    same = fit_with(variance)
+    changed = fit_with(variance + np.diag(may_change))
     gain = changed.evidence - same.evidence
-    if gain > TOUCHING.nats * changed.autocorrelation:
-        belief = in_structure(replace(belief, beta=changed.beta), structure)
-        sensor = structure.sensor(belief.beta)
-        points = changed.beta[point].reshape(-1, 3)
-        places = np.full((len(touch.sockets), 3), np.nan)
-        places[sockets] = (
-            sensor.scale * points @ sensor.rotation.T + sensor.shift
-        )
-        log = replace(log, x=touch.placed(log.x, places))
-    return replace(log, touch=None), notes
+    if gain <= TOUCHING.nats * changed.autocorrelation:
+        return None
+    arm = in_structure(replace(belief, beta=changed.beta), structure)
+    sensor = structure.sensor(arm.beta)
+    points = changed.beta[point].reshape(-1, 3)
+    places = np.full((len(touch.sockets), 3), np.nan)
+    places[sockets] = sensor.scale * points @ sensor.rotation.T + sensor.shift
+    return places

@@ -23,19 +23,19 @@ from ..errors import LogError
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
 from ..model.about import About, MeasuredRows
-from ..model.baseline import Seen, learn_baseline
+from ..model.baseline import RowPlaces, learn_baseline
 from ..model.model import Model
 from ..samples.samples import Samples
 from ..samples.simulation import Simulation
-from .bounds import node_bounds, simulated_bounds
+from .bounds import node_bounds, simulation_bounds
 from .maps import maps_of
-from .options import Progress, TrainingOptions, resolved
-from .preparation import Prepared, logs_by_sensor, prepare
+from .options import Progress, TrainingOptions, options_for
+from .preparation import PreparedLog, logs_by_sensor, prepare
 from .residuals import (
     Residuals,
-    answered_within,
     fresh_residuals,
     held_out_residuals,
+    p95_and_coverage,
     summarise,
 )
 from .settings import LEARNING, TESTING
@@ -97,7 +97,7 @@ def train(
     with one_blas_thread():
         report(0.0, "body", math.nan)
         first, *others = (
-            _learned(prepared, options, report)
+            _learn(prepared, options, report)
             for prepared in prepare(logs_by_sensor(logs, options), options)
         )
     seconds = {"total": time.perf_counter() - started}
@@ -121,13 +121,13 @@ def _refuse_few(samples: Samples) -> None:
     )
 
 
-def _learned(
-    prepared: Prepared, options: TrainingOptions, progress: Progress
+def _learn(
+    prepared: PreparedLog, options: TrainingOptions, progress: Progress
 ) -> Model:
     """Learn maps, links and local models on a body, and measure the errors of them all."""
     samples = prepared.samples
     part = prepared.part
-    options, size_notes = resolved(samples, options)
+    options, size_notes = options_for(samples, options)
 
     progress(0.1, "maps", math.nan)
 
@@ -157,18 +157,16 @@ def _learned(
 
     progress(0.8, "evaluation", math.nan)
     if samples.simulation is None:
-        tested = _tested_on_log(model, prepared, held_out, options)
+        tested = _test_on_log(model, prepared, held_out, options)
     else:
-        tested = _tested_on_arm(
-            model, samples.simulation, prepared.play, options
-        )
+        tested = _test_on_arm(model, samples.simulation, prepared.play, options)
     progress(1.0, "done", math.nan)
     residuals = tested.residuals
     notes = (*size_notes, *prepared.notes, *(part.fit.notes if part else ()))
     about = replace(
         about,
         errors=summarise(residuals),
-        within=answered_within(tested.model, residuals),
+        within=p95_and_coverage(tested.model, residuals),
         tested=len(residuals.x),
         left_out=residuals.left_out + prepared.left_out,
         notes=notes,
@@ -182,7 +180,7 @@ def _learned(
     missed = row_lengths(model.predictor.value(u[some]) - samples.x[some])
     baseline = learn_baseline(association, tested.u, tested.x, missed)
     if part is None and samples.simulation is None:
-        baseline = replace(baseline, seen=Seen.of(motor.scale, tested.u))
+        baseline = replace(baseline, seen=RowPlaces.of(motor.scale, tested.u))
     approach = Approach(prepared.play) if prepared.play.any() else None
     return replace(
         tested.model, about=about, baseline=baseline, approach=approach
@@ -190,8 +188,8 @@ def _learned(
 
 
 @dataclass(frozen=True, eq=False)
-class Tested:
-    """A model with bounds, and the rows that told them."""
+class TestedModel:
+    """A model with bounds, and the rows by which they were found."""
 
     model: Model
     residuals: Residuals  # of all its readouts
@@ -199,12 +197,12 @@ class Tested:
     x: Array  # (k, m) [unit], positions there
 
 
-def _tested_on_log(
+def _test_on_log(
     model: Model,
-    prepared: Prepared,
+    prepared: PreparedLog,
     held_out: Array | None,
     options: TrainingOptions,
-) -> Tested:
+) -> TestedModel:
     """Test a model of a log on rows that were held out.
 
     held_out : (k, m) [unit], what the default readout leaves over of the rows of the body
@@ -218,38 +216,38 @@ def _tested_on_log(
     rows = slice(None) if part is None else part.rows
     measured = MeasuredRows.of(samples.q[rows], samples.x[rows], held_out)
     model = replace(model, bounds=reading, model_bounds=position, rows=measured)
-    return Tested(model, residuals, u, residuals.x)
+    return TestedModel(model, residuals, u, residuals.x)
 
 
-def _tested_on_arm(
+def _test_on_arm(
     model: Model,
     simulation: Simulation,
     play: Array,
     options: TrainingOptions,
-) -> Tested:
+) -> TestedModel:
     """Test a model of a simulated arm on exact samples that it has not learned.
 
     play : (dof,), half the play of each joint, where the direction of approach is known
     """
     seed = options.stream("bounds")
     (nodes, u, x), residuals = side_by_side(
-        lambda: simulated_bounds(model, simulation, play, seed),
+        lambda: simulation_bounds(model, simulation, play, seed),
         lambda: fresh_residuals(model, simulation),
     )
     approach = Approach(play) if play.any() else None
     model = replace(model, bounds=nodes, model_bounds=nodes, approach=approach)
-    return Tested(model, residuals, u, x)
+    return TestedModel(model, residuals, u, x)
 
 
 def _limits(samples: Samples, arm: Arm) -> Array:
-    """What each joint (dof, 2) [rad or m] may be asked for: of whole turns what the arm says."""
+    """Limits (dof, 2) of queries [rad or m]: the learned ones, of whole turns the arm's."""
     learned = np.column_stack([samples.lower, samples.upper])
     turns = np.clip(arm.travel, -LEARNING.unlimited, LEARNING.unlimited)
     return np.where(samples.unit_box.periodic[:, None], turns, learned)
 
 
 def _about(samples: Samples, options: TrainingOptions) -> About:
-    """What is known before anything is learned; errors and notes are added later."""
+    """The facts on a model before it is learned; errors and notes are added later."""
     arm = samples.arm
     simulation = samples.simulation
     plane = samples.plane or getattr(arm, "plane", None)

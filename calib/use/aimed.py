@@ -174,7 +174,7 @@ class Scene:
         """The same chain, whose readings are pixels of corners."""
         corners = Corners(self.structure.viewpoint, self.in_hand)
         pixels = self.structure.with_sensor(view="pose", unit="px")
-        return pixels.changed(others=(corners,), place=1)
+        return pixels.with_fields(others=(corners,), place=1)
 
     def corners(self, q: Array) -> Array:
         """Rows (4 n, dof + 3) of the board's outer corners at each posture (n, dof)."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arm.rotations import logarithm
 from ..common.arrays import Array
-from ..common.rows import checked_rows, each_joint
+from ..common.rows import joint_numbers, query_rows
 from ..errors import OptionError, QueryError, require
 from ..model.model import Model
 from ..model.nominal import visited_joints
@@ -68,7 +68,7 @@ class Corrected:
     def distance(self) -> Array:
         """From the target to where the corrected joints lead, by the learned map, (n,) [unit]."""
         model = self._wanted.model
-        x = model.predicted(self._unit, model.default_readout)
+        x = model.positions_at(self._unit, model.default_readout)
         return np.asarray(np.linalg.norm(x - self.target, axis=1))
 
     @cached_property
@@ -136,7 +136,7 @@ def correct(
         if quick is not None:
             return quick
     about = model.about
-    rows, _ = checked_rows(q, about.joint_names, "joint values")
+    rows, _ = query_rows(q, about.joint_names, "joint values")
     check_joint_values(
         rows,
         about.joint_names,
@@ -152,7 +152,7 @@ def correct(
     if limit is None:
         limits = usual_limit(model)
     else:
-        limits = each_joint("limit", limit, about.joint_names, zero=False)
+        limits = joint_numbers("limit", limit, about.joint_names, zero=False)
     return Corrected(rows, nearest, reachable, limits, wanted.notes, wanted)
 
 
@@ -162,7 +162,7 @@ def usual_limit(model: Model) -> Array:
     Three times the 95 % quantile of what correcting the motor map's own nodes changes; one
     limit for all joints that turn, another for those that slide.  It is found once.
     """
-    if "limit" not in model.remembered:
+    if "limit" not in model.cache:
         q = visited_joints(model, CORRECTION.nodes)
         turns = np.array(model.about.revolute)
         nearest, reachable = Wanted.of(model).solve(q)
@@ -172,8 +172,8 @@ def usual_limit(model: Model) -> Array:
             if kind.any() and len(change):
                 usual = float(np.quantile(change[:, kind].max(axis=1), 0.95))
                 limits[kind] = max(CORRECTION.least, CORRECTION.usual * usual)
-        model.remembered["limit"] = limits.tolist()
-    return np.array(model.remembered["limit"])
+        model.cache["limit"] = limits.tolist()
+    return np.array(model.cache["limit"])
 
 
 _Shared = tuple[Array, tuple[str, ...], Wanted]
@@ -200,9 +200,9 @@ def _agreement(model: Model) -> _Shared | None:
 
 def _compiled(model: Model, q: ArrayLike) -> Corrected | None:
     """The correction of one row by the compiled kernel; None where the batch has to answer."""
-    if "correcting" not in model.remembered:
-        model.remembered["correcting"] = _agreement(model)
-    shared: _Shared | None = model.remembered["correcting"]
+    if "correcting" not in model.cache:
+        model.cache["correcting"] = _agreement(model)
+    shared: _Shared | None = model.cache["correcting"]
     kernel = model.kernel
     if shared is None or kernel is None:
         return None

@@ -28,9 +28,9 @@ from ..training.preparation import sound_log
 from ..training.residuals import (
     ErrorTable,
     Residuals,
-    answered_within,
     evaluate_residuals,
     fresh_residuals,
+    p95_and_coverage,
     summarise,
 )
 from ..training.settings import TESTING
@@ -240,7 +240,7 @@ def _evaluation(
         rows=len(residuals.x),
         left_out=residuals.left_out + lost,
         source=source,
-        within=answered_within(model, residuals),
+        within=p95_and_coverage(model, residuals),
         residuals=residuals,
     )
 

@@ -15,7 +15,7 @@ from ..arm.arm import PlanarArm, SpatialArm
 from ..arm.rotations import logarithm, similarity
 from ..body.belief import Body, knows_orientation
 from ..body.fit import Fit
-from ..body.frame_starts import drawn_frame
+from ..body.frame_starts import frame_of_drawing
 from ..body.normal import Factor, with_prior
 from ..body.parameters import Hyper, Indices, Prior
 from ..body.rows import Rows
@@ -167,7 +167,7 @@ def fit_in_space(
     if not simulated:  # a simulation's point is the tip, in the base frame
         parts += structure.frame_groups
         if start is None:
-            nominal = drawn_frame(structure, points.q, z)
+            nominal = frame_of_drawing(structure, points.q, z)
         prior = structure.prior(parts)
         nominal = _maximum(structure, points, z, nominal, prior).beta
     parts.append("offset")

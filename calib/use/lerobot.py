@@ -5,7 +5,7 @@ import math
 import os
 from collections.abc import Mapping
 
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import OptionError
 from ..model.model import Model
 from ..recording.lerobot import TICKS, Motors
@@ -53,8 +53,8 @@ def homed(
     missing = [name for name in offsets if name not in calibration.document]
     if missing:
         raise OptionError(
-            f"the calibration has the motors {listed(calibration.document)}, not {listed(missing)} "
-            "of the model"
+            f"the calibration has the motors {listing(calibration.document)}, not "
+            f"{listing(missing)} of the model"
         )
     ticks = {
         name: -round(value * TICKS / math.tau)

@@ -23,7 +23,7 @@ from ..change.significance import (
 from ..change.system import Products, prior_columns, smooth_columns
 from ..change.verdict import SHARED_ERRORS
 from ..common.arrays import Array
-from ..common.rows import thinned
+from ..common.rows import spread_rows
 from ..errors import ModelError, QueryError
 from ..model.model import Model
 
@@ -200,7 +200,7 @@ class _Equations:
         self._known, self._root = prior_columns(reference, CREEP, CREPT)
         units = np.clip(model.motor.units, 0.0, 1.0)
         nodes = model.motor.scale.from_unit(units)
-        self._nodes = nodes[thinned(len(nodes), MONITOR.nodes)]
+        self._nodes = nodes[spread_rows(len(nodes), MONITOR.nodes)]
         self._groups = {
             name: np.searchsorted(self._changes, indices)
             for name, indices in groups_of(structure).items()
@@ -283,7 +283,7 @@ class _Equations:
         error = 1.0 / math.sqrt(samples * self._reference.structure.outputs)
         if alike < MONITOR.chance * error:
             return 1.0
-        alike = min(alike + error, MONITOR.most_alike)
+        alike = min(alike, MONITOR.most_alike)
         return (1.0 + alike) / (1.0 - alike)
 
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arm.arm import Arm, SpatialArm, checked_range
+from ..arm.arm import Arm, SpatialArm, clip_range
 from ..arm.urdf import Range
 from ..body.views import is_camera
 from ..common.arrays import Array, Mask
-from ..common.rows import each_joint, number_rows
+from ..common.rows import joint_numbers, number_rows
 from ..common.scale import Scale
 from ..common.wording import quoted, suggestion
 from ..errors import OptionError
@@ -106,10 +106,10 @@ def space_of(
         k = names.index(name)
         learned = float(about.lower[k]), float(about.upper[k])
         unit = about.units_of_joints[k]
-        lower[k], upper[k] = checked_range(name, chosen, learned, unit)
+        lower[k], upper[k] = clip_range(name, chosen, learned, unit)
     margins = np.minimum(PLANNING.margin, PLANNING.share * scale.span)
     if margin is not None:
-        margins = each_joint("margin", margin, names)
+        margins = joint_numbers("margin", margin, names)
     arm = arm_of(source)
     if arm is not None:
         least, most = np.transpose(arm.limits)

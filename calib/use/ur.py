@@ -16,7 +16,7 @@ from ..arm.loading import arm_from_urdf
 from ..arm.posture import posture_of
 from ..arm.rotations import exponential
 from ..common.arrays import Array
-from ..common.wording import listed
+from ..common.wording import listing
 from ..errors import OptionError
 
 NAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
@@ -84,8 +84,8 @@ def _frames(urdf: str, tip: str) -> list[Array]:
     tilted = np.flatnonzero(np.array(cosines) < math.cos(_MOST_TILTED))
     if len(tilted):
         raise OptionError(
-            f"at zero the axes of {listed(names[k] for k in tilted)} do not point where a UR's do: "
-            "these entries can describe a UR alone",
+            f"at zero the axes of {listing(names[k] for k in tilted)} do not point where a UR's "
+            "do: these entries can describe a UR alone",
             hint="for other arms write a corrected URDF with `calib urdf`",
         )
     points[1] = _nearest(points[1], axes[1], points[0], axes[0])

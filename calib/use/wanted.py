@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..body.planar import PlanarStructure
 from ..common.arrays import Array, frozen
-from ..common.rows import checked_rows
+from ..common.rows import query_rows
 from ..common.scale import TURN
 from ..inverse.task import Poses
 from ..model.alignment import Alignment
@@ -56,9 +56,9 @@ class Wanted:
     @classmethod
     def of(cls, model: Model) -> Wanted:
         """Find it, once for a model: a controller corrects row by row."""
-        if "wanted" not in model.remembered:
-            model.remembered["wanted"] = _wanted(model)
-        wanted: Wanted = model.remembered["wanted"]
+        if "wanted" not in model.cache:
+            model.cache["wanted"] = _wanted(model)
+        wanted: Wanted = model.cache["wanted"]
         return wanted
 
     @property
@@ -177,5 +177,5 @@ def nominal_positions(model: Model, q: ArrayLike) -> Array:
     It is told in the sensor's frame.
     Raises OptionError or RobotError if the model knows no URDF.
     """
-    rows, _ = checked_rows(q, model.about.joint_names, "joint values")
+    rows, _ = query_rows(q, model.about.joint_names, "joint values")
     return Wanted.of(model).target(rows)

@@ -75,7 +75,7 @@ def _result(name: str, setting: Setting, folder: Path) -> tuple[str, Result]:
     if name == "figures":
         figures.lattice_figure(setting, folder / "lattices.png")
     result, episodes = adaptation(setting)
-    figures.changed_figure(episodes, folder / "changed.png")
+    figures.change_figure(episodes, folder / "changed.png")
     figures.curves_figure(episodes, folder / "adaptation.png")
     return "adaptation", result
 

@@ -8,7 +8,6 @@ import pytest
 from drifting import arm
 
 import calib
-from calib.body.approach import learn_play
 
 PLAY = 0.01
 
@@ -86,13 +85,16 @@ def test_a_log_of_few_rows_learns_the_play_of_all_joints_and_fresh_rows_are_no_a
     assert calib.check(model, rows.take(slice(30, 90))).drifted is False
 
 
-def test_a_play_below_zero_is_none():
+@pytest.mark.parametrize("elbow", [0.03, -0.03])
+def test_a_play_below_zero_is_none(elbow):
+    """Alone, the shoulder would explain the elbow's negative play as well."""
+    rows = calib.babble(arm(), 400)
     rng = np.random.default_rng(0)
-    direction = rng.choice([-1.0, 1.0], (200, 2))
-    features = rng.normal(size=(200, 3, 2))
-    features[:, :, 1] += 2.0 * features[:, :, 0]
-    # alone, the first joint would explain the second one's negative play as well
-    residual = features @ [0.01, -0.02]
-    slope = -features * direction[:, None, :]
-    assert learn_play(residual, slope, direction) is None
-    assert learn_play(features @ [0.01, 0.02], slope, direction) == pytest.approx([0.01, 0.02])
+    side = rng.choice([-1.0, 1.0], (400, 1)).repeat(2, axis=1)
+    play = np.array([0.01, elbow])
+    x = arm().forward(rows.q - play * side) + rng.normal(0, 1e-4, (400, 2))
+    approach = calib.train(replace(rows, simulation=None, x=x, side=side), size=5).approach
+    if elbow < 0:
+        assert approach is None
+    else:
+        assert approach.play == pytest.approx(play, rel=0.05)

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import calib
 from calib.body.body_fit import fit as fit_body
+from calib.body.covariance import autocorrelation_time, radius_95
 from calib.body.planar import planar_structure
 from calib.body.rows import Rows
 
@@ -172,3 +174,17 @@ def test_exact_simulated_worlds_are_found_by_the_member_that_holds_them(name):
     if not member and all(revolute):
         lengths = body.beta[body.structure.groups["length"]]
         assert np.allclose(lengths, LENGTHS[: len(revolute)], atol=1e-11)
+
+
+@pytest.mark.parametrize("deviations", [(1.0, 1.0), (1.0, 0.3), (1.0, 0.0), (1.0, 0.5, 0.2)])
+def test_95_percent_of_a_gaussian_lie_within_its_radius(deviations):
+    points = np.random.default_rng(0).normal(0, deviations, (200_000, len(deviations)))
+    (radius,) = radius_95(np.diag(np.square(deviations))[None])
+    assert radius == pytest.approx(np.quantile(np.linalg.norm(points, axis=1), 0.95), rel=0.02)
+
+
+@pytest.mark.parametrize("alike", [0.0, 0.5, 0.8])
+def test_the_time_of_an_autoregression_is_that_of_the_textbook(alike):
+    rng = np.random.default_rng(0)
+    r = lfilter([1.0], [1.0, -alike], rng.normal(size=(20_000, 2)), axis=0)
+    assert autocorrelation_time(r) == pytest.approx((1 + alike) / (1 - alike), rel=0.1)

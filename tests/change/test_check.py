@@ -126,11 +126,11 @@ def test_a_flipped_elbow_is_told_and_the_shoulder_is_not_blamed():
     assert made.after["mean"] < 5e-4
 
 
-def lasting(n, alike, rng):
-    """Noise (n, 2) of standard deviation 1 that is alike from row to row."""
-    noise = np.zeros((n, 2))
+def lasting(n, alike, rng, dim=2):
+    """Noise (n, dim) of standard deviation 1 that is alike from row to row."""
+    noise = np.zeros((n, dim))
     for k in range(1, n):
-        noise[k] = alike * noise[k - 1] + np.sqrt(1 - alike**2) * rng.standard_normal(2)
+        noise[k] = alike * noise[k - 1] + np.sqrt(1 - alike**2) * rng.standard_normal(dim)
     return noise
 
 
@@ -165,9 +165,7 @@ def test_a_stream_in_space_names_a_large_change_and_forgives_noise_that_lasts():
     for seed in (5, 6, 9, 13, 14, 19):
         rng = np.random.default_rng([seed, 3])
         q = rng.uniform(six.lower, six.upper, (200, 6))[:60]
-        noise = rng.normal(0.0, NOISE, (200, 3))[:60]
-        for k in range(1, len(noise)):
-            noise[k] = 0.95 * noise[k - 1] + np.sqrt(1 - 0.95**2) * noise[k]
+        noise = NOISE * lasting(60, 0.95, rng, 3)
         monitor = calib.monitor(in_space)
         stream = zip(q, six.forward(q) + noise, strict=True)
         alarms += any(monitor.update(*sample).drifted for sample in stream)

@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calib
+from calib.change.significance import Reference, everything
 from calib.use.geometry_fit import fit_geometry
 
 NOISE = 2e-4
@@ -171,3 +172,14 @@ def test_a_wrist_that_moves_with_its_neighbour_is_named_and_mended():
     error, covered = errors(adapted.model, rows(200, 9, noise=0.0))
     assert error < 1e-4
     assert covered > 0.93
+
+
+def test_a_turn_about_the_first_joint_is_free_once():
+    """It was free as the frame's turn and as the joint's offset: twice as wide as told."""
+    body = calib.train(log_of(0), size=4, motor_size=4).body
+    reference = Reference(body, body.beta)
+    groups = body.structure.groups
+    sd = everything(reference)
+    assert (sd[groups["view.rotation"]] > 0.0).all()
+    assert not sd[groups["offset"]][0]
+    assert (sd[groups["offset"]][1:] > 0.0).all()

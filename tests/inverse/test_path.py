@@ -114,7 +114,7 @@ def test_a_joint_goes_on_over_the_seam_where_it_can_and_is_told_where_it_turns_r
     row = path.jumps[0]
     assert abs(abs(path.q[row, 0] - path.q[row - 1, 0]) - TURN) < 0.1
     wide = replace(model)
-    wide.remembered["limits"] = np.array([[-TURN, TURN], [0.3, 2.5]])
+    wide.cache["limits"] = np.array([[-TURN, TURN], [0.3, 2.5]])
     path = wide.path(corners, step=0.01)
     assert len(path.jumps) == 0
     assert np.abs(np.diff(path.q[:, 0])).max() < 0.1
@@ -127,7 +127,7 @@ def test_a_joint_goes_on_over_the_seam_where_it_can_and_is_told_where_it_turns_r
 
 def test_near_beyond_the_limits_of_several_turns_asks_for_the_turn_beside_them():
     model = replace(turning())
-    model.remembered["limits"] = np.array([[-TURN, TURN], [0.3, 2.5]])
+    model.cache["limits"] = np.array([[-TURN, TURN], [0.3, 2.5]])
     x = two_link(np.array([[-0.383, 1.0]]))
     near = [8.4, 1.0]  # 2.5 from 5.9, and 8.8 from -.383
     for answer in (model.inverse(x, near=near)[0], model.inverse(x[0], near=near)):

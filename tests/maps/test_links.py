@@ -8,7 +8,7 @@ from small_maps import UNIT_BOX, box, points
 from calib import SOM, Association, Map
 from calib.common.scale import TURN, Scale
 from calib.maps.lattice import Lattice
-from calib.maps.links import WIRINGS, Compressed, Wiring
+from calib.maps.links import WIRINGS, SparseRows, Wiring
 
 BANDWIDTH = WIRINGS["oja"].bandwidth
 
@@ -115,7 +115,7 @@ def line(places, periodic=False, d=1):
 
 def linked(motor, sensory, dense):
     links = csr_array(dense)
-    rows = Compressed(links.data, links.indices, links.indptr, links.shape)
+    rows = SparseRows(links.data, links.indices, links.indptr, links.shape)
     return Association(motor, sensory, rows)
 
 

@@ -10,7 +10,7 @@ from calib import SOM, Association
 from calib.common.scale import TURN, Scale
 from calib.maps.blend import Blend
 from calib.maps.links import WIRINGS
-from calib.maps.local_models import correction, correction_slope, exponents, fit, heard
+from calib.maps.local_models import correction, correction_slope, exponents, fit, model_weights
 from calib.maps.model_selection import SELECTION, follows_the_motion, select
 
 
@@ -90,10 +90,10 @@ def test_weights_have_slopes_where_many_nodes_stand_on_a_point():
     np.testing.assert_array_equal(blend.tilt(), 0.0)
 
 
-def test_nodes_that_speak_are_heard_smoothly_by_their_share():
+def test_nodes_with_models_count_smoothly_by_their_share():
     weight = np.array([[0.2, 0.8], [0.35, 0.65], [0.4, 0.6], [0.45, 0.55], [0.6, 0.4]])
     speaking = np.tile([True, False], (5, 1))
-    answers = heard(weight, speaking)[:, 0]
+    answers = model_weights(weight, speaking)[:, 0]
     ramp = 0.25**2 * (3 - 2 * 0.25)  # a quarter of the way from silent to full
     np.testing.assert_allclose(answers, [0.0, ramp, 0.5, 1 - ramp, 1.0], atol=1e-12)
 
@@ -162,8 +162,8 @@ def test_a_defect_is_mended_and_nothing_is_said_far_from_it():
     near = inside(fresh)
     assert left[near].mean() < 0.3 * before[near].mean()
     assert left[~near].mean() < 3e-5
-    talks = (models.coefficients != 0.0).any(axis=(1, 2))
-    assert not talks[np.linalg.norm(MOTOR.units - 0.5, axis=1) > 0.35].any()
+    has_model = (models.coefficients != 0.0).any(axis=(1, 2))
+    assert not has_model[np.linalg.norm(MOTOR.units - 0.5, axis=1) > 0.35].any()
     # held-out residuals are those of the mended predictor
     mine = inside(u)
     assert np.linalg.norm(held[mine], axis=1).mean() < 0.5 * before[near].mean()

@@ -16,8 +16,7 @@ from calib import CalibError, OptionError
 from calib.recording.board import parse_board
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens, load_lens
-from calib.recording.setting import Setup
-from calib.recording.tag_logs import log_pictures, log_video
+from calib.recording.tag_logs import Setup, log_pictures, log_video
 from calib.samples.tables import open_source
 
 CAMERA = Camera(size=(640, 480), focal=600.0)
@@ -269,8 +268,7 @@ def test_videos_that_make_no_log(film, tmp_path):
     refused(
         CalibError, "a column 'time'", log_video, run, read_joints(tmp_path / "p.csv"), Setup(7)
     )
-    with pytest.raises(OptionError):
-        log_video(run, joints, Setup(7), still=-1.0)
+    refused(OptionError, "still", log_video, run, joints, Setup(7), still=-1.0)
 
 
 def test_the_commands(run, shot, film, tmp_path):

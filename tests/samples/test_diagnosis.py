@@ -46,9 +46,8 @@ def read(tmp_path):
 @pytest.mark.parametrize(("unit", "factor"), [("mm", 1e3), ("um", 1e6), ("in", 39.37)])
 def test_other_units_of_length_are_recognised(read, tmp_path, unit, factor):
     q, x = drawn()
-    with pytest.raises(calib.LogError, match=f"unit='{unit}'") as caught:
-        read(ARM, q, factor * x)
-    assert caught.value.parameter == "unit"
+    caught = refused(calib.LogError, f"unit='{unit}'", read, ARM, q, factor * x)
+    assert caught.parameter == "unit"
     assert read(ARM, q, factor * x, unit=unit).unit == unit
     if unit == "mm":  # without a robot an arm of three hundred metres is doubted
         notes = calib.read_log(tmp_path / "log.csv", joints=list(ARM.joint_names)).notes
@@ -61,9 +60,8 @@ def test_other_units_of_length_are_recognised(read, tmp_path, unit, factor):
 def test_metres_that_are_said_to_be_another_unit_are_refused(read, unit):
     """A model of links of .3 mm was written of them, without a word."""
     q, x = drawn()
-    with pytest.raises(calib.LogError, match="unit='m'") as caught:
-        read(ARM, q, x, unit=unit)
-    assert caught.value.value == unit
+    caught = refused(calib.LogError, "unit='m'", read, ARM, q, x, unit=unit)
+    assert caught.value == unit
 
 
 @pytest.mark.parametrize("arm", [ARM, SIX])

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import threading
 from dataclasses import replace
 
@@ -25,11 +26,11 @@ from calib import (
     train,
     write_log,
 )
-from calib.samples.joint_values import locked_from_log
 from calib.samples.tables import read_batch, write_table
 
 GOOD = "a,b,x,y\n0.1,0.2,1,2\n0.2,0.4,3,4\n0.3,0.1,5,6\n"
 TURN = 2 * math.pi
+DEGREES = 180 / math.pi
 
 
 def unread(path, words, error=LogError, **options):
@@ -161,24 +162,16 @@ def test_columns_are_found_by_name_in_any_order_and_others_are_ignored(file):
     ("header", "factors", "unit", "degrees"),
     [
         ("Time [ms],SHOULDER,Elbow,X,Y", (1, 1, 1), "m", False),
-        (
-            "time,shoulder (deg),elbow [deg],x [mm],y (mm)",
-            (180 / math.pi, 180 / math.pi, 1e3),
-            "mm",
-            True,
-        ),
-        ("time,shoulder [rad],elbow [°],X(cm),Y(cm)", (1, 180 / math.pi, 100), "cm", False),
+        ("time,shoulder (deg),elbow [deg],x [mm],y (mm)", (DEGREES, DEGREES, 1e3), "mm", True),
+        ("time,shoulder [rad],elbow [°],X(cm),Y(cm)", (1, DEGREES, 100), "cm", False),
         ("time,shoulder,elbow,u [px],V [px]", (1, 1, 1), "px", False),
     ],
 )
 def test_headers_have_units_in_brackets_and_any_case(arm, file, header, factors, unit, degrees):
     log = babble(arm, 20)
     q = log.q * factors[:2]
-    rows = [
-        f"{20 * k},{a!r},{b!r},{x!r},{y!r}"
-        for k, (a, b, x, y) in enumerate(np.hstack([q, log.x * factors[2]]).tolist())
-    ]
-    again = read_log(file("\n".join([header, *rows])), arm)
+    rows = np.column_stack([20 * np.arange(20), q, log.x * factors[2]]).tolist()
+    again = read_log(file("\n".join([header, *(",".join(map(repr, row)) for row in rows)])), arm)
     np.testing.assert_allclose(again.q, log.q, rtol=1e-15)
     np.testing.assert_allclose(again.x, log.x * factors[2])
     assert (again.unit, again.degrees) == (unit, degrees)
@@ -218,8 +211,7 @@ def test_a_sensor_that_holds_its_last_value_is_told_and_one_of_whole_pixels_is_n
     q = np.column_stack([0.8 + 0.7 * np.sin(time), 1.2 + np.cos(1.7 * time)])
     x = arm.forward(q) + np.random.default_rng(0).normal(0, 1e-4, (300, 2))
     x[100:112] = x[99]
-    held = Samples(q, x, arm.joint_names)
-    write_log(held, tmp_path / "held.csv")
+    write_log(Samples(q, x, arm.joint_names), tmp_path / "held.csv")
     log = read_log(tmp_path / "held.csv", arm)
     assert (len(log), log.left_out) == (288, 12)
     assert "12 of 300 rows repeat the position of the row before" in log.notes[0]
@@ -228,9 +220,7 @@ def test_a_sensor_that_holds_its_last_value_is_told_and_one_of_whole_pixels_is_n
     write_log(pixels, tmp_path / "px.csv")
     again = read_log(tmp_path / "px.csv", joints=arm.joint_names, unit="px")
     assert (len(again), again.left_out) == (300, 0)
-    resting = Samples(
-        np.repeat(q[120::10], 5, axis=0), np.repeat(x[120::10], 5, axis=0), arm.joint_names
-    )
+    resting = Samples(q, x, arm.joint_names).take(np.repeat(np.arange(120, 300, 10), 5))
     write_log(resting, tmp_path / "rest.csv")
     assert read_log(tmp_path / "rest.csv", arm).left_out == 0
 
@@ -238,8 +228,7 @@ def test_a_sensor_that_holds_its_last_value_is_told_and_one_of_whole_pixels_is_n
 def test_counts_of_an_encoder_are_neither_radians_nor_degrees(arm, file):
     table = file("shoulder,elbow,x,y\n3072,100,.1,.2\n2050,2000,.2,.3\n")
     for degrees in (False, True):
-        words = "convert an encoder's counts to rad"
-        refused(LogError, words, read_log, table, arm, degrees=degrees)
+        refused(LogError, "an encoder's counts to rad", read_log, table, arm, degrees=degrees)
 
 
 def test_the_arms_order_holds_and_its_joints_are_the_log(arm, file):
@@ -275,25 +264,29 @@ def test_parquet_of_other_types(tmp_path):
     unread(path, "one usable row")
 
 
-def test_locked_joints_are_the_medians_of_their_columns(file):
-    path = file("wrist,pan,x\n10,1,0\n12,,0\n11,1,0\n")
-    values, (note,) = locked_from_log(
-        path, ["pan", "wrist", "other"], degrees=True, prismatic=["pan"]
-    )
-    assert values == {"pan": 1.0, "wrist": pytest.approx(math.radians(11))}
-    assert "wrist is locked but moved by up to 1 deg" in note
-    assert locked_from_log(path, ["w"], columns={"w": "pan"}) == ({"w": 1.0}, [])
-    with pytest.raises(LogError, match="no column 'pam': did you mean 'pan'"):
-        locked_from_log(path, ["w"], columns={"w": "pam"})
-    pan = np.full(200, 0.25)
-    pan[7] = 0.6  # a wrong reading
-    write_table(path, {"pan": pan})
-    values, (note,) = locked_from_log(path, ["pan"])
-    assert values == {"pan": 0.25}
-    assert "moved by up to" in note
-    pan[50:90] += np.linspace(0.0, 0.5, 40)
-    write_table(path, {"pan": pan})
-    refused(LogError, r"pan is locked but moved.*row 90.*joints", locked_from_log, path, ["pan"])
+def test_locked_joints_are_the_medians_of_their_columns(tmp_path, run):
+    three = load_arm("three_link")
+    q = babble(three, 200).q
+    path, out = tmp_path / "log.csv", tmp_path / "m.calib"
+    words = ["train", "three_link", "--joints", "shoulder,elbow", "--tip", "tip", "--data", path]
+    words += ["--size", 3, "-o", out]
+
+    def trained(wrist, *more, factor=1.0):
+        x = three.forward(np.column_stack([q[:, :2], wrist]))
+        columns = np.column_stack([factor * q[:, :2], factor * wrist, x]).T
+        write_table(path, dict(zip(["shoulder", "elbow", "w", "x", "y"], columns, strict=True)))
+        return run(*words, "--columns", "wrist=w", *more)
+
+    wrist = np.full(200, 0.25)
+    wrist[7] = 0.6  # a wrong reading
+    for more, factor in (((), 1.0), (("--degrees",), DEGREES)):
+        done = trained(wrist, *more, factor=factor)
+        assert "wrist is locked but moved by up to 20.1 deg" in done.err + done.out
+        assert calib.load(out).about.locked["wrist"] == pytest.approx(0.25)
+    wrist[50:90] += np.linspace(0.0, 0.5, 40)
+    assert trained(wrist).code == 1
+    assert re.search("wrist is locked but moved.*row 90", trained(wrist).err)
+    run.refused(1, "no column 'ww': did you mean 'w'", *words, "--columns", "wrist=ww")
 
 
 def test_a_batch_keeps_its_order_and_names_its_bad_rows(file):

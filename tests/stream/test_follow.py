@@ -134,6 +134,19 @@ def with_sensory(**changes):
     return replace(model(), association=replace(model().association, sensory=sensory))
 
 
+def test_the_threshold_grows_with_the_lattice():
+    steps, _ = followed(small(), babbled("sensor.scale=1.5", n=1500), 800)
+    assert steps[-1].threshold > 2.0 * steps[0].threshold
+
+
+def test_rows_from_before_a_change_within_a_block_are_not_learned():
+    before, after = babbled(n=700), babbled("elbow.length=+20%", n=700)
+    x = np.where(np.arange(700)[:, None] < 150, before.x, after.x)
+    steps, adapter = followed(small(), replace(before, x=x), 800)
+    assert [step.adapting for step in steps[:2]] == [False, True]
+    assert np.abs(adapter.model().forward(after.q) - after.x).max() < 1e-9
+
+
 def test_what_cannot_be_followed_is_told():
     with pytest.raises(OptionError, match="growing neural gas has neither"):
         OnlineAdapter(with_sensory(lattice=Graph(2, np.array([[0, 1]]))))

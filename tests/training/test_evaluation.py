@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import log, measured, papers, trained
+from models import log, log_of, measured, papers, trained
+from scipy.spatial.transform import Rotation
 
 import calib
 from calib import LogError
@@ -43,6 +44,25 @@ def test_another_log_is_compared_row_by_row():
     covered = np.mean(off <= learned.expected_error(fresh.q))
     assert calib.evaluate(learned, fresh).within["covered"] == covered
     assert calib.evaluate(learned, replace(fresh, left_out=3)).left_out == 3  # by who read it
+
+
+def test_few_rows_are_covered_as_far_as_the_bound_of_each_reaches():
+    model, few = measured(), log(8, 2e-3, seed=3)
+    share = np.linalg.norm(model.forward(few.q) - few.x, axis=1) / model.expected_error(few.q)
+    assert ((share > 1.0) & (share < 1.3)).any()
+    assert calib.evaluate(model, few).within["covered"] == np.mean(share <= 1.0)
+
+
+def test_errors_of_orientations_are_what_a_tracker_adds():
+    arm, rng = calib.load_arm("spatial_three"), np.random.default_rng(0)
+    q = rng.uniform(arm.lower, arm.upper, (120, 3))
+    x, turns = arm.pose(q)
+    noise = Rotation.from_rotvec(rng.normal(0, 2e-3, (120, 3)))
+    rows = log_of(arm, q, x, orientation=(Rotation.from_quat(turns) * noise).as_quat())
+    model = calib.train(rows.take(slice(0, 80)), size=3)
+    evaluation = calib.evaluate(model, rows.take(slice(80, 120)))
+    told = evaluation.errors["local"]["forward"]["orientation"]["mean"]
+    assert told == pytest.approx(noise[80:].magnitude().mean(), rel=0.1)
 
 
 def test_a_log_of_which_a_model_keeps_some_rows_is_learned_as_a_whole():

@@ -7,23 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drifting import arm, log, model
-from models import six, wide
+from models import of_the_drawing, six, wide
 from refusals import refused
 
 import calib
 from calib import OptionError, correct
-from calib.model.nominal import nominal_behind
 
 Q = np.random.default_rng(0).uniform([0.4, 0.7], [1.1, 2.0], (50, 2))
 
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        ("elbow.length=+5%",),
-        ("shoulder.offset=0.03", "elbow.offset=-0.02"),
-        ("elbow.gear=1.02",),
-    ],
+    [("elbow.length=+5%",), ("shoulder.offset=0.03", "elbow.offset=-0.02"), ("elbow.gear=1.02",)],
 )
 def test_the_real_arm_goes_where_the_nominal_one_would(changes):
     samples = log(*changes, n=100, noise=0.0)
@@ -143,7 +138,7 @@ def test_six_joints_keep_the_tools_orientation():
     q = q + np.random.default_rng(1).uniform(-0.3, 0.3, (100, 6))
     found = correct(model, q)
     assert found.reachable.all()
-    wanted = structure.pose(q, nominal_behind(structure, beta))
+    wanted = structure.pose(q, of_the_drawing(model.body))
     reached = structure.pose(found.q, beta)
     assert np.abs(reached[0] - wanted[0]).max() < 1e-8
     assert np.abs(reached[1] - wanted[1]).max() < 1e-8

@@ -11,11 +11,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from conftest import run_in_process
-from models import in_space, log_of, six
+from models import in_space, log_of, of_the_drawing, six
 
 import calib
 from calib.arm.rotations import logarithm
-from calib.model.nominal import nominal_behind, nominal_in_plane
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
@@ -121,8 +120,7 @@ def test_a_corrected_command_brings_the_tip_to_the_nominal_place(single, tmp_pat
     known = ~np.isnan(fixed[:, 0])
     assert known.sum() > 1000
     assert np.isnan(fixed[np.isnan(m.forward(q)[:, 0])]).all()
-    structure, beta = nominal_in_plane(m)
-    wanted = structure.predict(q[known], beta)
+    wanted = calib.correct(m, q[known]).target
     gap = np.linalg.norm(m.body.predict(fixed[known]) - wanted, axis=1)
     assert gap.max() < (1e-3 if single else 1e-8) * m.reach
     # 0.02 rad of offset, 2 mrad of waves: the compensation is of that size
@@ -151,7 +149,7 @@ def test_six_joints_are_corrected_to_the_nominal_pose(tmp_path):
     fixed = answers(m, q, tmp_path)[3]
     structure, beta = m.body.structure, m.body.beta
     real, turned = structure.pose(fixed, beta)
-    wanted, aim = structure.pose(q, nominal_behind(structure, beta))
+    wanted, aim = structure.pose(q, of_the_drawing(m.body))
     assert np.linalg.norm(real - wanted, axis=1).max() < 1e-9
     angle = np.linalg.norm(logarithm(turned @ np.swapaxes(aim, 1, 2)), axis=1)
     off = np.linalg.norm(logarithm(structure.pose(q, beta)[1] @ np.swapaxes(aim, 1, 2)), axis=1)

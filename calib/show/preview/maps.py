@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...common.arrays import Array
-from ...common.wording import sized
+from ...common.wording import quantity
 from ...maps.lattice import Lattice
 from ...model.model import Model
 from ...model.nominal import moves_in_space
@@ -83,9 +83,9 @@ def _label_joints(canvas: Canvas, model: Model, panel: Panel) -> None:
     for axis in range(len(panel.edges)):
         unit = about.units_of_joints[axis]
         words = {
-            0.0: sized(about.lower[axis], unit),
+            0.0: quantity(about.lower[axis], unit),
             0.5: about.joint_names[axis],
-            1.0: sized(about.upper[axis], unit),
+            1.0: quantity(about.upper[axis], unit),
         }
         for share, text in words.items():
             place = np.array([-0.12, -0.06, 0.0])

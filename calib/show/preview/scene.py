@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...common.arrays import Array
-from ...common.rows import thinned
-from ...common.wording import sized
+from ...common.rows import spread_rows
+from ...common.wording import quantity
 from ...maps.lattice import Lattice
 from ...model.about import Photo
 from ...model.model import Model
@@ -111,7 +111,7 @@ def _motion(model: Model, rows: StudiedRows | None) -> Motion:
         q = visited_joints(model, SETTINGS.played)
         measured = model.forward(q)
     else:
-        some = thinned(len(rows.q), SETTINGS.played)
+        some = spread_rows(len(rows.q), SETTINGS.played)
         q = rows.q[some]
         measured = rows.x[some]
     if rows is None or model.about.simulation is not None:
@@ -163,7 +163,7 @@ def draw_points(
     shown: bool = True,
 ) -> None:
     """Draw measured points (n, 3) in the colour of their errors (n,)."""
-    some = thinned(len(points), SETTINGS.points)
+    some = spread_rows(len(points), SETTINGS.points)
     words = f"{len(some):,}, in the colour of their errors"
     canvas.layer(layer, "scale", words, shown=shown)
     tints = scale.colours(errors[some])
@@ -175,7 +175,7 @@ def _draw_motion(
 ) -> None:
     """Draw the balls that run along."""
     apart = np.linalg.norm(motion.predicted - motion.measured, axis=1)
-    off = f"{sized(apart.mean(), unit)} off on average"
+    off = f"{quantity(apart.mean(), unit)} off on average"
     # the two may coincide: the measured one is a glass ball around the other
     for name, words, colour, x, radius, opacity, order in (
         ("Measured tip", "", _MEASURED, motion.measured, 0.022, 0.45, 1),

@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ...common.atomic import atomic_write
-from ...common.wording import filled
+from ...common.wording import fill_template
 from ...errors import OptionError, require
 from ...model.model import Model
 from ...recording.rig import HandEye
@@ -95,7 +95,7 @@ def page_of(data: Mapping[str, object]) -> str:
     folder = Path(str(package.origin)).parent
     viewer = folder / "viewer" / "dist" / "main.min.js"
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    return filled(
+    return fill_template(
         __package__,
         "page.html",
         viewer=viewer.read_text(encoding="utf-8"),

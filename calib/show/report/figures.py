@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...common.arrays import Array
-from ...common.rows import thinned
-from ...common.wording import for_people, number, printable, sized, unit_for
+from ...common.rows import spread_rows
+from ...common.wording import for_people, number, printable, quantity, unit_for
 from ..causes import error_curve
 from ..error_scale import ErrorScale
 from ..robot import Robot
@@ -40,7 +40,9 @@ def accuracy(study: Study) -> Figure | None:
     if not bars:
         return None
     unit = study.model.about.unit
-    names = [f"{bar.name}: {sized(bar.mean, unit, bar.half)}" for bar in bars]
+    names = [
+        f"{bar.name}: {quantity(bar.mean, unit, bar.half)}" for bar in bars
+    ]
     sizes = [(bar.mean, bar.half) for bar in bars]
     return _intervals(
         names, sizes, unit, "mean error of the tip, 95 % interval"
@@ -159,7 +161,7 @@ def where(study: Study) -> Figure | None:
         )
         if rows is None:
             continue
-        some = thinned(len(rows.x), SETTINGS.dots)
+        some = spread_rows(len(rows.x), SETTINGS.dots)
         across, up = factor * rows.x[some][:, view].T
         tints = colours(scale.share(rows.distance[some]))
         ax.scatter(across, up, 9, tints, linewidths=0.5, rasterized=True)
@@ -176,13 +178,13 @@ def coverage(study: Study) -> Figure | None:
         return None
     about = study.model.about
     u = study.model.motor.scale.to_unit(study.rows.q)
-    u = u[thinned(len(u), SETTINGS.dots)]
+    u = u[spread_rows(len(u), SETTINGS.dots)]
     ends = zip(
         *(about.joint_names, about.lower, about.upper, about.units_of_joints),
         strict=True,
     )
     names = [
-        f"{joint}: {sized(lower, unit)} to {sized(upper, unit)}"
+        f"{joint}: {quantity(lower, unit)} to {quantity(upper, unit)}"
         for joint, lower, upper, unit in ends
     ]
     figure, ax = named_rows(names, "share of the range [%]")
@@ -208,7 +210,7 @@ def joints(study: Study) -> Figure | None:
     structure = body.structure
     if structure.dof != len(about.joint_names):
         return None
-    some = thinned(len(rows.q), SETTINGS.dots)
+    some = spread_rows(len(rows.q), SETTINGS.dots)
     q = rows.q[some]
     offsets = structure.groups["offset"]
     slope = structure.linearise(q, body.beta, offsets)[1]
@@ -270,7 +272,7 @@ def arrows(study: Study) -> Figure | None:
     rows = study.rows
     if rows is None:
         return None
-    some = thinned(len(rows.x), SETTINGS.arrows)
+    some = spread_rows(len(rows.x), SETTINGS.arrows)
     unit = study.model.about.unit
     factor = for_people(unit)[0]
     x = factor * rows.x[some]

@@ -9,7 +9,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from ...common.atomic import atomic_write
-from ...common.wording import filled, number
+from ...common.wording import fill_template, number
 from .drawing import to_svg
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def write_page(
             parts.append(
                 f'{title_of_part}<div class="{place}">{content}</div>\n'
             )
-    page = filled(
+    page = fill_template(
         __package__,
         "page.html",
         title=escape(title),

@@ -9,10 +9,10 @@ from html import escape
 from typing import TYPE_CHECKING, NamedTuple
 
 from ...common.wording import (
-    filled,
+    fill_template,
     number,
+    quantity,
     quoted,
-    sized,
     suggestion,
     unit_for,
 )
@@ -278,7 +278,7 @@ def _table(model: Model) -> str:
         ]
         cells = "</td><td>".join(values)
         rows.append(f"<tr><th>{readout}</th><td>{cells}</td></tr>")
-    return filled(
+    return fill_template(
         __package__, "table.html", unit=escape(unit), rows="\n".join(rows)
     )
 
@@ -299,8 +299,8 @@ def _report_rig(rig: HandEye, path: str | os.PathLike[str]) -> str:
             "Limited by": rig.limited_by,
             "Held out": f"{number(rig.held_out['rms'])} px rms, of pictures that the fit did "
             "not see",
-            "The arm": f"its poses scatter by {sized(spread['position'], 'm')} and "
-            f"{sized(spread['rotation'], 'rad')} (sd)",
+            "The arm": f"its poses scatter by {quantity(spread['position'], 'm')} and "
+            f"{quantity(spread['rotation'], 'rad')} (sd)",
             "A square": f"{interval} mm, {number(1e3 * square['said'], 4)} mm as stated",
         },
         sections=sections,

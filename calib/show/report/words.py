@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...common.wording import clipped, one_line, sized
+from ...common.wording import clipped, one_line, quantity
 from ..settings import SETTINGS
 from ..study import Study
 
@@ -52,20 +52,20 @@ def _accuracy(study: Study, start: str) -> list[str]:
             return [
                 "No rows are kept with this model: its errors are not known."
             ]
-        mean = sized(errors["forward"]["distance"]["mean"], unit)
+        mean = quantity(errors["forward"]["distance"]["mean"], unit)
         return [
             f"{start} tip was predicted to {mean} on average when the model was made."
         ]
     most = float(np.quantile(rows.distance, 0.95))
     sentences = [
-        f"{start} tip is predicted to {sized(rows.distance.mean(), unit)} on average, "
-        f"to {sized(most, unit)} in 95 of 100 {rows.source}{_of_answered(rows.answered)}."
+        f"{start} tip is predicted to {quantity(rows.distance.mean(), unit)} on average, "
+        f"to {quantity(most, unit)} in 95 of 100 {rows.source}{_of_answered(rows.answered)}."
     ]
     if study.delivered is not None:
         delivered = float(np.linalg.norm(study.delivered, axis=1).mean())
         if delivered > most:
             sentences.append(
-                f"As delivered it is off by {sized(delivered, unit)}."
+                f"As delivered it is off by {quantity(delivered, unit)}."
             )
     return sentences
 
@@ -91,7 +91,7 @@ def _noise(study: Study) -> list[str]:
         return []  # the rows do not tell noise and errors of the model apart
     return [
         "That is the distance to noisy readings: the model's own error is below "
-        f"{sized(bound, model.about.unit)} (95 % bound, median over the range)."
+        f"{quantity(bound, model.about.unit)} (95 % bound, median over the range)."
     ]
 
 
@@ -105,7 +105,7 @@ def largest_cause(study: Study) -> str:
         return "Not told: maps without a body have no parameters to compare with a drawing."
     if study.certain:
         cause = study.certain[0]
-        effect = sized(cause.effect, study.model.about.unit)
+        effect = quantity(cause.effect, study.model.about.unit)
         return f"{cause.words}: it moves the tip by {effect}."
     if not study.model.about.urdf:
         return "No drawing came with this model: there is nothing to compare it with."

@@ -1,0 +1,103 @@
+"""Clusters: the motor nodes linked to a sensory node, grouped into branches of the inverse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..common.arrays import Array, Index
+from ..common.scale import Scale
+from .links import SparseRows
+from .map import Map
+from .settings import READOUT
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Motor nodes linked to each sensory node, in up to c clusters: one for each branch.
+
+    A sensory node's cluster with the strongest link comes first.
+    """
+
+    center: Array  # (sensory nodes, c, dof), mean of the motor nodes, weighted by their links
+    # (sensory nodes, c), sum of its links, 0 where there is no such cluster
+    strength: Array
+    # (sensory nodes, c), motor node with the strongest link of each cluster
+    core: Index
+
+    @staticmethod
+    def of(links: SparseRows, motor: Map) -> Clusters:
+        """Clusters of links (sensory nodes, motor nodes), of which each sensory node has some."""
+        motor_node = links.indices.astype(np.intp)
+        label = _cluster_labels(links, motor)
+        # the strongest link of each cluster, in the order of labels: its core
+        order = np.lexsort((-links.data, label))
+        begins = np.append(True, np.diff(label[order]) > 0)
+        strongest = order[begins]
+        core = motor_node[strongest]
+        # the link-weighted mean of each cluster, of the nodes around its core
+        place = motor.units[core]
+        gap = motor.scale.difference(motor.units[motor_node], place[label])
+        inside = np.linalg.norm(gap, axis=1) <= READOUT.core * motor.spacing
+        weight = np.where(inside, links.data, 0.0)
+        total = np.bincount(label, weight)
+        sums = [np.bincount(label, weight * g) for g in gap.T]
+        center = place + np.stack(sums, axis=1) / total[:, None]
+        table = _table_of_clusters(links, strongest)
+        strength = np.where(table >= 0, total[table], 0.0)
+        return Clusters(center[table], strength, core[table])
+
+    def nearest(
+        self,
+        nodes: Index,
+        place: Array,
+        scale: Scale,
+    ) -> Index:
+        """Which cluster (...) of sensory nodes (...) is nearest to places (..., dof)."""
+        gap = scale.difference(self.center[nodes], place[..., None, :])
+        distance = np.linalg.norm(gap, axis=-1)
+        distance = np.where(self.strength[nodes] > 0, distance, np.inf)
+        return np.asarray(distance.argmin(axis=-1))
+
+
+def _table_of_clusters(links: SparseRows, strongest: Index) -> Index:
+    """Labels (sensory nodes, c) of each sensory node's clusters, the strongest first, else -1.
+
+    links : (sensory nodes, motor nodes)
+    strongest : (clusters,), the strongest link of each
+    """
+    owners = links.rows[strongest]
+    order = np.lexsort((-links.data[strongest], owners))
+    owner = owners[order]
+    column = np.arange(len(owner)) - np.searchsorted(owner, owner)
+    strong = column < READOUT.most_clusters
+    columns = int(column[strong].max()) + 1
+    table = np.full((links.shape[0], columns), -1)
+    table[owner[strong], column[strong]] = order[strong]
+    return table
+
+
+def _cluster_labels(links: SparseRows, motor: Map) -> Index:
+    """Cluster of each link: links of a sensory node to motor nodes close to each other share one.
+
+    links : (sensory nodes, motor nodes)
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    count = len(links.indices)
+    around = 3 ** min(motor.units.shape[1], 3)
+    distance, near = motor.nearest(motor.units, min(around, motor.size))
+    close = distance <= READOUT.joined * motor.spacing
+    # links are in the order of their keys; look for those of the same node to close motor nodes
+    rows = links.rows * motor.size
+    keys = rows + links.indices
+    neighbour_keys = rows[:, None] + near[links.indices]
+    place = np.minimum(np.searchsorted(keys, neighbour_keys), count - 1)
+    exists = keys[place] == neighbour_keys
+    link, column = np.nonzero(close[links.indices] & exists)
+    pairs = (link, place[link, column])
+    graph = coo_array((np.ones(len(link)), pairs), (count, count))
+    label: Index = connected_components(graph)[1].astype(np.intp)
+    return label
