@@ -24,7 +24,7 @@ import calib
 from calib.arm.rotations import logarithm
 from calib.body.sensor_pose import hand_pose
 from calib.recording.board import parse_board
-from calib.recording.board_pictures import BoardPictures, held_poses
+from calib.recording.board_pictures import BoardPictures, hand_poses
 from calib.recording.lens import Lens
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -110,7 +110,7 @@ def opencv(rig: Rig, true: object) -> dict[str, tuple[float, float]]:
     base, neutral = rig.structure.with_sensor(view="base"), rig.structure.neutral()
     p, turn = base.pose(rig.q, neutral)
     seen = pictures(rig, rig.seen, 0, len(rig.q)).poses(rig.glass)
-    there = held_poses(seen, in_hand=False)
+    there = hand_poses(seen, in_hand=False)
     boards, shifts = there[:, :3, :3], there[:, :3, 3]
     out = {}
     kinds = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")

@@ -103,7 +103,7 @@ def record_tag(
 ) -> Samples:
     """Make a log of pictures or a video, and draw what was seen if that is wanted."""
     from calib.recording.joint_table import read_joints
-    from calib.recording.photo import read_photo, write_seen
+    from calib.recording.photo import read_photo, write_overlay
     from calib.recording.pictures import list_pictures
     from calib.recording.tag_logs import log_pictures, log_video
 
@@ -141,7 +141,7 @@ def record_tag(
         name = path.resolve().relative_to(folder).as_posix()
         log = replace(log, source={**log.source, "photo": name})
     if picture is not None and log.pixels is not None:
-        write_seen(picture, read_photo(path), setting, log.pixels)
+        write_overlay(picture, read_photo(path), setting, log.pixels)
     return log
 
 

@@ -24,7 +24,7 @@ import calib  # noqa: E402
 from calib.recording.board import parse_board  # noqa: E402
 from calib.recording.joint_table import read_joints  # noqa: E402
 from calib.recording.lens import Lens  # noqa: E402
-from calib.recording.photo import take_photo, write_seen  # noqa: E402
+from calib.recording.photo import take_photo, write_overlay  # noqa: E402
 from calib.recording.pictures import list_pictures, read_picture  # noqa: E402
 from calib.recording.setting import Setup  # noqa: E402
 from calib.recording.tag_logs import log_pictures  # noqa: E402
@@ -59,7 +59,7 @@ def main(target: Path) -> None:
         board_given = Setup(7, board=parse_board("7x5:24mm:18mm:5x5_100"), lens=lens)
         made = log_pictures(folder / "pictures", table, Setup(7))
         photo = read_picture(list_pictures(folder / "pictures")[7], colour=True)
-        write_seen(folder / "seen.png", photo, board_given, made.pixels)
+        write_overlay(folder / "seen.png", photo, board_given, made.pixels)
         save(Image.open(folder / "seen.png"), target / "webcam-seen.jpg")
         calib.write_log(made, folder / "log.csv")
         log = calib.read_log(folder / "log.csv", joints=list(made.joint_names))

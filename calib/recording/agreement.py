@@ -1,4 +1,4 @@
-"""Agreement: the fit is of the pictures that agree, the others are left out by name."""
+"""Agreement: the fit of the pictures that agree; the others are left out by name."""
 
 from __future__ import annotations
 
@@ -36,25 +36,25 @@ class Settings:
 SETTINGS = Settings()
 
 
-def agreed(problem: Problem) -> tuple[Fit, Mask]:
+def consensus(problem: Problem) -> tuple[Fit, Mask]:
     """The fit of the pictures that agree, and which these are (n,).
 
     Raises LogError if too few do.
     """
     number = np.arange(len(problem.rows))
     half = len(number) // 2
-    fits = _grown(problem, number >= 0)
+    fits = _fits_from(problem, number >= 0)
     if not fits:  # begin without those that the closed form contradicts
         misses = problem.bundle.misses(problem.predict(problem.start))
-        fits = _grown(problem, misses < SETTINGS.far * np.median(misses))
+        fits = _fits_from(problem, misses < SETTINGS.far * np.median(misses))
     is_doubtful = not fits
     if fits and half >= SETTINGS.half:
         noise = fits[0][0].noise.error
         turn, shift = SETTINGS.doubtful
         is_doubtful = noise[0] > turn or noise[3] > shift
     if is_doubtful:  # a board that was moved once leaves one half whole
-        fits += _grown(problem, number < half)
-        fits += _grown(problem, number >= half)
+        fits += _fits_from(problem, number < half)
+        fits += _fits_from(problem, number >= half)
     if not fits:
         raise LogError(
             "no place of camera and board explains the pictures: check that each row is of its "
@@ -64,7 +64,8 @@ def agreed(problem: Problem) -> tuple[Fit, Mask]:
     scores = []
     for fit, agreeing in fits:
         misses = problem.bundle.misses(problem.predict(fit))
-        rms = np.sqrt(np.mean(misses[agreeing] ** 2))
+        squares = misses[agreeing] ** 2
+        rms = np.sqrt(np.mean(squares))
         scores.append(rms / agreeing.mean())
     # one half by itself has to fit far better, since few pictures always fit well
     best = int(np.argmin(scores))
@@ -72,8 +73,8 @@ def agreed(problem: Problem) -> tuple[Fit, Mask]:
     return fits[best if is_better else 0]
 
 
-def _grown(problem: Problem, agreeing: Mask) -> list[tuple[Fit, Mask]]:
-    """The fit of all that agree with those that it begins with; none where it fails."""
+def _fits_from(problem: Problem, agreeing: Mask) -> list[tuple[Fit, Mask]]:
+    """The fit of all motions that agree with some (n,), and which agree; none where it fails."""
     for _ in range(SETTINGS.rounds):
         if agreeing.sum() < SETTINGS.least:
             return []
@@ -95,7 +96,7 @@ def _grown(problem: Problem, agreeing: Mask) -> list[tuple[Fit, Mask]]:
     return []
 
 
-def held_out(problem: Problem, fit: Fit, agreeing: Mask) -> Array:
+def held_out_pixels(problem: Problem, fit: Fit, agreeing: Mask) -> Array:
     """Pixels (N, 2) of all corners by fits that did not use their motions.
 
     Motions that do not agree are predicted by the fit itself.
@@ -104,7 +105,8 @@ def held_out(problem: Problem, fit: Fit, agreeing: Mask) -> Array:
     pixels = problem.predict(fit)
     folds = np.arange(len(rows)) % min(SETTINGS.folds, len(rows))
     for fold in np.unique(folds):
-        others = problem.solve(rows[folds != fold], fit, learn=False)
-        out = np.isin(problem.bundle.motion, rows[folds == fold])
-        pixels[out] = problem.predict(others)[out]
+        is_out = folds == fold
+        others = problem.solve(rows[~is_out], fit, learn=False)
+        corners = np.isin(problem.bundle.motion, rows[is_out])
+        pixels[corners] = problem.predict(others)[corners]
     return pixels

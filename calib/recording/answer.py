@@ -1,4 +1,4 @@
-"""Answer: the fit of all pictures as places with intervals."""
+"""Answer: the fit of all pictures as a rig: places with intervals, lenses, a board and a log."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ..body.belief import Body
 from ..body.sensor_pose import SensorPose, hand_pose
 from ..common.arrays import Array, Index, Mask
 from ..samples.samples import Samples
-from .agreement import agreed, held_out
-from .bundle import bending, follow
+from .agreement import consensus, held_out_pixels
+from .bundle import scene_slopes, shape_slopes
 from .fit import Fit
 from .joint_motions import JointMotions
 from .lens import Lens
@@ -24,38 +24,45 @@ from .rigid import inverse, shift_of, turn_of
 
 
 def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
-    """Fit the pictures, and tell where all is; `frames` are the names of base and flange.
+    """The rig that fits the pictures; `frames` are the names of base and flange.
 
     Raises LogError where too few pictures agree.
     """
-    fit, agreeing = agreed(problem)
-    solved = Solved(problem, fit, agreeing)
+    fit, agreeing = consensus(problem)
+    rig_fit = RigFit(problem, fit, agreeing)
     bundle = problem.bundle
     layout = bundle.layout
-    misses = bundle.misses(held_out(problem, fit, agreeing))
+    values = fit.unknowns.values
+
+    # errors of corners by the fit itself, and of motions by fits without them
     residuals = bundle.pixels - problem.predict(fit)
     used_corners = agreeing[bundle.motion]
     off = np.linalg.norm(residuals[used_corners], axis=1)
-    rms = float(np.sqrt(np.mean(misses[agreeing] ** 2)))
-    first = problem.views[0]
-    choice = problem.choice
-    carried, standing = solved.frames(0)
-    hand, base = solved.places(0)
-    values = fit.unknowns.values
-    place = layout.shapes[0, -1]
-    measured = first.board.side * float(np.exp(values[place]))
-    half = solved.half_width * measured * float(solved.sd[place])
-    cameras = range(len(problem.views))
-    places = np.concatenate(layout.frames[[carried, standing]])
+    misses = bundle.misses(held_out_pixels(problem, fit, agreeing))
+    squares = misses[agreeing] ** 2
+    rms = float(np.sqrt(np.mean(squares)))
     turn, _, _, shift, *_ = fit.noise.error.tolist()
+
+    # the first camera and its board
+    first = problem.views[0]
+    hand, base = rig_fit.places(0)
+    frames_of_first = layout.frames[[*rig_fit.frames(0)]]
+    places = np.concatenate(frames_of_first)
+    used = agreeing[problem.motions_of(first)]
+    size = layout.shapes[0, -1]
+    measured = first.board.side * float(np.exp(values[size]))
+    half = rig_fit.half_width * measured * float(rig_fit.sd[size])
+
+    choice = problem.choice
+    cameras = range(len(problem.views))
     rig = HandEye(
         eye=first.eye,
         pictures=first.shots.count,
-        used=int(agreeing[problem.motions_of(first)].sum()),
+        used=int(used.sum()),
         hand=hand,
         base=base,
         reprojection={"mean": float(off.mean()), "max": float(off.max())},
-        lens=solved.lens_facts(0),
+        lens=rig_fit.lens_facts(0),
         limited_by="",
         notes=(),
         repeatability={"position": shift, "rotation": turn},
@@ -64,29 +71,29 @@ def answer(problem: Problem, frames: tuple[str, str]) -> HandEye:
             "measured": measured,
             "interval": [measured - half, measured + half],
         },
-        board={"text": first.board.text, "points": solved.board().tolist()},
+        board={"text": first.board.text, "points": rig_fit.board().tolist()},
         held_out={"rms": rms},
         left_out=problem.pictures_at(~agreeing),
-        cameras=tuple(map(solved.camera, cameras)),
+        cameras=tuple(map(rig_fit.camera, cameras)),
         convention=None if choice is None else choice.convention,
         frames=frames,
         names=problem.names,
         flange=bundle.motions.poses(values[layout.arm]),
         misses=misses,
         covariance=fit.covariance[np.ix_(places, places)],
-        body=solved.body(0),
+        body=rig_fit.body(0),
     )
     rig = replace(
         rig,
         limited_by=limit_of(problem, rig, agreeing),
         notes=notes_of(problem, fit, rig, agreeing),
     )
-    return replace(rig, poses=solved.log(rig))
+    return replace(rig, poses=rig_fit.log(rig))
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
-    """A fit of pictures, and what it says of each camera and board."""
+class RigFit:
+    """A fit of pictures as places, lenses and a board, with intervals."""
 
     problem: Problem
     fit: Fit
@@ -94,7 +101,7 @@ class Solved:
 
     @cached_property
     def half_width(self) -> float:
-        """How many sd a 95 % interval is to each side."""
+        """Half the width of a 95 % interval [sd]."""
         from scipy.special import stdtrit
 
         if self.problem.arm and self.fit.freedom < len(self.agreeing):
@@ -104,16 +111,17 @@ class Solved:
     @cached_property
     def sd(self) -> Array:
         """Sd (s,) of the unknowns."""
-        return np.sqrt(np.maximum(np.diag(self.fit.covariance), 0.0))
+        variances = np.diag(self.fit.covariance)
+        return np.sqrt(np.maximum(variances, 0.0))
 
     def frames(self, camera: int) -> tuple[int, int]:
-        """Frames of what is in the hand and what stands still, of a camera and its board."""
+        """Numbers of the frames of a camera and its board, that in the hand first."""
         bundle = self.problem.bundle
         board = len(bundle.in_hand) + bundle.boards[camera]
         return (camera, board) if bundle.in_hand[camera] else (board, camera)
 
     def body(self, camera: int) -> Body | None:
-        """What joints and one camera tell, as a belief; None of flange poses."""
+        """The arm with one camera as a belief; None of flange poses."""
         bundle = self.problem.bundle
         if not isinstance(bundle.motions, JointMotions):
             return None
@@ -121,57 +129,62 @@ class Solved:
         return bundle.motions.body(self.fit, bundle.layout, *frames)
 
     def places(self, camera: int) -> tuple[Place, Place]:
-        """What is in the hand and what stands still, of a camera in joints' terms if there are."""
+        """Places of what is in the hand and of what stands still, of one camera and its board."""
         body = self.body(camera)
-        if body is not None:
-            hand = self._gauged(hand_pose(body))
-            return hand, self._gauged(SensorPose.of(body))
-        carried, standing = self.frames(camera)
-        return self._place(carried), self._place(standing)
+        if body is None:
+            hand, base = map(self._frame_place, self.frames(camera))
+        else:
+            hand = self._sensor_place(hand_pose(body))
+            base = self._sensor_place(SensorPose.of(body))
+        return hand, base
 
     def camera(self, number: int) -> CameraPlace:
-        """One camera."""
+        """One camera, and its place in the frame of the first with its parent."""
         views = self.problem.views
         view = views[number]
         hand, base = self.places(number)
         camera = CameraPlace(name=view.name, eye=view.eye)
         camera[view.eye] = hand if view.in_hand else base
         camera["lens"] = self.lens_facts(number)
-        first = [other.in_hand for other in views].index(view.in_hand)
+        parents = [other.in_hand for other in views]
+        first = parents.index(view.in_hand)
         if first != number:
             camera["from_first"] = self._between(first, number)
         return camera
 
-    def _place(self, number: int) -> Place:
+    def _frame_place(self, number: int) -> Place:
         """A frame with its intervals, along the axes of its parent."""
         pose = self.fit.unknowns.frames[number]
         slope = np.eye(6)
         slope[:3, :3] = turn_of(pose)
-        return self._moving(pose, slope, [number])
+        return self._pose_place(pose, slope, [number])
 
     def _between(self, first: int, second: int) -> Place:
         """A camera in the frame of another."""
         one, two = self.fit.unknowns.frames[[first, second]]
         to_first = inverse(one)
         pose = to_first @ two
-        by_one = follow(np.eye(4), one, inverted=True)
-        by_two = follow(to_first, two)
+        by_one = scene_slopes(np.eye(4), one, inverted=True)
+        by_two = scene_slopes(to_first, two)
         slope = np.concatenate([by_one, by_two], axis=1)
         slope[3:] -= cross_matrix(shift_of(pose)) @ slope[:3]
-        return self._moving(pose, slope, [first, second])
+        return self._pose_place(pose, slope, [first, second])
 
-    def _moving(self, pose: Array, slope: Array, frames: list[int]) -> Place:
-        """A pose whose turn and shift follow some frames by a slope (6, k)."""
+    def _pose_place(
+        self, pose: Array, slope: Array, frames: list[int]
+    ) -> Place:
+        """A pose (4, 4) with the slope (6, k) of its turn and shift by some frames."""
         places = np.concatenate(self.problem.bundle.layout.frames[frames])
         covariance = self.fit.covariance[np.ix_(places, places)]
         variances = np.diag(slope @ covariance @ slope.T)
-        turn, shift = np.sqrt(np.maximum(variances, 0.0)).reshape(2, 3)
+        sds = np.sqrt(np.maximum(variances, 0.0))
+        turn, shift = sds.reshape(2, 3)
         quaternion = quaternion_of(turn_of(pose[None]))[0]
-        place = shift_of(pose)
-        return self._document(place, quaternion, shift, turn, shift, turn)
+        position = shift_of(pose)
+        return self._document(position, quaternion, shift, turn, shift, turn)
 
-    def _gauged(self, place: SensorPose | None) -> Place:
-        """A place that joints tell but for what no picture tells of the first and last axis."""
+    def _sensor_place(self, place: SensorPose | None) -> Place:
+        """A place by joints, whose intervals count turns about the first and last axis apart."""
         assert place is not None  # noqa: S101 - the arm has a drawing
         return self._document(
             place.position,
@@ -185,6 +198,7 @@ class Solved:
     def _document(
         self, position: Array, quaternion: Array, *sds: Array
     ) -> Place:
+        """A place as JSON; sds are of shift and turn, then the same up to the gauge."""
         shift, turn, sure_shift, sure_turn = self.half_width * np.array(sds)
         return {
             "position": position.tolist(),
@@ -221,12 +235,14 @@ class Solved:
     def board(self) -> Array:
         """The first camera's board: corners (n, 3) as fitted, in its frame [m]."""
         points = self.problem.views[0].board.points()
-        shape = self.fit.unknowns.values[self.problem.bundle.layout.shapes[0]]
-        bent = points + bending(points, points) @ shape[:-1]
-        return np.asarray(np.exp(shape[-1]) * bent)
+        places = self.problem.bundle.layout.shapes[0]
+        *bends, size = self.fit.unknowns.values[places]
+        bent = points + shape_slopes(points, points) @ bends
+        corners: Array = np.exp(size) * bent
+        return corners
 
     def log(self, rig: HandEye) -> Samples | None:
-        """The first camera's pictures as a log of poses that knows the rig; None without joints."""
+        """The first camera's pictures as a log of poses, with the rig; None without joints."""
         arm = self.problem.arm
         if arm is None:
             return None

@@ -67,7 +67,7 @@ class Pattern(ABC):
 
     @abstractmethod
     def marks(self) -> Iterator[Mark]:
-        """What is printed."""
+        """Marks of the print."""
 
     @property
     def half_turn(self) -> Array | None:
@@ -174,8 +174,8 @@ class Board(Pattern):
         return self.columns * self.rows // 2
 
     @cached_property
-    def printed(self) -> CharucoBoard:
-        """OpenCV's board; its y runs down."""
+    def charuco(self) -> CharucoBoard:
+        """The board of OpenCV, whose y runs down."""
         board: CharucoBoard = opencv().aruco.CharucoBoard(
             (self.columns, self.rows),
             self.side,
@@ -187,12 +187,12 @@ class Board(Pattern):
     @cached_property
     def _detector(self) -> CharucoDetector:
         aruco = opencv().aruco
-        detector: CharucoDetector = aruco.CharucoDetector(self.printed)
+        detector: CharucoDetector = aruco.CharucoDetector(self.charuco)
         return detector
 
     def points(self) -> Array:
         """Inner corners (n, 3) by their number [m]."""
-        return np.array(self.printed.getChessboardCorners(), float)
+        return np.array(self.charuco.getChessboardCorners(), float)
 
     def find(self, grey: Picture) -> dict[int, Array]:
         """Return the corners that a picture shows: number to place (2,) [px]."""
@@ -201,12 +201,12 @@ class Board(Pattern):
             return {}
         places = np.asarray(corners, float).reshape(-1, 2)
         by_number = sorted(zip(np.ravel(numbers).tolist(), places, strict=True))
-        return lay_corners(grey, dict(by_number), self.printed)
+        return lay_corners(grey, dict(by_number), self.charuco)
 
     def marks(self) -> Iterator[Mark]:
-        """Black squares, and tags where OpenCV's board has them, which is what is looked for."""
-        numbers = np.ravel(self.printed.getIds()).tolist()
-        places = np.array(self.printed.getObjPoints())[:, :, :2].min(axis=1)
+        """Black squares, and tags where OpenCV's detector expects them."""
+        numbers = np.ravel(self.charuco.getIds()).tolist()
+        places = np.array(self.charuco.getObjPoints())[:, :, :2].min(axis=1)
         first = np.rint(places[0] / self.side - 0.5).astype(int)
         yield from self.squares(1 - first.sum() % 2)
         for number, (x, y) in zip(numbers, places, strict=True):

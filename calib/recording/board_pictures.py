@@ -87,7 +87,7 @@ class BoardPictures:
         The point that it tells is ahead of the camera, or in the middle of the board.
         """
         poses = self.poses(lens)
-        hand = held_poses(poses, in_hand)
+        hand = hand_poses(poses, in_hand)
         turns = turn_of(hand)
         # a small turn and a shift of the board, in the camera's axes, move and turn what is told
         if in_hand:
@@ -133,7 +133,7 @@ class BoardPictures:
         )
 
 
-def held_poses(poses: Sequence[Pose], in_hand: bool) -> Array:
+def hand_poses(poses: Sequence[Pose], in_hand: bool) -> Array:
     """What is in the hand (p, 4, 4) [m], seen from what stands still."""
     boards = matrices(poses)
     return inverse(boards) if in_hand else boards
@@ -300,7 +300,7 @@ def with_lens_of(model: Model, log: Samples) -> Samples:
     places = place_points(boards, board)
     pixels = log_lens.distort(places[:, :, :2] / places[:, :, 2:])
     poses = [find_pose(lens, board, corners) for corners in pixels]
-    hand = held_poses(poses, in_hand)
+    hand = hand_poses(poses, in_hand)
     turns = turn_of(hand)
     note = (
         f"poses are told with the model's lens: of these pictures alone the focal length was "

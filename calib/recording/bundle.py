@@ -80,22 +80,22 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """What is fitted."""
+    """Values of all that is fitted."""
 
     frames: Array  # (f, 4, 4), of cameras, then of boards [m]
     values: Array  # (s,), those of the frames are not used
     # (n, e), turn [rad], shift [m] and log of focal lengths at each motion
     errors: Array
 
-    def moved(self, step: Array, errors: Array) -> Unknowns:
-        """The unknowns after a step (s,) and one of the errors (n, e)."""
+    def retract(self, step: Array, errors: Array) -> Unknowns:
+        """The unknowns after a step (s,), and one of the errors (n, e)."""
         width = POSE * len(self.frames)
         steps = step[:width].reshape(-1, POSE)
         frames = step_from(self.frames, steps)
         return Unknowns(frames, self.values + step, self.errors + errors)
 
     def exact(self, count: int) -> Unknowns:
-        """The unknowns with exact motions, so many."""
+        """The unknowns with a number of motions that have no errors."""
         return replace(self, errors=np.zeros((count, self.errors.shape[1])))
 
 
@@ -140,7 +140,7 @@ class Bundle:
         return np.split(np.arange(len(self.pixels)), ends)
 
     def take(self, motions: Index) -> Bundle:
-        """What was seen at some motions, which are numbered anew."""
+        """The corners at some motions (k,), which are numbered anew."""
         rows = np.isin(self.motion, motions)
         return replace(
             self,
@@ -154,12 +154,14 @@ class Bundle:
 
     def misses(self, pixels: Array) -> Array:
         """Rms distance (n,) [px] of the corners at each motion from predicted pixels (N, 2)."""
-        squares = ((self.pixels - pixels) ** 2).sum(axis=1)
+        residuals = self.pixels - pixels
+        squares = (residuals**2).sum(axis=1)
         total = np.bincount(self.motion, squares)
-        return np.asarray(np.sqrt(total / np.bincount(self.motion)))
+        rms: Array = np.sqrt(total / np.bincount(self.motion))
+        return rms
 
     def look(self, unknowns: Unknowns) -> Sight:
-        """What the cameras see."""
+        """Pixels of all corners and their slopes at some values of the unknowns."""
         arm = unknowns.values[self.layout.arm]
         poses = self.motions.poses(arm)
         flange = step_from(poses, unknowns.errors[:, :POSE])
@@ -171,63 +173,73 @@ class Bundle:
     def _look(
         self, number: int, unknowns: Unknowns, flange: Array, by_arm: Array
     ) -> tuple[Array, Array, Array]:
-        """Pixels, their slopes by the scene, and by the unknowns, of one camera."""
+        """Pixels (n, 2) of one camera, their slopes (n, 2, 6) by the scene and by the unknowns.
+
+        flange : (k, 4, 4) [m], at each motion;  by_arm : (k, 6, a), its slopes by the arm
+        """
         layout = self.layout
         rows = self.camera == number
         motion = self.motion[rows]
         bends = self.bends[rows]
         in_hand = self.in_hand[number]
         board = self.boards[number]
-        board_frame = board - max(self.boards) - 1
-        x = unknowns.frames[number]
-        y = unknowns.frames[board_frame]
+        board_number = board - max(self.boards) - 1
+        camera_frame = unknowns.frames[number]
+        board_frame = unknowns.frames[board_number]
         shape = unknowns.values[layout.shapes[board]]
         lens = unknowns.values[layout.lenses[number]]
-        to_camera = inverse(x)
-        moved = inverse(flange) if in_hand else flange
-        # what is beyond the motion, before the camera
-        arm_side = to_camera @ moved
-        scenes = arm_side @ y
+
+        # the board before the camera, at each motion and at each corner's
+        to_camera = inverse(camera_frame)
+        arm_frames = inverse(flange) if in_hand else flange
+        before_board = to_camera @ arm_frames
+        scenes = before_board @ board_frame
         scene = scenes[motion]
         turns = turn_of(scene)
+
+        # corners in the board's frame, in the camera's, and in the picture
         scale = np.exp(shape[-1])
         points = self.points[rows] + bends @ shape[:-1]
         points *= scale
         places = np.einsum("nij,nj->ni", turns, points)
         places += shift_of(scene)
         focal = POSE + number
-        focus = np.exp(unknowns.errors[motion, focal])
-        pixels, by_point, by_lens = project(lens, focus, places)
-        by_turn = np.cross(places[:, None], by_point)
-        by_scene = np.concatenate([by_turn, by_point], axis=2)
-        by_place = by_point @ turns
-        flange_slopes = follow(to_camera, flange, in_hand)
-        camera_slopes = follow(np.eye(4), x, inverted=True)
-        board_slopes = follow(arm_side, y)
-        by_errors = by_scene @ flange_slopes[motion]
+        focal_errors = unknowns.errors[motion, focal]
+        focus = np.exp(focal_errors)
+        pixels, by_place, by_lens = project(lens, focus, places)
+
+        # slopes of pixels by the scene and by points, then of the scene by each frame
+        by_turn = np.cross(places[:, None], by_place)
+        by_scene = np.concatenate([by_turn, by_place], axis=2)
+        by_point = by_place @ turns
+        by_size = by_point @ points[:, :, None]
+        camera_slopes = scene_slopes(np.eye(4), camera_frame, inverted=True)
+        flange_slopes = scene_slopes(to_camera, flange, in_hand)
+        board_slopes = scene_slopes(before_board, board_frame)
+        by_flange = by_scene @ flange_slopes[motion]
+        by_board = by_scene @ board_slopes[motion]
+
+        # columns of the unknowns, and behind them those of the errors
         width = layout.size + layout.errors
         slopes = np.zeros((len(points), 2, width))
         slopes[..., layout.frames[number]] = by_scene @ camera_slopes
-        by_board = by_scene @ board_slopes[motion]
-        slopes[..., layout.frames[board_frame]] = by_board
+        slopes[..., layout.frames[board_number]] = by_board
         slopes[..., layout.lenses[number]] = by_lens
         *bend_columns, size_column = layout.shapes[board]
-        slopes[..., bend_columns] = scale * by_place @ bends
-        by_size = by_place @ points[:, :, None]
+        slopes[..., bend_columns] = scale * by_point @ bends
         slopes[..., [size_column]] = by_size
-        slopes[..., layout.arm] = by_errors @ by_arm[motion]
-        # the errors stand behind the unknowns
+        slopes[..., layout.arm] = by_flange @ by_arm[motion]
         error_slopes = slopes[..., layout.size :]
-        error_slopes[..., :POSE] = by_errors
+        error_slopes[..., :POSE] = by_flange
         error_slopes[..., focal] = by_lens[..., :2] @ lens[:2]
         return pixels, by_scene, slopes
 
 
-def follow(before: Array, frame: Array, inverted: bool = False) -> Array:
-    """How a scene ``before @ frame @ ..`` turns and shifts (.., 6, 6) with a frame (.., 4, 4).
+def scene_slopes(before: Array, frame: Array, inverted: bool = False) -> Array:
+    """Slopes (.., 6, 6) of a scene ``before @ frame @ ..`` by the frame: turn and shift of each.
 
-    The frame turns about its own axes and shifts along its parent's; where `inverted`, the scene
-    is ``before @ inverse(frame) @ ..``.
+    before, frame : (.., 4, 4) [m]; the frame turns about its own axes and shifts along its parent's
+    inverted : the scene is ``before @ inverse(frame) @ ..``
     """
     through = before if inverted else before @ frame
     turn = turn_of(through)
@@ -244,11 +256,15 @@ def follow(before: Array, frame: Array, inverted: bool = False) -> Array:
     return slopes
 
 
-def bending(points: Array, outline: Array) -> Array:
-    """How points (N, 3) of a board of points (k, 3) [m] follow heights, stretch and shear."""
+def shape_slopes(points: Array, outline: Array) -> Array:
+    """Slopes (N, 3, SHAPE - 1) of a board's points by its heights, stretch and shear.
+
+    points : (N, 3) [m];  outline : (k, 3) [m], all points of the board
+    """
     low = outline.min(axis=0)
     high = outline.max(axis=0)
-    half = float(np.linalg.norm(high - low)) / 2
+    diagonal = float(np.linalg.norm(high - low))
+    half = diagonal / 2
     middle = (low + high) / 2
 
     def terms(places: Array) -> tuple[Array, Array]:
@@ -259,24 +275,25 @@ def bending(points: Array, outline: Array) -> Array:
         heights = [x**i * y**k for i, k in BENDS]
         return flat, np.column_stack(heights)
 
-    # a plane is the board's place
-    level = np.linalg.lstsq(*terms(outline), rcond=None)[0]
+    # heights beside the plane that fits them, which the board's frame follows
+    outline_plane, outline_heights = terms(outline)
+    level = np.linalg.lstsq(outline_plane, outline_heights, rcond=None)[0]
     plane, heights = terms(points)
     bent = heights - plane @ level
     x, y, _ = half * plane.T
-    out = np.zeros((len(points), 3, SHAPE - 1))
-    out[:, 2, :-2] = half * bent
-    out[:, :2, -2] = np.column_stack([x, -y])
-    out[:, :2, -1] = np.column_stack([y, x])
-    return out
+    slopes = np.zeros((len(points), 3, SHAPE - 1))
+    slopes[:, 2, :-2] = half * bent
+    slopes[:, :2, -2] = np.column_stack([x, -y])
+    slopes[:, :2, -1] = np.column_stack([y, x])
+    return slopes
 
 
 def project(
     lens: Array, focus: Array, points: Array
 ) -> tuple[Array, Array, Array]:
-    """Pixels (N, 2) of points (N, 3) [m] before a camera, their slopes by point and by lens.
+    """Pixels (N, 2) of points (N, 3) [m] before a camera, and their slopes by point and by lens.
 
-    focus : (N,), factors of the focal lengths
+    lens : (9,);  focus : (N,), factors of the focal lengths;  slopes : (N, 2, 3) and (N, 2, 9)
     """
     origin = np.zeros(3)
     centre = lens[2:4]

@@ -219,7 +219,7 @@ class _Pair:
         some = inside[spread_rows(len(inside), rows)]
         return when[some], self.x[some]
 
-    def refined(
+    def refine(
         self, start: Clocks, revolute: tuple[bool, ...] | None
     ) -> Clocks | None:
         """Fit the offset, and the rate where rows show one; without `revolute` no planar chain."""
@@ -227,13 +227,13 @@ class _Pair:
         try:
             there = self.joints(when)
             model = _Chain(there, track, revolute) if revolute else _Waves()
-            plain = self.fitted(model, start, CLOCK.refined)
-            free = self.fitted(model, plain, CLOCK.refined, rate=True)
+            plain = self.fit(model, start, CLOCK.refined)
+            free = self.fit(model, plain, CLOCK.refined, rate=True)
         except (CalibError, np.linalg.LinAlgError):
             return None
         return free if free.error < CLOCK.shows_rate * plain.error else plain
 
-    def fitted(
+    def fit(
         self,
         model: _Waves | _Chain,
         start: Clocks,
@@ -329,23 +329,25 @@ def align_clocks(
     middle = float(pair.t[[0, -1]].mean())
     starts = (Clocks(peak, middle=middle) for peak in peaks)
     judged = _by_error(
-        pair.fitted(_Waves(), start, CLOCK.judged) for start in starts
+        pair.fit(_Waves(), start, CLOCK.judged) for start in starts
     )
     apart = [
-        c for k, c in enumerate(judged) if all(_apart(c, d) for d in judged[:k])
+        c
+        for k, c in enumerate(judged)
+        if all(_are_apart(c, d) for d in judged[:k])
     ][: CLOCK.fitted]
     kinds = tuple(revolute) if revolute is not None else (True,) * q.shape[1]
     # a planar chain needs fewer rows, so it goes first; an arm in space has none that fits
     fitted = (
-        _by_error(pair.refined(c, kinds) for c in apart)
+        _by_error(pair.refine(c, kinds) for c in apart)
         if track.shape[1] == 2
         else []
     )
     if not fitted or not fitted[0].error < CLOCK.chain_fits * spread:
-        fitted = _by_error(pair.refined(c, None) for c in apart) or judged
+        fitted = _by_error(pair.refine(c, None) for c in apart) or judged
     clocks = fitted[0]
     rival = min(
-        (c.error for c in fitted[1:] if _apart(c, clocks)), default=np.inf
+        (c.error for c in fitted[1:] if _are_apart(c, clocks)), default=np.inf
     )
     fits = (
         clocks.error < CLOCK.fits * spread
@@ -373,5 +375,5 @@ def _by_error(fits: Iterable[Clocks | None]) -> list[Clocks]:
     return sorted((c for c in fits if c is not None), key=attrgetter("error"))
 
 
-def _apart(one: Clocks, other: Clocks) -> bool:
+def _are_apart(one: Clocks, other: Clocks) -> bool:
     return abs(one.offset - other.offset) > CLOCK.apart

@@ -106,11 +106,12 @@ def solve(
         step = _step(bundle, prior, fit, sight, damping)
         if not np.isfinite(step.unknowns).all():
             raise np.linalg.LinAlgError("the fit of corners diverged")
-        unknowns = fit.unknowns.moved(step.unknowns, step.errors)
+        unknowns = fit.unknowns.retract(step.unknowns, step.errors)
         ahead = replace(fit, unknowns=unknowns)
-        sight_ahead = bundle.look(ahead.unknowns)
+        sight_ahead = bundle.look(unknowns)
         cost = _cost(bundle, prior, fit, sight)
-        if _cost(bundle, prior, ahead, sight_ahead) > (1 + 1e-9) * cost:
+        cost_ahead = _cost(bundle, prior, ahead, sight_ahead)
+        if cost_ahead > (1 + 1e-9) * cost:
             if damping > SETTINGS.stiff:
                 break
             damping = max(damping, 1e-6) * 10.0
@@ -123,10 +124,12 @@ def solve(
             fit = _learn(bundle, prior, fit, sight, step.variances)
         if count > 4 and _is_settled(before, fit.noise):
             break
-    # by the noise of the last step: priors that still shrink say too much
+    # by the noise before the last step: priors that still shrink say too much
     error = before.error.copy()
-    error[:3] = np.maximum(error[:3], error[3] / SETTINGS.reach)
-    careful = replace(fit, noise=replace(before, error=error))
+    least_turn = error[3] / SETTINGS.reach
+    error[:3] = np.maximum(error[:3], least_turn)
+    noise = replace(before, error=error)
+    careful = replace(fit, noise=noise)
     step = _step(bundle, prior, careful, sight, 0.0)
     return replace(fit, covariance=step.covariance)
 
@@ -134,7 +137,7 @@ def solve(
 def information(
     bundle: Bundle, noise: Noise, sight: Sight
 ) -> tuple[Array, Array]:
-    """What corners tell of unknowns and errors at each motion.
+    """Normal equations of unknowns and errors at each motion, by its corners alone.
 
     Returns weighed products of slopes (n, s + e, s + e), and of slopes and residuals (n, s + e).
     """
@@ -143,13 +146,15 @@ def information(
     slopes = sight.slopes * root[:, None, None]
     residuals = residuals * root[:, None]
     columns = slopes.shape[2]
-    products = np.zeros((len(bundle.motions.rows), columns, columns))
-    pulls = np.zeros(products.shape[:2])
+    count = len(bundle.motions.rows)
+    products = np.zeros((count, columns, columns))
+    pulls = np.zeros((count, columns))
     for rows in bundle.pictures:
         motion = bundle.motion[rows[0]]
-        flat = slopes[rows].reshape(-1, columns)
-        products[motion] += flat.T @ flat
-        pulls[motion] += residuals[rows].ravel() @ flat
+        slope = slopes[rows].reshape(-1, columns)
+        residual = residuals[rows].ravel()
+        products[motion] += slope.T @ slope
+        pulls[motion] += residual @ slope
     return products, pulls
 
 
@@ -159,50 +164,61 @@ def _residuals(
     """Residuals (N, 2) [px] of corners, and Huber's weights (N,)."""
     residuals = bundle.pixels - sight.pixels
     far = SETTINGS.huber * noise.corner[bundle.camera]
-    lengths = np.maximum(np.linalg.norm(residuals, axis=1), 1e-12)
-    return residuals, np.minimum(1.0, far / lengths)
+    lengths = np.linalg.norm(residuals, axis=1)
+    ratios = far / np.maximum(lengths, 1e-12)
+    return residuals, np.minimum(1.0, ratios)
 
 
 def _step(
     bundle: Bundle, prior: Prior, fit: Fit, sight: Sight, damping: float
 ) -> Step:
-    """Eliminate the motions' errors and solve for the free unknowns."""
+    """A step in which the motions' errors are eliminated (Schur complement).
+
+    Of the s unknowns k are free: those whose prior sd is above zero.
+    """
     noise = fit.noise
     size = bundle.layout.size
     products, pulls = information(bundle, noise, sight)
     free = np.flatnonzero(noise.prior > 0.0)
     both_free = np.ix_(free, free)
-    # the errors (n, e) of each motion by themselves
+
+    # errors (n, e) of each motion where the unknowns stay
     error_precision = noise.error**-2.0
     error_products = products[:, size:, size:]
     error_products = error_products + np.diag(error_precision)
     spread = np.linalg.inv(error_products)
-    pull = pulls[:, size:] - error_precision * fit.unknowns.errors
-    # what of the free unknowns (k,) they take away
+    error_pulls = pulls[:, size:] - error_precision * fit.unknowns.errors
+
+    # normal equations (k, k) of the free unknowns, less what the errors explain
     across = products[:, free, size:]
     gain = across @ spread
-    pull_lost = np.einsum("nij,nj->i", gain, pull)
     precision = noise.prior[free] ** -2.0
-    normal = products.sum(axis=0)[both_free] + np.diag(precision)
+    total = products.sum(axis=0)
+    normal = total[both_free] + np.diag(precision)
     least = 1e-12 * np.diag(normal)
     normal -= np.tensordot(gain, across, ([0, 2], [0, 2]))
-    target = pulls[:, free].sum(axis=0) - pull_lost
+    target = pulls[:, free].sum(axis=0)
+    target -= np.einsum("nij,nj->i", gain, error_pulls)
     away = fit.unknowns.values - prior.mean
     target -= precision * away[free]
-    step, covariance = _solved(normal, least, target, damping)
-    # and back to the errors
-    errors = (spread @ pull[:, :, None])[:, :, 0]
+    step, covariance = _solve_normal(normal, least, target, damping)
+
+    # errors where the unknowns take that step
+    columns = spread @ error_pulls[:, :, None]
+    errors = columns[:, :, 0]
     errors -= step @ gain
-    follows = gain * (covariance @ gain)
-    variances = np.einsum("nii->ni", spread) + follows.sum(axis=1)
-    unknowns = np.zeros(size)
-    unknowns[free] = step
+    by_unknowns = gain * (covariance @ gain)
+    variances = np.einsum("nii->ni", spread) + by_unknowns.sum(axis=1)
+
+    # among all unknowns (s,)
+    steps = np.zeros(size)
+    steps[free] = step
     covariances = np.zeros((size, size))
     covariances[both_free] = covariance
-    return Step(unknowns, errors, covariances, variances)
+    return Step(steps, errors, covariances, variances)
 
 
-def _solved(
+def _solve_normal(
     normal: Array, least: Array, target: Array, damping: float
 ) -> tuple[Array, Array]:
     """Damped solution (k,) of normal equations (k, k) and undamped inverse, each in its scale.
@@ -220,6 +236,7 @@ def _solved(
 
 
 def _cost(bundle: Bundle, prior: Prior, fit: Fit, sight: Sight) -> float:
+    """Weighed squares of corners, of unknowns off their prior and of errors, in noise sd."""
     noise = fit.noise
     residuals, weights = _residuals(bundle, noise, sight)
     weights = weights / noise.corner[bundle.camera] ** 2
@@ -250,73 +267,90 @@ def _error_noise(fit: Fit, variances: Array) -> tuple[Array, float]:
     noise = fit.noise
     columns = len(noise.error)
     starts = [0, 3, *range(POSE, columns)]  # of turn, shift, each focal length
-    # what corners tell of an error beyond its prior counts as known numbers
+    widths = np.diff([*starts, columns])
+    # an error counts by the share of its prior variance that corners took away
     shares = 1.0 - variances / noise.error**2
     numbers = np.add.reduceat(shares.sum(axis=0), starts)
     counts = np.maximum(numbers, 0.5)
     squares = fit.unknowns.errors**2
     sums = np.add.reduceat(squares.sum(axis=0), starts)
-    sizes = _grown(noise.error[starts], sums / counts, 1.7)
+    sizes = _next_size(noise.error[starts], sums / counts, 1.7)
     focus = sizes[2:]
     focus[focus < SETTINGS.least_focus] = 0.0
     sizes[2:] = np.minimum(focus, SETTINGS.most_focus)
     sizes = np.maximum(sizes, SETTINGS.least_error)
-    widths = np.diff([*starts, columns])
-    return np.repeat(sizes, widths), float(counts[:2].sum())
+    freedom = float(counts[:2].sum())
+    return np.repeat(sizes, widths), freedom
 
 
 def _prior_noise(prior: Prior, fit: Fit) -> Array:
     """Prior sd (s,) of the unknowns."""
     sizes = fit.noise.prior.copy()
-    squares = (fit.unknowns.values - prior.mean) ** 2
+    away = fit.unknowns.values - prior.mean
+    squares = away**2
     variances = np.diag(fit.covariance)
     for scale in prior.scales:
-        free = sizes[scale.indices] > 0.0
-        some = scale.indices[free]
-        if len(some):
-            sd = sizes[some]
-            shares = 1.0 - variances[some] / sd**2
-            number = max(shares.sum(), 0.05)
-            size = _grown(sd, squares[some].sum() / number, 2.0)
-            sizes[some] = np.clip(size, scale.lowest, scale.highest)
+        is_free = sizes[scale.indices] > 0.0
+        free = scale.indices[is_free]
+        if len(free):
+            sd = sizes[free]
+            shares = 1.0 - variances[free] / sd**2
+            count = max(shares.sum(), 0.05)
+            square = squares[free].sum() / count
+            size = _next_size(sd, square, 2.0)
+            sizes[free] = np.clip(size, scale.lowest, scale.highest)
     return sizes
 
 
 def _corner_noise(
     bundle: Bundle, fit: Fit, sight: Sight, freedom: float
 ) -> Array:
-    """Sd (c,) [px] of corners.
+    """Sd (c,) [px] of corners, the larger of two estimates.
 
-    Errors of a picture's corners hang together: what is left of them in its pose counts.
+    One takes the errors of corners as independent; the other takes the part of each picture's that
+    moves its board as a whole, since errors of neighbouring corners are correlated.
+    freedom : degrees of freedom of the motions
     """
     noise = fit.noise
     residuals, weights = _residuals(bundle, noise, sight)
     root = np.sqrt(weights)[:, None]
     residuals = residuals * root
-    scenes = sight.by_scene * root[:, :, None]
+    scene_slopes = sight.by_scene * root[:, :, None]
     cameras = len(noise.corner)
-    together = np.zeros(cameras)
+
+    # variance where corners err independently
+    lengths = (residuals**2).sum(axis=1)
+    squares = np.bincount(bundle.camera, lengths)
+    counts = 2 * np.bincount(bundle.camera)
+    parameters = (freedom + np.count_nonzero(noise.prior)) / cameras
+    numbers = np.maximum(counts - parameters, 0.2 * counts)
+    independent = squares / numbers
+
+    # variance along the turns and shifts of each picture's board
+    pose_squares = np.zeros(cameras)
     directions = np.zeros(cameras)
     for rows in bundle.pictures:
         camera = bundle.camera[rows[0]]
-        scene = scenes[rows].reshape(-1, POSE)
-        rest = residuals[rows].ravel()
-        along = np.linalg.lstsq(scene, rest, rcond=1e-9)[0]
-        together[camera] += float(rest @ scene @ along)
+        slope = scene_slopes[rows].reshape(-1, POSE)
+        residual = residuals[rows].ravel()
+        move = np.linalg.lstsq(slope, residual, rcond=1e-9)[0]
+        pose_squares[camera] += float(residual @ slope @ move)
         directions[camera] += POSE
-    squares = np.bincount(bundle.camera, (residuals**2).sum(axis=1))
-    counts = 2 * np.bincount(bundle.camera)
-    fitted = (freedom + np.count_nonzero(noise.prior)) / cameras
-    white = squares / np.maximum(counts - fitted, 0.2 * counts)
-    left = np.maximum(directions - freedom - 12, 0.1 * directions)
-    square = np.maximum(white, together / left)
-    return np.maximum(_grown(noise.corner, square, 1.0), SETTINGS.least_corner)
+    numbers = np.maximum(directions - freedom - 12, 0.1 * directions)
+    correlated = pose_squares / numbers
+
+    square = np.maximum(independent, correlated)
+    sizes = _next_size(noise.corner, square, 1.0)
+    return np.maximum(sizes, SETTINGS.least_corner)
 
 
-def _grown(sd: Array, squares: ArrayLike, rate: float) -> Array:
-    """Sizes that squares draw to themselves, by a factor of at most e^rate."""
-    change = 0.5 * np.log(np.maximum(squares, 1e-300) / sd**2)
-    return np.asarray(sd * np.exp(rate * np.clip(change, -1.0, 1.0)))
+def _next_size(sd: Array, squares: ArrayLike, rate: float) -> Array:
+    """Sd (k,) that go to the roots of squares, at a rate and by a factor of at most e^rate."""
+    ratios = np.maximum(squares, 1e-300) / sd**2
+    change = 0.5 * np.log(ratios)
+    factors = np.exp(rate * np.clip(change, -1.0, 1.0))
+    sizes: Array = sd * factors
+    return sizes
 
 
 def _is_settled(before: Noise, after: Noise) -> bool:
@@ -325,4 +359,5 @@ def _is_settled(before: Noise, after: Noise) -> bool:
     slow = np.log(after.prior[is_sized] / before.prior[is_sized])
     fast = np.log([*after.corner / before.corner, *after.error / before.error])
     is_fast_settled = np.abs(fast).max() < SETTINGS.settled
-    return bool(is_fast_settled and np.abs(slow).max() < SETTINGS.nearly)
+    is_slow_settled = np.abs(slow).max() < SETTINGS.nearly
+    return bool(is_fast_settled and is_slow_settled)

@@ -76,7 +76,7 @@ class Lens:
         """Focal lengths, principal point and distortion (9,), as `covariance` has them."""
         return np.concatenate([self.focal, self.centre, self.distortion])
 
-    def moved(self, change: Array) -> Lens:
+    def plus(self, change: Array) -> Lens:
         """Return the lens with a change (9,) of its parameters."""
         return Lens.of(self.size, self.parameters + change, self.rms)
 

@@ -17,7 +17,7 @@ from .rigid import inverse, rigid
 
 @dataclass(frozen=True)
 class Settings:
-    """Which poses are drawn, and which are left."""
+    """How poses are drawn, and which are credited with what."""
 
     draws: int = 2000
     # most that the board turns about each axis from a picture's pose [rad]
@@ -49,48 +49,58 @@ def next_poses(
             f"in view: expected {count}"
         )
     gain[~is_in_view] = 0.0
-    precision = np.linalg.inv(rig.covariance + 1e-14 * np.eye(2 * POSE))
+    covariance = rig.covariance + 1e-14 * np.eye(2 * POSE)
+    precision = np.linalg.inv(covariance)
+    # variance of the place where what is in the hand is used
     weight = np.repeat([SETTINGS.lever**2, 1.0], 3)
     chosen = []
     intervals = []
     for _ in range(count):
-        after = np.linalg.inv(precision + gain)
-        variances = after.diagonal(axis1=1, axis2=2)[:, :POSE]
-        best = int(np.argmin(variances @ weight))
+        covariances = np.linalg.inv(precision + gain)
+        diagonals = covariances.diagonal(axis1=1, axis2=2)
+        hand_variances = diagonals[:, :POSE]
+        best = int(np.argmin(hand_variances @ weight))
+        shift_sd = np.sqrt(hand_variances[best, 3:])
         chosen.append(flange[best])
-        intervals.append(1.96 * np.sqrt(variances[best, 3:]))
+        intervals.append(1.96 * shift_sd)
         precision = precision + gain[best]
     return np.array(chosen), np.array(intervals)
 
 
 def _gains(rig: HandEye, flange: Array) -> tuple[Mask, Array]:
-    """Which poses (n,) show the whole board, and what each tells of hand and base (n, 12, 12)."""
+    """Which poses (n, 4, 4) show the whole board, and the information (n, 12, 12) that each adds.
+
+    It is of turn and shift of what is in the hand, and of what stands still.
+    """
     bundle, unknowns = _ahead(rig, flange)
     layout = bundle.layout
     sight = bundle.look(unknowns)
     noise = _noise(rig, layout.size)
     exact_bundle = replace(bundle, pixels=sight.pixels)
     products, _ = information(exact_bundle, noise, sight)
-    places = layout.frames
-    if rig.eye == "base":
-        places = places[::-1]
-    some = places.ravel()
-    errors = products[:, layout.size :, layout.size :]
-    across = products[:, some, layout.size :]
-    precision = np.diag(noise.error**-2.0)
-    spread = np.linalg.inv(errors + precision)
-    gain = products[:, some[:, None], some]
+
+    # of the two frames, less what errors of the motion take away
+    places = layout.frames if rig.eye == "hand" else layout.frames[::-1]
+    frames = places.ravel()
+    across = products[:, frames, layout.size :]
+    error_products = products[:, layout.size :, layout.size :]
+    error_precision = np.diag(noise.error**-2.0)
+    spread = np.linalg.inv(error_products + error_precision)
+    gain = products[:, frames[:, None], frames]
     gain = gain - across @ spread @ np.swapaxes(across, 1, 2)
+
     size = np.array(rig.lens["size"])
     margin = SETTINGS.edge * size
-    inside = (sight.pixels > margin) & (sight.pixels < size - margin)
-    inside = inside.reshape(len(flange), -1)
-    is_in_view: Mask = np.asarray(inside.all(axis=1))
+    is_beyond_low = sight.pixels > margin
+    is_below_high = sight.pixels < size - margin
+    is_inside = is_beyond_low & is_below_high
+    by_pose = is_inside.reshape(len(flange), -1)
+    is_in_view: Mask = np.asarray(by_pose.all(axis=1))
     return is_in_view, gain
 
 
 def _noise(rig: HandEye, size: int) -> Noise:
-    """The noise of pictures to come, of a number of free unknowns."""
+    """Noise of pictures to come, where all unknowns (so many) are free."""
     turn = max(rig.repeatability["rotation"], 1e-5)
     shift = max(rig.repeatability["position"], 1e-5)
     corner = max(rig.reprojection["mean"], 0.1)
@@ -102,7 +112,7 @@ def _noise(rig: HandEye, size: int) -> Noise:
 
 
 def _ahead(rig: HandEye, flange: Array) -> tuple[Bundle, Unknowns]:
-    """The board's corners at poses (n, 4, 4), whose pixels are open, and the rig as unknowns."""
+    """The board's corners at poses (n, 4, 4), with no pixels yet, and the rig as unknowns."""
     points = np.array(rig.board["points"])
     corners = np.tile(points, (len(flange), 1))
     bundle = Bundle(
@@ -123,8 +133,8 @@ def _ahead(rig: HandEye, flange: Array) -> tuple[Bundle, Unknowns]:
     frames = np.stack([frame_of(rig.hand), frame_of(rig.base)])
     if rig.eye == "base":
         frames = frames[::-1]
-    exact = np.zeros((len(flange), layout.errors))
-    return bundle, Unknowns(frames, values, exact)
+    errors = np.zeros((len(flange), layout.errors))
+    return bundle, Unknowns(frames, values, errors)
 
 
 def frame_of(place: Place) -> Array:
@@ -133,18 +143,23 @@ def frame_of(place: Place) -> Array:
 
 
 def _candidates(rig: HandEye, rng: np.random.Generator) -> Array:
-    """Flange poses (n, 4, 4) of the rig's pictures, in which the board turns about its middle."""
+    """Random flange poses (n, 4, 4) [m]: the board as in a picture, turned, nearer or farther."""
     draws = SETTINGS.draws
     hand = frame_of(rig.hand)
     base = frame_of(rig.base)
     pictures = rng.integers(len(rig.flange), size=draws)
-    boards = inverse(base) @ rig.flange[pictures] @ hand
-    if rig.eye == "hand":
-        boards = inverse(boards)
-    middle = np.array(rig.board["points"]).mean(axis=0)
-    turns = exponential(SETTINGS.tilt * rng.uniform(-1.0, 1.0, (draws, 3)))
-    boards = boards @ rigid(turns, middle - turns @ middle)
+    hand_poses = inverse(base) @ rig.flange[pictures] @ hand
+    boards = inverse(hand_poses) if rig.eye == "hand" else hand_poses
+
+    # turns about the board's middle
+    points = np.array(rig.board["points"])
+    middle = points.mean(axis=0)
+    vectors = SETTINGS.tilt * rng.uniform(-1.0, 1.0, (draws, 3))
+    turns = exponential(vectors)
+    shifts = middle - turns @ middle
+    boards = boards @ rigid(turns, shifts)
     boards[:, :3, 3] *= rng.uniform(*SETTINGS.nearer, (draws, 1))
-    if rig.eye == "hand":
-        boards = inverse(boards)
-    return np.asarray(base @ boards @ inverse(hand))
+
+    hand_poses = inverse(boards) if rig.eye == "hand" else boards
+    flange: Array = base @ hand_poses @ inverse(hand)
+    return flange

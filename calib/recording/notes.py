@@ -1,4 +1,4 @@
-"""Notes: what has to be known beside the places, in words."""
+"""Notes: remarks on a calibration for people, and what limits its accuracy."""
 
 from __future__ import annotations
 

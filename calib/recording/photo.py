@@ -1,4 +1,4 @@
-"""Photos: one kept in a model, scaled; one with what was seen in it."""
+"""Photos: a small one for a model, and one with the tag's places drawn over it."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def take_photo(
             "by the camera that made the log"
         )
     box = (-0.5, width - 0.5, height - 0.5, -0.5)
-    return Photo(_packed(picture), box)
+    return Photo(_jpeg(picture), box)
 
 
 def read_photo(path: Path) -> Picture:
@@ -82,7 +82,7 @@ def read_photo(path: Path) -> Picture:
     return np.repeat(grey[:, :, None], 3, axis=2)
 
 
-def _packed(picture: Picture) -> bytes:
+def _jpeg(picture: Picture) -> bytes:
     """Return a JPEG of at most `WIDEST` pixels a side."""
     from PIL import Image
 
@@ -93,12 +93,12 @@ def _packed(picture: Picture) -> bytes:
     return buffer.getvalue()
 
 
-def write_seen(
+def write_overlay(
     path: str | os.PathLike[str], photo: Picture, setting: Setup, places: Array
 ) -> None:
-    """Write as PNG what a photo shows, and where the tag was in all rows of a log.
+    """Write a photo as PNG with its tags, its marks, and the tag's places in all rows of a log.
 
-    The photo is red, green, blue; `places` (n, 2) [px] are where the tag's centre was seen.
+    The photo is red, green, blue; `places` (n, 2) [px] are those of the tag's centre.
     """
     cv2 = opencv()
     canvas = photo.copy()
@@ -112,7 +112,9 @@ def write_seen(
     radius = max(3, round(max(canvas.shape) / 213))
     circles = {"place": places, "mark": marks.values()}
     for what, centres in circles.items():
+        colour = COLOURS[what]
         for centre in centres:
-            at = np.round(centre).astype(int).tolist()
-            cv2.circle(canvas, at, radius, COLOURS[what], -1, cv2.LINE_AA)
-    atomic_write(path, cv2.imencode(".png", canvas[:, :, ::-1])[1].tobytes())
+            middle = np.round(centre).astype(int).tolist()
+            cv2.circle(canvas, middle, radius, colour, -1, cv2.LINE_AA)
+    _, png = cv2.imencode(".png", canvas[:, :, ::-1])
+    atomic_write(path, png.tobytes())

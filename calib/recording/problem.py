@@ -16,7 +16,7 @@ from ..common.wording import listing
 from ..errors import LogError
 from ..samples.motion import pose_index
 from .board_pictures import LEAST
-from .bundle import Bundle, Motions, Unknowns, bending
+from .bundle import Bundle, Motions, Unknowns, shape_slopes
 from .conventions import Choice, choose
 from .fit import Fit, Noise, Prior, Scale, solve
 from .flange_table import FlangeTable
@@ -290,7 +290,7 @@ def _bundle(views: Sequence[View], rows: Index, motions: Motions) -> Bundle:
     labels: list[tuple[int, int]] = []
     for number, view in enumerate(views):
         outline = view.board.points()
-        bent = bending(outline, outline)
+        bent = shape_slopes(outline, outline)
         motion = np.searchsorted(rows, view.rows)
         for k in np.argsort(motion, kind="stable"):
             corners = view.shots.corners[k]

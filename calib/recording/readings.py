@@ -1,4 +1,4 @@
-"""Whether joints are what they are said to be: how well other readings explain the pictures."""
+"""Readings: refuse joints that explain the pictures better in another unit, order or sign."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ class PlaneReference:
                 rotation=exponential(d[:3]) @ self.pose.rotation,
                 shift=self.pose.shift + d[3:6],
             )
-            other = replace(self, lens=self.lens.moved(d[6:]), pose=pose)
+            other = replace(self, lens=self.lens.plus(d[6:]), pose=pose)
             moved = other.positions(pixels) - base
             variance += (moved**2).sum(axis=1) / 2.0
         scale = np.sqrt(2.0 * np.square(half).sum(axis=(0, 2)))
@@ -206,7 +206,9 @@ def watch(
         )
     middle = _middle([*looked.values()])
     off = frozenset(
-        number for number, marks in looked.items() if _elsewhere(middle, marks)
+        number
+        for number, marks in looked.items()
+        if _is_elsewhere(middle, marks)
     )
     if len(off) > SETTINGS.elsewhere * len(looked):
         raise LogError(
@@ -229,7 +231,7 @@ def _middle(group: Sequence[Marks]) -> dict[int, Array]:
     }
 
 
-def _elsewhere(middle: Marks, marks: Marks) -> bool:
+def _is_elsewhere(middle: Marks, marks: Marks) -> bool:
     """Whether marks moved, by the median of them, or grew by a new focus, as a pose cannot tell."""
     usual = np.array([middle[number] for number in marks])
     places = np.array([*marks.values()])

@@ -107,17 +107,17 @@ class HandEye:
     def __repr__(self) -> str:
         """Say in two lines how good the calibration is, and what limits it."""
         return (
-            f"HandEye of {self.used} of {self.pictures} pictures, {self.carried} in the hand, "
+            f"HandEye of {self.used} of {self.pictures} pictures, {self.hand_item} in the hand, "
             f"corners {self.reprojection['mean']:.3g} px off on average\n  {self.limited_by}"
         )
 
     @property
-    def carried(self) -> str:
+    def hand_item(self) -> str:
         """What is in the hand."""
         return "camera" if self.eye == "hand" else "board"
 
     @property
-    def standing(self) -> str:
+    def base_item(self) -> str:
         """What stands still."""
         return "board" if self.eye == "hand" else "camera"
 
@@ -159,8 +159,8 @@ class HandEye:
         """The answer for people."""
         base, tip = self.frames
         lines = [
-            _line(f"{self.carried} in the frame of {tip}", self.hand),
-            _line(f"{self.standing} in the frame of {base}", self.base),
+            _line(f"{self.hand_item} in the frame of {tip}", self.hand),
+            _line(f"{self.base_item} in the frame of {base}", self.base),
         ]
         for camera in self.cameras[1:]:
             name = camera["name"]
@@ -250,8 +250,8 @@ def transform_files(
 ) -> dict[Path, str]:
     """The text of each file: transforms in JSON, and beside it lines and matrices for people."""
     base, tip = rig.frames
-    places = {f"{rig.carried}_frame": (tip, rig.hand)}
-    places[f"{rig.standing}_frame"] = (base, rig.base)
+    places = {f"{rig.hand_item}_frame": (tip, rig.hand)}
+    places[f"{rig.base_item}_frame"] = (base, rig.base)
     if len(rig.cameras) > 1:
         del places["camera_frame"]
         for camera in rig.cameras:

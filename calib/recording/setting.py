@@ -1,4 +1,4 @@
-"""What a recording is made with: the tag, the reference, the lens; and what pictures show of it."""
+"""Setting: tag, reference and lens of a recording, and the tags and marks that pictures show."""
 
 from __future__ import annotations
 

@@ -66,20 +66,24 @@ def find_start(flange: Array, view: View, unit: str | None = None) -> Start:
     distances = np.linalg.norm(shift_of(flange), axis=1)
     distance = float(np.median(distances))
     far = [name for name in UNITS if distance / METRES[name] > NEAREST]
-    units = [unit] if unit else far or [*UNITS]
-    start = _solved(flange, view, units, None)
-    name = _nearest(max(distance, 1e-9) / USUAL, units)
-    sized = _solved(flange, view, [name], METRES[name])
-    most = max(1.3 * start.misfit, np.radians(0.2))
-    if start.is_sized:  # by chance, where a length of noise fits badly
-        most = 0.5 * start.misfit
-    return sized if sized.misfit < most else start
+    units = far or [*UNITS]
+    if unit:
+        units = [unit]
+    by_motions = _solve(flange, view, units, None)
+    metre = max(distance, 1e-9) / USUAL
+    usual_unit = _nearest(metre, units)
+    by_board = _solve(flange, view, [usual_unit], METRES[usual_unit])
+    most = max(1.3 * by_motions.misfit, np.radians(0.2))
+    if by_motions.is_sized:  # by chance, where a length of noise fits badly
+        most = 0.5 * by_motions.misfit
+    return by_board if by_board.misfit < most else by_motions
 
 
 def _usual(misses: Array) -> float:
     """The miss of a usual picture: the median of those beyond the three that fit any reading."""
     beyond = min(3, len(misses) - 1)
-    return float(np.median(np.sort(misses)[beyond:]))
+    ascending = np.sort(misses)
+    return float(np.median(ascending[beyond:]))
 
 
 def _nearest(length: float, units: Sequence[str]) -> str:
@@ -87,100 +91,115 @@ def _nearest(length: float, units: Sequence[str]) -> str:
     return min(units, key=lambda name: abs(np.log(length / METRES[name])))
 
 
-def _solved(
+def _solve(
     flange: Array, view: View, units: Sequence[str], length: float | None
 ) -> Start:
-    """Camera and board; `length` is that of a metre in the flange's unit, if boards do not tell it.
+    """Camera and board of flange poses (n, 4, 4).
 
     units : of which the flange's lengths may be
+    length : of a metre in the flange's unit; None where the boards tell it
     """
     motions = inverse(flange) if view.in_hand else flange
     poses = view.poses
-    weights = np.ones(len(motions))
     half_turn = view.board.half_turn
     turned = np.zeros(len(motions), bool)
     if half_turn is not None:
         turned = _half_turned(motions, poses, half_turn)
-        poses = np.where(turned[:, None, None], poses @ half_turn, poses)
+        other_ends = poses @ half_turn
+        poses = np.where(turned[:, None, None], other_ends, poses)
     points = view.board.points()
-    points = points[:: max(len(points) // 8, 1)]
+    every = max(len(points) // 8, 1)
+    points = points[::every]
+
+    # camera, board and a metre's length; pictures that contradict are weighed down
+    weights = np.ones(len(motions))
     for _ in range(ROUNDS):
-        x, y, scale = _closed_form(motions, poses, weights, length)
-        predicted = inverse(x) @ motions @ y
+        camera, board, scale = _closed_form(motions, poses, weights, length)
+        predicted = inverse(camera) @ motions @ board
         shifts = shift_of(predicted)
         shifts /= scale if abs(scale) > 1e-12 else 1e-12
         misses = _gaps(predicted, poses, points)
         misfit = _usual(misses)
         far = misses / (3.0 * misfit + 1e-9)
-        weights = 1.0 / (1.0 + far**2) ** 2
+        growth = 1.0 + far**2
+        weights = 1.0 / growth**2
+
+    # the first picture tells from which end boards are numbered
     if half_turn is not None and turned[0]:
-        # from which end is free: the first picture's
         half = half_turn.copy()
         half[:3, 3] *= scale
-        y = y @ half
+        board = board @ half
         turned = ~turned
+
+    # lengths in metres
     length = max(scale, 1e-9)
     unit = _nearest(length, units)
     metre = METRES[unit]
-    x[:3, 3] /= metre
-    y[:3, 3] /= metre
+    camera[:3, 3] /= metre
+    board[:3, 3] /= metre
     size = -np.inf
     if scale > 0.0:
         size = float(np.log(length / metre))
-    return Start(x, y, unit, size, misfit, turned)
+    return Start(camera, board, unit, size, misfit, turned)
 
 
 def _closed_form(
     motions: Array, poses: Array, weights: Array, size: float | None
 ) -> tuple[Array, Array, float]:
-    """X, Y (4, 4) and the motions' lengths in one of the boards', of X B = M Y.
+    """X, Y (4, 4) of X B = M Y, and the length of the boards' unit in the motions' unit.
 
     motions M, poses B : (n, 4, 4);  weights : (n,)
-    size : the motions' lengths in one of the boards', where that is known
+    size : that length where it is known
     """
+    # turns: M' X B = Y, the pair of the largest singular value, which is 1 without noise
     turns = turn_of(motions)
     board_turns = turn_of(poses)
     pairs = np.einsum("i,iba,idc->acbd", weights, turns, board_turns)
-    # M' X B = Y: the pair of the largest singular value, which is 1 without noise
     left, _, right = np.linalg.svd(pairs.reshape(9, 9))
-    first = right[0].reshape(3, 3)
-    second = left[:, 0].reshape(3, 3)
-    sign = np.sign(np.linalg.det(first))
-    x = nearest_rotation(sign * first)
-    y = nearest_rotation(sign * second)
-    places = shift_of(poses) @ x.T
+    x_scaled = right[0].reshape(3, 3)
+    y_scaled = left[:, 0].reshape(3, 3)
+    sign = np.sign(np.linalg.det(x_scaled))
+    x_turn = nearest_rotation(sign * x_scaled)
+    y_turn = nearest_rotation(sign * y_scaled)
+
+    # shifts of X and Y, and the length: linear least squares
+    places = shift_of(poses) @ x_turn.T
     same = np.broadcast_to(np.eye(3), turns.shape)
     columns = [same, -turns, places[:, :, None]]
     root = np.sqrt(weights)[:, None]
-    rows = np.concatenate(columns, axis=2) * root[:, :, None]
-    rows = rows.reshape(-1, 7)
-    target = (shift_of(motions) * root).ravel()
+    blocks = np.concatenate(columns, axis=2)
+    blocks *= root[:, :, None]
+    rows = blocks.reshape(-1, 7)
+    weighed = shift_of(motions) * root
+    target = weighed.ravel()
     if size is None:
-        shift = np.linalg.lstsq(rows, target, rcond=1e-10)[0]
+        shifts = np.linalg.lstsq(rows, target, rcond=1e-10)[0]
     else:
-        target = target - size * rows[:, 6]
-        shift = np.linalg.lstsq(rows[:, :6], target, rcond=1e-6)[0]
-        shift = np.append(shift, size)
-    return rigid(x, shift[:3]), rigid(y, shift[3:6]), float(shift[6])
+        target -= size * rows[:, 6]
+        shifts = np.linalg.lstsq(rows[:, :6], target, rcond=1e-6)[0]
+        shifts = np.append(shifts, size)
+    x_shift, y_shift, (length,) = np.split(shifts, [3, 6])
+    return rigid(x_turn, x_shift), rigid(y_turn, y_shift), float(length)
 
 
 def _half_turned(motions: Array, poses: Array, half_turn: Array) -> Mask:
     """Which boards (n,) are numbered from their other end.
 
-    Turns between two pictures are as large as the flange's, wherever camera and board are: the
-    leading eigenvector of how much better a pair fits turned.
+    A board turns between two pictures by as much as the flange, wherever camera and board are.
+    The signs of the leading eigenvector of how much better pairs of pictures fit unturned.
     """
-    moved = _flat_turns(motions)
+    flange_turns = _flat_turns(motions)
     plain = _flat_turns(poses)
     turned = _flat_turns(poses @ half_turn)
     # traces of the turns between each two pictures
-    expected = moved @ moved.T
-    miss_plain = np.abs(expected - plain @ plain.T)
-    miss_turned = np.abs(expected - turned @ plain.T)
+    traces = flange_turns @ flange_turns.T
+    miss_plain = np.abs(traces - plain @ plain.T)
+    miss_turned = np.abs(traces - turned @ plain.T)
     _, vectors = np.linalg.eigh(miss_turned - miss_plain)
     leading = vectors[:, -1]
     largest = leading[np.abs(leading).argmax()]
-    return np.asarray(leading * largest < 0)
+    is_turned: Mask = leading * largest < 0
+    return is_turned
 
 
 def _flat_turns(poses: Array) -> Array:
@@ -189,13 +208,16 @@ def _flat_turns(poses: Array) -> Array:
 
 
 def _gaps(predicted: Array, poses: Array, points: Array) -> Array:
-    """Angle (n,) [rad] between points of a board as predicted and as they are, rms."""
+    """Rms angle (n,) [rad] between a board's points (k, 3) at predicted and at real poses."""
     expected = place_points(predicted, points)
     places = place_points(poses, points)
     depth = places[:, :, 2:]
     # a board that is predicted behind the camera is far off, in no direction
     ahead = np.maximum(expected[:, :, 2:], 0.05 * depth)
-    gap = expected[:, :, :2] / ahead - places[:, :, :2] / depth
-    squares = (gap**2).sum(axis=2)
+    predicted_rays = expected[:, :, :2] / ahead
+    rays = places[:, :, :2] / depth
+    gaps = predicted_rays - rays
+    squares = (gaps**2).sum(axis=2)
     rms = np.sqrt(squares.mean(axis=1))
-    return np.asarray(np.minimum(rms, 3.0))
+    limited: Array = np.minimum(rms, 3.0)
+    return limited

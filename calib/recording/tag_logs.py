@@ -84,7 +84,7 @@ def log_pictures(
         "the reference is elsewhere in them: camera bumped, shaken, refocused?"
     )
     sightings.reasons[reason] = len(q) - len(steady)
-    return _assembled(
+    return _samples_of(
         sightings,
         [sightings.tags[k] for k in steady],
         notes,
@@ -183,7 +183,7 @@ def log_video(
     tag_of = dict(zip(sightings.numbers, sightings.tags, strict=True))
     there = joints_at(when, joint_time, q)
     rows = np.array([np.median(when[group]) for group in groups])
-    return _assembled(
+    return _samples_of(
         sightings,
         [_middle([tag_of[k] for k in group]) for group in groups],
         notes,
@@ -242,7 +242,7 @@ def _check_motion(q: Array, sightings: Sightings, what: str) -> None:
         )
 
 
-def _assembled(
+def _samples_of(
     sightings: Sightings,
     tags: Sequence[Tag],
     notes: list[str],

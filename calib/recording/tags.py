@@ -74,7 +74,9 @@ class Tag:
         """Where the diagonals cross (2,) [px]: the middle under any perspective."""
         a, b, c, d = np.c_[self.corners - self.corners[0], np.ones(4)]
         x, y, scale = np.cross(np.cross(a, c), np.cross(b, d))
-        return np.asarray(self.corners[0] + np.array([x, y]) / scale)
+        offset = np.array([x, y]) / scale
+        centre: Array = self.corners[0] + offset
+        return centre
 
     @property
     def side(self) -> float:
@@ -92,7 +94,9 @@ class Tag:
 
 
 def _sides(corners: Array) -> Array:
-    return np.asarray(np.linalg.norm(np.roll(corners, -1, 0) - corners, axis=1))
+    """Lengths (4,) [px] of the sides of a square in a picture."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    return np.asarray(np.linalg.norm(sides, axis=1))
 
 
 @cache
@@ -146,18 +150,15 @@ class TagFinder:
     def find(self, grey: Picture) -> list[Tag]:
         """Find the tags of a picture."""
         squares, ids, _ = self._detector.detectMarkers(grey)
-        numbers = [
-            self.numbers[k] for k in (() if ids is None else np.ravel(ids))
-        ]
-        corners = [
-            np.asarray(square, float).reshape(4, 2) for square in squares
-        ]
-        return [
-            self._measured(grey, *marker)
-            for marker in zip(numbers, corners, strict=True)
-        ]
+        tags = []
+        for k, square in enumerate(squares):
+            number = self.numbers[int(ids[k].item())]
+            corners = np.asarray(square, float).reshape(4, 2)
+            tags.append(self._refine_tag(grey, number, corners))
+        return tags
 
-    def _measured(self, grey: Picture, number: int, corners: Array) -> Tag:
+    def _refine_tag(self, grey: Picture, number: int, corners: Array) -> Tag:
+        """The tag whose print is laid over its picture from about the right corners (4, 2) [px]."""
         cells = tag_cells(number, self.dictionary)
         tag = Tag(number, corners, 0.5, sharp=False)
         count = len(cells)
@@ -171,18 +172,15 @@ class TagFinder:
         start = opencv().getPerspectiveTransform(
             square.astype(np.float32), corners.astype(np.float32)
         )
-        homography, likeness = _laid(
-            grey, (255.0 * pattern).astype(np.uint8), np.asarray(start)
-        )
-        refined = _mapped(homography, square)
+        page = (255.0 * pattern).astype(np.uint8)
+        homography, likeness = _lay(grey, page, np.asarray(start))
         if likeness < TAG.sharp:
             return tag
-        tag = Tag(number, refined)
+        tag = Tag(number, _map_places(homography, square))
         # short sides cross at a sharp angle: rendered at 60 to 80 deg the miss is 4 to 13 times as
         # large (benchmarks/camera_real.py)
-        return replace(
-            tag, noise=tag.noise * max(1.0, 0.9 / tag.upright) ** 1.5
-        )
+        growth = max(1.0, 0.9 / tag.upright) ** 1.5
+        return replace(tag, noise=growth * tag.noise)
 
 
 def tag_cells(number: int, dictionary: str = DICTIONARY) -> NDArray[np.bool_]:
@@ -204,52 +202,60 @@ def tag_cells(number: int, dictionary: str = DICTIONARY) -> NDArray[np.bool_]:
 def lay_corners(
     grey: Picture, corners: Mapping[int, Array], board: CharucoBoard
 ) -> dict[int, Array]:
-    """Lay the surroundings of a board's corners over its picture.
+    """Corners to .01 px, by laying the print around each over the picture.
 
     corners : places (2,) [px] by number, within a pixel or so; `board` is OpenCV's
+    Returns places (2,) [px] by number of those that are found again.
     """
     if len(corners) < 4:
         return {}
+    cv2 = opencv()
     pixels = np.array([*corners.values()])
-    flat = np.array(board.getChessboardCorners(), float)[list(corners), :2]
-    flat /= board.getSquareLength()
-    over = opencv().findHomography(flat, pixels, opencv().RANSAC, 3.0)[0]
+    points = np.array(board.getChessboardCorners(), float)
+    squares = points[list(corners), :2] / board.getSquareLength()
+    # from squares of the board to pixels, but for the lens
+    over, _ = cv2.findHomography(squares, pixels, cv2.RANSAC, 3.0)
     if over is None:
         return {}
-    diagonals = _mapped(over, flat + 0.5) - _mapped(over, flat - 0.5)
+    flat = _map_places(over, squares)
+
+    # the print, about as fine as the picture
+    ends = _map_places(over, squares + 0.5)
+    diagonals = ends - _map_places(over, squares - 0.5)
     diagonal = np.median(np.linalg.norm(diagonals, axis=1))
     fine = round(TAG.dense * diagonal / np.sqrt(2))
     k = int(np.clip(fine, *TAG.squares))
     page = _page(board, k)
+
     refined = {}
-    for number, place, there in zip(corners, flat, pixels, strict=True):
+    shifts = pixels - flat
+    for row, number in enumerate(corners):
+        place = squares[row]
         low = np.round((place - TAG.around) * k).astype(int)
-        at = np.maximum(low, 0)
-        end = np.round((place + TAG.around) * k).astype(int)
-        patch = page[at[1] : end[1], at[0] : end[0]]
-        # of the patch's pixels, via squares, to the picture; the lens shifts it by little
-        scale = np.array(
-            [
-                [1 / k, 0, (at[0] + 0.5) / k],
-                [0, 1 / k, (at[1] + 0.5) / k],
-                [0, 0, 1],
-            ]
-        )
-        shift = np.eye(3)
-        shift[:2, 2] = there - _mapped(over, place[None])[0]
-        homography, likeness = _laid(grey, patch, shift @ over @ scale)
-        moved = _mapped(homography, (place * k - 0.5 - at)[None])[0]
-        if likeness > 0.0 and np.linalg.norm(moved - there) < TAG.farthest:
-            refined[number] = moved
+        low = np.maximum(low, 0)
+        high = np.round((place + TAG.around) * k).astype(int)
+        patch = page[low[1] : high[1], low[0] : high[0]]
+        # from the patch's pixels to squares, to pixels, to where the lens has this corner
+        to_squares = np.diag([1 / k, 1 / k, 1.0])
+        to_squares[:2, 2] = (low + 0.5) / k
+        by_lens = np.eye(3)
+        by_lens[:2, 2] = shifts[row]
+        start = by_lens @ over @ to_squares
+        homography, likeness = _lay(grey, patch, start)
+        in_patch = place * k - 0.5 - low
+        refined_place = _map_places(homography, in_patch[None])[0]
+        distance = np.linalg.norm(refined_place - pixels[row])
+        if likeness > 0.0 and distance < TAG.farthest:
+            refined[number] = refined_place
     return refined
 
 
-def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
+def _lay(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
     """The homography (3, 3) that lays a pattern on a picture best, and its correlation, or 0."""
     cv2 = opencv()
     high, wide = pattern.shape
     corners = np.array([[0, 0], [wide, 0], [wide, high], [0, high]]) - 0.5
-    outline = _mapped(start, corners)
+    outline = _map_places(start, corners)
     if not np.abs(outline).max() < 1e5:
         return start, 0.0
     low = np.maximum(np.floor(outline.min(0)).astype(int) - 8, 0)
@@ -260,12 +266,14 @@ def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
         TAG.steps,
         TAG.settled,
     )
+    part = grey[low[1] : end[1], low[0] : end[0]]
     guess = back @ start
+    guess /= guess[2, 2]
     try:
         likeness, homography = cv2.findTransformECC(
             pattern,
-            grey[low[1] : end[1], low[0] : end[0]],
-            np.ascontiguousarray(guess / guess[2, 2], np.float32),
+            part,
+            guess.astype(np.float32),
             cv2.MOTION_HOMOGRAPHY,
             stop,
             None,
@@ -273,7 +281,8 @@ def _laid(grey: Picture, pattern: Picture, start: Array) -> tuple[Array, float]:
         )
     except cv2.error:  # it did not converge, or the part is empty
         return start, 0.0
-    return np.linalg.inv(back) @ np.asarray(homography, float), float(likeness)
+    whole = np.linalg.inv(back) @ np.asarray(homography, float)
+    return whole, float(likeness)
 
 
 @cache
@@ -297,7 +306,7 @@ def _page(board: CharucoBoard, k: int) -> Picture:
     return np.asarray(page)
 
 
-def _mapped(homography: Array, places: Array) -> Array:
+def _map_places(homography: Array, places: Array) -> Array:
     """Map places (n, 2) by a homography (3, 3)."""
     return np.asarray(
         opencv().perspectiveTransform(places[None], homography)[0]

@@ -36,46 +36,52 @@ SOFT = 1e-4
 
 def _harmonics(q: Array, other: Array) -> Array:
     """Covariance (n, m) of harmonics up to the second of each joint, and of a free mean."""
-    result = np.ones((len(q), len(other)))
-    for a, b in zip(q.T, other.T, strict=True):
-        first = np.cos(a[:, None] - b[None])
+    covariance = np.ones((len(q), len(other)))
+    for values, others in zip(q.T, other.T, strict=True):
+        first = np.cos(values[:, None] - others)
         second = 2.0 * first**2 - 1.0
-        result *= 0.45 + 0.45 * first + 0.1 * second
-    return result + 1.0
+        covariance *= 0.45 + 0.45 * first + 0.1 * second
+    return covariance + 1.0
 
 
 class Judge:
-    """A fit of what was seen by joints, from which blocks of rows are held out.
+    """A fit of values by joints, from which blocks of rows are held out.
 
-    Joints `q` (n, joints) are in the order of time; neighbouring rows are left out together.
+    Joints `q` (n, joints) are in the order of time; neighbouring rows are held out together.
     """
 
     def __init__(self, q: Array) -> None:
         self.q = q
         ridge = SOFT * np.eye(len(q))
-        self._inverse = np.linalg.inv(_harmonics(q, q) + ridge)
+        covariance = _harmonics(q, q) + ridge
+        self._inverse = np.linalg.inv(covariance)
 
     def miss(self, x: Array) -> Array:
-        """Return what the other blocks' fit leaves of values (n, d): linear in them."""
-        weights = self._inverse @ (x - x.mean(0))
-        miss: Array = np.empty_like(weights)
+        """Held-out errors (n, d) of values (n, d), linear in them."""
+        centred = x - x.mean(axis=0)
+        weights: Array = self._inverse @ centred
+        miss = np.empty_like(weights)
+        rows = np.arange(len(x))
         count = min(TRACK.blocks, len(x))
-        for block in np.array_split(np.arange(len(x)), count):
+        for block in np.array_split(rows, count):
             inverse = self._inverse[np.ix_(block, block)]
             miss[block] = np.linalg.solve(inverse, weights[block])
         return miss
 
     def predict(self, q: Array, x: Array) -> Array:
-        """Return what the fit to values (n, d) of all rows says at joints (m, joints)."""
-        middle = x.mean(0)
+        """Predictions (m, d) at joints (m, joints) of the fit to values (n, d) of all rows."""
+        middle = x.mean(axis=0)
         weights = self._inverse @ (x - middle)
-        return np.asarray(_harmonics(q, self.q) @ weights + middle)
+        covariance = _harmonics(q, self.q)
+        predicted: Array = covariance @ weights + middle
+        return predicted
 
 
 def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
-    """Find how many rows further down the joints are that fit better than a row's own, 0 for none.
+    """How many rows further down the joints are that fit far better than a row's own, else 0.
 
-    Then mean distances [unit of x] that blocks of rows are predicted to, as they are and shifted.
+    q : (n, joints) [rad or m];  x : (n, d)
+    Then mean held-out errors [unit of x] as the rows are, and with the best shift.
     """
 
     def error(shift: int) -> float:
@@ -83,8 +89,10 @@ def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
         end = min(len(q), len(q) - shift)
         rows = np.arange(first, end)
         rows = rows[spread_rows(len(rows), TRACK.searched)]
-        miss = Judge(q[rows + shift]).miss(x[rows])
-        return float(np.linalg.norm(miss, axis=1).mean())
+        judge = Judge(q[rows + shift])
+        miss = judge.miss(x[rows])
+        distances = np.linalg.norm(miss, axis=1)
+        return float(distances.mean())
 
     if len(q) < TRACK.fewest:
         return 0, np.nan, np.nan
@@ -96,21 +104,22 @@ def row_shift(q: Array, x: Array) -> tuple[int, float, float]:
 
 
 def jumps(x: Array) -> Mask:
-    """Find frames away from the median of their neighbours (Hampel's filter).
+    """Which frames (n,) are far from the median of their neighbours (Hampel's filter).
 
-    x (n, m) [px or mm] has NaN where nothing was seen; a mask (n,).
+    x : (n, m) [px or mm], NaN where the tip is not in the picture
     """
     from scipy.ndimage import median_filter
 
-    result = np.zeros(len(x), bool)
-    visible = np.isfinite(x[:, 0])
-    if visible.sum() < TRACK.window:
-        return result
-    places = x[visible]
+    is_jump = np.zeros(len(x), bool)
+    is_visible = np.isfinite(x[:, 0])
+    if is_visible.sum() < TRACK.window:
+        return is_jump
+    places = x[is_visible]
     window = (TRACK.window, 1)
     away = places - median_filter(places, window, mode="nearest")
     usual = median_filter(np.abs(away), window, mode="nearest")
-    scale = 1.48 * usual.max(axis=1)
+    sd = 1.48 * usual.max(axis=1)
+    least = 6.0 * np.maximum(sd, 1.0)
     distances = np.linalg.norm(away, axis=1)
-    result[visible] = distances > 6.0 * np.maximum(scale, 1.0)
-    return result
+    is_jump[is_visible] = distances > least
+    return is_jump

@@ -28,7 +28,7 @@ def data_of_rig(rig: HandEye) -> dict[str, object]:
     return canvas.data(
         scale,
         camera_onto(around, OBLIQUE),
-        title=f"Hand-eye: {rig.carried} in the hand",
+        title=f"Hand-eye: {rig.hand_item} in the hand",
         bound="corners off, rms of pictures that the fit did not see",
         links=None,
         notes=[],

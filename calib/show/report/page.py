@@ -293,7 +293,7 @@ def _report_rig(rig: HandEye, path: str | os.PathLike[str]) -> str:
     interval = " to ".join(number(1e3 * end, 4) for end in square["interval"])
     write_page(
         path,
-        title=f"Hand-eye calibration: {rig.carried} in the hand",
+        title=f"Hand-eye calibration: {rig.hand_item} in the hand",
         verdict=verdict,
         answers={
             "Limited by": rig.limited_by,
