@@ -19,8 +19,8 @@ from .maps.density import Visit as Visit
 from .maps.map import Map as Map
 from .maps.som import SOM as SOM
 from .model.answers import Answer as Answer
-from .model.answers import Path as Path
 from .model.model import Model as Model
+from .model.paths import Path as Path
 from .model_file.loading import load as load
 from .model_file.loading import load_maps as load_maps
 from .recording.handeye import HandEye as HandEye

@@ -168,7 +168,7 @@ class Query:
         the number of rows of the table, if not that of the queries.
         """
         n = len(batch.values)
-        _note_rows(batch.invalid, n, "not all values are numbers, no answer")
+        note_rows(batch.invalid, n, "not all values are numbers, no answer")
         code = 0
         document: dict[str, object] = {
             "output": None if columns is None else self._output,
@@ -176,7 +176,7 @@ class Query:
             "invalid": batch.invalid,
         }
         for name, (rows, why) in failures.items():
-            _note_rows(rows, count or n, why)
+            note_rows(rows, count or n, why)
             document[name] = list(rows)
             if rows:
                 code = NO
@@ -210,7 +210,7 @@ def beside(batch: Batch, valid: Mask, added: Columns) -> Columns:
     return batch.with_answers(answers)
 
 
-def _note_rows(numbers: Sequence[int], count: int, what: str) -> None:
+def note_rows(numbers: Sequence[int], count: int, what: str) -> None:
     """Say what is the matter with some rows, the first of which are named, if there are any."""
     if numbers:
         rows = "row" if len(numbers) == 1 else "rows"

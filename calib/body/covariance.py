@@ -30,7 +30,8 @@ def radius_95(covariance: Array) -> Array:
     squares = covariance**2
     square = squares.sum(axis=(1, 2))
     freedom = trace**2 / np.maximum(square, 1e-300)
-    ninths = 9 * np.maximum(freedom, 1e-300)
+    # at least one: none at all is of a covariance of zeros
+    ninths = 9 * np.maximum(freedom, 1.0)
     variance = 2 / ninths
     root = 1 - variance + NORMAL_95 * np.sqrt(variance)
     mean = np.maximum(trace, 0.0)

@@ -37,23 +37,22 @@ TRACKING = TrackingSettings()
 
 
 def follow_targets(
-    search: Search, sensory: Map, x: Array, start: Array | None
-) -> tuple[Array, Index, Mask]:
+    search: Search, x: Array, close: Mask, start: Array | None
+) -> tuple[Array, Index]:
     """Joints (k, dof) that follow targets `x` (k, m) in their order, with as few jumps as possible.
 
-    Also the rows that joints reach only by leaving their branch, and those (k,) too far from all
-    that the arm reaches, the nodes of its map, to be followed.
+    Also the rows that joints reach only by leaving their branch.  `close` (k,) are the targets
+    that are close enough to what the arm reaches to be followed.
 
     Every solution of the first target sets out, of redundant joints those nearest to their middle,
     or the one nearest to `start` (dof,); the one that gets furthest is taken, of several the one
     that moves least.  Where it ends the solutions of the next target set out, and so on.  Out of
     reach joints stay as close as they can, which is no jump; far beyond they wait.
     """
-    close = _close_to_map(sensory, x)
-    lost = not close.any()
-    if lost:  # the first alone: nothing more is learned from the others
-        close[0] = True
     near = np.flatnonzero(close)
+    lost = not len(near)
+    if lost:  # the first alone: nothing more is learned from the others
+        near = np.array([0])
     targets = x[near]
     if start is None and not lost:
         front = _front(search, targets[0])
@@ -79,10 +78,10 @@ def follow_targets(
     joints = rows[np.maximum(latest, 0)]
     jump_places = np.array(jumps, dtype=np.intp)
     jump_rows = near[jump_places]
-    return joints, jump_rows, ~close
+    return joints, jump_rows
 
 
-def _close_to_map(sensory: Map, x: Array) -> Mask:
+def close_to_map(sensory: Map, x: Array) -> Mask:
     """Whether targets (k, m) are close enough to nodes of the map to be followed."""
     place = sensory.scale.to_unit(x)
     away, _ = sensory.nearest(place)

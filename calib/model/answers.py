@@ -1,8 +1,7 @@
-"""Answers: joints for targets, steps of a servo and paths, with errors and bounds of each row."""
+"""Answers: the joint values with which a model answers targets, and steps of a servo."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -16,10 +15,9 @@ from ..errors import QueryError
 from ..inverse.links import search_by_links
 from ..inverse.newton import limit_joints, limit_length
 from ..inverse.settings import SEARCH
-from ..inverse.tracking import follow_targets
 from ..kernel.compiled import NOTHING
 from .parts import Parts
-from .turns import nearest_turn, on_turn, unwound
+from .turns import nearest_turn, on_turn
 
 SURE = 1e-2
 """Share of the extent: a larger expected error does not make a target reachable."""
@@ -35,9 +33,6 @@ class AnswerSettings:
     # damping of a step of a servo, as a share of the Jacobian's power
     calm: float = 1e-3
     longest: float = 0.1  # of the joints' range: no step of a servo is longer
-    # of the workspace's extent, of a path where no step is given
-    step: float = 0.01
-    most_rows: int = 1_000_000  # of a path
 
 
 ANSWER = AnswerSettings()
@@ -55,36 +50,6 @@ class Answer(NamedTuple):
     model_error: Array
     # (n,), whether the distance is within the expected error and within 1 % of the extent
     reachable: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class Path:
-    """Joints along straight lines through waypoints, without times; one row for each target."""
-
-    target: Array  # (k, m) [unit], points on the lines between the waypoints
-    # as of `Answer`; joints stay on one branch between jumps
-    q: Array
-    position: Array
-    distance: Array
-    expected_error: Array
-    model_error: Array
-    reachable: NDArray[np.bool_]
-    # (k,), index of the waypoint that each row leads to; the last such row stands on it
-    waypoint: NDArray[np.intp]
-    # (j,), rows whose joints do not follow from those of the row before: the branch ends there,
-    # whichever way the path is followed from its start, or a joint has to turn round at its limit
-    jumps: NDArray[np.intp]
-    # (k,), rows that were left out: a tenth of the workspace and more beyond all that the arm
-    # reaches; joints stay as they were
-    held: NDArray[np.bool_]
-
-    def __repr__(self) -> str:
-        """Say in a line how many rows there are, what is out of reach, and where it jumps."""
-        unreachable = int(np.sum(~self.reachable))
-        return (
-            f"Path of {len(self.q)} rows: {unreachable} out of reach, "
-            f"{len(self.jumps)} jumps"
-        )
 
 
 def unit_joints(
@@ -260,59 +225,3 @@ def servo_step(
     step = limit_length(limit_joints(step, SEARCH.longest), ANSWER.longest)
     result = scale.from_unit(newton.clip(stand.u + step))
     return result[0] if single else result
-
-
-def follow_path(
-    model: Parts,
-    waypoints: ArrayLike,
-    start: ArrayLike | None,
-    step: float | None,
-) -> Path:
-    """Follow waypoints; see :meth:`calib.Model.path`."""
-    corners, single = query_rows(waypoints, model.axes, "waypoints")
-    if single or len(corners) < 2:
-        raise QueryError(
-            f"a path needs 2 waypoints or more, got {len(corners)}: add rows, or ask for the "
-            "inverse of a single one"
-        )
-    if step is None:
-        step = ANSWER.step * model.solver.extent
-    if not step > 0:
-        raise QueryError(
-            f"step {step!r}: expected a length greater than zero, such as 0.005"
-        )
-    x, waypoint = _lines(corners, float(step))
-    first = None if start is None else anchor(model, start, 1)[0]
-    u, jumps, held = follow_targets(
-        model.solver, model.sensory, in_sight(model, x), first
-    )
-    answers = answer(model, u, x)
-    begin = answers.q[0]
-    if start is not None:
-        begin = rows_for(start, model.about.joint_names, "start", 1)[0]
-    q, turned = unwound(model, answers.q, begin)
-    answers = answers._replace(q=q)
-    return Path(x, *answers, waypoint, np.union1d(jumps, turned), held)
-
-
-def _lines(corners: Array, step: float) -> tuple[Array, NDArray[np.intp]]:
-    """Points at most `step` apart on the lines between corners, and where each leads to."""
-    with np.errstate(over="ignore"):
-        length = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-        total = float(length.sum())
-    few = total / step + len(corners) <= ANSWER.most_rows
-    if not few or not math.isfinite(total):
-        raise QueryError(
-            f"step {step:g} makes more than {ANSWER.most_rows:,} rows of a path {total:.4g} long: "
-            "give a longer one"
-        )
-    # rounding of the length must not add a row
-    parts = np.maximum(1, np.ceil(length / step - 1e-9))
-    counts = np.append(1, parts).astype(np.intp)
-    waypoint = np.repeat(np.arange(len(corners)), counts)
-    shares = [np.arange(1, count + 1) / count for count in counts.tolist()]
-    share = np.concatenate(shares)[:, None]
-    before = corners[np.maximum(waypoint - 1, 0)]
-    after = corners[waypoint]
-    between = before + (after - before) * share
-    return np.where(share < 1.0, between, after), waypoint

@@ -15,13 +15,15 @@ from ..errors import QueryError
 from ..kernel.compiled import CERTAIN, NOTHING
 from ..samples.motion import Motion
 from . import answers, batches
-from .answers import Answer, Path
+from .answers import Answer
 from .compilable import Compilable
 from .parts import MOST_SHARE, BoundName, with_arm_of
 from .prediction import predict
 
 if TYPE_CHECKING:
     import os
+
+    from .paths import Path
 
 FUNCTIONS = [
     "adapt",
@@ -288,16 +290,21 @@ class Model(Compilable):
         x: ArrayLike,
         start: ArrayLike | None = None,
         step: float | None = None,
+        *,
+        frame: str = "sensor",
     ) -> Path:
         """Joint values along straight lines through waypoints, on one branch if there is one.
 
-        x : (n, m) array [unit], two waypoints or more
+        x : (n, m) array [unit, m in the base frame], two waypoints or more
         start : (dof,) array [rad or m], joints that the path should start near; without it the
             branch that can follow the path furthest, of several the one that moves least
-        step : float [unit], longest way of the tip between two rows, 1 % of the workspace's extent
+        step : float [as x], longest way of the tip between two rows, 1 % of the workspace's extent
             where not given; ``math.inf`` gives the waypoints alone
+        frame : {"sensor", "base"}
         """
-        return answers.follow_path(self, x, start, step)
+        from .paths import follow_path
+
+        return follow_path(self, x, start, step, frame)
 
     def inverse_pose(
         self,

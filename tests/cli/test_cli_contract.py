@@ -153,7 +153,7 @@ CONTRACT = [
     ("query inverse m.calib 5 5", 3, SOLUTIONS),
     ("query inverse m.calib --input x.csv", 3, BATCH | {"answers": COLUMNS}),
     ("query path m.calib --input x.csv", 3,
-     BATCH | {"jumps": [int], "left_out": [int], "path": COLUMNS}),
+     BATCH | {**each([int], "jumps left_out fast_turns"), "path": COLUMNS}),
     ("check m.calib --data same.csv", 0, DRIFT),
     ("check m.calib --data moved.csv", 3, DRIFT),
     ("adapt m.calib --data moved.csv -o a.calib", 0, ADAPTED),

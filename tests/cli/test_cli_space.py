@@ -77,6 +77,15 @@ def test_pixels_and_the_tip_in_the_base_frame_are_those_of_the_truth(run, pictur
     one = run("query", "forward", folder / "m.calib", *q[0], "--in", "base", "--json").document
     assert one["unit"] == one["units"]["positions"] == "m"
     assert one["position"] == pytest.approx([base[axis][0] for axis in "xyz"])
+    ends = truth.pose(np.array([[-0.3, 0.6, -1.0], [0.4, 0.8, -1.3]]))[0]
+    table(folder / "ends.csv", "xyz", ends)
+    ask = ("query", "path", folder / "m.calib", "--input", folder / "ends.csv", "--in", "base")
+    way = read(run.done(" ".join(map(str, ask))).out)
+    aimed = np.c_[way["x"], way["y"], way["z"]]
+    np.testing.assert_allclose(aimed[[0, -1]], ends)
+    there = truth.pose(np.stack([way[name] for name in names], axis=1))[0]
+    miss = np.linalg.norm(there - aimed, axis=1)
+    assert (miss <= way["expected_error"]).mean() >= 0.95
 
 
 def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, pictures):

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from models import trained, turning, two_link, two_link_inverse
+from models import log_of, trained, turning, two_link, two_link_inverse
+from reference import pinocchio_pose
 
 import calib
 from calib.common.scale import TURN
@@ -131,3 +132,32 @@ def test_near_beyond_the_limits_of_several_turns_asks_for_the_turn_beside_them()
     near = [8.4, 1.0]  # 2.5 from 5.9, and 8.8 from -.383
     for answer in (model.inverse(x, near=near)[0], model.inverse(x[0], near=near)):
         np.testing.assert_allclose(answer, [-0.383 + TURN, 1.0], atol=1e-6)
+
+
+def test_a_path_of_the_base_frame_is_followed_by_pinocchios_arm():
+    arm = calib.load_arm("spatial_three")
+    log = calib.babble(arm, 60, seed=0)
+    turn = np.array([[0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]])
+    seen = 1e3 * (log.x @ turn.T + [0.2, -0.1, 0.4])  # a tracker of its own frame, in mm
+    model = calib.train(log_of(arm, log.q, seen, unit="mm"), size=4)
+    ends = pinocchio_pose(arm, np.array([[-0.5, 0.6, -1.0], [0.5, 0.8, -1.3]]))[0]
+    path = model.path(ends, frame="base")
+    assert path.reachable.all()
+    assert len(path.jumps) == len(path.fast_turns) == 0
+    np.testing.assert_array_equal(path.target[[0, -1]], ends)
+    np.testing.assert_allclose(pinocchio_pose(arm, path.q)[0], path.target, atol=1e-9)
+
+
+@pytest.mark.parametrize("frame", ["sensor", "base"])
+def test_joints_that_turn_fast_beside_the_first_axis_are_told(frame):
+    arm = calib.load_arm("spatial_three")
+    model = trained("spatial_three", n=60, size=4)
+    path = model.path([[0.25, 0.04, 0.6], [-0.25, 0.04, 0.6]], frame=frame)
+    turn = np.abs(np.diff(path.q, axis=0)).max(axis=1)
+    assert np.isfinite(path.expected_error).all()
+    fast = np.flatnonzero(turn > 0.25) + 1
+    assert len(fast)
+    assert set(fast) <= set(path.fast_turns)
+    assert turn[path.fast_turns - 1].min() > 0.2
+    # beside the axis, of which the tip stays 4 cm away
+    assert np.abs(arm.forward(path.q[path.fast_turns])[:, 0]).max() < 0.1

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from ... import options as opt
 from ...output import Outcome
-from ...parsing import BadOption, length
+from ...parsing import length
 
 
 def path(
@@ -21,7 +21,7 @@ def path(
             length,
         ),
     ] = None,
-    sensor: opt.OfSensor = "sensor",
+    frame: opt.InFrame = "sensor",
     input_: opt.Input = None,
     columns: opt.Columns = None,
     output: opt.Output = None,
@@ -30,18 +30,24 @@ def path(
 ) -> Outcome:
     import numpy as np
 
-    from ...query import Query
+    from ...query import Query, note_rows
 
-    if sensor == "base":
-        raise BadOption("--in base: a path is in the frame of a sensor")
-    query = Query(model, input_, columns, output, unit, degrees, sensor)
-    axes = query.model.axes
+    query = Query(model, input_, columns, output, unit, degrees, frame)
+    axes = query.axes
     joints = query.joints
     batch, answered = query.read(axes)
     valid = np.flatnonzero(answered)
     longest = None if step is None else step / query.typed
     first = query.within_range("--from", start)
-    way = query.model.path(batch.values[valid], first, longest)
+    way = query.model.path(
+        batch.values[valid], first, longest, frame=query.frame
+    )
+    fast = (way.fast_turns + 1).tolist()
+    note_rows(
+        fast,
+        len(way.q),
+        "joints turn fast here, beside an axis or a stretched pose: go slowly",
+    )
     table = {
         "waypoint": valid[way.waypoint] + 1,
         **dict(zip(axes, way.target.T, strict=True)),
@@ -68,4 +74,11 @@ def path(
             f"out of reach, by {furthest} at most: attainable points close by",
         ),
     }
-    return query.answer(batch, table, failures, count=len(way.q), key="path")
+    return query.answer(
+        batch,
+        table,
+        failures,
+        count=len(way.q),
+        key="path",
+        facts={"fast_turns": fast},
+    )
