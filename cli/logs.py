@@ -76,7 +76,7 @@ class Reading:
     prismatic: Sequence[str] | None = None
 
 
-def babbled(
+def babble_log(
     robot: str | None,
     selection: Selection,
     samples: int | None,
@@ -101,7 +101,7 @@ def babbled(
     return calib.babble(arm, n, seed=seed, noise=noise or 0.0, changes=changes)
 
 
-def measured(
+def read_measured_log(
     robot: str | None,
     selection: Selection,
     path: str | Source,
@@ -177,7 +177,7 @@ def _arm_of_log(
     return selection.load(robot, locked, header) if locked else arm
 
 
-def stated(
+def with_facts(
     log: Samples, distance: Sequence[str] | None, plane: Sequence[str] | None
 ) -> Samples:
     """Return a log with what was typed of the points that its rows touched."""

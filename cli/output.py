@@ -98,20 +98,20 @@ class TextTable:
         # names from a file may hold control characters
         header = [printable(cell) for cell in self.header]
         rows = [[printable(cell) for cell in row] for row in self.rows]
-        lines = _aligned([header, *rows], self.left)
+        lines = _align([header, *rows], self.left)
         if max(map(len, lines)) > _WIDTH:
             cells = [
                 [*cell]
                 for row in rows
                 for cell in zip(header, row, strict=True)
             ]
-            lines = _aligned(cells, 2)
+            lines = _align(cells, 2)
         title = [printable(self.title)] if self.title else []
         foot = textwrap.wrap(printable(self.foot), _WIDTH)
         return "\n".join([*title, *lines, *foot])
 
 
-def _aligned(rows: Sequence[Sequence[str]], words: int) -> list[str]:
+def _align(rows: Sequence[Sequence[str]], words: int) -> list[str]:
     """Return rows of cells as lines; the first columns hold words, which begin at the left."""
     columns = []
     for k, cells in enumerate(zip(*rows, strict=True)):
@@ -231,11 +231,11 @@ def print_json(document: Document) -> None:
 
 def plain(value: object) -> object:
     """Return plain data: no dataclasses, no arrays of Polars or NumPy, no NaN."""
-    text = json.dumps(value, default=_listed)
+    text = json.dumps(value, default=_as_list)
     return json.loads(text, parse_constant=lambda _: None)
 
 
-def _listed(value: object) -> object:
+def _as_list(value: object) -> object:
     if isinstance(value, Mapping):
         return dict(value)
     if is_dataclass(value):
@@ -260,7 +260,7 @@ def number(value: float | None) -> str:
     return f"{value:.{max(0, 2 - math.floor(math.log10(size)))}f}"
 
 
-def sized(value: float, unit: str) -> str:
+def with_unit(value: float, unit: str) -> str:
     """Return a length or an angle with the unit that people read, mm or degrees."""
     factor, shown = for_people(unit)
     if 0.0 < abs(factor * value) < _ROUNDING:
@@ -268,7 +268,7 @@ def sized(value: float, unit: str) -> str:
     return f"{number(factor * value)} {shown}"
 
 
-def fixed(value: float, decimals: int) -> str:
+def with_decimals(value: float, decimals: int) -> str:
     """Return a number with so many decimals, never minus zero, or a dash for none."""
     if not math.isfinite(value):
         return "-"

@@ -15,9 +15,9 @@ from calib.common.scale import METRES
 from calib.common.wording import for_people, listing
 from calib.samples.tables import Batch, read_batch, write_table
 
-from .output import NO, Outcome, TextTable, fixed, note, number, say
+from .output import NO, Outcome, TextTable, note, number, say, with_decimals
 from .parsing import TABLES, BadOption, bad_value, check_file, refuse
-from .summary import contradicted
+from .summary import bound_warnings
 from .units import JointFormat, units_of
 
 BOUNDS = ("expected_error", "model_error")
@@ -39,7 +39,7 @@ def model_in(path: str, frame: str, *, base: bool = False) -> calib.Model:
         if base:
             choices.append("base")
         raise BadOption(f"--in {frame!r}: expected {', '.join(choices)}")
-    say(contradicted(model.about))
+    say(bound_warnings(model.about))
     return model
 
 
@@ -131,7 +131,7 @@ class Query:
                 factor, unit = for_people("rad")
             header.append(f"{name.replace('_', ' ')} [{unit}]")
             for row, value in zip(rows, np.asarray(values), strict=True):
-                row.append(fixed(factor * float(value), 4))
+                row.append(with_decimals(factor * float(value), 4))
         return TextTable(header, rows, title, left=0)
 
     def read(

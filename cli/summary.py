@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from calib.common.choices import READOUTS
 from calib.common.wording import printable
 
-from .output import NO, TextTable, number, sized
+from .output import NO, TextTable, number, with_unit
 from .units import units_of
 
 if TYPE_CHECKING:
@@ -131,9 +131,9 @@ def accuracy(
 ) -> str:
     """Return in one line how far predictions are from where the tip is or is measured."""
     unit = model.about.unit
-    line = f"{sized(_mean_distance(errors), unit)} on average"
+    line = f"{with_unit(_mean_distance(errors), unit)} on average"
     if within:
-        line += f", 95 % within {sized(within['p95'], unit)}"
+        line += f", 95 % within {with_unit(within['p95'], unit)}"
         answered = within.get("answered", 1.0)
         if answered > 0.0:
             line += f"; the 95 % bound covers {100 * within['covered']:.0f} %"
@@ -178,7 +178,7 @@ def error_table(model: Model, errors: Errors, title: str) -> TextTable:
     return TextTable(header, rows, title, left=4, foot=_TERMS)
 
 
-def found_by_body(model: Model) -> list[str]:
+def findings_of_body(model: Model) -> list[str]:
     """Return in one line what differs from the drawing, or what was found without one."""
     from calib.use.geometry_fit import body_with_zeros
 
@@ -204,7 +204,7 @@ def found_by_body(model: Model) -> list[str]:
     return [f"found: {'; '.join(lines) or nothing}"]
 
 
-def contradicted(about: About) -> list[str]:
+def bound_warnings(about: About) -> list[str]:
     """Say in one line that the rows that a model was tested on contradict its own bound."""
     if about.bound_holds:
         return []
@@ -263,9 +263,9 @@ def _limit(model: Model, errors: Errors) -> str:
     if of_model < _NOISY * middle:
         return (
             f"limited by noise of the readings: the model itself is within "
-            f"{sized(of_model, unit)}; rows at rest help most"
+            f"{with_unit(of_model, unit)}; rows at rest help most"
         )
     return (
-        f"limited by {sized(mean, unit)} that the model does not explain, noise of the readings or "
-        "more; poses that are measured twice tell which, rows at rest help most"
+        f"limited by {with_unit(mean, unit)} that the model does not explain, noise of the "
+        "readings or more; poses that are measured twice tell which, rows at rest help most"
     )

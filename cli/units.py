@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from calib.common.wording import for_people, unit_of_joint
 
-from .output import fixed, sized
+from .output import with_decimals, with_unit
 from .parsing import BadOption, OfJoint, bad_value
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class JointFormat:
     def cells(self, q: Sequence[float]) -> list[str]:
         """Return joint values (dof,) [rad or m] as cells of a table."""
         return [
-            fixed(value * factor, 6 if unit == "rad" else 4)
+            with_decimals(value * factor, 6 if unit == "rad" else 4)
             for value, (factor, unit) in zip(q, self._printed, strict=True)
         ]
 
@@ -85,7 +85,7 @@ class JointFormat:
 
     def change(self, k: int, value: float) -> str:
         """Return a change of joint `k` [rad or m] in words, in deg or mm."""
-        return f"{self.names[k]} {sized(abs(value), self._about.units_of_joints[k])}"
+        return f"{self.names[k]} {with_unit(abs(value), self._about.units_of_joints[k])}"
 
 
 def in_si(

@@ -41,7 +41,7 @@ class Thing:
         """What it is: the first word of its name."""
         return self.name.partition(" ")[0]
 
-    def placed(self, tip: Array) -> Array:
+    def at_tip(self, tip: Array) -> Array:
         """Points (n, 3) in the root link's frame, with the tip at a transform (4, 4)."""
         frame = tip @ self.frame if self.carried else self.frame
         return self.points @ frame[:3, :3].T + frame[:3, 3]

@@ -178,13 +178,13 @@ class OnlineAdapter:
         self._mean = mean = before + min(1.0, len(u) / FOLLOW.window) * (
             latest - before
         )
-        expected = self._expected(sensory, winner[:, 0])
+        expected = self._largest_distortion(sensory, winner[:, 0])
         self._seen += len(u)
         rows = slice(None)
         rates = (0.0, 0.0, 0.0)
         motor_zeta, zeta, error = mean.tolist()
         if self._since < 0 and (
-            self._force or self._left(expected, zeta, error)
+            self._force or self._is_unusual(expected, zeta, error)
         ):
             self._since = 0
             # sigma where training had the same distortion (eq. 10)
@@ -201,7 +201,7 @@ class OnlineAdapter:
             self._seen, motor_zeta, zeta, expected, error, *rates, self.adapting
         )
 
-    def _expected(self, sensory: Map, winner: Index) -> float:
+    def _largest_distortion(self, sensory: Map, winner: Index) -> float:
         """Sensory distortion that samples of some winners exceed by chance next to never."""
         chance = FOLLOW.no_chance * math.sqrt(
             self._baseline.spread[1] / FOLLOW.window
@@ -211,7 +211,7 @@ class OnlineAdapter:
         size *= (FOLLOW.at_rest if self._since >= 0 else 1.0) * (1.0 + chance)
         return float(self._baseline.sensory[winner].mean()) * size
 
-    def _left(self, expected: float, zeta: float, error: float) -> bool:
+    def _is_unusual(self, expected: float, zeta: float, error: float) -> bool:
         """Whether the distortion (eq. 9) or the links' residual left what is usual."""
         errors = self._model.about.errors
         usual = (

@@ -65,7 +65,7 @@ def settled_model(
             measured = [Measured(scale.from_unit(u[some]), x[some])]
             body_fit = fit(body.structure, measured, seed=model.about.seed)
 
-    def linked(u: Array, x: Array) -> Association:
+    def link(u: Array, x: Array) -> Association:
         return Association.learn(
             motor, u, sensory, sensory.scale.to_unit(x), wiring
         )
@@ -85,7 +85,7 @@ def settled_model(
             )
             samples = drawn, predictor.value(drawn)
     association = (
-        linked(*samples)
+        link(*samples)
         if links is None
         else Association(motor, sensory, links, wiring)
     )
@@ -100,7 +100,7 @@ def settled_model(
                 np.concatenate(folds[k::2]) for k in (half, 1 - half)
             )
             away = (
-                linked(u[shown], x[shown]).linear.value(u[held_out_rows])
+                link(u[shown], x[shown]).linear.value(u[held_out_rows])
                 - x[held_out_rows]
             )
             errors[held_out_rows] = np.linalg.norm(away, axis=1)

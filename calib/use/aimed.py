@@ -246,7 +246,7 @@ def in_sight(
                 "handeye: expected the board and `start`, joint values at which the camera sees it "
                 "in the middle of its picture"
             )
-        scene = _assumed(
+        scene = _scene_of_arm(
             source, np.array(parse_board(board).size), eye == "hand", start
         )
     elif (
@@ -254,7 +254,7 @@ def in_sight(
         and source.body is not None
         and "board" in source.about.options
     ):
-        scene = _known(source.body, source.about.options["board"])
+        scene = _scene_of_body(source.body, source.about.options["board"])
     else:
         raise OptionError(
             "handeye: expected a robot that moves in space, or a model that `calib handeye -o` made"
@@ -276,7 +276,7 @@ def in_sight(
     return Aimed(q, scene.directions(q))
 
 
-def _assumed(
+def _scene_of_arm(
     arm: SpatialArm, size: Array, in_hand: bool, start: Array
 ) -> Scene:
     """Return the scene of an arm whose camera and board are not known yet."""
@@ -300,7 +300,7 @@ def _assumed(
     return scene
 
 
-def _known(body: Body, made: dict[str, Any]) -> Scene:
+def _scene_of_body(body: Body, made: dict[str, Any]) -> Scene:
     """Return the scene of a model of pictures of a board, with its lens."""
     structure = cast(SpatialStructure, body.structure).with_sensor(view="pose")
     groups = structure.groups

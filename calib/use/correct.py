@@ -132,7 +132,7 @@ def correct(
         )
     usual = limit is None and orientation == "keep"
     if model.kernel is not None and usual:
-        quick = _compiled(model, q)
+        quick = _by_kernel(model, q)
         if quick is not None:
             return quick
     about = model.about
@@ -198,7 +198,7 @@ def _agreement(model: Model) -> _Shared | None:
     return usual_limit(model), wanted.notes, wanted
 
 
-def _compiled(model: Model, q: ArrayLike) -> Corrected | None:
+def _by_kernel(model: Model, q: ArrayLike) -> Corrected | None:
     """The correction of one row by the compiled kernel; None where the batch has to answer."""
     if "correcting" not in model.cache:
         model.cache["correcting"] = _agreement(model)

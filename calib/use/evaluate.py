@@ -166,7 +166,7 @@ def evaluate(
         samples = samples.take(~learned)
         source = "measured rows of the log that were not learned"
     if frame == "free":
-        samples, frame_notes = _placed(model, samples)
+        samples, frame_notes = _in_model_frame(model, samples)
         notes += frame_notes
     evaluation = _of_log(model, samples, source)
     return replace(
@@ -271,7 +271,9 @@ def learned_rows(model: Model, samples: Samples) -> Mask:
     return np.asarray(pose_is_learned[samples.pose_index])
 
 
-def _placed(model: Model, samples: Samples) -> tuple[Samples, list[str]]:
+def _in_model_frame(
+    model: Model, samples: Samples
+) -> tuple[Samples, list[str]]:
     """The log in the model's frame, and a note on how its own frame moved."""
     tip = model.forward(samples.q)
     answered = finite_rows(tip)

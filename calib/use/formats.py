@@ -146,18 +146,20 @@ def static_transform(model: Model) -> str:
         if made["eye"] == "base":
             carried, standing = ("board", "camera")
         frames = [
-            _stamped(about.tip, f"{carried}_frame", hand),
-            _stamped(root, f"{standing}_frame", sensor),
+            _transform_document(about.tip, f"{carried}_frame", hand),
+            _transform_document(root, f"{standing}_frame", sensor),
         ]
         return json.dumps(frames, indent=2) + "\n"
     camera = is_camera(body.structure.view)
     child = about.frame or (
         "camera_optical_frame" if camera else "sensor_frame"
     )
-    return json.dumps(_stamped(root, child, sensor), indent=2) + "\n"
+    return json.dumps(_transform_document(root, child, sensor), indent=2) + "\n"
 
 
-def _stamped(parent: str, child: str, pose: SensorPose) -> dict[str, object]:
+def _transform_document(
+    parent: str, child: str, pose: SensorPose
+) -> dict[str, object]:
     place = {
         "translation": dict(zip("xyz", pose.position.tolist(), strict=True)),
         "rotation": dict(zip("xyzw", pose.quaternion.tolist(), strict=True)),

@@ -159,7 +159,7 @@ def fit_in_space(
     arm: SpatialArm, model: Model, points: Points, free: bool, drawn: bool
 ) -> Geometry:
     """Fit an arm in space; the prior and the view are those of a model's body, if it has one."""
-    structure, start, z = _seen_in_space(arm, model.body, points, free)
+    structure, start, z = _spatial_readings(arm, model.body, points, free)
     groups = structure.groups
     nominal = structure.neutral() if start is None else start
     simulated = is_simulated(model)
@@ -190,13 +190,13 @@ def fit_in_space(
         fit.beta,
         covariance,
         free=free,
-        residual=_unexplained(fit, fit.beta) / metre,
-        before=_unexplained(fit, nominal) / metre,
+        residual=_misfit(fit, fit.beta) / metre,
+        before=_misfit(fit, nominal) / metre,
         reach=_reach(z[:, : structure.blocks[0]]) / metre,
     )
 
 
-def _seen_in_space(
+def _spatial_readings(
     arm: SpatialArm, body: Body | None, points: Points, free: bool
 ) -> tuple[SpatialStructure, Array | None, Array]:
     """Return the chain behind its sensor, parameters that are known, and readings (n, m)."""
@@ -277,8 +277,8 @@ def fit_in_plane(
         fit.beta,
         _covariance(fit),
         free=free,
-        residual=_unexplained(fit, fit.beta) / metre,
-        before=_unexplained(fit, nominal) / metre,
+        residual=_misfit(fit, fit.beta) / metre,
+        before=_misfit(fit, nominal) / metre,
         reach=_reach(tips),
     )
 
@@ -337,7 +337,7 @@ def _covariance(fit: Fit) -> Array:
     return covariance
 
 
-def _unexplained(fit: Fit, beta: Array) -> float:
+def _misfit(fit: Fit, beta: Array) -> float:
     """Root mean square distance that parameters leave unexplained [unit]."""
     positions = slice(fit.structure.blocks[0])
     return _rms(fit.parts[0].residual_at(beta)[:, positions])

@@ -34,7 +34,7 @@ def zeros(model: Model) -> dict[str, Quantity]:
     }
 
 
-def homed(
+def with_corrected_zeros(
     path: str | os.PathLike[str], offsets: Mapping[str, float]
 ) -> tuple[str, dict[str, int]]:
     """Return LeRobot's calibration with corrected zeros, and by how many ticks each moved.

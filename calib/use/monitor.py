@@ -144,7 +144,7 @@ class Monitor:
             samples=samples, zeta=float(self._sums[2] / self._sums[0])
         )
         if samples % MONITOR.every == 0:
-            state = self._judged(state)
+            state = self._judge(state)
         self._state = state
         return state
 
@@ -153,7 +153,7 @@ class Monitor:
         """The state after the last sample."""
         return self._state
 
-    def _judged(self, state: State) -> State:
+    def _judge(self, state: State) -> State:
         """The state by the tests of the samples that are remembered."""
         from scipy.special import bdtrc
 

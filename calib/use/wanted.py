@@ -57,7 +57,7 @@ class Wanted:
     def of(cls, model: Model) -> Wanted:
         """Find it, once for a model: a controller corrects row by row."""
         if "wanted" not in model.cache:
-            model.cache["wanted"] = _wanted(model)
+            model.cache["wanted"] = _wanted_of(model)
         wanted: Wanted = model.cache["wanted"]
         return wanted
 
@@ -136,7 +136,7 @@ class Wanted:
         return near
 
 
-def _wanted(model: Model) -> Wanted:
+def _wanted_of(model: Model) -> Wanted:
     free = frame_is_free(model)
     moves = tuple(frames(model))
     body = model.body

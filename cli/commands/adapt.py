@@ -18,7 +18,7 @@ from ..output import (
     fields,
     progress,
     say,
-    sized,
+    with_unit,
 )
 from ..parsing import check_file
 from ..pictures import photo_of_log
@@ -74,8 +74,8 @@ def adapt(
         "unit": about.unit,
         "units": units_of(about),
     }
-    before = sized(result.before["mean"], about.unit)
-    after = sized(result.after["mean"], about.unit)
+    before = with_unit(result.before["mean"], about.unit)
+    after = with_unit(result.after["mean"], about.unit)
     rows = f"on rows that it did not learn from; {result.samples} samples of {data}"
     if result.outliers:
         rows += f", {result.outliers} left out"

@@ -1,7 +1,7 @@
 """Write a log of simulated babbling [rad, m]."""
 
 from .. import options as opt
-from ..logs import Selection, babbled
+from ..logs import Selection, babble_log
 from ..output import Outcome
 from ..parsing import TABLES, check_file
 
@@ -24,7 +24,7 @@ def babble(
 
     selection = Selection(joints, tip, planar, lock, ranges, degrees)
     check_file(output, TABLES, stream=True)
-    log = babbled(robot, selection, samples, noise, change, seed)
+    log = babble_log(robot, selection, samples, noise, change, seed)
     calib.write_log(log, output)
     names = log.joint_names
     units = ["rad" if turns else "m" for turns in log.revolute]

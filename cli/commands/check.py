@@ -18,7 +18,7 @@ from calib.common.wording import for_people
 from .. import options as opt
 from .. import parsing
 from ..logs import Reading, log_for
-from ..output import NO, Outcome, TextTable, number, say, sized
+from ..output import NO, Outcome, TextTable, number, say, with_unit
 from ..pictures import log_of_pictures
 from ..units import units_of
 
@@ -86,7 +86,7 @@ def _verdict(drift: calib.Verdict, adapt: str) -> list[str]:
     """Say what the rows tell, what to do, and what limits the answer."""
     limit = (
         f"limited by noise: these {drift.samples} rows show changes from "
-        f"{sized(drift.smallest, drift.unit)} on; more rows show smaller ones"
+        f"{with_unit(drift.smallest, drift.unit)} on; more rows show smaller ones"
     )
     if drift.drifted:
         first, *others = drift.explanations or ("its cause is unknown",)

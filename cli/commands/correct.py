@@ -7,7 +7,7 @@ more than the limit; the other rows are written.
 from typing import Annotated, Literal
 
 from .. import options as opt
-from ..output import Outcome, say, sized
+from ..output import Outcome, say, with_unit
 from ..parsing import above_zero
 
 
@@ -79,7 +79,9 @@ def correct(
             mean = float(column.mean())
             largest = float(column.max())
             change[name] = {"mean": mean, "max": largest, "limit": bound}
-            words = f"{sized(mean, kind)} (largest {sized(largest, kind)})"
+            words = (
+                f"{with_unit(mean, kind)} (largest {with_unit(largest, kind)})"
+            )
             sizes.append(f"{name} {words}")
     lines = [f"mean change: {', '.join(sizes)}"] if sizes else []
     refused = result.exceeded.any() and not np.isfinite(result.q).any()

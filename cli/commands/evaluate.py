@@ -6,15 +6,15 @@ import time
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from .. import options as opt
-from ..logs import Reading, log_of, stated
-from ..output import Outcome, say, sized
+from ..logs import Reading, log_of, with_facts
+from ..output import Outcome, say, with_unit
 from ..parsing import BadOption
 from ..summary import (
     accuracy,
     accuracy_of_sensor,
     advice,
+    bound_warnings,
     code_of,
-    contradicted,
     error_table,
     summary,
 )
@@ -54,7 +54,7 @@ def evaluate(
     reading = Reading(columns, unit, time_offset, degrees)
     log = log_of(loaded, data, reading)
     if log is not None:
-        log = stated(log, distance, plane)
+        log = with_facts(log, distance, plane)
         loaded = loaded.by(log.sensor)
     started = time.perf_counter()
     result = calib.evaluate(loaded, log, frame=frame)
@@ -71,7 +71,11 @@ def evaluate(
         "learned": result.learned,
         "bound_holds": result.bound_holds,
     }
-    warnings = contradicted(loaded.about) if log is None else _missed_by(result)
+    warnings = (
+        bound_warnings(loaded.about)
+        if log is None
+        else _warnings_of_log(result)
+    )
     limit = advice(loaded, result.errors, warnings)
     if result.touch:
         document["touch"] = result.touch
@@ -100,7 +104,7 @@ def evaluate(
     return Outcome(document, lines, [table], code=code_of(warnings))
 
 
-def _missed_by(result: Evaluation) -> list[str]:
+def _warnings_of_log(result: Evaluation) -> list[str]:
     """Say in one line that the rows of a log miss a model's own bound far too often."""
     if result.bound_holds:
         return []
@@ -112,20 +116,22 @@ def _missed_by(result: Evaluation) -> list[str]:
 
 def _standard_line(standard: Iso9283) -> str:
     unit = standard.unit
-    line = f"ISO 9283: RP {sized(standard.repeatability, unit)}, AP "
+    line = f"ISO 9283: RP {with_unit(standard.repeatability, unit)}, AP "
     if standard.delivered is not None:
-        line += f"{sized(standard.delivered, unit)} as delivered, "
-    line += f"{sized(standard.corrected, unit)} as corrected"
+        line += f"{with_unit(standard.delivered, unit)} as delivered, "
+    line += f"{with_unit(standard.corrected, unit)} as corrected"
     return f"{line} (worst of {len(standard.poses)} poses)"
 
 
 def _scatter(result: Evaluation) -> str:
     scatter = result.touch["scatter"]
-    line = f"tips scatter about their sockets by {sized(scatter['mean'], 'm')}"
-    line += f", 95 % within {sized(scatter['p95'], 'm')}"
+    line = (
+        f"tips scatter about their sockets by {with_unit(scatter['mean'], 'm')}"
+    )
+    line += f", 95 % within {with_unit(scatter['p95'], 'm')}"
     line += f", in {result.rows} touches, {result.left_out} left out"
     distances = result.touch["distances"]
     if not distances:
         return line
     off = [abs(gap["predicted"] - gap["stated"]) for gap in distances]
-    return f"{line}; distances are off by {sized(sum(off) / len(off), 'm')}"
+    return f"{line}; distances are off by {with_unit(sum(off) / len(off), 'm')}"

@@ -61,7 +61,7 @@ def export(
 ) -> Outcome:
     from calib.common.atomic import atomic_write
     from calib.use import formats
-    from calib.use.lerobot import RANGES_MOVE, homed
+    from calib.use.lerobot import RANGES_MOVE, with_corrected_zeros
     from calib.use.ros2 import write_ros2_package
     from calib.use.ur import ur_kinematics
 
@@ -112,7 +112,7 @@ def export(
             text = formats.mjcf_text(corrected, tip)
             made["mjcf"] = text, "bodies for MuJoCo"
         if lerobot is not None:
-            text, ticks = homed(lerobot, offsets)
+            text, ticks = with_corrected_zeros(lerobot, offsets)
             made["output"] = text, f"homing offsets moved by {ticks} ticks"
             document["ticks"] = ticks
             say([RANGES_MOVE])

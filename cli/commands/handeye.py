@@ -17,7 +17,7 @@ from ..logs import Selection
 from ..output import Outcome, note, say
 from ..parsing import BadOption, check_file
 from ..pictures import need_joints
-from ..summary import code_of, contradicted
+from ..summary import bound_warnings, code_of
 
 UNITS = {
     "position": "m",
@@ -134,7 +134,7 @@ def handeye(
     elif output is not None and rig.poses is not None:
         model = calib.train(rig.poses)
         model.save(output)
-        warnings = contradicted(model.about)
+        warnings = bound_warnings(model.about)
     if transform is not None:
         from calib.common.atomic import atomic_write
         from calib.recording.rig import transform_files

@@ -5,12 +5,12 @@ from pathlib import Path
 from calib.common.wording import printable
 
 from .. import options as opt
-from ..output import Line, Outcome, as_typed, sized
+from ..output import Line, Outcome, as_typed, with_unit
 from ..summary import (
     accuracy_of_sensor,
     advice,
+    bound_warnings,
     code_of,
-    contradicted,
     error_table,
     summary,
 )
@@ -56,12 +56,12 @@ def info(
         **{f"note {k}": text for k, text in enumerate(about.notes, start=1)},
     }
     if play is not None:
-        sizes = map(sized, play, units)
+        sizes = map(with_unit, play, units)
         words["backlash"] = ", ".join(map("{} {}".format, names, sizes))
     if loaded.history:
         words["earlier states"] = str(len(loaded.history))
     width = max(map(len, words))
-    warnings = contradicted(about)
+    warnings = bound_warnings(about)
     lines: list[Line] = [*warnings]
     lines += [
         f"{name:<{width}}  {as_typed(text)}" for name, text in words.items()

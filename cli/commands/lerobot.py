@@ -16,9 +16,9 @@ from calib.common.choices import Eye
 
 from .. import options as opt
 from ..logs import Selection
-from ..output import Line, Outcome, TextTable, fixed, number, say
+from ..output import Line, Outcome, TextTable, number, say, with_decimals
 from ..parsing import check_file
-from ..summary import code_of, contradicted
+from ..summary import bound_warnings, code_of
 
 
 def lerobot(
@@ -60,7 +60,7 @@ def lerobot(
     import calib
     from calib.common.atomic import atomic_write
     from calib.recording.lerobot import Dataset, Motors, read_dataset
-    from calib.use.lerobot import RANGES_MOVE, homed, zeros
+    from calib.use.lerobot import RANGES_MOVE, with_corrected_zeros, zeros
 
     check_file(output, (".json",))
     check_file(model, (".calib",), option="--model")
@@ -86,7 +86,7 @@ def lerobot(
     assert rig.poses is not None  # noqa: S101 - of joints there is a log
     learned = calib.train(rig.poses)
     offsets = zeros(learned)
-    text, ticks = homed(
+    text, ticks = with_corrected_zeros(
         calibration, {name: float(z.value) for name, z in offsets.items()}
     )
     if model is not None:
@@ -108,13 +108,13 @@ def lerobot(
     for name, zero in offsets.items():
         old = int(motors.document[name]["homing_offset"])
         interval = number(math.degrees(zero.interval))
-        offset = fixed(math.degrees(zero.value), 2)
+        offset = with_decimals(math.degrees(zero.value), 2)
         rows.append([name, offset, interval, str(old), str(old + ticks[name])])
     header = ["joint", "zero is off by [deg]", "+-", "homing offset was", "is"]
     line = f"{output}: {len(offsets)} zeros corrected"
     unknown = [name for name in arm.joint_names if name not in offsets]
     if unknown:
         line += f"; {' and '.join(unknown)} stay, since no picture tells theirs"
-    warnings = contradicted(learned.about)
+    warnings = bound_warnings(learned.about)
     lines: list[Line] = [*warnings, line, TextTable(header, rows)]
     return Outcome(document, lines, code=code_of(warnings))

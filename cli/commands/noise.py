@@ -10,8 +10,8 @@ from typing import Annotated
 from typer import Argument
 
 from .. import options as opt
-from ..logs import Reading, Selection, measured
-from ..output import Outcome, say, sized
+from ..logs import Reading, Selection, read_measured_log
+from ..output import Outcome, say, with_unit
 
 
 def noise(
@@ -44,7 +44,7 @@ def noise(
             say([f"joints are the columns {names}; --joints names others"])
     selection = Selection(joints, degrees=degrees)
     reading = Reading(columns, unit, prismatic=prismatic)
-    result = repeatability(measured(robot, selection, source, reading))
+    result = repeatability(read_measured_log(robot, selection, source, reading))
     unit = result.unit
     document = {"log": log, **result.to_json(), "units": {"positions": unit}}
     lines = []
@@ -52,8 +52,8 @@ def noise(
         ("the sensor reads to", result.sensor, result.sensor_interval),
         ("the arm returns to", result.arm, result.arm_interval),
     ):
-        low, high = (sized(end, unit) for end in interval)
-        size = f"{sized(deviation, unit)} along an axis ({low} to {high})"
+        low, high = (with_unit(end, unit) for end in interval)
+        size = f"{with_unit(deviation, unit)} along an axis ({low} to {high})"
         if not math.isfinite(deviation):
             size = "not told by this log, which measured no pose again"
         lines.append(f"{what}: {size}")

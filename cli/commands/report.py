@@ -12,7 +12,7 @@ from .. import options as opt
 from ..output import Outcome, progress
 from ..parsing import BadOption, bad_value, check_file
 from ..pictures import load_drawn, size_of_page
-from ..summary import code_of, contradicted
+from ..summary import bound_warnings, code_of
 
 
 def report(
@@ -44,7 +44,7 @@ def report(
     loaded, log = load_drawn(model, data, photo, no_photo)
     warnings = []
     if isinstance(loaded, calib.Model):
-        warnings = contradicted(loaded.about)
+        warnings = bound_warnings(loaded.about)
     lines = [*warnings]
     if output is not None:
         lines.append(calib.report(loaded, output, log, progress=progress))

@@ -14,17 +14,24 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument
 
 from .. import options as opt
-from ..logs import FOR_LOGS, Reading, Selection, babbled, measured, stated
+from ..logs import (
+    FOR_LOGS,
+    Reading,
+    Selection,
+    babble_log,
+    read_measured_log,
+    with_facts,
+)
 from ..output import Outcome, progress, say
 from ..parsing import TABLES, BadOption, check_file, refuse
 from ..pictures import photo_of_log, with_photo
 from ..summary import (
     accuracy_of_sensor,
     advice,
+    bound_warnings,
     code_of,
-    contradicted,
     error_table,
-    found_by_body,
+    findings_of_body,
     summary,
     tested_rows,
 )
@@ -119,12 +126,12 @@ def train(
 
         logs = []
         for sensor, source in sources_by_sensor(data).items():
-            log = measured(
+            log = read_measured_log(
                 robot, selection, source, reading, seed, lens, sensor
             )
-            logs.append(stated(log, distance, plane))
+            logs.append(with_facts(log, distance, plane))
     else:
-        logs = [babbled(robot, selection, samples, noise, change, seed)]
+        logs = [babble_log(robot, selection, samples, noise, change, seed)]
     log = logs[0]
     if output is None and not force:
         _check_same_origin(path, log)
@@ -148,13 +155,13 @@ def train(
     learned = "samples" if about.source == "simulation" else "rows"
     sensors = [model.by(name) for name in model.sensors]
     warnings = [
-        line for sensor in sensors for line in contradicted(sensor.about)
+        line for sensor in sensors for line in bound_warnings(sensor.about)
     ]
     cost = f"{model.seconds['total']:.2f} s, {Path(path).stat().st_size / 1e6:.2f} MB"
     lines = [
         *warnings,
         *(accuracy_of_sensor(sensor) for sensor in sensors),
-        *found_by_body(model),
+        *findings_of_body(model),
         *advice(model, about.errors, warnings),
         f"{path}: {about.options['map']}, {model.size_in_words}, {about.samples} {learned}, {cost}",
     ]

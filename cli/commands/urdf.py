@@ -11,9 +11,18 @@ from typing import TYPE_CHECKING, Annotated
 from calib.common.wording import for_people
 
 from .. import options as opt
-from ..output import NO, Outcome, TextTable, fixed, note, number, say, sized
+from ..output import (
+    NO,
+    Outcome,
+    TextTable,
+    note,
+    number,
+    say,
+    with_decimals,
+    with_unit,
+)
 from ..parsing import check_file
-from ..summary import contradicted
+from ..summary import bound_warnings
 from ..units import units_of
 
 if TYPE_CHECKING:
@@ -39,7 +48,7 @@ def urdf(
 
     check_file(output, (".urdf", ".xml"))
     loaded = calib.load(model)
-    say(contradicted(loaded.about))
+    say(bound_warnings(loaded.about))
     check_output(output, loaded.about.urdf)
     geometry = fit_geometry(loaded, drawn=free == "offsets")
     explained = geometry.residual <= MOST_UNEXPLAINED * geometry.reach
@@ -55,14 +64,16 @@ def urdf(
     if geometry.free:
         say([assumption(loaded)])
     share = 100.0 * geometry.residual / geometry.reach
-    rms = f"{sized(geometry.residual, unit)} rms ({share:.3g} % of the reach)"
+    rms = (
+        f"{with_unit(geometry.residual, unit)} rms ({share:.3g} % of the reach)"
+    )
     if not explained:
         note(
             f"offsets and placements leave {rms} unexplained, more than {MOST_UNEXPLAINED:.0%}: "
             "nothing was written; check the joints, the tip and the unit of the log"
         )
         return Outcome(document, [_table(geometry)], code=NO)
-    before = sized(geometry.before, unit)
+    before = with_unit(geometry.before, unit)
     line = f"{output}: residual {rms}, with the nominal URDF {before}"
     return Outcome(document, [line, _table(geometry)])
 
@@ -93,7 +104,7 @@ def _table(geometry: Geometry) -> TextTable:
             "xyz", values, intervals, strict=False
         ):
             if interval:  # what was fitted
-                shown = fixed(float(value), 4), number(float(interval))
+                shown = with_decimals(float(value), 4), number(float(interval))
                 rows.append([name, what.format(axis), unit, *shown])
     header = ["joint", "change of", "unit", "value", "+-"]
     return TextTable(header, rows, "against the URDF", left=3)

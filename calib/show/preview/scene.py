@@ -214,7 +214,7 @@ def _draw_robot(
 
 def standing(things: Sequence[Thing]) -> list[Array]:
     """Points (n, 3) of what is not carried."""
-    return [thing.placed(np.eye(4)) for thing in things if not thing.carried]
+    return [thing.at_tip(np.eye(4)) for thing in things if not thing.carried]
 
 
 def draw_things(canvas: Canvas, things: Sequence[Thing], tip: str) -> None:

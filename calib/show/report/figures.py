@@ -103,7 +103,7 @@ def setup(study: Study) -> Figure | None:
 def draw_setup(frames: Array, things: Sequence[Thing]) -> Figure:
     """Things around links at transforms (n, 4, 4), that of the tip last."""
     bones = frames[:, :3, 3]
-    placed = [thing.placed(frames[-1]) for thing in things]
+    placed = [thing.at_tip(frames[-1]) for thing in things]
     points = np.vstack([bones, *placed])
     across = int(np.argmax(np.ptp(points[:, :2], axis=0)))
     views = ((across, 2), (across, 1 - across))

@@ -218,13 +218,15 @@ def figures(
         with settings():
             drawn = maps.figures_of_maps(model)
     elif isinstance(model, HandEye):
-        drawn = {name: figure for _, name, figure in _drawn(RIG, model)}
+        drawn = {
+            name: figure for _, name, figure in _filled_figures(RIG, model)
+        }
     else:
         require("model", model, Model)
         drawn = {
             name: figure
             for study in studies_of(model, log)
-            for _, name, figure in _drawn(ARM, study, names)
+            for _, name, figure in _filled_figures(ARM, study, names)
         }
     return {
         name: figure
@@ -233,7 +235,7 @@ def figures(
     }
 
 
-def _drawn(
+def _filled_figures(
     entries: Sequence[Entry],
     subject: Study | HandEye,
     names: Sequence[str] | None = None,
@@ -256,7 +258,7 @@ def _add(
     label: str = "",
 ) -> None:
     """Add figures as HTML to the sections of a page."""
-    for entry, name, figure in _drawn(entries, subject):
+    for entry, name, figure in _filled_figures(entries, subject):
         content = figure_of(figure, name, f"{label}{entry.caption}")
         sections[entry.heading] += content
 

@@ -8,7 +8,7 @@ from typer import Argument
 
 from ... import options as opt
 from ... import parsing
-from ...output import NO, Outcome, TextTable, fixed, note
+from ...output import NO, Outcome, TextTable, note, with_decimals
 
 if TYPE_CHECKING:
     from calib.common.arrays import Array
@@ -54,7 +54,7 @@ def forward(
         turn = [numbers.pop(name) for name in TURN]
         document["quaternion"] = turn
         lines.append(
-            "quaternion " + " ".join(fixed(value, 6) for value in turn)
+            "quaternion " + " ".join(with_decimals(value, 6) for value in turn)
         )
     document |= numbers | query.meaning
     outside = joints.beyond(query.model, q[0].tolist())
@@ -62,7 +62,9 @@ def forward(
     if outside is not None:
         note(f"no answer: {outside}")
         return Outcome(document, code=NO)
-    alone = " ".join(fixed(query.factor * value, 4) for value in position)
+    alone = " ".join(
+        with_decimals(query.factor * value, 4) for value in position
+    )
     return Outcome(document, lines, result=[alone])
 
 
