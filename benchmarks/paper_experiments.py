@@ -18,7 +18,7 @@ from calib.paper.trial import (
     NetworkTrial,
     Row,
     Schedule,
-    joined,
+    row_of_seeds,
 )
 from calib.samples.samples import Samples
 
@@ -64,7 +64,7 @@ def resampling(setting: Setting) -> None:
                     crowded(samples, times, seed), seed
                 )
             )
-        rows[f"SOM, border drawn {times} times as often"] = joined(found)
+        rows[f"SOM, border drawn {times} times as often"] = row_of_seeds(found)
     few = replace(setting, seeds=seeds)
     rows["VDSOM, gain per sample"] = NetworkTrial("vdsom", SAME_SCHEDULE, setting.side).row(few, n)
     title = f"data at the border against a gain, {SAME_SCHEDULE}, {n:,} samples, {len(seeds)} seeds"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.paper.trial import SeedErrors, Setting, best_schedule, joined
+from calib.paper.trial import SeedErrors, Setting, best_schedule, row_of_seeds
 
 
 def test_rows_of_several_seeds_are_their_mean_and_spread():
@@ -16,7 +16,7 @@ def test_rows_of_several_seeds_are_their_mean_and_spread():
         sides = {"forward": {"x": cell, "distance": cell}, "inverse": {"elbow": cell}}
         return SeedErrors({"activity": sides}, {"x": 2.0, "elbow": 4.0})
 
-    row = joined([result(1.0), result(5.0)])["activity"]
+    row = row_of_seeds([result(1.0), result(5.0)])["activity"]
     assert row["x"]["mean"] == 3.0
     assert row["x"]["mean_spread"] == 2.0
     assert row["x"]["max"] == 6.0

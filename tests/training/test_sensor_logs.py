@@ -130,8 +130,11 @@ def test_a_sensor_is_asked_by_its_name(two, run, tmp_path):
     way = run(*follow, "--in", "right", "--json").document
     assert way["sensor"] == "right"
     np.testing.assert_allclose(way["path"]["shoulder_pan"], q[0], atol=1e-6)
-    for command in (follow, ("export", path, "-o", tmp_path / "base.h")):
-        run.refused(2, "base", *command, "--in", "base")
+    lines = [",".join(map(str, position("--in", "base")))] * 2
+    (tmp_path / "way.csv").write_text("\n".join(["x,y,z", *lines]))
+    way = run(*follow, "--in", "base", "--json").document
+    np.testing.assert_allclose(way["path"]["shoulder_pan"], q[0], atol=1e-6)
+    run.refused(2, "base", "export", path, "-o", tmp_path / "base.h", "--in", "base")
     assert "left, right" in run("query", "forward", path, *q, "--in", "top").err
     told = run("evaluate", path, "--in", "right", "--json").document
     assert told["errors"] == model.by("right").about.errors
