@@ -94,14 +94,17 @@ def all_rows(model: Parts, x: Array) -> list[Array] | None:
 
 
 def _branches_of(model: Parts, kernel: Library, x: Array) -> list[Array]:
+    """All joint values (k, dof) of each target (n, m), the nearest to the ranges' middle first."""
     q, count = kernel.rows(
         "inverse_all", np.zeros((len(x), len(model.about.lower))), x
     )
     several = np.flatnonzero(count > 1)
+    ways = q[several]
+    # C leaves what is behind the last way as it was
+    ways[np.arange(q.shape[1]) >= count[several, None]] = np.nan
     scale = model.motor.scale
-    u = scale.to_unit(q[several])
+    u = scale.to_unit(ways)
     away = np.linalg.norm(scale.difference(u, np.full(u.shape, 0.5)), axis=2)
-    away[np.arange(q.shape[1]) >= count[several, None]] = np.inf
-    order = np.argsort(away, axis=1, kind="stable")
-    q[several] = np.take_along_axis(q[several], order[:, :, None], axis=1)
+    order = np.argsort(away, axis=1, kind="stable")  # NaN last
+    q[several] = np.take_along_axis(ways, order[:, :, None], axis=1)
     return [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]
