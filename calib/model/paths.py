@@ -56,9 +56,9 @@ class Path:
     # (j,), rows whose joints do not follow from those of the row before: the branch ends there,
     # whichever way the path is followed from its start, or a joint has to turn round at its limit
     jumps: NDArray[np.intp]
-    # (k,), rows that were left out: a tenth of the workspace and more beyond all that the arm
+    # (k,), rows that are left out: a tenth of the workspace and more beyond all that the arm
     # reaches; joints stay as they were
-    held: NDArray[np.bool_]
+    left_out: NDArray[np.bool_]
     # (j,), rows to which the joints turn far while the tip moves little: beside an axis, or where
     # the elbow is stretched
     fast_turns: NDArray[np.intp]

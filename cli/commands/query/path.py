@@ -66,7 +66,7 @@ def path(
             "a jump cannot be avoided, the branch ends before",
         ),
         "left_out": (
-            (np.flatnonzero(way.held) + 1).tolist(),
+            (np.flatnonzero(way.left_out) + 1).tolist(),
             "left out, far beyond all that the arm reaches: the joints stay",
         ),
         "out_of_reach": (
