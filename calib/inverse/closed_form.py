@@ -19,8 +19,6 @@ from ..common.scale import TURN
 
 #: Axes of a drawing meet, or are parallel, within this share of its length, or angle [rad].
 _EXACT = 1e-4
-WAYS = 8
-"""Ways of six joints to a pose by the closed form."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +82,7 @@ class ClosedForm:
             others = self._parallel_arm(turn_left, in_plane)
         angles = np.broadcast_arrays(-back, *others)
         stacked = np.stack(angles, axis=-1)
-        ways = stacked.reshape(WAYS, len(position), 6)
+        ways = stacked.reshape(8, len(position), 6)
         q = np.swapaxes(ways, 0, 1)
         within_turn = (q + np.pi) % TURN
         return np.asarray(within_turn - np.pi)

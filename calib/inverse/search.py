@@ -24,6 +24,11 @@ _FURTHER = 1e3
 class Starts(Protocol):
     """Where ways to targets may begin."""
 
+    @property
+    def apart(self) -> float:
+        """Share of the joints' ranges: starts closer to a way lead to it."""
+        ...
+
     def of(self, x: Array) -> tuple[Index, Array]:
         """Joints (k, dof) of the unit box, and which of targets (n, m) each is for, ascending."""
         ...
@@ -52,6 +57,14 @@ class Nearest:
         Those that no way has met are `_FURTHER`.
         """
         return (self.rank >= distance).nonzero()[0]
+
+    def try_likely(self, owner: Index, start: Array) -> None:
+        """Try those starts (k, dof) of targets (k,) that may lead to nearer ways."""
+        away = self.newton.away(start, self.near[owner])
+        furthest = self.rank.copy()
+        np.minimum.at(furthest, owner, away + 2 * SEARCH.margin)
+        likely = away <= furthest[owner] + SEARCH.margin
+        self.try_starts(owner[likely], start[likely])
 
     def try_starts(self, owner: Index, start: Array) -> None:
         """Lead starts (k, dof) to targets (k,) and take the ways that are better."""
@@ -149,29 +162,25 @@ class Search:
             best = Nearest.of(newton, stand, near)
             rows = best.further(SEARCH.surely)
             if len(rows):
-                self._try_likely_starts(best, rows)
+                target, start = self.starts.of(x[rows])
+                best.try_likely(rows[target], start)
         rows = best.further(_FURTHER)
         if len(rows):
             target, start = self._starts_everywhere(x[rows])
             best.try_starts(rows[target], start)
         rows = best.further(SEARCH.beside)
         if len(rows) and not self.redundant:
-            self._try_across_folds(best, rows)
+            place, start = twins(newton, best.stand.rows(rows), self.folded)
+            best.try_likely(rows[place], start)
         return best.stand
 
     def _try_all_at_once(self, x: Array, near: Array) -> Nearest:
-        """Lead the joints asked for, if they are close, and likely starts to targets together."""
+        """Lead all starts to targets, with the joints asked for where they are close."""
         newton = self.newton
         count = len(x)
         target, start = self.starts.of(x)
-        away = newton.away(start, near[target])
-        nearest = np.full(count, np.inf)
-        np.minimum.at(nearest, target, away)
-        furthest = nearest[target] + 3 * SEARCH.margin
-        likely = away <= furthest
-        targets = np.arange(count)
-        owner = np.concatenate([targets, target[likely]])
-        u = np.concatenate([near, start[likely]])
+        owner = np.concatenate([np.arange(count), target])
+        u = np.concatenate([near, start])
         stand = newton.at(u, x[owner])
         hopeful = stand.miss <= SEARCH.rough * newton.task.size
         hopeful[count:] = True
@@ -179,30 +188,8 @@ class Search:
         first = stand.rows(slice(count))
         best = Nearest.of(newton, first, near)
         others = stand.rows(slice(count, None))
-        best.take(owner[count:], others)
+        best.take(target, others)
         return best
-
-    def _try_likely_starts(self, best: Nearest, rows: Index) -> None:
-        """Try the starts of some targets that are near enough."""
-        targets = best.stand.x[rows]
-        target, start = self.starts.of(targets)
-        owner = rows[target]
-        away = self.newton.away(start, best.near[owner])
-        furthest = best.rank.copy()
-        np.minimum.at(furthest, owner, away + 2 * SEARCH.margin)
-        likely = away <= furthest[owner] + SEARCH.margin
-        best.try_starts(owner[likely], start[likely])
-
-    def _try_across_folds(self, best: Nearest, rows: Index) -> None:
-        """Try what lies across a fold beside the ways to some targets."""
-        here = best.stand.rows(rows)
-        place, start = twins(self.newton, here, self.folded)
-        if not len(place):
-            return
-        owner = rows[place]
-        away = self.newton.away(start, best.near[owner])
-        likely = away <= best.rank[owner] + SEARCH.margin
-        best.try_starts(owner[likely], start[likely])
 
     def every(self, x: Array) -> Ways:
         """Every way to targets (n, m), sorted as those of `solve_all`.

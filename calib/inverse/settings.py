@@ -65,7 +65,7 @@ class SearchSettings:
     # Poses: a UR5's branches are nearly all reached with half as many runs.
     # of the table of starts: the nearest is some .4 rad away
     postures: int = 4096
-    scanned: int = 600  # postures nearest to a pose that are looked at
+    nearest: int = 192  # postures nearest to a pose that it starts from
     runs: int = 24  # runs without a new branch that end the search
     apart: float = 0.12  # postures closer to a solution than this lead to it
 
