@@ -24,8 +24,6 @@ class FamilySettings:
 
     step: float = 0.03  # along a self-motion
     walk: int = 60  # most steps from one solution to another
-    # share of the way ahead that a step has to be able to go
-    stuck: float = 0.05
     arrived: float = 0.3  # of a step: so near to its goal a walk ends
     same: float = 1e-2  # solutions that are closer are of one family
     rounds: int = 6  # pairs of members between two families that are walked
@@ -137,14 +135,12 @@ def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
         wish = newton.scale.difference(goal[rows], here.u)
         ahead = lengths(wish)
         move = newton.tangent(here, wish)
-        possible = lengths(move)
         u = here.u + limit_length(move, FAMILIES.step)
         trial = newton.refine(u, here.x, SEARCH.close)
         stand.put(rows, trial)
         shift = newton.away(trial.u, here.u)
         rest = newton.away(trial.u, goal[rows])
         going = newton.is_met(trial.miss)
-        going &= possible > FAMILIES.stuck * ahead
         going &= shift < 2 * FAMILIES.step
         going &= rest < ahead
         near = rest < FAMILIES.arrived * FAMILIES.step
@@ -158,12 +154,9 @@ def _arrives(newton: Newton, start: Array, goal: Array, x: Array) -> Mask:
 
 def free_directions(jacobian: Array) -> Array:
     """Directions (k, dof) that leave what a Jacobian (m, dof) reaches, each with a joint at 1."""
-    from scipy.linalg import qr
+    from scipy.linalg import null_space, qr
 
-    _, size, directions = np.linalg.svd(jacobian)
-    independent = size > 1e-6 * size[0]
-    rank = np.count_nonzero(independent)
-    null = directions[rank:]
+    null = null_space(jacobian, rcond=1e-6).T
     if not len(null):
         return null
     pivots = qr(null, mode="r", pivoting=True)[1]

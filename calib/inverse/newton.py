@@ -148,6 +148,20 @@ class Newton:
                 rest = rest[going]
         stand.put(rows, here)
 
+    def closest(self, u: Array, x: Array) -> Stand:
+        """Joints (n, dof) whose tip comes nearest to positions `x` (n, m) that nothing reaches.
+
+        Far targets are approached in their direction, at most one workspace ahead of where the tip
+        is: steps to what is much further away than joints reach go nowhere.
+        """
+        stand = self.at(u, x)
+        for _ in range(SEARCH.steps):
+            position = x - stand.gap
+            ahead = position + limit_length(stand.gap, self.task.size)
+            nearer = self.refine(stand.u, ahead)
+            stand = self.at(nearer.u, x)
+        return stand
+
     def move(self, stand: Stand, damping: Array) -> Array:
         """The shortest move (n, dof) that closes gaps.
 

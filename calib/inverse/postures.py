@@ -13,7 +13,7 @@ from ..common.scale import TURN, Scale
 from .closed_form import ClosedForm
 from .settings import SEARCH
 from .task import Evaluate
-from .ways import spread_to_limits
+from .ways import drawn_joints
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
@@ -41,16 +41,8 @@ class Postures:
 
     @cached_property
     def _u(self) -> Array:
-        """Joints (k, dof) of the unit box, evenly: multiples of powers (Roberts 2018)."""
-        dof = len(self.scale.span)
-        golden = 2.0  # the root of g^(dof + 1) = g + 1
-        for _ in range(SEARCH.steps):
-            golden = (1.0 + golden) ** (1.0 / (dof + 1))
-        powers = np.arange(1.0, dof + 1.0)
-        shares = golden**-powers
-        count = np.arange(1.0, SEARCH.postures + 1.0)
-        multiples = count[:, None] * shares
-        return spread_to_limits((0.5 + multiples) % 1.0)
+        """Joints (k, dof) of the unit box."""
+        return drawn_joints(SEARCH.postures, len(self.scale.span))
 
     @cached_property
     def _tree(self) -> KDTree:

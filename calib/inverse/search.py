@@ -9,13 +9,12 @@ import numpy as np
 
 from ..common.arrays import Array, Index
 from ..common.scale import Scale
-from .closest import closest
 from .families import representatives
 from .folds import twins
 from .newton import Newton, Stand
 from .settings import SEARCH
 from .slides import settle
-from .ways import Ways, distinct, spread_to_limits
+from .ways import Ways, distinct, drawn_joints
 
 _FURTHER = 1e3
 """What is missed ranks behind whatever is met."""
@@ -23,11 +22,6 @@ _FURTHER = 1e3
 
 class Starts(Protocol):
     """Where ways to targets may begin."""
-
-    @property
-    def apart(self) -> float:
-        """Share of the joints' ranges: starts closer to a way lead to it."""
-        ...
 
     def of(self, x: Array) -> tuple[Index, Array]:
         """Joints (k, dof) of the unit box, and which of targets (n, m) each is for, ascending."""
@@ -130,7 +124,9 @@ class Search:
         met = self.newton.is_met(miss)
         lost = np.flatnonzero(~met)
         if len(lost):
-            u[lost], miss[lost] = closest(self.newton, u[lost], x[lost])
+            stand = self.newton.closest(u[lost], x[lost])
+            u[lost] = stand.u
+            miss[lost] = stand.miss
         return u, miss
 
     def solve_all(self, x: Array) -> Ways:
@@ -218,10 +214,8 @@ class Search:
     def _starts_everywhere(self, x: Array) -> tuple[Index, Array]:
         """All starts of targets (n, m), and joints at random all over their ranges."""
         target, start = self.starts.of(x)
-        count = len(x)
-        shape = SEARCH.drawn, start.shape[1]
-        share = np.random.default_rng(0).random(shape)
-        drawn = np.tile(spread_to_limits(share), (count, 1))
-        owner = np.repeat(np.arange(count), SEARCH.drawn)
+        drawn = drawn_joints(SEARCH.drawn, start.shape[1])
+        owner = np.repeat(np.arange(len(x)), len(drawn))
         targets = np.concatenate([target, owner])
-        return targets, np.concatenate([start, drawn])
+        joints = np.concatenate([start, np.tile(drawn, (len(x), 1))])
+        return targets, joints

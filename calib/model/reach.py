@@ -14,7 +14,7 @@ from ..common.scale import Scale
 from ..inverse.closed_form import ClosedForm
 from ..inverse.newton import Newton
 from ..inverse.postures import DrawnPostures, Postures
-from ..inverse.search import Search, Starts
+from ..inverse.search import Search
 from ..inverse.settings import SEARCH
 from ..inverse.slides import settle
 from ..inverse.task import Poses, Positions, Task
@@ -168,8 +168,8 @@ class Reach:
             return Positions.in_base(space.evaluate, self._scale, length)
         return Poses(space.evaluate, self._scale, length, length, self.free)
 
-    @property
-    def _starts(self) -> Starts:
+    @cached_property
+    def _starts(self) -> Postures | DrawnPostures:
         """Starts of the drawing's closed form where that answers, else a table's."""
         body = self.space.body
         structure: Any = body.structure
@@ -203,7 +203,7 @@ class Reach:
         rotation = target[:, 3:].reshape(-1, 3, 3)
         place, turn = self.space.to_sensor(target[:, :3], rotation)
         axis = -1 if self.free is None else self.free
-        starts = self.search.starts
+        starts = self._starts
         most = 0
         if not alone:
             owner, u = starts.of(target)
