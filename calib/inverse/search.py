@@ -43,7 +43,12 @@ class Nearest:
     def of(newton: Newton, stand: Stand, near: Array) -> Nearest:
         """Begin with one way to each target."""
         rank = _rank(newton, stand, near)
-        return Nearest(newton, near, stand, rank)
+        return Nearest(
+            newton,
+            near,
+            stand,
+            rank,
+        )
 
     def further(self, distance: float) -> Index:
         """Targets whose joints are further from `near` than that, or miss them.
@@ -66,7 +71,12 @@ class Nearest:
             return
         near = self.near[owner]
         targets = self.stand.x[owner]
-        trial = settle(self.newton, start, targets, near)
+        trial = settle(
+            self.newton,
+            start,
+            targets,
+            near,
+        )
         self.take(owner, trial)
 
     def take(self, owner: Index, trial: Stand) -> None:
@@ -154,7 +164,12 @@ class Search:
         if self.together:
             best = self._try_all_at_once(x, near)
         else:
-            stand = settle(newton, near, x, near)
+            stand = settle(
+                newton,
+                near,
+                x,
+                near,
+            )
             best = Nearest.of(newton, stand, near)
             rows = best.further(SEARCH.surely)
             if len(rows):
@@ -208,7 +223,12 @@ class Search:
             ways = ways.joined(others, self.scale)
         met = newton.is_met(ways.miss)
         ways = ways.rows(met)
-        single = distinct(self.scale, ways.target, ways.u, SEARCH.same)
+        single = distinct(
+            self.scale,
+            ways.target,
+            ways.u,
+            SEARCH.same,
+        )
         return ways.rows(single)
 
     def _starts_everywhere(self, x: Array) -> tuple[Index, Array]:

@@ -192,7 +192,13 @@ class Library:
         )
         answer = np.zeros(question.answer)
         addresses = row.ctypes.data, answer.ctypes.data
-        return Buffers(call, addresses, row[: self._dof], parts, answer)
+        return Buffers(
+            call,
+            addresses,
+            row[: self._dof],
+            parts,
+            answer,
+        )
 
     def rows(
         self, name: str, joints: Array, *arguments: Array
@@ -225,7 +231,12 @@ class Library:
         )
 
         def answer(first: int, last: int) -> None:
-            call(row, ctypes.c_long(first), ctypes.c_long(last), *passed)
+            call(
+                row,
+                ctypes.c_long(first),
+                ctypes.c_long(last),
+                *passed,
+            )
 
         if n < SHARED_ROWS or os.cpu_count() == 1:
             answer(0, n)
@@ -261,7 +272,12 @@ def compile_source(text: str, dof: int, outputs: int) -> Library:
     for flags in ((*COMPILER.flags, *COMPILER.quick), COMPILER.flags):
         complaint = _complaint([*command, *flags, *files])
         if not complaint:
-            return Library(path, folder, dof, outputs)
+            return Library(
+                path,
+                folder,
+                dof,
+                outputs,
+            )
     raise OptionError(f"{command[-1]} failed: {complaint}")
 
 
