@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 
 from ..common.arrays import Array, Index
-from ..common.scale import Scale
 from .families import representatives
 from .folds import twins
 from .newton import Newton, Stand
@@ -43,12 +42,7 @@ class Nearest:
     def of(newton: Newton, stand: Stand, near: Array) -> Nearest:
         """Begin with one way to each target."""
         rank = _rank(newton, stand, near)
-        return Nearest(
-            newton,
-            near,
-            stand,
-            rank,
-        )
+        return Nearest(newton, near, stand, rank)
 
     def further(self, distance: float) -> Index:
         """Targets whose joints are further from `near` than that, or miss them.
@@ -71,12 +65,7 @@ class Nearest:
             return
         near = self.near[owner]
         targets = self.stand.x[owner]
-        trial = settle(
-            self.newton,
-            start,
-            targets,
-            near,
-        )
+        trial = settle(self.newton, start, targets, near)
         self.take(owner, trial)
 
     def take(self, owner: Index, trial: Stand) -> None:
@@ -118,26 +107,18 @@ class Search:
         """Whether there are more joints than the task has residuals."""
         return self.newton.redundant
 
-    @property
-    def scale(self) -> Scale:
-        """Range of the joints."""
-        return self.newton.scale
-
     def solve(self, x: Array, near: Array) -> tuple[Array, Array]:
         """Joints (n, dof) for targets `x` (n, m) nearest to `near` (n, dof), what is missing (n,).
 
         Joints are in the unit box; out of reach they are those of the nearest attainable point.
         """
         stand = self.nearest(x, near)
-        u = stand.u
-        miss = stand.miss
-        met = self.newton.is_met(miss)
+        met = self.newton.is_met(stand.miss)
         lost = np.flatnonzero(~met)
         if len(lost):
-            stand = self.newton.closest(u[lost], x[lost])
-            u[lost] = stand.u
-            miss[lost] = stand.miss
-        return u, miss
+            closest = self.newton.closest(stand.u[lost], x[lost])
+            stand.put(lost, closest)
+        return stand.u, stand.miss
 
     def solve_all(self, x: Array) -> Ways:
         """Every distinct solution of targets (n, m).
@@ -156,7 +137,7 @@ class Search:
         middle = np.full((len(lost), dof), 0.5)
         u, miss = self.solve(x[lost], middle)
         others = Ways(lost, u, miss)
-        return ways.joined(others, self.scale)
+        return ways.joined(others, self.newton.scale)
 
     def nearest(self, x: Array, near: Array) -> Stand:
         """Joints nearest to `near` (n, dof) for targets `x`, or what comes close to them."""
@@ -164,12 +145,7 @@ class Search:
         if self.together:
             best = self._try_all_at_once(x, near)
         else:
-            stand = settle(
-                newton,
-                near,
-                x,
-                near,
-            )
+            stand = settle(newton, near, x, near)
             best = Nearest.of(newton, stand, near)
             rows = best.further(SEARCH.surely)
             if len(rows):
@@ -215,20 +191,15 @@ class Search:
         stand = newton.refine(start, x[target])
         ways = Ways(target, stand.u, stand.miss)
         if newton.redundant:
-            ways = ways.rows(ways.by_middle(self.scale))
+            ways = ways.rows(ways.by_middle(self.newton.scale))
         else:  # where branches meet
             place, across = twins(newton, stand, SEARCH.folded)
             other = newton.refine(across, stand.x[place])
             others = Ways(target[place], other.u, other.miss)
-            ways = ways.joined(others, self.scale)
+            ways = ways.joined(others, self.newton.scale)
         met = newton.is_met(ways.miss)
         ways = ways.rows(met)
-        single = distinct(
-            self.scale,
-            ways.target,
-            ways.u,
-            SEARCH.same,
-        )
+        single = distinct(self.newton.scale, ways.target, ways.u, SEARCH.same)
         return ways.rows(single)
 
     def _starts_everywhere(self, x: Array) -> tuple[Index, Array]:

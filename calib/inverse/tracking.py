@@ -59,7 +59,7 @@ def follow_targets(
     else:
         wish = start
         if wish is None:
-            wish = np.full(search.scale.span.shape, 0.5)
+            wish = np.full(search.newton.scale.span.shape, 0.5)
         front, _ = search.solve(targets[:1], wish[None])
     rows = _furthest(search, targets, front)
     jumps: list[int] = []

@@ -26,6 +26,13 @@ def blocks(n: int, folds: int = 10) -> list[Index]:
     return np.array_split(np.arange(n), min(folds, n))
 
 
+def better(errors: Array, others: Array) -> bool:
+    """Whether paired held-out errors are smaller by more than chance."""
+    gain = others - errors
+    chance = 2.0 * float(gain.std()) / np.sqrt(len(gain))
+    return bool(gain.mean() > max(chance, 0.03 * float(others.mean())))
+
+
 def follows_the_motion(x: Array, residual: Array) -> bool:
     """Whether residuals (n, o) of rows at positions (n, o) point along the rows' motion.
 
