@@ -52,7 +52,6 @@ def setup(
     lens: str | None,
     tag_size: str | None,
     tag_height: str | None,
-    pose: bool,
 ) -> Setup:
     """What is in pictures of a tag; a lens that is calibrated is written beside the log."""
     from calib.recording.board import Board, parse_board, parse_length
@@ -86,7 +85,6 @@ def setup(
         glass,
         None if tag_size is None else parse_length(tag_size, "`tag_size`"),
         parse_length(tag_height or "0mm", "`tag_height`", signed=True),
-        pose,
     )
 
 

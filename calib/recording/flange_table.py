@@ -34,7 +34,6 @@ EXPECTED = (
 )
 
 _LENGTHS = (6, 7, 12, 16)  # numbers of a row without a header
-_TOLERANCE = 0.02  # of the length of a quaternion, or of a matrix's rows
 _IGNORED = {"picture", "time", "timestamp", "episode", *map(str.lower, MATRIX)}
 # "[mm]", "(deg)", "_mm": the fit finds units
 _UNIT = r"\s*[\[(].*[\])]$|_(?:m|cm|mm|in|rad|deg|grad)$"
@@ -98,23 +97,7 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
         lines = numbers[:, :12].reshape(-1, 3, 4)
         turns = lines[:, :, :3].reshape(-1, 9)
         numbers = np.column_stack([lines[:, :, 3], turns])
-    _refuse_lengths(numbers, label)
     return FlangeTable(label, numbers, pictures, named, dropped)
-
-
-def _refuse_lengths(numbers: Array, label: str) -> None:
-    """Refuse quaternions and matrices that are none."""
-    what = {7: "quaternion", 12: "rotation matrix"}.get(numbers.shape[1])
-    if what is None:
-        return
-    length = 1.0 if what == "quaternion" else np.sqrt(3.0)
-    lengths = np.linalg.norm(numbers[:, 3:], axis=1)
-    wrong = np.flatnonzero(np.abs(lengths / length - 1.0) > _TOLERANCE)
-    if len(wrong):
-        raise LogError(
-            f"{label}, row {wrong[0] + 1}: a {what} of length {lengths[wrong[0]]:.4g}, "
-            f"expected {length:.4g}"
-        )
 
 
 def _columns(header: set[str]) -> tuple[str, list[str]]:
@@ -131,14 +114,12 @@ def _columns(header: set[str]) -> tuple[str, list[str]]:
 def _without_header(path: Path, label: str) -> Array:
     """Numbers (n, 6, 7, 12 or 16) of a file."""
     text = re.sub(r"[;,\t]", " ", path.read_text(encoding="utf-8-sig"))
-    rows = [line.split() for line in text.splitlines() if line.strip()]
-    counts = {len(row) for row in rows}
-    if len(counts) > 1 or not counts & {*_LENGTHS}:
-        raise LogError(
-            f"{label} has no header and {listing(map(str, counts))} numbers a row: expected "
-            f"{EXPECTED}"
-        )
     try:
-        return np.array(rows, float)
+        numbers = np.loadtxt(text.splitlines(), ndmin=2)
     except ValueError as error:
         raise LogError(f"{label}: {error}") from None
+    if numbers.shape[1] not in _LENGTHS:
+        raise LogError(
+            f"{label} has no header and {numbers.shape[1]} numbers a row: expected {EXPECTED}"
+        )
+    return numbers

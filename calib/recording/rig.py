@@ -202,7 +202,6 @@ def rig_of(document: Mapping[str, Any]) -> HandEye:
     Raises KeyError, TypeError, ValueError if it is none.
     """
     values = dict(document)
-    values.pop("photo", None)  # of files of older programs
     for name in ARRAYS:
         values[name] = np.array(document[name], float)
     for name in ("notes", "left_out", "names", "frames", "cameras"):

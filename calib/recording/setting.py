@@ -36,12 +36,10 @@ class Setup:
     board: Board | None = None
     tags_at: MarkLayout | None = None
     lens: Lens | None = None  # the camera's
-    # side of the tip's tag: its pose needs it [m]
+    # side of the tip's tag [m]; with it, z and the orientation are told too
     tag_size: float | None = None
     # of the tip's tag above the board, or the tags on the desk [m]
     tag_height: float = 0.0
-    # whether z and the orientation of the tag are wanted too
-    pose: bool = False
 
     def __post_init__(self) -> None:
         refusal = self._refusal()
@@ -62,8 +60,8 @@ class Setup:
             )
         if layout is None and self.tag_height:
             return "`tag_height` is given without `board` or `tags_at`, above which it is measured"
-        if self.pose and (self.lens is None or self.tag_size is None):
-            return "the tag's pose needs `lens` and `tag_size`"
+        if self.tag_size is not None and self.lens is None:
+            return "`tag_size` is for the tag's pose, which needs `lens`"
         others: Collection[int] = ()
         if marks is not None:
             others = marks.points.keys()

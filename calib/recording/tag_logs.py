@@ -273,7 +273,7 @@ def _samples_of(
     size = setting.tag_size
     if lens is not None:
         about["lens"] = lens.to_json()
-    if setting.pose and lens is not None and size is not None:
+    if lens is not None and size is not None:
         # the tag's frame: origin in the middle, x to the right, y up, z out of the paper
         corners = [[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]
         square = 0.5 * size * np.array(corners)
