@@ -100,9 +100,9 @@ def record_tag(
     time_offset: float | None,
 ) -> Samples:
     """Make a log of pictures or a video, and draw what was seen if that is wanted."""
-    from calib.recording.joint_table import read_joints
-    from calib.recording.photo import read_photo, write_overlay
-    from calib.recording.pictures import list_pictures
+    from calib.recording.motion_tables import read_joints
+    from calib.recording.pictures import list_pictures, read_photo
+    from calib.recording.setting import write_overlay
     from calib.recording.tag_logs import log_pictures, log_video
 
     if joints.path is None:
@@ -267,7 +267,7 @@ def load_drawn(
 
 def with_photo(model: Model, path: str, log: Samples | None) -> Model:
     """Return a model with a photo, by the camera of the log."""
-    from calib.recording.photo import take_photo
+    from calib.recording.pictures import take_photo
 
     source = None if log is None else log.source
     unit = model.about.unit

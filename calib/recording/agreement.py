@@ -43,9 +43,10 @@ def consensus(problem: Problem) -> tuple[Fit, Mask]:
     """
     number = np.arange(len(problem.rows))
     half = len(number) // 2
-    # begin without those that the closed form contradicts
-    misses = problem.bundle.misses(problem.predict(problem.start))
-    fits = _fits_from(problem, misses < SETTINGS.far * np.median(misses))
+    fits = _fits_from(problem, number >= 0)
+    if not fits:  # begin without those that the closed form contradicts
+        misses = problem.bundle.misses(problem.predict(problem.start))
+        fits = _fits_from(problem, misses < SETTINGS.far * np.median(misses))
     is_doubtful = not fits
     if fits and half >= SETTINGS.half:
         noise = fits[0][0].noise.error

@@ -16,9 +16,9 @@ from ..errors import LogError, OptionError
 from ..model.model import Model
 from ..samples.samples import Samples
 from .board import LEAST_CORNERS, Chessboard, Pattern, parse_board
-from .joint_table import JointTable, read_joints, read_shots
 from .lens import Lens, calibrate_lens, lens_of_model
 from .lerobot import is_dataset, read_dataset
+from .motion_tables import JointTable, read_joints, read_shots
 from .pictures import Picture
 from .reference import Pose, find_pose, matrices
 from .rigid import inverse, place_points, rigid, shift_of, turn_of

@@ -22,6 +22,8 @@ class Settings:
 
     steps: int = 40  # at most
     fewest: int = 6  # which noise as it is needs
+    # [rad, m, 1], steps as large are of corners that the motions do not explain
+    farthest: float = 1.0
     huber: float = 4.0  # noise sd, beyond which a corner counts less
     # [px], noise that corners are credited with at least
     least_corner: float = 0.01
@@ -102,7 +104,9 @@ def solve(
     for count in range(1, SETTINGS.steps + 1):
         before = fit.noise
         step = _step(bundle, prior, fit, sight)
-        if not np.isfinite(step.unknowns).all():
+        but_lenses = np.delete(step.unknowns, bundle.layout.lenses.ravel())
+        moves = np.append(but_lenses, step.errors)
+        if not np.abs(moves).max() < SETTINGS.farthest:
             raise np.linalg.LinAlgError("the fit of corners diverged")
         unknowns = fit.unknowns.retract(step.unknowns, step.errors)
         fit = replace(fit, unknowns=unknowns, covariance=step.covariance)

@@ -25,7 +25,7 @@ from ..common.arrays import Array, Index
 from ..common.rows import spread_rows
 from ..common.wording import listing
 from ..errors import LogError
-from .joint_table import JointTable
+from .motion_tables import JointTable
 from .pictures import Picture, Video
 
 TICKS = 4096

@@ -17,11 +17,10 @@ from ..errors import LogError
 from ..samples.motion import pose_index
 from .board_pictures import LEAST
 from .bundle import Bundle, Motions, Unknowns, shape_slopes
-from .conventions import Choice, choose
 from .fit import Fit, Noise, Prior, Scale, solve
-from .flange_table import FlangeTable
 from .joint_motions import JointMotions
-from .readings import refuse_readings
+from .motion_tables import FlangeTable
+from .readings import Choice, choose, refuse_readings
 from .rigid import turn_of
 from .start import MISSAID, Start, find_start
 from .view import View

@@ -21,7 +21,7 @@ from ..errors import ModelError
 from ..model.model import Model
 from ..model_file.container import check_sum, pack, unpack
 from ..samples.samples import Samples
-from .conventions import Convention
+from .readings import Convention
 from .rigid import rigid
 
 KIND = "rig"

@@ -23,7 +23,7 @@ from ..samples.motion import (
 )
 from ..samples.samples import Samples
 from .clocks import Clocks, align_clocks
-from .joint_table import JointTable, read_shots
+from .motion_tables import JointTable, read_shots
 from .pictures import Frame, Video
 from .reference import find_pose, matrices
 from .rigid import shift_of, turn_of

@@ -18,7 +18,7 @@ import calib
 from calib import LogError, handeye
 from calib.arm.rotations import exponential, logarithm, matrix_of
 from calib.body.sensor_pose import hand_pose
-from calib.recording.joint_table import JointTable
+from calib.recording.motion_tables import JointTable
 
 FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's frame of a board has y down
 CORNER = np.array([0.084, 0.06, 0.0])  # the middle of the board in OpenCV's frame

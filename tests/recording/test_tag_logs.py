@@ -14,8 +14,8 @@ from rendering import Camera, Desk, board, tag, write_video
 import calib
 from calib import CalibError, OptionError
 from calib.recording.board import parse_board
-from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens, load_lens
+from calib.recording.motion_tables import read_joints
 from calib.recording.tag_logs import Setup, log_pictures, log_video
 from calib.samples.tables import open_source
 
