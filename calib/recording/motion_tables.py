@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -87,12 +87,12 @@ def read_joints(
         names = tuple(np.array(names, object)[is_number])
     beside = [name for name in ("time", "episode") if name in source.header]
     rows = finite_rows(source, [*names, *beside])
-    if not names or not len(rows.numbers):
+    if not names or not len(rows.q):
         raise LogError(
             f"{source.label} has no row with numbers for {listing(names)}: expected a column for "
             f"each joint, decimals with a point; columns: {listing(source.header)}"
         )
-    q, about = np.split(rows.numbers, [len(names)], axis=1)
+    q, about = np.split(rows.q, [len(names)], axis=1)
     turning = [k for k, name in enumerate(names) if name not in prismatic]
     most = float(np.abs(q[:, turning]).max(initial=0.0))
     if degrees:
@@ -104,28 +104,17 @@ def read_joints(
         )
     columns = dict(zip(beside, about.T, strict=True))
     episodes = columns.get("episode")
-    return JointTable(
-        source.label,
-        names,
-        q,
-        columns.get("time"),
-        rows.pictures,
-        rows.dropped,
-        None if episodes is None else episodes.astype(np.intp),
+    return replace(
+        rows,
+        names=names,
+        q=q,
+        time=columns.get("time"),
+        episodes=None if episodes is None else episodes.astype(np.intp),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Rows of a table without a missing value, and the names of their pictures, if it has them."""
-
-    numbers: Array  # (n, columns)
-    pictures: list[str] | None
-    dropped: int
-
-
-def finite_rows(source: Source, columns: Sequence[str]) -> Rows:
-    """Read columns of numbers; rows in which one is missing are counted."""
+def finite_rows(source: Source, columns: Sequence[str]) -> JointTable:
+    """Read columns of numbers as `q`; rows in which one is missing are left out, and counted."""
     numbers = source.numbers(columns)[0]
     good = np.flatnonzero(np.isfinite(numbers).all(axis=1))
     pictures = None
@@ -135,7 +124,14 @@ def finite_rows(source: Source, columns: Sequence[str]) -> Rows:
         # without their folders, of this system or another
         paths = [str(cell or "").replace("\\", "/").strip() for cell in cells]
         pictures = [paths[k].rpartition("/")[2] for k in good]
-    return Rows(numbers[good], pictures, len(numbers) - len(good))
+    return JointTable(
+        source.label,
+        tuple(columns),
+        numbers[good],
+        None,
+        pictures,
+        len(numbers) - len(good),
+    )
 
 
 def picture_column(source: Source) -> str | None:
@@ -234,7 +230,7 @@ def read_flange_poses(path: str | os.PathLike[str]) -> FlangeTable:
                 f"{label} has the columns {listing(source.header)}: expected {EXPECTED}"
             )
         rows = finite_rows(source, [names[column] for column in columns])
-        numbers = rows.numbers
+        numbers = rows.q
         pictures = rows.pictures
         dropped = rows.dropped
     if not len(numbers):
