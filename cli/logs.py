@@ -106,7 +106,6 @@ def read_measured_log(
     selection: Selection,
     path: str | Source,
     reading: Reading,
-    seed: int = 0,
     lens: str | None = None,
     sensor: str = "",
 ) -> Samples:
@@ -138,7 +137,6 @@ def read_measured_log(
         unit=reading.unit,
         ranges=in_si("--range", selection.ranges, turns, selection.degrees),
         prismatic=sliding,
-        seed=seed,
         lens=glass,
         time_offset=reading.time_offset,
     )

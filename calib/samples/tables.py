@@ -79,15 +79,6 @@ class Source:
         found = (find_column(self.header, name) for name in "xyz")
         return common_unit([column for column in found if column])
 
-    def random_rows(self, most: int, seed: int) -> tuple[Source, int]:
-        """The table with at most so many rows, drawn at random, and how many it has."""
-        total = len(self.table)
-        if total <= most:
-            return self, total
-        rng = np.random.default_rng(seed)
-        rows = np.sort(rng.choice(total, most, replace=False))
-        return replace(self, table=self.table[rows]), total
-
     def read(self, names: Sequence[str]) -> pl.DataFrame:
         """Read some columns as they are, text from CSV.
 
