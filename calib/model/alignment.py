@@ -79,12 +79,10 @@ class Alignment:
 
     def to_json(self) -> list[list[float]]:
         """Rows of [A | b]."""
-        return [
-            [*row, b]
-            for row, b in zip(
-                self.matrix.tolist(), self.shift.tolist(), strict=True
-            )
-        ]
+        rows: list[list[float]] = np.column_stack(
+            [self.matrix, self.shift]
+        ).tolist()
+        return rows
 
     @classmethod
     def from_json(cls, rows: list[list[float]]) -> Alignment:

@@ -98,10 +98,16 @@ def inverse(
     return q
 
 
-def solve(model: Parts, x: Array, near: ArrayLike | None) -> Answer:
+def solve(
+    model: Parts, x: Array, near: ArrayLike | None, readout: str = "local"
+) -> Answer:
     """Joints nearest to `near` for targets (n, m) in full; out of reach those that come nearest."""
-    q = inverse(model, x, near, nearest=True)
-    return answer(model, model.motor.scale.to_unit(q), x)._replace(q=q)
+    if readout == "local":
+        q = inverse(model, x, near, nearest=True)
+        return answer(model, model.motor.scale.to_unit(q), x)._replace(q=q)
+    wish = anchor(model, near, len(x))
+    u = unit_joints(model, x, wish, (readout,))[readout]
+    return answer(model, u, x, model.positions_at(u, readout))
 
 
 def joints_and_reach(

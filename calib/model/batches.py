@@ -7,14 +7,21 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..common.arrays import Array
 from ..kernel.compiled import Library
 from .header import kernel_of
 from .parts import Parts
 
-Kind = Literal["forward", "bounds", "inverse", "poses", "branches"]
+Kind = Literal[
+    "forward",
+    "bounds",
+    "model_bounds",
+    "jacobian",
+    "inverse",
+    "poses",
+    "branches",
+]
 
 
 @dataclass(frozen=True)
@@ -22,7 +29,9 @@ class NumpyCost:
     """Processor time of a row by NumPy, for each squared joint [us]; ``benchmarks/inverse.py``."""
 
     forward: float = 0.03
+    jacobian: float = 0.03
     bounds: float = 0.8
+    model_bounds: float = 0.8
     inverse: float = 1.7
     poses: float = 40.0
     branches: float = 100.0
@@ -54,27 +63,16 @@ def prepare(model: Parts, kind: Kind, rows: int) -> Library | None:
     return kernel
 
 
-def forward_rows(model: Parts, q: Array) -> Array | None:
-    """Positions (n, m) at joints (n, dof); None where NumPy has to answer."""
-    kernel = prepare(model, "forward", len(q))
+def rows_at(model: Parts, kind: Kind, q: Array) -> Array | None:
+    """What is asked for at joints (n, dof), see `Library.rows`; None where NumPy has to answer.
+
+    Where a row was refused NumPy may know better.
+    """
+    kernel = prepare(model, kind, len(q))
     if kernel is None:
         return None
-    x, valid = kernel.rows("forward", q)
-    return x if _is_final(model, valid) else None
-
-
-def bound_rows(model: Parts, q: Array, which: str) -> Array | None:
-    """95 % bounds (n,) at joints (n, dof), `bounds` or `model_bounds`; None for NumPy."""
-    kernel = prepare(model, "bounds", len(q))
-    if kernel is None:
-        return None
-    bound, valid = kernel.rows(which, q)
-    return bound if _is_final(model, valid) else None
-
-
-def _is_final(model: Parts, valid: NDArray[np.int8]) -> bool:
-    """Whether NumPy has nothing to add: where rows were refused it may know better."""
-    return model.everywhere or bool(valid.all())
+    answers, valid = kernel.rows(kind, q)
+    return answers if model.everywhere or valid.all() else None
 
 
 def all_rows(model: Parts, x: Array) -> list[Array] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NoReturn
 
@@ -17,8 +18,8 @@ from ..samples.motion import Motion
 from . import answers, batches
 from .answers import Answer
 from .compilable import Compilable
-from .parts import MOST_SHARE, BoundName, with_arm_of
-from .prediction import predict
+from .parts import MOST_SHARE, with_arm_of
+from .prediction import Prediction, predict
 
 if TYPE_CHECKING:
     import os
@@ -126,18 +127,35 @@ class Model(Compilable):
         """
         if sensor:
             return self.by(sensor).forward(q, readout, approach=approach)
-        if readout in (None, "local") and approach is None:
-            quick = self._single_at("forward", q)
+        if readout is None or self._readout(readout) == "local":
+            return self._at("forward", q, approach, lambda seen: seen.value)
+        motion, single = self._motion(q, approach)
+        x = predict(self, motion).read(readout)
+        return x[0] if single else x
+
+    def _at(
+        self,
+        kind: batches.Kind,
+        q: ArrayLike,
+        approach: ArrayLike | None,
+        read: Callable[[Prediction], Array],
+    ) -> Array:
+        """What is asked for at joint values (n, dof) or (dof,), by what answers fastest.
+
+        kind : the query as compiled C knows it
+        read : the same of a prediction, in NumPy
+        """
+        if approach is None:
+            quick = self._single_at(kind, q)
             if quick is not None:
                 return quick
-        readout = self._readout(readout)
         motion, single = self._motion(q, approach)
-        x = None
-        if readout == "local" and approach is None:
-            x = batches.forward_rows(self, motion.q)
-        if x is None:
-            x = predict(self, motion).read(readout)
-        return x[0] if single else x
+        rows = None
+        if approach is None:
+            rows = batches.rows_at(self, kind, motion.q)
+        if rows is None:
+            rows = read(predict(self, motion))
+        return rows[0] if single else rows
 
     def inverse(
         self,
@@ -163,17 +181,15 @@ class Model(Compilable):
             quick = self._single("inverse", wish, x, unsure=unsure)
             if quick is not None:
                 return quick
-        readout = self._readout(readout)
-        if readout == "local":
-            rows, single = query_rows(x, self.axes, "positions")
+        rows, single = query_rows(x, self.axes, "positions")
+        if self._readout(readout) == "local":
             batches.prepare(self, "inverse", len(rows))
             q = answers.inverse(self, rows, near, nearest=nearest)
-            return q[0] if single else q
-        answer = self.solve(x, near, readout)
-        q = answer.q
-        if not nearest:
-            q = np.where(answer.reachable[:, None], q, np.nan)
-        return q[0] if np.ndim(x) == 1 else q
+        else:
+            answer = self.solve(rows, near, readout)
+            there = answer.reachable[:, None] | nearest
+            q = np.where(there, answer.q, np.nan)
+        return q[0] if single else q
 
     @property
     def _middle(self) -> Array:
@@ -187,17 +203,9 @@ class Model(Compilable):
         readout: str | None = None,
     ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
-        readout = self._readout(readout)
         rows, _ = query_rows(x, self.axes, "positions")
-        if readout == "local":
-            batches.prepare(self, "inverse", len(rows))
-            return answers.solve(self, rows, near)
-        u = answers.unit_joints(
-            self, rows, answers.anchor(self, near, len(rows)), (readout,)
-        )
-        return answers.answer(
-            self, u[readout], rows, self.positions_at(u[readout], readout)
-        )
+        batches.prepare(self, "inverse", len(rows))
+        return answers.solve(self, rows, near, self._readout(readout))
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
         """All branches of each target (n, m), the one closest to the middle of the ranges first.
@@ -238,7 +246,7 @@ class Model(Compilable):
         another one is off by its distance from the default as well.  With `approach`, see
         :meth:`forward`, it is the smaller bound for a known direction.
         """
-        return self._bound("bounds", q, approach)
+        return self._at("bounds", q, approach, lambda seen: seen.bound)
 
     def model_error(
         self, q: ArrayLike, *, approach: ArrayLike | None = None
@@ -248,23 +256,9 @@ class Model(Compilable):
         Without the noise of a single reading; the same as :meth:`expected_error` for a
         simulated arm.
         """
-        return self._bound("model_bounds", q, approach)
-
-    def _bound(
-        self, which: BoundName, q: ArrayLike, approach: ArrayLike | None
-    ) -> Array:
-        """Bound (n,) or a number, by what answers fastest."""
-        if approach is None:
-            quick = self._single_at(which, q)
-            if quick is not None:
-                return quick
-        motion, single = self._motion(q, approach)
-        bound = None
-        if approach is None:
-            bound = batches.bound_rows(self, motion.q, which)
-        if bound is None:
-            bound = predict(self, motion).bound_of(which)
-        return bound[0] if single else bound
+        return self._at(
+            "model_bounds", q, approach, lambda seen: seen.true_bound
+        )
 
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
@@ -376,12 +370,7 @@ class Model(Compilable):
 
         NaN where there is no position.
         """
-        quick = self._single_at("jacobian", q)
-        if quick is not None:
-            return quick
-        motion, single = self._motion(q)
-        slope = predict(self, motion).slope
-        return slope[0] if single else slope
+        return self._at("jacobian", q, None, lambda seen: seen.slope)
 
     def pose(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) and quaternion (n, 4) qx, qy, qz, qw of the tip in the sensor's frame.

@@ -94,11 +94,9 @@ class Parts:
         return {part.name: getattr(self, part.name) for part in fields(Parts)}
 
     def __getstate__(self) -> dict[str, object]:
-        """State to pickle: all but the compiled kernel and the cache."""
-        state = dict(vars(self))
-        state.pop("kernel", None)
-        state.pop("cache", None)
-        return state
+        """State to pickle: all but what `warm_up` made and the cache."""
+        unpickled = ("kernel", "strict", "cache")
+        return {k: v for k, v in vars(self).items() if k not in unpickled}
 
     def __repr__(self) -> str:
         """Say in a line what it is a model of and what it has learned."""

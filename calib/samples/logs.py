@@ -16,7 +16,6 @@ from ..common.arrays import Array, Index
 from ..common.scale import METRES
 from ..common.wording import listing, vector
 from ..errors import LogError, OptionError
-from .camera import Camera, camera_of
 from .cells import complete_rows, read_cells, rows_in_ranges, rows_in_sight
 from .delays import with_offset
 from .diagnosis import diagnose, refuse_mistakes, still_columns
@@ -117,17 +116,24 @@ def read_log(
     if roles.touched:
         readings = _touches(sound.points, q, x, unit, arm)
     else:
-        readings, reading_notes = _positions(
-            source, x, sound.numbers, unit, arm, outputs, lens
+        x, plane, plane_notes = _in_plane(
+            label, x, sound.numbers, unit, arm, outputs
         )
-        if roles.turns and readings.plane is None:
+        readings = Readings(x, unit=unit, plane=plane)
+        if roles.turns and plane is None:
             stated = common_unit(roles.columns(roles.turns))
             in_degrees = degrees if stated is None else stated != "rad"
             orientation = quaternions(turns, degrees=in_degrees)
             readings = replace(readings, orientation=orientation)
-        notes += reading_notes
+        notes += plane_notes
+        size = float(np.ptp(x, axis=0).max())
+        if arm is None and unit == "m" and size > READING.largest_arm:
+            notes.append(
+                f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
+            )
         # what can be nothing but a mistake is refused, what may be intended told
         refuse_mistakes(still_columns(q, readings.x, roles.joints), label)
+    about = source.about if lens is None else {**source.about, "lens": lens}
     joint_units = {joint.degrees for joint in joints_read if joint.revolute}
     samples = Samples(
         q,
@@ -142,11 +148,17 @@ def read_log(
         rows=sound.numbers,
         columns=roles.column_of,
         degrees=joint_units == {True},
-        source=source.about,
+        source=about,
         dropped=cells.total - len(complete.numbers),
         left_out=len(inside.numbers) - len(sound.numbers),
         **vars(readings),
     )
+    if samples.camera is not None:
+        notes += filter(None, [samples.camera.note])
+    elif lens is not None:
+        raise OptionError(
+            "`lens` is for pixels of an arm in space: expected columns u and v"
+        )
     if arm is not None and not roles.touched:
         pose = arm.pose if isinstance(arm, SpatialArm) else None
         scale = METRES.get(samples.unit, 1.0)
@@ -177,29 +189,6 @@ def _touches(
     touch = Touches.of(points, in_metres)
     tips = np.zeros_like(in_metres) if arm is None else arm.forward(q)
     return Readings(touch.positions(in_metres, touch.means(tips)), touch=touch)
-
-
-def _positions(
-    source: Source,
-    x: Array,
-    numbers: Index,
-    unit: str,
-    arm: Arm | None,
-    outputs: int | None,
-    lens: Document | None,
-) -> tuple[Readings, list[str]]:
-    """Return measured positions (n, 2) or (n, 3) [unit], with their plane or camera, and notes."""
-    label = source.label
-    x, plane, notes = _in_plane(label, x, numbers, unit, arm, outputs)
-    camera = _camera(source, arm, x, lens)
-    if camera is not None and camera.note:
-        notes.append(camera.note)
-    size = float(np.ptp(x, axis=0).max())
-    if arm is None and unit == "m" and size > READING.largest_arm:
-        notes.append(
-            f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
-        )
-    return Readings(x, unit=unit, plane=plane, camera=camera), notes
 
 
 def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
@@ -246,23 +235,6 @@ def _check_touches(label: str, unit: str, outputs: int | None) -> None:
         raise LogError(
             f"{label}: x, y, z of touches in {unit}, expected {listing(METRES)}"
         )
-
-
-def _camera(
-    source: Source,
-    arm: Arm | None,
-    x: Array,
-    lens: Document | None,
-) -> Camera | None:
-    """Return the camera of pixels (n, 2) of an arm in space; None of other readings."""
-    if arm is not None and arm.outputs == 3 and x.shape[1] == 2:
-        about = source.about if lens is None else {"lens": lens}
-        return camera_of(about, x)
-    if lens is not None:
-        raise OptionError(
-            "`lens` is for pixels of an arm in space: expected columns u and v"
-        )
-    return None
 
 
 def _in_plane(

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..body.approach import learn_play
 from ..body.belief import Body
-from ..common.arrays import Array, Mask
+from ..common.arrays import Array
 from ..common.rows import finite_rows
 from ..common.wording import unit_of_joint
 from ..samples.delays import Delay, Trajectory, estimate_delay
@@ -24,15 +24,14 @@ def fit_sound_rows(samples: Samples, fit: Fit) -> FittedLog:
     """Fit samples; of a log without its delay and without the rows that contradict the others."""
     fitted = FittedLog.of(samples, fit)
     if samples.simulation is not None:
-        return fitted.without_outliers().without_play()
+        return fitted.without_wrong_rows().without_play()
     # rows that came from the other side of a joint with play contradict the others, too; but a lag
     # looks like play
-    if fitted.wrong.any() and Trajectory.of(samples) is None:
+    if Trajectory.of(samples) is None:
         fitted = fitted.without_play()
     fitted = fitted.without_wrong_rows().in_time().without_play()
-    if fitted.wrong.any():
-        fitted = fitted.without_wrong_rows().without_play()
-    return fitted
+    # rows that contradict the others beside the better fit
+    return fitted.without_wrong_rows()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,40 +49,26 @@ class FittedLog:
         """The log as it is."""
         return FittedLog(samples, fit, fit(samples), np.zeros(samples.dof))
 
-    @property
-    def wrong(self) -> Mask:
-        """Which rows (n,) contradict the others."""
-        return ~self._contradictions()[0]
-
-    def _contradictions(self) -> tuple[Mask, list[str]]:
-        """Which rows (n,) are sound beside the fit, and notes on the others."""
-        predicted = self.part.fit.body.predict(self.samples.q)
-        return contradictions(self.samples, self.samples.x - predicted)
-
     def without_wrong_rows(self) -> FittedLog:
-        """The log without the rows that contradict the others."""
-        sound, notes = self._contradictions()
+        """The log without the rows that contradict the others; a simulation without its outliers.
+
+        The fit of a simulation believes every row: it finds a few outliers more each time.
+        """
+        simulation = self.samples.simulation
+        if simulation is not None and not simulation.has_outliers:
+            return self
+        predicted = self.part.fit.body.predict(self.samples.q)
+        sound, notes = contradictions(self.samples, self.samples.x - predicted)
         if sound.all():
             return self
         samples = self.samples.take(sound)
-        return replace(
+        fitted = replace(
             self,
             samples=samples,
             part=self.fit(samples),
             notes=(*self.notes, *notes),
         )
-
-    def without_outliers(self) -> FittedLog:
-        """A simulation without its sensor's outliers.
-
-        The fit of a simulation believes every row: it finds a few outliers more each time.
-        """
-        fitted = self
-        simulation = self.samples.simulation
-        if simulation is not None and simulation.has_outliers:
-            while fitted.wrong.any():
-                fitted = fitted.without_wrong_rows()
-        return fitted
+        return fitted if simulation is None else fitted.without_wrong_rows()
 
     def in_time(self) -> FittedLog:
         """The log with its clocks together, where a delay is clear."""

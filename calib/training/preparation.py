@@ -66,15 +66,14 @@ def _alone(samples: Samples, options: TrainingOptions) -> PreparedLog:
     def fit(rows: Samples) -> SmoothPart:
         return find_smooth_part(at_poses(rows), options)
 
+    simulation = samples.simulation
     if options.body == "none":
-        simulation = samples.simulation
-        if simulation is not None and not simulation.has_outliers:
-            return PreparedLog(samples, rows_given, [], None, no_play)
-        fitted = FittedLog.of(samples, fit).without_outliers()
-        if simulation is None:
-            fitted = fitted.without_wrong_rows()
-        notes = [*fitted.notes]
-        return PreparedLog(fitted.samples, rows_given, notes, None, no_play)
+        notes = []
+        if simulation is None or simulation.has_outliers:
+            fitted = FittedLog.of(samples, fit).without_wrong_rows()
+            samples = fitted.samples
+            notes = [*fitted.notes]
+        return PreparedLog(samples, rows_given, notes, None, no_play)
     fitted = fit_sound_rows(samples, fit)
     notes = [*fitted.notes]
     if fitted.play.any():

@@ -19,6 +19,7 @@ from ..body.approach import Approach
 from ..common.arrays import Array
 from ..common.parallel import one_blas_thread, side_by_side
 from ..common.rows import row_lengths
+from ..common.scale import TURN
 from ..errors import LogError
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
@@ -240,10 +241,11 @@ def _test_on_arm(
 
 
 def _limits(samples: Samples, arm: Arm) -> Array:
-    """Limits (dof, 2) of queries [rad or m]: the learned ones, of whole turns the arm's."""
+    """Limits (dof, 2) of queries [rad or m]: the learned ones, of more than a turn the arm's."""
     learned = np.column_stack([samples.lower, samples.upper])
-    turns = np.clip(arm.travel, -LEARNING.unlimited, LEARNING.unlimited)
-    return np.where(samples.unit_box.periodic[:, None], turns, learned)
+    travel = np.clip(arm.travel, -LEARNING.unlimited, LEARNING.unlimited)
+    several = samples.unit_box.periodic & (np.ptp(travel, axis=1) > TURN)
+    return np.where(several[:, None], travel, learned)
 
 
 def _about(samples: Samples, options: TrainingOptions) -> About:
