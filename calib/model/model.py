@@ -15,9 +15,9 @@ from ..common.rows import number_rows, query_rows
 from ..errors import QueryError
 from ..kernel.compiled import CERTAIN, NOTHING
 from ..samples.motion import Motion
-from . import answers, batches
+from . import answers
 from .answers import Answer
-from .compilable import Compilable
+from .compilable import Compilable, all_rows, prepare
 from .parts import MOST_SHARE, with_arm_of
 from .prediction import Prediction, predict
 
@@ -135,7 +135,7 @@ class Model(Compilable):
 
     def _at(
         self,
-        kind: batches.Kind,
+        kind: str,
         q: ArrayLike,
         approach: ArrayLike | None,
         read: Callable[[Prediction], Array],
@@ -152,7 +152,7 @@ class Model(Compilable):
         motion, single = self._motion(q, approach)
         rows = None
         if approach is None:
-            rows = batches.rows_at(self, kind, motion.q)
+            rows = self._rows_at(kind, motion.q)
         if rows is None:
             rows = read(predict(self, motion))
         return rows[0] if single else rows
@@ -183,7 +183,7 @@ class Model(Compilable):
                 return quick
         rows, single = query_rows(x, self.axes, "positions")
         if self._readout(readout) == "local":
-            batches.prepare(self, "inverse", len(rows))
+            prepare(self, "inverse", len(rows))
             q = answers.inverse(self, rows, near, nearest=nearest)
         else:
             answer = self.solve(rows, near, readout)
@@ -204,7 +204,7 @@ class Model(Compilable):
     ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
         rows, _ = query_rows(x, self.axes, "positions")
-        batches.prepare(self, "inverse", len(rows))
+        prepare(self, "inverse", len(rows))
         return answers.solve(self, rows, near, self._readout(readout))
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
@@ -229,7 +229,7 @@ class Model(Compilable):
         none.  Of a redundant arm each connected family of solutions has one.
         """
         rows, _ = query_rows(x, self.axes, "positions")
-        ways = batches.all_rows(self, rows)
+        ways = all_rows(self, rows)
         if ways is None:
             ways = [
                 answer.q[answer.reachable] for answer in self.solve_all(rows)
