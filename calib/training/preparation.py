@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..body.approach import Approach
 from ..common.arrays import Array
 from ..common.rows import finite_rows, row_lengths
 from ..common.wording import quantity
@@ -48,6 +49,11 @@ class PreparedLog:
         """A row for each pose; of touches, whose sockets are positions, all."""
         touched = self.readings.touch is not None
         return self.readings if touched else at_poses(self.readings)
+
+    @property
+    def approach(self) -> Approach | None:
+        """The play, where the direction of motion counts."""
+        return Approach(self.play) if self.play.any() else None
 
     @property
     def left_out(self) -> int:
