@@ -49,11 +49,10 @@ _LATEST = 1e11  # [s] after 1970: a clock of the year 5138 counts in ms or less
 _HEAD = 1 << 16  # [bytes], of a file, in which its header is
 # LeRobot's, of joints' columns, which are read without
 _POSITION_SUFFIX = ".pos"
-_REMEDIES = {
-    "utf-8": ": save it as UTF-8 CSV",
-    "more fields": ": expected the columns' names in the first line, decimals with a point, and "
-    "quotes around text that holds a comma",
-}
+_EXPECTED = (
+    "expected UTF-8 CSV with the columns' names in the first line, decimals with a point, and "
+    "quotes around text that holds a comma"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,9 +188,8 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         OSError,
     ) as error:
         reason = (str(error).strip().splitlines() or ["unreadable"])[0][:100]
-        hints = [hint for part, hint in _REMEDIES.items() if part in reason]
         raise LogError(
-            f"{label} cannot be read: {reason}{''.join(hints)}"
+            f"{label} cannot be read: {reason}: {_EXPECTED}"
         ) from None
     document = None
     with suppress(ValueError):
@@ -373,14 +371,7 @@ def write_table(
     """
     import polars as pl
 
-    frame = pl.DataFrame(
-        {
-            name: column
-            if isinstance(column, pl.Series)
-            else np.asarray(column)
-            for name, column in columns.items()
-        }
-    )
+    frame = pl.DataFrame(dict(columns))
     document = json.dumps(about, sort_keys=True) if about else ""
     if Path(path).suffix.lower() in PARQUET:
         # by way of memory: what Polars says of a full disk is no OSError
