@@ -57,16 +57,11 @@ DOUBLE = Precision("double", calm=1e-12, enough=2e-15, close=SEARCH.close)
 SINGLE = Precision("float", calm=1e-7, enough=1e-6, close=1e-4)
 
 
-@dataclass(frozen=True)
-class StartSizes:
-    """How many starts of positions a header holds: its source grows by 20 bytes a number."""
-
-    cells: int = 576  # cells of the workspace, of arms without spare joints
-    apart: float = 0.1  # starts of a cell that are closer count as one
-    postures: int = 128  # postures, of arms with spare joints
-
-
-STARTS = StartSizes()
+# starts of positions, of which each number adds 20 bytes to the source: cells of the workspace of
+# arms without spare joints, where starts that are closer count as one; postures of others
+_CELLS = 576
+_APART = 0.1
+_POSTURES = 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,18 +272,18 @@ def _starts(model: Parts) -> Tables:
     """
     place = model.sensory.scale
     dimensions = len(place.span)
-    side = max(2, int(STARTS.cells ** (1 / dimensions)))
+    side = max(2, int(_CELLS ** (1 / dimensions)))
     corners = np.indices((side,) * dimensions).reshape(dimensions, -1).T
     tables: Tables = {}
     if model.solver.redundant:
         nodes = np.flatnonzero(model.visited)
-        nodes = nodes[spread_rows(len(nodes), STARTS.postures)]
+        nodes = nodes[spread_rows(len(nodes), _POSTURES)]
         u = np.clip(model.motor.units[nodes], 0.0, 1.0)
     else:
         step = place.span / side
         middles = place.lower + (corners + 0.5) * step
         cell, u = model.solver.starts.of(middles)
-        single = distinct(model.motor.scale, cell, u, STARTS.apart)
+        single = distinct(model.motor.scale, cell, u, _APART)
         cell = cell[single]
         u = u[single]
         count = np.bincount(cell, minlength=len(middles))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..common.rows import number_rows, query_rows
-from ..errors import QueryError
+from ..errors import OptionError, QueryError
 from ..kernel.compiled import CERTAIN, NOTHING
 from ..samples.motion import Motion
 from . import answers
@@ -48,6 +48,9 @@ class Model(Compilable):
     Queries take single vectors as well as batches, with one row each.
     """
 
+    # the same arm as its further sensors see it, each with maps, local models and bounds of its own
+    others: tuple[Model, ...] = ()
+
     if not TYPE_CHECKING:  # which would take every attribute for one
 
         def __getattr__(self, name: str) -> NoReturn:
@@ -71,20 +74,22 @@ class Model(Compilable):
         The first sensor is the model itself; so is every one where there is one without a name.
         Raises OptionError if it is none of `sensors`.
         """
-        parts = super().by(sensor)
-        if isinstance(parts, Model):
-            return parts
-        if sensor not in self.cache:
-            self.cache[sensor] = Model(**parts.values())
-        model: Model = self.cache[sensor]
-        return model
+        if sensor in ("", self.about.sensor) or self.sensors == ("",):
+            return self
+        if sensor not in self.sensors:
+            choices = ", ".join(self.sensors)
+            raise OptionError(
+                f"sensor {sensor!r}: expected one of {choices}",
+                parameter="sensor",
+            )
+        return self.others[self.sensors.index(sensor) - 1]
 
     def with_sensor(self, adapted: Model) -> Model:
         """Return the model with one of its sensors adapted, and that one's arm as all see it."""
         first, *others = (
-            with_arm_of(parts, adapted) for parts in (self, *self.others)
+            with_arm_of(model, adapted) for model in (self, *self.others)
         )
-        return Model(**{**first.values(), "others": tuple(others)})
+        return replace(first, others=tuple(others))
 
     def _motion(
         self, q: ArrayLike, approach: ArrayLike | None = None

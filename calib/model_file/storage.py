@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import stat
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from ..maps.association import Association
 from ..maps.links import SparseRows
 from ..maps.map import Map
 from ..model.model import Model
-from ..model.parts import Parts
 from .container import MAPS_VERSION, check_sum, pack, unpack
 from .fields import Kinds, read, write
 
@@ -34,11 +32,10 @@ NONSENSE = (
     TypeError,
     ValueError,
 )
-_M = TypeVar("_M", bound=Parts)
 _LARGEST = 2_000_000_000  # bytes
 
 
-def save(model: Parts, path: str | os.PathLike[str]) -> None:
+def save(model: Model, path: str | os.PathLike[str]) -> None:
     """Write a model into one file, whole or not at all, once it could be read back.
 
     The same model gives the same bytes: there are no times, dates or paths inside.  Raises
@@ -46,7 +43,7 @@ def save(model: Parts, path: str | os.PathLike[str]) -> None:
     """
     data = to_bytes(model)
     try:
-        parts_of(Parts, data, os.fspath(path))
+        from_bytes(data, os.fspath(path))
     except ModelError as error:
         raise ModelError(
             f"the new model cannot be read back, so nothing was written: {error.message}",
@@ -55,10 +52,10 @@ def save(model: Parts, path: str | os.PathLike[str]) -> None:
     atomic_write(path, data)
 
 
-def to_bytes(model: Parts) -> bytes:
+def to_bytes(model: Model) -> bytes:
     """Content of a model file."""
     with one_blas_thread():  # a covariance is factored on the way into the file
-        header, tensors = write(model, Parts, KINDS)
+        header, tensors = write(model, Model, KINDS)
     return pack({**header, "format": VERSION}, tensors)
 
 
@@ -77,11 +74,6 @@ def load(path: str | os.PathLike[str], *, warm: bool = False) -> Model:
 
 def from_bytes(data: bytes, name: str = "model") -> Model:
     """Read a model from the content of its file; `name` is for messages."""
-    return parts_of(Model, data, name)
-
-
-def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
-    """A model of a class from the content of its file; `name` is for messages."""
     header, tensors = unpack(data, name)
     version = header.get("format")
     if header.get("kind") == "rig":
@@ -98,7 +90,7 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
         )
     check_sum(header, tensors, name)
     try:
-        model = read(kind, header, tensors, KINDS)
+        model = read(Model, header, tensors, KINDS)
         _check(model)
         for other in model.others:
             _check(other)
@@ -121,7 +113,7 @@ def _check_links(links: SparseRows) -> None:
         raise ModelError("it links nodes that do not exist")
 
 
-def _check(model: Parts) -> None:
+def _check(model: Model) -> None:
     """Refuse a model without an answer; ModelError or what breaks of its parts."""
     _check_links(model.association.linked)
     middle = np.full((1, len(model.about.lower)), 0.5)

@@ -146,9 +146,8 @@ def rows_in_sight(cells: Cells, roles: Roles) -> Cells:
     """Leave out rows in which the sensor saw nothing, or no orientation."""
     q, x, _ = roles.split(cells.values)
     zero = (x == 0.0).all(axis=1) & cells.of_sensor
-    # a single row, or one place of the joints, may be the origin of the sensor
-    several = zero.sum() > 1 and np.ptp(q[zero], axis=0).any()
-    if several and not zero.all():
+    # a single row may be the origin of the sensor
+    if zero.sum() > 1 and not zero.all():
         words = "hold zeros for a position, as where a sensor saw nothing"
         cells = cells.without(zero, words)
     if not roles.touched:
