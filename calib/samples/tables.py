@@ -50,8 +50,8 @@ _HEAD = 1 << 16  # [bytes], of a file, in which its header is
 # LeRobot's, of joints' columns, which are read without
 _POSITION_SUFFIX = ".pos"
 _EXPECTED = (
-    "expected UTF-8 CSV with the columns' names in the first line, decimals with a point, and "
-    "quotes around text that holds a comma"
+    "expected the columns' names in the first line, decimals with a point, quotes around text that "
+    "holds a comma, and UTF-8"
 )
 
 

@@ -19,9 +19,9 @@ from ..samples.diagnosis import align
 from ..samples.repeatability import at_poses, noise_beside_poses
 from ..samples.samples import Samples
 from ..samples.settings import DIAGNOSIS
-from ..samples.wrong_rows import contradictions
 from .fitted_log import (
     FittedLog,
+    contradictions,
     fit_sound_rows,
     in_time,
     play_words,
@@ -140,8 +140,7 @@ def _of_single_readings(part: SmoothPart, samples: Samples) -> SmoothPart:
         second = replace(second, noise=np.hypot(second.noise, hidden))
     noise = np.hypot(body.noise, hidden)
     body = replace(body, noise=noise, second=second, repeat=repeat)
-    fit = replace(part.fit, body=body)
-    return replace(part, fit=fit, smooth=replace(part.smooth, body=body))
+    return replace(part, fit=replace(part.fit, body=body))
 
 
 def logs_by_sensor(
