@@ -38,7 +38,6 @@ def read_log(
     unit: str | None = None,
     ranges: Mapping[str, Range] | None = None,
     prismatic: Sequence[str] = (),
-    usual: Mapping[str, str] | None = None,
     outputs: int | None = None,
     lens: Document | None = None,
     time_offset: float | None = None,
@@ -62,8 +61,6 @@ def read_log(
     unit : of the positions; what the log says of itself if not given, else m
     ranges : the range of a joint [rad or m], before the arm's limits; rows outside are left out
     prismatic : without an arm, the joints that slide
-    usual : names that columns have in other logs of this arm; those that this one lacks are passed
-        over
     outputs : coordinates that a position has, as a model of this arm has them; without it, and
         without an arm, x, y, z that lie in a plane become two
     lens : the calibrated lens of a camera that sees an arm in space, as lens.json holds it
@@ -81,8 +78,7 @@ def read_log(
     """
     source = open_source(path)
     label = source.label
-    usual = {k: v for k, v in (usual or {}).items() if v in source.header}
-    roles = find_roles(source, arm, joints, {**usual, **(columns or {})})
+    roles = find_roles(source, arm, joints, columns or {})
     unit = _unit(source, roles, unit)
     if arm is not None:
         outputs = outputs or arm.outputs
