@@ -166,6 +166,7 @@ def test_each_sensor_answers_in_its_own_frame(two):
     refused(OptionError, "'top': expected one of left, right", model.by, "top")
     alone = replace(model, others=(), about=replace(model.about, sensor=""))
     assert alone.by("any") is alone
+    refused(OptionError, "'base': expected none", alone.forward, q, sensor="base")
 
 
 def test_a_log_is_judged_as_its_sensor_sees_the_arm(two):
