@@ -66,15 +66,6 @@ def test_a_local_bandwidth_is_that_of_each_node():
     np.testing.assert_allclose(a, np.exp(z.min() - z))
 
 
-def test_activity_crosses_the_seam_of_a_joint_that_turns_round():
-    ring = Map(
-        np.array([[0.05], [0.35], [0.65], [0.95]]), Lattice((4,)), box(True), np.zeros((0, 4))
-    )
-    a = activity(ring, np.array([[0.0]])).toarray()[0]
-    assert a[0] == pytest.approx(a[3])
-    assert a[0] > 0.99 > a[1]
-
-
 def test_links_are_the_fixed_point_of_ojas_rule_but_for_weak_ones(pair):
     dense = stationary(*pair)
     links = link(*(csr_array(a) for a in pair)).toarray()
@@ -173,14 +164,6 @@ def test_the_branch_near_to_the_wish_answers_and_branches_are_never_averaged(
     assert branching().inverses(v, wish)["winner"][0, 0] == pytest.approx(winner)
     said = branching().inverses(v, wish)["activity"][0, 0]
     assert said == pytest.approx(activity)
-
-
-def test_a_branch_across_the_seam_of_a_turn_is_one_branch():
-    motor = line([0.05, 0.35, 0.65, 0.95], periodic=True)
-    dense = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
-    pair = linked(motor, line([0.2, 0.8], d=2), dense)
-    said = pair.inverses(np.array([[0.2, 0.0]]), np.array([[0.9]]))["activity"][0, 0]
-    assert min(said % 1.0, -said % 1.0) < 0.05
 
 
 @pytest.mark.parametrize("rule", ["batch", "online"])
