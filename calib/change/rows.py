@@ -240,7 +240,7 @@ def _misreadings(rows: LogRows) -> list[str]:
 
 
 def _shares(rows: LogRows) -> Array:
-    """Share (dof,) of each joint's learned range that rows cover; rows measured it, or the robot."""
+    """Share (dof,) of what was learned of each joint that a log covers: measured, or its range."""
     measured = rows.model.rows
     if measured is None:
         return rows.widths

@@ -4,7 +4,10 @@ from ..common.scale import METRES
 from ..model.alignment import Alignment
 from ..model.model import Model
 
-_FRAME_IS_FITTED = "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero"
+_FRAME_IS_FITTED = (
+    "the sensor's frame is fitted to the log, so the first joint's offset is "
+    "taken as zero"
+)
 _SAY_BASE = (
     "; if the log is in the robot's root frame, train with `view='base'`"
 )

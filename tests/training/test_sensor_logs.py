@@ -9,7 +9,7 @@ from models import built, draw, log_of
 from refusals import refused
 
 import calib
-from calib import LogError
+from calib import LogError, OptionError
 
 NOISE = 1e-4  # [m]
 
