@@ -52,6 +52,12 @@ def test_other_joints_are_locked_at_neutral_or_where_told():
     assert any("the log has no columns for them" in note for note in arm.notes)
 
 
+@pytest.mark.parametrize(("angle", "outputs"), [(0.9e-4, 2), (1.1e-4, 3)])
+def test_axes_may_differ_by_a_ten_thousandth(angle, outputs):
+    text = chain_urdf(turning(), turning(axis=f"{np.sin(angle)} 0 {-np.cos(angle)}"))
+    assert arm_from_urdf(text, ["j1", "j2"]).outputs == outputs
+
+
 USUAL = ("tool0", "tcp", "tool", "tip", "ee_link", "ee", "end_effector", "gripper_frame_link")
 
 

@@ -256,6 +256,17 @@ def test_no_figure_of_a_model_whose_bound_fails_ends_with_0(run):
         assert done.out.startswith("THE BOUND DOES NOT HOLD")
 
 
+def test_a_check_whose_bound_fails_without_noise_ends_with_3(run, monkeypatch):
+    """Calm rows, no cause, and a bound that too few of them keep."""
+    line = "check m.calib --data same.csv"
+    assert run(*line.split()).code == 0
+    monkeypatch.setattr(calib.Verdict, "covered", 0.5)
+    monkeypatch.setattr(calib.Verdict, "bound_holds", False)
+    done = run(*line.split())
+    assert done.code == 3
+    assert done.out.startswith("THE BOUND DOES NOT HOLD")
+
+
 @pytest.mark.parametrize(
     ("words", "code", "first"),
     [

@@ -166,6 +166,14 @@ def test_the_branch_near_to_the_wish_answers_and_branches_are_never_averaged(
     assert said == pytest.approx(activity)
 
 
+def test_a_branch_across_the_seam_of_a_turn_is_one_branch():
+    motor = line([0.05, 0.35, 0.65, 0.95], periodic=True)
+    dense = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
+    pair = linked(motor, line([0.2, 0.8], d=2), dense)
+    said = pair.inverses(np.array([[0.2, 0.0]]), np.array([[0.9]]))["activity"][0, 0]
+    assert min(said % 1.0, -said % 1.0) < 0.05
+
+
 @pytest.mark.parametrize("rule", ["batch", "online"])
 def test_samples_at_one_place_leave_readouts_without_a_hole(rule):
     """All nodes of a map at one place have no spacing: nothing is divided by it."""

@@ -11,7 +11,7 @@ from calib.common.scale import TURN, Scale
 from calib.maps.blend import Blend
 from calib.maps.links import WIRINGS
 from calib.maps.local_models import correction, correction_slope, exponents, fit, model_weights
-from calib.maps.model_selection import follows_the_motion, select
+from calib.maps.model_selection import SELECTION, follows_the_motion, select
 
 
 def fitted(motor, u, x, degree, samples):
@@ -63,6 +63,22 @@ def test_models_join_at_the_seam_of_a_joint_that_turns_round():
     low, high = (correction(models, Blend(motor, p)) for p in (before, after))
     np.testing.assert_allclose(low, high, atol=1e-6)
     np.testing.assert_allclose(high, truth(after), atol=5e-3)
+
+
+@pytest.mark.parametrize(("degree", "samples"), [(0, 30), (1, 50), (2, 60)])
+def test_each_node_has_the_least_squares_fit_with_weights_that_end_at_its_radius(degree, samples):
+    motor, u = grid(8), points(600)
+    x = np.random.default_rng(1).normal(size=(600, 2))  # no polynomial: the weights tell
+    models = fitted(motor, u, x, degree, samples)
+    for node, found, radius in zip(motor.units, models.coefficients, models.radius, strict=True):
+        z = (u - node) / radius
+        square = np.sum(z**2, axis=1)
+        np.testing.assert_allclose(np.sort(square)[samples], 1.0)
+        rows = np.argsort(square)[:samples]
+        root = (1.0 - square[rows])[:, None]  # of the weight
+        features = np.prod(z[rows, None] ** exponents(2, degree), axis=2)
+        expected = np.linalg.lstsq(root * features, root * x[rows], rcond=None)[0]
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
 
 
 def test_weights_have_slopes_where_many_nodes_stand_on_a_point():
@@ -168,3 +184,11 @@ def test_a_defect_that_one_stretch_of_the_log_alone_shows_is_not_believed():
     once = np.zeros((N, 2))
     once[:40] = 2e-3  # the tracker slipped for forty rows
     assert chosen(u, once + noise())[0].models.degree == -1
+
+
+def test_a_gain_within_what_chance_brings_is_not_believed(monkeypatch):
+    u = points(N)
+    assert chosen(u, bump(u) + noise())[0].models.degree >= 0
+    strict = replace(SELECTION, total_gain=1e9)
+    monkeypatch.setattr("calib.maps.model_selection.SELECTION", strict)
+    assert chosen(u, bump(u) + noise())[0].models.degree == -1

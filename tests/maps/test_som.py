@@ -4,6 +4,8 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from refusals import refused
 from small_maps import UNIT_BOX, points
 
@@ -178,3 +180,17 @@ def test_topographic_error_counts_samples_between_nodes_that_are_no_neighbours()
     assert folded.topographic_error([fold]) == 1.0
     assert folded.topographic_error([middle]) == 0.0
     assert folded.topographic_error([fold, middle, middle, middle]) == 0.25
+
+
+shapes = st.lists(st.integers(2, 6), min_size=1, max_size=3).map(tuple)
+
+
+@given(shapes)
+def test_edges_join_exactly_the_nodes_at_lattice_distance_one(shape):
+    lattice = Lattice(shape)
+    r = lattice.positions()
+    distance = np.abs(r[:, None] - r[None]).sum(axis=2)
+    expected = {(i, j) for i, j in np.argwhere(distance == 1).tolist() if i < j}
+    edges = [tuple(e) for e in lattice.edges().tolist()]
+    assert set(edges) == expected
+    assert len(edges) == len(expected)
