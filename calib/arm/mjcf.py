@@ -34,6 +34,7 @@ from .urdf import Joint, Range, Urdf
 WORLD = "world"
 """The root link."""
 
+_JOINTS = ("joint", "freejoint")
 _ORIENTATIONS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "euler": 3}
 _ZERO = (0.0, 0.0, 0.0)
 _AXES = np.eye(3)
@@ -175,14 +176,7 @@ class _Reader:
                 self._add_body(element, link)
             elif node.tag == "site" and node.get("name"):
                 site = self._new_link(self.name(element), "site")
-                joint = f"{site}:site"
-                self._add_fixed(
-                    joint,
-                    link,
-                    site,
-                    self.frame(element),
-                )
-                self._place(joint, element, np.eye(4))
+                self._fix(f"{site}:site", link, site, element)
 
     def _add_body(self, element: Element, parent: str) -> None:
         """Add a body with its joints, sites and bodies."""
@@ -192,7 +186,9 @@ class _Reader:
         inherited = node.get("childclass", element.inherited)
         inside = list(self.elements(node, inherited, np.eye(4)))
         self._weigh(name, inside)
-        moving = [part for part in inside if part.node.tag == "joint"]
+        moving = [part for part in inside if part.node.tag in _JOINTS]
+        if not moving:
+            self._fix(f"{name}:frame", parent, name, element)
         link = parent
         for part in moving:
             joint, back = self._joint(part, link)
@@ -204,16 +200,9 @@ class _Reader:
             place = origin @ joint.origin
             self.joints.append(replace(joint, child=link, origin=place))
             origin = back
-        if link != name:
+        if moving and link != name:
             frame = f"{name}:frame"
-            self._add_fixed(
-                frame,
-                link,
-                name,
-                origin,
-            )
-            if not moving:
-                self._place(frame, element, np.eye(4))
+            self.joints.append(Joint(frame, "fixed", link, name, origin))
         self.add_contents(inside, name)
 
     def _weigh(self, link: str, inside: list[Element]) -> None:
@@ -229,12 +218,19 @@ class _Reader:
                 if geom.get("mass", geom.get("density")) != "0":
                     self.masses[link] = math.nan, _ZERO
 
-    def _place(
+    def _fix(
         self,
         joint: str,
+        parent: str,
+        child: str,
         element: Element,
-        after: Array,
     ) -> None:
+        """Add the fixed joint that carries a site, or a body that has no joints."""
+        origin = self.frame(element)
+        self.joints.append(Joint(joint, "fixed", parent, child, origin))
+        self._place(joint, element, np.eye(4))
+
+    def _place(self, joint: str, element: Element, after: Array) -> None:
         number = self.numbers[element.node]
         self.places[joint] = JointElement(number, element.frame, after)
 
@@ -254,9 +250,12 @@ class _Reader:
         where = attributes.where
         name = self.name(part)
         kind = attributes.get("type", "hinge")
+        if part.node.tag == "freejoint":
+            kind = "free"
         if kind not in ("hinge", "slide"):
             raise RobotError(
-                f"{where} is of type {quoted(kind)}: expected hinges and slides alone"
+                f"{where} is of type {quoted(kind)}: expected an arm of hinges and slides; remove "
+                "the joint, or the body that it moves"
             )
         if name in self.references:
             raise RobotError(
@@ -290,33 +289,7 @@ class _Reader:
             kind = "revolute" if limits else "continuous"
             pivot[:3, :3] = exponential(-reference * axis)
         direction = tuple(axis.tolist())
-        joint = Joint(
-            name,
-            kind,
-            parent,
-            "",
-            pivot,
-            direction,
-            limits,
-        )
-        return joint, back
-
-    def _add_fixed(
-        self,
-        name: str,
-        parent: str,
-        child: str,
-        origin: Array,
-    ) -> None:
-        self.joints.append(
-            Joint(
-                name,
-                "fixed",
-                parent,
-                child,
-                origin,
-            )
-        )
+        return Joint(name, kind, parent, "", pivot, direction, limits), back
 
 
 def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
@@ -359,14 +332,8 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
     joints = tuple(
         replace(joint, mimic=coupled.get(joint.name)) for joint in reader.joints
     )
-    tree = Urdf(
-        title,
-        WORLD,
-        tuple(reader.links),
-        joints,
-        (),
-        reader.masses,
-    )
+    links = tuple(reader.links)
+    tree = Urdf(title, WORLD, links, joints, (), reader.masses)
     return Mjcf(tree, reader.places)
 
 

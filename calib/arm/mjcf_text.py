@@ -18,18 +18,12 @@ REFUSED = ("include", "attach", "replicate", "composite", "flexcomp")
 
 
 def check_supported(node: ET.Element) -> None:
-    """Refuse an element that stands for others, or a joint of several values."""
+    """Refuse an element that stands for others."""
     if node.tag in REFUSED:
         name = node.get("file") or node.get("name") or node.get("model") or ""
         raise RobotError(
             f"the MJCF has <{node.tag}> {quoted(name)}: expected one file that is written out, "
             "as `mujoco.mj_saveLastXML` writes it"
-        )
-    kind = node.get("type", "hinge") if node.tag == "joint" else node.tag
-    if kind in ("free", "ball", "freejoint"):
-        raise RobotError(
-            f"joint {quoted(node.get('name', ''))} is a {kind.removesuffix('joint')} joint: "
-            "expected an arm of hinges and slides; remove the joint, or the body that it moves"
         )
 
 

@@ -131,6 +131,13 @@ class Model(Compilable):
         array([0.281, 0.393])
         """
         if sensor:
+            if sensor not in self.sensors:
+                choices = (
+                    ", ".join(filter(None, self.sensors))
+                    or "none, the model has one sensor"
+                )
+                why = f"sensor {sensor!r}: expected {choices}"
+                raise OptionError(why, parameter="sensor")
             return self.by(sensor).forward(q, readout, approach=approach)
         if readout is None or self._readout(readout) == "local":
             return self._at("forward", q, approach, lambda seen: seen.value)
