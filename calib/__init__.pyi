@@ -21,8 +21,8 @@ from .maps.som import SOM as SOM
 from .model.answers import Answer as Answer
 from .model.model import Model as Model
 from .model.paths import Path as Path
-from .model_file.storage import load as load
-from .model_file.storage import load_maps as load_maps
+from .model_file.loading import load as load
+from .model_file.loading import load_maps as load_maps
 from .recording.handeye import HandEye as HandEye
 from .recording.handeye import handeye as handeye
 from .samples.logs import read_log as read_log

@@ -229,7 +229,7 @@ def _covariance(
 def _file(path: Path) -> Lens:
     """The lens of a file of calib, ROS or OpenCV, or of a model."""
     if path.suffix == ".calib":
-        from ..model_file.storage import load
+        from ..model_file.loading import load
 
         return lens_of_model(load(path))
     try:
