@@ -25,11 +25,11 @@ COST = {
     "inverse": 1.7,
     "poses": 40.0,
     "branches": 100.0,
+    "compiler": 7e5,
 }
-"""Processor time of a row by NumPy, for each squared joint [us], see ``benchmarks/inverse.py``."""
+"""Processor time of a row by NumPy, for each squared joint, and of the compiler [us].
 
-COMPILER = 7e5
-"""Processor time to compile a model [us]."""
+See ``benchmarks/inverse.py``."""
 
 CHUNK = 20_000
 """Positions at once, whose branches fit into the processor's cache."""
@@ -122,7 +122,7 @@ def prepare(model: Parts, kind: str, rows: int) -> Library | None:
     Why it cannot be made is said once, as a warning.
     """
     cost = rows * len(model.about.lower) ** 2 * COST[kind]
-    if model.kernel is not None or cost < COMPILER:
+    if model.kernel is not None or cost < COST["compiler"]:
         return model.kernel
     if "uncompiled" in model.cache or model.body is None:
         return None
