@@ -72,10 +72,16 @@ class Alignment:
         """The whole map in words."""
         factor, name = for_people(unit)
         shift = ", ".join(number(factor * part, 4) for part in self.shift)
-        return (
-            f"{'mirrored, ' * self.is_mirrored}turned {math.degrees(self.angle):.3g} deg, "
-            f"scaled {self.scale:.5g}, shifted {shift} {name}"
-        )
+        scale = f"{self.scale:.5g}"
+        parts = [
+            f"turned {math.degrees(self.angle):.3g} deg",
+            f"shifted {shift} {name}",
+        ]
+        if self.is_mirrored:
+            parts.insert(0, "mirrored")
+        if scale != "1":
+            parts.insert(-1, f"scaled {scale}")
+        return ", ".join(parts)
 
     def to_json(self) -> list[list[float]]:
         """Rows of [A | b]."""

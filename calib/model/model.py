@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..common.rows import number_rows, query_rows
-from ..errors import QueryError
+from ..errors import OptionError, QueryError
 from ..kernel.compiled import CERTAIN, NOTHING
 from ..samples.motion import Motion
 from . import answers, batches
@@ -125,6 +125,13 @@ class Model(Compilable):
         array([0.281, 0.393])
         """
         if sensor:
+            if sensor not in self.sensors:
+                choices = (
+                    ", ".join(filter(None, self.sensors))
+                    or "none, the model has one sensor"
+                )
+                why = f"sensor {sensor!r}: expected {choices}"
+                raise OptionError(why, parameter="sensor")
             return self.by(sensor).forward(q, readout, approach=approach)
         if readout in (None, "local") and approach is None:
             quick = self._single_at("forward", q)

@@ -37,6 +37,16 @@ def test_what_is_known_of_a_change_is_believed():
     refused(OptionError, "sensor, joints", calib.check, model(1e-3), longer, cause="wind")
 
 
+def test_a_log_of_the_poses_that_were_learned_covers_what_the_model_knows():
+    def sides(seed):
+        rows = log(n=900, seed=seed)
+        return rows.take(rows.q[:, 0] < arm().lower[0] + 0.3 * (arm().upper - arm().lower)[0])
+
+    learned = calib.train(replace(sides(1), simulation=None), size=12)
+    assert not any("covers" in note for note in calib.check(learned, sides(2)).notes)
+    assert any("covers" in note for note in calib.check(model(1e-3), sides(2)).notes)
+
+
 def test_rows_that_show_too_little_say_so():
     corner = log(n=2000)
     corner = corner.take((corner.q < arm().lower + 0.15 * (arm().upper - arm().lower)).all(axis=1))

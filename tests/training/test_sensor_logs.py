@@ -9,7 +9,7 @@ from models import built, draw, log_of
 from refusals import refused
 
 import calib
-from calib import LogError
+from calib import LogError, OptionError
 
 NOISE = 1e-4  # [m]
 
@@ -152,6 +152,11 @@ def test_a_sensor_of_another_arm_is_named(logs):
     assert any("sensor right disagrees with the others about the arm" in note for note in notes)
     notes = calib.train([left, right], size=3).by("right").about.notes
     assert not any("disagrees" in note for note in notes)
+
+
+def test_a_sensor_without_a_name_is_asked_by_no_name(two):
+    alone = replace(two, others=(), about=replace(two.about, sensor=""))
+    refused(OptionError, "'base': expected none", alone.forward, [0.1, 0.2, 0.3], sensor="base")
 
 
 def test_a_log_is_judged_as_its_sensor_sees_the_arm(two):
