@@ -194,3 +194,17 @@ def test_edges_join_exactly_the_nodes_at_lattice_distance_one(shape):
     edges = [tuple(e) for e in lattice.edges().tolist()]
     assert set(edges) == expected
     assert len(edges) == len(expected)
+
+
+@given(shapes, shapes)
+def test_resampling_keeps_linear_functions_of_the_cell_middles(coarse, fine):
+    if len(coarse) != len(fine):
+        fine = (fine * 3)[: len(coarse)]
+    slope = np.arange(1.0, len(coarse) + 1)
+
+    def plane(lattice):
+        middles = (lattice.positions() + 0.5) / lattice.shape
+        return np.stack([middles @ slope, 1 - middles @ slope], axis=1)
+
+    old, new = Lattice(coarse), Lattice(fine)
+    np.testing.assert_allclose(old.resample(plane(old), new), plane(new), atol=1e-12)

@@ -41,9 +41,9 @@ def test_schedules_are_chosen_on_points_that_no_table_sees():
 
 def test_the_same_schedule_gives_the_paper_its_ratio():
     """At a last radius of 2 nodes the varying density is far ahead, as in Table 1."""
-    log = calib.babble(calib.load_arm("two_link"), 5000, seed=0)
+    log = calib.babble(calib.load_arm("two_link"), 3000, seed=0)
     som, vdsom = (
-        calib.train(log, size=24, map=name, epochs=15, sigma=(15.0, 2.0), body="none").about.errors[
+        calib.train(log, size=16, map=name, epochs=12, sigma=(10.0, 2.0), body="none").about.errors[
             "activity"
         ]
         for name in ("som", "vdsom")

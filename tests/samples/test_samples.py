@@ -26,6 +26,16 @@ def make(n=4, **changes):
     return Samples(**{**fields, **changes})
 
 
+def test_arrays_are_float_contiguous_and_read_only():
+    s = make(q=np.asfortranarray(np.arange(8).reshape(4, 2)))
+    assert s.q.dtype == np.float64
+    assert s.q.flags.c_contiguous
+    assert s.q.tolist() == [[0, 1], [2, 3], [4, 5], [6, 7]]
+    for array in (s.q, s.x, s.lower, s.upper):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

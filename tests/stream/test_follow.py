@@ -8,12 +8,13 @@ import pytest
 from drifting import arm, error, log, model
 from models import babbled, trained
 from refusals import refused
+from small_maps import UNIT_BOX
 
 import calib
 from calib import OptionError, follow
-from calib.maps.lattice import Graph
+from calib.maps.lattice import Graph, Lattice
 from calib.maps.model_selection import blocks
-from calib.stream.follow import OnlineAdapter
+from calib.stream.follow import OnlineAdapter, matching_sigma
 
 pytestmark = pytest.mark.usefixtures("one_blas_thread")
 
@@ -79,6 +80,19 @@ def test_distortion_is_the_running_mean_of_equation_9_and_a_calm_stream_changes_
         np.testing.assert_allclose(told, mean, rtol=1e-3)
         assert (step.adapting, step.sigma, step.eta, step.beta) == (False, 0.0, 0.0, 0.0)
     assert adapter.model() is small()
+
+
+def test_between_two_epochs_the_radius_is_interpolated_geometrically():
+    lattice = Lattice((30, 30))
+    history = [(900, 8.0, 0.5, 0), (900, 4.0, 0.4, 0), (900, 1.0, 0.2, 0), (900, 0.5, 0.05, 0)]
+    network = calib.Map(np.zeros((900, 2)), lattice, UNIT_BOX, np.array(history))
+    # after a radius of 8 the error was 0.4, after 4 it was 0.2, after 1 it was 0.05
+    assert matching_sigma(network, 0.3) == pytest.approx(8.0 * 0.5**0.5)
+    assert matching_sigma(network, 0.35) == pytest.approx(8.0 * 0.5**0.25)
+    assert matching_sigma(network, 0.125) == pytest.approx(4.0 * 0.25**0.5)
+    assert matching_sigma(network, 0.05) == pytest.approx(1.0)
+    assert matching_sigma(network, 0.4) == pytest.approx(8.0)
+    assert matching_sigma(network, 0.41) == 15.0
 
 
 @pytest.mark.parametrize("change", ["elbow.length=+20%", "elbow.length=-20%"])
