@@ -30,7 +30,7 @@ from ..samples.roles import ROUNDING
 from .answers import SURE
 from .nominal import nominal_for_kernel
 from .parts import ROUNDED, Parts
-from .space import Space
+from .space import Space, measured_chain
 from .turns import joint_limits
 
 _FILES = (
@@ -135,7 +135,8 @@ class Header:
             body = self._space.body
             placed = KernelArm.of(body.structure, body.beta)
             if placed.chain.joints == self.arm.chain.joints:
-                arms["placed"] = (placed, self._space.is_measured)
+                measured = measured_chain(self.model.body) is not None
+                arms["placed"] = (placed, measured)
         if self.arm.sag is not None:
             drawn = Deviations.none(self.arm.chain.joints)
             arms["drawn"] = (replace(self.arm, deviations=drawn), False)
