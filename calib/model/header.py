@@ -43,18 +43,15 @@ _BENDS = ("curve", "gravity", "neighbour", "local_terms")
 Tables = dict[str, NDArray[np.generic]]
 
 
-@dataclass(frozen=True)
-class Precision:
-    """What a search can expect of a C type."""
-
-    real: str
-    calm: float  # least damping
-    enough: float  # residual that ends a search, of the extent
-    close: float  # residual of a solution, of the extent
-
-
-DOUBLE = Precision("double", calm=1e-12, enough=2e-15, close=SEARCH.close)
-SINGLE = Precision("float", calm=1e-7, enough=1e-6, close=1e-4)
+# what a search can expect of a C type: least damping, and residuals that end a search and of a
+# solution, of the extent
+_DOUBLE = {
+    "real": "double",
+    "calm": 1e-12,
+    "enough": 2e-15,
+    "close": SEARCH.close,
+}
+_SINGLE = {"real": "float", "calm": 1e-7, "enough": 1e-6, "close": 1e-4}
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +154,7 @@ class Header:
             settings["budget"] = SEARCH.spare_budget
         return (
             settings
-            | asdict(SINGLE if single else DOUBLE)
+            | (_SINGLE if single else _DOUBLE)
             | {
                 "dof": dof,
                 "out": arm.outputs,

@@ -228,10 +228,8 @@ class Simulation:
 
     def draw(self, n: int, rng: Generator) -> Array:
         """Draw what the encoders read (n, dof) [rad or m], uniformly from the arm's range."""
-        low = np.asarray(self.arm.lower)
-        high = np.asarray(self.arm.upper)
-        q = rng.uniform(low, high, size=(n, len(low)))
-        return np.clip(q, low, high)  # it may round up
+        arm = self.arm
+        return rng.uniform(arm.lower, arm.upper, (n, len(arm.lower)))
 
     def exact(self, q: ArrayLike) -> Array:
         """Return what the sensor would read without noise, backlash and outliers.

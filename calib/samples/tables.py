@@ -199,9 +199,7 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
 def _content(file: Path) -> bytes:
     """The bytes of a file, or of standard input."""
     if str(file) == "-":
-        stream = getattr(sys.stdin, "buffer", sys.stdin)
-        content = stream.read() if stream else b""
-        return content.encode() if isinstance(content, str) else bytes(content)
+        return sys.stdin.buffer.read()
     if file.is_block_device() or file.is_char_device():
         raise OSError("it is a device, expected a CSV or Parquet file")
     return file.read_bytes()
