@@ -133,10 +133,7 @@ class Photo:
             with Image.open(io.BytesIO(self.jpeg.tobytes())) as opened:
                 return np.asarray(opened.convert("RGB"))
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-            raise ModelError(
-                "the model's photo cannot be read",
-                hint="keep another one with `photo`",
-            ) from None
+            raise ModelError("the model's photo cannot be read") from None
 
 
 @dataclass(frozen=True, eq=False)

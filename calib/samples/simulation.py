@@ -224,7 +224,7 @@ class Simulation:
     @property
     def has_outliers(self) -> bool:
         """Whether some of the sensor's readings are wrong."""
-        return any(change.what == "outliers" for change in self.changes)
+        return bool(self._of_sensor("outliers"))
 
     def draw(self, n: int, rng: Generator) -> Array:
         """Draw what the encoders read (n, dof) [rad or m], uniformly from the arm's range."""
