@@ -185,7 +185,7 @@ def repeated_readings(q: Array, x: Array) -> Mask:
     held = np.zeros(len(q), dtype=bool)
     step = row_lengths(np.diff(x, axis=0))
     same = step == 0.0
-    if not same.any() or same.all():
+    if same.all():
         return held
     digits = np.concatenate([np.diff(np.unique(axis)) for axis in x.T])
     if np.median(step[~same]) > READING.fine * digits.min():
