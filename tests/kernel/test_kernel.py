@@ -167,7 +167,7 @@ def test_one_pose_is_that_of_the_batch(made):
 
 
 @needs_compiler
-def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond_and_stays_so():
+def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond():
     model = cold(six())
     model.warm_up(strict=True)
     q = (model.about.lower + model.about.upper) / 2 + 0.2
@@ -185,9 +185,6 @@ def test_a_strict_model_says_why_it_has_no_answer_within_a_millisecond_and_stays
     np.testing.assert_allclose(model.forward(model.inverse(position)), position, atol=1e-7)
     assert np.isnan(model.inverse(position + 9.0)).all()
     assert "nothing reaches" in model.unanswered
-    again = cold(model)
-    assert again.warm
-    assert again.strict
 
 
 @needs_compiler
