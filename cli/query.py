@@ -111,13 +111,15 @@ class Query:
 
     def within_range(
         self, option: str, typed: Sequence[float] | None
-    ) -> list[float] | None:
-        """Return joint values [rad or m] that were typed for an option, within what was learned."""
+    ) -> Array | None:
+        """Return joint values (dof,) [rad or m] of an option, within what was learned."""
         q = self.joints.one_each(option, typed)
-        beyond = None if q is None else self.joints.beyond(self.model, q)
+        if q is None:
+            return None
+        beyond = self.joints.beyond(self.model, q)
         if beyond is not None:
             raise BadOption(f"{option} {beyond}")
-        return q
+        return np.array(q)
 
     def table(
         self, q: Array, quantities: Columns, title: str = ""

@@ -52,9 +52,8 @@ class Plan(ReadOnly):
         Where the arm is expected to be before the first row.
     travel : (dof,) array [rad or m]
         Sum of each joint's moves, from the start on.
-    length, random_length : float
-        Sum over the moves of the largest share of its range by which a joint moves; for
-        this order, and for the same poses in a random one.
+    length : float
+        Sum over the moves of the largest share of its range by which a joint moves.
     unit : str
         Unit of the positions.
     why : tuple of str
@@ -70,7 +69,6 @@ class Plan(ReadOnly):
     start: Array
     travel: Array
     length: float
-    random_length: float
     unit: str
     why: tuple[str, ...]
     notes: tuple[str, ...]
@@ -158,7 +156,7 @@ def plan(
     --------
     >>> import calib
     >>> plan = calib.plan(calib.load_arm("two_link"), 30)
-    >>> plan.q.shape, plan.length < 0.5 * plan.random_length
+    >>> plan.q.shape, plan.length < 0.25 * 30
     ((30, 2), True)
     """
     n = whole("n", n, 1, PLANNING.most)
@@ -207,11 +205,6 @@ def plan(
     )
     order = shortest_tour(away)
     way = nodes[order]
-    rng = np.random.default_rng(0)
-    others = [
-        length(away, np.append(0, 1 + rng.permutation(n)))
-        for _ in range(PLANNING.orders)
-    ]
     expected_error = None
     unit = "m"
     if not isinstance(source, Arm):
@@ -224,8 +217,7 @@ def plan(
         expected_error,
         start=begin,
         travel=np.abs(np.diff(way, axis=0)).sum(axis=0),
-        length=length(away, order),
-        random_length=float(np.mean(others)),
+        length=float(away[order[:-1], order[1:]].sum()),
         unit=unit,
         why=(f"{n} poses, {how}",),
         notes=tuple(notes),
@@ -301,8 +293,3 @@ def shortest_tour(away: Array) -> Index:
                 order[i : i + j + 2] = order[i : i + j + 2][::-1]
                 gained = True
     return order
-
-
-def length(away: Array, order: Index) -> float:
-    """Length of the way through the points in this order."""
-    return float(away[order[:-1], order[1:]].sum())

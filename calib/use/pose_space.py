@@ -55,25 +55,11 @@ class PoseSpace:
         return values
 
     def candidates(self, rng: np.random.Generator) -> Array:
-        """Joint values (n, dof) to choose from: corners, on faces, and inside."""
-        dof = len(self.joint_names)
-        faces = rng.random((PLANNING.faces, dof))
-        rows = np.arange(PLANNING.faces)
-        faces[rows, rng.integers(dof, size=PLANNING.faces)] = rng.integers(
-            2, size=PLANNING.faces
-        )
-        first = np.array(
-            list(np.ndindex(*(2,) * min(dof, PLANNING.corners))), dtype=float
-        )
-        rest = rng.integers(2, size=(len(first), dof - first.shape[1]))
-        points = np.concatenate(
-            [
-                np.hstack([first, rest]),
-                faces,
-                rng.random((PLANNING.inside, dof)),
-            ]
-        )
-        return np.asarray(self.lower + (self.upper - self.lower) * points)
+        """Joint values (n, dof) to choose from: inside, on faces, in corners of the box."""
+        shape = PLANNING.candidates, len(self.joint_names)
+        edge = PLANNING.edge
+        share = np.clip(rng.uniform(-edge, 1.0 + edge, shape), 0.0, 1.0)
+        return self.lower + (self.upper - self.lower) * share
 
 
 def space_of(

@@ -146,7 +146,7 @@ def plan(
         "seed": seed,
         "travel": dict(zip(names, travel, strict=True)),
         "poses": result.columns(),
-        **fields(result, "start length random_length unit why"),
+        **fields(result, "start length unit why"),
         "units": {
             "joints": dict(zip(names, facts.units_of_joints, strict=True)),
             "positions": result.unit,

@@ -121,7 +121,7 @@ PLAN = {
     **each(str, "output unit"),
     **each(int, "rows seed"),
     **each([str], "joints why"),
-    **each(float, "length random_length"),
+    "length": float,
     "travel": {"*": float},
     "poses": COLUMNS,
     "start": [float],
