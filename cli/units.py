@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import calib
 from calib.common.wording import for_people, unit_of_joint
 
 from .output import with_decimals, with_unit
@@ -14,7 +15,6 @@ from .parsing import BadOption, OfJoint, bad_value
 if TYPE_CHECKING:
     from calib.arm.arm import Arm
     from calib.model.about import About
-    from calib.model.model import Model
 
 
 def units_of(about: About, positions: str | None = None) -> dict[str, object]:
@@ -71,7 +71,7 @@ class JointFormat:
             for value, factor in zip(typed, self.typed, strict=True)
         ]
 
-    def beyond(self, model: Model, q: Sequence[float]) -> str | None:
+    def beyond(self, model: calib.Model, q: Sequence[float]) -> str | None:
         """Say which joint of q (dof,) [rad or m] is outside of its learned range, None if none."""
         import numpy as np
 

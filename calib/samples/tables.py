@@ -50,7 +50,7 @@ _HEAD = 1 << 16  # [bytes], of a file, in which its header is
 # LeRobot's, of joints' columns, which are read without
 _POSITION_SUFFIX = ".pos"
 _REMEDIES = {
-    "utf-8": ": save it as UTF-8 CSV",
+    "utf-8": ": expected a log, CSV in UTF-8 or Parquet",
     "more fields": ": expected the columns' names in the first line, decimals with a point, and "
     "quotes around text that holds a comma",
 }

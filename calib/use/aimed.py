@@ -45,13 +45,11 @@ KNOWN = Around(distance=(0.7, 1.4), aside=0.1, edge=0.05)
 ASSUMED = Around(distance=(1.0, 1.8), aside=0.05, edge=0.33)
 
 
-@dataclass(frozen=True, eq=False)
-class Aimed:
-    """Postures to choose from."""
+Aimed = tuple[Array, Array]
+"""Postures (m, dof) [rad or m] to choose from, and directions (m, p, k) in which each tells.
 
-    q: Array  # (m, dof) [rad or m]
-    # (m, p, k), directions in which each tells, in units of the noise and of the prior
-    directions: Array
+Directions are in units of the noise and of the prior.
+"""
 
 
 @dataclass(frozen=True)
@@ -128,7 +126,7 @@ def at_point(
         tip = slope @ body.root / AIMING.play
     place = PLANNING.widest / AIMING.play * np.eye(3)
     places = np.broadcast_to(place, (len(q), 3, 3))
-    return Aimed(q, np.concatenate([tip, places], axis=2))
+    return q, np.concatenate([tip, places], axis=2)
 
 
 def directions(
@@ -273,7 +271,7 @@ def in_sight(
             f"handeye: the camera sees the board in {len(q)} of the postures about the start; "
             "give `start` where it does, further from the joints' limits"
         )
-    return Aimed(q, scene.directions(q))
+    return q, scene.directions(q)
 
 
 def _scene_of_arm(

@@ -173,16 +173,12 @@ def plan(
         raise OptionError(f"eye {eye!r}: expected one of {', '.join(EYES)}")
     directions: Array | None = None
     if touch is not None:
-        aimed = at_point(source, space, touch, rng)
-        q = aimed.q
-        directions = aimed.directions
+        q, directions = at_point(source, space, touch, rng)
         at = ", ".join(f"{value:g}" for value in np.ravel(touch))
         how = f"the tip at ({at}) m in the base frame, chosen to tell most of the arm"
     elif handeye is not None:
         posture = None if start is None else begin
-        aimed = in_sight(source, space, handeye, eye, posture, rng)
-        q = aimed.q
-        directions = aimed.directions
+        q, directions = in_sight(source, space, handeye, eye, posture, rng)
         how = "the board in the picture from many sides, chosen to tell most of the camera"
     else:
         q = space.candidates(rng)

@@ -1,5 +1,7 @@
 """Write a log of simulated babbling [rad, m]."""
 
+import calib
+
 from .. import options as opt
 from ..logs import Selection, babble_log
 from ..output import Outcome
@@ -20,8 +22,6 @@ def babble(
     degrees: opt.Degrees = False,
     seed: opt.Seed = 0,
 ) -> Outcome:
-    import calib
-
     selection = Selection(joints, tip, planar, lock, ranges, degrees)
     check_file(output, TABLES, stream=True)
     log = babble_log(robot, selection, samples, noise, change, seed)

@@ -6,6 +6,8 @@ more than the limit; the other rows are written.
 
 from typing import Annotated, Literal
 
+import calib
+
 from .. import options as opt
 from ..output import Outcome, say, with_unit
 from ..parsing import above_zero
@@ -32,8 +34,6 @@ def correct(
     degrees: opt.Degrees = False,
 ) -> Outcome:
     import numpy as np
-
-    import calib
 
     from ..query import Query, beside
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import calib
 from calib.common.wording import printable
 
 from .. import options as opt
@@ -20,7 +21,6 @@ def info(
     model: opt.ModelFile,
     degrees: opt.Degrees = False,
 ) -> Outcome:
-    import calib
     from calib.model.about import facts
     from calib.use.geometry_fit import body_with_zeros
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument
 
+import calib
 from calib.common.choices import Eye
 
 from .. import options as opt
@@ -21,7 +22,6 @@ from ..parsing import TABLES, BadOption, check_file, refuse
 from ..units import JointFormat, in_si
 
 if TYPE_CHECKING:
-    from calib import Model
     from calib.arm.arm import Arm
     from calib.model.about import About
 
@@ -78,7 +78,6 @@ def plan(
     ] = None,
     seed: opt.Seed = 0,
 ) -> Outcome:
-    import calib
     from calib.samples.tables import write_table
 
     is_model = robot.endswith(".calib")
@@ -100,7 +99,7 @@ def plan(
 
         if is_rig(robot):
             return _flange_poses(robot, output, poses, seed)
-    source: Arm | Model
+    source: Arm | calib.Model
     facts: Arm | About
     within = None
     if is_model:

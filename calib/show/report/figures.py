@@ -1,11 +1,9 @@
 """Figures of an arm: how accurate, what is off, where, and why so, one function each."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ...common.arrays import Array
 from ...common.rows import spread_rows
@@ -29,9 +27,6 @@ from .drawing import (
     panels,
     projections,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def accuracy(study: Study) -> Figure | None:

@@ -1,12 +1,12 @@
 """Page: a report that answers how accurate, what is off, where, why so, in one file offline."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from html import escape
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
+
+from matplotlib.figure import Figure
 
 from ...common.wording import (
     fill_template,
@@ -29,9 +29,6 @@ from . import rig_figures as rigs
 from . import words
 from .drawing import settings
 from .html import figure_of, write_page
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 class Entry(NamedTuple):
