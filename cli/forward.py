@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.body.belief import knows_orientation
 from calib.common.arrays import Array
+from calib.common.names import by_name
 from calib.errors import QueryError
 from calib.model.prediction import predict
 from calib.model.space import Space
@@ -29,7 +30,7 @@ def answer_one(
     numbers = {name: float(column[0]) for name, column in answers.items()}
     position = [numbers.pop(axis) for axis in query.axes]
     document: dict[str, object] = {
-        "joints": dict(zip(joints.names, q[0].tolist(), strict=True)),
+        "joints": by_name(joints.names, q[0].tolist()),
         "position": position,
     }
     shown = {name: answers[name] for name in (*query.axes, *query.bounds)}
@@ -80,11 +81,11 @@ def _answers(query: Query, q: Array, readout: str | None) -> dict[str, Array]:
         position, turn = space.forward(q)
         bound = np.where(np.isfinite(position[:, 0]), space.bound(q), np.nan)
         columns = [*position.T, *turn.T, bound, bound]
-        return dict(zip((*query.axes, *TURN, *BOUNDS), columns, strict=True))
-    answers = dict(zip(model.axes, model.forward(q, readout).T, strict=True))
+        return by_name((*query.axes, *TURN, *BOUNDS), columns)
+    answers = by_name(model.axes, model.forward(q, readout).T)
     if len(model.axes) == 3 and knows_orientation(model.body):
-        answers |= dict(zip(TURN, model.pose(q)[1].T, strict=True))
+        answers |= by_name(TURN, model.pose(q)[1].T)
     prediction = predict(model, Motion(q))
     apart = prediction.apart(readout or model.default_readout)
     bounds = (prediction.bound + apart, prediction.true_bound + apart)
-    return answers | dict(zip(BOUNDS, bounds, strict=True))
+    return answers | by_name(BOUNDS, bounds)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.common.arrays import Array
+from calib.common.names import by_name
 from calib.errors import QueryError
 from calib.model.poses import solve_poses
 from calib.model.space import Space
@@ -83,20 +84,15 @@ def answer_one(
     document["reachable"] = reachable
     document["solutions"] = [
         {
-            "joints": dict(zip(joints.names, one, strict=True)),
+            "joints": by_name(joints.names, one),
             **{name: column[k] for name, column in answers.items()},
         }
         for k, one in enumerate(q.tolist())
     ]
-    if in_space:
-        axis = None if search.free is None else "xyz".index(search.free)
-        ways = Space.of(query.model).free(q[0], posed=posed, axis=axis).tolist()
-        free = [dict(zip(joints.names, way, strict=True)) for way in ways[:9]]
-        document["free"] = free if reachable else []
     if query.frame == "base" and not Space.of(query.model).sees(x).all():
         note("the camera's picture does not show the target")
     document |= query.meaning
-    shown = dict(zip(query.axes, answers["position"].T, strict=True))
+    shown = by_name(query.axes, answers["position"].T)
     for name in ("distance", *(["turned"] if posed else []), *query.bounds):
         shown[name] = answers[name]
     if reachable:
@@ -153,7 +149,7 @@ def answer_table(query: Query, search: Search) -> Outcome:
     reachable = answers["reachable"]
     q = answers.pop("q") * query.joints.typed
     q[~reachable] = np.nan
-    added = dict(zip(names, q.T, strict=True))
+    added = by_name(names, q.T)
     for name, column in answers.items():
         is_turn = name == "turned" and search.turn is None
         if column.ndim == 1 and not is_turn:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import calib
+from calib.common.names import by_name
 
 from .output import say
 from .parsing import BadOption, OfJoint, refuse
@@ -121,7 +122,7 @@ def read_measured_log(
         arm = _arm_of_log(robot, selection, source, reading.columns or {})
         say(arm.notes)
         joints = None
-        turns = dict(zip(arm.joint_names, arm.revolute, strict=True))
+        turns = by_name(arm.joint_names, arm.revolute)
     glass = None
     if lens is not None:
         from calib.recording.lens import load_lens

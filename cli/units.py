@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import calib
+from calib.common.names import by_name
 from calib.common.wording import for_people, unit_of_joint
 
 from .output import with_decimals, with_unit
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 def units_of(about: About, positions: str | None = None) -> dict[str, object]:
     """Units of the numbers in a JSON document; errors and bounds have that of the positions."""
-    joints = dict(zip(about.joint_names, about.units_of_joints, strict=True))
+    joints = by_name(about.joint_names, about.units_of_joints)
     return {
         "joints": joints,
         "positions": positions or about.unit,

@@ -18,6 +18,7 @@ from ..body.information import greedy, most_telling
 from ..body.spatial import structure_of
 from ..common.arrays import Array, Index, ReadOnly
 from ..common.choices import EYES
+from ..common.names import by_name
 from ..common.rows import whole
 from ..common.scale import Scale
 from ..errors import OptionError, require
@@ -88,7 +89,7 @@ class Plan(ReadOnly):
         The positions are called `expected_x`, `expected_y` and in space `expected_z`, so that
         a plan is not taken for a log by mistake.
         """
-        table = dict(zip(self.joint_names, self.q.T, strict=True))
+        table = by_name(self.joint_names, self.q.T)
         table |= {
             f"expected_{axis}": x
             for axis, x in zip("xyz", self.x.T, strict=False)

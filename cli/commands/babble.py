@@ -1,6 +1,7 @@
 """Write a log of simulated babbling [rad, m]."""
 
 import calib
+from calib.common.names import by_name
 
 from .. import options as opt
 from ..logs import Selection, babble_log
@@ -38,7 +39,7 @@ def babble(
         "changes": change or [],
         "unit": log.unit,
         "units": {
-            "joints": dict(zip(names, units, strict=True)),
+            "joints": by_name(names, units),
             "positions": log.unit,
         },
     }

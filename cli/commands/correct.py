@@ -7,6 +7,7 @@ more than the limit; the other rows are written.
 from typing import Annotated, Literal
 
 import calib
+from calib.common.names import by_name
 
 from .. import options as opt
 from ..output import Outcome, say, with_unit
@@ -48,8 +49,8 @@ def correct(
         orientation=orientation,
     )
     say(result.notes)
-    table = dict(zip(joints.names, (result.q * factors).T, strict=True))
-    table |= dict(zip(query.model.axes, result.target.T, strict=True))
+    table = by_name(joints.names, (result.q * factors).T)
+    table |= by_name(query.model.axes, result.target.T)
     table["distance"] = result.distance
     table["expected_error"] = result.expected_error
     table["reachable"] = result.reachable

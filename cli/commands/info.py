@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import calib
+from calib.common.names import by_name
 from calib.common.wording import printable
 
 from .. import options as opt
@@ -38,8 +39,8 @@ def info(
     limits = zip(about.lower.tolist(), about.upper.tolist(), strict=True)
     # a model knows no seconds: its bytes must not depend on the machine's pace
     document = summary(loaded, model, about.errors, {}) | {
-        "ranges": dict(zip(names, limits, strict=True)),
-        "joint_units": dict(zip(names, units, strict=True)),
+        "ranges": by_name(names, limits),
+        "joint_units": by_name(names, units),
         "locked": about.locked,
         "source": about.source,
         "simulation": about.simulation,

@@ -13,6 +13,7 @@ from typer import Argument
 
 import calib
 from calib.common.choices import Eye
+from calib.common.names import by_name
 
 from .. import options as opt
 from .. import parsing
@@ -109,7 +110,7 @@ def plan(
         source = model
         facts = model.about
         # an arm was loaded with its ranges, which it may need where it states no limits
-        turns = dict(zip(facts.joint_names, facts.revolute, strict=True))
+        turns = by_name(facts.joint_names, facts.revolute)
         within = in_si("--range", ranges, turns, degrees)
     else:
         selection = Selection(joints, tip, planar, lock, ranges, degrees)
@@ -135,7 +136,7 @@ def plan(
     say(result.notes)
     names = shown.names
     table = result.columns()
-    table |= dict(zip(names, (result.q * shown.typed).T, strict=True))
+    table |= by_name(names, (result.q * shown.typed).T)
     write_table(output, table)
     travel = result.travel.tolist()
     document = {
@@ -143,11 +144,11 @@ def plan(
         "rows": len(result),
         "joints": result.joint_names,
         "seed": seed,
-        "travel": dict(zip(names, travel, strict=True)),
+        "travel": by_name(names, travel),
         "poses": result.columns(),
         **fields(result, "start length unit why"),
         "units": {
-            "joints": dict(zip(names, facts.units_of_joints, strict=True)),
+            "joints": by_name(names, facts.units_of_joints),
             "positions": result.unit,
         },
     }
@@ -171,7 +172,7 @@ def _flange_poses(rig: str, output: str, count: int, seed: int) -> Outcome:
         [flange[:, :3, 3], quaternion_of(flange[:, :3, :3])]
     )
     names = ("x", "y", "z", "qx", "qy", "qz", "qw")
-    table = dict(zip(names, numbers.T, strict=True))
+    table = by_name(names, numbers.T)
     write_table(output, table)
     document = {
         "output": output,

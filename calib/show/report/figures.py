@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...common.arrays import Array
+from ...common.names import by_name
 from ...common.rows import spread_rows
 from ...common.wording import for_people, number, printable, quantity, unit_for
 from ..causes import error_curve
@@ -121,9 +122,9 @@ def draw_setup(frames: Array, things: Sequence[Thing]) -> Figure:
             )
             drawn[0].set_label(thing.kind)
     handles, names = axes[0].get_legend_handles_labels()
-    by_name = dict(zip(names, handles, strict=True))
+    of_kinds = by_name(names, handles)
     figure.legend(
-        by_name.values(), by_name, loc="outside lower center", ncols=4
+        of_kinds.values(), of_kinds, loc="outside lower center", ncols=4
     )
     return figure
 
