@@ -81,13 +81,13 @@ def camera_info(model: Model) -> str:
     Raises OptionError if the model was not learned from pixels of an arm in space.
     """
     body = model.body
-    made = model.about.options.get("board")
-    if made:
-        lens = made["lens"]
+    board = model.about.options.get("board")
+    if board:
+        lens = board["lens"]
         focal = lens["focal"]
         centre = lens["centre"]
         distortion = lens["distortion"]
-        width, height = made["size"]
+        width, height = board["size"]
     elif body is not None and is_camera(body.structure.view):
         length, *centre, k1 = body.beta[body.structure.groups["lens"]].tolist()
         focal = [length, length]
@@ -138,13 +138,13 @@ def static_transforms(model: Model) -> list[dict[str, object]]:
             "in space and its robot"
         )
     root = parse_robot(about.urdf, about.robot).root
-    if made := about.options.get("board"):
+    if board := about.options.get("board"):
         mount = hand_pose(body)  # of the point that the log tells
         hand = replace(
-            mount, position=mount.position - mount.rotation @ made["point"]
+            mount, position=mount.position - mount.rotation @ board["point"]
         )
         carried, standing = ("camera", "board")
-        if made["eye"] == "base":
+        if board["eye"] == "base":
             carried, standing = ("board", "camera")
         return [
             _transform_document(about.tip, f"{carried}_frame", hand),

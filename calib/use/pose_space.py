@@ -40,16 +40,16 @@ class PoseSpace:
         """
         if q is None:
             return np.asarray(np.clip(0.0, self.lower, self.upper))
-        values: Array = number_rows(
-            np.ravel(q), self.joint_names, "start", OptionError
-        )[0][0]
+        names = self.joint_names
+        values: Array = number_rows(np.ravel(q), names, "start", OptionError)[
+            0
+        ][0]
         low = self.scale.lower
-        high = self.scale.lower + self.scale.span
-        for k in np.flatnonzero(
-            ~((values >= low - 1e-9) & (values <= high + 1e-9))
-        ):
+        high = low + self.scale.span
+        beyond = np.abs(values - np.clip(values, low, high))
+        for k in np.flatnonzero(~(beyond <= 1e-9)):  # NaN, too
             raise OptionError(
-                f"`start`: {self.joint_names[k]} = {values[k]:.6g} is outside of its range "
+                f"`start`: {names[k]} = {values[k]:.6g} is outside of its range "
                 f"{low[k]:.6g} to {high[k]:.6g}"
             )
         return values
