@@ -129,11 +129,11 @@ def usable_postures(
     notes = []
 
     def leave_out(bad: Mask, why: str) -> None:
-        if not bad[usable].any():
-            return
-        share = f"{bad[usable].mean():.1%} of the candidates were left out"
-        notes.append(f"{share} because {why}")
-        usable[bad] = False
+        count = np.count_nonzero(bad & usable)
+        if count:
+            share = f"{count} of {len(q)} candidates were left out"
+            notes.append(f"{share} because {why}")
+            usable[bad] = False
 
     arm = arm_of(source)
     unchecked = "obstacles and self-collision"
