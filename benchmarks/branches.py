@@ -1,9 +1,9 @@
-"""Measure the inverse: branches, distances, coverage of the bound.
+"""Measure the inverse of real URDFs: how near, how many are reached, how many branches.
 
-    python benchmarks/branches.py [--robots] [--quick]
+    python benchmarks/branches.py
 
-Branches are counted against the closed form of two links.  `--robots` adds real URDFs of the
-package example-robot-data.
+URDFs are those of the package example-robot-data; branches of two links are counted against the
+closed form.
 """
 
 from collections.abc import Iterator
@@ -11,15 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tables import table, typed
+from tables import table
 from threadpoolctl import threadpool_limits
 
 import calib
 from calib.arm.arm import PlanarArm
-from calib.maps.node_bounds import near_border
 
-TARGETS = 10_000
-SAME = 2e-3  # [rad] an answer this close to a solution of the closed form is that solution
 UR10 = "ur_description/urdf/ur10_robot.urdf"
 SO = "shoulder_lift,elbow_flex,wrist_flex"
 REAL = (
@@ -61,56 +58,6 @@ def branches_2r(arm: PlanarArm, x: np.ndarray) -> list[np.ndarray]:
     return [np.array(f).reshape(-1, 2) for f in found]
 
 
-def branches(robot: str) -> dict[str, Any]:
-    """Branches found, missed and invented for fresh reachable targets."""
-    arm = calib.load_arm(robot)
-    model = calib.train(calib.babble(arm, 20_000, seed=0))
-    q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (TARGETS, arm.dof))
-    x = arm.forward(q)
-    found = model.inverse_all(x)
-    row: dict[str, Any] = {"robot": robot, "targets": TARGETS}
-    if arm.dof == 2 and robot != "polar":
-        expected = branches_2r(arm, x)
-        gaps = [
-            np.abs(f[:, None] - e[None]).max(axis=2) for f, e in zip(found, expected, strict=True)
-        ]
-        row["exist"] = sum(len(e) for e in expected)
-        row["missed"] = sum(int((g.min(axis=0) > SAME).sum()) for g in gaps)
-        row["invented"] = sum(int((g.min(axis=1) > SAME).sum()) for g in gaps)
-    row["answers"] = sum(len(f) for f in found)
-    owner = np.repeat(np.arange(TARGETS), [len(f) for f in found])
-    away = np.linalg.norm(arm.forward(np.concatenate(found)) - x[owner], axis=1)
-    row |= {"mean_mm": 1e3 * float(away.mean()), "max_mm": 1e3 * float(away.max())}
-    said = model.inverse(x, near=q)
-    row["near_within_5_deg"] = float((np.abs(said - q).max(axis=1) < np.radians(5.0)).mean())
-    return row
-
-
-def coverage(robot: str, noise: float) -> dict[str, Any]:
-    """Share of fresh queries whose true error is below the stated 95 % bound."""
-    arm = calib.load_arm(robot)
-    model = calib.train(calib.babble(arm, 20_000, seed=0, noise=noise))
-    rng = np.random.default_rng(2)
-    q = rng.uniform(arm.lower, arm.upper, (40_000, arm.dof))
-    x = arm.forward(q)
-    row: dict[str, Any] = {"robot": robot, "noise_mm": 1e3 * noise}
-    answer = model.solve(x, near=q[rng.permutation(len(q))])
-    for name, joints, error, bound in (
-        ("forward", q, np.linalg.norm(model.forward(q) - x, axis=1), model.expected_error(q)),
-        (
-            "inverse",
-            answer.q,
-            np.linalg.norm(arm.forward(answer.q) - x, axis=1),
-            answer.expected_error,
-        ),
-    ):
-        held, border = error <= bound, near_border(model.motor, model.motor.scale.to_unit(joints))
-        row[name] = float(held.mean())
-        row[f"{name}_inside"] = float(held[~border].mean())
-        row[f"{name}_border"] = float(held[border].mean())
-    return row
-
-
 def shared_robots() -> Path:
     """Folder of the package example-robot-data."""
     import pinocchio
@@ -143,15 +90,9 @@ def real_robots() -> Iterator[dict[str, Any]]:
 
 
 def main() -> None:
-    """Run what was asked for."""
-    options = typed(__doc__, robots=False, quick=False)
-    robots = ["two_link_full", "scara"] + ([] if options.quick else ["two_link", "three_link"])
-    noises = (1e-3,) if options.quick else (0.0, 1e-3)
+    """Print the table."""
     with threadpool_limits(1):
-        for robot in robots:
-            table(f"Branches of {robot}", [branches(robot)])
-        table("Coverage", (coverage(robot, noise) for robot in robots for noise in noises))
-        table("Real robots", real_robots() if options.robots else ())
+        table("Real robots", real_robots())
 
 
 if __name__ == "__main__":

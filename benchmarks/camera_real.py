@@ -19,7 +19,7 @@ from tables import typed
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from camera import BOARD, DESK, LYING, NAMES, on_board, postures
+from camera import BOARD, DESK, LYING, NAMES, on_board, postures, stops
 from rendering import Camera, Desk, board, write_video
 
 from calib.errors import CalibError
@@ -148,14 +148,7 @@ def focus(count: int) -> None:
 def shutter(_count: int) -> None:
     """A rolling shutter that takes 30 ms from the first row to the last, in a video of 15 s."""
     rng = np.random.default_rng(3)
-    goals, rate, bands, last = postures(DESK, 30, rng), 15.0, 12, 0.03
-
-    def joints(t: np.ndarray) -> np.ndarray:
-        k = np.clip(t.astype(int), 0, len(goals) - 2)
-        s = np.clip((t - k) / 0.5, 0, 1)[:, None]
-        s = s**3 * (10 - 15 * s + 6 * s**2)
-        return goals[k] * (1 - s) + goals[k + 1] * s
-
+    joints, rate, bands, last = stops(postures(DESK, 30, rng)), 15.0, 12, 0.03
     table_time = np.arange(0.0, 22.0, 0.01)
     table = JointTable("joints", tuple(NAMES), joints(table_time), table_time + 100.0, None)
     edges = np.linspace(0, DESK.camera.size[1], bands + 1).astype(int)

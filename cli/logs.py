@@ -106,7 +106,6 @@ def read_measured_log(
     selection: Selection,
     path: str | Source,
     reading: Reading,
-    seed: int = 0,
     lens: str | None = None,
     sensor: str = "",
 ) -> Samples:
@@ -138,7 +137,6 @@ def read_measured_log(
         unit=reading.unit,
         ranges=in_si("--range", selection.ranges, turns, selection.degrees),
         prismatic=sliding,
-        seed=seed,
         lens=glass,
         time_offset=reading.time_offset,
     )
@@ -209,12 +207,12 @@ def log_for(model: Model, path: str, reading: Reading) -> Samples:
         )
     degrees = about.degrees if reading.degrees is None else reading.degrees
     joints = zip(about.joint_names, about.revolute, strict=True)
+    usual = {k: v for k, v in about.columns.items() if v in source.header}
     log = calib.read_log(
         source,
         joints=about.joint_names,
-        columns=reading.columns,
+        columns={**usual, **(reading.columns or {})},
         time_offset=reading.time_offset,
-        usual=about.columns,
         outputs=len(model.axes),
         degrees=degrees,
         unit=unit,

@@ -133,7 +133,8 @@ def accuracy(
     unit = model.about.unit
     line = f"{with_unit(_mean_distance(errors), unit)} on average"
     if within:
-        line += f", 95 % within {with_unit(within['p95'], unit)}"
+        limit = with_unit(within["p95"], unit).removeprefix("below ")
+        line += f", 95 % within {limit}"
         answered = within.get("answered", 1.0)
         if answered > 0.0:
             line += f"; the 95 % bound covers {100 * within['covered']:.0f} %"

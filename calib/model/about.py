@@ -120,11 +120,11 @@ def holds(within: Mapping[str, float], rows: int) -> bool:
     return answered >= 0.5 and beyond <= 0.15 * rows * answered + 2.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Photo:
     """A JPEG of the arm by the camera that measured it, at most 3 MB; its borders are positions."""
 
-    jpeg: Annotated[bytes, Shape("bytes")]  # the picture
+    jpeg: Annotated[NDArray[np.uint8], Shape("bytes")]  # the picture
     # [unit], positions of its left, right, lower and upper border. Of pixels the lower one is the
     # larger: they count from the top.
     box: tuple[float, float, float, float]
@@ -137,7 +137,8 @@ class Photo:
             or low == high
         ):
             raise ValueError(f"{self.box} is no box")
-        if not self.jpeg.startswith(_START) or len(self.jpeg) > _LARGEST:
+        start = self.jpeg[: len(_START)].tobytes()
+        if start != _START or len(self.jpeg) > _LARGEST:
             raise ValueError("the photo is no JPEG of at most 3 MB")
 
     def pixels(self) -> NDArray[np.uint8]:
@@ -145,7 +146,7 @@ class Photo:
         from PIL import Image
 
         try:
-            with Image.open(io.BytesIO(self.jpeg)) as opened:
+            with Image.open(io.BytesIO(self.jpeg.tobytes())) as opened:
                 return np.asarray(opened.convert("RGB"))
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
             raise ModelError(

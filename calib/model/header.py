@@ -57,18 +57,6 @@ DOUBLE = Precision("double", calm=1e-12, enough=2e-15, close=SEARCH.close)
 SINGLE = Precision("float", calm=1e-7, enough=1e-6, close=1e-4)
 
 
-@dataclass(frozen=True)
-class StartSizes:
-    """How many starts of positions a header holds: its source grows by 20 bytes a number."""
-
-    cells: int = 576  # cells of the workspace, of arms without spare joints
-    apart: float = 0.1  # starts of a cell that are closer count as one
-    postures: int = 128  # postures, of arms with spare joints
-
-
-STARTS = StartSizes()
-
-
 @dataclass(frozen=True, eq=False)
 class Header:
     """What of a model its C source is made of."""
@@ -270,25 +258,31 @@ class Header:
         return tables
 
 
-def _starts(model: Parts) -> Tables:
+def _starts(
+    model: Parts, cells: int = 576, apart: float = 0.1, postures: int = 128
+) -> Tables:
     """Joints from which positions are sought, and where they lead: of a grid, or postures.
 
-    Redundant joints have too many for each place.
+    Redundant joints have too many for each place.  The source grows by 20 bytes a number.
+
+    cells : of the workspace
+    apart : starts of a cell that are closer count as one
+    postures : of redundant joints
     """
     place = model.sensory.scale
     dimensions = len(place.span)
-    side = max(2, int(STARTS.cells ** (1 / dimensions)))
+    side = max(2, int(cells ** (1 / dimensions)))
     corners = np.indices((side,) * dimensions).reshape(dimensions, -1).T
     tables: Tables = {}
     if model.solver.redundant:
         nodes = np.flatnonzero(model.visited)
-        nodes = nodes[spread_rows(len(nodes), STARTS.postures)]
+        nodes = nodes[spread_rows(len(nodes), postures)]
         u = np.clip(model.motor.units[nodes], 0.0, 1.0)
     else:
         step = place.span / side
         middles = place.lower + (corners + 0.5) * step
         cell, u = model.solver.starts.of(middles)
-        single = distinct(model.motor.scale, cell, u, STARTS.apart)
+        single = distinct(model.motor.scale, cell, u, apart)
         cell = cell[single]
         u = u[single]
         count = np.bincount(cell, minlength=len(middles))

@@ -118,10 +118,9 @@ class Prediction:
         return np.full((len(self.motion), *shape), np.nan)
 
 
-def predict(model: Parts, motion: Motion, sensor: str = "") -> Prediction:
-    """Predict what a sensor reads of a motion.
+def predict(model: Parts, motion: Motion) -> Prediction:
+    """Predict what the sensor of a model, see `Model.by`, reads of a motion.
 
     motion : joint values, and the side from which each joint came where that is known
-    sensor : one of the model's sensors, the first one by default
     """
-    return Prediction(model.by(sensor), motion)
+    return Prediction(model, motion)

@@ -6,7 +6,6 @@ Positions in the sensor's frame are answered by the model itself, see `calib.Mod
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -62,34 +61,17 @@ class Space:
 
     # What the chain says.
 
-    def evaluate(
-        self, q: Array, *, bending: bool = False
-    ) -> tuple[Array, Array, Array]:
-        """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip.
-
-        How bending changes with the joints is a thousandth of the Jacobian and half of its time:
-        steps to a target do without.
-        """
+    def evaluate(self, q: Array) -> tuple[Array, Array, Array]:
+        """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip."""
         structure = self.structure
         beta = self.body.beta
         motion = structure.move(structure.joint_values(q, beta), beta)
         chained = np.concatenate(motion.joints(), axis=1)
-        slope = structure.by_joints(
-            q, beta if bending else self._rigid, chained
-        )
         return (
             motion.position.T.copy(),
             np.moveaxis(motion.rotation, 2, 0).copy(),
-            slope,
+            structure.by_joints(q, beta, chained),
         )
-
-    @cached_property
-    def _rigid(self) -> Array:
-        """The body's parameters (d,) without what bends its joints."""
-        beta = self.body.beta.copy()
-        for block in self.structure.loads:
-            beta[self.structure.groups[block]] = 0.0
-        return beta
 
     def forward(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""
@@ -114,7 +96,7 @@ class Space:
 
         Of a pose the turn about an axis of the tip may be left open.
         """
-        _, rotation, jacobian = self.evaluate(q[None], bending=True)
+        _, rotation, jacobian = self.evaluate(q[None])
         moves = jacobian[0, :3] / self.length
         if not posed:
             return free_directions(moves)
@@ -196,13 +178,12 @@ class Space:
         lens = body.beta[body.structure.groups["lens"]]
         place = points @ turn.T + shift
         ahead = place[:, 2] > 0
-        view = pixels(lens, place.T)
+        seen = pixels(lens, place.T).values
         size = self.model.about.picture or tuple(2 * lens[1:3])
-        inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
+        inside = ((seen >= 0) & (seen <= size)).all(axis=1)
         # where the lens folds over, the picture shrinks as the point moves outwards
-        outwards = place.T * np.array([[1.0], [1.0], [0.0]])
-        shift = view.push(outwards)
-        unfolded = (shift * outwards[:2]).sum(axis=0) >= 0
+        bend = 3.0 * lens[3] * (place[:, :2] ** 2).sum(axis=1)
+        unfolded = place[:, 2] ** 2 + bend >= 0
         return np.asarray(ahead & inside & unfolded)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index, Mask
-from ..common.rows import LARGEST, row_lengths
+from ..common.rows import LARGEST, row_lengths, spread_rows
 from ..common.wording import listing
 from ..errors import LogError
-from .joint_values import JointLimits, wrap
+from .joint_values import JointColumn, wrap
 from .motion import OfRows, directions
 from .roles import FURTHER, QUATERNION, ROUNDING, SOCKET, Roles
 from .settings import READING
@@ -73,22 +73,30 @@ class Cells(OfRows):
 
 
 def read_cells(
-    source: Source, roles: Roles, limits: JointLimits, most: int, seed: int
+    source: Source, roles: Roles, joints: Sequence[JointColumn]
 ) -> Cells:
-    """Read a log's rows, at most so many; LogError if it has none."""
-    some, total = source.random_rows(most, seed)
+    """Read a log's rows, of a very long one evenly spread ones; LogError if it has none."""
+    total = len(source.table)
     if not total:
         raise LogError(f"{source.label} has no rows below its header")
+    rows = spread_rows(total, READING.most_rows)
+    some = replace(source, table=source.table[rows])
     values, numbers = some.numbers(roles.columns(roles.names))
     q = values[:, : len(roles.joints)]
-    q *= [*limits.factors.values()]
+    q *= [joint.factor for joint in joints]
     points = np.full((len(q), 2), "", dtype=object)
     if roles.touched:
         for k, column in enumerate(roles.columns(SOCKET)):
             if column in source.header:
                 points[:, k] = some.texts(column)
     side = directions(q) if np.isfinite(q).all() else None
-    cells = Cells(source.label, len(q), values, numbers, points, side)
+    notes: tuple[str, ...] = ()
+    if len(q) < total:
+        words = f"{total:,} rows: {len(q):,} of them, evenly spread, are held"
+        notes = (f"{words}; other counts are of these",)
+    cells = Cells(
+        source.label, len(q), values, numbers, points, side, notes=notes
+    )
     time, episode = roles.columns(FURTHER)
     others = {*source.header} - {*roles.columns(roles.names)}
     if time in others:
@@ -96,11 +104,7 @@ def read_cells(
     if episode in others:
         numbered = some.numbers([episode])[0]
         cells = replace(cells, episode=numbered[:, 0])
-    if total <= most:
-        return cells
-    note = f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
-    # nobody knows where joints were before
-    return replace(cells, side=np.zeros(q.shape), notes=(note,))
+    return cells
 
 
 def complete_rows(cells: Cells, roles: Roles) -> Cells:
@@ -118,20 +122,22 @@ def complete_rows(cells: Cells, roles: Roles) -> Cells:
 
 def rows_in_ranges(
     cells: Cells,
-    roles: Roles,
+    joints: Sequence[JointColumn],
     ranges: Mapping[str, Range],
-    revolute: Mapping[str, bool],
 ) -> Cells:
     """Leave out rows outside of ranges of some joints [rad or m]; others are wrapped into them."""
-    for name, (low, high) in ranges.items():
+    for k, joint in enumerate(joints):
+        if joint.name not in ranges:
+            continue
+        low, high = ranges[joint.name]
         values = cells.values.copy()
-        column = values[:, roles.joints.index(name)]
-        if revolute[name]:
+        column = values[:, k]
+        if joint.revolute:
             column[:] = wrap(column, low, high)
         edge = READING.rounded * (high - low)
         away = (column < low - edge) | (column > high + edge)
         np.clip(column, low, high, out=column)
-        words = f"have {name} outside of the chosen range"
+        words = f"have {joint.name} outside of the chosen range"
         cells = replace(cells, values=values).without(away, words)
     return cells
 
@@ -140,9 +146,8 @@ def rows_in_sight(cells: Cells, roles: Roles) -> Cells:
     """Leave out rows in which the sensor saw nothing, or no orientation."""
     q, x, _ = roles.split(cells.values)
     zero = (x == 0.0).all(axis=1) & cells.of_sensor
-    # a single row, or one place of the joints, may be the origin of the sensor
-    several = zero.sum() > 1 and np.ptp(q[zero], axis=0).any()
-    if several and not zero.all():
+    # a single row may be the origin of the sensor
+    if zero.sum() > 1 and not zero.all():
         words = "hold zeros for a position, as where a sensor saw nothing"
         cells = cells.without(zero, words)
     if not roles.touched:

@@ -49,11 +49,10 @@ _LATEST = 1e11  # [s] after 1970: a clock of the year 5138 counts in ms or less
 _HEAD = 1 << 16  # [bytes], of a file, in which its header is
 # LeRobot's, of joints' columns, which are read without
 _POSITION_SUFFIX = ".pos"
-_REMEDIES = {
-    "utf-8": ": save it as UTF-8 CSV",
-    "more fields": ": expected the columns' names in the first line, decimals with a point, and "
-    "quotes around text that holds a comma",
-}
+_EXPECTED = (
+    "expected the columns' names in the first line, decimals with a point, quotes around text that "
+    "holds a comma, and UTF-8"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,15 +77,6 @@ class Source:
             return unit
         found = (find_column(self.header, name) for name in "xyz")
         return common_unit([column for column in found if column])
-
-    def random_rows(self, most: int, seed: int) -> tuple[Source, int]:
-        """The table with at most so many rows, drawn at random, and how many it has."""
-        total = len(self.table)
-        if total <= most:
-            return self, total
-        rng = np.random.default_rng(seed)
-        rows = np.sort(rng.choice(total, most, replace=False))
-        return replace(self, table=self.table[rows]), total
 
     def read(self, names: Sequence[str]) -> pl.DataFrame:
         """Read some columns as they are, text from CSV.
@@ -198,9 +188,8 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         OSError,
     ) as error:
         reason = (str(error).strip().splitlines() or ["unreadable"])[0][:100]
-        hints = [hint for part, hint in _REMEDIES.items() if part in reason]
         raise LogError(
-            f"{label} cannot be read: {reason}{''.join(hints)}"
+            f"{label} cannot be read: {reason}: {_EXPECTED}"
         ) from None
     document = None
     with suppress(ValueError):
@@ -382,14 +371,7 @@ def write_table(
     """
     import polars as pl
 
-    frame = pl.DataFrame(
-        {
-            name: column
-            if isinstance(column, pl.Series)
-            else np.asarray(column)
-            for name, column in columns.items()
-        }
-    )
+    frame = pl.DataFrame(dict(columns))
     document = json.dumps(about, sort_keys=True) if about else ""
     if Path(path).suffix.lower() in PARQUET:
         # by way of memory: what Polars says of a full disk is no OSError

@@ -21,7 +21,7 @@ from ..body.views import is_camera
 from ..common.arrays import Index
 from ..common.choices import VIEWS
 from ..common.rows import row_lengths
-from ..common.scale import METRES
+from ..common.scale import METRES, Scale
 from ..errors import OptionError
 from ..maps.predictor import BodyInBox
 from ..samples.samples import Samples
@@ -162,14 +162,14 @@ def _in_space_template(samples: Samples, rows: Index, view: str) -> Template:
 class SmoothPart:
     """What stands under the local models."""
 
-    smooth: BodyInBox  # the body, of the joints' unit box
     fit: BodyFit
     rows: Index  # (k,), rows of the samples that it rests on
+    scale: Scale  # the joints' unit box
 
-    @staticmethod
-    def of(samples: Samples, fit: BodyFit, rows: Index) -> SmoothPart:
-        """The body of a fit in the unit box of the samples."""
-        return SmoothPart(BodyInBox(fit.body, samples.unit_box), fit, rows)
+    @property
+    def smooth(self) -> BodyInBox:
+        """The body, of the joints' unit box."""
+        return BodyInBox(self.fit.body, self.scale)
 
     @property
     def error(self) -> float:
@@ -221,7 +221,7 @@ def _smooth_part(
     ]
     if template.rows.z.shape[1] == 6:
         fit = fit.of_positions()
-    part = SmoothPart.of(samples, fit, template.index)
+    part = SmoothPart(fit, template.index, samples.unit_box)
     share = part.error / part.extent(samples)
     if samples.simulation is None and share > LEARNING.no_arm:
         planar = samples.x.shape[1] == 2 and samples.arm is None

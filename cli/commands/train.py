@@ -127,7 +127,7 @@ def train(
         logs = []
         for sensor, source in sources_by_sensor(data).items():
             log = read_measured_log(
-                robot, selection, source, reading, seed, lens, sensor
+                robot, selection, source, reading, lens, sensor
             )
             logs.append(with_facts(log, distance, plane))
     else:

@@ -1,7 +1,5 @@
 """Arms in space on the command line: before a camera, and poses in a tracker's frame."""
 
-import json
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -105,18 +103,6 @@ def test_a_pixel_on_a_plane_gives_a_point_and_joints_that_stand_there(run, pictu
     alone = run(*ask, u, v, "--near", "0,0.5,-1", "--keep-orientation")
     assert (alone.code, alone.err.count("\n")) == (1, 1)
     assert "--on z=H" in alone.err
-
-
-def test_the_camera_goes_to_ros(run, pictures):
-    _, folder, _ = pictures
-    files = {"--camera": folder / "camera.yaml", "--transform": folder / "camera.json"}
-    run.done("export", folder / "m.calib", *(part for pair in files.items() for part in pair))
-    info = json.loads(files["--camera"].read_text())
-    assert (info["image_width"], info["distortion_model"]) == (1280, "plumb_bob")
-    place = json.loads(files["--transform"].read_text())
-    assert place["header"]["frame_id"] == "base"
-    assert list(place["transform"]["translation"].values()) == pytest.approx(EYE, abs=3e-3)
-    assert run("export", folder / "m.calib").code == 2
 
 
 def test_check_and_adapt_follow_a_camera_that_was_moved(run, pictures):

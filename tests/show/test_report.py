@@ -195,20 +195,3 @@ def test_figures_of_an_arm_in_space_and_in_pixels():
         rows, curve = ax.lines
         there = np.interp(rows.get_xdata(), curve.get_xdata(), curve.get_ydata())
         assert np.std(rows.get_ydata() - there) < 0.8 * np.std(rows.get_ydata())
-
-
-def test_command(run, models: Path, model: Path, log: Path, tmp_path: Path):
-    target = tmp_path / "report.html"
-    done = run.done("report", model, "-o", target, "--figures", tmp_path / "figures")
-    assert "predicted to" in done.out.splitlines()[0]
-    assert target.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-    assert {p.suffix for p in (tmp_path / "figures").iterdir()} == {".svg"}
-    for wrong, code in (
-        ([model], 2),
-        ([model, "-o", tmp_path / "no" / "x.html"], 1),
-        ([models / "polar.calib", "--data", log, "-o", tmp_path / "x.html"], 1),
-    ):
-        done = run("report", *wrong)
-        assert (done.code, done.err.count("\n")) == (code, 1)
-        assert done.err.startswith("error: ")
-    assert not (tmp_path / "x.html").exists()

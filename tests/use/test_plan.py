@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from boards import SPEC, Rig
-from models import in_pixels, trained
+from models import in_pixels
 from refusals import refused
 
 import calib
@@ -47,17 +47,6 @@ def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
     log = calib.read_log(path, arm, columns={"x": "expected_x", "y": "expected_y"})
     np.testing.assert_array_equal(log.q, plan.q)
     np.testing.assert_array_equal(log.x, plan.x)
-
-
-def test_plan_of_a_model_tells_what_it_expects():
-    model = trained("two_link", n=3000, size=20)
-    plan = calib.plan(model, 25)
-    np.testing.assert_array_equal(plan.x, model.forward(plan.q))
-    np.testing.assert_array_equal(plan.expected_error, model.expected_error(plan.q))
-    names = ["shoulder", "elbow", "expected_x", "expected_y", "expected_error"]
-    assert list(plan.columns()) == names
-    # its URDF tells the limits
-    np.testing.assert_allclose(plan.q.min(axis=0), model.about.lower + DEGREE)
 
 
 def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture():
