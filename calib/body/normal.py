@@ -56,11 +56,11 @@ def _root_of(matrix: Array) -> Array:
     eye = np.eye(len(matrix))
     for jitter in _JITTERS:
         try:
-            root: Array = np.linalg.cholesky(matrix + jitter * eye)
+            root = np.linalg.cholesky(matrix + jitter * eye)
         except np.linalg.LinAlgError:
             continue
         if np.isfinite(np.diag(root)).all():  # a NaN spreads there
-            return root
+            return np.asarray(root)
     raise np.linalg.LinAlgError("the matrix is not positive")
 
 
