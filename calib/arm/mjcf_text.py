@@ -13,8 +13,15 @@ from .urdf import Mimic
 Defaults = Mapping[str, Mapping[str, str]]
 """Attributes of elements by their tag."""
 
-REFUSED = ("include", "attach", "replicate", "composite", "flexcomp")
-"""Elements that stand for others."""
+REFUSED = (
+    "include",
+    "attach",
+    "frame",
+    "replicate",
+    "composite",
+    "flexcomp",
+)
+"""Elements that stand for others, or for a part of their places."""
 
 
 def check_supported(node: ET.Element) -> None:

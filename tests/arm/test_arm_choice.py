@@ -211,6 +211,7 @@ REFUSED = [  # a text or a bundled robot, what is asked of it, and what the line
     (f'<robot name="r"><link name="l0"/>{MANY}</robot>', {}, "1001 joints 1000"),
     # MuJoCo's
     ('<mujoco><include file="arm.xml"/></mujoco>', {}, "include arm.xml"),
+    ('<mujoco><worldbody><frame pos="0 0 1"/></worldbody></mujoco>', {}, "frame mj_saveLastXML"),
     (BODY.format('<freejoint name="loose"/>'), {}, "loose free"),
     (BODY.format('<joint name="hip" type="ball"/>'), {}, "hip ball"),
     (BODY.format('<joint name="j" axis="0 0 0"/>'), {}, "'j' axis"),

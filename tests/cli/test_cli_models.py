@@ -99,6 +99,17 @@ def test_noise_tells_sensor_and_return_apart(lab, run):
     run.refused(1, "none of the log's", "noise", lab / "log.csv")
 
 
+def test_a_wrong_reading_is_no_noise(lab, run, tmp_path):
+    header, *rows = (lab / "cycles.csv").read_text().splitlines()
+    names = header.split(",")
+    wrong = rows[7].split(",")
+    wrong[names.index("x")] = "0.9"
+    (tmp_path / "log.csv").write_text("\n".join([header, *rows, ",".join(wrong)]))
+    document = run.done("noise", tmp_path / "log.csv", "--json").document
+    assert document["sensor"] == pytest.approx(SENSOR, rel=0.15)
+    assert document["left_out"] == 1
+
+
 def test_iso_9283_is_as_delivered_and_as_corrected(lab, run):
     done = run("evaluate", lab / "m.calib", "--data", lab / "cycles.csv", "--iso9283", "--json")
     assert done.code == 3, done.err  # the bound does not hold for these readings
