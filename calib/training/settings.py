@@ -55,6 +55,26 @@ class Testing:
 
 
 @dataclass(frozen=True)
+class WrongRows:
+    """Which rows contradict the others."""
+
+    # a residual is gross beyond so many medians, so many times what seven rows in ten stay below,
+    # and this share of the extent: no row of 80 clean logs of 20 to 600 rows is
+    gross: float = 10.0
+    spread: float = 4.0
+    share: float = 1e-4
+    # neighbours that a row is compared with, how many times as far as usual they may be (in a
+    # corner of the range twice as far), and by how many times their scatter it has to differ
+    around: int = 15
+    near: float = 2.5
+    apart: float = 10.0
+    # share of the rows that can be wrong; beyond it the fit is
+    most: float = 0.25
+    # rows that tell how far neighbours usually are
+    fitted: int = 1500
+
+
+@dataclass(frozen=True)
 class Play:
     """What backlash is learned from."""
 
@@ -68,9 +88,10 @@ class Play:
 class LateClock:
     """The search for a delay."""
 
-    steps: int = 8  # of a delay and the parameters beside it, from one fit
+    steps: int = 16  # of a delay and the parameters beside it, from one fit
     rows: int = 4_000  # neighbouring rows that a delay rests on
     settled: float = 0.05  # sds that the last step moves at most
+    falls: float = 0.95  # share of the residual before from which it does not fall any more
 
 
 @dataclass(frozen=True)
@@ -103,6 +124,7 @@ Of 40 rows 1.0 where they are of one, 25 and more with a joint 3 deg off or a li
 
 LEARNING = Learning()
 TESTING = Testing()
+WRONG = WrongRows()
 PLAY = Play()
 LATE_CLOCK = LateClock()
 TOUCHING = Touching()

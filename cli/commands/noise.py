@@ -36,7 +36,7 @@ def noise(
 
     source = open_source(log)  # once: it may be a pipe
     if robot is None and joints is None:
-        from calib.recording.joint_table import joint_columns
+        from calib.recording.motion_tables import joint_columns
 
         joints = joint_columns(source.header) or None
         if joints is not None:
@@ -58,5 +58,7 @@ def noise(
             size = "not told by this log, which measured no pose again"
         lines.append(f"{what}: {size}")
     counts = f"{result.repeats} further readings and {result.returns} returns"
+    if result.left_out:
+        counts += f", without {result.left_out} that contradict others,"
     lines.append(f"from {counts} to {result.poses} poses")
     return Outcome(document, lines)
