@@ -19,13 +19,13 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from chains import chain_urdf, turning
-from rendering import Camera, Desk, board, board_shots, tag, write_video
+from rendering import Camera, Desk, Sticker, board, board_shots, tag, write_video
 from tables import typed
 
 import calib
 from calib.recording.board import parse_board
-from calib.recording.joint_table import read_joints
 from calib.recording.lens import load_lens
+from calib.recording.motion_tables import read_joints
 from calib.recording.setting import Setup
 from calib.recording.tag_logs import log_pictures, log_video
 
@@ -101,9 +101,9 @@ def film(folder: Path, desk: Desk, seconds: float, seed: int, rate: float = 15.0
     np.savetxt(folder / "joints.csv", table, delimiter=",", header=header, comments="")
 
 
-def on_board(desk: Desk, q: np.ndarray) -> np.ndarray:
-    """Return true tips in the board's frame [m]."""
-    turn, at = LYING.frame
+def on_board(desk: Desk, q: np.ndarray, lying: Sticker = LYING) -> np.ndarray:
+    """Return true tips in the frame of the board that lies on the desk [m]."""
+    turn, at = lying.frame
     world = np.c_[desk.tip(q), np.full(len(q), desk.height)]
     return ((world - at) @ turn)[:, :2] + np.array(BOARD.size) / 2
 
