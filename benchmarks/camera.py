@@ -24,8 +24,8 @@ from tables import typed
 
 import calib
 from calib.recording.board import parse_board
-from calib.recording.joint_table import read_joints
 from calib.recording.lens import load_lens
+from calib.recording.motion_tables import read_joints
 from calib.recording.setting import Setup
 from calib.recording.tag_logs import log_pictures, log_video
 

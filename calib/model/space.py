@@ -93,11 +93,6 @@ class Space:
     # What its sensor sees.
 
     @property
-    def is_measured(self) -> bool:
-        """Whether its body was learned from a log, rather than drawn."""
-        return measured_chain(self.model.body) is not None
-
-    @property
     def camera(self) -> bool:
         """Whether the sensor is a camera, so that its readings are pixels."""
         return self.model.body is not None and is_camera(
