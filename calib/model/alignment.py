@@ -68,16 +68,12 @@ class Alignment:
         """The whole map in words."""
         factor, name = for_people(unit)
         shift = ", ".join(number(factor * part, 4) for part in self.shift)
-        scale = f"{self.scale:.5g}"
-        parts = [
-            f"turned {math.degrees(self.angle):.3g} deg",
-            f"shifted {shift} {name}",
-        ]
-        if self.is_mirrored:
-            parts.insert(0, "mirrored")
-        if scale != "1":
-            parts.insert(-1, f"scaled {scale}")
-        return ", ".join(parts)
+        mirrored = "mirrored, " if self.is_mirrored else ""
+        scaled = f"scaled {self.scale:.5g}, "
+        if scaled == "scaled 1, ":
+            scaled = ""
+        turned = f"turned {math.degrees(self.angle):.3g} deg"
+        return f"{mirrored}{turned}, {scaled}shifted {shift} {name}"
 
     def to_json(self) -> list[list[float]]:
         """Rows of [A | b]."""
