@@ -9,6 +9,7 @@ import numpy as np
 from ..body.covariance import RADIUS_95
 from ..common.choices import METHODS
 from ..common.rows import row_lengths
+from ..common.wording import quantity
 from ..errors import require
 from ..maps.model_selection import better, blocks
 from ..maps.node_bounds import learn_bounds
@@ -23,7 +24,6 @@ from .adaptation import (
     Adaptation,
     old_model,
     rebuilt,
-    size_in_words,
     with_model,
 )
 from .causes import FRAME, GROUPS
@@ -142,7 +142,7 @@ def _few_shot(verdict: Verdict, report: Progress) -> Adaptation:
             return old.with_note(why)
     made = replace(old, improved=True)
     if not made.everywhere:
-        bound = size_in_words(float(np.median(fresh.model_bounds)), rows.unit)
+        bound = quantity(float(np.median(fresh.model_bounds)), rows.unit)
         where = (
             f"improved at the rows, {100 * made.coverage:.0f} % of the learned range: unknown "
             f"elsewhere, where the position is known to {bound} (median of the bound)"
@@ -203,7 +203,7 @@ def _wider(verdict: Verdict, old: Adaptation, fresh: Model) -> Adaptation:
         bounds=np.maximum(model.bounds, bound),
         model_bounds=np.maximum(model.model_bounds, bound),
     )
-    size = size_in_words(missed, rows.unit)
+    size = quantity(missed, rows.unit)
     words = (
         f"the rows are missed by {size} (95 %), and no correction is clearly better than none: "
         "the prediction stays, with a wider bound"

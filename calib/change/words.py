@@ -114,8 +114,7 @@ def _noises(evidence: Evidence, *, drifted: bool) -> list[Cause]:
         noise = min(noise, evidence.explanations[0].noise * size)
     times = noise / tests.usual
     if tests.noisier and times > NOISIER:
-        factor, unit = for_people(evidence.unit)
-        words = f"the scatter is {factor * noise:.3g} {unit} per axis"
+        words = f"the scatter is {quantity(noise, evidence.unit)} per axis"
         if times < WORDS.exact:
             words += f", {times:.2g} times the usual"
         causes.append(
