@@ -9,7 +9,7 @@ Errors of the calibrated arm are distances to its true position at postures that
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,8 @@ import cv2
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from rendering import Camera, Desk, board, board_shots, tag, write_video
+from chains import chain_urdf, turning
+from rendering import Camera, Desk, Sticker, board, board_shots, tag, write_video
 from tables import typed
 
 import calib
@@ -37,25 +38,26 @@ DESK = Desk(
 )
 BUMPED = replace(DESK, camera=Camera(position=(0.215, -0.24, 0.905), roll=0.035))
 LOWER, UPPER = np.array([-0.2, 0.0, -1.2]), np.array([1.3, 1.4, 1.2])
-NAMES = ["shoulder", "elbow", "wrist"]
+NAMES = ["j1", "j2", "j3"]
 
 
 def urdf() -> str:
     """Return the description that the arm does not quite follow."""
-    parts, before, at = ['<robot name="desk_arm"><link name="base"/>'], "base", 0.0
-    for name, length, low, high in zip(NAMES, (0.18, 0.14, 0.09), LOWER, UPPER, strict=True):
-        parts.append(
-            f'<link name="{name}_link"/><joint name="{name}" type="revolute">'
-            f'<parent link="{before}"/><child link="{name}_link"/><origin xyz="{at} 0 0"/>'
-            f'<axis xyz="0 0 1"/><limit lower="{low}" upper="{high}" effort="1" velocity="1"/>'
-            "</joint>"
-        )
-        before, at = f"{name}_link", length
-    parts.append(
-        f'<link name="tip"/><joint name="fixed" type="fixed"><parent link="{before}"/>'
-        f'<child link="tip"/><origin xyz="{at} 0 0"/></joint></robot>'
-    )
-    return "".join(parts)
+    ends = zip((0.0, 0.18, 0.14), LOWER, UPPER, strict=True)
+    parts = [turning(xyz=f"{at} 0 0", lower=str(low), upper=str(high)) for at, low, high in ends]
+    return chain_urdf(*parts, tip="0.09 0 0")
+
+
+def stops(goals: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Return joints by time [s]: half a second on the way to each goal, and half a second there."""
+
+    def joints(t: np.ndarray) -> np.ndarray:
+        k = np.clip(t.astype(int), 0, len(goals) - 2)
+        s = np.clip((t - k) / 0.5, 0, 1)[:, None]
+        s = s**3 * (10 - 15 * s + 6 * s**2)
+        return goals[k] * (1 - s) + goals[k + 1] * s
+
+    return joints
 
 
 def postures(desk: Desk, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -90,14 +92,7 @@ def film(folder: Path, desk: Desk, seconds: float, seed: int, rate: float = 15.0
         return
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
-    goals = postures(desk, int(seconds) + 12, rng)
-
-    def joints(t: np.ndarray) -> np.ndarray:
-        k = np.clip((t / 1.0).astype(int), 0, len(goals) - 2)
-        s = np.clip((t - k) / 0.5, 0, 1)[:, None]
-        s = s**3 * (10 - 15 * s + 6 * s**2)
-        return goals[k] * (1 - s) + goals[k + 1] * s
-
+    joints = stops(postures(desk, int(seconds) + 12, rng))
     frames = 4.0 + np.arange(0.0, seconds, 1.0 / rate)
     write_video(str(folder / "run.mp4"), [desk.picture(q, rng) for q in joints(frames)], rate)
     t = np.arange(0.0, seconds + 8.0, 0.01)
@@ -106,9 +101,9 @@ def film(folder: Path, desk: Desk, seconds: float, seed: int, rate: float = 15.0
     np.savetxt(folder / "joints.csv", table, delimiter=",", header=header, comments="")
 
 
-def on_board(desk: Desk, q: np.ndarray) -> np.ndarray:
-    """Return true tips in the board's frame [m]."""
-    turn, at = LYING.frame
+def on_board(desk: Desk, q: np.ndarray, lying: Sticker = LYING) -> np.ndarray:
+    """Return true tips in the frame of the board that lies on the desk [m]."""
+    turn, at = lying.frame
     world = np.c_[desk.tip(q), np.full(len(q), desk.height)]
     return ((world - at) @ turn)[:, :2] + np.array(BOARD.size) / 2
 

@@ -18,20 +18,19 @@ from time import process_time
 
 import cv2
 import numpy as np
+from handeye_real import some
 from tables import typed
 
 import calib
 from calib.arm.rotations import logarithm
 from calib.body.sensor_pose import hand_pose
-from calib.recording.board import parse_board
-from calib.recording.board_pictures import BoardPictures, hand_poses
+from calib.recording.board_pictures import hand_poses
 from calib.recording.lens import Lens
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from boards import Rig
 
-SIZE = (1280, 720)
 BUMP = 3.0  # px
 SERIES = 20  # pictures
 
@@ -58,7 +57,7 @@ def one(in_hand: bool, known: bool, worlds: int, more: dict) -> None:
     for seed in range(worlds):
         rig = Rig(in_hand, seed=seed, known=known, last=True, **more)
         began = process_time()
-        shots = pictures(rig, rig.seen, 0, len(rig.q))
+        shots = rig.shots()
         lens = rig.glass if known else None
         answer = calib.handeye(rig.arm, shots, eye=rig.eye, lens=lens)
         seconds = process_time() - began
@@ -94,22 +93,13 @@ def one(in_hand: bool, known: bool, worlds: int, more: dict) -> None:
         print(f"| - OpenCV, {name} | {1e3 * far:.2f} mm, {np.degrees(turn):.3f} deg | | | | |")
 
 
-def pictures(rig: Rig, seen: np.ndarray, first: int, last: int) -> BoardPictures:
-    """Some pictures of a rig as if their corners had been found."""
-    found = tuple(dict(enumerate(seen[rig.rows == k])) for k in range(first, last))
-    names = tuple(f"{k}.png" for k in range(first, last))
-    board = parse_board("7x5:24mm:18mm:5x5_100")
-    q = rig.q[first:last]
-    return BoardPictures(board, rig.arm.joint_names, names, q, found, SIZE, len(names), ())
-
-
 def opencv(rig: Rig, true: object) -> dict[str, tuple[float, float]]:
     """How far OpenCV's solvers are off [m, rad], which take the arm as it is drawn."""
     if not hasattr(cv2, "calibrateHandEye"):
         return {}
     base, neutral = rig.structure.with_sensor(view="base"), rig.structure.neutral()
     p, turn = base.pose(rig.q, neutral)
-    seen = pictures(rig, rig.seen, 0, len(rig.q)).poses(rig.glass)
+    seen = rig.shots().poses(rig.glass)
     there = hand_poses(seen, in_hand=False)
     boards, shifts = there[:, :3, :3], there[:, :3, 3]
     out = {}
@@ -146,7 +136,7 @@ def guard(worlds: int) -> None:
         rig = Rig(seed % 2 == 0, seed=seed, pictures=24 + 2 * SERIES)
         lens = rig.glass if seed % 4 < 2 else None
         eye = rig.eye
-        own = calib.handeye(rig.arm, pictures(rig, rig.seen, 0, 24), None, None, eye, lens=lens)
+        own = calib.handeye(rig.arm, some(rig.shots(), np.arange(24)), eye=eye, lens=lens)
         model, glass = calib.train(own.poses), Lens.from_json(own.poses.source["lens"])
         late = rig.beta.copy()
         what = "tool.rotation" if rig.in_hand else "view.rotation"
@@ -157,9 +147,10 @@ def guard(worlds: int) -> None:
         moved = rig.truth.predict(rows, late) - rig.truth.predict(rows, rig.beta)
         for bumped in (False, True):
             for first in (24, 24 + SERIES):
-                shots = pictures(rig, rig.seen + bumped * moved, first, first + SERIES)
+                series_rows = np.arange(first, first + SERIES)
+                shots = some(rig.shots(rig.seen + bumped * moved), series_rows)
                 log = shots.log(glass, rig.in_hand)
-                log = replace(own.poses, q=log.q, x=log.x, orientation=log.orientation)
+                log = replace(log, arm=own.poses.arm, source=own.poses.source)
                 drifted = bool(calib.check(model, log).drifted)
                 alarms += drifted and not bumped
                 found += drifted and bumped

@@ -94,11 +94,17 @@ class TextTable:
     foot: str = ""  # what its terms mean, in one line below it
 
     def __str__(self) -> str:
-        """Return the table as aligned text; too wide a one has a line for each cell."""
+        """Return the table as aligned text.
+
+        Of too wide a one the first column's words head their rows; where that is too wide still,
+        each cell has a line.
+        """
         # names from a file may hold control characters
         header = [printable(cell) for cell in self.header]
         rows = [[printable(cell) for cell in row] for row in self.rows]
         lines = _align([header, *rows], self.left)
+        if self.left > 1 and max(map(len, lines)) > _WIDTH:
+            lines = _grouped(header, rows, self.left)
         if max(map(len, lines)) > _WIDTH:
             cells = [
                 [*cell]
@@ -119,6 +125,23 @@ def _align(rows: Sequence[Sequence[str]], words: int) -> list[str]:
         align = str.ljust if k < words else str.rjust
         columns.append([align(cell, width) for cell in cells])
     return ["  ".join(cells).rstrip() for cells in zip(*columns, strict=True)]
+
+
+def _grouped(
+    header: Sequence[str], rows: Sequence[Sequence[str]], words: int
+) -> list[str]:
+    """Return rows of cells as lines below the words of their first column."""
+    header_line, *lines = _align(
+        [row[1:] for row in (header, *rows)], words - 1
+    )
+    grouped = [f"  {header_line}"]
+    heading = None
+    for row, line in zip(rows, lines, strict=True):
+        if row[0] != heading:
+            heading = row[0]
+            grouped.append(heading)
+        grouped.append(f"  {line}")
+    return grouped
 
 
 Line = str | TextTable

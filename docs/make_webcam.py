@@ -66,7 +66,7 @@ def main(target: Path) -> None:
         model = calib.train(log)
         shown = take_photo(list_pictures(folder / "pictures")[7], model.sensory.weights, "px")
         drawn = io.BytesIO()
-        figure = calib.figures(replace(model, photo=shown), names=["photo"])["photo"]
+        figure = calib.figures(replace(model, photo=shown))["photo"]
         figure.savefig(drawn, dpi=144, facecolor="white")
         save(Image.open(drawn), target / "webcam-map.jpg")
 

@@ -110,10 +110,10 @@ def of_a_third(n: int, waves: float, seed: int = 0):
     def exact(q):
         return arm.forward(q + waves * np.sin(9 * q + np.arange(6)))
 
-    rows = calib.babble(arm, n, seed=seed, noise=2e-5, ranges=third)
+    rows = calib.babble(arm.with_range(third), n, seed=seed, noise=2e-5)
     x = rows.x + exact(rows.q) - arm.forward(rows.q)
     rows = replace(rows, x=x, simulation=None, arm=None, lower=arm.lower, upper=arm.upper)
-    return rows, exact, calib.babble(arm, 400, seed=9, ranges=third).q
+    return rows, exact, calib.babble(arm.with_range(third), 400, seed=9).q
 
 
 def babbled(*changes: str, n: int = 60, noise: float = 0.0, seed: int = 1) -> calib.Samples:

@@ -17,7 +17,6 @@ from ..common.wording import listing, quoted, suggestion
 from ..errors import OptionError
 from .gravity import GRAVITY
 from .plane import Plane
-from .robot_text import LIMITS
 from .rotations import quaternion_of
 from .spatial_chain import SpatialChain
 from .urdf import Range
@@ -301,12 +300,10 @@ def clip_range(name: str, chosen: Range, limits: Range, unit: str) -> Range:
     """
     lower, upper = (float(end) for end in chosen)
     within = limits[0] - _ROUNDING <= lower < upper <= limits[1] + _ROUNDING
-    most = math.inf if unit == "rad" else LIMITS.travel
-    if not (within and math.isfinite(upper - lower) and upper - lower <= most):
+    if not (within and math.isfinite(upper - lower)):
         raise OptionError(
             f"`ranges={{{name!r}: ({lower:g}, {upper:g})}}`: expected two finite numbers, lower "
-            f"one first, within the joint's limits {limits[0]:.6g}:{limits[1]:.6g} [{unit}]"
-            f"{'' if unit == 'rad' else f' and at most {most:g} m apart'}",
+            f"one first, within the joint's limits {limits[0]:.6g}:{limits[1]:.6g} [{unit}]",
             parameter="ranges",
             value=(lower, upper),
         )

@@ -6,8 +6,6 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from ..common.wording import listing, quoted, suggestion
 from ..errors import OptionError, RobotError
 from .finding import (
@@ -23,17 +21,10 @@ from .posture import Posture
 from .urdf import Joint, Urdf
 
 
-def check_lock(urdf: Urdf, lock: Mapping[str, float]) -> dict[str, float]:
-    """Return `lock` as a dict, or refuse fixed joints and values [rad or m] that are not finite."""
-    for name, value in lock.items():
-        unit = _movable(urdf, name, "lock").unit
-        if not np.isfinite(value):
-            raise OptionError(
-                f"`lock` of {quoted(name)} is {value}: expected a finite number [{unit}]",
-                parameter="lock",
-                value=value,
-            )
-    return dict(lock)
+def check_lock(urdf: Urdf, lock: Collection[str]) -> None:
+    """Refuse to lock joints that do not exist or are fixed."""
+    for name in lock:
+        _movable(urdf, name, "lock")
 
 
 def choose_chain(

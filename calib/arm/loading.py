@@ -119,7 +119,8 @@ def arm_from_urdf(
     `name` is used where the URDF gives its robot none.
     """
     urdf = parse_robot(text, name)
-    lock = check_lock(urdf, lock or {})
+    lock = dict(lock or {})
+    check_lock(urdf, lock)
     ranges = dict(ranges or {})
     posture = posture_of(urdf, lock)
     chain, notes = choose_chain(

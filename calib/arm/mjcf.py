@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -34,6 +34,7 @@ from .urdf import Joint, Range, Urdf
 WORLD = "world"
 """The root link."""
 
+_JOINTS = ("joint", "freejoint")
 _ORIENTATIONS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "euler": 3}
 _ZERO = (0.0, 0.0, 0.0)
 _AXES = np.eye(3)
@@ -41,10 +42,9 @@ _AXES = np.eye(3)
 
 @dataclass(frozen=True, eq=False)
 class JointElement:
-    """Where the text places a joint: its origin is ``before element after``."""
+    """Where the text places a joint: its origin is that of an element, then ``after``."""
 
     element: int  # its number among all elements, in the order of the text
-    before: Array  # (4, 4), of the frames around it
     after: Array  # (4, 4), from the element to the joint's origin
 
 
@@ -61,7 +61,6 @@ class Element(NamedTuple):
     """An element of a body."""
 
     node: ET.Element
-    frame: Array  # (4, 4), around it, in the body's frame
     inherited: str  # class of its defaults
 
 
@@ -106,8 +105,7 @@ class _Reader:
         """Transform (4, 4) of an element in its body's frame, a body's in its parent's."""
         attributes = self.attributes(element)
         place = attributes.numbers("pos", _ZERO)
-        transform = _transform(self._orientation(attributes), place)
-        return np.asarray(element.frame @ transform)
+        return _transform(self._orientation(attributes), place)
 
     def _orientation(self, attributes: Attributes) -> Array:
         """Rotation (3, 3) in any of the forms that MJCF has."""
@@ -152,21 +150,6 @@ class _Reader:
             rotation = rotation @ turn if letter.islower() else turn @ rotation
         return rotation
 
-    def elements(
-        self,
-        node: ET.Element,
-        inherited: str,
-        around: Array,
-    ) -> Iterator[Element]:
-        """Yield the elements of a body, those in frames within it too."""
-        for child in node:
-            element = Element(child, around, inherited)
-            if child.tag == "frame":
-                name = child.get("childclass", inherited)
-                yield from self.elements(child, name, self.frame(element))
-            else:
-                yield element
-
     def add_contents(self, inside: list[Element], link: str) -> None:
         """Add the sites and bodies on a link."""
         for element in inside:
@@ -175,14 +158,7 @@ class _Reader:
                 self._add_body(element, link)
             elif node.tag == "site" and node.get("name"):
                 site = self._new_link(self.name(element), "site")
-                joint = f"{site}:site"
-                self._add_fixed(
-                    joint,
-                    link,
-                    site,
-                    self.frame(element),
-                )
-                self._place(joint, element, np.eye(4))
+                self._fix(f"{site}:site", link, site, element)
 
     def _add_body(self, element: Element, parent: str) -> None:
         """Add a body with its joints, sites and bodies."""
@@ -190,9 +166,11 @@ class _Reader:
         name = self._new_link(self.name(element), "body")
         origin = self.frame(element)
         inherited = node.get("childclass", element.inherited)
-        inside = list(self.elements(node, inherited, np.eye(4)))
+        inside = [Element(child, inherited) for child in node]
         self._weigh(name, inside)
-        moving = [part for part in inside if part.node.tag == "joint"]
+        moving = [part for part in inside if part.node.tag in _JOINTS]
+        if not moving:
+            self._fix(f"{name}:frame", parent, name, element)
         link = parent
         for part in moving:
             joint, back = self._joint(part, link)
@@ -204,16 +182,9 @@ class _Reader:
             place = origin @ joint.origin
             self.joints.append(replace(joint, child=link, origin=place))
             origin = back
-        if link != name:
+        if moving and link != name:
             frame = f"{name}:frame"
-            self._add_fixed(
-                frame,
-                link,
-                name,
-                origin,
-            )
-            if not moving:
-                self._place(frame, element, np.eye(4))
+            self.joints.append(Joint(frame, "fixed", link, name, origin))
         self.add_contents(inside, name)
 
     def _weigh(self, link: str, inside: list[Element]) -> None:
@@ -229,14 +200,21 @@ class _Reader:
                 if geom.get("mass", geom.get("density")) != "0":
                     self.masses[link] = math.nan, _ZERO
 
-    def _place(
+    def _fix(
         self,
         joint: str,
+        parent: str,
+        child: str,
         element: Element,
-        after: Array,
     ) -> None:
+        """Add the fixed joint that carries a site, or a body that has no joints."""
+        origin = self.frame(element)
+        self.joints.append(Joint(joint, "fixed", parent, child, origin))
+        self._place(joint, element, np.eye(4))
+
+    def _place(self, joint: str, element: Element, after: Array) -> None:
         number = self.numbers[element.node]
-        self.places[joint] = JointElement(number, element.frame, after)
+        self.places[joint] = JointElement(number, after)
 
     def _new_link(self, name: str, kind: str) -> str:
         if name in self.links:  # MuJoCo lets a site have a body's name
@@ -254,23 +232,25 @@ class _Reader:
         where = attributes.where
         name = self.name(part)
         kind = attributes.get("type", "hinge")
+        if part.node.tag == "freejoint":
+            kind = "free"
         if kind not in ("hinge", "slide"):
             raise RobotError(
-                f"{where} is of type {quoted(kind)}: expected hinges and slides alone"
+                f"{where} is of type {quoted(kind)}: expected an arm of hinges and slides; remove "
+                "the joint, or the body that it moves"
             )
         if name in self.references:
             raise RobotError(
                 f"two joints are named {quoted(name)}: rename one of them"
             )
-        turns = part.frame[:3, :3]
-        axis = turns @ attributes.numbers("axis", (0.0, 0.0, 1.0))
+        axis = np.array(attributes.numbers("axis", (0.0, 0.0, 1.0)))
         length = float(np.linalg.norm(axis))
         if not length > 0:
             raise RobotError(
                 f"{where} has the axis 0 0 0: give a direction such as 0 0 1"
             )
         axis = axis / length
-        place = turns @ attributes.numbers("pos", _ZERO) + part.frame[:3, 3]
+        place = np.array(attributes.numbers("pos", _ZERO))
         back = _transform(_AXES, -place)
         pivot = _transform(_AXES, place)
         unit = self.angle(1.0) if kind == "hinge" else 1.0
@@ -290,33 +270,7 @@ class _Reader:
             kind = "revolute" if limits else "continuous"
             pivot[:3, :3] = exponential(-reference * axis)
         direction = tuple(axis.tolist())
-        joint = Joint(
-            name,
-            kind,
-            parent,
-            "",
-            pivot,
-            direction,
-            limits,
-        )
-        return joint, back
-
-    def _add_fixed(
-        self,
-        name: str,
-        parent: str,
-        child: str,
-        origin: Array,
-    ) -> None:
-        self.joints.append(
-            Joint(
-                name,
-                "fixed",
-                parent,
-                child,
-                origin,
-            )
-        )
+        return Joint(name, kind, parent, "", pivot, direction, limits), back
 
 
 def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
@@ -330,10 +284,6 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
     compiler: dict[str, str] = {}
     for node in root.findall("compiler"):
         compiler.update(node.attrib)
-    if compiler.get("coordinate", "local") != "local":
-        raise RobotError(
-            "the MJCF has global coordinates: save it anew with MuJoCo 2.3 or later"
-        )
     sequence = compiler.get("eulerseq", "xyz")
     if len(sequence) != 3 or set(sequence.lower()) - set("xyz"):
         raise RobotError(
@@ -347,9 +297,7 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
         autolimits=compiler.get("autolimits", "true") == "true",
     )
     for world in root.findall("worldbody"):
-        reader.add_contents(
-            list(reader.elements(world, "main", np.eye(4))), WORLD
-        )
+        reader.add_contents([Element(child, "main") for child in world], WORLD)
     if len(reader.links) == 1:
         raise RobotError(
             "the MJCF has no bodies: expected a robot with bodies and joints"
@@ -359,14 +307,8 @@ def read_mjcf(root: ET.Element, name: str = "robot") -> Mjcf:
     joints = tuple(
         replace(joint, mimic=coupled.get(joint.name)) for joint in reader.joints
     )
-    tree = Urdf(
-        title,
-        WORLD,
-        tuple(reader.links),
-        joints,
-        (),
-        reader.masses,
-    )
+    links = tuple(reader.links)
+    tree = Urdf(title, WORLD, links, joints, (), reader.masses)
     return Mjcf(tree, reader.places)
 
 

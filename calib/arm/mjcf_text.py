@@ -13,23 +13,24 @@ from .urdf import Mimic
 Defaults = Mapping[str, Mapping[str, str]]
 """Attributes of elements by their tag."""
 
-REFUSED = ("include", "attach", "replicate", "composite", "flexcomp")
-"""Elements that stand for others."""
+REFUSED = (
+    "include",
+    "attach",
+    "frame",
+    "replicate",
+    "composite",
+    "flexcomp",
+)
+"""Elements that stand for others, or for a part of their places."""
 
 
 def check_supported(node: ET.Element) -> None:
-    """Refuse an element that stands for others, or a joint of several values."""
+    """Refuse an element that stands for others."""
     if node.tag in REFUSED:
         name = node.get("file") or node.get("name") or node.get("model") or ""
         raise RobotError(
             f"the MJCF has <{node.tag}> {quoted(name)}: expected one file that is written out, "
             "as `mujoco.mj_saveLastXML` writes it"
-        )
-    kind = node.get("type", "hinge") if node.tag == "joint" else node.tag
-    if kind in ("free", "ball", "freejoint"):
-        raise RobotError(
-            f"joint {quoted(node.get('name', ''))} is a {kind.removesuffix('joint')} joint: "
-            "expected an arm of hinges and slides; remove the joint, or the body that it moves"
         )
 
 

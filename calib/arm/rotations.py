@@ -15,6 +15,12 @@ from ..common.arrays import Array
 _LEAST = 1e-300
 """Angle [rad] in place of none: quotients of it are those of small angles."""
 
+_SIGNS = np.cross(np.eye(3), np.eye(3)[:, None])
+"""Signs (3, 3, 3) of a cross product: (v x u)_i = sum_jk signs_jik v_j u_k."""
+
+_AXIAL = _SIGNS.transpose(2, 0, 1).reshape(9, 3)
+"""What makes of a matrix M, row by row, the vector that belongs to M - M'."""
+
 
 def matrix_of(quaternions: ArrayLike) -> Array:
     """Rotation matrices (n, 3, 3) of quaternions (n, 4) as qx, qy, qz, qw; any length."""
@@ -31,16 +37,12 @@ def quaternion_of(matrices: ArrayLike) -> Array:
     """
     r = np.asarray(matrices, dtype=float)
     # 4 q q'
-    back = np.swapaxes(r, -1, -2)
+    trace = np.trace(r, axis1=-2, axis2=-1)[..., None, None]
     four = np.empty((*r.shape[:-2], 4, 4))
-    trace = np.trace(r, axis1=-2, axis2=-1)
-    four[..., :3, :3] = r + back + (1 - trace)[..., None, None] * np.eye(3)
-    away = r - back
-    four[..., 3, :3] = np.stack(
-        [away[..., 2, 1], away[..., 0, 2], away[..., 1, 0]], axis=-1
-    )
+    four[..., :3, :3] = r + np.swapaxes(r, -1, -2) + (1 - trace) * np.eye(3)
+    four[..., 3, :3] = r.reshape(*r.shape[:-2], 9) @ _AXIAL
     four[..., :3, 3] = four[..., 3, :3]
-    four[..., 3, 3] = 1 + trace
+    four[..., 3:, 3:] = 1 + trace
     best = np.argmax(np.diagonal(four, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(four, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
@@ -75,11 +77,7 @@ def _vector_of(q: Array) -> Array:
 def cross_matrix(vectors: ArrayLike) -> Array:
     """Matrices K (n, 3, 3) with K u = v x u of vectors v (n, 3)."""
     v = np.asarray(vectors, dtype=float)
-    out = np.zeros((*v.shape, 3))
-    out[..., 2, 1] = v[..., 0]
-    out[..., 0, 2] = v[..., 1]
-    out[..., 1, 0] = v[..., 2]
-    return out - np.swapaxes(out, -1, -2)
+    return np.asarray((v @ _SIGNS.reshape(3, 9)).reshape(*v.shape, 3))
 
 
 def nearest_rotation(matrix: Array) -> Array:

@@ -207,14 +207,7 @@ def read_urdf_tree(robot: ET.Element, name: str = "robot") -> Urdf:
             )
     root = _find_root(links, joints)
     masses = dict(_masses(robot))
-    return Urdf(
-        title,
-        root,
-        tuple(links),
-        joints,
-        tuple(notes),
-        masses,
-    )
+    return Urdf(title, root, tuple(links), joints, tuple(notes), masses)
 
 
 def _names(robot: ET.Element, tag: str) -> dict[str, None]:
@@ -245,18 +238,8 @@ def _read_joint(
             f"{where} has type {quoted(kind)}: only fixed, revolute, continuous and prismatic "
             "joints are supported; make it fixed"
         )
-    parent = _end(
-        node,
-        "parent",
-        where,
-        links,
-    )
-    child = _end(
-        node,
-        "child",
-        where,
-        links,
-    )
+    parent = _end(node, "parent", where, links)
+    child = _end(node, "child", where, links)
     place = _part(node, "origin", where)
     xyz = place.numbers("xyz", _ZERO)
     rpy = place.numbers("rpy", _ZERO)
@@ -293,16 +276,7 @@ def _read_joint(
     if follows:
         scale = follows.number("multiplier", 1.0)
         mimic = Mimic(follows.get("joint", ""), scale, follows.number("offset"))
-    return Joint(
-        name,
-        kind,
-        parent,
-        child,
-        origin,
-        axis,
-        limits,
-        mimic,
-    )
+    return Joint(name, kind, parent, child, origin, axis, limits, mimic)
 
 
 def _part(node: ET.Element, path: str, where: str) -> Attributes:
@@ -311,12 +285,8 @@ def _part(node: ET.Element, path: str, where: str) -> Attributes:
     return Attributes(f"{where}: {path}", {} if part is None else part.attrib)
 
 
-def _end(
-    node: ET.Element,
-    tag: str,
-    where: str,
-    links: Collection[str],
-) -> str:
+def _end(node: ET.Element, tag: str, where: str, links: Collection[str]) -> str:
+    """Return the link at one end of a joint."""
     ends = node.findall(tag)
     if len(ends) != 1:
         raise RobotError(
@@ -346,27 +316,20 @@ def _find_root(links: Collection[str], joints: tuple[Joint, ...]) -> str:
     """Return the one link without a parent, or say why the links are no tree."""
     above = {joint.child: joint for joint in joints}
     roots = [link for link in links if link not in above]
-    doubled = [joint for joint in joints if above[joint.child] is not joint]
-    reached = list(roots)
-    # grows as it goes; a link with two parents is reached by one
-    for link in reached:
-        for joint in joints:
-            if joint.parent == link and joint not in doubled:
-                reached.append(joint.child)
-    looped = [joint for joint in joints if joint.child not in reached]
-    fault = ""
-    names: list[str] = []
-    if len(roots) > 1:
-        fault = f"{len(roots)} root links, join them with fixed joints"
-        names = roots
-    elif doubled:
-        fault = "joints to a link that has another parent, remove one"
-        names = [joint.name for joint in doubled]
-    elif looped:
-        fault = "joints in a loop, remove one"
-        names = [joint.name for joint in looped]
-    if fault:
-        raise RobotError(
-            f"the URDF is no tree of links: {fault}: {listing(names, 4)}"
-        )
+    doubled = [j.name for j in joints if above[j.child] is not j]
+    several = roots if len(roots) > 1 else []
+    reached = set(roots)
+    for _ in joints:
+        reached |= {j.child for j in joints if j.parent in reached}
+    looped = [joint.name for joint in joints if joint.child not in reached]
+    faults = {
+        f"{len(roots)} root links, join them with fixed joints": several,
+        "joints to a link that has another parent, remove one": doubled,
+        "joints in a loop, remove one": looped,
+    }
+    for fault, names in faults.items():
+        if names:
+            raise RobotError(
+                f"the URDF is no tree of links: {fault}: {listing(names, 4)}"
+            )
     return roots[0]

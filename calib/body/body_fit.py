@@ -165,12 +165,8 @@ def _over_all_rows(fit: Fit, rows: Sequence[Rows]) -> Fit:
         return fit
     sd = np.zeros(len(fit.beta))
     sd[fit.active] = fit.sd
-    # exact rows leave nothing to learn of their noise
-    is_noisy = fit.noise > fit.parts[0].floor
-    learn = bool(is_noisy.any())
-    prior = Prior(fit.mean, sd)
-    whole = fit.beginning(rows, prior)
-    return whole.maximise(learn=learn, steps=4, tolerance=FIT.settled)
+    whole = fit.beginning(rows, Prior(fit.mean, sd))
+    return whole.maximise(steps=4, tolerance=FIT.settled)
 
 
 def _with_bound(

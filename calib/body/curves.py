@@ -30,8 +30,8 @@ def curve_shape(*more: float) -> Array:
 
 
 def waves_of(q: Array) -> Array:
-    """Cosines, then sines (96, n) of N q for N = 1..48 at joint values (n,), by doubling."""
-    waves = np.empty((HARMONICS, len(q)), dtype=complex)
+    """Cosines, then sines (96, ...) of N q for N = 1..48 at joint values (...), by doubling."""
+    waves = np.empty((HARMONICS, *q.shape), dtype=complex)
     waves[0] = np.exp(1j * q)
     count = 1
     while count < HARMONICS:
@@ -43,22 +43,13 @@ def waves_of(q: Array) -> Array:
 
 
 def curve_value(q: Array, coefficients: Array) -> Array:
-    """Curve (n,) [rad] at joint values (n,), or curves (k, n) at (k, n), by Estrin's scheme."""
-    cosines, sines = np.split(coefficients.T[..., None], 2)
-    terms = cosines - 1j * sines
-    wave = np.exp(1j * q)
-    power = wave
-    while len(terms) > 3:  # neighbours in pairs: 48 terms, 24, 12, 6, 3
-        terms = terms[::2] + power * terms[1::2]
-        power = power * power
-    total = terms[1] + power * terms[2]
-    total = terms[0] + power * total
-    curve: Array = (total * wave).real
-    return curve
+    """Curves (k, n) [rad] of coefficients (k, 96) at joint values (k, n)."""
+    curves: Array = np.einsum("kc,ckn->kn", coefficients, waves_of(q))
+    return curves
 
 
 def curve_slope(q: Array, coefficients: Array) -> Array:
-    """Derivative [rad/rad] of the curve by the joint value, as `curve_value`."""
-    cosines, sines = np.split(coefficients, 2, axis=-1)
-    parts = [ORDERS * sines, -ORDERS * cosines]
-    return curve_value(q, np.concatenate(parts, axis=-1))
+    """Derivatives (k, n) [rad/rad] of the curves by the joint values, as `curve_value`."""
+    cosines, sines = np.split(coefficients, 2, axis=1)
+    slopes = np.concatenate([ORDERS * sines, -ORDERS * cosines], axis=1)
+    return curve_value(q, slopes)

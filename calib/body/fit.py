@@ -125,29 +125,24 @@ class Fit:
 
     # The search.
 
-    def maximise(
-        self, *, learn: bool = True, steps: int = 10, tolerance: float = 1e-2
-    ) -> Fit:
+    def maximise(self, *, steps: int = 10, tolerance: float = 1e-2) -> Fit:
         """Go to the maximum of the posterior, noise and scales by evidence; returns itself.
 
-        learn : whether noise and scales are learned; otherwise they stay
         steps : most linearisations
         tolerance : a step below this share of the posterior sd ends the search
         """
-        least = 0
-        if learn:
-            least = 3 if self.hypers else 1
+        least = 3 if self.hypers else 1
         for step in range(steps):
             self._linearise()
             factor = Factor(self.precision)
-            variance = factor.variances()
+            inverse = factor.inverse()
+            variance = np.diag(inverse)
             # A step that fails is damped: a shorter one would hardly move what the rows determine,
             # since directions that they leave open, such as the gauge of a chain without a
             # drawing, are the long and curved part of it.
             dampings = (0.0, *1e-4 * 8.0 ** np.arange(8))
             gain, delta, damping = self.descend(dampings)
-            if learn:
-                self._learn(factor, variance)
+            self._learn(inverse)
             shares = np.abs(delta) / np.sqrt(variance)
             settled = shares.max(initial=0.0) <= tolerance
             if step >= least and settled:
@@ -286,13 +281,14 @@ class Fit:
                 moments[block] += flat.T @ misfit[rows].ravel()
         return grams, moments
 
-    def _learn(self, factor: Factor, variance: Array) -> None:
-        """One step of EM: scales and noise; `variance` (k,) is that of the posterior."""
+    def _learn(self, covariance: Array) -> None:
+        """One step of EM: scales and noise; `covariance` (k, k) is that of the posterior."""
         away = (self.beta - self.mean)[self.active]
+        variance = np.diag(covariance)
         if self.prior_precision is None:
             prior_share = float((variance / self.sd**2).sum())
         else:
-            prior_share = float((factor.inverse() * self.prior_precision).sum())
+            prior_share = float((covariance * self.prior_precision).sum())
         determined = len(away) - prior_share  # numbers that the rows determine
         for hyper in self.hypers:
             index = hyper.indices

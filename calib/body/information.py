@@ -59,21 +59,17 @@ def greedy(directions: Array, n: int) -> Index:
         of two rows' directions are the covariance of their readings
     n : how many, at most k
     """
-    p = directions.shape[1]
-    eye = np.eye(p)
-    spread = directions @ np.swapaxes(directions, 1, 2)
-    factors: list[Array] = []  # columns of a growing Cholesky factor
+    eye = np.eye(directions.shape[1])
     chosen: list[int] = []
     for _ in range(n):
+        spread = directions @ np.swapaxes(directions, 1, 2)
         _, gain = np.linalg.slogdet(eye + spread)
         gain[chosen] = -1.0
         best = int(gain.argmax())
         chosen.append(best)
-        between = directions @ directions[best].T
-        for factor in factors:
-            between -= factor @ factor[best].T
-        root = np.linalg.cholesky(eye + spread[best])
-        column = between @ np.linalg.inv(root).T
-        factors.append(column)
-        spread -= column @ np.swapaxes(column, 1, 2)
+        # ways that the row tells, and the share of the belief's sd that it leaves along them
+        ways, sizes, _ = np.linalg.svd(directions[best].T, full_matrices=False)
+        shares = 1 / np.sqrt(1 + sizes**2)
+        along_ways = directions @ ways
+        directions = directions - (1 - shares) * along_ways @ ways.T
     return np.array(chosen, dtype=np.intp)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
-from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
 from ..common.arrays import Array
+
+_JITTERS = (0.0, 1e-13, 1e-11, 1e-9, 1e-6)
 
 
 class Factor:
@@ -19,46 +20,15 @@ class Factor:
     def __init__(self, matrix: Array) -> None:
         diagonal = np.diag(matrix)
         self.scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        for jitter in (0.0, 1e-13, 1e-11, 1e-9, 1e-6):
-            scaled = matrix * self.scale[:, None]
-            scaled *= self.scale
-            scaled.flat[:: len(scaled) + 1] += jitter
-            # The transpose of a C-ordered array is what LAPACK factors in place, without a copy.
-            self._root, failed = dpotrf(
-                scaled.T, lower=1, clean=1, overwrite_a=1
-            )
-            if (
-                not failed and np.isfinite(np.diag(self._root)).all()
-            ):  # a NaN spreads there
-                return
-        raise np.linalg.LinAlgError("the matrix is not positive")
+        scaled = matrix * self.scale[:, None] * self.scale
+        self._root = _root_of(scaled)
 
     def solve(self, b: Array) -> Array:
         """Solution (k,) or (k, r) of ``matrix x = b``."""
-        scale = self.scale if b.ndim == 1 else self.scale[:, None]
-        inner = cho_solve((self._root, True), scale * b, check_finite=False)
-        solution: Array = scale * inner
+        scaled = (self.scale * b.T).T
+        inner = cho_solve((self._root, True), scaled, check_finite=False)
+        solution: Array = (self.scale * inner.T).T
         return solution
-
-    def inverse(self) -> Array:
-        """Inverse (k, k)."""
-        if not len(
-            self.scale
-        ):  # LAPACK complains of an empty matrix on standard output
-            return np.zeros((0, 0))
-        # a third of solving for 1; above it are zeros
-        inner, _ = dpotri(self._root, lower=1)
-        inner += np.tril(inner, -1).T
-        inner *= self.scale[:, None]
-        inner *= self.scale
-        return np.ascontiguousarray(inner)
-
-    def variances(self) -> Array:
-        """Diagonal (k,) of the inverse, at half the work of all of it."""
-        root, _ = dtrtri(self._root, lower=1)
-        squares = np.einsum("ij,ij->j", root, root)
-        variances: Array = squares * self.scale**2
-        return variances
 
     def whiten(self, b: Array) -> Array:
         """``L^-1 b`` (k, r): columns whose scalar products are ``b' matrix^-1 b``."""
@@ -68,11 +38,30 @@ class Factor:
         )
         return white
 
+    def inverse(self) -> Array:
+        """Inverse (k, k)."""
+        white = self.whiten(np.eye(len(self.scale)))
+        inverse: Array = white.T @ white
+        return inverse
+
     def log_determinant(self) -> float:
         """Logarithm of the matrix's determinant."""
         root = np.log(np.diag(self._root))
         scale = np.log(self.scale)
         return 2 * float(root.sum() - scale.sum())
+
+
+def _root_of(matrix: Array) -> Array:
+    """Lower triangular root (k, k) of a matrix, or of one with a little more on its diagonal."""
+    eye = np.eye(len(matrix))
+    for jitter in _JITTERS:
+        try:
+            root = np.linalg.cholesky(matrix + jitter * eye)
+        except np.linalg.LinAlgError:
+            continue
+        if np.isfinite(np.diag(root)).all():  # a NaN spreads there
+            return np.asarray(root)
+    raise np.linalg.LinAlgError("the matrix is not positive")
 
 
 def with_prior(gram: Array, sd: Array, precision: Array | None) -> Array:

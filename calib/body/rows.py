@@ -115,24 +115,21 @@ class Part:
                 yield rows, slope
 
     def learn_noise(self, share: float = 0.0) -> None:
-        """Find the most probable noise (m,); a `share` of the numbers was fitted."""
+        """Find the most probable noise (m,).
+
+        share : of all numbers, that parameters follow; the others tell the noise
+        """
         if self.stated:
             return
-        n, m = self.residual.shape
-        noise = np.empty(m)
+        noise = np.empty(len(self.floor))
         for columns, p, squares in self._squares(self.residual):
-            floor = float(self.floor[columns.start])
-            lowest = max(floor**2, 1e-300)
-            freedom = max((1 - share) * p * n, p * n / 4 + 1)
+            numbers = p * len(squares)
+            freedom = max((1 - share) * numbers, 1.0)
+            lowest = max(float(self.floor[columns.start]) ** 2, 1e-300)
             variance = max(float(np.median(squares)) / p, lowest)
-            if np.isfinite(self.nu):
-                for _ in range(FIT.noise_steps):
-                    away = squares / variance
-                    weighted = (self.nu + p) / (self.nu + away) * squares
-                    total = float(weighted.sum())
-                    variance = max(total / freedom, lowest)
-            else:
-                total = float(squares.sum())
+            for _ in range(FIT.noise_steps):
+                weights = self._weights(squares / variance, p)
+                total = float(weights @ squares)
                 variance = max(total / freedom, lowest)
             noise[columns] = np.sqrt(variance)
         self.noise = noise
@@ -140,13 +137,18 @@ class Part:
     def weigh(self) -> Array:
         """Set the weights, one for each row and block of outputs; their roots over the noise."""
         self.weight = np.ones_like(self.residual)
-        if np.isfinite(self.nu):
-            for columns, p, squares in self._squares(self.residual):
-                away = squares / self.noise[columns.start] ** 2
-                weight = (self.nu + p) / (self.nu + away)
-                self.weight[:, columns] = weight[:, None]
+        for columns, p, squares in self._squares(self.residual):
+            away = squares / self.noise[columns.start] ** 2
+            self.weight[:, columns] = self._weights(away, p)[:, None]
         roots: Array = np.sqrt(self.weight) / self.noise
         return roots
+
+    def _weights(self, away: Array, p: int) -> Array:
+        """Weights (n,) of p residuals each, whose squared lengths over the noise's are `away`."""
+        if np.isinf(self.nu):
+            return np.ones_like(away)
+        weights: Array = (self.nu + p) / (self.nu + away)
+        return weights
 
     def energy(self, residual: Array) -> float:
         """Negative log likelihood of residuals (n, m), up to a constant."""

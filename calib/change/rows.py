@@ -230,13 +230,22 @@ def _misreadings(rows: LogRows) -> list[str]:
         findings = diagnose(log, model.forward, pose)
         notes = refuse_mistakes([f for f in findings if f.kind in _MISREAD])
     names = model.about.joint_names
-    for name, width in zip(names, rows.widths.tolist(), strict=True):
-        if width < ROWS.corner:
+    for name, share in zip(names, _shares(rows).tolist(), strict=True):
+        if share < ROWS.corner:
             notes.append(
-                f"the log covers {100 * width:.0f} % of the learned range of {name}: the result "
+                f"the log covers {100 * share:.0f} % of the learned range of {name}: the result "
                 "says little about the rest"
             )
     return notes
+
+
+def _shares(rows: LogRows) -> Array:
+    """Share (dof,) of what was learned of each joint that a log covers: measured, or its range."""
+    measured = rows.model.rows
+    if measured is None:
+        return rows.widths
+    learned = np.ptp(rows.model.motor.scale.to_unit(measured.q), axis=0)
+    return np.asarray(rows.widths / np.maximum(learned, 1e-12))
 
 
 def _refuse_degrees(model: Model, log: Samples) -> None:

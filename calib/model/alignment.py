@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..arm.rotations import logarithm, nearest_rotation
 from ..common.arrays import Array
 from ..common.wording import number, quantity
 
@@ -56,17 +56,12 @@ class Alignment:
     @property
     def angle(self) -> float:
         """Rotation [rad], after a mirror of x where there is one; in space without its sign."""
-        # the nearest rotation of a 2x2 matrix: its antisymmetric part over its trace
-        matrix = self.matrix.copy()
-        matrix[:, 0] *= -1.0 if self.is_mirrored else 1.0
-        if len(matrix) == 3:
-            odd = np.linalg.norm(matrix - matrix.T) / math.sqrt(
-                2.0
-            )  # 2 scale sin(angle)
-            return math.atan2(odd, float(np.trace(matrix)) - self.scale)
-        return math.atan2(
-            matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1]
-        )
+        axes = len(self.matrix)
+        turned = np.eye(3)
+        turned[:axes, :axes] = self.matrix
+        turned[:, 0] *= -1.0 if self.is_mirrored else 1.0
+        turn = logarithm(nearest_rotation(turned)[None])[0]
+        return float(turn[2] if axes == 2 else np.linalg.norm(turn))
 
     def words(
         self,
@@ -99,12 +94,10 @@ class Alignment:
 
     def to_json(self) -> list[list[float]]:
         """Rows of [A | b]."""
-        return [
-            [*row, b]
-            for row, b in zip(
-                self.matrix.tolist(), self.shift.tolist(), strict=True
-            )
-        ]
+        rows: list[list[float]] = np.column_stack(
+            [self.matrix, self.shift]
+        ).tolist()
+        return rows
 
     @classmethod
     def from_json(cls, rows: list[list[float]]) -> Alignment:

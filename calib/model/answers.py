@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..common.arrays import Array
-from ..common.rows import query_rows
+from ..common.rows import query_rows, row_lengths
 from ..errors import QueryError
 from ..inverse.links import search_by_links
 from ..inverse.newton import limit_joints, limit_length
@@ -98,10 +98,16 @@ def inverse(
     return q
 
 
-def solve(model: Parts, x: Array, near: ArrayLike | None) -> Answer:
+def solve(
+    model: Parts, x: Array, near: ArrayLike | None, readout: str = "local"
+) -> Answer:
     """Joints nearest to `near` for targets (n, m) in full; out of reach those that come nearest."""
-    q = inverse(model, x, near, nearest=True)
-    return answer(model, model.motor.scale.to_unit(q), x)._replace(q=q)
+    if readout == "local":
+        q = inverse(model, x, near, nearest=True)
+        return answer(model, model.motor.scale.to_unit(q), x)._replace(q=q)
+    wish = anchor(model, near, len(x))
+    u = unit_joints(model, x, wish, (readout,))[readout]
+    return answer(model, u, x, model.positions_at(u, readout))
 
 
 def joints_and_reach(
@@ -119,16 +125,15 @@ def joints_and_reach(
 
 
 def in_sight(model: Parts, x: Array) -> Array:
-    """Targets (n, m), those a million extents away and further moved closer.
+    """Targets (n, m), those a million extents away and further in the same direction, but nearer.
 
-    What is nearest to them lies in the same direction, and their squares would overflow.
+    Their squares would overflow.
     """
     limit = ANSWER.in_sight * (
         model.solver.extent + float(np.abs(model.sensory.scale.lower).max())
     )
     furthest = np.abs(x).max(axis=1, keepdims=True)
-    nearer = x / np.maximum(furthest, limit) * limit
-    return np.where(furthest > limit, nearer, x)
+    return np.asarray(x / np.maximum(furthest / limit, 1.0))
 
 
 def answer(
@@ -139,12 +144,7 @@ def answer(
         position = model.predictor.value(u)
     # the distance of a target at 1e308 may be infinite
     with np.errstate(over="ignore"):
-        gap = position - x
-        distance = (
-            np.hypot(*gap.T)
-            if x.shape[1] == 2
-            else np.sqrt((gap**2).sum(axis=1))
-        )
+        distance = row_lengths(position - x)
     # steps over a forged model's numbers may overflow; where joints are no numbers, none is within
     finite = np.nan_to_num(u, posinf=0.0, neginf=0.0)
     bound = model.bound_at(finite)
@@ -197,8 +197,7 @@ def anchor(model: Parts, near: ArrayLike | None, n: int) -> Array:
             f"near has {names[k]} = {rows[row, k]:.6g}: expected a value in its range "
             f"{lower[k]:.6g} to {upper[k]:.6g}"
         )
-    # quicker than NumPy's clip, which counts of one row
-    inside = np.minimum(np.maximum(rows, lower), upper)
+    inside = np.clip(rows, lower, upper)
     return scale.to_unit(np.where(scale.periodic, rows, inside))
 
 

@@ -1,19 +1,39 @@
-"""Models whose single queries compiled C answers, where there is a compiler."""
+"""Models whose queries compiled C answers, where there is a compiler: single ones, and rows."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import warnings
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..errors import OptionError
-from ..kernel.compiled import NOTHING
+from ..kernel.compiled import NOTHING, Library
 from .answers import solve
 from .header import kernel_of
 from .parts import Parts
+
+COST = {
+    "forward": 0.03,
+    "jacobian": 0.03,
+    "bounds": 0.8,
+    "model_bounds": 0.8,
+    "inverse": 1.7,
+    "poses": 40.0,
+    "branches": 100.0,
+    "compiler": 7e5,
+}
+"""Processor time of a row by NumPy, for each squared joint, and of the compiler [us].
+
+See ``benchmarks/inverse.py``."""
+
+CHUNK = 20_000
+"""Positions at once, whose branches fit into the processor's cache."""
+
 
 _UNSURE = "the bound on the position may be too wide here: ask without strict"
 _NOWHERE = "nothing reaches the position"
@@ -56,13 +76,6 @@ class Compilable(Parts):
         """Why this thread's last single query of a strict model was NaN, None if it was not."""
         return None if self.kernel is None else self.kernel.reason
 
-    def __setstate__(self, state: Mapping[str, object]) -> None:
-        """Unpickle; a strict model warms up again, others have to be told to."""
-        for name, value in state.items():
-            object.__setattr__(self, name, value)
-        if self.strict:
-            self.warm_up(strict=True)
-
     def _single(
         self,
         kind: str,
@@ -90,3 +103,67 @@ class Compilable(Parts):
         """What the compiled C answers at joint values; None where the batch has to."""
         unsure = () if self.everywhere else (0,)
         return self._single(kind, q, unsure=unsure, why=_UNSURE)
+
+    def _rows_at(self, kind: str, q: Array) -> Array | None:
+        """What the compiled C answers at joints (n, dof); None where NumPy has to.
+
+        Where a row was refused NumPy may know better.
+        """
+        kernel = prepare(self, kind, len(q))
+        if kernel is None:
+            return None
+        answers, valid = kernel.rows(kind, q)
+        return answers if self.everywhere or valid.all() else None
+
+
+def prepare(model: Parts, kind: str, rows: int) -> Library | None:
+    """The compiled C for rows of a query, made where that pays; None where NumPy answers.
+
+    Why it cannot be made is said once, as a warning.
+    """
+    cost = rows * len(model.about.lower) ** 2 * COST[kind]
+    if model.kernel is not None or cost < COST["compiler"]:
+        return model.kernel
+    if "uncompiled" in model.cache or model.body is None:
+        return None
+    kernel, reason = kernel_of(model)
+    if kernel is None:
+        model.cache["uncompiled"] = reason
+        warnings.warn(
+            f"{reason}; large batches take longer", RuntimeWarning, stacklevel=5
+        )
+    object.__setattr__(model, "kernel", kernel)
+    return kernel
+
+
+def all_rows(model: Parts, x: Array) -> list[Array] | None:
+    """Joints (k, dof) of every branch of positions (n, m), the middle one first; None for NumPy.
+
+    Families of redundant joints are NumPy's.
+    """
+    kernel = (
+        None if model.solver.redundant else prepare(model, "inverse", len(x))
+    )
+    if kernel is None:
+        return None
+    ways: list[Array] = []
+    for first in range(0, len(x), CHUNK):
+        ways += _branches_of(model, kernel, x[first : first + CHUNK])
+    return ways
+
+
+def _branches_of(model: Parts, kernel: Library, x: Array) -> list[Array]:
+    """All joint values (k, dof) of each target (n, m), the nearest to the ranges' middle first."""
+    q, count = kernel.rows(
+        "inverse_all", np.zeros((len(x), len(model.about.lower))), x
+    )
+    several = np.flatnonzero(count > 1)
+    ways = q[several]
+    # C leaves what is behind the last way as it was
+    ways[np.arange(q.shape[1]) >= count[several, None]] = np.nan
+    scale = model.motor.scale
+    u = scale.to_unit(ways)
+    away = np.linalg.norm(scale.difference(u, np.full(u.shape, 0.5)), axis=2)
+    order = np.argsort(away, axis=1, kind="stable")  # NaN last
+    q[several] = np.take_along_axis(ways, order[:, :, None], axis=1)
+    return [rows[:k] for rows, k in zip(q, count.tolist(), strict=True)]

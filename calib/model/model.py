@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
@@ -11,14 +12,14 @@ from numpy.typing import ArrayLike
 
 from ..common.arrays import Array
 from ..common.rows import number_rows, query_rows
-from ..errors import QueryError
+from ..errors import OptionError, QueryError
 from ..kernel.compiled import CERTAIN, NOTHING
 from ..samples.motion import Motion
-from . import answers, batches
+from . import answers
 from .answers import Answer
-from .compilable import Compilable
-from .parts import MOST_SHARE, BoundName, with_arm_of
-from .prediction import predict
+from .compilable import Compilable, all_rows, prepare
+from .parts import MOST_SHARE, with_arm_of
+from .prediction import Prediction, predict
 
 if TYPE_CHECKING:
     import os
@@ -47,6 +48,9 @@ class Model(Compilable):
     Queries take single vectors as well as batches, with one row each.
     """
 
+    # the same arm as its further sensors see it, each with maps, local models and bounds of its own
+    others: tuple[Model, ...] = ()
+
     if not TYPE_CHECKING:  # which would take every attribute for one
 
         def __getattr__(self, name: str) -> NoReturn:
@@ -70,20 +74,22 @@ class Model(Compilable):
         The first sensor is the model itself; so is every one where there is one without a name.
         Raises OptionError if it is none of `sensors`.
         """
-        parts = super().by(sensor)
-        if isinstance(parts, Model):
-            return parts
-        if sensor not in self.cache:
-            self.cache[sensor] = Model(**parts.values())
-        model: Model = self.cache[sensor]
-        return model
+        if sensor in ("", self.about.sensor) or self.sensors == ("",):
+            return self
+        if sensor not in self.sensors:
+            choices = ", ".join(self.sensors)
+            raise OptionError(
+                f"sensor {sensor!r}: expected one of {choices}",
+                parameter="sensor",
+            )
+        return self.others[self.sensors.index(sensor) - 1]
 
     def with_sensor(self, adapted: Model) -> Model:
         """Return the model with one of its sensors adapted, and that one's arm as all see it."""
         first, *others = (
-            with_arm_of(parts, adapted) for parts in (self, *self.others)
+            with_arm_of(model, adapted) for model in (self, *self.others)
         )
-        return Model(**{**first.values(), "others": tuple(others)})
+        return replace(first, others=tuple(others))
 
     def _motion(
         self, q: ArrayLike, approach: ArrayLike | None = None
@@ -125,19 +131,39 @@ class Model(Compilable):
         array([0.281, 0.393])
         """
         if sensor:
+            if self.sensors == ("",):
+                why = f"sensor {sensor!r}: expected none, the model has one sensor"
+                raise OptionError(why, parameter="sensor")
             return self.by(sensor).forward(q, readout, approach=approach)
-        if readout in (None, "local") and approach is None:
-            quick = self._single_at("forward", q)
+        if readout is None or self._readout(readout) == "local":
+            return self._at("forward", q, approach, lambda seen: seen.value)
+        motion, single = self._motion(q, approach)
+        x = predict(self, motion).read(readout)
+        return x[0] if single else x
+
+    def _at(
+        self,
+        kind: str,
+        q: ArrayLike,
+        approach: ArrayLike | None,
+        read: Callable[[Prediction], Array],
+    ) -> Array:
+        """What is asked for at joint values (n, dof) or (dof,), by what answers fastest.
+
+        kind : the query as compiled C knows it
+        read : the same of a prediction, in NumPy
+        """
+        if approach is None:
+            quick = self._single_at(kind, q)
             if quick is not None:
                 return quick
-        readout = self._readout(readout)
         motion, single = self._motion(q, approach)
-        x = None
-        if readout == "local" and approach is None:
-            x = batches.forward_rows(self, motion.q)
-        if x is None:
-            x = predict(self, motion).read(readout)
-        return x[0] if single else x
+        rows = None
+        if approach is None:
+            rows = self._rows_at(kind, motion.q)
+        if rows is None:
+            rows = read(predict(self, motion))
+        return rows[0] if single else rows
 
     def inverse(
         self,
@@ -163,17 +189,15 @@ class Model(Compilable):
             quick = self._single("inverse", wish, x, unsure=unsure)
             if quick is not None:
                 return quick
-        readout = self._readout(readout)
-        if readout == "local":
-            rows, single = query_rows(x, self.axes, "positions")
-            batches.prepare(self, "inverse", len(rows))
+        rows, single = query_rows(x, self.axes, "positions")
+        if self._readout(readout) == "local":
+            prepare(self, "inverse", len(rows))
             q = answers.inverse(self, rows, near, nearest=nearest)
-            return q[0] if single else q
-        answer = self.solve(x, near, readout)
-        q = answer.q
-        if not nearest:
-            q = np.where(answer.reachable[:, None], q, np.nan)
-        return q[0] if np.ndim(x) == 1 else q
+        else:
+            answer = self.solve(rows, near, readout)
+            there = answer.reachable[:, None] | nearest
+            q = np.where(there, answer.q, np.nan)
+        return q[0] if single else q
 
     @property
     def _middle(self) -> Array:
@@ -187,17 +211,9 @@ class Model(Compilable):
         readout: str | None = None,
     ) -> Answer:
         """Answer inverse queries in full; see :meth:`inverse` for the parameters."""
-        readout = self._readout(readout)
         rows, _ = query_rows(x, self.axes, "positions")
-        if readout == "local":
-            batches.prepare(self, "inverse", len(rows))
-            return answers.solve(self, rows, near)
-        u = answers.unit_joints(
-            self, rows, answers.anchor(self, near, len(rows)), (readout,)
-        )
-        return answers.answer(
-            self, u[readout], rows, self.positions_at(u[readout], readout)
-        )
+        prepare(self, "inverse", len(rows))
+        return answers.solve(self, rows, near, self._readout(readout))
 
     def solve_all(self, x: ArrayLike) -> list[Answer]:
         """All branches of each target (n, m), the one closest to the middle of the ranges first.
@@ -221,7 +237,7 @@ class Model(Compilable):
         none.  Of a redundant arm each connected family of solutions has one.
         """
         rows, _ = query_rows(x, self.axes, "positions")
-        ways = batches.all_rows(self, rows)
+        ways = all_rows(self, rows)
         if ways is None:
             ways = [
                 answer.q[answer.reachable] for answer in self.solve_all(rows)
@@ -238,7 +254,7 @@ class Model(Compilable):
         another one is off by its distance from the default as well.  With `approach`, see
         :meth:`forward`, it is the smaller bound for a known direction.
         """
-        return self._bound("bounds", q, approach)
+        return self._at("bounds", q, approach, lambda seen: seen.bound)
 
     def model_error(
         self, q: ArrayLike, *, approach: ArrayLike | None = None
@@ -248,23 +264,9 @@ class Model(Compilable):
         Without the noise of a single reading; the same as :meth:`expected_error` for a
         simulated arm.
         """
-        return self._bound("model_bounds", q, approach)
-
-    def _bound(
-        self, which: BoundName, q: ArrayLike, approach: ArrayLike | None
-    ) -> Array:
-        """Bound (n,) or a number, by what answers fastest."""
-        if approach is None:
-            quick = self._single_at(which, q)
-            if quick is not None:
-                return quick
-        motion, single = self._motion(q, approach)
-        bound = None
-        if approach is None:
-            bound = batches.bound_rows(self, motion.q, which)
-        if bound is None:
-            bound = predict(self, motion).bound_of(which)
-        return bound[0] if single else bound
+        return self._at(
+            "model_bounds", q, approach, lambda seen: seen.true_bound
+        )
 
     def outside(self, q: ArrayLike) -> str | None:
         """Why the joint values (dof,) are outside of what was learned, None if they are not."""
@@ -376,12 +378,7 @@ class Model(Compilable):
 
         NaN where there is no position.
         """
-        quick = self._single_at("jacobian", q)
-        if quick is not None:
-            return quick
-        motion, single = self._motion(q)
-        slope = predict(self, motion).slope
-        return slope[0] if single else slope
+        return self._at("jacobian", q, None, lambda seen: seen.slope)
 
     def pose(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) and quaternion (n, 4) qx, qy, qz, qw of the tip in the sensor's frame.

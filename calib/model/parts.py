@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 
@@ -41,6 +41,8 @@ MOST_SHARE = 0.1
 # of a joint's range by which values beyond it are answered: an encoder at its stop reads a hair
 # beyond the limit
 ROUNDED = 1e-5
+
+_P = TypeVar("_P", bound="Parts")
 
 BoundName = Literal["bounds", "model_bounds"]
 """On what `about.bound_of` says, or on the true position in the sensor's frame."""
@@ -89,16 +91,10 @@ class Parts:
         if np.array_equal(self.bounds, self.model_bounds):
             object.__setattr__(self, "model_bounds", self.bounds)
 
-    def values(self) -> dict[str, Any]:
-        """Values of the fields by name."""
-        return {part.name: getattr(self, part.name) for part in fields(Parts)}
-
     def __getstate__(self) -> dict[str, object]:
-        """State to pickle: all but the compiled kernel and the cache."""
-        state = dict(vars(self))
-        state.pop("kernel", None)
-        state.pop("cache", None)
-        return state
+        """State to pickle: all but what `warm_up` made and the cache."""
+        unpickled = ("kernel", "strict", "cache")
+        return {k: v for k, v in vars(self).items() if k not in unpickled}
 
     def __repr__(self) -> str:
         """Say in a line what it is a model of and what it has learned."""
@@ -139,18 +135,6 @@ class Parts:
             self.about.sensor,
             *(other.about.sensor for other in self.others),
         )
-
-    def by(self, sensor: str) -> Parts:
-        """Return the parts as one of the sensors sees the arm."""
-        if sensor in ("", self.about.sensor) or self.sensors == ("",):
-            return self
-        if sensor not in self.sensors:
-            choices = ", ".join(self.sensors)
-            raise OptionError(
-                f"sensor {sensor!r}: expected one of {choices}",
-                parameter="sensor",
-            )
-        return self.others[self.sensors.index(sensor) - 1]
 
     @cached_property
     def cache(self) -> dict[str, Any]:
@@ -331,7 +315,7 @@ class Parts:
         return name
 
 
-def with_arm_of(parts: Parts, adapted: Parts) -> Parts:
+def with_arm_of(parts: _P, adapted: _P) -> _P:
     """Return one sensor's parts with the arm of another one's adapted model.
 
     The parts of the sensor that was adapted are the adapted model's.
@@ -341,7 +325,10 @@ def with_arm_of(parts: Parts, adapted: Parts) -> Parts:
     alone = replace(parts, others=())
     before = parts.body
     after = adapted.body
-    if before is None or after is None or not _same_layout(before, after):
+    if before is None or after is None:
+        return alone
+    names = [label.name for label in before.structure.labels]
+    if names != [label.name for label in after.structure.labels]:
         return alone
     second = after.second
     if second is not None:
@@ -366,9 +353,3 @@ def with_arm_of(parts: Parts, adapted: Parts) -> Parts:
         history=adapted.history,
         approach=adapted.approach,
     )
-
-
-def _same_layout(body: Body, other: Body) -> bool:
-    """Whether two bodies have the same parameters in the same order."""
-    names = [label.name for label in body.structure.labels]
-    return names == [label.name for label in other.structure.labels]

@@ -18,7 +18,7 @@ from ..inverse.task import Poses, turn_left
 from ..samples.motion import Motion
 from ..samples.roles import QUATERNION, ROUNDING
 from .answers import anchor, rows_for
-from .batches import prepare
+from .compilable import prepare
 from .parts import Parts
 from .prediction import predict
 from .reach import Reach

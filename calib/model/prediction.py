@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from ..common.arrays import Array, Mask
+from ..common.rows import row_lengths
 from ..samples.motion import Motion
 from .parts import BoundName, Parts
 
@@ -88,11 +89,7 @@ class Prediction:
         The bounds hold for the default readout; another one is further off by at most this
         (triangle inequality).
         """
-        if readout in ("local", self.model.default_readout):
-            return np.zeros(len(self.motion))
-        return np.asarray(
-            np.linalg.norm(self.read(readout) - self.value, axis=1)
-        )
+        return row_lengths(self.read(readout) - self.value)
 
     @cached_property
     def _unit(self) -> Array:
@@ -118,10 +115,9 @@ class Prediction:
         return np.full((len(self.motion), *shape), np.nan)
 
 
-def predict(model: Parts, motion: Motion, sensor: str = "") -> Prediction:
-    """Predict what a sensor reads of a motion.
+def predict(model: Parts, motion: Motion) -> Prediction:
+    """Predict what the sensor of a model, see `Model.by`, reads of a motion.
 
     motion : joint values, and the side from which each joint came where that is known
-    sensor : one of the model's sensors, the first one by default
     """
-    return Prediction(model.by(sensor), motion)
+    return Prediction(model, motion)

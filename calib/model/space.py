@@ -6,7 +6,6 @@ Positions in the sensor's frame are answered by the model itself, see `calib.Mod
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -22,7 +21,6 @@ from ..body.views import is_camera, pixels
 from ..common.arrays import Array, Mask
 from ..common.rows import query_rows
 from ..errors import QueryError
-from ..inverse.families import free_directions
 from .parts import Parts
 
 #: A pose or a position counts as reached within this share of the arm's length.
@@ -62,34 +60,17 @@ class Space:
 
     # What the chain says.
 
-    def evaluate(
-        self, q: Array, *, bending: bool = False
-    ) -> tuple[Array, Array, Array]:
-        """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip.
-
-        How bending changes with the joints is a thousandth of the Jacobian and half of its time:
-        steps to a target do without.
-        """
+    def evaluate(self, q: Array) -> tuple[Array, Array, Array]:
+        """Position (n, 3) [m], orientation (n, 3, 3) and Jacobian (n, 6, dof) of the tip."""
         structure = self.structure
         beta = self.body.beta
         motion = structure.move(structure.joint_values(q, beta), beta)
         chained = np.concatenate(motion.joints(), axis=1)
-        slope = structure.by_joints(
-            q, beta if bending else self._rigid, chained
-        )
         return (
             motion.position.T.copy(),
             np.moveaxis(motion.rotation, 2, 0).copy(),
-            slope,
+            structure.by_joints(q, beta, chained),
         )
-
-    @cached_property
-    def _rigid(self) -> Array:
-        """The body's parameters (d,) without what bends its joints."""
-        beta = self.body.beta.copy()
-        for block in self.structure.loads:
-            beta[self.structure.groups[block]] = 0.0
-        return beta
 
     def forward(self, q: ArrayLike) -> tuple[Array, Array]:
         """Position (n, 3) [m] and quaternion (n, 4) of the tip; NaN where the model has none."""
@@ -109,26 +90,7 @@ class Space:
         rows = np.atleast_2d(np.asarray(q, dtype=float))
         return self.body.bound(rows, noise=False)
 
-    def free(self, q: Array, *, posed: bool, axis: int | None = None) -> Array:
-        """Directions (k, dof) that leave the position, or the pose, of joints (dof,) as it is.
-
-        Of a pose the turn about an axis of the tip may be left open.
-        """
-        _, rotation, jacobian = self.evaluate(q[None], bending=True)
-        moves = jacobian[0, :3] / self.length
-        if not posed:
-            return free_directions(moves)
-        turns = jacobian[0, 3:]
-        if axis is not None:
-            turns = np.delete(rotation[0].T @ turns, axis, axis=0)
-        return free_directions(np.concatenate([moves, turns]))
-
     # What its sensor sees.
-
-    @property
-    def is_measured(self) -> bool:
-        """Whether its body was learned from a log, rather than drawn."""
-        return measured_chain(self.model.body) is not None
 
     @property
     def camera(self) -> bool:
@@ -196,13 +158,12 @@ class Space:
         lens = body.beta[body.structure.groups["lens"]]
         place = points @ turn.T + shift
         ahead = place[:, 2] > 0
-        view = pixels(lens, place.T)
+        seen = pixels(lens, place.T).values
         size = self.model.about.picture or tuple(2 * lens[1:3])
-        inside = ((view.values >= 0) & (view.values <= size)).all(axis=1)
+        inside = ((seen >= 0) & (seen <= size)).all(axis=1)
         # where the lens folds over, the picture shrinks as the point moves outwards
-        outwards = place.T * np.array([[1.0], [1.0], [0.0]])
-        shift = view.push(outwards)
-        unfolded = (shift * outwards[:2]).sum(axis=0) >= 0
+        bend = 3.0 * lens[3] * (place[:, :2] ** 2).sum(axis=1)
+        unfolded = place[:, 2] ** 2 + bend >= 0
         return np.asarray(ahead & inside & unfolded)
 
 

@@ -5,49 +5,28 @@ The box in which joints are learned is one turn wide at most: the arm is the sam
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arm.description import parse_robot
 from ..common.arrays import Array, Mask
 from ..common.scale import TURN
-from ..errors import CalibError
 from .parts import Parts
 
 _ROUNDED = 1e-9  # [rad] by which a joint may be rounded beyond its limit
 
 
 def joint_limits(model: Parts) -> Array:
-    """Lower and upper limit (dof, 2) [rad or m]: of more than a turn, or infinite, as drawn."""
-    if "limits" not in model.cache:
-        about = model.about
-        limits = np.column_stack([about.lower, about.upper])
-        several = about.urdf and model.motor.scale.periodic.any()
-        drawn = _urdf_limits(about.urdf) if several else {}
-        for k, name in enumerate(about.joint_names):
-            lower, upper = drawn.get(name, (0.0, 0.0))
-            if model.motor.scale.periodic[k] and upper - lower > TURN:
-                limits[k] = lower, upper
-        model.cache["limits"] = limits
-    both: Array = model.cache["limits"]
-    return both
+    """Lower and upper limit (dof, 2) [rad or m]: of more than a turn as drawn."""
+    about = model.about
+    if about.limits is None:
+        return np.column_stack([about.lower, about.upper])
+    return about.limits
 
 
 def within_limits(model: Parts, q: Array) -> Mask:
     """Which joint values (n, dof) are within the limits of `joint_limits`."""
     lower, upper = joint_limits(model).T
     return np.asarray((q >= lower - _ROUNDED) & (q <= upper + _ROUNDED))
-
-
-def _urdf_limits(urdf: str) -> dict[str, tuple[float, float]]:
-    """What the joints of a URDF can reach, by name; nothing where there is none."""
-    try:
-        joints = parse_robot(urdf).joints
-    except CalibError:
-        return {}
-    return {joint.name: joint.travel for joint in joints}
 
 
 def nearest_turn(model: Parts, q: Array, near: Array) -> Array:
@@ -99,45 +78,22 @@ def _unwound_joint(
 ) -> tuple[Array, list[int]]:
     """One joint (n,) of a path on the turns that follow each other, and rows that turn round."""
     track = np.unwrap(q)
-    out = track.copy()
     jumps: list[int] = []
     first = 0
-    before = start
     while first < len(track):
-        nearest = round((before - track[first]) / TURN)
-        turns = _possible_turns(float(track[first]), lower, upper, nearest)
-        # of the turns on which a joint gets furthest the nearest
-        ends = [
-            first + _run(track[first:] + TURN * turn, lower, upper)
-            for turn in turns
-        ]
-        best = min(
-            zip(ends, turns, strict=True),
-            key=lambda way: (-way[0], abs(way[1] - nearest)),
-        )
-        end = max(best[0], first + 1)
-        out[first:end] = track[first:end] + TURN * best[1]
-        before = float(out[end - 1])
-        if end < len(track):
-            jumps.append(end)
-        first = end
-    return out, jumps
-
-
-def _possible_turns(
-    value: float, lower: float, upper: float, nearest: int
-) -> range:
-    """Whole turns that bring a value within limits; without a limit the nearest on that side."""
-    least = nearest
-    most = nearest
-    if not math.isinf(lower):
-        least = math.ceil((lower - value - _ROUNDED) / TURN)
-    if not math.isinf(upper):
-        most = math.floor((upper - value + _ROUNDED) / TURN)
-    return range(least, max(least, most) + 1)
-
-
-def _run(track: Array, lower: float, upper: float) -> int:
-    """How many values (n,) from the first on lie within limits."""
-    outside = (track < lower - _ROUNDED) | (track > upper + _ROUNDED)
-    return int(np.argmax(outside)) if outside.any() else len(track)
+        rest = track[first:]
+        # whole turns that keep each row, and those before it, within the limits
+        room = lower - np.minimum.accumulate(rest) - _ROUNDED
+        least = np.ceil(room / TURN)
+        room = upper - np.maximum.accumulate(rest) + _ROUNDED
+        most = np.floor(room / TURN)
+        # of the turns on which the joint gets furthest the one nearest to the start
+        out = np.append(least > most, True)
+        count = max(int(np.argmax(out)), 1)
+        nearest = np.round((start - rest[0]) / TURN)
+        turn = np.clip(nearest, least[count - 1], most[count - 1])
+        rest[:count] += TURN * turn
+        start = float(rest[count - 1])
+        first += count
+        jumps.append(first)
+    return track, jumps[:-1]

@@ -204,10 +204,8 @@ def _under(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
 
 
-def _file_array(value: Tensor | bytes, shape: Shape) -> Tensor:
+def _file_array(value: Tensor, shape: Shape) -> Tensor:
     """Return an array as a file keeps it: whole numbers in as few bytes as they need."""
-    if isinstance(value, bytes):
-        return np.frombuffer(value, np.uint8)
     array = pack(value.astype(float)) if shape.storage == TRIANGLE else value
     kind: np.dtype[np.generic] = shape.dtype
     if array.dtype.kind != "f":
@@ -218,10 +216,8 @@ def _file_array(value: Tensor | bytes, shape: Shape) -> Tensor:
 def _valid_array(array: Tensor, hint: Hint, path: str, sizes: Sizes) -> object:
     """Return an array of the type and shape that its annotation says, with finite numbers."""
     shape = hint.shape or Shape()
-    is_bytes = hint.kinds[0] is bytes
-    wanted = np.dtype(np.uint8)
-    if not is_bytes:  # NDArray[float64] is ndarray[..., dtype[float64]]
-        wanted = np.dtype(get_args(get_args(hint.kinds[0])[1])[0])
+    # NDArray[float64] is ndarray[..., dtype[float64]]
+    wanted = np.dtype(get_args(get_args(hint.kinds[0])[1])[0])
     fits = array.dtype.kind == "u"
     if wanted.kind == "f":
         fits = array.dtype == shape.dtype
@@ -238,4 +234,4 @@ def _valid_array(array: Tensor, hint: Hint, path: str, sizes: Sizes) -> object:
         raise ModelError(
             f"{path} is {array.dtype} {array.shape}, expected {expected} {axes}, finite numbers"
         )
-    return array.tobytes() if is_bytes else array.astype(wanted, copy=False)
+    return array.astype(wanted, copy=False)

@@ -1,4 +1,4 @@
-"""Loading: a model from its file."""
+"""Loading: a model, or maps, from a file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..maps.map import Map
 from ..model.model import Model
 from .container import MAPS_VERSION, check_sum, unpack
 from .fields import read
-from .storage import NONSENSE, parts_of
+from .storage import NONSENSE, model_of
 
 _LARGEST = 2_000_000_000  # bytes
 
@@ -32,7 +32,7 @@ def load(path: str | os.PathLike[str], *, warm: bool = False) -> Model:
 
 def from_bytes(data: bytes, name: str = "model") -> Model:
     """Read a model from the content of its file; `name` is for messages."""
-    return parts_of(Model, data, name)
+    return model_of(Model, data, name)
 
 
 def load_maps(path: str | os.PathLike[str]) -> Map | Association:

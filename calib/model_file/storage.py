@@ -1,9 +1,8 @@
-"""The model file: safetensors, one canonical JSON string, a checksum; nothing that can run."""
+"""Storage: a model as the content of a file, and back; nothing in it can run."""
 
 from __future__ import annotations
 
 import os
-import re
 from typing import TypeVar
 
 import numpy as np
@@ -17,7 +16,7 @@ from ..errors import CalibError, ModelError
 from ..maps.links import SparseRows
 from ..model.parts import Parts
 from .container import check_sum, pack, unpack
-from .fields import Kinds, Tensors, read, write
+from .fields import Kinds, read, write
 
 VERSION = 8  # of the format, as ``docs/format.md`` describes it
 KINDS: Kinds = {Structure: (PlanarStructure, SpatialStructure)}
@@ -41,7 +40,7 @@ def save(model: Parts, path: str | os.PathLike[str]) -> None:
     """
     data = to_bytes(model)
     try:
-        parts_of(Parts, data, os.fspath(path))
+        model_of(type(model), data, os.fspath(path))
     except ModelError as error:
         raise ModelError(
             f"the new model cannot be read back, so nothing was written: {error.message}",
@@ -53,35 +52,11 @@ def save(model: Parts, path: str | os.PathLike[str]) -> None:
 def to_bytes(model: Parts) -> bytes:
     """Content of a model file."""
     with one_blas_thread():  # a covariance is factored on the way into the file
-        header, tensors = write(model, Parts, KINDS)
-    tensors, shared = _without_copies(tensors)
-    header["shared"] = shared
+        header, tensors = write(model, type(model), KINDS)
     return pack({**header, "format": VERSION}, tensors)
 
 
-def _without_copies(tensors: Tensors) -> tuple[Tensors, list[str]]:
-    """Tensors without those of further sensors that the first one has too, and their names."""
-    shared: list[str] = []
-    for name, tensor in tensors.items():
-        original = tensors.get(_in_first(name))
-        if (
-            original is not None
-            and original is not tensor
-            and np.array_equal(original, tensor)
-        ):
-            shared.append(name)
-    rest = {
-        name: tensor for name, tensor in tensors.items() if name not in shared
-    }
-    return rest, sorted(shared)
-
-
-def _in_first(name: str) -> str:
-    """Name of the tensor of the first sensor that stands where one of a further sensor does."""
-    return re.sub(r"^others\.\d+\.", "", name)
-
-
-def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
+def model_of(kind: type[_M], data: bytes, name: str) -> _M:
     """A model of a class from the content of its file; `name` is for messages."""
     header, tensors = unpack(data, name)
     version = header.get("format")
@@ -99,9 +74,6 @@ def parts_of(kind: type[_M], data: bytes, name: str) -> _M:
         )
     check_sum(header, tensors, name)
     try:
-        shared = header["shared"]
-        for copy in shared if isinstance(shared, list) else ():
-            tensors[copy] = tensors[_in_first(copy)]
         model = read(kind, header, tensors, KINDS)
         _check(model)
         for other in model.others:

@@ -121,12 +121,13 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
             "samples": e.steps[-1].samples,
         }
         for state in ("trained", "changed", "adapted"):
-            cells: Cells = [name, state, e.distortion[state]]
             for readout in (*_READOUTS, "rule"):
-                cells += [
-                    1e3 * e.errors[readout][state][k] for k in ("mean", "max")
-                ]
-            summary.append(cells)
+                error = e.errors[readout][state]
+                words = _RULE if readout == "rule" else readout
+                cells: Cells = [name, state, words, e.distortion[state]]
+                summary.append(
+                    [*cells, 1e3 * error["mean"], 1e3 * error["max"]]
+                )
         for s in e.steps:
             threshold = s.threshold if np.isfinite(s.threshold) else None
             curves.append(
@@ -135,10 +136,7 @@ def adaptation(setting: Setting) -> tuple[Result, dict[str, Episode]]:
                     *(1e3 * s.error, s.sigma, s.eta, s.beta, float(s.adapting)),
                 ]
             )
-    header = ["change", "state", "zeta"]
-    header += [
-        f"{r} {k} [mm]" for r in (*_READOUTS, _RULE) for k in ("mean", "max")
-    ]
+    header = ["change", "state", "readout", "zeta", "mean [mm]", "max [mm]"]
     columns = [
         *("change", "samples", "zeta motor", "zeta sensory", "threshold"),
         *("error [mm]", "sigma [nodes]", "eta", "beta", "adapting"),

@@ -181,7 +181,7 @@ def _comparison(
 ) -> Table:
     """Mean and largest errors, spread over the seeds and share of the range, beside the paper's."""
     header = ["network", "readout", "error", "mean", "+-", "max", "+-"]
-    header += ["mean % of range", "max % of range", "paper mean", "paper max"]
+    header += ["% of range", "max %", "paper mean", "paper max"]
     rows: list[Cells] = []
     for (label, (row, paper)), readout in itertools.product(
         lines.items(), _READOUTS
@@ -213,12 +213,12 @@ def _ratio_table(ratios: Mapping[str, _Columns]) -> Table:
         "default_linear": "default (vdsom:residual) against the best SOM, readout linear",
         "paper": "the paper",
     }
-    header = ["VDSOM over SOM, readout activity"]
-    header += [f"{c} {k}" for c in COLUMNS for k in ("mean", "max")]
-    rows: list[Cells] = []
-    for name, columns in ratios.items():
-        sizes = [size for cell in columns.values() for size in cell.values()]
-        rows.append([words[name], *sizes])
+    header = ["VDSOM over SOM, readout activity", "error", "mean", "max"]
+    rows: list[Cells] = [
+        [words[name], column, ratio["mean"], ratio["max"]]
+        for name, columns in ratios.items()
+        for column, ratio in columns.items()
+    ]
     return Table(
         "ratios", "errors of the VDSOM over those of the SOM", header, rows
     )

@@ -64,7 +64,7 @@ def take_photo(
             "by the camera that made the log"
         )
     box = (-0.5, width - 0.5, height - 0.5, -0.5)
-    return Photo(_jpeg(picture), box)
+    return Photo(np.frombuffer(_jpeg(picture), np.uint8), box)
 
 
 def read_photo(path: Path) -> Picture:

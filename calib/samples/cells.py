@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index, Mask
-from ..common.rows import LARGEST, row_lengths
+from ..common.rows import LARGEST, row_lengths, spread_rows
 from ..common.wording import listing
 from ..errors import LogError
-from .joint_values import JointLimits, wrap
+from .joint_values import JointColumn, wrap
 from .motion import OfRows, directions
 from .roles import FURTHER, QUATERNION, ROUNDING, SOCKET, Roles
 from .settings import READING
@@ -27,8 +27,10 @@ class Cells(OfRows):
 
     label: str  # what messages call the log
     total: int  # rows that the log has, or that are held of it
-    # (n, names), of the roles; joints in rad and m, NaN where no number stands
-    values: Array
+    # NaN where no number stands
+    q: Array  # (n, dof) [rad or m], joint values
+    x: Array  # (n, m), positions; none in a log of touches alone
+    turns: Array  # (n, 4) quaternions, (n, 3) angles or (n, 0)
     numbers: Index  # (n,), of the rows in the file
     # (n, 2), names of setup and point, "" where there is none
     points: NDArray[np.object_]
@@ -73,22 +75,39 @@ class Cells(OfRows):
 
 
 def read_cells(
-    source: Source, roles: Roles, limits: JointLimits, most: int, seed: int
+    source: Source, roles: Roles, joints: Sequence[JointColumn]
 ) -> Cells:
-    """Read a log's rows, at most so many; LogError if it has none."""
-    some, total = source.random_rows(most, seed)
+    """Read a log's rows, of a very long one evenly spread ones; LogError if it has none."""
+    total = len(source.table)
     if not total:
         raise LogError(f"{source.label} has no rows below its header")
+    rows = spread_rows(total, READING.most_rows)
+    some = replace(source, table=source.table[rows])
     values, numbers = some.numbers(roles.columns(roles.names))
-    q = values[:, : len(roles.joints)]
-    q *= [*limits.factors.values()]
+    counts = (len(roles.joints), len(roles.axes))
+    q, x, turns = np.split(values, np.cumsum(counts), axis=1)
+    q *= [joint.factor for joint in joints]
     points = np.full((len(q), 2), "", dtype=object)
     if roles.touched:
         for k, column in enumerate(roles.columns(SOCKET)):
             if column in source.header:
                 points[:, k] = some.texts(column)
     side = directions(q) if np.isfinite(q).all() else None
-    cells = Cells(source.label, len(q), values, numbers, points, side)
+    notes: tuple[str, ...] = ()
+    if len(q) < total:
+        words = f"{total:,} rows: {len(q):,} of them, evenly spread, are held"
+        notes = (f"{words}; other counts are of these",)
+    cells = Cells(
+        source.label,
+        len(q),
+        q,
+        x,
+        turns,
+        numbers,
+        points,
+        side,
+        notes=notes,
+    )
     time, episode = roles.columns(FURTHER)
     others = {*source.header} - {*roles.columns(roles.names)}
     if time in others:
@@ -96,19 +115,16 @@ def read_cells(
     if episode in others:
         numbered = some.numbers([episode])[0]
         cells = replace(cells, episode=numbered[:, 0])
-    if total <= most:
-        return cells
-    note = f"{total:,} rows: {most:,} of them, drawn evenly, are held; other counts are of these"
-    # nobody knows where joints were before
-    return replace(cells, side=np.zeros(q.shape), notes=(note,))
+    return cells
 
 
 def complete_rows(cells: Cells, roles: Roles) -> Cells:
     """Leave out rows that miss a number."""
-    finite = np.abs(cells.values) < LARGEST
-    _, has_position, _ = roles.split(finite)
+    values = np.hstack([cells.q, cells.x, cells.turns])
+    finite = np.abs(values) < LARGEST
     touched = ~cells.of_sensor
-    has_position[touched] = True
+    dof = len(roles.joints)
+    finite[touched, dof : dof + len(roles.axes)] = True
     if roles.touched and not roles.axes:
         finite &= touched[:, None]
     columns = listing(np.array(roles.names)[~finite.all(axis=0)])
@@ -118,43 +134,42 @@ def complete_rows(cells: Cells, roles: Roles) -> Cells:
 
 def rows_in_ranges(
     cells: Cells,
-    roles: Roles,
+    joints: Sequence[JointColumn],
     ranges: Mapping[str, Range],
-    revolute: Mapping[str, bool],
 ) -> Cells:
     """Leave out rows outside of ranges of some joints [rad or m]; others are wrapped into them."""
-    for name, (low, high) in ranges.items():
-        values = cells.values.copy()
-        column = values[:, roles.joints.index(name)]
-        if revolute[name]:
+    for k, joint in enumerate(joints):
+        if joint.name not in ranges:
+            continue
+        low, high = ranges[joint.name]
+        q = cells.q.copy()
+        column = q[:, k]
+        if joint.revolute:
             column[:] = wrap(column, low, high)
         edge = READING.rounded * (high - low)
         away = (column < low - edge) | (column > high + edge)
         np.clip(column, low, high, out=column)
-        words = f"have {name} outside of the chosen range"
-        cells = replace(cells, values=values).without(away, words)
+        words = f"have {joint.name} outside of the chosen range"
+        cells = replace(cells, q=q).without(away, words)
     return cells
 
 
-def rows_in_sight(cells: Cells, roles: Roles) -> Cells:
+def rows_in_sight(cells: Cells) -> Cells:
     """Leave out rows in which the sensor saw nothing, or no orientation."""
-    q, x, _ = roles.split(cells.values)
-    zero = (x == 0.0).all(axis=1) & cells.of_sensor
-    # a single row, or one place of the joints, may be the origin of the sensor
-    several = zero.sum() > 1 and np.ptp(q[zero], axis=0).any()
-    if several and not zero.all():
+    zero = (cells.x == 0.0).all(axis=1) & cells.of_sensor
+    # a single row may be the origin of the sensor
+    if zero.sum() > 1 and not zero.all():
         words = "hold zeros for a position, as where a sensor saw nothing"
         cells = cells.without(zero, words)
-    if not roles.touched:
-        q, x, _ = roles.split(cells.values)
+    if cells.of_sensor.all():
         words = (
             "repeat the position of the row before although the joints moved, as where a sensor "
             "holds its last value"
         )
-        cells = cells.without(repeated_readings(q, x), words)
-    if roles.turns != QUATERNION:
+        cells = cells.without(repeated_readings(cells.q, cells.x), words)
+    if cells.turns.shape[1] != len(QUATERNION):
         return cells
-    length = row_lengths(roles.split(cells.values)[2])
+    length = row_lengths(cells.turns)
     wrong = np.abs(length - 1) > ROUNDING
     words = (
         f"qx, qy, qz, qw of length {length[np.argmax(wrong)]:.4g}, expected 1"
@@ -170,7 +185,7 @@ def repeated_readings(q: Array, x: Array) -> Mask:
     held = np.zeros(len(q), dtype=bool)
     step = row_lengths(np.diff(x, axis=0))
     same = step == 0.0
-    if not same.any() or same.all():
+    if same.all():
         return held
     digits = np.concatenate([np.diff(np.unique(axis)) for axis in x.T])
     if np.median(step[~same]) > READING.fine * digits.min():

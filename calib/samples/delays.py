@@ -152,26 +152,45 @@ def estimate_delay(
     late = -velocity[rows].reshape(-1, 1)
     if len(rows) < CLOCK.fewest_rows or not np.abs(late).max() > 0:
         return None
-    numbers = residual[rows].size
-    regression = _Regression(
-        residual[rows],
-        _weights(residual[rows], 1e-9 * np.abs(late).max()),
-        columns[rows].reshape(numbers, -1),
-        np.sqrt(np.asarray(precision, dtype=float)),
-        np.asarray(pull),
+    rest = residual[rows]
+    weight = _weights(rest, 1e-9 * np.abs(late).max())
+    root = np.sqrt(np.asarray(precision, dtype=float))
+    # the prior adds a row for each parameter
+    target = np.append(weight * rest.ravel(), root * pull)
+    beside = np.vstack(
+        [
+            weight[:, None] * columns[rows].reshape(rest.size, -1),
+            np.diag(root),
+        ]
     )
-    solution = regression.of(late)
-    value = float(solution.values[0])
-    gain = value**2 / solution.power
-    share = float(gain / (solution.squares + gain))
+
+    def explain(cause: Array) -> tuple[Array, Array, Array]:
+        """Pseudoinverse (j + k, rows) of a cause (n * m, j), its values, and what it leaves."""
+        features = np.zeros((len(target), cause.shape[1] + len(root)))
+        features[: rest.size, : cause.shape[1]] = weight[:, None] * cause
+        features[:, cause.shape[1] :] = beside
+        scale = np.linalg.norm(features, axis=0) + 1e-300
+        inverse = np.linalg.pinv(features / scale) / scale[:, None]
+        values = inverse @ target
+        return inverse, values, target - features @ values
+
+    inverse, values, left = explain(late)
+    variance = float(inverse[0] @ inverse[0])  # of noise of 1
+    squares = float(left @ left)
+    gain = float(values[0]) ** 2 / variance
+    share = gain / (squares + gain)
     if play is not None:
-        by_play = regression.of(play[rows].reshape(numbers, -1))
-        if by_play.squares <= solution.squares:
+        by_play = explain(play[rows].reshape(rest.size, -1))[2]
+        if by_play @ by_play <= squares:
             share = 0.0
-    delay = Delay(
-        value, solution.sd_of_first(*residual[rows].shape), unit, share
-    )
-    return delay, solution.values[1:]
+    # independent rows beside blocks of neighbouring ones (a sandwich): beside smooth columns the
+    # blocks' sums are too small
+    score = (inverse[0] * left)[: rest.size].reshape(rest.shape).sum(axis=1)
+    blocks = [block.sum() for block in np.array_split(score, CLOCK.blocks)]
+    freedom = max(rest.size - len(values), 1)
+    white = np.sqrt(variance * squares / freedom)
+    sd = max(float(np.linalg.norm(blocks)), float(white))
+    return Delay(float(values[0]), sd, unit, share), values[1:]
 
 
 def _weights(residual: Array, least: float) -> Array:
@@ -184,64 +203,3 @@ def _weights(residual: Array, least: float) -> Array:
     noise = float(np.median(size)) / np.sqrt(outputs) + least
     weight = (CLOCK.student + outputs) / (CLOCK.student + (size / noise) ** 2)
     return np.repeat(np.sqrt(weight) / noise, outputs)
-
-
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    """Weighted least squares of a cause (j columns) and of k parameters beside it."""
-
-    inverse: Array  # (j + k, n * m + k), pseudoinverse of the columns
-    values: Array  # (j + k,)
-    rest: Array  # (n * m + k,), what the columns do not explain, in noises
-
-    @property
-    def power(self) -> float:
-        """Variance of the first value where the rows' noise is 1."""
-        return float(self.inverse[0] @ self.inverse[0])
-
-    @property
-    def squares(self) -> float:
-        """Sum of the squares of the rest."""
-        return float(self.rest @ self.rest)
-
-    def sd_of_first(self, n: int, m: int) -> float:
-        """Standard deviation of the first value, of n rows of m outputs.
-
-        The larger one of blocks of neighbouring rows (a sandwich) and of independent rows: beside
-        smooth columns the blocks' sums are too small.
-        """
-        score = (self.inverse[0] * self.rest)[: n * m].reshape(n, m).sum(axis=1)
-        blocks = np.array_split(score, CLOCK.blocks)
-        sandwich = float(np.linalg.norm([block.sum() for block in blocks]))
-        freedom = max(n * m - len(self.values), 1)
-        white = float(np.sqrt(self.power * self.squares / freedom))
-        return max(sandwich, white)
-
-
-@dataclass(frozen=True, eq=False)
-class _Regression:
-    """Residuals to be explained by a cause and by parameters beside it."""
-
-    residual: Array  # (n, m) [unit]
-    root: Array  # (n * m,) [1 / unit], roots of the rows' weights
-    beside: Array  # (n * m, k) [unit], columns of the parameters
-    prior: Array  # (k,), roots of their prior precision
-    pull: Array  # (k,), how far they are below their prior mean
-
-    def of(self, cause: Array) -> _Solution:
-        """The solution with a cause (n * m, j); the prior adds a row for each parameter."""
-        rows = self.root[:, None]
-        target = np.append(
-            self.root * self.residual.ravel(), self.prior * self.pull
-        )
-        of_prior = np.zeros((len(self.prior), cause.shape[1]))
-        features = np.block(
-            [
-                [rows * cause, rows * self.beside],
-                [of_prior, np.diag(self.prior)],
-            ]
-        )
-        scale = np.linalg.norm(features, axis=0) + 1e-300
-        inverse = np.linalg.pinv(features / scale) / scale[:, None]
-        values = inverse @ target
-        return _Solution(inverse, values, target - features @ values)

@@ -33,7 +33,7 @@ PosePredict = Callable[[Array], tuple[Array, Array]]
 class Finding:
     """Something that is wrong with a log, or looks so."""
 
-    # still, copied, unit, turns, degrees, exchanged, reversed, mirrored
+    # still, unit, turns, degrees, exchanged, reversed, mirrored
     kind: str
     words: str
     hint: str = ""  # the remedy, with Python's names of options
@@ -273,7 +273,7 @@ def spread(x: Array) -> float:
 
 
 def still_columns(q: Array, x: Array, names: Sequence[str]) -> list[Finding]:
-    """Findings of columns that never move, and of joints that are copies of another.
+    """Findings of columns that never move.
 
     In space a coordinate may be still: a sensor may see the points of a plane.
     """
@@ -289,10 +289,6 @@ def still_columns(q: Array, x: Array, names: Sequence[str]) -> list[Finding]:
             words = f"{name} is {column[0]:g} in every row; what does not move cannot be learned"
             hint = "leave it out of `joints`" if name in names else ""
             findings.append(Finding("still", words, hint, "joints", name))
-    for one, other in itertools.combinations(names, 2):
-        if np.array_equal(columns[one], columns[other]):
-            words = f"joints {one!r} and {other!r} have the same values: a copy"
-            findings.append(Finding("copied", words))
     return findings
 
 
@@ -310,42 +306,33 @@ def _wrong_turns(
     drawn = matrix_of(nominal[answered])
     x = x[answered]
     seen = matrix_of(turns[answered])
-    back = np.swapaxes(seen, 1, 2)
+    frame = similarity(place, align(place, x))[0]
 
-    def angle(x: Array, seen: Array) -> float:
-        """Median turn [rad] that the best frame and tool leave."""
-        frame = similarity(place, align(place, x))[0]
+    def angle(seen: Array) -> float:
+        """Median turn [rad] that the best tool leaves."""
         between = (np.swapaxes(drawn, 1, 2) @ frame.T @ seen).sum(axis=0)
         expected = frame @ drawn @ nearest_rotation(between)
         off = logarithm(seen @ np.swapaxes(expected, 1, 2))
         return median_length(off)
 
-    as_it_is = angle(x, seen)
+    as_it_is = angle(seen)
     if as_it_is <= DIAGNOSIS.turned:
         return None
     order = "{'qx': 'qy', 'qy': 'qz', 'qz': 'qw', 'qw': 'qx'}"
     others = (
         (
-            x,
             matrix_of(turns[answered][:, [1, 2, 3, 0]]),
             "qx, qy, qz, qw are in the order w, x, y, z",
             f"give `columns={order}`",
         ),
         (
-            x,
-            back,
+            np.swapaxes(seen, 1, 2),
             "the orientations are inverted: of the sensor in the tool's frame",
             "conjugate the quaternions: change the signs of qx, qy and qz",
         ),
-        (
-            -(back @ x[:, :, None])[:, :, 0],
-            back,
-            "the poses are inverted: they are those of the sensor in the tool's frame",
-            "write the tool's pose in the sensor's: -R'x, the conjugate quaternion",
-        ),
     )
-    for where, turn, words, hint in others:
-        if angle(where, turn) < DIAGNOSIS.far_better * as_it_is:
+    for turn, words, hint in others:
+        if angle(turn) < DIAGNOSIS.far_better * as_it_is:
             return Finding("turns", words, hint, "columns")
     return None
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,13 @@ from ..common.rows import LARGEST, finite_rows
 from ..common.scale import TURN
 from ..common.wording import for_people, listing, unit_of_joint
 from ..errors import CalibError, LogError, OptionError
-from .header import LENGTHS, find_column, joint_factor, name_and_unit
+from .header import (
+    LENGTHS,
+    RADIANS,
+    find_column,
+    joint_factor,
+    name_and_unit,
+)
 from .settings import READING, SLIDING, TURNING
 from .tables import Source, open_source
 
@@ -46,9 +52,10 @@ def check_joint_values(
     degrees : whether the values were given in degrees, and converted
     """
     rows = np.flatnonzero(finite_rows(q))
+    factor = RADIANS["deg"] if degrees else 1.0
     for k in np.flatnonzero(revolute).tolist():
         limits = (float(lower[k]), float(upper[k]))
-        joint = JointColumn(label, names[k], True, limits, degrees, error)
+        joint = JointColumn(label, names[k], True, limits, factor, error)
         if len(rows):
             joint.check_unit(q[rows, k], rows + 1)
 
@@ -61,8 +68,13 @@ class JointColumn:
     name: str
     revolute: bool
     limits: Range | None  # the arm's, or what the user asked for [rad or m]
-    degrees: bool = False  # whether the table and the messages are in degrees
+    factor: float = 1.0  # rad or m of the column's unit
     error: type[CalibError] = LogError
+
+    @property
+    def degrees(self) -> bool:
+        """Whether the table and the messages are in degrees."""
+        return self.revolute and self.factor != 1.0
 
     def check_unit(self, values: Array, rows: Index) -> None:
         """Refuse angles (n,) [rad] of another unit: too many turns, or in range as the other."""
@@ -89,9 +101,7 @@ class JointColumn:
             hint = "if it is in degrees, give `degrees=True`"
             if not self.limits:
                 hint += "; if it slides, name it in `prismatic`"
-        raise self._outside(
-            values, rows, self.limits or _TURN, hint, "degrees", self.degrees
-        )
+        raise self._outside(values, rows, self.limits or _TURN, hint, "degrees")
 
     def settle(
         self, values: Array, rows: Index
@@ -148,7 +158,6 @@ class JointColumn:
         limits: Range,
         hint: str,
         parameter: str,
-        value: object = None,
     ) -> CalibError:
         """The error that names the value (n,) furthest outside of a range."""
         away = np.maximum(limits[0] - values, values - limits[1])
@@ -160,93 +169,71 @@ class JointColumn:
             f"{self.label}, row {rows[row]}: {words} {self._show(*limits)}",
             hint=hint,
             parameter=parameter,
-            value=float(values[row]) if value is None else value,
+            value=float(values[row]),
         )
 
 
-@dataclass(frozen=True, eq=False)
-class JointLimits:
-    """What is known of a log's joints before it is read."""
-
-    revolute: Mapping[str, bool]  # whether each turns, base to tip
-    limits: Mapping[str, Range]  # the arm's, or what was asked for [rad or m]
-    factors: Mapping[str, float]  # rad or m of the unit of each one's column
-
-    @property
-    def degrees(self) -> bool:
-        """Whether the joints that turn are in degrees."""
-        turning = [name for name, turns in self.revolute.items() if turns]
-        return any(turning) and all(self._in_degrees(name) for name in turning)
-
-    def _in_degrees(self, name: str) -> bool:
-        return self.revolute[name] and self.factors[name] != 1.0
-
-    def joints_and_ranges(
-        self,
-        label: str,
-        q: Array,
-        numbers: Index,
-        *,
-        anywhere: bool,
-    ) -> tuple[Array, Array, Array, list[str]]:
-        """Return joint values (n, dof) in their ranges, the ranges' ends (dof,), and notes.
-
-        numbers : (n,), of the rows in the file
-        anywhere : whether a hand has moved the arm, so that limits are no mistake
-        """
-        settled = np.empty_like(q)
-        ends = []
-        notes = []
-        for k, (name, turns) in enumerate(self.revolute.items()):
-            column = q[:, k]
-            limit = self.limits.get(name)
-            if limit and anywhere:
-                low = min(limit[0], column.min())
-                limit = (low, max(limit[1], column.max()))
-            joint = JointColumn(
-                label, name, turns, limit, self._in_degrees(name)
-            )
-            settled[:, k], end, words = joint.settle(column, numbers)
-            ends.append(end)
-            notes += words
-        lower, upper = np.transpose(ends)
-        return settled, lower, upper, notes
-
-
-def limits_of(
+def joint_columns(
+    label: str,
     columns: Mapping[str, str],
     arm: Arm | None,
     ranges: Mapping[str, Range],
     prismatic: Sequence[str],
     *,
     degrees: bool,
-) -> JointLimits:
-    """Return which joints turn, and their limits: the arm's, or the ranges that were asked for.
+) -> list[JointColumn]:
+    """Return the columns of a log's joints, with the arm's limits, or the ranges asked for.
 
     columns : of the joints; without an arm those in a unit of lengths slide, too
     """
-    limits = {}
-    if arm is not None:
-        revolute = dict(zip(columns, arm.revolute, strict=True))
-        ends = zip(arm.lower, arm.upper, strict=True)
-        limits = dict(zip(columns, ends, strict=True))
-    else:
-        revolute = {
-            name: not (name in prismatic or name_and_unit(column)[1] in LENGTHS)
-            for name, column in columns.items()
-        }
-        if not {*prismatic} <= {*columns}:
+    for option, names in {"prismatic": prismatic, "ranges": ranges}.items():
+        if not {*names} <= {*columns}:
             raise OptionError(
-                f"{listing(prismatic)} named as sliding: expected some of the joints "
-                f"{listing(columns)}",
-                parameter="prismatic",
+                f"`{option}` of {listing(names)}: expected some of the joints {listing(columns)}",
+                parameter=option,
             )
-    check_ranges(ranges, revolute)
-    factors = {
-        name: joint_factor(column, turns=revolute[name], degrees=degrees)
-        for name, column in columns.items()
-    }
-    return JointLimits(revolute, {**limits, **ranges}, factors)
+    joints = []
+    for k, (name, column) in enumerate(columns.items()):
+        if arm is None:
+            in_lengths = name_and_unit(column)[1] in LENGTHS
+            turns = not (in_lengths or name in prismatic)
+            limits = ranges.get(name)
+        else:
+            turns = arm.revolute[k]
+            limits = ranges.get(name, (arm.lower[k], arm.upper[k]))
+        if name in ranges:
+            _check_range(name, ranges[name], turns)
+        factor = joint_factor(column, turns=turns, degrees=degrees)
+        joints.append(JointColumn(label, name, turns, limits, factor))
+    return joints
+
+
+def settle_joints(
+    joints: Sequence[JointColumn],
+    q: Array,
+    numbers: Index,
+    *,
+    anywhere: bool,
+) -> tuple[Array, Array, Array, list[str]]:
+    """Return joint values (n, dof) in their ranges, the ranges' ends (dof,), and notes.
+
+    numbers : (n,), of the rows in the file
+    anywhere : whether a hand has moved the arm, so that limits are no mistake
+    """
+    settled = np.empty_like(q)
+    ends = []
+    notes = []
+    for k, joint in enumerate(joints):
+        column = q[:, k]
+        if joint.limits and anywhere:
+            low, high = joint.limits
+            limits = (min(low, column.min()), max(high, column.max()))
+            joint = replace(joint, limits=limits)
+        settled[:, k], end, words = joint.settle(column, numbers)
+        ends.append(end)
+        notes += words
+    lower, upper = np.transpose(ends)
+    return settled, lower, upper, notes
 
 
 def beyond(values: Array, low: float, high: float) -> float:
@@ -255,19 +242,17 @@ def beyond(values: Array, low: float, high: float) -> float:
     return away / max(high - low, 1e-300)
 
 
-def check_ranges(
-    ranges: Mapping[str, Range], revolute: Mapping[str, bool]
-) -> None:
+def _check_range(name: str, limits: Range, turns: bool) -> None:
     """Raise OptionError for a joint's range that is none, or more than a turn [rad or m]."""
-    for name, (low, high) in ranges.items():
-        most = TURN + 1e-4 if revolute.get(name) else LARGEST
-        if not 0 < high - low <= most:
-            raise OptionError(
-                f"range {name}={low:g}:{high:g}: expected low:high with low below high, of a joint "
-                "that turns one turn at most [rad]",
-                parameter="ranges",
-                value=(low, high),
-            )
+    low, high = limits
+    most = TURN + 1e-4 if turns else LARGEST
+    if not 0 < high - low <= most:
+        raise OptionError(
+            f"range {name}={low:g}:{high:g}: expected low:high with low below high, of a joint "
+            "that turns one turn at most [rad]",
+            parameter="ranges",
+            value=limits,
+        )
 
 
 def wrap(values: Array, low: float, high: float) -> Array:

@@ -13,16 +13,14 @@ from ..arm.arm import Arm, SpatialArm
 from ..arm.plane import Plane, fit_plane
 from ..arm.urdf import Range
 from ..common.arrays import Array, Index
-from ..common.rows import whole
 from ..common.scale import METRES
 from ..common.wording import listing, vector
 from ..errors import LogError, OptionError
-from .camera import Camera, camera_of
 from .cells import complete_rows, read_cells, rows_in_ranges, rows_in_sight
 from .delays import with_offset
 from .diagnosis import diagnose, refuse_mistakes, still_columns
 from .header import common_unit
-from .joint_values import limits_of
+from .joint_values import joint_columns, settle_joints
 from .roles import Roles, find_roles, log_columns, quaternions
 from .samples import Readings, Samples
 from .settings import READING
@@ -40,9 +38,6 @@ def read_log(
     unit: str | None = None,
     ranges: Mapping[str, Range] | None = None,
     prismatic: Sequence[str] = (),
-    most: int = READING.most_rows,
-    seed: int = 0,
-    usual: Mapping[str, str] | None = None,
     outputs: int | None = None,
     lens: Document | None = None,
     time_offset: float | None = None,
@@ -52,8 +47,8 @@ def read_log(
     Further columns are ignored. Rows with a value that is missing, not finite or beyond 1e15
     are left out, counted in `Samples.dropped` and described in `Samples.notes`. Positions may be
     in the sensor's own unit and axes; of x, y, z the plane is fitted. A log may be of any length:
-    of one with more than `most` rows so many are drawn at random. Rows stay in the order of the
-    file.  A column `point`, and optionally `setup`, says which socket the tip touched: x, y, z
+    of one with more than 200,000 rows so many are read, evenly spread. Rows stay in the order of
+    the file.  A column `point`, and optionally `setup`, says which socket the tip touched: x, y, z
     are known coordinates of it in its fixture's frame, and in a row without a point what a sensor
     measured.
 
@@ -66,9 +61,6 @@ def read_log(
     unit : of the positions; what the log says of itself if not given, else m
     ranges : the range of a joint [rad or m], before the arm's limits; rows outside are left out
     prismatic : without an arm, the joints that slide
-    most, seed : rows of a long log that are held; which they are depends on the seed alone
-    usual : names that columns have in other logs of this arm; those that this one lacks are passed
-        over
     outputs : coordinates that a position has, as a model of this arm has them; without it, and
         without an arm, x, y, z that lie in a plane become two
     lens : the calibrated lens of a camera that sees an arm in space, as lens.json holds it
@@ -84,16 +76,16 @@ def read_log(
     can turn all the way round, or without an arm one that went further than a turn, has
     a range of one turn: about 0, or where the log says otherwise about the log's values.
     """
-    most = whole("most", most, 2, 2**31)
     source = open_source(path)
     label = source.label
-    usual = {k: v for k, v in (usual or {}).items() if v in source.header}
-    roles = find_roles(source, arm, joints, {**usual, **(columns or {})})
+    roles = find_roles(source, arm, joints, columns or {})
     unit = _unit(source, roles, unit)
     if arm is not None:
         outputs = outputs or arm.outputs
-    limits = limits_of(
-        dict(zip(roles.joints, roles.columns(roles.joints), strict=True)),
+    columns_of_joints = roles.columns(roles.joints)
+    joints_read = joint_columns(
+        label,
+        dict(zip(roles.joints, columns_of_joints, strict=True)),
         arm,
         ranges or {},
         prismatic,
@@ -108,47 +100,61 @@ def read_log(
             parameter="planar",
         )
 
-    cells = read_cells(source, roles, limits, most, seed)
+    cells = read_cells(source, roles, joints_read)
     complete = complete_rows(cells, roles)
-    inside = rows_in_ranges(complete, roles, ranges or {}, limits.revolute)
-    sound = rows_in_sight(inside, roles).without_gaps()
-    q, x, turns = roles.split(sound.values)
-    q, lower, upper, joint_notes = limits.joints_and_ranges(
-        label, q, sound.numbers, anywhere=roles.touched
+    inside = rows_in_ranges(complete, joints_read, ranges or {})
+    sound = rows_in_sight(inside).without_gaps()
+    x = sound.x
+    q, lower, upper, joint_notes = settle_joints(
+        joints_read, sound.q, sound.numbers, anywhere=roles.touched
     )
     notes = [*sound.notes, *joint_notes]
     if roles.touched:
         readings = _touches(sound.points, q, x, unit, arm)
     else:
-        readings, reading_notes = _positions(
-            source, x, sound.numbers, unit, arm, outputs, lens
+        x, plane, plane_notes = _in_plane(
+            label, x, sound.numbers, unit, arm, outputs
         )
-        if roles.turns and readings.plane is None:
+        readings = Readings(x, unit=unit, plane=plane)
+        if roles.turns and plane is None:
             stated = common_unit(roles.columns(roles.turns))
             in_degrees = degrees if stated is None else stated != "rad"
-            orientation = quaternions(turns, degrees=in_degrees)
+            orientation = quaternions(sound.turns, degrees=in_degrees)
             readings = replace(readings, orientation=orientation)
-        notes += reading_notes
+        notes += plane_notes
+        size = float(np.ptp(x, axis=0).max())
+        if arm is None and unit == "m" and size > READING.largest_arm:
+            notes.append(
+                f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
+            )
         # what can be nothing but a mistake is refused, what may be intended told
         refuse_mistakes(still_columns(q, readings.x, roles.joints), label)
+    about = source.about if lens is None else {**source.about, "lens": lens}
+    joint_units = {joint.degrees for joint in joints_read if joint.revolute}
     samples = Samples(
         q,
         joint_names=roles.joints,
         lower=lower,
         upper=upper,
-        revolute=tuple(limits.revolute.values()),
+        revolute=tuple(joint.revolute for joint in joints_read),
         arm=arm and replace(arm, lower=lower, upper=upper),
         side=sound.side,
         time=sound.time,
         episode=sound.episode,
         rows=sound.numbers,
         columns=roles.column_of,
-        degrees=limits.degrees,
-        source=source.about,
+        degrees=joint_units == {True},
+        source=about,
         dropped=cells.total - len(complete.numbers),
         left_out=len(inside.numbers) - len(sound.numbers),
         **vars(readings),
     )
+    if samples.camera is not None:
+        notes += filter(None, [samples.camera.note])
+    elif lens is not None:
+        raise OptionError(
+            "`lens` is for pixels of an arm in space: expected columns u and v"
+        )
     if arm is not None and not roles.touched:
         pose = arm.pose if isinstance(arm, SpatialArm) else None
         scale = METRES.get(samples.unit, 1.0)
@@ -179,29 +185,6 @@ def _touches(
     touch = Touches.of(points, in_metres)
     tips = np.zeros_like(in_metres) if arm is None else arm.forward(q)
     return Readings(touch.positions(in_metres, touch.means(tips)), touch=touch)
-
-
-def _positions(
-    source: Source,
-    x: Array,
-    numbers: Index,
-    unit: str,
-    arm: Arm | None,
-    outputs: int | None,
-    lens: Document | None,
-) -> tuple[Readings, list[str]]:
-    """Return measured positions (n, 2) or (n, 3) [unit], with their plane or camera, and notes."""
-    label = source.label
-    x, plane, notes = _in_plane(label, x, numbers, unit, arm, outputs)
-    camera = _camera(source, arm, x, lens)
-    if camera is not None and camera.note:
-        notes.append(camera.note)
-    size = float(np.ptp(x, axis=0).max())
-    if arm is None and unit == "m" and size > READING.largest_arm:
-        notes.append(
-            f"the positions extend over {size:.4g} m; if they are in mm, give `unit='mm'`"
-        )
-    return Readings(x, unit=unit, plane=plane, camera=camera), notes
 
 
 def write_log(samples: Samples, path: str | os.PathLike[str]) -> None:
@@ -248,23 +231,6 @@ def _check_touches(label: str, unit: str, outputs: int | None) -> None:
         raise LogError(
             f"{label}: x, y, z of touches in {unit}, expected {listing(METRES)}"
         )
-
-
-def _camera(
-    source: Source,
-    arm: Arm | None,
-    x: Array,
-    lens: Document | None,
-) -> Camera | None:
-    """Return the camera of pixels (n, 2) of an arm in space; None of other readings."""
-    if arm is not None and arm.outputs == 3 and x.shape[1] == 2:
-        about = source.about if lens is None else {"lens": lens}
-        return camera_of(about, x)
-    if lens is not None:
-        raise OptionError(
-            "`lens` is for pixels of an arm in space: expected columns u and v"
-        )
-    return None
 
 
 def _in_plane(

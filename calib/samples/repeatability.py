@@ -7,7 +7,8 @@ differ by the arm's return as well.  With readings r of visits v to poses p, alo
     x_pvr = mean_p + return_pv + noise_pvr
 
 The two variances follow from the sums of squares within and between visits (a nested analysis of
-variance), their intervals from chi-squared with the degrees of freedom that those rest on.
+variance), their intervals from chi-squared with the degrees of freedom that those rest on.  A
+reading far from the others of its pose is wrong, and no noise.
 """
 
 from __future__ import annotations
@@ -16,11 +17,14 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from ..common.arrays import Array
+from ..common.arrays import Array, Mask
 from ..common.rows import row_lengths
 from ..errors import LogError
-from .motion import means_of, visits_of
+from .motion import Visits, means_of, visits_of
 from .samples import Samples
+
+MOST_APART = 8.0
+"""Usual distances from a pose's median that a reading may have: no normal noise is further."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,8 @@ class Repeatability:
         Their readings beyond the first of each.
     returns : int
         Their visits beyond the first of each.
+    left_out : int
+        Readings that contradict the others of their pose.
     unit : str
         Of the positions.
     """
@@ -53,6 +59,7 @@ class Repeatability:
     poses: int
     repeats: int
     returns: int
+    left_out: int
     unit: str = "m"
 
     @property
@@ -83,6 +90,11 @@ def repeatability(samples: Samples) -> Repeatability:
             "be told",
             hint="go to some poses again, and read each a few times",
         )
+    agreeing = _agreeing(samples.x, visits)
+    left_out = int((~agreeing).sum())
+    if left_out:
+        samples = samples.take(agreeing)
+        visits = visits_of(samples.q)
     x = samples.x[visits.rows]
     axes = x.shape[1]
     readings = np.bincount(visits.visit)  # of each visit
@@ -113,8 +125,22 @@ def repeatability(samples: Samples) -> Repeatability:
         poses=len(total),
         repeats=repeats,
         returns=returns,
+        left_out=left_out,
         unit=samples.unit,
     )
+
+
+def _agreeing(x: Array, visits: Visits) -> Mask:
+    """Which readings (n,) of positions (n, m) are as near to their pose's median as is usual."""
+    order = np.argsort(visits.pose, kind="stable")
+    starts = np.cumsum(np.bincount(visits.pose))[:-1]
+    distance = np.zeros(len(x))
+    for rows in np.split(visits.rows[order], starts):
+        distance[rows] = row_lengths(x[rows] - np.median(x[rows], axis=0))
+    apart = distance[distance > 0.0]
+    if not len(apart):
+        return np.ones(len(x), dtype=bool)
+    return np.asarray(distance <= MOST_APART * np.median(apart))
 
 
 def _deviation(squares: float, freedom: int) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -227,12 +228,9 @@ def _sound(name: str, values: object, columns: Sequence[str]) -> Array:
 def _in_space(x: Any) -> bool:
     """Whether positions have a z, by their names, or by their number."""
     names = column_names(x)
-    if names:
-        return "z" in names
-    try:
-        return bool(np.shape(x)[-1:] == (3,))
-    except ValueError:  # rows of different lengths
-        return False
+    with suppress(ValueError):  # of rows of different lengths
+        return "z" in names if names else np.shape(x)[-1:] == (3,)
+    return False
 
 
 def babble(
@@ -242,17 +240,15 @@ def babble(
     seed: int = 0,
     noise: float = 0.0,
     changes: Iterable[str | Change] = (),
-    ranges: Mapping[str, tuple[float, float]] | None = None,
 ) -> Samples:
     """Move the simulated arm at random through its range and record joints and positions.
 
-    arm : the arm, from `calib.load_arm`
+    arm : the arm, from `calib.load_arm`; `arm.with_range` has a part of its range
     n : number of samples
     seed : of the random numbers. Joint values, noise and outliers draw from streams of their own,
         so that other noise leaves the joint values as they are.
     noise : standard deviation of the sensor along each axis [m]
     changes : what differs from the arm as described, such as `"elbow.length=+20%"`
-    ranges : babble only this part of a joint's range [rad or m]
     Raises OptionError if an argument is outside of what is possible.
 
     Examples
@@ -268,8 +264,6 @@ def babble(
         )
     n = whole("samples", n, 1, 10_000_000)
     seed = whole("seed", seed, 0, 2**63 - 1)
-    if ranges:
-        arm = arm.with_range(dict(ranges))
     simulation = Simulation(arm, noise=noise, changes=parse_changes(changes))
     streams = np.random.SeedSequence(seed).spawn(2)
     joints, sensor = (np.random.default_rng(stream) for stream in streams)

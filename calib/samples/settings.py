@@ -85,26 +85,6 @@ class Diagnosis:
 
 
 @dataclass(frozen=True)
-class WrongRows:
-    """Which rows contradict the others."""
-
-    # a residual is gross beyond so many medians, so many times what seven rows in ten stay below,
-    # and this share of the extent: no row of 80 clean logs of 20 to 600 rows is
-    gross: float = 10.0
-    spread: float = 4.0
-    share: float = 1e-4
-    # neighbours that a row is compared with, how many times as far as usual they may be (in a
-    # corner of the range twice as far), and by how many times their scatter it has to differ
-    around: int = 15
-    near: float = 2.5
-    apart: float = 10.0
-    # share of the rows that can be wrong; beyond it the fit is
-    most: float = 0.25
-    # rows that tell how far neighbours usually are
-    fitted: int = 1500
-
-
-@dataclass(frozen=True)
 class Clock:
     """When a clock is late."""
 
@@ -125,5 +105,4 @@ TURNING = LockedJoint(locked=math.radians(5.0), still=math.radians(0.5))
 SLIDING = LockedJoint(locked=2e-2, still=1e-3)
 ONE_POSE = OnePose()
 DIAGNOSIS = Diagnosis()
-WRONG = WrongRows()
 CLOCK = Clock()

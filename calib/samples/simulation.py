@@ -82,9 +82,6 @@ class Change:
     relative: bool
     text: str  # the change as typed
 
-    def __str__(self) -> str:
-        return self.text
-
 
 def parse_change(text: str, *, degrees: Collection[str] = ()) -> Change:
     """Read one change, such as `elbow.length=+20%`, `tip.offset=0.01,0.02` or `sensor.mirror=x`.
@@ -138,7 +135,7 @@ def parse_changes(
         before = parsed.setdefault((change.part, change.what), change)
         if before is not change:
             raise OptionError(
-                f"change {change} comes after {before}: give one of the two"
+                f"change {change.text} comes after {before.text}: give one of the two"
             )
     return tuple(parsed.values())
 
@@ -195,7 +192,7 @@ class Simulation:
         object.__setattr__(self, "changes", parse_changes(self.changes))
         names = self.arm.joint_names
         for change in self.changes:
-            words = f"change {str(change)!r}"
+            words = f"change {change.text!r}"
             if change.part not in (*names, *PARTS):
                 choices = f"choices: {', '.join(names)}, sensor, tip"
                 raise OptionError(
@@ -227,14 +224,12 @@ class Simulation:
     @property
     def has_outliers(self) -> bool:
         """Whether some of the sensor's readings are wrong."""
-        return any(change.what == "outliers" for change in self.changes)
+        return bool(self._of_sensor("outliers"))
 
     def draw(self, n: int, rng: Generator) -> Array:
         """Draw what the encoders read (n, dof) [rad or m], uniformly from the arm's range."""
-        low = np.asarray(self.arm.lower)
-        high = np.asarray(self.arm.upper)
-        q = rng.uniform(low, high, size=(n, len(low)))
-        return np.clip(q, low, high)  # it may round up
+        arm = self.arm
+        return rng.uniform(arm.lower, arm.upper, (n, len(arm.lower)))
 
     def exact(self, q: ArrayLike) -> Array:
         """Return what the sensor would read without noise, backlash and outliers.
@@ -250,11 +245,10 @@ class Simulation:
         """
         theta = self._behind_gears(q)
         noise = rng.spawn(1)[0].standard_normal(theta.shape)
-        for k, width in self._of_joints("backlash"):
-            theta[:, k] = _behind_play(theta[:, k], width)
-        for k, size in self._of_joints("noise"):
-            theta[:, k] += size * noise[:, k]
-        return self._see(theta)
+        for k, width in enumerate(self._by_joint("backlash")):
+            if width:
+                theta[:, k] = _behind_play(theta[:, k], width)
+        return self._see(theta + self._by_joint("noise") * noise)
 
     def measure(self, q: ArrayLike, rng: Generator) -> Array:
         """Return what the sensor reads while the arm goes through `q`, row by row; see `exact`.
@@ -266,8 +260,7 @@ class Simulation:
         rows = np.atleast_2d(np.asarray(q, dtype=np.float64))
         x = self.true(rows, rng)
         sensor_noise, outliers = rng.spawn(2)
-        if self.noise > 0.0:
-            x += self.noise * sensor_noise.standard_normal(x.shape)
+        x += self.noise * sensor_noise.standard_normal(x.shape)
         for (share,) in self._of_sensor("outliers"):
             wrong = outliers.random(len(x)) < share
             # enough rows to know the extent of the workspace to a few percent
@@ -280,7 +273,8 @@ class Simulation:
     @property
     def hidden(self) -> bool:
         """Whether something that no encoder reads moves the tip: backlash, joint noise."""
-        return bool(self._of_joints("backlash") or self._of_joints("noise"))
+        moves = self._by_joint("backlash") + self._by_joint("noise")
+        return bool(moves.any())
 
     def to_json(self) -> dict[str, object]:
         """Return the noise and the changes as plain data; the arm is stored elsewhere."""
@@ -298,17 +292,13 @@ class Simulation:
 
     def _behind_gears(self, q: ArrayLike) -> Array:
         """Where the joints stand when their encoders read `q`."""
-        theta = np.array(q, dtype=np.float64)
-        for k, gear in self._of_joints("gear"):
-            theta[..., k] *= gear
-        for k, offset in self._of_joints("offset"):
-            theta[..., k] += offset
-        return theta
+        theta = np.asarray(q, dtype=np.float64)
+        return theta * self._by_joint("gear", 1.0) + self._by_joint("offset")
 
     def _see(self, theta: Array) -> Array:
         """Tip positions in the sensor's frame; locked joints stay, against all else."""
-        for k, value in self._of_joints("lock"):
-            theta[..., k] = value
+        lock = self._by_joint("lock", np.nan)
+        theta = np.where(np.isnan(lock), theta, lock)
         x = np.array(self.true_arm.forward(theta), dtype=np.float64)
         for factors in (*self._of_sensor("mirror"), *self._of_sensor("scale")):
             x *= factors
@@ -322,19 +312,19 @@ class Simulation:
 
     def _of_sensor(self, what: str) -> list[tuple[float, ...]]:
         return [
-            c.values
-            for c in self.changes
-            if c.part == "sensor" and c.what == what
+            change.values
+            for change in self.changes
+            if (change.part, change.what) == ("sensor", what)
         ]
 
-    def _of_joints(self, what: str) -> list[tuple[int, float]]:
-        """Columns of the joints that a change concerns, and its values."""
+    def _by_joint(self, what: str, usual: float = 0.0) -> Array:
+        """What each joint is changed by, (dof,), `usual` of those that are not."""
         names = self.arm.joint_names
-        return [
-            (names.index(change.part), change.values[0])
-            for change in self.changes
-            if change.what == what and change.part not in PARTS
-        ]
+        values = np.full(len(names), usual)
+        for change in self.changes:
+            if change.what == what and change.part in names:
+                values[names.index(change.part)] = change.values[0]
+        return values
 
 
 def _behind_play(theta: Array, width: float) -> Array:

@@ -68,9 +68,9 @@ class Touches(OfRows):
             points of one setup are apart by so much
         """
         touched = points[:, 1] != ""
-        sockets = sorted({(setup, point) for setup, point in points[touched]})
+        sockets = sorted({*map(tuple, points[touched])})
         place = {socket: number for number, socket in enumerate(sockets)}
-        number = [place.get((setup, point), -1) for setup, point in points]
+        number = [place.get(tuple(names), -1) for names in points]
         touches = Touches(np.array(number, dtype=np.intp), tuple(sockets))
         stated = touches.means(x, median=True)
         facts = []
@@ -124,14 +124,14 @@ class Touches(OfRows):
     def numbers_and_facts(self) -> tuple[Index, tuple[Known, ...], Index]:
         """Numbers (n,) and facts of the touched sockets alone, and which (k,) these are."""
         sockets = np.unique(self.number[self.is_touch])
-        place = {int(old): new for new, old in enumerate(sockets)}
-        number = [place.get(int(old), -1) for old in self.number]
+        place = np.full(len(self.sockets) + 1, -1)  # of -1 it is -1
+        place[sockets] = np.arange(len(sockets))
         facts = [
-            replace(fact, points=tuple(place[point] for point in fact.points))
+            replace(fact, points=tuple(place[[*fact.points]].tolist()))
             for fact in self.facts
-            if place.keys() >= {*fact.points}
+            if np.isin(fact.points, sockets).all()
         ]
-        return np.array(number, dtype=np.intp), tuple(facts), sockets
+        return place[self.number], tuple(facts), sockets
 
     def stated(
         self, distances: Sequence[str] = (), planes: Sequence[str] = ()

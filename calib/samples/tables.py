@@ -10,7 +10,6 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +20,7 @@ from numpy.typing import ArrayLike
 from ..common.arrays import Array, Index
 from ..common.atomic import atomic_write
 from ..common.rows import finite_rows
-from ..common.wording import clipped, listing, printable, quoted
+from ..common.wording import clipped, printable, quoted, suggestion
 from ..errors import LogError
 from .header import SECONDS, common_unit, find_column, name_and_unit
 
@@ -49,11 +48,10 @@ _LATEST = 1e11  # [s] after 1970: a clock of the year 5138 counts in ms or less
 _HEAD = 1 << 16  # [bytes], of a file, in which its header is
 # LeRobot's, of joints' columns, which are read without
 _POSITION_SUFFIX = ".pos"
-_REMEDIES = {
-    "utf-8": ": save it as UTF-8 CSV",
-    "more fields": ": expected the columns' names in the first line, decimals with a point, and "
-    "quotes around text that holds a comma",
-}
+_EXPECTED = (
+    "expected the columns' names in the first line, decimals with a point, quotes around text that "
+    "holds a comma, and UTF-8"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +77,6 @@ class Source:
         found = (find_column(self.header, name) for name in "xyz")
         return common_unit([column for column in found if column])
 
-    def random_rows(self, most: int, seed: int) -> tuple[Source, int]:
-        """The table with at most so many rows, drawn at random, and how many it has."""
-        total = len(self.table)
-        if total <= most:
-            return self, total
-        rng = np.random.default_rng(seed)
-        rows = np.sort(rng.choice(total, most, replace=False))
-        return replace(self, table=self.table[rows]), total
-
     def read(self, names: Sequence[str]) -> pl.DataFrame:
         """Read some columns as they are, text from CSV.
 
@@ -95,11 +84,9 @@ class Source:
         """
         for name in names:
             if name not in self.header:
-                near = get_close_matches(name, self.header, n=1)
-                meant = f"did you mean {quoted(near[0])}? " if near else ""
+                meant = suggestion(name, self.header)
                 raise LogError(
-                    f"{self.label} has no column {quoted(name)}: {meant}columns: "
-                    f"{listing(map(repr, self.header))}",
+                    f"{self.label} has no column {quoted(name)}: {meant}",
                     hint=f"map another name with `columns={{{clipped(name)!r}: 'OTHER'}}`",
                     parameter="columns",
                     value=name,
@@ -198,9 +185,8 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
         OSError,
     ) as error:
         reason = (str(error).strip().splitlines() or ["unreadable"])[0][:100]
-        hints = [hint for part, hint in _REMEDIES.items() if part in reason]
         raise LogError(
-            f"{label} cannot be read: {reason}{''.join(hints)}"
+            f"{label} cannot be read: {reason}: {_EXPECTED}"
         ) from None
     document = None
     with suppress(ValueError):
@@ -213,9 +199,7 @@ def open_source(path: str | os.PathLike[str] | Source) -> Source:
 def _content(file: Path) -> bytes:
     """The bytes of a file, or of standard input."""
     if str(file) == "-":
-        stream = getattr(sys.stdin, "buffer", sys.stdin)
-        content = stream.read() if stream else b""
-        return content.encode() if isinstance(content, str) else bytes(content)
+        return sys.stdin.buffer.read()
     if file.is_block_device() or file.is_char_device():
         raise OSError("it is a device, expected a CSV or Parquet file")
     return file.read_bytes()
@@ -382,14 +366,7 @@ def write_table(
     """
     import polars as pl
 
-    frame = pl.DataFrame(
-        {
-            name: column
-            if isinstance(column, pl.Series)
-            else np.asarray(column)
-            for name, column in columns.items()
-        }
-    )
+    frame = pl.DataFrame(dict(columns))
     document = json.dumps(about, sort_keys=True) if about else ""
     if Path(path).suffix.lower() in PARQUET:
         # by way of memory: what Polars says of a full disk is no OSError

@@ -1,19 +1,77 @@
-"""Bounds: 95 % of a model's errors around each motor node, by rows that it has not learned."""
+"""Bounds: 95 % of a new model's errors, and these themselves, by rows that it has not learned."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..body.covariance import RADIUS_95
 from ..common.arrays import Array
+from ..common.parallel import side_by_side
 from ..common.rows import row_lengths
-from ..errors import OptionError
 from ..maps.node_bounds import learn_bounds
+from ..model.about import MeasuredRows
 from ..model.model import Model
 from ..samples.motion import directions
 from ..samples.simulation import Simulation
-from .options import UNFOLD
+from .options import TrainingOptions
+from .preparation import PreparedLog
+from .residuals import Residuals, fresh_residuals, held_out_residuals
 from .settings import TESTING
+
+
+@dataclass(frozen=True, eq=False)
+class Tested:
+    """A model with bounds, and the rows by which they were found."""
+
+    model: Model
+    residuals: Residuals  # of all its readouts
+    u: Array  # (k, dof), joints of rows that it has not learned, in the unit box
+    x: Array  # (k, m) [unit], positions there
+
+
+def errors_on_log(
+    model: Model,
+    prepared: PreparedLog,
+    held_out: Array | None,
+    options: TrainingOptions,
+) -> Tested:
+    """Test a model of a log on rows that were held out.
+
+    held_out : (k, m) [unit], what the default readout leaves over of the rows of the body
+    """
+    samples = prepared.samples
+    part = prepared.part
+    residuals = held_out_residuals(model, samples, part, held_out, options)
+    u = model.motor.scale.to_unit(residuals.motion.q)
+    errors = residuals.errors[model.default_readout]
+    reading, position = node_bounds(model, u, errors)
+    rows = slice(None) if part is None else part.rows
+    measured = MeasuredRows.of(samples.q[rows], samples.x[rows], held_out)
+    model = replace(model, bounds=reading, model_bounds=position, rows=measured)
+    return Tested(model, residuals, u, residuals.x)
+
+
+def errors_on_arm(
+    model: Model,
+    simulation: Simulation,
+    prepared: PreparedLog,
+    options: TrainingOptions,
+) -> Tested:
+    """Test a model of a simulated arm on exact samples that it has not learned."""
+    seed = options.stream("bounds")
+    (nodes, u, x), residuals = side_by_side(
+        lambda: _simulation_bounds(model, simulation, prepared.play, seed),
+        lambda: fresh_residuals(model, simulation),
+    )
+    model = replace(
+        model,
+        bounds=nodes,
+        model_bounds=nodes,
+        approach=prepared.approach,
+    )
+    return Tested(model, residuals, u, x)
 
 
 def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
@@ -43,7 +101,7 @@ def node_bounds(model: Model, u: Array, errors: Array) -> tuple[Array, Array]:
     return reading, position
 
 
-def simulation_bounds(
+def _simulation_bounds(
     model: Model,
     simulation: Simulation,
     play: Array,
@@ -59,10 +117,6 @@ def simulation_bounds(
     x = simulation.true(q, rng)
     q = q - play * directions(q)
     inside = model.covers(q)
-    if not inside.any():
-        raise OptionError(
-            "no test sample is near the motor map's nodes", hint=UNFOLD
-        )
     u = model.motor.scale.to_unit(q[inside])
     errors = row_lengths(model.predictor.value(u) - x[inside])
     nodes = learn_bounds(model.motor, u, errors)

@@ -9,14 +9,14 @@ import numpy as np
 from ..body.approach import learn_play
 from ..body.belief import Body
 from ..common.arrays import Array, Mask
-from ..common.rows import finite_rows
+from ..common.rows import finite_rows, row_lengths, spread_rows
 from ..common.wording import unit_of_joint
 from ..samples.delays import Delay, Trajectory, estimate_delay
 from ..samples.motion import directions
 from ..samples.repeatability import at_poses
 from ..samples.samples import Samples
-from ..samples.wrong_rows import contradictions
-from .settings import LATE_CLOCK, PLAY
+from ..samples.tables import rows_in_words
+from .settings import LATE_CLOCK, PLAY, WRONG
 from .smooth import Fit, SmoothPart
 
 
@@ -24,15 +24,14 @@ def fit_sound_rows(samples: Samples, fit: Fit) -> FittedLog:
     """Fit samples; of a log without its delay and without the rows that contradict the others."""
     fitted = FittedLog.of(samples, fit)
     if samples.simulation is not None:
-        return fitted.without_outliers().without_play()
+        return fitted.without_wrong_rows().without_play()
     # rows that came from the other side of a joint with play contradict the others, too; but a lag
     # looks like play
-    if fitted.wrong.any() and Trajectory.of(samples) is None:
+    if Trajectory.of(samples) is None:
         fitted = fitted.without_play()
     fitted = fitted.without_wrong_rows().in_time().without_play()
-    if fitted.wrong.any():
-        fitted = fitted.without_wrong_rows().without_play()
-    return fitted
+    # rows that contradict the others beside the better fit
+    return fitted.without_wrong_rows()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,40 +49,26 @@ class FittedLog:
         """The log as it is."""
         return FittedLog(samples, fit, fit(samples), np.zeros(samples.dof))
 
-    @property
-    def wrong(self) -> Mask:
-        """Which rows (n,) contradict the others."""
-        return ~self._contradictions()[0]
-
-    def _contradictions(self) -> tuple[Mask, list[str]]:
-        """Which rows (n,) are sound beside the fit, and notes on the others."""
-        predicted = self.part.fit.body.predict(self.samples.q)
-        return contradictions(self.samples, self.samples.x - predicted)
-
     def without_wrong_rows(self) -> FittedLog:
-        """The log without the rows that contradict the others."""
-        sound, notes = self._contradictions()
+        """The log without the rows that contradict the others; a simulation without its outliers.
+
+        The fit of a simulation believes every row: it finds a few outliers more each time.
+        """
+        simulation = self.samples.simulation
+        if simulation is not None and not simulation.has_outliers:
+            return self
+        predicted = self.part.fit.body.predict(self.samples.q)
+        sound, notes = contradictions(self.samples, self.samples.x - predicted)
         if sound.all():
             return self
         samples = self.samples.take(sound)
-        return replace(
+        fitted = replace(
             self,
             samples=samples,
             part=self.fit(samples),
             notes=(*self.notes, *notes),
         )
-
-    def without_outliers(self) -> FittedLog:
-        """A simulation without its sensor's outliers.
-
-        The fit of a simulation believes every row: it finds a few outliers more each time.
-        """
-        fitted = self
-        simulation = self.samples.simulation
-        if simulation is not None and simulation.has_outliers:
-            while fitted.wrong.any():
-                fitted = fitted.without_wrong_rows()
-        return fitted
+        return fitted if simulation is None else fitted.without_wrong_rows()
 
     def in_time(self) -> FittedLog:
         """The log with its clocks together, where a delay is clear."""
@@ -112,6 +97,58 @@ class FittedLog:
                 play=fitted.play + more,
             )
         return fitted
+
+
+def contradictions(samples: Samples, residual: Array) -> tuple[Mask, list[str]]:
+    """Find rows whose residual is gross, and far from those of the rows around them.
+
+    A misfit of the prediction, or a corner where the sensor is worse, concerns neighbours alike.
+    A row that has no neighbours contradicts none.
+
+    residual : (n, m), measured less predicted positions, NaN where nothing is predicted
+    Returns sound : (n,), False for a row to leave out; all are sound if these were over a quarter
+    Returns notes : how many were left out, and which come first
+    """
+    n = len(samples)
+    sound = np.ones(n, dtype=bool)
+    size = np.nan_to_num(row_lengths(residual))
+    low, high = np.quantile(samples.x, (0.05, 0.95), axis=0)
+    limit = max(
+        WRONG.gross * float(np.median(size)),
+        WRONG.spread * float(np.quantile(size, 0.7)),
+        WRONG.share * float(np.linalg.norm(high - low)),
+    )
+    suspects = np.flatnonzero(size > limit)
+    if not len(suspects):
+        return sound, []
+    from scipy.spatial import cKDTree
+
+    scale = samples.unit_box
+    u = scale.to_unit(samples.q)
+    box = scale.periodic.astype(float) if scale.periodic.any() else None
+    tree = cKDTree(u, boxsize=box)
+    around = min(WRONG.around, n - 1) + 1  # with the row itself
+    some = u[spread_rows(n, WRONG.fitted)]
+    usual = float(np.median(tree.query(some, k=[around])[0]))
+    nearest = np.arange(1, around + 1)
+    reach, near = map(np.asarray, tree.query(u[suspects], k=nearest))
+    close = reach[:, -1] <= WRONG.near * usual
+    suspects = suspects[close]
+    near = near[close]
+    others = residual[near]
+    others[near == suspects[:, None]] = np.nan
+    middle = np.nanmedian(others, axis=1)
+    apart = np.linalg.norm(others - middle[:, None], axis=2)
+    scatter = np.nanmedian(apart, axis=1)
+    away = row_lengths(residual[suspects] - middle)
+    wrong = suspects[away > np.maximum(limit, WRONG.apart * scatter)]
+    if not 0 < len(wrong) <= WRONG.most * n:
+        return sound, []
+    sound[wrong] = False
+    return sound, [
+        f"left out, of learning and of the errors, {len(wrong):,} of {n:,} rows that "
+        f"contradict their neighbours: {rows_in_words(samples.rows[wrong])}"
+    ]
 
 
 def _play_of(samples: Samples, part: SmoothPart) -> Array | None:

@@ -27,13 +27,7 @@ LATTICE = "vdsom:residual"
 UNFOLD = "give a larger `size`, more `epochs` or samples, or `rule='batch'`"
 """What to do about a map that did not spread over its samples."""
 
-_STREAMS = {
-    "motor": 0,
-    "sensory": 1,
-    "imagined": 2,
-    "bounds": 3,
-    "evaluation": 4,
-}
+_STREAMS = ("motor", "sensory", "imagined", "bounds", "evaluation")
 """Independent random streams of one seed."""
 
 
@@ -122,7 +116,7 @@ class TrainingOptions:
 
     def stream(self, name: str) -> SeedSequence:
         """Seed of one of the independent random streams."""
-        return SeedSequence(self.seed, spawn_key=(_STREAMS[name],))
+        return SeedSequence(self.seed, spawn_key=(_STREAMS.index(name),))
 
 
 def options_for(

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..body.approach import Approach
 from ..common.arrays import Array
 from ..common.rows import finite_rows, row_lengths
 from ..common.wording import quantity
@@ -18,9 +19,9 @@ from ..samples.diagnosis import align
 from ..samples.repeatability import at_poses, noise_beside_poses
 from ..samples.samples import Samples
 from ..samples.settings import DIAGNOSIS
-from ..samples.wrong_rows import contradictions
 from .fitted_log import (
     FittedLog,
+    contradictions,
     fit_sound_rows,
     in_time,
     play_words,
@@ -50,6 +51,11 @@ class PreparedLog:
         return self.readings if touched else at_poses(self.readings)
 
     @property
+    def approach(self) -> Approach | None:
+        """The play, where the direction of motion counts."""
+        return Approach(self.play) if self.play.any() else None
+
+    @property
     def left_out(self) -> int:
         """Number of the log's rows that are wrong; poses that were read again are not."""
         return self.rows_given - len(self.readings)
@@ -66,15 +72,14 @@ def _alone(samples: Samples, options: TrainingOptions) -> PreparedLog:
     def fit(rows: Samples) -> SmoothPart:
         return find_smooth_part(at_poses(rows), options)
 
+    simulation = samples.simulation
     if options.body == "none":
-        simulation = samples.simulation
-        if simulation is not None and not simulation.has_outliers:
-            return PreparedLog(samples, rows_given, [], None, no_play)
-        fitted = FittedLog.of(samples, fit).without_outliers()
-        if simulation is None:
-            fitted = fitted.without_wrong_rows()
-        notes = [*fitted.notes]
-        return PreparedLog(fitted.samples, rows_given, notes, None, no_play)
+        notes = []
+        if simulation is None or simulation.has_outliers:
+            fitted = FittedLog.of(samples, fit).without_wrong_rows()
+            samples = fitted.samples
+            notes = [*fitted.notes]
+        return PreparedLog(samples, rows_given, notes, None, no_play)
     fitted = fit_sound_rows(samples, fit)
     notes = [*fitted.notes]
     if fitted.play.any():
@@ -135,8 +140,7 @@ def _of_single_readings(part: SmoothPart, samples: Samples) -> SmoothPart:
         second = replace(second, noise=np.hypot(second.noise, hidden))
     noise = np.hypot(body.noise, hidden)
     body = replace(body, noise=noise, second=second, repeat=repeat)
-    fit = replace(part.fit, body=body)
-    return replace(part, fit=fit, smooth=replace(part.smooth, body=body))
+    return replace(part, fit=replace(part.fit, body=body))
 
 
 def logs_by_sensor(

@@ -148,10 +148,11 @@ def held_out_residuals(
     for readout in MAP_READOUTS:
         forward[readout] = np.empty_like(x)
         answers[readout] = np.empty_like(q)
-    folds = np.array_split(np.arange(n), TESTING.folds)
-    for half in (0, 1):
-        tested = np.isin(rows, np.concatenate(folds[half::2]))
-        learned = np.sort(np.concatenate(folds[1 - half :: 2]))
+    blocks = np.array_split(np.arange(n), TESTING.folds)
+    in_odd_block = np.isin(np.arange(n), np.concatenate(blocks[1::2]))
+    for unseen in (in_odd_block, ~in_odd_block):
+        tested = unseen[rows]
+        learned = np.flatnonzero(~unseen)
         pair = maps_of(samples, part, options, learned)
         targets = pair.sensory.scale.to_unit(x[tested])
         inverses = pair.inverses(targets, near[tested])

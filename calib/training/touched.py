@@ -100,7 +100,8 @@ def fit_sockets(
         fit = replace(fit, body=with_size(fit.body, size_sd))
     positions = touch.positions(samples.x, sockets.places)
     samples = replace(samples, x=positions).take(sockets.used)
-    return samples, SmoothPart.of(samples, fit, np.arange(len(samples))), notes
+    rows = np.arange(len(samples))
+    return samples, SmoothPart(fit, rows, samples.unit_box), notes
 
 
 def _of_right_size(

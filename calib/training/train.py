@@ -9,32 +9,28 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..arm.arm import Arm
-from ..body.approach import Approach
 from ..common.arrays import Array
-from ..common.parallel import one_blas_thread, side_by_side
+from ..common.parallel import one_blas_thread
 from ..common.rows import row_lengths
+from ..common.scale import TURN
 from ..errors import LogError
 from ..maps.local_models import NO_MODELS
 from ..maps.model_selection import select
-from ..model.about import About, MeasuredRows
+from ..model.about import About
 from ..model.baseline import RowPlaces, learn_baseline
 from ..model.model import Model
 from ..samples.samples import Samples
-from ..samples.simulation import Simulation
-from .bounds import node_bounds, simulation_bounds
+from .bounds import errors_on_arm, errors_on_log
 from .maps import maps_of
 from .options import Progress, TrainingOptions, options_for
 from .preparation import PreparedLog, logs_by_sensor, prepare
 from .residuals import (
-    Residuals,
-    fresh_residuals,
-    held_out_residuals,
     p95_and_coverage,
     summarise,
 )
@@ -113,11 +109,9 @@ def _refuse_few(samples: Samples) -> None:
     poses = samples.poses
     if samples.touch is not None or poses >= LEARNING.fewest_poses:
         return
-    words = "1 sample is" if poses == 1 else f"{poses} samples are"
-    if poses < len(samples):
-        words = f"{len(samples)} samples of {poses} poses are"
     raise LogError(
-        f"{words} too few to learn from: give at least {LEARNING.fewest_poses}"
+        f"poses: {poses}, in {len(samples)} rows: too few to learn from, give at least "
+        f"{LEARNING.fewest_poses}"
     )
 
 
@@ -157,9 +151,9 @@ def _learn(
 
     progress(0.8, "evaluation", math.nan)
     if samples.simulation is None:
-        tested = _test_on_log(model, prepared, held_out, options)
+        tested = errors_on_log(model, prepared, held_out, options)
     else:
-        tested = _test_on_arm(model, samples.simulation, prepared.play, options)
+        tested = errors_on_arm(model, samples.simulation, prepared, options)
     progress(1.0, "done", math.nan)
     residuals = tested.residuals
     notes = (*size_notes, *prepared.notes, *(part.fit.notes if part else ()))
@@ -181,69 +175,20 @@ def _learn(
     baseline = learn_baseline(association, tested.u, tested.x, missed)
     if part is None and samples.simulation is None:
         baseline = replace(baseline, seen=RowPlaces.of(motor.scale, tested.u))
-    approach = Approach(prepared.play) if prepared.play.any() else None
     return replace(
-        tested.model, about=about, baseline=baseline, approach=approach
+        tested.model,
+        about=about,
+        baseline=baseline,
+        approach=prepared.approach,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class TestedModel:
-    """A model with bounds, and the rows by which they were found."""
-
-    model: Model
-    residuals: Residuals  # of all its readouts
-    u: Array  # (k, dof), joints of rows that it has not learned, in the unit box
-    x: Array  # (k, m) [unit], positions there
-
-
-def _test_on_log(
-    model: Model,
-    prepared: PreparedLog,
-    held_out: Array | None,
-    options: TrainingOptions,
-) -> TestedModel:
-    """Test a model of a log on rows that were held out.
-
-    held_out : (k, m) [unit], what the default readout leaves over of the rows of the body
-    """
-    samples = prepared.samples
-    part = prepared.part
-    residuals = held_out_residuals(model, samples, part, held_out, options)
-    u = model.motor.scale.to_unit(residuals.motion.q)
-    errors = residuals.errors[model.default_readout]
-    reading, position = node_bounds(model, u, errors)
-    rows = slice(None) if part is None else part.rows
-    measured = MeasuredRows.of(samples.q[rows], samples.x[rows], held_out)
-    model = replace(model, bounds=reading, model_bounds=position, rows=measured)
-    return TestedModel(model, residuals, u, residuals.x)
-
-
-def _test_on_arm(
-    model: Model,
-    simulation: Simulation,
-    play: Array,
-    options: TrainingOptions,
-) -> TestedModel:
-    """Test a model of a simulated arm on exact samples that it has not learned.
-
-    play : (dof,), half the play of each joint, where the direction of approach is known
-    """
-    seed = options.stream("bounds")
-    (nodes, u, x), residuals = side_by_side(
-        lambda: simulation_bounds(model, simulation, play, seed),
-        lambda: fresh_residuals(model, simulation),
-    )
-    approach = Approach(play) if play.any() else None
-    model = replace(model, bounds=nodes, model_bounds=nodes, approach=approach)
-    return TestedModel(model, residuals, u, x)
 
 
 def _limits(samples: Samples, arm: Arm) -> Array:
-    """Limits (dof, 2) of queries [rad or m]: the learned ones, of whole turns the arm's."""
+    """Limits (dof, 2) of queries [rad or m]: the learned ones, of more than a turn the arm's."""
     learned = np.column_stack([samples.lower, samples.upper])
-    turns = np.clip(arm.travel, -LEARNING.unlimited, LEARNING.unlimited)
-    return np.where(samples.unit_box.periodic[:, None], turns, learned)
+    travel = np.clip(arm.travel, -LEARNING.unlimited, LEARNING.unlimited)
+    several = samples.unit_box.periodic & (np.ptp(travel, axis=1) > TURN)
+    return np.where(several[:, None], travel, learned)
 
 
 def _about(samples: Samples, options: TrainingOptions) -> About:

@@ -95,8 +95,7 @@ def _mjcf_edits(root: ET.Element, origins: Mapping[str, Array]) -> Edits:
                 f"joint {quoted(name)} shares its body with another joint: give it a body of its "
                 "own, whose place can be corrected"
             )
-        within = np.linalg.inv(place.before) @ origin
-        frame = within @ np.linalg.inv(place.after)
+        frame = origin @ np.linalg.inv(place.after)
         attributes = dict(nodes[place.element].attrib)
         for key in _PLACING:
             attributes.pop(key, None)

@@ -1,11 +1,15 @@
 """Frames: how a sensor's lies to the robot's, and what is assumed where nothing says so."""
 
+from ..common.scale import METRES
 from ..model.alignment import Alignment
 from ..model.model import Model
 
 _FRAME_IS_FITTED = (
-    "the sensor's frame is fitted to the log, so the first joint's offset is taken as zero; if the "
-    "log is in the robot's root frame, train with `view='base'`"
+    "the sensor's frame is fitted to the log, so the first joint's offset is "
+    "taken as zero"
+)
+_SAY_BASE = (
+    "; if the log is in the robot's root frame, train with `view='base'`"
 )
 _TOUCHED = "no touch tells the first joint's offset nor where the base stands: both are as drawn"
 
@@ -24,7 +28,11 @@ def assumption(model: Model) -> str:
     """What is assumed of a model where nothing says how the sensor's frame lies."""
     # in the base's frame without the option: the arm touched points, there is no sensor
     touched = model.body is not None and model.body.structure.view == "base"
-    return _TOUCHED if touched else _FRAME_IS_FITTED
+    if touched:
+        return _TOUCHED
+    if model.about.unit not in METRES:  # a camera's pixels
+        return _FRAME_IS_FITTED
+    return _FRAME_IS_FITTED + _SAY_BASE
 
 
 def is_simulated(model: Model) -> bool:

@@ -24,7 +24,7 @@ from ..change.system import Products, prior_columns, smooth_columns
 from ..change.verdict import SHARED_ERRORS
 from ..common.arrays import Array
 from ..common.rows import spread_rows
-from ..errors import ModelError, QueryError
+from ..errors import QueryError
 from ..model.model import Model
 
 
@@ -59,10 +59,8 @@ class State(NamedTuple):
     drifted: bool  # whether a signal is above its threshold now
     # largest score of a test; 0 while there are too few samples
     score: float
-    zeta: float  # distortion of the sensory map (eq. 9) over what is expected there
-    # [unit], root mean square of the systematic part of the recent residuals
-    links: float
-    noise: float  # [unit], standard deviation per axis of the rest
+    # [unit], standard deviation per axis of what no change explains; NaN before it is known
+    noise: float
     fired: tuple[
         str, ...
     ]  # the most telling group of parameters, where one fired
@@ -93,19 +91,14 @@ class Monitor:
     """
 
     def __init__(self, model: Model) -> None:
-        if model.baseline is None:
-            raise ModelError(
-                "the model has no baseline of its distortions: train it again"
-            )
         self._model = model
-        self._expected = model.baseline.sensory
         self._fade = 1.0 - 1.0 / MONITOR.window
         self._equations = None if model.body is None else _Equations(model)
-        # sums that fade: samples, squared weights, zeta over the usual, rows beyond the bound
-        self._sums = np.zeros(4)
+        # sums that fade: samples, squared weights, rows beyond the bound
+        self._sums = np.zeros(3)
         # joints and residuals since the last judgement
         self._latest: list[tuple[Array, Array]] = []
-        self._state = State(0, False, 0.0, 0.0, 0.0, model.baseline.noise, ())
+        self._state = State(0, False, 0.0, np.nan, ())
 
     def update(
         self, q: Sequence[float] | Array, x: Sequence[float] | Array
@@ -128,22 +121,15 @@ class Monitor:
         residual = x - model.forward(q)
         if not np.isfinite(residual).all():
             return self._state
-        places = model.sensory.scale.to_unit(x[None])
-        away, winner = model.sensory.nearest(places)
-        ratio = float(away[0, 0] ** 2 / self._expected[winner[0, 0]])
         beyond = 0.0
         if self._equations is None:
             limit = SHARED_ERRORS * float(model.expected_error(q))
             beyond = float(np.linalg.norm(residual) > limit)
         self._latest.append((q, residual))
         fade = self._fade  # sums over a window that forgets
-        latest = np.array([1.0, 1.0, ratio, beyond])
-        self._sums = self._sums * [fade, fade**2, fade, fade] + latest
-        samples = self._state.samples + 1
-        state = self._state._replace(
-            samples=samples, zeta=float(self._sums[2] / self._sums[0])
-        )
-        if samples % MONITOR.every == 0:
+        self._sums = self._sums * [fade, fade**2, fade] + [1.0, 1.0, beyond]
+        state = self._state._replace(samples=self._state.samples + 1)
+        if state.samples % MONITOR.every == 0:
             state = self._judge(state)
         self._state = state
         return state
@@ -157,7 +143,7 @@ class Monitor:
         """The state by the tests of the samples that are remembered."""
         from scipy.special import bdtrc
 
-        weight, squares, _, beyond = self._sums.tolist()
+        weight, squares, beyond = self._sums.tolist()
         independent = weight**2 / squares
         equations = self._equations
         latest = self._latest
@@ -172,9 +158,7 @@ class Monitor:
             q, residual = map(np.array, zip(*latest, strict=True))
             equations.add(q, residual, self._fade)
             test = equations.most_telling(weight, independent)
-            state = state._replace(
-                links=equations.systematic, noise=equations.noise
-            )
+            state = state._replace(noise=equations.noise)
         score = (
             test.score * math.log(FALSE_ALARM) / math.log(MONITOR.false_alarm)
         )
@@ -218,7 +202,6 @@ class _Equations:
         self._rest = np.zeros(outputs)
         self._lagged = np.zeros(2)
         self.noise = float(body.noise[0])
-        self.systematic = 0.0
 
     def add(self, q: Array, residual: Array, fade: float) -> None:
         """Take residuals (b, m) [unit] of samples at joints (b, dof)."""
@@ -261,11 +244,7 @@ class _Equations:
         inner = freed[:-1, :-1].copy()
         inner[np.diag_indices(len(inner))] += size**2
         self._change = sd[:-1] * np.linalg.solve(inner, freed[:-1, -1])
-        share = every.values / (size**2 + every.values)
-        explained = float(share @ every.axes_y**2) / independent
-        unit = float(self._reference.sizes[0])
-        self.systematic = unit * math.sqrt(max(explained, 0.0))
-        self.noise = unit * size
+        self.noise = float(self._reference.sizes[0]) * size
         temper = self._correlation_time(independent)
         products = Products.of_gram(count, gram, self._unknown)
         left = every.freedom(size) / temper

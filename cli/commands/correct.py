@@ -6,6 +6,9 @@ more than the limit; the other rows are written.
 
 from typing import Annotated, Literal
 
+import calib
+from calib.common.names import by_name
+
 from .. import options as opt
 from ..output import Outcome, say, with_unit
 from ..parsing import above_zero
@@ -33,8 +36,6 @@ def correct(
 ) -> Outcome:
     import numpy as np
 
-    import calib
-
     from ..query import Query, beside
 
     query = Query(model, input_, columns, output, unit, degrees)
@@ -48,8 +49,8 @@ def correct(
         orientation=orientation,
     )
     say(result.notes)
-    table = dict(zip(joints.names, (result.q * factors).T, strict=True))
-    table |= dict(zip(query.model.axes, result.target.T, strict=True))
+    table = by_name(joints.names, (result.q * factors).T)
+    table |= by_name(query.model.axes, result.target.T)
     table["distance"] = result.distance
     table["expected_error"] = result.expected_error
     table["reachable"] = result.reachable

@@ -58,5 +58,7 @@ def noise(
             size = "not told by this log, which measured no pose again"
         lines.append(f"{what}: {size}")
     counts = f"{result.repeats} further readings and {result.returns} returns"
+    if result.left_out:
+        counts += f", without {result.left_out} that contradict others,"
     lines.append(f"from {counts} to {result.poses} poses")
     return Outcome(document, lines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -61,7 +62,7 @@ def reproduce(
     document["seconds"] = seconds
     document["files"] = files
     line = f"{output}: {len(files)} files, {seconds:.0f} s"
-    return Outcome(document, [line, *tables])
+    return Outcome(document, [line, *tables, *textwrap.wrap(_TERMS, 100)])
 
 
 def _result(name: str, setting: Setting, folder: Path) -> tuple[str, Result]:
@@ -83,7 +84,13 @@ def _result(name: str, setting: Setting, folder: Path) -> tuple[str, Result]:
 def _text(table: Table) -> TextTable:
     rows = [[_cell(value) for value in row] for row in table.rows]
     words = sum(isinstance(value, str) for value in table.rows[0])
-    return TextTable(table.header, rows, table.title, words, foot=_TERMS)
+    # small lattices have no numbers of the paper beside theirs
+    filled = [
+        k for k in range(len(table.header)) if any(row[k] for row in rows)
+    ]
+    header = [table.header[k] for k in filled]
+    rows = [[row[k] for k in filled] for row in rows]
+    return TextTable(header, rows, table.title, words)
 
 
 def _cell(value: str | float | None) -> str:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from chains import FOLLOWED, MIXED, SLIDE, chain_urdf, turning
+from chains import FOLLOWED, MIXED, chain_urdf, turning
 from models import two_link
 from reference import pinocchio_pose, random_joints
 
@@ -15,9 +15,7 @@ from calib.arm.loading import arm_from_urdf
 from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of, similarity
 
 BUNDLED = [entry.name for entry in calib.list_robots()]
-PLANAR = [name for name in BUNDLED if calib.load_arm(name).outputs == 2]
 ASKEW = chain_urdf(turning(), turning(axis="0.00005 0 1"), tip="0.2 0 0.1")
-BENT = chain_urdf(turning(), turning(), tip="0.12 0.16 0")  # the last link is 0.2 m, bent
 
 
 def arm_of(source):
@@ -43,45 +41,6 @@ def test_pose_and_jacobian_agree_with_pinocchio(source):
 def test_two_links_follow_the_closed_form():
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (100, 2))
     np.testing.assert_allclose(calib.load_arm("two_link").forward(q), two_link(q), atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("robot", "lengths"), [("three_link", [0.3, 0.3, 0.15]), ("six_axis", None)]
-)
-def test_a_longer_link_is_longer_and_nothing_else_changes(robot, lengths):
-    arm = calib.load_arm(robot)
-    longer = arm.with_link_length("elbow", arm.link_lengths["elbow"] + 0.05)
-    assert longer.link_lengths == pytest.approx(
-        {**arm.link_lengths, "elbow": arm.link_lengths["elbow"] + 0.05}
-    )
-    q = random_joints(arm, 50)
-    moved = longer.forward(q) - arm.forward(q)
-    np.testing.assert_allclose(np.linalg.norm(moved, axis=1), 0.05, atol=1e-12)
-    if lengths:
-        assert list(longer.link_lengths.values()) == pytest.approx(lengths)
-        angle = q[:, 0] + q[:, 1]
-        shift = 0.05 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        np.testing.assert_allclose(moved, shift, atol=1e-14)
-
-
-def test_slides_carry_their_links_and_two_make_a_plane():
-    arm = calib.load_arm("polar").with_link_length("slide", 0.2)
-    np.testing.assert_allclose(arm.forward([0, 0.1]), [0.15 + 0.1 + 0.2, 0], atol=1e-15)
-    arm = arm_from_urdf(chain_urdf(turning(axis="1 0 0") + SLIDE, turning(axis="0 2 0") + SLIDE))
-    assert arm.revolute == (False, False)
-    np.testing.assert_allclose(arm.forward([0.1, 0.2]), [0.6 + 0.2 + 0.1, 0.2], atol=1e-15)
-
-
-@pytest.mark.parametrize("source", [BENT, *PLANAR])
-def test_a_moved_tip_is_told_by_the_last_link_wherever_that_points(source):
-    arm = arm_of(source)
-    q = random_joints(arm, 20)
-    motion = arm.chain.motion(q)
-    link = arm.plane.project((motion.position - motion.places[-1]).T + arm.plane.origin)
-    along = link / np.linalg.norm(link, axis=1, keepdims=True)
-    left = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    moved = arm.with_tip_offset(0.03, -0.02).forward(q) - arm.forward(q)
-    np.testing.assert_allclose(moved, 0.03 * along - 0.02 * left, atol=1e-14)
 
 
 def test_a_moved_tip_in_space_is_told_in_the_tips_frame():

@@ -52,14 +52,6 @@ def test_other_joints_are_locked_at_neutral_or_where_told():
     assert any("the log has no columns for them" in note for note in arm.notes)
 
 
-def test_what_had_to_be_chosen_is_said_aloud():
-    text = chain_urdf(turning(), turning(), turning(axis="0 1 0"))
-    (note,) = arm_from_urdf(text, ["j1", "j2"]).notes
-    assert "j3=0" in note
-    assert calib.load_arm("two_link", ["shoulder", "elbow"]).notes == ()
-    assert any("planar=True" in note for note in calib.load_arm("six_axis").notes)
-
-
 @pytest.mark.parametrize(("angle", "outputs"), [(0.9e-4, 2), (1.1e-4, 3)])
 def test_axes_may_differ_by_a_ten_thousandth(angle, outputs):
     text = chain_urdf(turning(), turning(axis=f"{np.sin(angle)} 0 {-np.cos(angle)}"))
@@ -166,16 +158,6 @@ def test_a_range_mends_limits_that_are_missing_or_unusable():
     np.testing.assert_array_equal([arm.lower, arm.upper], [[-1, 0], [1, 1]])
 
 
-def test_a_slides_range_is_a_travel_that_can_be_and_a_turns_is_one_turn():
-    endless = turning(axis="1 0 0", lower="-1e9", upper="1e9")
-    text = chain_urdf(turning(lower="-1e9", upper="1e9"), endless + SLIDE)
-    with pytest.raises(calib.OptionError, match=r"j2.*2000.*at most 1000 m apart"):
-        arm_from_urdf(text, ["j1", "j2"], ranges={"j2": (0, 2000)})
-    arm = arm_from_urdf(text, ["j1", "j2"], ranges={"j2": (-500, 500), "j1": (-5000, 5000)})
-    np.testing.assert_allclose([arm.lower, arm.upper], [[-np.pi, -500], [np.pi, 500]])
-    refused(calib.RobotError, r"m are unusable.*ranges=.*j2", arm_from_urdf, text, ["j1", "j2"])
-
-
 GOOD = load_arm("two_link").urdf
 ELBOW = '<joint name="elbow" type="revolute">'
 AXIS = '<axis xyz="0 0 1"/>'
@@ -229,6 +211,7 @@ REFUSED = [  # a text or a bundled robot, what is asked of it, and what the line
     (f'<robot name="r"><link name="l0"/>{MANY}</robot>', {}, "1001 joints 1000"),
     # MuJoCo's
     ('<mujoco><include file="arm.xml"/></mujoco>', {}, "include arm.xml"),
+    ('<mujoco><worldbody><frame pos="0 0 1"/></worldbody></mujoco>', {}, "frame mj_saveLastXML"),
     (BODY.format('<freejoint name="loose"/>'), {}, "loose free"),
     (BODY.format('<joint name="hip" type="ball"/>'), {}, "hip ball"),
     (BODY.format('<joint name="j" axis="0 0 0"/>'), {}, "'j' axis"),

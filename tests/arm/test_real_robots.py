@@ -24,17 +24,6 @@ def size(arm):
     return max(arm.chain.reach, 1.0)
 
 
-def test_ur10_has_its_data_sheets_links_and_an_upright_plane():
-    joints = ["shoulder_lift_joint", "elbow_joint"]
-    arm = load_arm(FOLDER / "ur_description/urdf/ur10_robot.urdf", joints, "wrist_1_link")
-    assert arm.link_lengths["shoulder_lift_joint"] == pytest.approx(0.612)
-    assert arm.link_lengths["elbow_joint"] == pytest.approx(0.5723)
-    np.testing.assert_allclose(arm.plane.x, [1, 0, 0], atol=1e-7)
-    np.testing.assert_allclose(arm.plane.y, [0, 0, 1], atol=1e-7)
-    # the tip lies on the axis of wrist_1_joint, which therefore is held, too
-    assert arm.locked == {"shoulder_pan_joint": 0.0, "wrist_1_joint": 0.0}
-
-
 PLANAR = {  # of a description: the joints and the tip that are found
     "ur_description/urdf/ur5_robot": "shoulder_lift_joint,elbow_joint,wrist_1_joint tool0",
     "panda_description/urdf/panda": "panda_joint2,panda_joint4,panda_joint6 panda_hand_tcp",

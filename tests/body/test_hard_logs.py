@@ -8,6 +8,9 @@ from models import log_of
 
 import calib
 from calib.arm.rotations import exponential, logarithm, matrix_of, quaternion_of
+from calib.body.body_fit import fit
+from calib.body.rows import Rows
+from calib.body.spatial import structure_of
 
 NOISE = 2e-5
 
@@ -67,6 +70,16 @@ def test_a_tracker_that_reads_to_10_um_gets_bounds_of_its_own_noise():
     bound = model.expected_error(q[200:])
     assert (miss <= bound).mean() > 0.9
     assert np.median(bound) < 3 * np.median(miss)
+
+
+def test_few_rows_are_not_followed_into_their_noise():
+    arm = calib.load_arm("six_axis")
+    rng = np.random.default_rng(0)
+    q = rng.uniform(arm.lower, arm.upper, (60, 6))
+    waves = 3e-4 * np.sin(9 * q + np.arange(6))
+    x = arm.forward(q + waves) + NOISE * rng.normal(size=(60, 3))
+    body = fit(structure_of(arm), [Rows(q, x)]).body
+    assert 0.8 * NOISE < body.noise[0] < 1.3 * NOISE
 
 
 def one_orientation(arm, n: int, rng: np.random.Generator) -> np.ndarray:

@@ -49,16 +49,6 @@ def test_a_sensor_that_bends_or_is_another_is_learned(seen, unit, most):
     assert ("lens" in [c.cause for c in found.changed]) == (seen is bent)
 
 
-@pytest.mark.parametrize("readout", ["activity", "winner"])
-def test_the_maps_follow_too(readout):
-    samples = log("elbow.length=+20%", n=100, noise=0.0)
-    adapted = calib.adapt(model(), samples).model
-    q = drawn(500, 7)
-    x = samples.simulation.exact(q)
-    assert np.linalg.norm(adapted.forward(q, readout) - x, axis=1).mean() < 0.025
-    assert np.nanmax(np.abs(adapted.inverse(x, near=q) - q)) < 1e-6
-
-
 @pytest.mark.parametrize("seed", [1, 7])
 def test_rows_of_an_unchanged_arm_are_added_where_few_were_known(seed):
     changes = ("elbow.length=+3%", "elbow.offset=0.02")
@@ -70,24 +60,6 @@ def test_rows_of_an_unchanged_arm_are_added_where_few_were_known(seed):
     made = calib.adapt(learned, more)
     assert made.correction == "nothing changed, rows added"
     assert error(made.model, exact) < 0.7 * error(learned, exact)
-
-
-def test_the_report_of_a_few_samples_is_what_was_measured():
-    samples, told = babbled("elbow.length=+20%"), []
-    found = calib.adapt(small(), samples, progress=lambda *part: told.append(part))
-    gap = miss(small(), samples.q, samples.x)
-    assert found.improved
-    assert (found.samples, found.outliers) == (60, 0)
-    assert "length" in found.correction
-    expected = {"mean": gap.mean(), "max": gap.max()}
-    assert {key: found.before[key] for key in expected} == pytest.approx(expected, rel=1e-6)
-    assert found.after["max"] < 1e-5
-    assert error(found.model, samples) < 1e-4 * error(small(), samples)
-    # told in order: shares of the work, stages by name, errors as numbers
-    shares = [share for share, _, _ in told]
-    assert shares == sorted(shares)
-    assert (shares[0], shares[-1]) == (0.0, 1.0)
-    assert all(isinstance(part, float) for *_, part in told)
 
 
 def test_what_is_known_of_an_adapted_model(tmp_path):
@@ -112,20 +84,6 @@ def test_what_is_known_of_an_adapted_model(tmp_path):
     twice.save(tmp_path / "m.calib")
     assert small().history == ()
     assert calib.load(tmp_path / "m.calib").history == (event, twice.history[1])
-
-
-@pytest.mark.parametrize(("rows", "words"), [([7, 31], "rows 8, 32"), ([7], "row 8"), ([], "")])
-def test_wrong_detections_are_counted_and_left_out(rows, words):
-    samples = babbled("elbow.length=+20%")
-    wrong = samples.x.copy()
-    wrong[rows] += 0.15
-    found = calib.adapt(small(), replace(samples, x=wrong))
-    assert (found.samples, found.outliers) == (60 - len(rows), len(rows))
-    told = [note for note in found.notes if "contradict" in note]
-    assert len(told) == bool(rows)
-    assert not rows or words in told[0]
-    assert found.model.history[0]["outliers"] == len(rows)
-    assert error(found.model, samples) < 1e-3 * error(small(), samples)
 
 
 def test_a_model_that_misses_its_rows_by_more_than_promised_is_not_written(monkeypatch):

@@ -1,6 +1,5 @@
 """Check and recognise: what undisturbed, changed and misread logs look like to a model."""
 
-import re
 from dataclasses import replace
 from functools import cache
 
@@ -11,7 +10,7 @@ from models import bare, trained
 from refusals import refused
 
 import calib
-from calib import LogError, OptionError
+from calib import OptionError
 
 NOISE = 2e-4
 
@@ -38,17 +37,14 @@ def test_what_is_known_of_a_change_is_believed():
     refused(OptionError, "sensor, joints", calib.check, model(1e-3), longer, cause="wind")
 
 
-def test_the_size_of_a_change_is_told():
-    drift = calib.check(model(), log("elbow.length=+8%", noise=0.0))
-    (length,) = [c for c in drift.causes if c.cause == "length:elbow"]
-    assert length.unit == "m"
-    assert length.value == pytest.approx(0.02, rel=1e-3)
-    assert length.interval[0] < 0.02 < length.interval[1]
-    assert length.words == "the link of elbow is 8 % (20.0 ± 2.0 mm) longer"
-    drift = calib.check(model(), log("elbow.offset=0.05", noise=0.0))
-    # as many decimals as the interval has
-    sizes = re.findall(r"elbow is off by \+2\.86(\d*) ± 0\.(\d+) deg", drift.explanations[0])
-    assert [2 + len(value) for value, _ in sizes] == [len(half) for _, half in sizes] != []
+def test_a_log_of_the_poses_that_were_learned_covers_what_the_model_knows():
+    def sides(seed):
+        rows = log(n=900, seed=seed)
+        return rows.take(rows.q[:, 0] < arm().lower[0] + 0.3 * (arm().upper - arm().lower)[0])
+
+    learned = calib.train(replace(sides(1), simulation=None), size=12)
+    assert not any("covers" in note for note in calib.check(learned, sides(2)).notes)
+    assert any("covers" in note for note in calib.check(model(1e-3), sides(2)).notes)
 
 
 def test_rows_that_show_too_little_say_so():
@@ -177,21 +173,6 @@ def maps_alone():
     return calib.train(bare("two_link", 1500, 0, noise=1e-3), body="none", size=20)
 
 
-@pytest.mark.parametrize("kind", ["corner", "path"])
-@pytest.mark.parametrize("n", [30, 200])
-def test_errors_that_maps_share_over_a_few_nodes_are_no_drift(kind, n):
-    rng = np.random.default_rng(4)
-    for seed in range(2):
-        u = rng.uniform(0.75, 0.97, (n, 2))
-        if kind == "path":
-            start, end = rng.uniform(0.1, 0.9, (2, 2))
-            u = start + np.linspace(0.0, 1.0, n)[:, None] * (end - start)
-        q = arm().lower + (arm().upper - arm().lower) * u
-        x = arm().forward(q) + 1e-3 * rng.standard_normal((n, 2))
-        rows = replace(bare("two_link", n, seed), q=q, x=x)
-        assert not calib.check(maps_alone(), rows).drifted
-
-
 @pytest.mark.parametrize("change", ["sensor.rotate=0.05", "sensor.mirror=x", "elbow.length=+10%"])
 def test_a_change_beyond_the_errors_of_maps_is_drift_and_learned_from_a_stream_only(change):
     rows = bare("two_link", 200, 5, change, noise=1e-3)
@@ -239,14 +220,3 @@ def test_states_that_differ_by_less_than_the_noise_are_told_by_many_rows():
             rows = bare("two_link", 120, seed, *change, noise=NOISE)
             right += calib.recognise(states, rows).index == index
     assert right >= 11
-
-
-def test_coarse_maps_answer_little_and_degrees_are_told_by_the_range_of_the_joints():
-    """Of so101's maps alone, which answer near the middle, a log in rad was said to be degrees."""
-    robot = calib.load_arm("two_link")
-    coarse = calib.train(calib.babble(robot, 30), body="none", size=2)
-    rows = calib.babble(robot, 200, seed=8)
-    assert not np.isfinite(coarse.expected_error(rows.q)).any()
-    refused(LogError, "lie within what the model has learned", calib.check, coarse, rows)
-    degrees = replace(rows, q=np.degrees(rows.q), simulation=None, arm=None)
-    refused(LogError, "only if its joint values are degrees", calib.check, coarse, degrees)

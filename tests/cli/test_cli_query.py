@@ -6,17 +6,9 @@ import re
 
 import numpy as np
 import pytest
-from models import measured, two_link
+from models import two_link
 
 import calib
-
-
-@pytest.fixture(scope="module")
-def log_model(tmp_path_factory):
-    """A model of 300 rows at 1 mm noise."""
-    path = tmp_path_factory.mktemp("log") / "log.calib"
-    measured(300, 6).save(path)
-    return path
 
 
 def rows_of(text: str) -> list[dict[str, str]]:
@@ -72,24 +64,6 @@ def test_batch_keeps_bad_rows_in_their_place(run, model):
     assert float(rows[2]["distance"]) > 1.0
     assert "rows 2, 4 of 5" in done.err
     assert "row 3 of 5: out of reach" in done.err
-
-
-def test_a_log_has_two_bounds_that_python_says_too(run, log_model):
-    loaded, q = calib.load(log_model), [0.5, 1.0]
-    said = run("query", "forward", log_model, *q, "--json").document
-    assert said["bound_of"] == "sensor reading"
-    assert said["expected_error"] == loaded.expected_error(q)
-    assert said["model_error"] == loaded.model_error(q)
-    assert 0.0 < said["model_error"] <= said["expected_error"]  # but what repeats told as noise
-    (header, row) = run("query", "forward", log_model, *q).out.splitlines()
-    assert header.split("  ")[-1] == "model error [mm]"
-    assert float(row.split()[-1]) == pytest.approx(1e3 * said["model_error"], abs=1e-4)
-    x = said["position"]
-    (solution,) = run("query", "inverse", log_model, *x, "--json").document["solutions"]
-    done = run("query", "inverse", log_model, "--input", "-", stdin=f"x,y\n{x[0]!r},{x[1]!r}\n")
-    (answer,) = rows_of(done.out)
-    for bound in (solution["model_error"], float(answer["model_error"])):
-        assert bound == pytest.approx(said["model_error"], rel=1e-3)
 
 
 @pytest.mark.parametrize("readout", ["linear", "activity", "winner"])

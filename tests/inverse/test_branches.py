@@ -42,17 +42,6 @@ def test_all_branches_and_no_others(robot, least, compiled):
     assert missed <= 1e-3 * inside.sum()
 
 
-def test_both_branches_right_beside_the_fold():
-    model, arm = trained("two_link_full"), calib.load_arm("two_link_full")
-    for bend in (0.1, 0.01, 1e-3, 1e-4):
-        q = np.array([[0.8, bend]])
-        (found,) = model.inverse_all(two_link(q))
-        other = two_link_inverse(two_link(q), -1.0)
-        expected = [q[0], other[0]]
-        np.testing.assert_allclose(found[np.argsort(-found[:, 1])], expected, atol=1e-5)
-        np.testing.assert_allclose(arm.forward(found), two_link(q).repeat(2, 0), atol=1e-9)
-
-
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_answers_lead_to_their_target_within_the_limits(robot):
     model = trained(robot)
@@ -115,27 +104,12 @@ def test_of_three_joints_at_their_limits_every_branch_is_found():
     arm = arm_from_urdf(chain_urdf(*(joint(*each) for each in joints), tip="-0.17 -0.03 0.08"))
     model = calib.train(calib.babble(arm, 1500, seed=0), seed=0)
     rng = np.random.default_rng(77)
-    q = rng.uniform(arm.lower, arm.upper, (200, 3))
-    q[:, [0, 2]] = np.where(rng.random((200, 2)) < 0.5, arm.lower[[0, 2]], arm.upper[[0, 2]])
+    q = rng.uniform(arm.lower, arm.upper, (100, 3))
+    q[:, [0, 2]] = np.where(rng.random((100, 2)) < 0.5, arm.lower[[0, 2]], arm.upper[[0, 2]])
     scale = model.motor.scale
     for row, ways in zip(q, model.inverse_all(arm.forward(q)), strict=True):
         gap = scale.difference(scale.to_unit(ways), scale.to_unit(row[None]))
         assert np.abs(gap).max(axis=1).min() < 1e-3
-
-
-def test_no_answer_is_further_than_joints_that_are_known_to_reach():
-    model = trained("three_link")
-    q = draw(model, 100, seed=6, margin=0.1)
-    x, span = model.forward(q), model.about.upper - model.about.lower
-    middle = (model.about.lower + model.about.upper) / 2
-    for wish in (
-        np.clip(q + 0.1 * span * [1, -1, 1], model.about.lower, model.about.upper),
-        middle,
-    ):
-        joints = model.inverse(x, near=wish)
-        np.testing.assert_allclose(model.forward(joints), x, atol=1e-8)
-        here, there = (np.linalg.norm((rows - wish) / span, axis=1) for rows in (joints, q))
-        assert (here <= there + 1e-4).all()
 
 
 @pytest.mark.parametrize(("joints", "slide"), [(4, None), (5, 1), (7, None)])

@@ -106,6 +106,10 @@ def test_bad_paths_are_told_in_one_line(waypoints, options, part):
     assert "\n" not in str(told.value)
 
 
+def with_limits(model, limits):
+    return replace(model, about=replace(model.about, limits=np.array(limits)))
+
+
 def test_a_joint_goes_on_over_the_seam_where_it_can_and_is_told_where_it_turns_round():
     corners = two_link(np.array([[3.0, 1.0], [3.3, 1.0]]))
     model = turning()
@@ -113,8 +117,7 @@ def test_a_joint_goes_on_over_the_seam_where_it_can_and_is_told_where_it_turns_r
     assert len(path.jumps) == 1  # its log knows one turn
     row = path.jumps[0]
     assert abs(abs(path.q[row, 0] - path.q[row - 1, 0]) - TURN) < 0.1
-    wide = replace(model)
-    wide.cache["limits"] = np.array([[-TURN, TURN], [0.3, 2.5]])
+    wide = with_limits(model, [[-TURN, TURN], [0.3, 2.5]])
     path = wide.path(corners, step=0.01)
     assert len(path.jumps) == 0
     assert np.abs(np.diff(path.q[:, 0])).max() < 0.1
@@ -126,8 +129,7 @@ def test_a_joint_goes_on_over_the_seam_where_it_can_and_is_told_where_it_turns_r
 
 
 def test_near_beyond_the_limits_of_several_turns_asks_for_the_turn_beside_them():
-    model = replace(turning())
-    model.cache["limits"] = np.array([[-TURN, TURN], [0.3, 2.5]])
+    model = with_limits(turning(), [[-TURN, TURN], [0.3, 2.5]])
     x = two_link(np.array([[-0.383, 1.0]]))
     near = [8.4, 1.0]  # 2.5 from 5.9, and 8.8 from -.383
     for answer in (model.inverse(x, near=near)[0], model.inverse(x[0], near=near)):

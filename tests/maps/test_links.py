@@ -66,15 +66,6 @@ def test_a_local_bandwidth_is_that_of_each_node():
     np.testing.assert_allclose(a, np.exp(z.min() - z))
 
 
-def test_activity_crosses_the_seam_of_a_joint_that_turns_round():
-    ring = Map(
-        np.array([[0.05], [0.35], [0.65], [0.95]]), Lattice((4,)), box(True), np.zeros((0, 4))
-    )
-    a = activity(ring, np.array([[0.0]])).toarray()[0]
-    assert a[0] == pytest.approx(a[3])
-    assert a[0] > 0.99 > a[1]
-
-
 def test_links_are_the_fixed_point_of_ojas_rule_but_for_weak_ones(pair):
     dense = stationary(*pair)
     links = link(*(csr_array(a) for a in pair)).toarray()

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refused
 from small_maps import UNIT_BOX, points
-from threadpoolctl import threadpool_info, threadpool_limits
 
 import calib
 from calib import SOM, LogError, Map, OptionError
@@ -82,19 +81,6 @@ def test_a_40x40_map_is_ordered_and_close_to_the_best_quantizer(name, near):
 
 
 @pytest.mark.parametrize(
-    ("name", "rule"),
-    [("vdsom", "batch"), ("vdsom", "online"), *((n, None) for n in ("dsom", "gng:error"))],
-)
-def test_the_same_seed_gives_the_same_map_and_another_seed_another(name, rule):
-    x = points(200)
-    options = {} if rule is None else {"rule": rule}
-    a, b, c = (SOM((6, 6), name, seed=s, **options).fit(x) for s in (1, 1, 2))
-    assert a.units.tobytes() == b.units.tobytes()
-    assert a.history.tobytes() == b.history.tobytes()
-    assert a.units.tobytes() != c.units.tobytes()
-
-
-@pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"rule": "bach"}, "rule 'bach' is unknown, choose one of batch, online"),
@@ -121,19 +107,6 @@ def test_impossible_options_are_refused_in_one_line(options, message):
 def test_samples_that_are_none_are_refused_in_one_line(x, message):
     refused(LogError, message, SOM((3, 3)).fit, x)
     refused(LogError, message, SOM((3, 3), rule="online").fit_pair, x, x)
-
-
-def test_training_runs_with_one_thread_of_the_blas():
-    counts = []
-
-    def look(*_):
-        counts.extend(p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas")
-
-    with threadpool_limits(2, user_api="blas"):
-        SOM((4, 4), "som").fit(points(100), progress=look)
-        after = [p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"]
-    assert set(counts) == {1}
-    assert set(after) == {2}
 
 
 def test_a_gas_grows_to_its_size_and_follows_its_samples():
@@ -207,16 +180,6 @@ def test_topographic_error_counts_samples_between_nodes_that_are_no_neighbours()
     assert folded.topographic_error([fold]) == 1.0
     assert folded.topographic_error([middle]) == 0.0
     assert folded.topographic_error([fold, middle, middle, middle]) == 0.25
-
-
-def test_spacings_are_the_mean_distances_to_joined_nodes():
-    plane = box([0, 0], [1, 1], [False, False])
-    units = [[0.0, 0.0], [0.0, 0.2], [0.4, 0.0], [0.3, 0.3]]
-    kite = network(units, (2, 2), plane)
-    sides = {(0, 1): 0.2, (0, 2): 0.4, (1, 3): np.hypot(0.3, 0.1), (2, 3): np.hypot(0.1, 0.3)}
-    assert kite.spacing == pytest.approx(np.mean(list(sides.values())))
-    own = [np.mean([d for pair, d in sides.items() if k in pair]) for k in range(4)]
-    np.testing.assert_allclose(kite.spacings, own)
 
 
 shapes = st.lists(st.integers(2, 6), min_size=1, max_size=3).map(tuple)

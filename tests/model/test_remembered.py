@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from models import measured, trained
 
 import calib
 
@@ -65,44 +64,3 @@ def test_a_file_is_named_after_its_robot_and_another_robots_name_needs_force(
     (tmp_path / "polar.calib").write_text("notes of mine")
     assert run(f"train polar {small}").code == 1
     run.done(f"train polar {small} -o polar.calib")
-
-
-def test_the_arrays_of_a_model_are_read_only():
-    model = trained("two_link", 600, 8)
-    for array in (model.motor.weights, model.sensory.weights, model.bounds, model.visited):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0.0
-    holders = [model.motor, model.motor.scale, model.body, model.baseline, model.about]
-    for holder in [*holders, measured(200, 6).rows]:
-        for name, value in vars(holder).items():
-            assert not isinstance(value, np.ndarray) or not value.flags.writeable, name
-
-
-ARM = calib.load_arm("two_link")
-LOG = calib.babble(ARM, 200, seed=3)
-MODEL = calib.train(LOG, motor_size=8, sensory_size=8)
-
-
-@pytest.mark.parametrize(
-    ("shown", "beginning"),
-    [
-        (ARM, "PlanarArm two_link: shoulder, elbow; tip tip"),
-        (calib.load_arm("six_axis"), "SpatialArm six_axis: shoulder_pan"),
-        (LOG, "Samples(200 rows of shoulder, elbow)"),
-        (MODEL, "Model of two_link: shoulder, elbow; 200 samples, 8x8 nodes"),
-        (MODEL.body, "Body of 200 rows\nshoulder: length 300.0"),
-        (calib.check(MODEL, LOG), "Verdict: still calibrated"),
-        (calib.adapt(MODEL, LOG), "Adaptation: not improved"),
-        (calib.evaluate(MODEL, LOG), "Evaluation of 200 measured rows"),
-        (calib.plan(MODEL, 5), "Plan of shoulder, elbow\n  5 poses"),
-        (
-            MODEL.path(np.array([[0.2, 0.3], [0.9, 0.3]])),
-            "Path of 81 rows: 51 out of reach, 0 jumps",
-        ),
-    ],
-    ids=lambda value: type(value).__name__ if not isinstance(value, str) else "",
-)
-def test_an_object_says_what_it_is_in_a_few_lines(shown, beginning):
-    assert repr(shown).startswith(beginning)
-    assert len(repr(shown)) < 500
-    assert "array" not in repr(shown)

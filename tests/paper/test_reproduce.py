@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.paper.trial import SeedErrors, Setting, best_schedule, row_of_seeds
+from calib.paper.trial import SeedErrors, Setting, row_of_seeds
 
 
 def test_rows_of_several_seeds_are_their_mean_and_spread():
@@ -39,18 +39,11 @@ def test_schedules_are_chosen_on_points_that_no_table_sees():
     assert model.about.errors
 
 
-def test_the_best_schedule_comes_first_and_is_the_same_each_time():
-    setting = Setting(8, (8,), 600, (0,), quick=True)
-    a, b = (best_schedule(setting, "som") for _ in range(2))
-    assert a == b
-    assert [f.score for f in a] == sorted(f.score for f in a)
-
-
 def test_the_same_schedule_gives_the_paper_its_ratio():
     """At a last radius of 2 nodes the varying density is far ahead, as in Table 1."""
-    log = calib.babble(calib.load_arm("two_link"), 5000, seed=0)
+    log = calib.babble(calib.load_arm("two_link"), 3000, seed=0)
     som, vdsom = (
-        calib.train(log, size=24, map=name, epochs=15, sigma=(15.0, 2.0), body="none").about.errors[
+        calib.train(log, size=16, map=name, epochs=12, sigma=(10.0, 2.0), body="none").about.errors[
             "activity"
         ]
         for name in ("som", "vdsom")

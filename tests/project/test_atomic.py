@@ -46,17 +46,6 @@ def test_a_failure_half_way_keeps_the_old_file(tmp_path, monkeypatch, error, wor
     assert beside(path) == []
 
 
-def test_missing_folder_and_folder_as_file(tmp_path):
-    (tmp_path / "file").write_bytes(b"")
-    for path, words in (
-        (tmp_path / "no" / "a.csv", "no folder"),
-        (tmp_path, "folder"),
-        (tmp_path / "file" / "a.csv", "file"),
-        ("a\0b", "null"),
-    ):
-        refused(CalibError, words, write, path)
-
-
 def test_a_symbolic_link_stays_and_its_target_is_replaced(tmp_path):
     (tmp_path / "sub").mkdir()
     target, link = tmp_path / "sub" / "target.csv", tmp_path / "link.csv"

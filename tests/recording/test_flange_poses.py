@@ -74,19 +74,6 @@ def test_what_a_table_means_is_found(rotation, tmp_path):
     refused(OptionError, "rotation", world.solve, table, rotation="other")
 
 
-@pytest.mark.parametrize("seed", [4, 5, 8])
-def test_a_flange_on_the_spot_ties_what_exchanges_axes_of_base_and_flange(seed, tmp_path):
-    world = World(seed, turning=True, count=12)
-    kind = ("kuka", "rpy")[seed % 2]
-    turns = CONVENTIONS[kind](Rotation.from_matrix(world.flange[:, :3, :3]))
-    rows = np.column_stack([1e3 * world.flange[:, :3, 3], turns])
-    np.savetxt(tmp_path / "flange.csv", rows, delimiter=",")
-    rig = world.solve(tmp_path / "flange.csv")
-    assert (rig.convention["rotation"], rig.convention["unit"]) == (kind, "mm")
-    assert any("not told apart" in note for note in rig.notes)
-    assert (misses(rig.hand, world.camera) < 2.0).all()
-
-
 @pytest.mark.parametrize("count", [4, 5])
 def test_few_pictures_fit_one_reading_although_three_of_them_fit_any(count):
     for seed in (1, 3, 5, 19):
@@ -153,16 +140,6 @@ def test_pictures_at_one_pose_are_one_measurement_of_the_arm():
     three.corners = [three.corners[0] * 2]
     three.count = 6
     refused(LogError, "of 3 poses of the arm: expected 4", three.solve)
-
-
-def test_a_square_of_another_size_is_measured():
-    world = World(3, printed=0.98)
-    rig = world.solve()
-    low, high = rig.square["interval"]
-    assert rig.square["said"] == 0.022
-    assert low < 0.98 * 0.022 < high < 0.022
-    assert any("squares measure 21." in note for note in rig.notes)
-    assert (misses(rig.hand, world.camera) < 1.5).all()
 
 
 @pytest.mark.parametrize(

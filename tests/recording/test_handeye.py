@@ -17,7 +17,6 @@ from test_lerobot import REST, write_dataset
 import calib
 from calib import LogError, handeye
 from calib.arm.rotations import exponential, logarithm, matrix_of
-from calib.body.sensor_pose import hand_pose
 from calib.recording.board_pictures import find_board
 from calib.recording.joint_table import JointTable
 
@@ -179,32 +178,6 @@ def test_what_changed_on_the_way_is_told(group, step):
     assert found.used == 13
     words = "from 13.png on camera or board was moved, the camera refocused"
     assert any(words in note for note in found.notes), found.notes
-
-
-@pytest.mark.parametrize(("count", "most"), [(5, 1e-3), (2, 0.1)])
-def test_arms_of_few_joints_are_known_as_well_as_they_turn(count, most):
-    names = calib.load_arm("six_axis").joint_names[:count]
-    rig = Rig(True, seed=3, pictures=12, joints=names)
-    found = rig.solve()
-    off, share = rig.miss(found)
-    assert np.linalg.norm(off) < most
-    assert (share < 1.5).all()
-    assert ("few turns of the wrist" in found.limited_by) == (count < 5)
-
-
-@pytest.mark.parametrize("in_hand", [True, False])
-def test_the_hand_is_told_as_the_last_encoder_says(in_hand):
-    rig = Rig(in_hand, seed=4, pictures=16, last=True, off=2.0)
-    body = rig.solve().body
-    found, true = hand_pose(body), hand_pose(replace(body, beta=rig.beta))
-    turned = logarithm((found.rotation @ true.rotation.T)[None])[0]
-    assert (abs(found.position - true.position) < 4 * found.position_sd_up_to_gauge).all()
-    assert (abs(turned) < 4 * found.turn_sd_up_to_gauge).all()
-    assert np.linalg.norm(turned) < np.radians(0.05)
-    # of the true last link it is as far turned as its encoder is off, which the interval says
-    away = logarithm((rig.hand(rig.beta)[1] @ true.rotation.T)[None])[0]
-    assert np.linalg.norm(away) > np.radians(0.2)
-    assert (abs(away) < 1.96 * found.turn_sd + 1e-4).all()
 
 
 @pytest.mark.parametrize(("tilt", "drifted"), [(0.0, False), (0.5, True)])

@@ -17,7 +17,6 @@ from calib.recording.board import parse_board
 from calib.recording.joint_table import read_joints
 from calib.recording.lens import Lens, load_lens
 from calib.recording.tag_logs import Setup, log_pictures, log_video
-from calib.samples.tables import open_source
 
 CAMERA = Camera(size=(640, 480), focal=600.0)
 BOARD = parse_board("5x4:40mm:31mm:5x5_100")
@@ -138,20 +137,6 @@ def test_the_pose_of_the_tag(shot):
     angle = shot.q.sum(1) - shot.scene.still[0].place[3]
     turned = 2 * np.arctan2(made.orientation[:, 2], made.orientation[:, 3])
     assert np.abs(np.angle(np.exp(1j * (turned - angle)))).max() < 0.02
-
-
-def test_the_log_says_its_unit_to_train(shot, tmp_path):
-    made = make(shot.folder)
-    for name in ("log.csv", "log.parquet"):
-        calib.write_log(made, tmp_path / name)
-        log = calib.read_log(tmp_path / name, joints=["a", "b", "c"])
-        assert log.unit == "px"
-        assert (log.x == made.x).all()
-        about = open_source(tmp_path / name).about
-        assert about["noise"] == made.source["noise"]
-        assert about["tag"] == 7
-        with pytest.raises(calib.LogError, match="states that its positions are in px"):
-            calib.read_log(tmp_path / name, joints=["a", "b", "c"], unit="mm")
 
 
 def test_a_bump_within_a_recording_is_told(shot, copy):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from models import bare, draw, trained
+from models import bare, trained
 from refusals import refused
 
 import calib
@@ -34,17 +34,6 @@ def test_arrays_are_float_contiguous_and_read_only():
     for array in (s.q, s.x, s.lower, s.upper):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1
-
-
-def test_take_keeps_everything_but_the_rows():
-    s = make(5, unit="px", notes=["n"], dropped=3)
-    for index in ([3, 1], np.array([3, 1]), np.array([3, 1], dtype=np.uint8)):
-        part = s.take(index)
-        assert (part.q == s.q[[3, 1]]).all()
-        assert (part.x == s.x[[3, 1]]).all()
-    assert (part.unit, part.notes, part.dropped, len(part), part.dof) == ("px", ("n",), 3, 2, 2)
-    assert (s.take(slice(1, None, 2)).q == s.q[1::2]).all()
-    assert (s.take(s.q[:, 0] > 0.5).q == s.q[s.q[:, 0] > 0.5]).all()
 
 
 @pytest.mark.parametrize(
@@ -82,13 +71,6 @@ def test_rows_at_one_pose_share_its_number():
     assert SAMPLES.pose_index.tolist() == [0, 1, 2, 0, 0]
 
 
-def test_rows_are_numbered_from_1_where_no_numbers_are_stated():
-    assert make(5, rows=None).rows.tolist() == [1, 2, 3, 4, 5]
-    assert make(5, rows=np.arange(9, 14)).take([2]).rows.tolist() == [11]
-    other = replace(make(5), q=np.zeros((2, 2)), x=np.zeros((2, 2)), side=None)
-    assert other.rows.tolist() == [1, 2]
-
-
 NAMES = ("shoulder", "elbow")
 JOINTS = np.array([[0.3, 1.0], [0.5, 1.4], [0.9, 2.0]])
 
@@ -124,15 +106,6 @@ def test_named_columns_are_taken_by_name_wherever_joint_values_go(kind):
     np.testing.assert_array_equal(arm.forward(swapped), arm.forward(JOINTS))
     s = calib.Samples(swapped, arm.forward(JOINTS), NAMES, arm.lower, arm.upper, arm.revolute)
     np.testing.assert_array_equal(s.q, JOINTS)
-
-
-def test_positions_and_near_are_taken_by_name_too():
-    model = trained()
-    q = draw(model, 5, margin=0.2)
-    x = model.forward(q)
-    named = {"y": x[:, 1], "x": x[:, 0]}
-    near = {"elbow": q[:, 1], "shoulder": q[:, 0]}
-    np.testing.assert_array_equal(model.inverse(named, near), model.inverse(x, q))
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ def test_a_log_of_which_a_model_keeps_some_rows_is_learned_as_a_whole():
 
 def test_rows_outside_of_what_was_learned_are_left_out_and_counted():
     arm = calib.load_arm("two_link")
-    narrow = calib.train(calib.babble(arm, 1000, ranges={"elbow": (1.0, 2.0)}), size=10)
+    narrow = calib.train(calib.babble(arm.with_range({"elbow": (1.0, 2.0)}), 1000), size=10)
     fresh = log(500, seed=5)
     known = (fresh.q[:, 1] >= 1.0) & (fresh.q[:, 1] <= 2.0)
     evaluation = calib.evaluate(narrow, fresh)

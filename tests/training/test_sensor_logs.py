@@ -100,7 +100,7 @@ def test_logs_of_several_sensors_that_are_not_of_one_arm_are_refused(logs):
 
 def test_poses_that_are_read_again_are_no_new_poses(logs):
     log, _ = logs[0]
-    with pytest.raises(LogError, match="160 samples of 8 poses are too few"):
+    with pytest.raises(LogError, match="poses: 8, in 160 rows: too few"):
         calib.train(log.take(np.tile(np.arange(8), 20)))
     once = calib.train(log, size=3)
     twice = calib.train(log.take(np.tile(np.arange(40), 2)), size=3)
@@ -154,18 +154,9 @@ def test_a_sensor_of_another_arm_is_named(logs):
     assert not any("disagrees" in note for note in notes)
 
 
-def test_each_sensor_answers_in_its_own_frame(two):
-    model, q = two, draw(two, 5)
-    assert model.sensors == ("left", "right")
-    assert model.by("left") is model.by("") is model
-    right = model.by("right")
-    assert right is model.by("right")
-    assert right.sensors == ("right",)
-    np.testing.assert_allclose(right.forward(q), model.forward(q) + 0.5, atol=5e-4)
-    assert np.array_equal(model.forward(q, sensor="right"), right.forward(q))
-    refused(OptionError, "'top': expected one of left, right", model.by, "top")
-    alone = replace(model, others=(), about=replace(model.about, sensor=""))
-    assert alone.by("any") is alone
+def test_a_sensor_without_a_name_is_asked_by_no_name(two):
+    alone = replace(two, others=(), about=replace(two.about, sensor=""))
+    refused(OptionError, "'base': expected none", alone.forward, [0.1, 0.2, 0.3], sensor="base")
 
 
 def test_a_log_is_judged_as_its_sensor_sees_the_arm(two):

@@ -123,7 +123,9 @@ def test_the_frame_of_a_tracker_is_not_corrected():
     turn = np.array([[0.6, -0.8], [0.8, 0.6]])
     seen = replace(changed, x=changed.x @ turn.T + [3.0, -2.0], simulation=None, arm=arm())
     found = correct(calib.train(seen, size=12), Q)
-    assert "first joint's offset is taken as zero" in found.notes[0]
+    assert "first joint's offset is taken as zero; if the log is in the" in found.notes[0]
+    pixels = correct(calib.train(replace(seen, unit="px"), size=12), Q)
+    assert pixels.notes[0].endswith("taken as zero")
     assert np.linalg.norm(truth(found.q) - arm().forward(Q), axis=1).max() < 1e-3
     assert np.abs(found.change).max() < np.radians(3.0)
     based = correct(calib.train(replace(changed, simulation=None), size=12, view="base"), Q)

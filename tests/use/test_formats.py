@@ -1,14 +1,12 @@
 """The corrected arm in the files and figures of others: LeRobot, MuJoCo, UR, ISO 9283."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio
 import pytest
-from models import log_of
 from scipy.spatial.transform import Rotation
 
 import calib
@@ -143,27 +141,3 @@ def test_a_drawing_with_other_axes_becomes_the_description_s_own_entries(run, tm
     placed = entries((tmp_path / "ur.yaml").read_text())
     for name, values in UR10.items():
         assert np.allclose(placed[name], of_entry(values), atol=1e-6), name
-
-
-def test_poses_outside_of_what_was_learned_are_left_out_aloud(run, tmp_path):
-    """Their accuracy is no number: whether it was the worst depended on the poses' order."""
-    arm = calib.load_arm("two_link")
-    rng = np.random.default_rng(0)
-    poses = np.array([[1.2, 2.0], [0.3, 0.8], [1.0, 1.5]])
-    part = calib.load_arm("two_link", ranges={"shoulder": (0.0, 1.1)})
-    rows = calib.babble(part, 200, seed=0, noise=1e-4)
-    model = calib.train(replace(rows, simulation=None), size=4)
-    q = np.tile(poses, (6, 1))
-    x = arm.forward(q) + rng.normal(0.0, 1e-4, (18, 2))
-    model.save(tmp_path / "m.calib")
-    calib.write_log(log_of(arm, q, x), tmp_path / "log.csv")
-    evaluate = f"evaluate {tmp_path}/m.calib --data {tmp_path}/log.csv --iso9283 --json"
-    standard = run(evaluate).document["iso9283"]
-    assert standard["poses"] == 2
-    centres = x.reshape(6, 3, 2)[:, 1:].mean(axis=0)
-    away = np.linalg.norm(model.forward(poses[1:]) - centres, axis=1)
-    assert standard["as_corrected"]["AP"] == pytest.approx(away.max(), rel=1e-9)
-    assert any("1 of 3 poses" in note for note in standard["notes"])
-    q = np.tile([[1.2, 2.0], [1.3, 1.9]], (6, 1))
-    calib.write_log(log_of(arm, q, arm.forward(q)), tmp_path / "log.csv")
-    run.refused(1, "no row of the log lies within", *evaluate.split())

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from boards import SPEC, Rig
-from models import in_pixels, trained
+from models import in_pixels
 from refusals import refused
 
 import calib
@@ -34,9 +34,8 @@ def test_travel_is_that_of_the_rows_and_short(arm):
     np.testing.assert_allclose(plan.travel, moves.sum(axis=0))
     share = (moves / (arm.upper - arm.lower)).max(axis=1).sum()
     assert plan.length == pytest.approx(share)
-    assert plan.length < 0.3 * plan.random_length
-    # a random move is 0.47 of a range long in the mean of the larger of two uniform moves
-    assert plan.random_length == pytest.approx(0.52 * 60, rel=0.15)
+    # a move in a random order is about half a range long
+    assert plan.length < 0.3 * 0.5 * 60
 
 
 def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
@@ -49,24 +48,13 @@ def test_a_written_plan_is_no_log_by_mistake(arm, tmp_path):
     np.testing.assert_array_equal(log.x, plan.x)
 
 
-def test_plan_of_a_model_tells_what_it_expects():
-    model = trained("two_link", n=3000, size=20)
-    plan = calib.plan(model, 25)
-    np.testing.assert_array_equal(plan.x, model.forward(plan.q))
-    np.testing.assert_array_equal(plan.expected_error, model.expected_error(plan.q))
-    names = ["shoulder", "elbow", "expected_x", "expected_y", "expected_error"]
-    assert list(plan.columns()) == names
-    # its URDF tells the limits
-    np.testing.assert_allclose(plan.q.min(axis=0), model.about.lower + DEGREE)
-
-
 def test_a_plan_for_a_camera_keeps_the_tip_in_its_picture():
     model = in_pixels()
     plan = calib.plan(model, 20)
     width, height = model.about.picture or (1280, 960)
     assert ((plan.x > 0) & (plan.x < [width, height])).all()
     assert any("links that hide the tip" in note for note in plan.notes)
-    assert not any(note.startswith("0.0%") for note in plan.notes)
+    assert not any(note.startswith("0") for note in plan.notes)
 
 
 START = (0.0, 0.7, 1.0, 0.0, 1.0, 0.0)
