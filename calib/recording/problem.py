@@ -221,7 +221,9 @@ def _problem(views: Sequence[View], rows: Index, motions: Motions) -> Problem:
     bundle = _bundle(numbered, rows, motions)
     layout = bundle.layout
     # of each board the first camera that sees it
-    boards = [starts[bundle.boards.index(k)] for k in sorted(set(bundle.boards))]
+    boards = [
+        starts[bundle.boards.index(k)] for k in sorted(set(bundle.boards))
+    ]
 
     # values to begin with, prior means, and the scales of priors
     begin = np.zeros(layout.size)
