@@ -50,7 +50,6 @@ def setup(
     lens: str | None,
     tag_size: str | None,
     tag_height: str | None,
-    pose: bool,
 ) -> Setup:
     """What is in pictures of a tag; a lens that is calibrated is written beside the log."""
     from calib.recording.board import Board, parse_board, parse_length
@@ -84,7 +83,6 @@ def setup(
         glass,
         None if tag_size is None else parse_length(tag_size, "`tag_size`"),
         parse_length(tag_height or "0mm", "`tag_height`", signed=True),
-        pose,
     )
 
 
@@ -100,9 +98,9 @@ def record_tag(
     time_offset: float | None,
 ) -> calib.Samples:
     """Make a log of pictures or a video, and draw what was seen if that is wanted."""
-    from calib.recording.joint_table import read_joints
-    from calib.recording.photo import read_photo, write_overlay
-    from calib.recording.pictures import list_pictures
+    from calib.recording.motion_tables import read_joints
+    from calib.recording.pictures import list_pictures, read_photo
+    from calib.recording.setting import write_overlay
     from calib.recording.tag_logs import log_pictures, log_video
 
     if joints.path is None:
@@ -270,7 +268,7 @@ def with_photo(
     model: calib.Model, path: str, log: calib.Samples | None
 ) -> calib.Model:
     """Return a model with a photo, by the camera of the log."""
-    from calib.recording.photo import take_photo
+    from calib.recording.pictures import take_photo
 
     source = None if log is None else log.source
     unit = model.about.unit
