@@ -172,7 +172,8 @@ class _Equations:
             for name, indices in groups_of(structure).items()
             if np.isin(indices, self._changes).all()
         }
-        self._moves = moves_of(reference, nodes)[self._changes]
+        moves = moves_of(structure, body.beta, nodes)
+        self._moves = moves[self._changes]
         self._sd = everything(reference)[self._changes]
         outputs = structure.outputs
         self._unknown = outputs * len(self._nodes) + self._root.shape[1]
@@ -191,7 +192,7 @@ class _Equations:
         sizes = reference.sizes
         y = residual / sizes
         _, x = body.structure.linearise(q, reference.beta)
-        smooth = smooth_columns(reference, q, self._nodes, body.kappa)
+        smooth = smooth_columns(reference, q, self._nodes)
         known = x[:, :, self._known] @ self._root
         parts = [smooth, known, x[:, :, self._changes]]
         columns = np.concatenate(parts, axis=2) / sizes[:, None]
