@@ -8,9 +8,7 @@ Errors of the calibrated arm are distances to its true position at postures that
 
 import sys
 import tempfile
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -127,14 +125,6 @@ def judge(model: calib.Model, desk: Desk) -> str:
     return text + (f", no answer for {lost} of {len(q)}" if lost else "")
 
 
-@contextmanager
-def stage(name: str) -> Iterator[None]:
-    """Print how long a stage takes, process time."""
-    start = time.process_time()
-    yield
-    print(f"    {name}: {time.process_time() - start:.1f} s")
-
-
 def logged(folder: Path, metres: bool, name: str = "log.csv") -> tuple[calib.Samples, str]:
     """Make the log of a folder, and read it as `train` does."""
     setting = Setup(7)
@@ -163,15 +153,12 @@ def run(folder: Path, count: int, seconds: float) -> None:
     models = {}
     for metres in (False, True):
         what = "metres" if metres else "pixels"
-        with stage(f"calib log, {count} pictures, {what}"):
-            log, noise = logged(folder / "still", metres, f"{what}.csv")
-        with stage("calib train"):
-            models[what] = calib.train(log)
+        log, noise = logged(folder / "still", metres, f"{what}.csv")
+        models[what] = calib.train(log)
         print(f"{what}, no URDF (noise {noise}): {judge(models[what], DESK)}")
         if metres:
-            with stage("train the URDF, adapt"):
-                old = calib.train(calib.babble(arm, 20_000, seed=0), size=20)
-                found = calib.adapt(old, log)
+            old = calib.train(calib.babble(arm, 20_000, seed=0), size=20)
+            found = calib.adapt(old, log)
             print(f"{what}, wrong URDF, adapted: {judge(found.model, DESK)}")
             given = calib.train(calib.read_log(folder / "still" / f"{what}.csv", arm))
             print(f"{what}, trained with the URDF as prior: {judge(given, DESK)}")
@@ -188,8 +175,7 @@ def run(folder: Path, count: int, seconds: float) -> None:
         lens, _ = load_lens(folder / "still" / "shots", BOARD)
         table = read_joints(folder / "film" / "joints.csv")
         for what, setting in (("pixels", Setup(7)), ("metres", Setup(7, board=BOARD, lens=lens))):
-            with stage(f"calib log, {seconds:g} s of video"):
-                shot = log_video(folder / "film" / "run.mp4", table, setting)
+            shot = log_video(folder / "film" / "run.mp4", table, setting)
             off = 1e3 * abs(shot.source["time_offset"] - 1004.0)
             calib.write_log(shot, folder / "film" / f"{what}.csv")
             log = calib.read_log(folder / "film" / f"{what}.csv", joints=NAMES)

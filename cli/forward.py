@@ -17,7 +17,7 @@ from calib.samples.joint_values import check_joint_values
 from calib.samples.motion import Motion
 
 from .output import NO, Outcome, TextTable, note, with_decimals
-from .query import BOUNDS, TURN, Query, beside
+from .query import BOUNDS, TURN, Query, columns_with
 
 
 def answer_one(
@@ -66,7 +66,7 @@ def answer_table(query: Query, readout: str | None) -> Outcome:
         label=str(query.input),
         error=QueryError,
     )
-    answers = beside(batch, valid, _answers(query, q[valid], readout))
+    answers = columns_with(batch, valid, _answers(query, q[valid], readout))
     unanswered = np.flatnonzero(valid & np.isnan(np.asarray(answers["x"])))
     rows = (unanswered + 1).tolist()
     failures = {"out_of_reach": (rows, "outside of what was learned")}

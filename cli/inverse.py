@@ -21,7 +21,7 @@ from calib.samples.tables import Batch
 
 from .output import NO, Outcome, note
 from .parsing import BadOption
-from .query import TURN, Query, beside
+from .query import TURN, Query, columns_with
 
 Answers = dict[str, NDArray[Any]]
 """Quantities of all answers by name, and the index of the "target" that each is of."""
@@ -32,15 +32,15 @@ class Search:
     """Which answers are looked for."""
 
     readout: str | None
-    every: bool  # whether all branches are wanted
-    keep: bool  # whether the tool shall keep its orientation at `near`
+    all_branches: bool
+    keep_turn: bool  # whether the tool shall keep its orientation at `near`
     free: str | None  # axis of the tool about which it may turn
     near: Array | None = None  # (dof,) or (n, dof) [rad or m]
     turn: Array | None = None  # (4,) or (n, 4), orientation that is wanted
 
     def in_space(self, query: Query) -> bool:
         """Whether a pose is looked for, or a position in the base frame."""
-        return query.frame == "base" or self.turn is not None or self.keep
+        return query.frame == "base" or self.turn is not None or self.keep_turn
 
 
 def turn_of(
@@ -74,9 +74,9 @@ def answer_one(
     if posed:
         document["quaternion"] = search.turn
     # in space all branches are looked for, so that the nearest is found
-    wide = replace(search, every=search.every or in_space)
-    answers = _answers(query, x[None], wide)
-    if not search.every:
+    widest = replace(search, all_branches=search.all_branches or in_space)
+    answers = _answers(query, x[None], widest)
+    if not search.all_branches:
         answers = {name: column[:1] for name, column in answers.items()}
     q = answers.pop("q")
     del answers["target"]
@@ -156,11 +156,11 @@ def answer_table(query: Query, search: Search) -> Outcome:
             added[name] = column
     missed = (np.unique(rows[~reachable]) + 1).tolist()
     failures = {"out_of_reach": (missed, "out of reach")}
-    if not search.every:
-        return query.answer(batch, beside(batch, valid, added), failures)
+    if not search.all_branches:
+        return query.answer(batch, columns_with(batch, valid, added), failures)
     # rows without numbers stand where they stood, between the answers of the others
     index = np.sort(np.concatenate([rows, np.flatnonzero(~valid)]))
-    columns = beside(batch.take(index), valid[index], added)
+    columns = columns_with(batch.take(index), valid[index], added)
     return query.answer(batch, {**columns, "row": index + 1}, failures)
 
 
@@ -174,7 +174,7 @@ def _answers(query: Query, x: Array, search: Search) -> Answers:
     model = query.model
     if search.in_space(query):
         return _answers_in_space(query, x, search)
-    if not search.every:
+    if not search.all_branches:
         answer = model.solve(x, search.near, search.readout)._asdict()
         return {"target": np.arange(len(x)), **answer}
     branches = model.solve_all(x)
@@ -202,7 +202,7 @@ def _answers_in_space(query: Query, x: Array, search: Search) -> Answers:
         search.turn,
         search.near,
         frame=query.frame,
-        every=search.every,
-        keep=search.keep,
+        every=search.all_branches,
+        keep=search.keep_turn,
         free=search.free,
     )._asdict()

@@ -199,7 +199,7 @@ class Query:
         return Outcome(document, lines, result=(), columns=written, code=code)
 
 
-def beside(batch: Batch, valid: Mask, added: Columns) -> Columns:
+def columns_with(batch: Batch, valid: Mask, added: Columns) -> Columns:
     """Columns of a table of queries with answers of rows that are `valid` (n,), else NaN or 0."""
     answers: dict[str, ArrayLike] = {}
     for name, column in added.items():

@@ -18,7 +18,7 @@ from ..inverse.search import Search
 from ..inverse.settings import SEARCH
 from ..inverse.slides import settle
 from ..inverse.task import Poses, Positions, Task
-from ..inverse.ways import rank_within
+from ..inverse.ways import distinct, rank_within
 from ..kernel.compiled import CERTAIN, Library
 from .space import REACHED, Space
 
@@ -31,15 +31,6 @@ _FAMILIES = 4  # ways of redundant joints to a pose that are answered
 def _chunks(rows: Index) -> list[Index]:
     """Rows (n,) in parts whose starts fit into memory."""
     return np.split(rows, range(_ROWS, len(rows), _ROWS)) if len(rows) else []
-
-
-def _apart(newton: Newton, u: Array, order: Index) -> Index:
-    """Return the numbers of joint values (n, dof) in an order, without those that are there."""
-    chosen: list[int] = []
-    for k in order.tolist():
-        if not (newton.away(u[chosen], u[k]) < _SAME).any():
-            chosen.append(k)
-    return np.array(chosen, dtype=np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +147,9 @@ class Reach:
                 u = self._unit(rows)
             order = np.argsort(newton.away(u, wish[k]), kind="stable")
             if newton.redundant:
-                order = _apart(newton, u, order)[:_FAMILIES]
+                owner = np.zeros(len(u), dtype=np.intp)
+                single = distinct(self._scale, owner, u[order], _SAME)
+                order = order[single][:_FAMILIES]
             ways[k] = rows[order]
         return ways
 

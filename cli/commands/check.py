@@ -7,7 +7,7 @@ may be pictures or a LeRobotDataset.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from typing import Annotated
@@ -63,7 +63,7 @@ def check(
         "model": model,
         **drift.to_json(),
         "drifted": True if bumped else drift.drifted,
-        "episodes": [asdict(episode) for episode in episodes],
+        "episodes": episodes,
         "unit": drift.unit,
         "units": units_of(loaded.about, drift.unit),
     }

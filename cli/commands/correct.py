@@ -36,7 +36,7 @@ def correct(
 ) -> Outcome:
     import numpy as np
 
-    from ..query import Query, beside
+    from ..query import Query, columns_with
 
     query = Query(model, input_, columns, output, unit, degrees)
     joints = query.joints
@@ -88,7 +88,7 @@ def correct(
     refused = result.exceeded.any() and not np.isfinite(result.q).any()
     return query.answer(
         batch,
-        None if refused else beside(batch, valid, table),
+        None if refused else columns_with(batch, valid, table),
         failures,
         lines=lines,
         facts={"change": change or None},

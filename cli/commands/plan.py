@@ -177,8 +177,8 @@ def _flange_poses(rig: str, output: str, count: int, seed: int) -> Outcome:
     document = {
         "output": output,
         "rows": count,
-        "poses": {name: column.tolist() for name, column in table.items()},
-        "position_95": intervals.tolist(),
+        "poses": table,
+        "position_95": intervals,
         "seed": seed,
         "units": {"positions": "m"},
     }

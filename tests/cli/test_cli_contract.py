@@ -130,7 +130,7 @@ PLAN = {
 NOISE = {
     **each(str, "log unit"),
     **each(NUMBER_OR_NONE, "sensor return"),
-    **each(int, "poses repeats returns"),
+    **each(int, "poses repeats returns left_out"),
     "intervals": each([NUMBER_OR_NONE], "sensor return"),
     "units": {"positions": str},
 }

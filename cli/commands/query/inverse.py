@@ -24,7 +24,7 @@ def inverse(
             "--near Q1,Q2", "The branch nearest to these.", parsing.reals
         ),
     ] = None,
-    every: Annotated[
+    all_branches: Annotated[
         bool, opt.option("--all", "Answer with every branch.")
     ] = False,
     readout: opt.ReadoutKind = None,
@@ -69,7 +69,7 @@ def inverse(
     posed = quaternion is not None or rpy is not None
     for is_wrong, why in (
         (
-            every and readout,
+            all_branches and readout,
             "--all is of the default readout alone: no --readout",
         ),
         (
@@ -95,7 +95,7 @@ def inverse(
     query = Query(model, input_, columns, output, unit, degrees, frame, target)
     anchor = query.within_range("--near", near)
     turn = turn_of(quaternion, rpy, degrees)
-    search = Search(readout, every, keep, free, anchor, turn)
+    search = Search(readout, all_branches, keep, free, anchor, turn)
     if input_ is not None:
         return answer_table(query, search)
     height = None if on is None else on.low
